@@ -1,0 +1,129 @@
+"""The two small interfaces every amplifier and every sensor driver fulfils.
+
+DriverError                     (a DehystError: the message is for the user)
+├── DriverConfigError           a setting is wrong or missing: fix the configuration
+├── DeviceNotFound              no such port or device: plug it in, check the path
+├── DeviceTimeout               the device does not answer in time
+├── DeviceGone                  it was there and is gone (unplugged): reconnect() may succeed
+├── ProtocolError               it answered something that is not in its protocol
+└── OutOfRange                  a value outside what the device takes; nothing was written
+
+A driver is made from a table of settings (`from_settings`), does nothing until `open()`, and is
+used by one thread. `write()` and `read()` take at most `spec.latency_s` typically and never
+block longer than the driver's own time-out. A driver never clips: a value outside
+[spec.minimum, spec.maximum] raises OutOfRange and leaves the output as it was. After DeviceGone,
+`reconnect()` restores the link without moving the output, or raises again.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, Self, runtime_checkable
+
+from dehyst.models.errors import DehystError
+
+
+class DriverError(DehystError):
+    """Base of everything a driver raises."""
+
+
+class DriverConfigError(DriverError):
+    """A setting is wrong or missing."""
+
+
+class DeviceNotFound(DriverError):
+    """There is no such port or device."""
+
+
+class DeviceTimeout(DriverError):
+    """The device did not answer in time."""
+
+
+class DeviceGone(DriverError):
+    """The device was there and is gone."""
+
+
+class ProtocolError(DriverError):
+    """The device answered something that is not in its protocol."""
+
+
+class OutOfRange(DriverError):
+    """The value is outside what the device takes; nothing was written."""
+
+
+@dataclass(frozen=True)
+class DeviceSpec:
+    """What a device can do, as far as it is known after open().
+
+    unit: "v", "um", ...; minimum, maximum, resolution: in that unit; max_rate_hz: the highest
+    rate of write() or read() that this unit sustains (measured where it can be);
+    latency_s: typical duration of one call; identity: model, firmware, serial number.
+    """
+
+    unit: str
+    minimum: float
+    maximum: float
+    resolution: float
+    max_rate_hz: float
+    latency_s: float
+    identity: str = ""
+
+
+@runtime_checkable
+class Actuator(Protocol):
+    """A voltage source: the piezo amplifier."""
+
+    spec: DeviceSpec
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Make a driver from its configuration table; DriverConfigError names a wrong key."""
+        ...
+
+    def open(self) -> None:
+        """Connect and learn the limits. Does not move the output."""
+        ...
+
+    def write(self, volts: float) -> None:
+        """Set the output. Raises OutOfRange outside [spec.minimum, spec.maximum]."""
+        ...
+
+    def output(self) -> float:
+        """The voltage that the output stands at as far as is known (the last write, or what the
+        unit reported when it was opened)."""
+        ...
+
+    def reconnect(self) -> None:
+        """After DeviceGone or DeviceTimeout: restore the link; the output does not move."""
+        ...
+
+    def close(self) -> None:
+        """Release the device; the output stays where it is. Safe to call twice."""
+        ...
+
+
+@runtime_checkable
+class Sensor(Protocol):
+    """A displacement reading: the strain-gauge bridge."""
+
+    spec: DeviceSpec
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Make a driver from its configuration table; DriverConfigError names a wrong key."""
+        ...
+
+    def open(self) -> None:
+        """Connect. Moves nothing."""
+        ...
+
+    def read(self) -> float:
+        """One reading in spec.unit. NaN where the device itself reports an invalid reading."""
+        ...
+
+    def reconnect(self) -> None:
+        """After DeviceGone or DeviceTimeout: restore the link."""
+        ...
+
+    def close(self) -> None:
+        """Release the device. Safe to call twice."""
+        ...

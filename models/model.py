@@ -1,0 +1,142 @@
+"""What dehyst knows of a stage: hysteresis, further blocks, validity, fit, provenance.
+
+The hysteresis is the modified Prandtl-Ishlinskii model (Qin et al., Eq. 6):
+
+    z(t) = sum_i (b_i + k_i du/dt) H_ri(u - u_offset)(t)
+    y(t) = c_0 + c_1 z + c_2 z^2 + ...            (ascending powers here; the paper prints
+                                                   [c5, 0, c3, 0, c1], descending and odd)
+
+with du/dt the backward difference (u[t] - u[t-1]) / T and 0 at the first sample. The paper's own
+model has u_offset = 0 and odd powers only; even powers and c_0 carry the inner bias that real
+unipolar stacks need. Weights and polynomial share a free scale (the gauge): z scaled by s and
+c_j by s^-j give the same y.
+
+Everything here is frozen; arrays are read-only. Units: u in `drive_unit`, y in
+`displacement_unit`, both the recording's own.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dehyst.models.errors import BadModel
+
+Floats = NDArray[np.float64]
+
+
+def _frozen(values: ArrayLike, name: str) -> Floats:
+    out = np.array(values, dtype=np.float64)
+    if out.ndim != 1 or not np.all(np.isfinite(out)):
+        raise BadModel(f"{name}: a list of finite numbers is needed")
+    out.flags.writeable = False
+    return out
+
+
+@dataclass(frozen=True)
+class Hysteresis:
+    """Parameters of the modified Prandtl-Ishlinskii model (Eq. 6).
+
+    r: (n,) thresholds, ascending, >= 0 [drive unit]; b: (n,) weights [1];
+    k: (n,) slopes, weight per input rate [s / drive unit], all zero for a static model;
+    c: (m + 1,) saturation polynomial, ascending powers [displacement unit / z^j];
+    u_offset: subtracted from the input before the operators [drive unit].
+    Raises BadModel on wrong shapes, non-finite numbers or negative thresholds.
+    """
+
+    r: Floats
+    b: Floats
+    c: Floats
+    k: Floats | None = None  # type: ignore[assignment]  # None: static; replaced by zeros below
+    u_offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("r", "b", "c"):
+            object.__setattr__(self, name, _frozen(getattr(self, name), name))
+        k = np.zeros(self.r.size) if self.k is None else self.k
+        object.__setattr__(self, "k", _frozen(k, "k"))
+        if self.r.size == 0 or not (self.r.size == self.b.size == self.k.size):
+            raise BadModel(
+                f"thresholds, weights and slopes must have the same length of one or more, "
+                f"not {self.r.size}, {self.b.size}, {self.k.size}"
+            )
+        if self.c.size < 2:
+            raise BadModel("the saturation polynomial needs at least the powers 0 and 1")
+        if np.any(self.r < 0) or np.any(np.diff(self.r) < 0):
+            raise BadModel("thresholds must be ascending and not negative")
+        if not np.isfinite(self.u_offset):
+            raise BadModel("the drive offset must be a finite number")
+
+    @property
+    def n(self) -> int:
+        """Number of play operators."""
+        return int(self.r.size)
+
+    @property
+    def static(self) -> bool:
+        """True when no weight depends on the input rate."""
+        return not np.any(self.k)
+
+
+@dataclass(frozen=True)
+class Validity:
+    """Where the model was identified: drive range [drive unit], largest rate [drive unit / s],
+    band (highest frequency, Hz) and sampling period [s]. None: not known."""
+
+    drive_min: float
+    drive_max: float
+    rate_max: float | None = None
+    band_hz: float | None = None
+    period_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Errors of the fit, all rms in displacement units. None: not measured."""
+
+    rms: float | None = None
+    holdout_rms: float | None = None
+    noise_rms: float | None = None
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where the numbers come from. recordings: (file name, sha256) pairs."""
+
+    created: str = ""
+    version: str = ""
+    source: str = ""
+    recordings: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Block:
+    """One further piece of physics in the cascade.
+
+    kind: a name in dehyst.models.blocks.REGISTRY; place: "drive" (between command and
+    hysteresis), "stage" (moves the stage) or "sensor" (acts on the reading alone, and is never
+    compensated); params: numbers, each key with its unit (`delay_s`, `gain_per_decade`);
+    channel: the further recording channel that it reads, or "".
+    """
+
+    kind: str
+    place: str
+    params: dict[str, float | tuple[float, ...]] = field(default_factory=dict)
+    channel: str = ""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A stage's model: hysteresis, blocks in physical order, and what is known of their worth."""
+
+    hysteresis: Hysteresis
+    validity: Validity
+    drive_unit: str = "v"
+    displacement_unit: str = "um"
+    blocks: tuple[Block, ...] = ()
+    fit: Fit = Fit()
+    provenance: Provenance = Provenance()
+
+    def with_hysteresis(self, hysteresis: Hysteresis) -> "Model":
+        """The same model with another hysteresis."""
+        return replace(self, hysteresis=hysteresis)

@@ -1,0 +1,265 @@
+"""The model file: TOML text to Model and back (format 1). Text only; files are the daemon's.
+
+Every number carries its unit in the key: the drive unit and the displacement unit stand at the
+top and end the keys that depend on them (`thresholds_v`, `saturation_um`, `drive_max_v`).
+Unknown keys, missing keys, values outside their range and damaged text are BadModel, with the
+key named.
+"""
+
+import math
+import tomllib
+from collections.abc import Callable
+from importlib import resources
+from typing import Any
+
+import tomli_w
+
+from dehyst.models.errors import BadModel
+from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance, Validity
+
+FORMAT = 1
+UNIT_NAMES = ("v", "um", "nm", "counts", "mrad", "urad")
+SHIPPED = ("paper-eq11", "paper-eq12")
+
+
+class _Table:
+    """A TOML table that knows which of its keys were read."""
+
+    def __init__(self, data: Any, where: str) -> None:
+        if not isinstance(data, dict):
+            raise BadModel(f"{where}: a table is needed")
+        self.data, self.where, self.read = data, where, set[str]()
+
+    def _name(self, key: str) -> str:
+        return f"{self.where}.{key}" if self.where else key
+
+    def get(self, key: str, check: Callable[[Any, str], Any], default: Any = ...) -> Any:
+        self.read.add(key)
+        if key not in self.data:
+            if default is ...:
+                raise BadModel(f"{self._name(key)}: this key is missing")
+            return default
+        return check(self.data[key], self._name(key))
+
+    def done(self) -> None:
+        unknown = sorted(set(self.data) - self.read)
+        if unknown:
+            raise BadModel(
+                f"{self._name(unknown[0])}: unknown key; known here: {', '.join(sorted(self.read))}"
+            )
+
+
+def _number(value: Any, name: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise BadModel(f"{name}: a finite number is needed, not {value!r}")
+    return float(value)
+
+
+def _positive(value: Any, name: str) -> float:
+    number = _number(value, name)
+    if number <= 0:
+        raise BadModel(f"{name}: must be greater than 0, not {number:g}")
+    return number
+
+
+def _not_negative(value: Any, name: str) -> float:
+    number = _number(value, name)
+    if number < 0:
+        raise BadModel(f"{name}: must not be negative, not {number:g}")
+    return number
+
+
+def _numbers(value: Any, name: str) -> list[float]:
+    if not isinstance(value, list) or not value:
+        raise BadModel(f"{name}: a list of numbers is needed")
+    if len(value) > 10_000:
+        raise BadModel(f"{name}: more than 10000 entries")
+    return [_number(v, f"{name}[{i}]") for i, v in enumerate(value)]
+
+
+def _text(value: Any, name: str) -> str:
+    if not isinstance(value, str):
+        raise BadModel(f"{name}: text is needed, not {value!r}")
+    return value
+
+
+def _one_of(*allowed: str) -> Callable[[Any, str], str]:
+    def check(value: Any, name: str) -> str:
+        if value not in allowed:
+            raise BadModel(f"{name}: one of {', '.join(allowed)} is needed, not {value!r}")
+        return str(value)
+
+    return check
+
+
+def _param(value: Any, name: str) -> float | tuple[float, ...]:
+    return tuple(_numbers(value, name)) if isinstance(value, list) else _number(value, name)
+
+
+def _any(value: Any, name: str) -> Any:
+    return value
+
+
+def loads(text: str) -> Model:
+    """Model from TOML text. Raises BadModel naming the key that is wrong."""
+    try:
+        data = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise BadModel(f"not a TOML file: {error}") from None
+    top = _Table(data, "")
+    version = top.get("format", _number)
+    if version != FORMAT:
+        raise BadModel(f"format: this dehyst reads format {FORMAT}, the file says {version:g}")
+    drive = top.get("drive_unit", _one_of(*UNIT_NAMES))
+    disp = top.get("displacement_unit", _one_of(*UNIT_NAMES))
+    model = Model(
+        hysteresis=_hysteresis(_Table(top.get("hysteresis", _any), "hysteresis"), drive, disp),
+        validity=_validity(_Table(top.get("validity", _any), "validity"), drive),
+        drive_unit=drive,
+        displacement_unit=disp,
+        blocks=_blocks(top.get("blocks", _any, [])),
+        fit=_fit(_Table(top.get("fit", _any, {}), "fit"), disp),
+        provenance=_provenance(_Table(top.get("provenance", _any, {}), "provenance")),
+    )
+    top.done()
+    return model
+
+
+def _hysteresis(table: _Table, drive: str, disp: str) -> Hysteresis:
+    r = table.get(f"thresholds_{drive}", _numbers)
+    b = table.get("weights", _numbers)
+    k = table.get(f"slopes_s_per_{drive}", _numbers, None)
+    c = table.get(f"saturation_{disp}", _numbers)
+    offset = table.get(f"drive_offset_{drive}", _number, 0.0)
+    table.done()
+    try:
+        return Hysteresis(r=r, b=b, k=k, c=c, u_offset=offset)
+    except BadModel as error:
+        raise BadModel(f"hysteresis: {error}") from None
+
+
+def _validity(table: _Table, drive: str) -> Validity:
+    out = Validity(
+        drive_min=table.get(f"drive_min_{drive}", _number),
+        drive_max=table.get(f"drive_max_{drive}", _number),
+        rate_max=table.get(f"rate_max_{drive}_per_s", _positive, None),
+        band_hz=table.get("band_hz", _positive, None),
+        period_s=table.get("period_s", _positive, None),
+    )
+    table.done()
+    if out.drive_max <= out.drive_min:
+        raise BadModel(f"validity.drive_max_{drive}: must be greater than drive_min_{drive}")
+    return out
+
+
+def _fit(table: _Table, disp: str) -> Fit:
+    out = Fit(
+        rms=table.get(f"rms_{disp}", _not_negative, None),
+        holdout_rms=table.get(f"holdout_rms_{disp}", _not_negative, None),
+        noise_rms=table.get(f"noise_rms_{disp}", _not_negative, None),
+    )
+    table.done()
+    return out
+
+
+def _provenance(table: _Table) -> Provenance:
+    raw = table.get("recordings", _any, [])
+    if not isinstance(raw, list):
+        raise BadModel("provenance.recordings: a list of tables is needed")
+    recordings = []
+    for i, entry in enumerate(raw):
+        one = _Table(entry, f"provenance.recordings[{i}]")
+        recordings.append((one.get("name", _text), one.get("sha256", _text)))
+        one.done()
+    out = Provenance(
+        created=table.get("created", _text, ""),
+        version=table.get("version", _text, ""),
+        source=table.get("source", _text, ""),
+        recordings=tuple(recordings),
+    )
+    table.done()
+    return out
+
+
+def _blocks(raw: Any) -> tuple[Block, ...]:
+    from dehyst.models.blocks import check_block  # the registry imports Block from here's sibling
+
+    if not isinstance(raw, list):
+        raise BadModel("blocks: a list of tables ([[blocks]]) is needed")
+    out = []
+    for i, entry in enumerate(raw):
+        table = _Table(entry, f"blocks[{i}]")
+        kind = table.get("kind", _text)
+        place = table.get("place", _one_of("drive", "stage", "sensor"))
+        channel = table.get("channel", _text, "")
+        params = {
+            key: table.get(key, _param) for key in entry if key not in ("kind", "place", "channel")
+        }
+        block = Block(kind=kind, place=place, params=params, channel=channel)
+        try:
+            check_block(block)
+        except BadModel as error:
+            raise BadModel(f"blocks[{i}]: {error}") from None
+        out.append(block)
+    return tuple(out)
+
+
+def dumps(model: Model) -> str:
+    """TOML text of a model; loads(dumps(m)) gives m back to the last bit."""
+    drive, disp = model.drive_unit, model.displacement_unit
+    h, v, f, p = model.hysteresis, model.validity, model.fit, model.provenance
+    hysteresis: dict[str, Any] = {
+        f"thresholds_{drive}": h.r.tolist(),
+        "weights": h.b.tolist(),
+        f"saturation_{disp}": h.c.tolist(),
+    }
+    if not h.static:
+        hysteresis[f"slopes_s_per_{drive}"] = h.k.tolist()
+    if h.u_offset:
+        hysteresis[f"drive_offset_{drive}"] = h.u_offset
+    validity = {
+        f"drive_min_{drive}": v.drive_min,
+        f"drive_max_{drive}": v.drive_max,
+        f"rate_max_{drive}_per_s": v.rate_max,
+        "band_hz": v.band_hz,
+        "period_s": v.period_s,
+    }
+    fit = {
+        f"rms_{disp}": f.rms,
+        f"holdout_rms_{disp}": f.holdout_rms,
+        f"noise_rms_{disp}": f.noise_rms,
+    }
+    provenance: dict[str, Any] = {
+        key: text
+        for key, text in (("created", p.created), ("version", p.version), ("source", p.source))
+        if text
+    }
+    if p.recordings:
+        provenance["recordings"] = [{"name": n, "sha256": s} for n, s in p.recordings]
+    data: dict[str, Any] = {
+        "format": FORMAT,
+        "drive_unit": drive,
+        "displacement_unit": disp,
+        "hysteresis": hysteresis,
+        "validity": {k: v for k, v in validity.items() if v is not None},
+        "fit": {k: v for k, v in fit.items() if v is not None},
+        "provenance": provenance,
+    }
+    if model.blocks:
+        data["blocks"] = [
+            {
+                "kind": block.kind,
+                "place": block.place,
+                **({"channel": block.channel} if block.channel else {}),
+                **{k: list(v) if isinstance(v, tuple) else v for k, v in block.params.items()},
+            }
+            for block in model.blocks
+        ]
+    return tomli_w.dumps(data)
+
+
+def shipped(name: str) -> Model:
+    """One of the paper's own models: "paper-eq11" (rate-independent) or "paper-eq12"."""
+    if name not in SHIPPED:
+        raise BadModel(f"{name}: no such shipped model; there are {', '.join(SHIPPED)}")
+    return loads(resources.files("dehyst.models").joinpath(f"{name}.toml").read_text("utf-8"))
