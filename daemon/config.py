@@ -1,0 +1,210 @@
+"""The daemon's configuration: one TOML file, every key known, every value checked.
+
+An unknown key, a missing key, a wrong type or a value outside its range is BadInput that names
+the key. The defaults below are the documentation's defaults; `dehyst run --check FILE` prints
+what a file means.
+"""
+
+import os
+import re
+import tempfile
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from dehyst.models.errors import BadInput
+
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,62}$")]
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    pass
+
+
+class ModelConfig(_Strict):
+    """[model]"""
+
+    file: str
+    """Path of the model file, relative to the configuration; or a shipped model's name."""
+
+
+class LoopConfig(_Strict):
+    """[loop]"""
+
+    rate_hz: Annotated[float, Meta(gt=0, le=20_000)] = 1000.0
+    """Sampling rate. Refused where the drivers cannot sustain it."""
+    priority: Annotated[int, Meta(ge=0, le=99)] = 80
+    """SCHED_FIFO priority asked for; 0: ordinary scheduling. What was obtained is reported."""
+    cpu: Annotated[int, Meta(ge=-1)] = -1
+    """CPU to pin the loop to; -1: none."""
+
+
+class DeviceConfig(_Strict):
+    """[actuator] and [sensor]: driver is a plugin's name, settings its own table."""
+
+    driver: str
+    settings: dict[str, Any] = {}
+
+
+class ActuatorConfig(DeviceConfig):
+    """[actuator]"""
+
+    gain: Positive = 1.0
+    """Actuator volts per drive unit of the model: 15 for a model identified on the 0..10 V input
+    of an amplifier with gain 15 whose output voltage is set here."""
+
+
+class SensorConfig(DeviceConfig):
+    """[sensor]"""
+
+    scale: float = 1.0
+    """Model displacement units per sensor unit."""
+    zero: float = 0.0
+    """Added to the scaled reading: the model's displacement where the sensor reads 0."""
+
+
+class LimitsConfig(_Strict):
+    """[limits], in actuator volts. Held by the daemon on top of the unit's own limits."""
+
+    min_v: float
+    max_v: float
+    slew_v_per_s: Positive
+    """Largest rate of the output, in every state, start and stop included."""
+
+
+class SafeConfig(_Strict):
+    """[safe]: what the output does when nobody commands it."""
+
+    voltage_v: float = 0.0
+    ramp_v_per_s: Positive = 50.0
+    on_stop: Literal["ramp", "hold"] = "ramp"
+    """At the end of the daemon: ramp to voltage_v, or leave the output where it is."""
+    on_fault: Literal["ramp", "hold"] = "hold"
+    """After a fault that is over, and after the death of the loop's process."""
+
+
+class SetpointConfig(_Strict):
+    """[setpoint]"""
+
+    origin: Literal["auto", "model", "mid-range"] | float = "auto"
+    """What a set-point of 0 means. "model": the model's own zero. "mid-range": the middle of the
+    reachable range. A number: that model displacement. "auto": "model" where the reachable range
+    includes 0, else "mid-range" (an arbitrary sensor offset). Telemetry uses the same origin."""
+    stale_s: Positive = 2.0
+    """A single set-point older than this, or a trajectory that has run dry this long: holding."""
+    hold_s: NotNegative = 5.0
+    """How long holding lasts before the output ramps to the safe voltage."""
+    approach_um_per_s: Positive = 20.0
+    """Speed at which the stage moves to a trajectory's first point."""
+    queue_s: Annotated[float, Meta(gt=0, le=600)] = 30.0
+    """Seconds of trajectory that the daemon accepts ahead."""
+
+
+class InverseConfig(_Strict):
+    """[inverse]"""
+
+    mode: Literal["auto", "static", "causal", "preview"] = "auto"
+    preview_s: Annotated[float, Meta(ge=0, le=1)] = 0.1
+
+
+class BusConfig(_Strict):
+    """[bus]: zenoh. Loopback only unless `listen` says otherwise."""
+
+    base: Annotated[str, Meta(pattern=r"^[a-z0-9_-]+(/[a-z0-9_-]+)*$")] = "dehyst"
+    """First chunks of every key."""
+    listen: list[str] = ["tcp/127.0.0.1:7447"]
+    connect: list[str] = []
+
+
+class TelemetryConfig(_Strict):
+    """[telemetry]"""
+
+    batch_s: Annotated[float, Meta(gt=0, le=1)] = 0.02
+    """Samples are published in batches of this length."""
+    history_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0
+    """How much recent history the queryable keeps."""
+
+
+class Config(_Strict):
+    """The whole file."""
+
+    name: Name
+    """This controller's name in every key."""
+    model: ModelConfig
+    actuator: ActuatorConfig
+    sensor: SensorConfig
+    limits: LimitsConfig
+    loop: LoopConfig = LoopConfig()
+    safe: SafeConfig = SafeConfig()
+    setpoint: SetpointConfig = SetpointConfig()
+    inverse: InverseConfig = InverseConfig()
+    bus: BusConfig = BusConfig()
+    telemetry: TelemetryConfig = TelemetryConfig()
+    run_dir: str = ""
+    """Directory of the memory-mapped rings; default: $RUNTIME_DIRECTORY, $XDG_RUNTIME_DIR or the
+    temporary directory, with `dehyst-NAME` in it."""
+
+    @property
+    def period_ns(self) -> int:
+        """Sampling period, integer nanoseconds."""
+        return round(1e9 / self.loop.rate_hz)
+
+    @property
+    def directory(self) -> Path:
+        """Where core and gateway meet."""
+        if self.run_dir:
+            return Path(self.run_dir)
+        base = os.environ.get("RUNTIME_DIRECTORY") or os.environ.get("XDG_RUNTIME_DIR")
+        return Path(base or tempfile.gettempdir()) / f"dehyst-{self.name}"
+
+
+def parse_config(text: str, where: str = "configuration") -> Config:
+    """Config from TOML text. Raises BadInput naming the key."""
+    try:
+        data = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise BadInput(f"{where}: not a TOML file: {error}") from None
+    try:
+        config = msgspec.convert(data, Config, strict=True)
+    except msgspec.ValidationError as error:
+        message = re.sub(r"`\$\.?([^`]*)`", r"`\1`", str(error)).replace(" at ``", " at top level")
+        raise BadInput(f"{where}: {message}") from None
+    _check(config, where)
+    return config
+
+
+def _check(config: Config, where: str) -> None:
+    limits, safe = config.limits, config.safe
+    if limits.max_v <= limits.min_v:
+        raise BadInput(f"{where}: limits.max_v must be greater than limits.min_v")
+    if not limits.min_v <= safe.voltage_v <= limits.max_v:
+        raise BadInput(
+            f"{where}: safe.voltage_v is {safe.voltage_v:g} V, outside the limits "
+            f"{limits.min_v:g} to {limits.max_v:g} V"
+        )
+    if safe.ramp_v_per_s > limits.slew_v_per_s:
+        raise BadInput(
+            f"{where}: safe.ramp_v_per_s ({safe.ramp_v_per_s:g}) is faster than "
+            f"limits.slew_v_per_s ({limits.slew_v_per_s:g})"
+        )
+    if config.sensor.scale == 0:
+        raise BadInput(f"{where}: sensor.scale must not be 0")
+
+
+def load_config(path: str | Path) -> Config:
+    """Config from a file; the model's path is resolved relative to the file."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: cannot be read: {error}") from None
+    config = parse_config(text, str(path))
+    model = path.parent / config.model.file
+    if model.exists():
+        config = msgspec.structs.replace(config, model=ModelConfig(file=str(model.resolve())))
+    return config

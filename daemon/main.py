@@ -1,0 +1,75 @@
+"""The command line: `dehyst COMMAND ...`, one module of dehyst.daemon.commands a command."""
+
+import argparse
+import importlib
+import os
+import sys
+
+from dehyst import __version__
+from dehyst.models.errors import DehystError
+
+# name: help line. Modules are imported when they are used: numba and zenoh take their time.
+COMMANDS = {
+    "run": "the daemon in the foreground (without --config: on the simulated stage)",
+    "demo": "the whole story on the simulated stage in about a minute",
+    "identify": "identify a model from a recording",
+    "excite": "design the drive for a recording, or check that a recording excites enough",
+    "simulate": "run a model on a recording's drive",
+    "invert": "turn a trajectory in micrometres into a drive in volts",
+    "diagnose": "say what physics a model leaves out of a recording, and model it",
+    "send": "send one set-point to a running daemon",
+    "play": "stream a trajectory to a running daemon",
+    "watch": "live view of a running daemon",
+    "record": "record a running daemon's telemetry into a file",
+    "drivers": "list the driver plugins, the broken ones with their error",
+    "probe": "record a unit's raw bytes and timings into a fixture file",
+    "emulate": "an MDT693B and a KSG101 on pseudo terminals, with a simulated stage behind",
+    "core": "the real-time process alone (for systemd)",
+    "gateway": "the network process alone (for systemd)",
+    "safe": "bring the output to its configured safe state (for systemd)",
+}
+
+
+def build_parser(command: str | None = None) -> argparse.ArgumentParser:
+    """The parser; arguments of `command` alone are filled in."""
+    parser = argparse.ArgumentParser(
+        prog="dehyst",
+        description="Hysteresis compensation service for piezo stages.",
+        epilog="example: dehyst identify recording.csv -o model.toml",
+    )
+    parser.add_argument("--version", action="version", version=f"dehyst {__version__}")
+    sub = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, text in COMMANDS.items():
+        child = sub.add_parser(
+            name,
+            help=text,
+            description=text[0].upper() + text[1:] + ".",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        if name == command:
+            module = importlib.import_module(f"dehyst.daemon.commands.{name}")
+            module.configure(child)
+            child.set_defaults(run=module.run)
+    return parser
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command; 0 success, 1 a finding, 2 bad usage or input (one line on stderr)."""
+    arguments = sys.argv[1:] if argv is None else argv
+    command = next((a for a in arguments if a in COMMANDS), None)
+    args = build_parser(command).parse_args(arguments)
+    try:
+        return int(args.run(args) or 0)
+    except DehystError as error:
+        print(f"dehyst {args.command}: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # the reader of our output has gone, e.g. `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        print(f"dehyst {args.command}: interrupted", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,17 @@
+"""What all tests share."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """Folder with recordings/ and concealed/: $DEHYST_DATA, else ../shared beside the project."""
+    folder = Path(os.environ.get("DEHYST_DATA") or ROOT.parent / "shared")
+    if not (folder / "recordings").is_dir():
+        pytest.skip(f"no recordings in {folder}; set DEHYST_DATA to the folder that holds them")
+    return folder
