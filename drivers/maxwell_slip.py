@@ -1,0 +1,125 @@
+"""Hysteresis of the simulated stage: a dense Maxwell-slip model with unlike elements.
+
+Each of the elements is a spring that slips at its own strain D_i:
+
+    p_i = (1 - a_i) x + a_i x^2              the element's own, bowed, view of the drive x
+    z_i = clip(z_i + dp_i, -D_i, D_i)        spring stretch
+    q   = (x - s sum_i k_i z_i) / norm
+    m   = (exp(a q) - 1) / (exp(a) - 1)      static map behind it
+
+with x = volts / full scale and m = displacement / stroke. (Maxwell-slip: Lampaert, Swevers and
+Al-Bender, "Modification of the Leuven integrated friction model structure", IEEE TAC 2002.)
+Because every element bows the drive differently, the sum is no Prandtl-Ishlinskii model: minor
+loops depend on where in the range they lie, and the map is no odd polynomial. So a model that
+dehyst fits to this stage always leaves something, as it does on a real one. Stiffness grows with
+slip strain, which makes small loops narrow: 12 % at full scale, 2 % at a tenth of it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dehyst.drivers.interface import DriverConfigError
+
+Floats = NDArray[np.float64]
+
+COUNT = 64
+SMALLEST, LARGEST = 0.002, 0.6  # slip strains, as a share of full scale
+STIFFNESS_POWER = 0.72  # k_i ~ D_i^power: 2 % loops at a tenth of full scale
+BOW_FINE, BOW_COARSE = -0.25, 0.30
+
+
+@dataclass(frozen=True)
+class Slip:
+    """Elements (n,): slip strain d, stiffness k (scaled so that q needs no s), bow a; and norm."""
+
+    d: Floats
+    k: Floats
+    bow: Floats
+    norm: float
+
+
+@njit(cache=True, nogil=True)
+def slip_sum(
+    d: Floats, k: Floats, bow: Floats, z: Floats, x0: float, x1: float, dilate: float
+) -> float:
+    """Move the elements from drive x0 to x1 (monotone between); z (n,) in place.
+
+    dilate: factor on every slip strain (rate dependence). Returns sum_i k_i z_i.
+    """
+    dx = x1 - x0
+    dxx = x1 * x1 - x0 * x0
+    total = 0.0
+    for i in range(d.size):
+        limit = d[i] * dilate
+        stretched = z[i] + (1.0 - bow[i]) * dx + bow[i] * dxx
+        z[i] = max(-limit, min(limit, stretched))
+        total += k[i] * z[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def static_map(asymmetry: float, q: float) -> float:
+    """m(q) with m(0) = 0 and m(1) = 1."""
+    if asymmetry == 0.0:
+        return q
+    return float(np.expm1(asymmetry * q) / np.expm1(asymmetry))
+
+
+@njit(cache=True, nogil=True)
+def _sweep(d: Floats, k: Floats, bow: Floats, z: Floats, x: Floats) -> Floats:
+    out = np.empty(x.size)
+    before = 0.0
+    for t in range(x.size):
+        out[t] = slip_sum(d, k, bow, z, before, x[t], 1.0)
+        before = x[t]
+    return out
+
+
+def loop(slip: Slip, asymmetry: float, low: float, high: float, points: int = 400) -> Floats:
+    """The settled loop between drives low and high, (3, points): x, m going up, m coming down."""
+    x = np.linspace(low, high, points)
+    path = np.concatenate([x, x[::-1], x, x[::-1]])
+    total = _sweep(slip.d, slip.k, slip.bow, np.zeros(slip.d.size), path)
+    q = (path - total) / slip.norm
+    m = np.array([static_map(asymmetry, v) for v in q[2 * points :]])
+    return np.stack([x, m[:points], m[points:][::-1]])
+
+
+def loop_width(slip: Slip, asymmetry: float, low: float = 0.0, high: float = 1.0) -> float:
+    """Widest place of the settled loop between two drives, as a share of its stroke."""
+    _, up, down = loop(slip, asymmetry, low, high)
+    return float(np.max(down - up) / (up[-1] - up[0]))
+
+
+def build(width: float, asymmetry: float) -> Slip:
+    """Elements whose full loop is `width` of its stroke wide.
+
+    Raises DriverConfigError when the stage would move the wrong way after a reversal.
+    """
+    d = np.geomspace(SMALLEST, LARGEST, COUNT)
+    bow = np.linspace(BOW_FINE, BOW_COARSE, COUNT)
+    shape = d**STIFFNESS_POWER
+    shape /= shape.sum()
+
+    def scaled(s: float) -> Slip:
+        k = shape * s
+        virgin = 1.0 - slip_sum(d, k, bow, np.zeros(COUNT), 0.0, 1.0, 1.0)
+        return Slip(d, k, bow, virgin)
+
+    if width == 0.0:
+        return scaled(0.0)
+    low, high = 0.0, 0.98
+    for _ in range(40):  # the width grows with s; bisection to 1e-12
+        middle = 0.5 * (low + high)
+        if loop_width(scaled(middle), asymmetry) < width:
+            low = middle
+        else:
+            high = middle
+    slip = scaled(high)
+    slope = 1.0 - np.max([slip.k @ (1.0 - bow + 2.0 * bow * x) for x in (0.0, 1.0)])
+    if slope <= 0.05 or abs(loop_width(slip, asymmetry) - width) > 1e-3:
+        raise DriverConfigError(f"stage: hysteresis_width = {width} is wider than a stack's loop")
+    return slip
