@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from dehyst.drivers import stage_kernels as kernels
+from dehyst.drivers import stage_kernels, stage_parts
 from dehyst.drivers.interface import DriverConfigError
-from dehyst.drivers.maxwell_slip import Floats, Slip, build
+from dehyst.drivers.maxwell_slip import Floats, Slip, build, static_map
 from dehyst.drivers.stage_settings import StageSettings
 
 NS = 1e-9
@@ -34,11 +34,11 @@ class Stage:
 
     def __init__(self, settings: StageSettings | None = None) -> None:
         self.settings = settings or StageSettings()
-        self._parameters = np.zeros(1, kernels.PARAMETERS_T)
-        self._state = np.zeros(1, kernels.STATE_T)
-        self._ring = np.zeros((2, kernels.RING + 1))
+        self._parameters = np.zeros(1, stage_parts.PARAMETERS_T)
+        self._state = np.zeros(1, stage_parts.STATE_T)
+        self._ring = np.zeros((2, stage_parts.RING + 1))
         self._random = np.array([self.settings.seed], dtype=np.uint64)
-        self._relax = np.zeros(kernels.CREEP_TAUS_S.size)
+        self._relax = np.zeros(stage_parts.CREEP_TAUS_S.size)
         self._apply(self.settings)
         self._z = np.zeros(self._elements.shape[1])
         self._set("true_um", self.settings.origin_um)
@@ -77,7 +77,7 @@ class Stage:
         if dt_s == 0.0:
             return
         held = self._state["command_v"][0]
-        kernels.advance(
+        stage_kernels.advance(
             self._parameters,
             self._elements,
             self._state,
@@ -139,7 +139,7 @@ class Stage:
             strict=True,
         ):
             row[:] = self._state[name][0] if given is None else given
-        return kernels.run(
+        return stage_kernels.run(
             self._parameters,
             self._elements,
             self._state,
@@ -180,7 +180,7 @@ class Stage:
         kind = self.reading_fault
         if kind == "stuck":
             return self._last_reading
-        shown = float(kernels.reading(self._parameters, self._state, self._ring, self._random))
+        shown = float(stage_parts.reading(self._parameters, self._state, self._ring, self._random))
         if kind == "nan":
             return math.nan
         if kind == "range":
@@ -227,11 +227,11 @@ class Stage:
         if "seed" in settings:
             self._random[0] = new.seed
         if new.sensor_delay_s > 0 and delayed == 0:
-            self._ring[0, kernels.RING] = 1.0
+            self._ring[0, stage_parts.RING] = 1.0
             self._ring[:, 0] = self.time_s, self._state["bridge_um"][0]
             self._set("pushed_s", self.time_s)
         self._refresh_strain()
-        now = float(kernels.displacement(self._parameters[0], self._state[0]))
+        now = float(stage_parts.displacement(self._parameters[0], self._state[0]))
         if not jump:
             self._set("shift_um", float(self._state["shift_um"][0]) + before - now)
             now = before
@@ -243,8 +243,8 @@ class Stage:
         x = self.drive_v / p["full_scale_v"][0]
         slip = float(self._elements[1] @ self._z)
         share = float(s["mode"][0] - s["creep"][0])
-        strain = kernels.static_map(float(p["asymmetry"][0]), (x - slip) / float(p["norm"][0]))
-        creep = kernels.creep_sum(p[0], self._relax, strain)
+        strain = static_map(float(p["asymmetry"][0]), (x - slip) / float(p["norm"][0]))
+        creep = stage_parts.creep_sum(p[0], self._relax, strain)
         for name, value in (("slip", slip), ("strain", strain), ("creep", creep)):
             self._set(name, value)
         self._set("mode", creep + share)
@@ -253,7 +253,7 @@ class Stage:
         slip: Slip = _elements(settings.hysteresis_width, settings.asymmetry)
         self._elements = np.stack([slip.d, slip.k, slip.bow])
         table: dict[str, Any] = dataclasses.asdict(settings)
-        at_tenth = -np.expm1(-0.1 / kernels.CREEP_TAUS_S).sum() / kernels.CREEP_PER_DECADE
+        at_tenth = -np.expm1(-0.1 / stage_parts.CREEP_TAUS_S).sum() / stage_parts.CREEP_PER_DECADE
         table |= {
             "creep_static": -at_tenth,
             "norm": slip.norm,
@@ -262,11 +262,19 @@ class Stage:
             if settings.hum_um and settings.hum_hz
             else REST_S,
         }
-        for name in kernels.PARAMETERS:
+        for name in stage_parts.PARAMETERS:
             self._parameters[name] = table[name]
 
     def _set(self, name: str, value: float) -> None:
         self._state[name] = value
+
+
+@functools.cache
+def warm_up() -> None:
+    """Compile the kernels, or load them from numba's cache, before a clock starts."""
+    stage = Stage()
+    stage.advance(1e-3, 1.0)
+    stage.reading_um()
 
 
 def _substep_s(settings: StageSettings) -> float:
