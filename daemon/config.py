@@ -26,14 +26,14 @@ class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     pass
 
 
-class ModelConfig(_Strict):
+class ModelConfig(_Strict, frozen=True):
     """[model]"""
 
     file: str
     """Path of the model file, relative to the configuration; or a shipped model's name."""
 
 
-class LoopConfig(_Strict):
+class LoopConfig(_Strict, frozen=True):
     """[loop]"""
 
     rate_hz: Annotated[float, Meta(gt=0, le=20_000)] = 1000.0
@@ -44,14 +44,14 @@ class LoopConfig(_Strict):
     """CPU to pin the loop to; -1: none."""
 
 
-class DeviceConfig(_Strict):
+class DeviceConfig(_Strict, frozen=True):
     """[actuator] and [sensor]: driver is a plugin's name, settings its own table."""
 
     driver: str
     settings: dict[str, Any] = {}
 
 
-class ActuatorConfig(DeviceConfig):
+class ActuatorConfig(DeviceConfig, frozen=True):
     """[actuator]"""
 
     gain: Positive = 1.0
@@ -59,7 +59,7 @@ class ActuatorConfig(DeviceConfig):
     of an amplifier with gain 15 whose output voltage is set here."""
 
 
-class SensorConfig(DeviceConfig):
+class SensorConfig(DeviceConfig, frozen=True):
     """[sensor]"""
 
     scale: float = 1.0
@@ -68,7 +68,7 @@ class SensorConfig(DeviceConfig):
     """Added to the scaled reading: the model's displacement where the sensor reads 0."""
 
 
-class LimitsConfig(_Strict):
+class LimitsConfig(_Strict, frozen=True):
     """[limits], in actuator volts. Held by the daemon on top of the unit's own limits."""
 
     min_v: float
@@ -77,7 +77,7 @@ class LimitsConfig(_Strict):
     """Largest rate of the output, in every state, start and stop included."""
 
 
-class SafeConfig(_Strict):
+class SafeConfig(_Strict, frozen=True):
     """[safe]: what the output does when nobody commands it."""
 
     voltage_v: float = 0.0
@@ -88,7 +88,7 @@ class SafeConfig(_Strict):
     """After a fault that is over, and after the death of the loop's process."""
 
 
-class SetpointConfig(_Strict):
+class SetpointConfig(_Strict, frozen=True):
     """[setpoint]"""
 
     origin: Literal["auto", "model", "mid-range"] | float = "auto"
@@ -105,14 +105,14 @@ class SetpointConfig(_Strict):
     """Seconds of trajectory that the daemon accepts ahead."""
 
 
-class InverseConfig(_Strict):
+class InverseConfig(_Strict, frozen=True):
     """[inverse]"""
 
     mode: Literal["auto", "static", "causal", "preview"] = "auto"
     preview_s: Annotated[float, Meta(ge=0, le=1)] = 0.1
 
 
-class BusConfig(_Strict):
+class BusConfig(_Strict, frozen=True):
     """[bus]: zenoh. Loopback only unless `listen` says otherwise."""
 
     base: Annotated[str, Meta(pattern=r"^[a-z0-9_-]+(/[a-z0-9_-]+)*$")] = "dehyst"
@@ -121,7 +121,7 @@ class BusConfig(_Strict):
     connect: list[str] = []
 
 
-class TelemetryConfig(_Strict):
+class TelemetryConfig(_Strict, frozen=True):
     """[telemetry]"""
 
     batch_s: Annotated[float, Meta(gt=0, le=1)] = 0.02
@@ -130,7 +130,7 @@ class TelemetryConfig(_Strict):
     """How much recent history the queryable keeps."""
 
 
-class Config(_Strict):
+class Config(_Strict, frozen=True):
     """The whole file."""
 
     name: Name

@@ -1,0 +1,200 @@
+"""The core process: composition of model, devices, rings and loop. No network.
+
+Start: configuration, model, devices, rates checked, last known output taken over, rings, kernels
+warmed, real-time priority, loop. SIGTERM: the output goes to `safe.on_stop`. SIGHUP: the model
+is loaded again beside the loop and swapped in without a jump, or refused.
+"""
+
+import os
+import signal
+import threading
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon import notify, realtime
+from dehyst.daemon.checks import (
+    REPLAY_SAMPLES,
+    check_limits,
+    check_rates,
+    drive_range,
+    origin,
+    past_output,
+    reach,
+)
+from dehyst.daemon.config import Config
+from dehyst.daemon.devices import Link
+from dehyst.daemon.files import load_model
+from dehyst.daemon.loop import Loop, Witness
+from dehyst.daemon.records import COMMAND, EVENT, STATUS, TELEMETRY, Command
+from dehyst.daemon.ring import Ring
+from dehyst.daemon.step import Plan, Stepper
+from dehyst.drivers.registry import load_actuator, load_sensor
+from dehyst.models.compensator import Compensator, CompensatorState
+from dehyst.models.errors import BadInput, DehystError
+from dehyst.models.model import Model
+
+RINGS = {"telemetry": (TELEMETRY, 65536), "status": (STATUS, 256), "event": (EVENT, 256)}
+COMMAND_RECORDS = 65536
+
+
+class Core:
+    """One run of the loop's process."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.model = load_model(config.model.file)
+        self._loading = threading.Lock()
+        self.actuator, self.sensor = self._open()
+
+    def _open(self) -> tuple[Link, Link]:
+        actuator = load_actuator(self.config.actuator.driver).from_settings(
+            self.config.actuator.settings
+        )
+        sensor = load_sensor(self.config.sensor.driver).from_settings(self.config.sensor.settings)
+        actuator.open()
+        try:
+            sensor.open()
+        except BaseException:
+            actuator.close()
+            raise
+        return Link("actuator", actuator), Link("sensor", sensor)
+
+    def run(self) -> None:
+        """Until SIGTERM or SIGINT. Raises DehystError before anything was moved."""
+        try:
+            self._run()
+        finally:
+            self.sensor.close()
+            self.actuator.close()
+
+    def _compensator(self, model: Model) -> Compensator:
+        config, gain = self.config, self.config.actuator.gain
+        return Compensator(
+            model,
+            config.period_ns * 1e-9,
+            self.min_v / gain,
+            self.max_v / gain,
+            config.limits.slew_v_per_s / gain,
+            config.inverse.mode,
+            config.inverse.preview_s,
+        )
+
+    def _plan(self, model: Model) -> Plan:
+        low, high = reach(model, *drive_range(self.config, model))
+        return Plan.from_config(
+            self.config, origin(self.config.setpoint.origin, low, high), self.min_v, self.max_v
+        )
+
+    def _run(self) -> None:
+        config = self.config
+        actuator, sensor = self.actuator.device, self.sensor.device
+        every = check_rates(config, actuator.spec, sensor.spec)
+        self.min_v, self.max_v = check_limits(config, actuator.spec)
+        plan = self._plan(self.model)
+        compensator = self._compensator(self.model)
+        past = past_output(config, float(actuator.output()))
+        volts = float(past[-1])
+        stepper = Stepper(plan, compensator, volts)
+        stepper.inverse = self._led(compensator, past)
+        rings = {
+            name: Ring.create(config.directory / f"{name}.ring", dtype, size)
+            for name, (dtype, size) in RINGS.items()
+        }
+        rings["command"] = Ring.create(config.directory / "command.ring", COMMAND, COMMAND_RECORDS)
+        self._telemetry = rings["telemetry"]
+        self._warm(plan, compensator, volts)
+        stalls_ns = max(200_000, config.period_ns // 4)
+        allowed = tuple(sorted(os.sched_getaffinity(0)))
+        cpus = (config.loop.cpu,) if config.loop.cpu >= 0 else allowed[:8]
+        witness = Witness(stalls_ns, cpus, config.loop.priority)
+        obtained = realtime.enter_realtime(config.loop.priority, config.loop.cpu)
+        self.loop = Loop(
+            stepper, self.actuator, self.sensor, rings, config.sensor.scale, config.sensor.zero,
+            every, obtained, self._fill_status,
+        )  # fmt: skip
+        self.loop.witness = witness
+        stepper.events.extend(obtained.advice)
+        stepper.events.append(f"ready: {compensator.mode} inverse ({compensator.reason})")
+        signal.signal(signal.SIGTERM, self._on_stop)
+        signal.signal(signal.SIGINT, self._on_stop)
+        signal.signal(signal.SIGHUP, self._on_reload)
+        notify.send("READY=1")
+        try:
+            self.loop.run()
+        finally:
+            notify.send("STOPPING=1")
+            witness.close()
+
+    def _on_stop(self, *_: Any) -> None:
+        self.loop.stop_requested = True
+
+    def _on_reload(self, *_: Any) -> None:
+        threading.Thread(target=self._reload, name="reload", daemon=True).start()
+
+    def _led(self, compensator: Compensator, volts: NDArray[np.float64]) -> CompensatorState:
+        """A compensator's state after the given past."""
+        drives = volts / self.config.actuator.gain
+        state = compensator.init(float(drives[0]))
+        for drive in drives.tolist():
+            compensator.applied(state, drive)
+        return state
+
+    def _warm(self, plan: Plan, compensator: Compensator, volts: float) -> None:
+        """Run every kernel of the step once, so that nothing compiles in the loop."""
+        stepper = Stepper(plan, compensator, volts)
+        point = np.zeros(2, COMMAND)
+        point["kind"], point["trajectory"] = Command.POINT, 1
+        point["offset_ns"], point["last"] = (0, 1_000_000), (0, 1)
+        single = np.zeros(1, COMMAND)
+        single["kind"] = Command.SETPOINT
+        for i, commands in enumerate((point, point[:0], single, single, point[:0])):
+            record = stepper.step(i * plan.period_ns, 0.0, commands)
+            stepper.written(float(record["volts"][0]))
+
+    def _reload(self) -> None:
+        """Load the model file again; keep the old model where the new one is refused."""
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        loop = self.loop
+        with self._loading:
+            try:
+                model = load_model(self.config.model.file)
+                if (model.drive_unit, model.displacement_unit) != (
+                    self.model.drive_unit, self.model.displacement_unit,
+                ):  # fmt: skip
+                    raise BadInput("its units are not those of the running model")
+                compensator, plan = self._compensator(model), self._plan(model)
+                ring = self._telemetry
+                records, _, _ = ring.read(max(0, ring.head - REPLAY_SAMPLES))
+                past = records["volts"] if records.size else np.array([loop.stepper.volts])
+                state = self._led(compensator, past)
+            except (DehystError, ValueError, ArithmeticError) as error:
+                loop.stepper.events.append(f"reload refused, the old model stays: {error}")
+                return
+
+            def swap() -> None:
+                compensator.applied(state, loop.stepper.volts / self.config.actuator.gain)
+                loop.stepper.reload(compensator, state, plan.origin)
+                loop.stepper.events.append(f"model reloaded: {compensator.reason}")
+                self.model = model
+
+            loop.pending_reload = swap
+
+    def _fill_status(self, status: NDArray[Any]) -> None:
+        low, high = self._reach()
+        status["reach_min"], status["reach_max"] = low, high
+        status["latency_s"] = self.loop.stepper.compensator.latency_s
+        notify.send("WATCHDOG=1")
+
+    def _reach(self) -> tuple[float, float]:
+        if self.model is not getattr(self, "_reach_of", None):
+            self._reach_of = self.model
+            self._reach_range = reach(self.model, *drive_range(self.config, self.model))
+        zero = self.loop.stepper.plan.origin
+        return self._reach_range[0] - zero, self._reach_range[1] - zero
+
+
+def run_core(config: Config) -> None:
+    """Entry of the core process."""
+    Core(config).run()

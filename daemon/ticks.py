@@ -1,0 +1,39 @@
+"""The deadline rule, in integers and without a clock: which grid point is next, what was missed.
+
+Grid points are start + n * period. A sample is started at the grid point's time and must have
+written its voltage before the next one. When it has not, it is *missed*; grid points that passed
+meanwhile are *skipped*, counted, and never made up by a burst.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass
+class Ticks:
+    """The grid's state. Times in integer nanoseconds.
+
+    scheduled_ns: the deadline that is waited for or being served.
+    """
+
+    scheduled_ns: int
+    period_ns: int
+    samples: int = 0
+    missed: int = 0
+
+    def lateness_ns(self, woke_ns: int) -> int:
+        """How late the wake-up was (0 when early)."""
+        return max(0, woke_ns - self.scheduled_ns)
+
+    def finish(self, finished_ns: int) -> int:
+        """Close the sample and move to the next grid point; returns how many were missed.
+
+        0: in time. 1: this sample's voltage came after the next grid point. More: grid points
+        passed without a sample.
+        """
+        self.samples += 1
+        late_periods = (finished_ns - self.scheduled_ns) // self.period_ns
+        missed = max(0, late_periods)
+        self.missed += missed
+        # late by less than a period at the next point: serve that point late, do not skip it
+        self.scheduled_ns += max(1, late_periods) * self.period_ns
+        return missed
