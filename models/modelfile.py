@@ -117,7 +117,7 @@ def loads(text: str) -> Model:
         validity=_validity(_Table(top.get("validity", _any), "validity"), drive),
         drive_unit=drive,
         displacement_unit=disp,
-        blocks=_blocks(top.get("blocks", _any, [])),
+        blocks=_blocks(top.get("blocks", _any, []), drive, disp),
         fit=_fit(_Table(top.get("fit", _any, {}), "fit"), disp),
         provenance=_provenance(_Table(top.get("provenance", _any, {}), "provenance")),
     )
@@ -181,7 +181,7 @@ def _provenance(table: _Table) -> Provenance:
     return out
 
 
-def _blocks(raw: Any) -> tuple[Block, ...]:
+def _blocks(raw: Any, drive: str, disp: str) -> tuple[Block, ...]:
     from dehyst.models.blocks import check_block  # the registry imports Block from here's sibling
 
     if not isinstance(raw, list):
@@ -197,7 +197,7 @@ def _blocks(raw: Any) -> tuple[Block, ...]:
         }
         block = Block(kind=kind, place=place, params=params, channel=channel)
         try:
-            check_block(block)
+            check_block(block, drive, disp)
         except BadModel as error:
             raise BadModel(f"blocks[{i}]: {error}") from None
         out.append(block)
