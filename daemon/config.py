@@ -117,8 +117,8 @@ class BusConfig(_Strict, frozen=True):
 
     base: Annotated[str, Meta(pattern=r"^[a-z0-9_-]+(/[a-z0-9_-]+)*$")] = "dehyst"
     """First chunks of every key."""
-    listen: list[str] = ["tcp/127.0.0.1:7447"]
-    connect: list[str] = []
+    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    connect: tuple[str, ...] = ()
 
 
 class TelemetryConfig(_Strict, frozen=True):

@@ -19,6 +19,9 @@ from dehyst.models import compensator as comp
 from dehyst.models.compensator import Compensator, CompensatorState
 
 NAN = float("nan")
+# walls against nonsense that passed the gateway; what is reachable is the inverse's to say
+LARGEST_TARGET = 1e6
+LONGEST_OFFSET_NS = 10**9 * 86_400 * 365
 
 _MODES = {
     comp.HOLD: Mode.HOLD,
@@ -102,6 +105,7 @@ class Stepper:
         self._starved = False
         self.trajectory = 0
         self.trajectory_done = False
+        self.approach_until_ns = 0
 
     # -- requests from outside the sample's journey -------------------------------------------
 
@@ -165,6 +169,7 @@ class Stepper:
         elif self.state is State.HOLDING:
             target = self._target
             if now_ns - self._since_ns >= self._hold_ns:
+                target = NAN
                 wanted = self._ramp()
                 if wanted == plan.safe_v == self.volts:
                     self._drop_targets()
@@ -217,6 +222,9 @@ class Stepper:
         ):
             if self.state in (State.FAULT, State.STOPPING, State.START):
                 continue  # the gateway has refused these with words; late ones are dropped here
+            if not abs(value) <= LARGEST_TARGET or not abs(offset_ns) <= LONGEST_OFFSET_NS:
+                self.events.append(f"set-point {value:g} dropped: not a number a stage can follow")
+                continue
             if kind == Command.SETPOINT:
                 self._setpoint(now_ns, value)
             elif kind == Command.POINT:
@@ -275,8 +283,6 @@ class Stepper:
         self.queue.append(offset_ns - way_ns, start, False)
         self.queue.append(offset_ns, value, last)
         self.approach_until_ns = now_ns + way_ns
-
-    approach_until_ns = 0
 
     def _hold(self, now_ns: int, hold_ns: int, why: str) -> None:
         if self.state is State.RUNNING or (self.state is State.HOLDING and hold_ns == 0):
