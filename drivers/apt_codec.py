@@ -1,0 +1,170 @@
+"""The APT protocol of Thorlabs K-Cubes and T-Cubes: bytes to messages and back, no port.
+
+A header of six bytes, little-endian, with data behind it or two parameters in it:
+
+    <HBBBB   id, parameter 1, parameter 2, destination, source
+    <HHBB    id, length of the data, destination | 0x80, source         then the data
+
+All messages that a KSG101 / TSG001 strain gauge reader knows here are in MESSAGES. The layouts
+are those of Thorlabs' "APT Communications Protocol"; packages on the net have other ids for the
+TSG messages, which the units do not answer.
+"""
+
+import struct
+from dataclasses import dataclass, field
+from typing import Any
+
+from dehyst.drivers.interface import ProtocolError
+
+HOST = 0x01
+UNIT = 0x50
+HEADER = struct.Struct("<HBBBB")
+LONG_HEADER = struct.Struct("<HHBB")
+HAS_DATA = 0x80
+LONGEST = 256  # bytes of data; more is garbage
+
+
+@dataclass(frozen=True)
+class Layout:
+    """One kind of message. data: struct of the data ("": header only, values are parameters)."""
+
+    id: int
+    name: str
+    fields: tuple[str, ...]
+    data: str = ""
+
+    @property
+    def size(self) -> int:
+        """Bytes of data behind the header."""
+        return struct.calcsize("<" + self.data) if self.data else 0
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message with its values by name; "0x...." and raw data where it is not in MESSAGES."""
+
+    name: str
+    values: dict[str, Any] = field(default_factory=dict)
+    source: int = HOST
+    destination: int = UNIT
+
+
+_IO = ("chan", "analog_out", "display_mode", "force_calibration", "reserved")
+_INFO = (
+    "serial_number",
+    "model",
+    "type",
+    "firmware",
+    "notes",
+    "hardware_version",
+    "modification",
+    "channels",
+)
+MESSAGES = (
+    Layout(0x0002, "hw_disconnect", ()),
+    Layout(0x0005, "hw_req_info", ()),
+    Layout(0x0006, "hw_get_info", _INFO, "I8sH4s60sHHH"),
+    Layout(0x0011, "hw_start_updatemsgs", ("rate",)),
+    Layout(0x0012, "hw_stop_updatemsgs", ()),
+    Layout(0x0080, "hw_response", ()),
+    Layout(0x0081, "hw_richresponse", ("message", "code", "text"), "HH64s"),
+    Layout(0x0223, "mod_identify", ("chan",)),
+    Layout(0x0650, "pz_req_maxtravel", ("chan",)),
+    Layout(0x0651, "pz_get_maxtravel", ("chan", "travel_100nm"), "HH"),
+    Layout(0x0658, "pz_set_zero", ("chan",)),
+    Layout(0x0660, "pz_req_pzstatusupdate", ("chan",)),
+    Layout(0x0661, "pz_get_pzstatusupdate", ("chan", "output", "position", "status"), "HhhI"),
+    Layout(0x0662, "pz_ack_pzstatusupdate", ()),
+    Layout(0x07DA, "tsg_set_iosettings", _IO, "HHHII"),
+    Layout(0x07DB, "tsg_req_iosettings", ("chan",)),
+    Layout(0x07DC, "tsg_get_iosettings", _IO, "HHHII"),
+    Layout(0x07DD, "tsg_req_reading", ("chan",)),
+    Layout(0x07DE, "tsg_get_reading", ("chan", "reading", "smoothed"), "HhH"),
+)
+BY_NAME = {layout.name: layout for layout in MESSAGES}
+BY_ID = {layout.id: layout for layout in MESSAGES}
+
+# status bits of pz_get_pzstatusupdate
+ZEROED = 0x10
+ZEROING = 0x20
+GAUGE_CONNECTED = 0x100
+
+
+def encode(name: str, *, source: int = HOST, destination: int = UNIT, **values: Any) -> bytes:
+    """The bytes of a message. Raises ProtocolError for a wrong name, field or value."""
+    layout = BY_NAME.get(name)
+    if layout is None:
+        raise ProtocolError(f"there is no APT message '{name}' here")
+    if set(values) != set(layout.fields):
+        raise ProtocolError(f"{name} takes {', '.join(layout.fields) or 'nothing'}")
+    ordered = [values[key] for key in layout.fields]
+    try:
+        if layout.data:
+            header = LONG_HEADER.pack(layout.id, layout.size, destination | HAS_DATA, source)
+            return header + struct.pack("<" + layout.data, *ordered)
+        first, second = [*ordered, 0, 0][:2]
+        return HEADER.pack(layout.id, first, second, destination, source)
+    except struct.error as error:
+        raise ProtocolError(f"{name} with {values}: {error}") from None
+
+
+class Decoder:
+    """Bytes in, messages out; finds its way back after garbage.
+
+    receiver, sender: the addresses that messages must carry; anything else is garbage, which is
+    skipped byte by byte and counted in `skipped`.
+    """
+
+    def __init__(self, receiver: int = HOST, sender: int = UNIT) -> None:
+        self.receiver = receiver
+        self.sender = sender
+        self.skipped = 0
+        self._buffer = bytearray()
+
+    def reset(self) -> None:
+        """Forget what has come of an unfinished message."""
+        self._buffer.clear()
+
+    def feed(self, data: bytes) -> list[Message]:
+        """Take bytes as they come, in pieces of any size; return the messages they complete."""
+        self._buffer += data
+        found: list[Message] = []
+        while len(self._buffer) >= HEADER.size:
+            size = self._size()
+            if size is None:
+                del self._buffer[0]
+                self.skipped += 1
+            elif len(self._buffer) < size:
+                break
+            else:
+                found.append(self._decode(bytes(self._buffer[:size])))
+                del self._buffer[:size]
+        return found
+
+    def _size(self) -> int | None:
+        """Bytes of the message that starts here; None: none starts here."""
+        number, first, second, destination, source = HEADER.unpack_from(self._buffer)
+        if destination & ~HAS_DATA != self.receiver or source != self.sender:
+            return None
+        layout = BY_ID.get(number)
+        length = first + 256 * second if destination & HAS_DATA else 0
+        if length > LONGEST or (destination & HAS_DATA and length == 0):
+            return None
+        if layout is not None and (bool(layout.data) != bool(length) or length < layout.size):
+            return None
+        return HEADER.size + length
+
+    def _decode(self, raw: bytes) -> Message:
+        number, first, second, destination, source = HEADER.unpack_from(raw)
+        layout = BY_ID.get(number)
+        data = raw[HEADER.size :]
+        values: tuple[Any, ...]
+        if layout is None:
+            table = {"data": data} if data else {"parameters": (first, second)}
+            return Message(f"0x{number:04x}", table, source, destination & ~HAS_DATA)
+        if layout.data:  # newer firmware may append fields: they are left alone
+            values = struct.unpack_from("<" + layout.data, data)
+        else:
+            values = (first, second)
+        named = dict(zip(layout.fields, values, strict=False))
+        return Message(layout.name, named, source, destination & ~HAS_DATA)
