@@ -78,6 +78,7 @@ class PtyServer:
         self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._thread: threading.Thread | None = None
         self._serving: int | None = None  # ident of the thread that serves, while one does
+        self._served = threading.Event()
         self._stop = threading.Event()
 
     @property
@@ -128,6 +129,7 @@ class PtyServer:
             target=serve, args=([self], self._stop), name=f"pty {self.link_path.name}", daemon=True
         )
         self._thread.start()
+        self._served.wait()
         return self
 
     def stop(self) -> None:
@@ -139,6 +141,10 @@ class PtyServer:
             self._thread = None
         self._unplug()
 
+    def __del__(self) -> None:
+        with contextlib.suppress(OSError, AttributeError):
+            os.close(self._wake)
+
     def __enter__(self) -> Self:
         return self.start()
 
@@ -149,9 +155,6 @@ class PtyServer:
         trace: TracebackType | None,
     ) -> None:
         self.stop()
-        if self._wake >= 0:
-            os.close(self._wake)
-            self._wake = -1
 
     # -- in the serving thread only
 
@@ -237,6 +240,7 @@ def serve(
     for server in servers:
         server._plug()
         server._serving = threading.get_ident()
+        server._served.set()
     try:
         while not stop.is_set():
             masters = {s._master: s for s in servers if s._master is not None}
@@ -264,4 +268,5 @@ def serve(
     finally:
         for server in servers:
             server._serving = None
+            server._served.clear()
             server._run_jobs()

@@ -1,0 +1,159 @@
+"""A raw serial port with time limits: the only place that imports pyserial.
+
+What pyserial and the operating system raise is turned into the driver errors here, once:
+no such port, no permission, in use -> DeviceNotFound; vanished while open -> DeviceGone; a write
+that blocks too long -> DeviceTimeout. Pseudo-terminals (the emulators) refuse some ioctls with
+OSError 25 or ValueError; none of those is needed, so they are let pass.
+"""
+
+import contextlib
+import errno
+import os
+import select
+import termios  # its error is not an OSError
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import serial
+from serial.tools import list_ports
+
+from dehyst.drivers.interface import DeviceGone, DeviceNotFound, DeviceTimeout, DriverConfigError
+
+READ_SIZE = 4096
+
+
+@dataclass(frozen=True)
+class PortInfo:
+    """A serial port of this machine as the operating system describes it."""
+
+    path: str
+    vendor: int | None
+    product: int | None
+    serial_number: str
+    description: str
+
+
+def list_serial_ports() -> list[PortInfo]:
+    """All serial ports of this machine, by path."""
+    return sorted(
+        (
+            PortInfo(p.device, p.vid, p.pid, p.serial_number or "", p.description or "")
+            for p in list_ports.comports()
+        ),
+        key=lambda info: info.path,
+    )
+
+
+def find_usb_ports(ids: Iterable[tuple[int, int]]) -> list[PortInfo]:
+    """The serial ports whose USB (vendor, product) is one of `ids`."""
+    wanted = set(ids)
+    return [p for p in list_serial_ports() if (p.vendor, p.product) in wanted]
+
+
+class SerialPort:
+    """An open port; bytes only, no protocol. Used by one thread.
+
+    path: e.g. /dev/ttyACM0. baud: bits per second, 8N1, no flow control (rtscts: RTS/CTS).
+    write_timeout_s: longest time that one write may block. clock: the clock of the deadlines
+    given to read_until_deadline (time.monotonic unless told otherwise).
+    Raises DeviceNotFound when it cannot be opened, DriverConfigError for a bad baud rate.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        baud: int = 115200,
+        write_timeout_s: float = 0.2,
+        rtscts: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.path = path
+        self._clock = clock
+        self._write_timeout_s = write_timeout_s
+        try:
+            # timeout=0: reads never wait, waiting is done here, with select and a deadline.
+            self._serial = serial.Serial(
+                path,
+                baud,
+                timeout=0,
+                write_timeout=write_timeout_s,
+                exclusive=True,
+                rtscts=rtscts,
+            )
+        except ValueError as error:
+            raise DriverConfigError(f"serial port {path}: {error}") from None
+        except (serial.SerialException, OSError) as error:
+            raise DeviceNotFound(_why_not_open(path, error)) from None
+        with contextlib.suppress(OSError, ValueError, NotImplementedError, AttributeError):
+            self._serial.set_low_latency_mode(True)  # FTDI: 1 ms in place of 16 ms
+        self._fd: int = self._serial.fileno()
+
+    def write(self, data: bytes) -> None:
+        """Hand all of `data` to the port. Raises DeviceTimeout when that takes longer than the
+        write time-out (then an unknown part of it went out), DeviceGone when the port is gone."""
+        try:
+            self._serial.write(data)
+        except serial.SerialTimeoutException:
+            with contextlib.suppress(serial.SerialException, OSError, termios.error):
+                self._serial.reset_output_buffer()
+            raise DeviceTimeout(
+                f"{self.path}: the unit took no bytes for {self._write_timeout_s:g} s; it hangs: "
+                "switch it off and on, or unplug it and plug it in again"
+            ) from None
+        except (serial.SerialException, OSError, TypeError) as error:
+            raise self._gone(error) from None
+
+    def read_available(self) -> bytes:
+        """What has arrived, without waiting; b"" when nothing has. Raises DeviceGone."""
+        ready, _, _ = self._select(0.0)
+        return self._read() if ready else b""
+
+    def read_until_deadline(self, deadline_s: float) -> bytes:
+        """Wait for at least one byte until the clock reads `deadline_s`; return all that is
+        there, or b"" at the deadline. Raises DeviceGone."""
+        while True:
+            left_s = deadline_s - self._clock()
+            ready, _, _ = self._select(max(0.0, left_s))
+            if ready:
+                return self._read()
+            if left_s <= 0.0:
+                return b""
+
+    def close(self) -> None:
+        """Give the port back. Safe to call twice and after an unplug."""
+        with contextlib.suppress(serial.SerialException, OSError, termios.error):
+            self._serial.close()
+
+    def _select(self, wait_s: float) -> tuple[list[int], list[int], list[int]]:
+        try:
+            return select.select([self._fd], [], [], wait_s)
+        except (OSError, ValueError) as error:  # ValueError: the descriptor is closed (-1)
+            raise self._gone(error) from None
+
+    def _read(self) -> bytes:
+        try:
+            data: bytes = self._serial.read(READ_SIZE)
+        except (serial.SerialException, OSError, TypeError) as error:
+            raise self._gone(error) from None
+        return data
+
+    def _gone(self, error: Exception) -> DeviceGone:
+        return DeviceGone(f"{self.path}: the port is gone, is the unit unplugged? ({error})")
+
+
+def _why_not_open(path: str, error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    if number is None and "exclusively lock" in str(error):
+        number = errno.EBUSY
+    if number == errno.ENOENT or not os.path.exists(path):
+        seen = [p.path for p in list_serial_ports()]
+        ports = f"the serial ports here are {', '.join(seen)}" if seen else "no serial port is here"
+        return f"there is no port {path}; {ports}"
+    if number in (errno.EACCES, errno.EPERM):
+        return f"no permission to open {path}: add your user to the group that owns it (dialout?)"
+    if number in (errno.EBUSY, errno.EAGAIN):
+        return f"{path} is in use by another program: only one may hold the amplifier"
+    if number in (errno.ENOTTY, errno.EINVAL):
+        return f"{path} is not a serial port"
+    return f"{path} cannot be opened: {error}"
