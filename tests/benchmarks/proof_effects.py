@@ -153,7 +153,7 @@ def lag(rng: np.random.Generator, own: bool) -> Effect:
             return low_pass(low_pass(x, s), second * s)
         return linear_filter([1.0], [s * s / 2.0, s, 1.0], x)
 
-    return Effect("lag", f"{form}, {place}", place, run, 5e-4, 0.03, lambda s: {"lag_s": s})
+    return Effect("lag", f"{form}, {place}", place, run, 5e-4, 0.03, lambda s: {"tau_s": s})
 
 
 @njit(cache=True, nogil=True)
@@ -180,7 +180,13 @@ def slew(rng: np.random.Generator, own: bool) -> Effect:
         return _charge(x, 1.0 / s, soft, bend, H)
 
     return Effect(
-        "slew", "current limit", "drive", run, 1 / 600.0, 1 / 25.0, lambda s: {"rate": 1 / s}
+        "slew",
+        "current limit",
+        "drive",
+        run,
+        1 / 600.0,
+        1 / 25.0,
+        lambda s: {"rate_v_per_s": 1 / s},
     )
 
 
@@ -196,7 +202,7 @@ def clip(rng: np.random.Generator, own: bool) -> Effect:
         out = x - bent(x - high)
         return out + bent(0.3 * s - out) - bent(np.array([0.3 * s])) if both else out
 
-    return Effect("clip", f"soft {soft:.2f}", "drive", run, 1.0, 5.0, lambda s: {"high": 9.8 - s})
+    return Effect("clip", f"soft {soft:.2f}", "drive", run, 1.0, 5.0, lambda s: {"max_v": 9.8 - s})
 
 
 def drift(rng: np.random.Generator, own: bool) -> Effect:
@@ -210,7 +216,7 @@ def drift(rng: np.random.Generator, own: bool) -> Effect:
         warm = low_pass(w.temp - 22.0, tau)
         return x + s * warm if form == "expansion" else x * (1.0 + s * warm)
 
-    key = {"expansion": "expansion_per_k", "gain": "gain_per_k", "warm-up": "rise"}[form]
+    key = {"expansion": "expansion_um_per_k", "gain": "gain_per_k", "warm-up": "rise"}[form]
     top = 3.0 if form != "gain" else 0.6
     return Effect(
         "drift", form, "stage", run, 0.05, top, lambda s: {key: s}, constant_room=form == "warm-up"
@@ -234,7 +240,7 @@ def hum(rng: np.random.Generator, own: bool) -> Effect:
 
     return Effect(
         "hum", f"{f:.2f} Hz", "reading", run, 0.05, 5.0,
-        lambda s: {"amplitude": s, "frequency_hz": f},
+        lambda s: {"amplitude_um": s, "frequency_hz": f},
     )  # fmt: skip
 
 
@@ -250,4 +256,6 @@ def coupling(rng: np.random.Generator, own: bool) -> Effect:
             return x + sign * s * low_pass(w.u2 - 5.0, tau)
         return x + sign * s * (axis(w.u2) - 5.0)
 
-    return Effect("coupling", form, "stage", run, 0.02, 2.0, lambda s: {"gain": sign * s})
+    return Effect(
+        "coupling", form, "stage", run, 0.02, 2.0, lambda s: {"gain_um_per_unit": sign * s}
+    )
