@@ -1,0 +1,119 @@
+"""The rich rate-independent base: everything that a memory of the drive's path could make.
+
+Columns, for the drive scaled to x in -1..1 over its range:
+    H_i, H_i^2, H_i^3     play operators with polynomial envelopes (12 thresholds)
+    Z_j, Z_j x, Z_j^2, Z_j x^2, Z_j^3    Dahl operators (7 lengths): loops of Duhem and
+                          Bouc-Wen kind, which plays do not span
+    x^4, x^5              and one offset for each recording
+What such a base can fit is hysteresis of some shape, whatever its class; what it leaves depends
+on time, frequency or other channels. It never sees the rate, so lags stay visible.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from dehyst.models.diagnosis.data import Bools, Data, Floats
+from dehyst.models.diagnosis.kernels import dahl, plays
+
+# fractions of the drive's range
+THRESHOLDS = np.array([0, 0.01, 0.025, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.37, 0.45, 0.55])
+LENGTHS = np.array([0.005, 0.015, 0.04, 0.1, 0.2, 0.4, 0.8])
+
+
+@dataclass(frozen=True)
+class Base:
+    """Operators of the rich base, with the scale of the drive that they were laid out for."""
+
+    low: float
+    span: float
+    thresholds: Floats
+    lengths: Floats
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return 3 * self.thresholds.size + 5 * self.lengths.size + 2
+
+    def scaled(self, v: Floats) -> Floats:
+        """Drive in -1..1 over the recorded range."""
+        return (v - (self.low + 0.5 * self.span)) * (2.0 / self.span)
+
+    def columns(self, v: Floats, starts: Bools) -> Floats:
+        """(N, width) columns for a drive v (N,)."""
+        x = self.scaled(v)
+        # plays start at the drive's low end, where a de-energised stage stands
+        h = plays(2.0 * self.thresholds, x + 1.0, starts) - 1.0
+        z = dahl(2.0 * self.lengths, x, starts)
+        out = np.empty((v.size, self.width))
+        _fill(out, x, h, z)
+        return out
+
+    def combine(self, v: Floats, starts: Bools, weights: Floats) -> Floats:
+        """columns(v) @ weights (N,) without building the columns."""
+        x = self.scaled(v)
+        return _combine(
+            x, starts, 2.0 * self.thresholds, 2.0 * self.lengths, np.ascontiguousarray(weights)
+        )
+
+
+def rich_base(data: Data) -> Base:
+    """The rich base laid out over the recordings' drive range."""
+    return Base(data.u_min, data.span, THRESHOLDS, LENGTHS)
+
+
+@njit(cache=True, nogil=True)
+def _fill(out: Floats, x: Floats, h: Floats, z: Floats) -> None:
+    n, m = h.shape[1], z.shape[1]
+    for t in range(x.size):
+        xt = x[t]
+        for i in range(n):
+            a = h[t, i]
+            out[t, i] = a
+            out[t, n + i] = a * a
+            out[t, 2 * n + i] = a * a * a
+        k = 3 * n
+        for j in range(m):
+            a = z[t, j]
+            out[t, k + j] = a
+            out[t, k + m + j] = a * xt
+            out[t, k + 2 * m + j] = a * a
+            out[t, k + 3 * m + j] = a * xt * xt
+            out[t, k + 4 * m + j] = a * a * a
+        out[t, k + 5 * m] = xt**4
+        out[t, k + 5 * m + 1] = xt**5
+
+
+@njit(cache=True, nogil=True)
+def _combine(x: Floats, starts: Bools, r: Floats, length: Floats, w: Floats) -> Floats:
+    n, m = r.size, length.size
+    h = np.zeros(n)
+    z = np.zeros(m)
+    out = np.empty(x.size)
+    for t in range(x.size):
+        xt = x[t]
+        du = 0.0
+        if starts[t]:
+            h[:] = 0.0
+            z[:] = 0.0
+        else:
+            du = xt - x[t - 1]
+        total = w[3 * n + 5 * m] * xt**4 + w[3 * n + 5 * m + 1] * xt**5
+        for i in range(n):
+            h[i] = max(xt + 1.0 - r[i], min(xt + 1.0 + r[i], h[i]))
+            a = h[i] - 1.0
+            total += a * (w[i] + a * (w[n + i] + a * w[2 * n + i]))
+        s = 1.0 if du > 0 else -1.0
+        k = 3 * n
+        for j in range(m):
+            if du != 0.0:
+                z[j] = s + (z[j] - s) * np.exp(-abs(du) / length[j])
+            a = z[j]
+            total += a * (
+                w[k + j]
+                + xt * (w[k + m + j] + xt * w[k + 3 * m + j])
+                + a * (w[k + 2 * m + j] + a * w[k + 4 * m + j])
+            )
+        out[t] = total
+    return out

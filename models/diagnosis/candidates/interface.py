@@ -1,0 +1,97 @@
+"""What a candidate physics tells the diagnosis: one subclass in one file for each.
+
+A candidate acts in one of three ways, and overrides the one that fits:
+    drive     transforms the drive before the hysteresis (delay, slew, clip, lag of an amplifier)
+    output    a linear operator on the hysteresis' output (creep, modes, lag of a sensor)
+    columns   additive columns whose amplitudes are fitted linearly (lines, channels)
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dehyst.models.diagnosis.data import Data, Floats
+from dehyst.models.model import Block
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One nonlinear parameter: bounds in its unit; log: searched on a logarithmic scale."""
+
+    key: str
+    unit: str
+    low: float
+    high: float
+    log: bool = True
+
+
+@dataclass(frozen=True)
+class Context:
+    """What an additive candidate may look at: the drive behind its blocks, and the hysteresis'
+    output (N,) of the last fit."""
+
+    v: Floats
+    output: Floats
+
+
+class Candidate:
+    """Base of all candidates; class attributes describe the physics to people and reports.
+
+    name: word of the diagnosis vocabulary; key: unique among the instances; order: position in
+    the cascade; driven: caused by the drive (judged more strictly) or by something beside it.
+    """
+
+    name: str = ""
+    key: str = ""
+    title: str = ""
+    equation: str = ""
+    source: str = ""
+    typical: str = ""
+    revealed_by: str = ""
+    confused_with: tuple[str, ...] = ()
+    order: int = 0
+    place: str = "stage"
+    driven: bool = True
+    repeatable: bool = False
+    mode: str = "columns"  # or "drive", "output"
+    parameters: tuple[Parameter, ...] = ()
+    channel: str = ""
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        """Values from which the search begins (one tuple for each trial)."""
+        return [()]
+
+    def params_at(self, theta: Sequence[float]) -> tuple[Parameter, ...]:
+        """Parameters that belong to a theta (lines may have any number)."""
+        return self.parameters
+
+    def drive(self, data: Data, v: Floats, theta: Sequence[float]) -> Floats:
+        """Drive (N,) behind this piece of physics."""
+        return v
+
+    def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
+        """Columns (N, k) behind this piece of physics; linear in x."""
+        return x
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        """Additive columns (N, k)."""
+        return np.zeros((data.n, 0))
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        """Parameters to report: key -> (value, unit)."""
+        return {
+            p.key: (float(v), p.unit) for p, v in zip(self.params_at(theta), theta, strict=True)
+        }
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        """Blocks of the augmented model."""
+        return ()
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        """One sentence that a technician understands."""
+        return self.title
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        """Why these values cannot be this physics; empty when they can."""
+        return ""

@@ -1,0 +1,95 @@
+"""Mechanical resonance: a mode of the stage that rings after steps."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter
+from dehyst.models.diagnosis.data import Data, Floats
+from dehyst.models.diagnosis.kernels import second_order
+from dehyst.models.model import Block
+
+
+class Resonance(Candidate):
+    """x (1 - share) + share * mode(x), mode = w^2 / (s^2 + 2 z w s + w^2)."""
+
+    name = "resonance"
+    title = "Resonance"
+    equation = "w^2 / (s^2 + 2 z w s + w^2) on a share of the stroke"
+    source = "mass on the stack's and the guide's stiffness"
+    typical = "70 Hz loaded to some kHz, damping 0.005 to 0.05"
+    revealed_by = "steps, or a sweep towards the frequency"
+    confused_with = ("delay", "lag")
+    order = 30
+    mode = "output"
+    repeatable = True
+
+    def __init__(self, data: Data, number: int = 0) -> None:
+        self.key = "resonance" if number == 0 else f"resonance-{number + 1}"
+        self.order = 30 + number
+        rate = 1.0 / data.period
+        longest = float(data.t.max() - data.t.min())
+        self.parameters = (
+            Parameter("frequency_hz", "Hz", max(4.0 / longest, 1e-3 * rate), 1.5 * rate),
+            Parameter("damping", "1", 5e-4, 1.2),
+            Parameter("share", "1", 0.005, 1.3, log=True),
+        )
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        rate = 1.0 / data.period
+        out = [(f * rate, 0.1, 1.0) for f in (0.04, 0.1, 0.25)]
+        for f in _peaks(data, residual):
+            out = [(f, z, s) for z, s in ((0.02, 1.0), (0.1, 1.0), (0.02, 0.1))] + out
+        return out
+
+    def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
+        f, z, share = theta
+        mode = second_order(x, 2 * np.pi * f * data.dt, z, data.starts)
+        return (1.0 - share) * x + share * mode
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        f, z, share = (float(v) for v in theta)
+        return (Block("resonance", "stage", {"frequency_hz": f, "damping": z, "share": share}),)
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        f, z = values["frequency_hz"][0], values["damping"][0]
+        return (
+            f"The stage rings at {f:.4g} Hz (damping {z:.2g}) after every quick move; shape the "
+            "moves, add damping, or put a notch at this frequency."
+        )
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        if theta[1] > 0.4:
+            return "damping above 0.4 does not ring: a lag or a delay does the same"
+        return ""
+
+
+def _peaks(data: Data, residual: Floats, count: int = 2) -> list[float]:
+    """Frequencies where the residual's smoothed spectrum stands out most, per bin."""
+    best: list[tuple[float, float]] = []
+    for p in np.unique(data.part):
+        e = residual[(data.part == p)]
+        if e.size < 512:
+            continue
+        spectrum = np.abs(np.fft.rfft((e - e.mean()) * np.hanning(e.size))) ** 2
+        group = max(1, spectrum.size // 256)
+        m = spectrum.size // group
+        smooth = spectrum[: m * group].reshape(m, group).mean(axis=1)
+        f = (np.arange(m) + 0.5) * group / (e.size * float(data.dt[data.part == p][0]))
+        floor = np.median(smooth) + 1e-30
+        local = smooth / floor
+        inner = np.arange(3, m - 2)
+        top = inner[(smooth[inner] >= smooth[inner - 1]) & (smooth[inner] >= smooth[inner + 1])]
+        best += [(float(local[i] * e.size), float(f[i])) for i in top]
+    best.sort(reverse=True)
+    out: list[float] = []
+    for _, f in best:
+        if all(abs(np.log(f / g)) > 0.15 for g in out):
+            out.append(f)
+        if len(out) == count:
+            break
+    return out
+
+
+def candidates(data: Data) -> list[Candidate]:
+    return [Resonance(data, k) for k in range(3)]

@@ -1,0 +1,272 @@
+"""Joint refits: the base and every effect at once, nonlinear parameters by variable projection.
+
+The drive passes the effects' drive parts, the rich base makes columns of it, the effects' output
+parts filter them, additive columns and one offset per recording join, and the linear weights
+follow from ridge-regularised normal equations. Nonlinear parameters follow by Gauss-Newton on
+the projected residual (Golub and Pereyra 1973, in Kaufman's 1975 approximation: the derivative
+at fixed weights, projected off the columns).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from dehyst.models.diagnosis.base import Base
+from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter
+from dehyst.models.diagnosis.data import Bools, Data, Floats
+
+RIDGE = 1e-8  # of the columns' mean square: far below the noise, keeps the weights bounded
+BOUND_MARGIN = 0.02  # of the (log) range: closer to a bound counts as on it
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A candidate with the values of its nonlinear parameters."""
+
+    candidate: Candidate
+    theta: tuple[float, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Parameters of theta."""
+        return self.candidate.params_at(self.theta)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A joint fit. Arrays over all samples (N,); sums over the counted rows."""
+
+    effects: tuple[Effect, ...]
+    weights: Floats  # (width,) of the base's columns
+    offsets: Floats  # (recordings,)
+    amplitudes: tuple[Floats, ...]  # per effect, of its additive columns
+    prediction: Floats
+    sse: float
+    cov: Floats  # inverse of the normal matrix, times noise variance: covariance of all weights
+    design: Floats = field(repr=False)  # (N, columns): offsets, base, additive
+    theta_cov: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    jacobian: Floats = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+
+    def residual(self, data: Data) -> Floats:
+        """Measured minus predicted (N,)."""
+        return data.y - self.prediction
+
+    @property
+    def effect_names(self) -> tuple[str, ...]:
+        """Keys of the effects."""
+        return tuple(e.candidate.key for e in self.effects)
+
+
+def _ordered(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    return tuple(sorted(effects, key=lambda e: e.candidate.order))
+
+
+def drive_behind(data: Data, effects: Sequence[Effect]) -> Floats:
+    """Drive (N,) that reaches the hysteresis."""
+    v = data.u
+    for e in effects:
+        if e.candidate.mode == "drive":
+            v = e.candidate.drive(data, v, e.theta)
+    return v
+
+
+def behind_output(data: Data, effects: Sequence[Effect], x: Floats) -> Floats:
+    """Columns (N, k) behind the effects that act on the hysteresis' output."""
+    for e in effects:
+        if e.candidate.mode == "output":
+            x = e.candidate.output(data, x, e.theta)
+    return x
+
+
+@dataclass
+class Problem:
+    """Data and base of one diagnosis, with what the fits share."""
+
+    data: Data
+    base: Base
+    ridge: float = RIDGE
+
+    def __post_init__(self) -> None:
+        count = len(self.data.names)
+        self.offset_columns = (self.data.rec[:, None] == np.arange(count)[None, :]).astype(float)
+        self.row_index = np.flatnonzero(self.data.rows)
+        self.all_rows = bool(self.data.rows.all())
+
+    def counted(self, x: Floats) -> Floats:
+        """The rows that count."""
+        return x if self.all_rows else x[self.row_index]
+
+    def solve(
+        self, effects: Sequence[Effect], output: Floats | None = None, rows: Bools | None = None
+    ) -> Fitted:
+        """Linear weights at fixed nonlinear parameters.
+
+        output: hysteresis' output (N,) of an earlier fit, for columns that depend on it; None:
+        the reading stands in. rows: (N,) counted rows instead of all.
+        """
+        data = self.data
+        effects = _ordered(effects)
+        v = drive_behind(data, effects)
+        columns = behind_output(data, effects, self.base.columns(v, data.starts))
+        context = Context(v, data.y if output is None else output)
+        extra = [
+            e.candidate.columns(data, context, e.theta)
+            if e.candidate.mode == "columns"
+            else np.zeros((data.n, 0))
+            for e in effects
+        ]
+        x = np.concatenate([self.offset_columns, columns, *extra], axis=1)
+        used = data.rows if rows is None else rows
+        xr, yr = (x, data.y) if used.all() else (x[used], data.y[used])
+        gram, moment = xr.T @ xr, xr.T @ yr
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
+        penalty = np.full(scale.size, self.ridge)
+        penalty[: len(data.names)] = 0.0
+        normed = gram / np.outer(scale, scale) + np.diag(penalty + 1e-13)
+        try:
+            factor = cho_factor(normed, lower=True)
+            w = cho_solve(factor, moment / scale) / scale
+            cov = cho_solve(factor, np.eye(scale.size)) / np.outer(scale, scale)
+        except LinAlgError:
+            pinv = np.linalg.pinv(normed, rcond=1e-12, hermitian=True)
+            w = pinv @ (moment / scale) / scale
+            cov = pinv / np.outer(scale, scale)
+        prediction = x @ w
+        sse = float(np.sum(self.counted(data.y - prediction) ** 2))
+        k = len(data.names)
+        weights = w[k : k + self.base.width]
+        amplitudes, at = [], k + self.base.width
+        for block in extra:
+            amplitudes.append(w[at : at + block.shape[1]])
+            at += block.shape[1]
+        return Fitted(effects, weights, w[:k], tuple(amplitudes), prediction, sse, cov, x)
+
+    def simulate(self, fitted: Fitted, effects: Sequence[Effect], output: Floats) -> Floats:
+        """Prediction (N,) at other nonlinear parameters and the same weights."""
+        data = self.data
+        v = drive_behind(data, effects)
+        h = self.base.combine(v, data.starts, fitted.weights)
+        y = behind_output(data, effects, h[:, None])[:, 0] + self.offset_columns @ fitted.offsets
+        context = Context(v, output)
+        for e, a in zip(effects, fitted.amplitudes, strict=True):
+            if e.candidate.mode == "columns":
+                y = y + e.candidate.columns(data, context, e.theta) @ a
+        return y
+
+    def output_of(self, fitted: Fitted) -> Floats:
+        """The stage's displacement (N,) without offsets and additive parts."""
+        k = len(self.data.names)
+        return fitted.design[:, k : k + self.base.width] @ fitted.weights
+
+    def project(self, fitted: Fitted, x: Floats) -> Floats:
+        """x (N, k) less its part that the columns of a fit can make."""
+        xr = self.counted(x)
+        dr = self.counted(fitted.design)
+        return x - fitted.design @ (fitted.cov @ (dr.T @ xr))
+
+    def refit(
+        self,
+        effects: Sequence[Effect],
+        steps: int = 8,
+        tolerance: float = 2e-4,
+        start: Fitted | None = None,
+    ) -> Fitted:
+        """Joint fit of everything, nonlinear parameters by damped Gauss-Newton in bounds."""
+        effects = _ordered(effects)
+        best = self.solve(effects, None if start is None else self.output_of(start))
+        if any(e.candidate.mode == "columns" for e in effects):
+            best = self.solve(effects, self.output_of(best))
+        if not any(e.theta for e in effects):
+            return best
+        damping = 1e-3
+        for _ in range(steps):
+            out = self.output_of(best)
+            p, jac = self.jacobian(best, out)
+            projected = self.counted(self.project(best, jac))
+            residual = self.counted(self.data.y - best.prediction)
+            a = projected.T @ projected
+            g = projected.T @ residual
+            diag = np.diag(np.maximum(np.diag(a), 1e-9 * max(float(np.diag(a).max()), 1e-30)))
+            improved = False
+            for _ in range(4):
+                move = np.linalg.solve(a + damping * diag, g)
+                trial_effects = moved(best.effects, p, np.clip(move, -1.5, 1.5))
+                trial = self.solve(trial_effects, out)
+                if trial.sse < best.sse:
+                    gain = best.sse - trial.sse
+                    best, improved = trial, True
+                    damping = max(damping * 0.2, 1e-9)
+                    break
+                damping = max(damping * 10, 1e-3)
+            if not improved or gain < tolerance * best.sse:
+                break
+        return best
+
+    def jacobian(self, fitted: Fitted, output: Floats) -> tuple[Floats, Floats]:
+        """Internal parameters (p,) and derivative (N, p) of the prediction at fixed weights."""
+        p = internal(fitted.effects)
+        here = self.simulate(fitted, fitted.effects, output)
+        jac = np.empty((self.data.n, p.size))
+        for i in range(p.size):
+            step = np.zeros(p.size)
+            step[i] = 1e-3
+            there = moved(fitted.effects, p, step)
+            actual = internal(there)[i] - p[i]
+            if abs(actual) < 1e-6:  # on the upper bound: step back
+                there = moved(fitted.effects, p, -step)
+                actual = internal(there)[i] - p[i]
+            if abs(actual) < 1e-9:
+                jac[:, i] = 0.0
+                continue
+            jac[:, i] = (self.simulate(fitted, there, output) - here) / actual
+        return p, jac
+
+    def with_intervals(self, fitted: Fitted, sigma: float) -> Fitted:
+        """The same fit with Jacobian and covariance of its internal nonlinear parameters."""
+        if not any(e.theta for e in fitted.effects):
+            return fitted
+        _, jac = self.jacobian(fitted, self.output_of(fitted))
+        projected = self.project(fitted, jac)
+        counted = self.counted(projected)
+        a = counted.T @ counted
+        cov = np.linalg.pinv(a + 1e-12 * np.trace(a) * np.eye(a.shape[0])) * sigma**2
+        return replace(fitted, theta_cov=cov, jacobian=projected)
+
+
+def internal(effects: Sequence[Effect]) -> Floats:
+    """Nonlinear parameters of all effects, logarithms where they are searched so, else scaled
+    by their range so that a step of one is large."""
+    out = []
+    for e in effects:
+        for p, v in zip(e.parameters, e.theta, strict=True):
+            out.append(np.log(v) if p.log else (v - p.low) / (p.high - p.low))
+    return np.array(out, dtype=float)
+
+
+def moved(effects: Sequence[Effect], p: Floats, step: Floats) -> tuple[Effect, ...]:
+    """Effects with their internal parameters p moved by step, held in their bounds."""
+    out, i = [], 0
+    for e in effects:
+        theta = []
+        for par in e.parameters:
+            value = p[i] + step[i]
+            value = float(np.exp(value)) if par.log else par.low + value * (par.high - par.low)
+            theta.append(min(max(value, par.low), par.high))
+            i += 1
+        out.append(replace(e, theta=tuple(theta)))
+    return tuple(out)
+
+
+def on_bound(effect: Effect) -> list[str]:
+    """Keys of parameters that stand on a bound: not identified."""
+    out = []
+    for p, v in zip(effect.parameters, effect.theta, strict=True):
+        if p.log:
+            at = np.log(v / p.low) / np.log(p.high / p.low)
+        else:
+            at = (v - p.low) / (p.high - p.low)
+        if not BOUND_MARGIN < at < 1 - BOUND_MARGIN:
+            out.append(p.key)
+    return out

@@ -1,0 +1,47 @@
+"""The noise floor of the displacement reading.
+
+From the fourth difference of the residual, which removes everything smooth and leaves white
+noise (D. Donoho's robust median rule on a high-pass). Lines and ringing above a quarter of the
+sampling rate are rejected by medians over time and over frequency.
+"""
+
+import numpy as np
+
+from dehyst.models.diagnosis.data import Data, Floats
+
+SEGMENT = 256
+
+
+def noise_rms(data: Data, residual: Floats) -> float:
+    """Rms of the white part of a residual (N,), in displacement units.
+
+    The upper two thirds of the band of windowed segments: the median over time of each
+    frequency, then the median over frequencies, so that fixed lines, ringing and moves do not
+    count. Never zero: a quarter of the
+    reading's resolution at least.
+    """
+    powers = []
+    window = np.hanning(SEGMENT)
+    norm = float((window**2).sum())
+    for p in np.unique(data.part):
+        e = residual[data.part == p]
+        for a in range(0, e.size - SEGMENT + 1, SEGMENT // 2):
+            x = e[a : a + SEGMENT]
+            slope = np.linspace(-0.5, 0.5, SEGMENT)
+            x = x - x.mean() - slope * (12.0 * float((x * slope).mean()))
+            powers.append(np.abs(np.fft.rfft(x * window)) ** 2 / norm)
+    floor = 0.25 * _resolution(data.y)
+    if not powers:
+        d = np.diff(residual, 4)
+        return max(floor, float(1.4826 * np.median(np.abs(d)) / np.sqrt(70.0)))
+    spectra = np.array(powers)[:, 2 * SEGMENT // 6 :]
+    # exponential statistics: median = ln 2 times the mean
+    by_line = np.median(spectra, axis=0) / np.log(2.0)
+    return max(floor, float(np.sqrt(np.median(by_line))), 1e-12)
+
+
+def _resolution(y: Floats) -> float:
+    """Smallest step of the reading that occurs."""
+    steps = np.diff(np.unique(y[: min(y.size, 20000)]))
+    steps = steps[steps > 1e-9 * max(1.0, float(np.abs(y).max()))]
+    return float(steps.min()) if steps.size else 0.0
