@@ -1,0 +1,42 @@
+# Two commands need nothing but Python 3.11 and make: `make demo` and `make test`.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+ROUND ?= ../shared/concealed/round-1
+
+.PHONY: demo test check lint types contracts concealed proof bench fuzz clean
+
+demo: $(READY)
+	$(BIN)/dehyst demo
+
+test: $(READY)
+	$(BIN)/python -m pytest
+
+check: lint types contracts test
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(READY)
+	$(BIN)/mypy
+
+contracts: $(READY)
+	$(BIN)/lint-imports
+
+concealed: $(READY)
+	$(BIN)/python tests/concealed/make_answers.py $(ROUND)
+
+proof: $(READY)
+	$(BIN)/python tests/benchmarks/proof.py
+
+$(READY): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "dehyst needs Python 3.11 or later")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	touch $(READY)
+
+clean:
+	rm -rf $(VENV) build dist src/*.egg-info out .pytest_cache .mypy_cache .ruff_cache
