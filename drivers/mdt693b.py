@@ -51,7 +51,9 @@ COMPATIBLE |= {"min": "{axis}L?", "max": "{axis}H?"}
 
 
 class Mdt693b:
-    """One axis of an MDT693B (an Actuator). Settings: see Mdt693bConfig.
+    """Thorlabs MDT693B or MDT694B piezo amplifier on a serial port, one axis.
+
+    An Actuator; its settings are those of Mdt693bConfig.
 
     timing: durations of write(); `spec.latency_s` (median) and `spec.max_rate_hz` (from the
     90th percentile) are measured at open() with harmless queries and from then on with the
@@ -213,6 +215,9 @@ class Mdt693b:
                 "would be true; switch it off on the unit (msenable=0)"
             )
         self.spec = replace(self.spec, minimum=minimum, maximum=min(limits))
+        # The answers so far say what the unit is; this one proves that none is outstanding.
+        link.in_step = False
+        link.get_in_step()
         if self.config.rate_hz is None:
             timing = CallTimes()
             for _ in range(TIMED_QUERIES):

@@ -1,0 +1,109 @@
+"""Driver plugins: found by entry points, loaded when they are asked for.
+
+A package adds a driver with an entry point in its own pyproject.toml:
+
+    [project.entry-points."dehyst.actuators"]
+    myamp = "mypackage.amplifier:MyAmp"
+
+The class fulfils Actuator or Sensor (dehyst.drivers.interface); dehyst.drivers.contract holds the
+tests that prove it. A plugin that cannot be loaded is listed with its error, never dropped.
+"""
+
+import inspect
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+
+from dehyst.drivers.interface import Actuator, DriverConfigError, Sensor
+
+ACTUATORS = "dehyst.actuators"
+SENSORS = "dehyst.sensors"
+KINDS = {ACTUATORS: "actuator", SENSORS: "sensor"}
+METHODS = {
+    ACTUATORS: ("from_settings", "open", "write", "output", "reconnect", "close"),
+    SENSORS: ("from_settings", "open", "read", "reconnect", "close"),
+}
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """One driver that was found. kind: "actuator" or "sensor"; where: "module:Class"; package:
+    the distribution it comes with and its version; summary: first line of its documentation;
+    error: why it cannot be used, "" if it can."""
+
+    name: str
+    kind: str
+    where: str
+    package: str
+    summary: str
+    error: str
+
+
+def list_plugins() -> list[Plugin]:
+    """Every driver of both kinds, by kind and name, the broken ones with their error. Loads
+    all of them."""
+    return [_describe(group, point) for group in KINDS for point in _points(group)]
+
+
+def load_actuator(name: str) -> type[Actuator]:
+    """The class of an actuator driver. Raises DriverConfigError when there is none of this name
+    (it lists those that exist) or when it cannot be loaded (with its error)."""
+    return _load(ACTUATORS, name)
+
+
+def load_sensor(name: str) -> type[Sensor]:
+    """The class of a sensor driver; errors as in load_actuator."""
+    return _load(SENSORS, name)
+
+
+def _load(group: str, name: str) -> type:
+    points = _points(group)
+    chosen = [point for point in points if point.name == name]
+    if not chosen:
+        names = ", ".join(sorted({point.name for point in points})) or "none at all"
+        raise DriverConfigError(f"there is no {KINDS[group]} driver {name!r}; there are: {names}")
+    error = _clash(chosen[0], points)
+    if not error:
+        found, error = _try(group, chosen[0])
+        if found is not None:
+            return found
+    raise DriverConfigError(
+        f"the {KINDS[group]} driver {name!r} ({chosen[0].value}) cannot be used: {error}"
+    )
+
+
+def _points(group: str) -> list[EntryPoint]:
+    """Entry points of a group, each once (an editable install may list its own twice)."""
+    unique = {(p.name, p.value): p for p in entry_points(group=group)}
+    return [unique[key] for key in sorted(unique)]
+
+
+def _describe(group: str, point: EntryPoint) -> Plugin:
+    error = _clash(point, _points(group))
+    found, fault = _try(group, point)
+    if found is None:
+        summary = ""
+    else:
+        text = inspect.getdoc(found) or inspect.getdoc(inspect.getmodule(found)) or ""
+        summary = " ".join(text.split("\n\n")[0].split())
+    package = f"{point.dist.name} {point.dist.version}" if point.dist else "unknown"
+    return Plugin(point.name, KINDS[group], point.value, package, summary, error or fault)
+
+
+def _clash(point: EntryPoint, points: Iterable[EntryPoint]) -> str:
+    others = [p.value for p in points if p.name == point.name and p.value != point.value]
+    return f"the name is also taken by {', '.join(others)}" if others else ""
+
+
+def _try(group: str, point: EntryPoint) -> tuple[type | None, str]:
+    """The class behind an entry point, or why there is none."""
+    try:
+        found = point.load()
+    except Exception as error:  # whatever a plugin raises while it is imported
+        return None, f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if not isinstance(found, type):
+        return None, f"it is a {type(found).__name__}, not a class"
+    missing = [name for name in METHODS[group] if not callable(getattr(found, name, None))]
+    if missing:
+        return None, f"it lacks {', '.join(missing)} of the {KINDS[group]} interface"
+    return found, ""

@@ -1,0 +1,40 @@
+"""The MDT693B driver against the contract of every actuator, on each firmware's emulator."""
+
+from pathlib import Path
+
+import pytest
+
+from dehyst.drivers.contract import ActuatorContract
+from dehyst.drivers.mdt693b import Mdt693b
+from dehyst.drivers.mdt693b_emulator import Mdt693bEmulator
+from dehyst.drivers.mdt693b_unit import Mdt693bKnobs
+
+
+class _Mdt693bContract(ActuatorContract):
+    dialect = "1.10"
+
+    @pytest.fixture(autouse=True)
+    def _emulator(self, tmp_path: Path):
+        knobs = Mdt693bKnobs(dialect=self.dialect, latency_s=0.0, jitter_s=0.0, start_v=20.0)
+        with Mdt693bEmulator(tmp_path / "port", knobs) as self.emulator:
+            yield
+
+    def make(self) -> Mdt693b:
+        return Mdt693b.from_settings({"port": self.emulator.port, "idle_s": 0.01})
+
+    def true_output(self, device: Mdt693b) -> float:
+        return self.emulator.output_v("x")
+
+    def unplug(self, device: Mdt693b) -> None:
+        self.emulator.unplug()
+
+    def replug(self, device: Mdt693b) -> None:
+        self.emulator.plug()
+
+
+class TestLegacy(_Mdt693bContract):
+    dialect = "1.05"
+
+
+class TestModern(_Mdt693bContract):
+    dialect = "1.10"
