@@ -33,7 +33,7 @@ class Ksg101Knobs:
     model: str = "KSG101"
     max_travel_um: float = 20.0
     scale_error: float = 1.0
-    latency_s: float = 0.0005
+    latency_s: float = 0.0002
     smoothing_s: float = 0.05
     chunk_size: int = 0
     seed: int = 0

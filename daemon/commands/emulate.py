@@ -1,0 +1,150 @@
+"""an MDT693B and a KSG101 on pseudo terminals, with a simulated stage behind"""
+
+import argparse
+import dataclasses
+import os
+import signal
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import Any
+
+from dehyst.daemon import realtime
+from dehyst.drivers.bench import Bench, BenchSettings, covering_gauge, ready_line, run_bench
+from dehyst.drivers.mdt693b_dialects import DIALECTS
+from dehyst.drivers.mdt693b_unit import Mdt693bKnobs
+from dehyst.drivers.stage_settings import StageSettings
+from dehyst.models.errors import BadInput
+
+LATENCY_S = 0.0025
+"""Of an amplifier command: room for a 200 Hz loop that writes and reads in turn."""
+
+EPILOG = """\
+Prints one line of JSON with the paths of both ports and of the control socket when they can be
+opened, and runs until SIGTERM or Ctrl-C. Faults and changes go to the control socket, one JSON
+object a datagram, e.g. {"fault": "unplug", "for_s": 2} or {"stage": {"stroke_um": 15.0}}.
+
+example: dehyst emulate --dir /tmp/bench --dialect 1.05 --stage creep_gain_per_decade=0.02
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The command's arguments."""
+    knobs = Mdt693bKnobs()
+    parser.epilog = EPILOG
+    parser.add_argument(
+        "--dir", metavar="DIR", help="where the ports appear (default: a new temporary folder)"
+    )
+    parser.add_argument(
+        "--dialect",
+        choices=sorted(DIALECTS),
+        default=knobs.dialect,
+        help="firmware of the amplifier (default: %(default)s)",
+    )
+    parser.add_argument("--axis", choices=("x", "y", "z"), default="x", help="default: x")
+    parser.add_argument(
+        "--limit-v",
+        type=int,
+        choices=(75, 100, 150),
+        default=knobs.limit_v,
+        help="the amplifier's limit switch (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--start-v",
+        type=float,
+        default=0.0,
+        metavar="V",
+        help="the output that the amplifier recalls at power-on (default: 0)",
+    )
+    parser.add_argument(
+        "--latency-s",
+        type=float,
+        default=LATENCY_S,
+        metavar="S",
+        help="of the amplifier's replies (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--jitter-s",
+        type=float,
+        default=knobs.jitter_s,
+        metavar="S",
+        help="of the amplifier's replies (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--max-travel-um", type=float, metavar="UM", help="full scale of the gauge reader"
+    )
+    parser.add_argument(
+        "--stage",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="a setting of the stage, e.g. stroke_um=11.6; may be repeated",
+    )
+    parser.add_argument(
+        "--log", metavar="FILE", help="write the history of the output voltage (.npz or .csv)"
+    )
+
+
+def stage_settings(pairs: list[str]) -> StageSettings:
+    """Stage settings from KEY=VALUE words. Raises BadInput or DriverConfigError."""
+    table: dict[str, Any] = {}
+    for pair in pairs:
+        key, sign, text = pair.partition("=")
+        try:
+            table[key] = int(text) if key == "seed" else float(text)
+        except ValueError:
+            raise BadInput(f"--stage {pair}: write KEY=NUMBER") from None
+        if not sign:
+            raise BadInput(f"--stage {pair}: write KEY=NUMBER")
+    return StageSettings.from_mapping(table)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until SIGTERM or SIGINT."""
+    if os.environ.get("DEHYST_SUPERVISED"):
+        realtime.die_with_parent(signal.SIGTERM)
+    for name, low, high in (
+        ("latency_s", 0.0, 1.0),
+        ("jitter_s", 0.0, 1.0),
+        ("start_v", 0.0, float(args.limit_v)),
+    ):
+        if not low <= getattr(args, name) <= high:
+            raise BadInput(f"--{name.replace('_', '-')} must be from {low:g} to {high:g}")
+    stage = stage_settings(args.stage)
+    gauge = covering_gauge(stage)
+    if args.max_travel_um is not None:
+        if not 0 < args.max_travel_um <= 6500:
+            raise BadInput("--max-travel-um must be above 0 and at most 6500")
+        gauge = dataclasses.replace(gauge, max_travel_um=args.max_travel_um)
+    amplifier = Mdt693bKnobs(
+        dialect=args.dialect,
+        limit_v=args.limit_v,
+        latency_s=args.latency_s,
+        jitter_s=args.jitter_s,
+        start_v=args.start_v,
+    )
+    settings = BenchSettings(stage, amplifier, gauge, args.axis)
+    stop = threading.Event()
+
+    def started(bench: Bench) -> None:
+        def end(*_: object) -> None:
+            stop.set()
+            bench.amplifier.wake()
+
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, end)
+
+    def ready(ports: dict[str, str]) -> None:
+        print(ready_line(ports), flush=True)
+
+    with tempfile.TemporaryDirectory(prefix="dehyst-bench-") as fresh:
+        directory = Path(args.dir) if args.dir else Path(fresh)
+        log = Path(args.log) if args.log else None
+        try:
+            run_bench(directory, settings, stop, ready, started, log)
+        except OSError as error:
+            raise BadInput(f"emulate in {directory}: {error}") from None
+    if sys.stderr.isatty():
+        print("emulated bench ended", file=sys.stderr)
+    return 0
