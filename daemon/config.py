@@ -103,6 +103,8 @@ class SetpointConfig(_Strict, frozen=True):
     """Speed at which the stage moves to a trajectory's first point."""
     queue_s: Annotated[float, Meta(gt=0, le=600)] = 30.0
     """Seconds of trajectory that the daemon accepts ahead."""
+    lease_s: Annotated[float, Meta(ge=0.5, le=60)] = 3.0
+    """One client commands at a time; silent for so long, it makes way for the next."""
 
 
 class InverseConfig(_Strict, frozen=True):

@@ -121,6 +121,16 @@ class Ring:
         return int(_load(self.words, _HEAD))
 
     @property
+    def tail(self) -> int:
+        """How far the reader has read (see `taken`); survives the reader."""
+        return int(_load(self.words, _TAIL))
+
+    @property
+    def epoch(self) -> int:
+        """Number of this ring file: another one means that its writer was started anew."""
+        return int(self.words[_EPOCH])
+
+    @property
     def free(self) -> int:
         """Records that can be pushed before the reader would lose one (see `taken`)."""
         return self.capacity - (self.head - int(_load(self.words, _TAIL)))

@@ -1,0 +1,25 @@
+"""The network process alone (for systemd): zenoh on one side, the core's rings on the other."""
+
+import argparse
+import logging
+
+EPILOG = """It may be started before or after `dehyst core`, and restarted at any time: the loop
+does not notice. Ends on SIGTERM.
+
+example: dehyst gateway --config /etc/dehyst/stage.toml
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst gateway`."""
+    parser.epilog = EPILOG
+    parser.add_argument("--config", required=True, metavar="FILE", help="configuration (TOML)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Until SIGTERM or SIGINT."""
+    from dehyst.daemon.config import load_config
+    from dehyst.daemon.gateway import run_gateway
+
+    logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
+    return run_gateway(load_config(args.config))

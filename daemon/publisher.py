@@ -1,0 +1,174 @@
+"""From the rings to the bus: telemetry, status, events; and the history that clients may ask for.
+
+`tick` is called every `telemetry.batch_s` by one thread. Everything that was read is published;
+what the ring had overwritten before is counted, never hidden.
+"""
+
+import os
+from typing import Any
+
+import numpy as np
+
+from dehyst.daemon import clock, wire
+from dehyst.daemon.admission import Admission
+from dehyst.daemon.bus import Bus
+from dehyst.daemon.config import Config
+from dehyst.daemon.corelink import CoreLink
+from dehyst.daemon.history import History, runs
+from dehyst.daemon.keys import Keys
+from dehyst.daemon.messages import Event, GatewayStatus, Status
+from dehyst.daemon.records import STATUS, State
+from dehyst.daemon.reports import event_message, name_of, status_message
+from dehyst.daemon.topics import EVENT, TELEMETRY, subject
+from dehyst.daemon.topics import STATUS as STATUS_TOPIC
+
+SILENT_NS = 2_500_000_000
+"""A core that wrote nothing for so long is taken for dead or hanging."""
+LONGEST_BATCH = 4096
+
+
+class Publisher:
+    """Publishes one core's rings. units: (displacement, drive) of the model."""
+
+    def __init__(
+        self,
+        config: Config,
+        units: tuple[str, str],
+        bus: Bus,
+        keys: Keys,
+        link: CoreLink,
+        admission: Admission,
+        started_ns: int,
+    ) -> None:
+        self._config, self._units, self._link, self._admission = config, units, link, admission
+        self._telemetry = bus.sender(keys.pubsub(subject(TELEMETRY)), TELEMETRY)
+        self._status = bus.sender(keys.pubsub(subject(STATUS_TOPIC)), STATUS_TOPIC)
+        self._events = bus.sender(keys.pubsub(subject(EVENT)), EVENT)
+        self.history = History(round(config.telemetry.history_s * config.loop.rate_hz) + 1)
+        self._record: Any = np.zeros(1, STATUS)[0]
+        self._started_ns = self._heard_ns = self._said_ns = started_ns
+        self._published = self._lost = self._cores = 0
+
+    def tick(self, now_ns: int) -> None:
+        """Read the rings once and publish what is new."""
+        core = self._admission.core
+        if self._link.refresh():
+            self._attached(now_ns)
+        heard = self._pass_telemetry() | self._pass_status(now_ns)
+        self._pass_events()
+        if heard:
+            self._heard_ns = now_ns
+        alive = self._link.attached and self._cores > 0 and now_ns - self._heard_ns < SILENT_NS
+        if alive != core.alive:
+            core.alive = alive
+            self._tell(
+                now_ns,
+                1 if alive else 2,
+                "core",
+                "the loop's process is there"
+                if alive
+                else "the loop's process says nothing: ended, killed or hanging",
+            )
+            self._say(now_ns)
+        elif now_ns - self._said_ns >= 1.2 * clock.NS:
+            self._say(now_ns)
+
+    def status(self, now_ns: int) -> Status:
+        """The present status, also for those who ask."""
+        return status_message(
+            self._record,
+            self._config.name,
+            *self._units,
+            self.history.run,
+            self._admission.core.alive,
+            self._own_status(now_ns),
+        )
+
+    def _own_status(self, now_ns: int) -> GatewayStatus:
+        lease, history = self._admission.lease, self.history
+        held = lease.held(now_ns)
+        return GatewayStatus(
+            pid=os.getpid(),
+            uptime_s=(now_ns - self._started_ns) * 1e-9,
+            samples_published=self._published,
+            samples_lost=self._lost,
+            commands=self._admission.commands,
+            rejected=dict(self._admission.rejected),
+            lease_client=lease.client if held else 0,
+            lease_label=lease.label if held else "",
+            lease_left_s=lease.left_s(now_ns),
+            history_s=(history.end - history.first) * self._config.period_ns * 1e-9,
+            restarts_of_core=max(0, self._cores - 1),
+        )
+
+    def _attached(self, now_ns: int) -> None:
+        """A core, perhaps a new one. Its past fills the history; publishing goes on where the
+        ring says that the gateway before this one had stopped."""
+        link = self._link
+        self._cores += 1
+        self._heard_ns = now_ns
+        self.history.restart(link.run)
+        self.history.add(link.before("telemetry", self.history.capacity))
+        last = link.before("status", 1)
+        if last.size:
+            self._take_status(last[-1])
+        self._admission.resume(link.newest_point())
+
+    def _pass_telemetry(self) -> bool:
+        samples, lost = self._link.read("telemetry")
+        self._lost += lost
+        if not samples.size:
+            return False
+        wall_offset_ns = clock.wall_ns() - clock.monotonic_ns()
+        unit = self._units[0]
+        for piece in runs(samples, LONGEST_BATCH):
+            message = wire.batch(piece, self.history.run, unit, wall_offset_ns)
+            self._telemetry.put(wire.encode(message))
+        self._link.taken("telemetry")
+        self.history.add(samples)
+        self._published += samples.size
+        core = self._admission.core
+        core.telemetry_seq = int(samples["seq"][-1])
+        core.state = State(int(samples["state"][-1]))
+        return True
+
+    def _pass_status(self, now_ns: int) -> bool:
+        records, _ = self._link.read("status")
+        if not records.size:
+            return False
+        self._link.taken("status")
+        for record in records[-8:]:  # each change of state is told, also within one tick
+            self._take_status(record)
+            self._say(now_ns)
+        return True
+
+    def _take_status(self, record: Any) -> None:
+        self._record, core = record, self._admission.core
+        core.state = State(int(record["state"]))
+        core.reach = (float(record["reach_min"]), float(record["reach_max"]))
+        core.period_ns = int(record["period_ns"])
+        core.trajectory = int(record["trajectory"])
+        core.trajectory_done = bool(record["trajectory_done"])
+        core.queue_s, core.status_ns = float(record["queue_s"]), int(record["time_ns"])
+
+    def _pass_events(self) -> None:
+        records, _ = self._link.read("event")
+        for record in records:
+            self._events.put(wire.encode(event_message(record)))
+        if records.size:
+            self._link.taken("event")
+
+    def _tell(self, now_ns: int, level: int, code: str, text: str) -> None:
+        """An event of the gateway's own."""
+        event = Event(time_ns=now_ns, wall_ns=clock.wall_ns(), level=level, code=code, text=text)
+        self._events.put(wire.encode(event))
+
+    def _say(self, now_ns: int) -> None:
+        self._said_ns = now_ns
+        self._status.put(wire.encode(self.status(now_ns)))
+
+    def summary(self) -> str:
+        """One line for systemctl status."""
+        core = self._admission.core
+        state = name_of(State, core.state) if core.alive else "no loop"
+        return f"{state}, {self._published} samples published, {self._lost} lost"
