@@ -16,6 +16,7 @@ from dehyst.models.model import Model
 
 REPLAY_SAMPLES = 20_000
 OUTPUT_AGREES_V = 1.0  # an MDT693B's readback is off by up to 0.3 V
+REMANENCE = 0.2  # of the range: how far the loop may stay off the virgin stage's zero
 SPARE = 0.8  # share of the period that device calls may take
 
 
@@ -30,7 +31,9 @@ def origin(choice: str | float, low: float, high: float) -> float:
     """Model displacement at set-point 0 (see SetpointConfig.origin)."""
     if not isinstance(choice, str):
         return float(choice)
-    if choice == "mid-range" or (choice == "auto" and not low <= 0.0 <= high):
+    margin = REMANENCE * (high - low)
+    arbitrary = not low - margin <= 0.0 <= high + margin
+    if choice == "mid-range" or (choice == "auto" and arbitrary):
         return 0.5 * (low + high)
     return 0.0
 
