@@ -12,6 +12,8 @@ from dehyst.models.errors import BadInput
 from dehyst.models.forward import forward_step
 from dehyst.models.model import Block, Floats, Model
 
+SHAPES = ("shape", "memory")  # rate-independent parts that read the drive and add to the base
+
 
 class Parts(NamedTuple):
     """drive: (N,) as it reaches the hysteresis; hysteresis: (N,) its displacement (with shape
@@ -81,7 +83,7 @@ def simulate_parts(
         raise BadInput("times must be strictly increasing")
     if not np.all(np.isfinite(u)) or not np.all(np.isfinite(t)):
         raise BadInput("the drive has values that are not finite; simulate its whole pieces")
-    shapes = [b for b in model.blocks if b.kind == "shape"]
+    shapes = [b for b in model.blocks if b.kind in SHAPES]
     for block in (b for b in model.blocks if b.place == "drive"):
         u = _block(model, block, u, t, channels)
     h = model.hysteresis
@@ -90,7 +92,7 @@ def simulate_parts(
     for block in shapes:
         y = y + _block(model, block, u, t, channels)
     stage = y
-    for block in (b for b in model.blocks if b.place == "stage" and b.kind != "shape"):
+    for block in (b for b in model.blocks if b.place == "stage" and b.kind not in SHAPES):
         stage = _block(model, block, stage, t, channels)
     reading = stage
     for block in (b for b in model.blocks if b.place == "sensor"):

@@ -14,6 +14,7 @@ from dehyst.models.blocks import (
     drift,
     hum,
     lag,
+    memory,
     polynomial,
     resonance,
     shape,
@@ -41,6 +42,7 @@ REGISTRY: dict[str, Kind] = {
         hum,
         polynomial,
         shape,
+        memory,
     )
 }
 

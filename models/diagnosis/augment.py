@@ -4,11 +4,13 @@ The hysteresis is the compact monotone one (non-negative play weights, for the i
 block carries what the rich base knows beyond it; the accepted effects are the other blocks.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import nnls
 
 from dehyst.models.diagnosis.data import Floats
-from dehyst.models.diagnosis.fit import Fitted, Problem, drive_behind
+from dehyst.models.diagnosis.fit import Fitted, Problem, behind_output, drive_behind
 from dehyst.models.diagnosis.kernels import plays
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 
@@ -28,18 +30,23 @@ def compact(problem: Problem, fitted: Fitted) -> Hysteresis:
     b, _ = nnls(factor.T, np.linalg.solve(factor, sign * (a.T @ (target - mean_y))))
     b[0] = max(b[0], 1e-3 * float(b.sum()))
     b *= sign
-    c0 = mean_y - float(mean_h @ b) + float(fitted.offsets.mean())
-    return Hysteresis(r=r, b=b, c=[c0, 1.0], u_offset=base.low)
+    settled = behind_output(data, fitted.effects, np.ones((data.n, 1)))[0, 0]  # their gain at rest
+    c0 = mean_y - float(mean_h @ b) + float(fitted.offsets.mean()) / settled
+    return Hysteresis(r=r, b=b, c=np.array([c0, 1.0]), u_offset=base.low)
 
 
 def augmented(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> Model:
     """Model with the shape and the effects as blocks."""
     data = problem.data
-    blocks = [_shape(problem, fitted, hysteresis)]
+    shape, constant = _shape(problem, fitted, hysteresis)
+    settled = behind_output(data, fitted.effects, np.ones((data.n, 1)))[0, 0]
+    c0 = constant + float(fitted.offsets.mean()) / settled
+    hysteresis = replace(hysteresis, c=np.array([c0, 1.0]))
+    blocks = [shape, _memory(problem, fitted)]
     for effect, amplitudes in zip(fitted.effects, fitted.amplitudes, strict=True):
         blocks.extend(effect.candidate.blocks(effect.theta, amplitudes, data))
     rank = {"drive": 0, "stage": 1, "sensor": 2}
-    blocks.sort(key=lambda b: rank[b.place] if b.kind != "shape" else 0.5)
+    blocks.sort(key=lambda b: 0.5 if b.kind in ("shape", "memory") else rank[b.place])
     rate = np.abs(np.diff(data.u)) / data.dt[1:]
     rate = rate[~data.starts[1:]]
     validity = Validity(
@@ -51,11 +58,11 @@ def augmented(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> Model
     return Model(hysteresis, validity, data.drive_unit, data.unit, tuple(blocks))
 
 
-def _shape(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> Block:
+def _shape(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> tuple[Block, float]:
     """The rich base less the compact hysteresis, in plays from 0 upwards.
 
     The rich base's columns are powers of h = H - 1 with H the play of the drive scaled to 0..2;
-    powers of H follow by the binomial rule, constants go into the model's offset.
+    powers of H follow by the binomial rule; returns the block and the constant that is left.
     """
     base, w = problem.base, fitted.weights
     n = base.thresholds.size
@@ -65,14 +72,35 @@ def _shape(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> Block:
     e1 = w1 - 2 * w2 + 3 * w3 - hysteresis.b * half
     e2 = w2 - 3 * w3
     params: dict[str, float | tuple[float, ...]] = {
-        "thresholds_v": _tuple(base.thresholds * base.span),
+        f"thresholds_{problem.data.drive_unit}": _tuple(base.thresholds * base.span),
         "weights_1": _tuple(e1),
         "weights_2": _tuple(e2),
         "weights_3": _tuple(w3),
-        "scale_v": half,
-        "center_v": base.low,
+        f"scale_{problem.data.drive_unit}": half,
+        f"center_{problem.data.drive_unit}": base.low,
     }
-    return Block("shape", "stage", params)
+    return Block("shape", "stage", params), float(np.sum(-w1 + w2 - w3))
+
+
+def _memory(problem: Problem, fitted: Fitted) -> Block:
+    """The Dahl columns and the high powers of the rich base; their order is the base's."""
+    base, unit = problem.base, problem.data.drive_unit
+    m = base.lengths.size
+    w = fitted.weights[3 * base.thresholds.size :]
+    z, zx, zz, zxx, zzz = (w[k * m : (k + 1) * m] for k in range(5))
+    params: dict[str, float | tuple[float, ...]] = {
+        f"lengths_{unit}": _tuple(base.lengths * base.span),
+        "weights_1": _tuple(z),
+        "weights_2": _tuple(zx),
+        "weights_3": _tuple(zxx),
+        "weights_4": _tuple(zz),
+        "weights_5": _tuple(zzz),
+        "power_4": float(w[5 * m]),
+        "power_5": float(w[5 * m + 1]),
+        f"scale_{unit}": 0.5 * base.span,
+        f"center_{unit}": base.low + 0.5 * base.span,
+    }
+    return Block("memory", "stage", params)
 
 
 def _tuple(x: Floats) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dehyst.models.diagnosis.candidates import library
 from dehyst.models.diagnosis.candidates.interface import Candidate, Context
-from dehyst.models.diagnosis.data import Data, Floats
+from dehyst.models.diagnosis.data import Floats
 from dehyst.models.diagnosis.fit import Effect, Fitted, Problem, _ordered
 
 MAX_EFFECTS = 5

@@ -10,7 +10,7 @@ from dehyst.models.diagnosis.base import rich_base
 from dehyst.models.diagnosis.crossval import by_blocks
 from dehyst.models.diagnosis.data import Data, Floats, prepare
 from dehyst.models.diagnosis.decide import Search, excess, search
-from dehyst.models.diagnosis.fit import Fitted, Problem
+from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.noise import noise_rms
 from dehyst.models.diagnosis.result import Diagnosis, Finding, Value, View
 from dehyst.models.forward import simulate
@@ -71,11 +71,14 @@ def _conclude(problem: Problem, found: Search, model: Model | None, say: Progres
         "augmented": _by_recording(data, final.prediction),
         "heldout_base": float(np.sqrt(held_null.mean_square)),
         "heldout_augmented": float(np.sqrt(held_final.mean_square)),
+        "excess_first": float(at_first),
+        "excess_left": float(left),
     }
     say("done", 1.0)
     return Diagnosis(
-        verdict, sigma, data.unit, data.drive_unit, findings, (), rms, "", whole, base, views, {}
-    )
+        verdict, sigma, data.unit, data.drive_unit, findings, (), rms, "", whole, base, views, {},
+        tuple(_tried(problem, found)),
+    )  # fmt: skip
 
 
 def _findings(problem: Problem, found: Search) -> list[Finding]:
@@ -99,6 +102,15 @@ def _findings(problem: Problem, found: Search) -> list[Finding]:
         )  # fmt: skip
     out.sort(key=lambda f: -f.share)
     return out
+
+
+def _tried(problem: Problem, found: Search) -> list[dict[str, float]]:
+    """For each round: root mean square that each candidate's refit removes."""
+    n = int(problem.data.rows.sum())
+    return [
+        {t.candidate.key: float(np.sqrt(max(t.gain, 0.0) / n)) for t in trials}
+        for trials in found.rounds
+    ]
 
 
 def _unknown(left: float, at_first: float) -> Finding:

@@ -156,9 +156,10 @@ class Problem:
         return y
 
     def output_of(self, fitted: Fitted) -> Floats:
-        """The stage's displacement (N,) without offsets and additive parts."""
+        """The stage's displacement (N,) without additive parts, with the mean offset."""
         k = len(self.data.names)
-        return fitted.design[:, k : k + self.base.width] @ fitted.weights
+        inner = fitted.design[:, k : k + self.base.width] @ fitted.weights
+        return inner + float(fitted.offsets.mean())
 
     def project(self, fitted: Fitted, x: Floats) -> Floats:
         """x (N, k) less its part that the columns of a fit can make."""

@@ -2,8 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from dehyst.models.diagnosis.candidates.interface import Candidate, Context
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.model import Block
@@ -23,23 +21,25 @@ class Coupling(Candidate):
     order = 60
     driven = False
 
-    def __init__(self, channel: str) -> None:
+    def __init__(self, channel: str, reference: float) -> None:
         self.channel = channel
         self.key = f"coupling-{channel}"
         self.title = f"Coupling from {channel}"
+        self.reference = reference
         self.unit = channel.rsplit("_", 1)[-1]
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
-        c = data.channels[self.channel]
-        return (c - c.mean())[:, None]
+        return (data.channels[self.channel] - self.reference)[:, None]
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         return {"gain_um_per_unit": (float(amplitudes[0]), f"um/{self.unit}")}
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        return (
-            Block("coupling", "stage", {"gain_um_per_unit": float(amplitudes[0])}, self.channel),
-        )
+        params: dict[str, float | tuple[float, ...]] = {
+            f"gain_{data.unit}_per_unit": float(amplitudes[0]),
+            "reference": self.reference,
+        }
+        return (Block("coupling", "stage", params, self.channel),)
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         g = values["gain_um_per_unit"][0]
@@ -51,5 +51,7 @@ class Coupling(Candidate):
 
 def candidates(data: Data) -> list[Candidate]:
     return [
-        Coupling(c) for c in data.channels if not c.startswith(NOT_A_CAUSE) and c != data.drive_key
+        Coupling(c, float(data.channels[c].mean()))
+        for c in data.channels
+        if not c.startswith(NOT_A_CAUSE) and c != data.drive_key
     ]

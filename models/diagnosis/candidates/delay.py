@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 
-
 from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.diagnosis.kernels import delayed
