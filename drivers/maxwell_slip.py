@@ -42,20 +42,17 @@ class Slip:
 
 
 @njit(cache=True, nogil=True)
-def slip_sum(
-    d: Floats, k: Floats, bow: Floats, z: Floats, x0: float, x1: float, dilate: float
-) -> float:
+def slip_sum(d: Floats, k: Floats, bow: Floats, z: Floats, x0: float, x1: float) -> float:
     """Move the elements from drive x0 to x1 (monotone between); z (n,) in place.
 
-    dilate: factor on every slip strain (rate dependence). Returns sum_i k_i z_i.
+    Returns sum_i k_i z_i.
     """
     dx = x1 - x0
     dxx = x1 * x1 - x0 * x0
     total = 0.0
     for i in range(d.size):
-        limit = d[i] * dilate
         stretched = z[i] + (1.0 - bow[i]) * dx + bow[i] * dxx
-        z[i] = max(-limit, min(limit, stretched))
+        z[i] = max(-d[i], min(d[i], stretched))
         total += k[i] * z[i]
     return total
 
@@ -73,7 +70,7 @@ def _sweep(d: Floats, k: Floats, bow: Floats, z: Floats, x: Floats) -> Floats:
     out = np.empty(x.size)
     before = 0.0
     for t in range(x.size):
-        out[t] = slip_sum(d, k, bow, z, before, x[t], 1.0)
+        out[t] = slip_sum(d, k, bow, z, before, x[t])
         before = x[t]
     return out
 
@@ -106,7 +103,7 @@ def build(width: float, asymmetry: float) -> Slip:
 
     def scaled(s: float) -> Slip:
         k = shape * s
-        virgin = 1.0 - slip_sum(d, k, bow, np.zeros(COUNT), 0.0, 1.0, 1.0)
+        virgin = 1.0 - slip_sum(d, k, bow, np.zeros(COUNT), 0.0, 1.0)
         return Slip(d, k, bow, virgin)
 
     if width == 0.0:

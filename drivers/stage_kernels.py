@@ -93,14 +93,14 @@ def advance(
         if not rest:
             electrical(p, s, held, h, rc_decay, amplifier_decay)
         x1 = s.drive_v / p.full_scale_v
-        dilate = 1.0
+        stiffer = 1.0
         if p.rate_per_decade > 0.0:
             rate = abs(x1 - x0) / h
             s.rate = rate + (s.rate - rate) * rate_decay
-            dilate = 1.0 + p.rate_per_decade * math.log10(1.0 + s.rate)
+            stiffer = 1.0 + p.rate_per_decade * math.log10(1.0 + s.rate)
         before = s.strain
         if x1 != x0 or p.rate_per_decade > 0.0:
-            s.slip = slip_sum(elements[0], elements[1], elements[2], z, x0, x1, dilate)
+            s.slip = stiffer * slip_sum(elements[0], elements[1], elements[2], z, x0, x1)
             s.strain = static_map(p.asymmetry, (x1 - s.slip) / p.norm)
         if p.rc_tau_s == 0.0 and p.slew_v_per_s == 0.0 and v0 == v1:
             before = s.strain  # nothing in front rounds a step: it happens at once

@@ -61,7 +61,7 @@ class StageSettings:
     # piezo
     hysteresis_width: float = 0.12  # widest place of the full loop, as a share of its stroke
     asymmetry: float = 0.15  # exponential bow of the static map behind the hysteresis
-    rate_per_decade: float = 0.0  # thresholds dilate by 1 + this log10(1 + rate / (range per s))
+    rate_per_decade: float = 0.0  # friction grows by 1 + this log10(1 + rate / (range per s))
     creep_gain_per_decade: float = 0.012
     # mechanics
     mode_hz: float = 780.0
