@@ -85,9 +85,7 @@ class Demo:
         self.stroke_um = 2 * half
         t_s = np.arange(round(CYCLES * self.rate_hz) + 1) / self.rate_hz
         trajectory = self.output / "trajectory.csv"
-        write_recording(
-            trajectory, t_s, {"target_um": middle - half * np.cos(2 * np.pi * t_s)}, {}
-        )
+        write_recording(trajectory, t_s, {"target_um": middle - half * np.cos(2 * np.pi * t_s)}, {})
         self.say("4. run the daemon with a linear gain; a client streams a 1 Hz sine to it")
         core = self._start("core", "--config", str(self._config))
         self._start("gateway", "--config", str(self._config))
@@ -179,7 +177,9 @@ def draw(demo: Demo, path: Path) -> None:
         axes[0].plot(t_s, measured[part], color=colours[name], lw=1.2, label=labels[name])
         error = 1e3 * (measured - target)[part]
         rms = np.sqrt(np.nanmean(error**2))
-        axes[1].plot(t_s, error, color=colours[name], lw=1, label=f"{labels[name]}: {rms:.0f} nm rms")
+        axes[1].plot(
+            t_s, error, color=colours[name], lw=1, label=f"{labels[name]}: {rms:.0f} nm rms"
+        )
         axes[2].plot(target[part], measured[part], color=colours[name], lw=1)
     for axis, x, y, title in zip(
         axes,

@@ -12,6 +12,7 @@ from dehyst.models.errors import DehystError
 COMMANDS = {
     "run": "the daemon in the foreground (without --config: on the simulated stage)",
     "demo": "the whole story on the simulated stage in about a minute",
+    "acquire": "play a drive in volts open loop and record what the stage does",
     "identify": "identify a model from a recording",
     "excite": "design the drive for a recording, or check that a recording excites enough",
     "simulate": "run a model on a recording's drive",

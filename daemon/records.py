@@ -19,8 +19,8 @@ TELEMETRY = np.dtype(
         ("scheduled_ns", "<i8"),  # deadline of this sample
         ("actual_ns", "<i8"),  # when the loop really woke
         ("target", "<f8"),  # set-point of this sample; NaN: none
-        ("measured", "<f8"),  # sensor; NaN: no valid reading
-        ("predicted", "<f8"),  # what the model says the sensor will read
+        ("measured", "<f8"),  # sensor, read before `volts` is written; NaN: no valid reading
+        ("predicted", "<f8"),  # what the model expected of this reading
         ("volts_raw", "<f8"),  # what the inverse asked for
         ("volts", "<f8"),  # what was written
         ("flags", "<u4"),  # Flag

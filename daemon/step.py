@@ -2,9 +2,11 @@
 
     admit commands -> state -> target window -> inverse -> bump, range, slew -> record
 
-What each state does to the voltage stands in dehyst.daemon.records.State. Everything here is
-deterministic: the same inputs give the same records, which is how recorded runs are replayed in
-the tests. Targets and displacements count from the set-point origin, voltages are the actuator's.
+What each state does to the voltage stands in dehyst.daemon.records.State. The sensor is read
+before the voltage is written: a voltage is made for the target one period on, and `predicted` is
+what the model expected of the reading in the same record. Everything here is deterministic: the
+same inputs give the same records, which is how recorded runs are replayed in the tests. Targets
+and displacements count from the set-point origin, voltages are the actuator's.
 """
 
 from collections.abc import Mapping
@@ -96,7 +98,7 @@ class Stepper:
         self.queue = TrajectoryQueue(plan.queue_points)
         self.record = np.zeros(1, TELEMETRY)
         self.events: list[str] = []
-        self._window = np.zeros(compensator.window_samples)
+        self._window = np.zeros(compensator.window_samples + 1)
         self._channels = np.zeros(len(compensator.channels))
         self._target = NAN  # newest target, from the origin; NaN: none
         self._target_ns = 0  # when it was last confirmed by a client
@@ -106,6 +108,7 @@ class Stepper:
         self.trajectory = 0
         self.trajectory_done = False
         self.approach_until_ns = 0
+        self._predicted = float(self.inverse.result[comp.READING]) - plan.origin
 
     # -- requests from outside the sample's journey -------------------------------------------
 
@@ -140,7 +143,7 @@ class Stepper:
         """Another model, its state already led along the past drive; the output does not jump."""
         self.compensator, self.inverse = compensator, inverse
         self.plan = replace(self.plan, origin=origin)
-        self._window = np.zeros(compensator.window_samples)
+        self._window = np.zeros(compensator.window_samples + 1)
         self._channels = np.zeros(len(compensator.channels))
         self.bump = NAN  # taken from the first voltage of the new model
 
@@ -184,6 +187,7 @@ class Stepper:
             flags |= Flag.SENSOR_INVALID
         record["target"] = target
         record["measured"] = measured - plan.origin
+        record["predicted"] = self._predicted
         record["volts_raw"] = wanted
         record["volts"] = volts
         record["flags"] = flags
@@ -195,7 +199,7 @@ class Stepper:
         """The output now stands at `volts`; the model follows what was really applied."""
         self.volts = volts
         self.compensator.applied(self.inverse, volts / self.plan.gain)
-        self.record[0]["predicted"] = self.inverse.result[comp.READING] - self.plan.origin
+        self._predicted = float(self.inverse.result[comp.READING]) - self.plan.origin
 
     # -- parts --------------------------------------------------------------------------------
 
@@ -339,15 +343,16 @@ class Stepper:
                 self._target = float(self._window[0])
             if now_ns < self.approach_until_ns:
                 flags |= Flag.APPROACH
-        if not self.queue.active or known == 0:
+        if not self.queue.active or known < 2:
             self._window[:] = self._target
-            if known == 0:
+            if self.queue.active:
                 flags |= Flag.FALLBACK
-            known = 1
+            known = 2
         self._window += self.plan.origin
         for i, name in enumerate(self.compensator.channels):
             self._channels[i] = NAN if channels is None else channels.get(name, NAN)
-        self.compensator.step(self.inverse, self._window, known, self._channels)
+        # the voltage written now is judged by the next reading, one period on
+        self.compensator.step(self.inverse, self._window[1:], known - 1, self._channels)
         result = self.inverse.result
         volts = float(result[comp.DRIVE]) * self.plan.gain
         if self.bump:

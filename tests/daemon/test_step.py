@@ -3,8 +3,6 @@
 The reference for reached displacements is a plain numpy loop over the play operators.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -144,7 +142,7 @@ def test_a_set_point_is_approached_slowly_and_then_held_exactly() -> None:
     record = bench.tick(n=100)
     assert record["target"] == pytest.approx(20.0 * 0.1, abs=0.05)  # approach_um_per_s = 20
     assert record["flags"] & Flag.APPROACH
-    record = bench.tick(n=200)
+    record = bench.tick(n=201)
     assert record["target"] == 4.0
     assert not record["flags"] & Flag.APPROACH
     drives = np.array(bench.volts) / GAIN
@@ -237,9 +235,9 @@ def test_fault_stops_all_voltage_until_the_device_is_back() -> None:
 
 
 @pytest.fixture
-def recorded() -> Iterator[list[tuple[int, float, bytes]]]:
+def recorded() -> list[tuple[int, float, bytes]]:
     rng = np.random.default_rng(3)
-    yield [
+    return [
         (i * PERIOD_NS, float(rng.normal()), points(1, [0.01 * i], i, False).tobytes())
         for i in range(300)
     ]

@@ -1,0 +1,117 @@
+"""Open-loop recording: play a drive in volts through the drivers and record what the stage does.
+
+For identification, before there is a model. The output starts and ends where it was, the way to
+the drive's first and from its last voltage goes at the configured ramp; range and slew are
+checked for the whole drive before anything moves.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dehyst.daemon import clock, realtime
+from dehyst.daemon.checks import check_limits, check_rates, past_output
+from dehyst.daemon.config import Config
+from dehyst.daemon.devices import Link, ramp
+from dehyst.drivers.interface import DriverError
+from dehyst.drivers.registry import load_actuator, load_sensor
+from dehyst.models.errors import BadRecording
+from dehyst.models.recording import Floats, Recording
+
+
+def check_drive(config: Config, t_s: Floats, volts: Floats) -> None:
+    """Raise BadRecording where a drive [actuator volts] leaves range or slew."""
+    limits = config.limits
+    if not np.all(np.isfinite(volts)):
+        raise BadRecording("the drive has missing values; nothing was moved")
+    if volts.min() < limits.min_v or volts.max() > limits.max_v:
+        raise BadRecording(
+            f"the drive spans {volts.min():g} to {volts.max():g} V, the limits are "
+            f"{limits.min_v:g} to {limits.max_v:g} V; nothing was moved"
+        )
+    rate = np.abs(np.diff(volts) / np.diff(t_s))
+    if rate.size and rate.max() > limits.slew_v_per_s:
+        at = float(t_s[int(np.argmax(rate))])
+        raise BadRecording(
+            f"the drive changes by {rate.max():g} V/s at {at:.3f} s, limits.slew_v_per_s is "
+            f"{limits.slew_v_per_s:g}; nothing was moved"
+        )
+
+
+def acquire(
+    config: Config,
+    t_s: Floats,
+    drive: Floats,
+    unit: str = "v",
+    progress: Callable[[float], None] | None = None,
+    now: Callable[[], int] = clock.monotonic_ns,
+    sleep_until: Callable[[int], None] = realtime.sleep_until_ns,
+) -> Recording:
+    """Play `drive` [model drive units] at loop.rate_hz and record.
+
+    The drive is interpolated on the loop's grid; time stamps are the real ones, a reading that
+    failed is NaN, a late sample shows as a gap. Raises DriverError, BadInput, BadRecording.
+    """
+    volts = drive * config.actuator.gain
+    check_drive(config, t_s, volts)
+    actuator = Link(
+        "actuator", load_actuator(config.actuator.driver).from_settings(config.actuator.settings)
+    )
+    sensor = Link("sensor", load_sensor(config.sensor.driver).from_settings(config.sensor.settings))
+    actuator.device.open()
+    try:
+        sensor.device.open()
+        check_limits(config, actuator.device.spec)
+        check_rates(config, actuator.device.spec, sensor.device.spec)
+        start = float(past_output(config, float(actuator.device.output()))[-1])
+        rate, period_s = config.safe.ramp_v_per_s, 1.0 / config.loop.rate_hz
+        at = start
+        try:
+            at = ramp(actuator, at, float(volts[0]), rate, period_s)
+            grid = np.arange(t_s[0], t_s[-1], period_s)
+            plan = np.interp(grid, t_s, volts)
+            rows = np.full((grid.size, 3), np.nan)
+            at = _play(actuator, sensor, config, plan, rows, progress, now, sleep_until)
+        finally:
+            if actuator.ok:
+                ramp(actuator, at, start, rate, period_s)
+    finally:
+        sensor.close()
+        actuator.close()
+    rows = rows[np.isfinite(rows[:, 0])]
+    return Recording(
+        t_s=rows[:, 0], drive=rows[:, 1] / config.actuator.gain, displacement=rows[:, 2],
+        drive_unit=unit, name=f"{config.name} open loop",
+    )  # fmt: skip
+
+
+def _play(
+    actuator: Link,
+    sensor: Link,
+    config: Config,
+    plan: Floats,
+    rows: Floats,
+    progress: Callable[[float], None] | None,
+    now: Callable[[], int],
+    sleep_until: Callable[[int], None],
+) -> float:
+    """Write the plan sample by sample; returns the voltage that the output stands at."""
+    first = now() + config.period_ns
+    at = float(plan[0])
+    for i, volts in enumerate(plan.tolist()):
+        due = first + i * config.period_ns
+        if now() > due + config.period_ns:
+            continue  # too late for this sample: a gap, not a burst
+        sleep_until(due)
+        time_ns = now()
+        try:
+            reading = sensor.device.read() * config.sensor.scale + config.sensor.zero
+        except DriverError:
+            reading = np.nan
+        actuator.call(actuator.device.write, volts)
+        # the reading was taken before this write: it belongs to the drive before it
+        rows[i] = (time_ns - first) * 1e-9, at, reading
+        at = volts
+        if progress is not None and i % 64 == 0:
+            progress(i / plan.size)
+    return at

@@ -1,0 +1,77 @@
+"""The wheel: built, installed in a clean environment, compared with the tree."""
+
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+ROOMS = {"daemon": ROOT / "daemon", "drivers": ROOT / "drivers", "models": ROOT / "models"}
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    subprocess.run(
+        [sys.executable, "-m", "build", "--wheel", "--outdir", str(folder), str(ROOT)],
+        check=True,
+        capture_output=True,
+        timeout=300,
+    )
+    return next(folder.glob("*.whl"))
+
+
+def expected_files() -> set[str]:
+    files = {"dehyst/__init__.py", "dehyst/client.py", "dehyst/py.typed"}
+    for name, folder in ROOMS.items():
+        for path in [*folder.rglob("*.py"), *folder.rglob("*.toml")]:
+            if "__pycache__" not in path.parts:
+                files.add(f"dehyst/{name}/{path.relative_to(folder).as_posix()}")
+    return files
+
+
+@pytest.mark.timeout(400)
+def test_the_wheel_holds_the_tree_and_nothing_at_top_level_but_dehyst(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        names = {n for n in archive.namelist() if not n.endswith("/")}
+    modules = {n for n in names if ".dist-info/" not in n}
+    assert modules == expected_files()
+    assert {n.split("/")[0] for n in names} == {
+        "dehyst",
+        next(n for n in names if ".dist-info/" in n).split("/")[0],
+    }
+    assert any(n.endswith("licenses/LICENSE") for n in names)
+
+
+@pytest.mark.timeout(400)
+def test_it_runs_from_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
+    """A new environment that sees this one's libraries, but only the wheel's dehyst."""
+    venv.create(tmp_path / "env", with_pip=True)
+    python = tmp_path / "env/bin/python"
+    subprocess.run(
+        [str(python), "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", str(wheel)],
+        check=True,
+        capture_output=True,
+        timeout=200,
+    )
+    site = next((tmp_path / "env/lib").glob("python3*/site-packages"))
+    top = {p.name for p in site.iterdir()}
+    assert not top & {"daemon", "drivers", "models"}
+    # the libraries, without this environment's editable dehyst
+    libraries = Path(pytest.__file__).resolve().parents[1]
+    code = (
+        f"import sys; sys.path.append({str(libraries)!r}); import dehyst.models.modelfile as m; "
+        f"import dehyst.daemon.main as d; print(m.__file__); "
+        f"print(m.shipped('paper-eq12').hysteresis.n); d.main(['drivers'])"
+    )
+    done = subprocess.run(
+        [str(python), "-I", "-c", code],
+        cwd=tmp_path, check=True, capture_output=True, text=True, timeout=200,
+    )  # fmt: skip
+    assert str(tmp_path) in done.stdout.splitlines()[0]
+    assert done.stdout.splitlines()[1] == "10"
+    for driver in ("mdt693b", "ksg101", "simulated", "nidaqmx", "iio"):
+        assert driver in done.stdout
