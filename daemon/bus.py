@@ -69,8 +69,11 @@ class Sender:
         self._publisher = publisher
 
     def put(self, payload: bytes) -> None:
-        """Publish."""
-        self._publisher.put(payload)
+        """Publish. Raises BusError when the session is closed."""
+        try:
+            self._publisher.put(payload)
+        except zenoh.ZError as error:
+            raise BusError(f"cannot publish: {error}") from None
 
 
 class Bus:
@@ -156,13 +159,22 @@ class Bus:
         self._kept.append(publisher)
         return Sender(publisher)
 
-    def listen(self, key: str, store: Callable[[str, bytes], None]) -> None:
-        """Subscribe. `store(key, payload)` runs in zenoh's thread and must only store."""
+    def listen(self, key: str, store: Callable[[str, bytes], None]) -> Callable[[], None]:
+        """Subscribe. `store(key, payload)` runs in zenoh's thread and must only store. Returns a
+        function that ends it."""
 
         def received(sample: zenoh.Sample) -> None:
             store(str(sample.key_expr), sample.payload.to_bytes())
 
-        self._kept.append(self._session.declare_subscriber(key, received))
+        subscriber = self._session.declare_subscriber(key, received)
+        self._kept.append(subscriber)
+
+        def end() -> None:
+            if subscriber in self._kept:
+                self._kept.remove(subscriber)
+                subscriber.undeclare()
+
+        return end
 
     def answer(self, key: str, store: Callable[[Asked], None]) -> None:
         """Serve a queryable. `store(asked)` runs in zenoh's thread and must only store."""
@@ -189,17 +201,20 @@ class Bus:
 
     def ask(self, key: str, payload: bytes = b"", timeout_s: float = 3.0) -> Iterator[bytes]:
         """The answers to a question, as they come. Raises BusError where nobody answers."""
-        replies: Iterable[zenoh.Reply] = self._session.get(
-            key,
-            payload=payload,
-            encoding=ENCODING,
-            timeout=timeout_s,
-            target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            priority=zenoh.Priority.INTERACTIVE_HIGH,
-            congestion_control=zenoh.CongestionControl.BLOCK,
-            express=True,
-        )
+        try:
+            replies: Iterable[zenoh.Reply] = self._session.get(
+                key,
+                payload=payload,
+                encoding=ENCODING,
+                timeout=timeout_s,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                priority=zenoh.Priority.INTERACTIVE_HIGH,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                express=True,
+            )
+        except zenoh.ZError as error:
+            raise BusError(f"{key}: cannot be asked: {error}") from None
         answered = False
         for reply in replies:
             if reply.ok is None:

@@ -52,19 +52,25 @@ def read_recording(
     )
 
 
-def read_trajectory(path: str | Path, *, min_rows: int = 1) -> Trajectory:
+def read_trajectory(path: str | Path, *, min_rows: int = 1, column: str = "") -> Trajectory:
     """The trajectory in a file with the columns `t_s` and `target_um` (or another unit).
 
-    Raises BadRecording as read_recording does, and when a target is missing somewhere.
+    column: take this one instead, its name ends in the unit (`y_um`). Raises BadRecording as read_recording does, and when a target is missing somewhere.
     """
     path = Path(path)
     columns = _load(path).columns
     t_s = _time(path, columns, min_rows)
-    key = _unit_column(path, columns, "target", "target", required=True)
+    _, _, unit = column.rpartition("_")
+    if column and (column not in columns or unit not in UNIT_NAMES):
+        raise BadRecording(
+            f"{path.name}: no column {column} with a unit ({', '.join(UNIT_NAMES)}) at its end; "
+            f"there are {_listed(columns)}"
+        )
+    key = column or _unit_column(path, columns, "target", "target", required=True)
     row = np.flatnonzero(~np.isfinite(columns[key]))
     if row.size:
         raise BadRecording(f"{path.name}: {_where(path, int(row[0]))}: {key} is missing")
-    return Trajectory(t_s, columns[key], key.removeprefix("target_"), path.name, _sha256(path))
+    return Trajectory(t_s, columns[key], key.rpartition("_")[2], path.name, _sha256(path))
 
 
 def write_recording(
