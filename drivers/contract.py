@@ -15,6 +15,7 @@ Run them with pytest. Optional hooks that a subclass leaves out skip the tests t
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 from unittest import SkipTest
 
@@ -40,7 +41,7 @@ def refused(kind: type[Exception], job: Callable[[], Any], what: str) -> Excepti
 class _DriverContract:
     """What actuators and sensors have in common."""
 
-    protocol: type = object
+    protocol: Any = object
 
     def make(self) -> Any:
         """A new driver that has not been opened."""
@@ -179,7 +180,7 @@ class ActuatorContract(_DriverContract):
                 -math.inf,
             )
             for volts in wrong:
-                refused(OutOfRange, lambda v=volts: device.write(v), f"write({volts})")
+                refused(OutOfRange, partial(device.write, volts), f"write({volts})")
                 self.check_stands_at(device, stands)
 
     def test_open_close_and_reconnect_do_not_move_the_output(self) -> None:

@@ -19,12 +19,12 @@ from typing import Any, Self, TypeVar
 from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import (
     DeviceGone,
-    DeviceNotFound,
     DeviceSpec,
     DriverConfigError,
     OutOfRange,
 )
 from dehyst.drivers.mdt693b_codec import Dialect
+from dehyst.drivers.mdt693b_learn import NATIVE, check_serial, learn
 from dehyst.drivers.mdt693b_link import CommandRefused, Mdt693bLink
 from dehyst.drivers.mdt693b_settings import Mdt693bConfig, find_port
 from dehyst.drivers.serial_port import SerialPort
@@ -36,18 +36,17 @@ DECIMALS = 3
 EXPECTED_RATE_HZ = 300.0
 """Highest plausible rate of sets, declared until the unit has been measured at open()."""
 
-TIMED_QUERIES = 40
+TIMED_BATCHES, BATCH = 3, 20
 RATE_PERCENTILE = 90.0
+"""The rate at open() comes from the best of three batches: what slows one of them is the host."""
+
 MEASURED_AFTER = 256
 READBACK_TOLERANCE_V = 2.0
 """How far the readback may be from the set-point before the readback is believed instead:
-offset, lag, noise and the display's rounding stay below it."""
+offset, noise and the display's rounding stay below it."""
 
-NATIVE = {"set": "{axis}voltage={volts:.3f}", "read": "{axis}voltage?", "limit": "vlimit?"}
-NATIVE |= {"min": "{axis}min?", "max": "{axis}max?"}
-COMPATIBLE = {"set": "{axis}V{volts:.3f}", "read": "{axis}R?", "limit": "%"}
-COMPATIBLE |= {"min": "{axis}L?", "max": "{axis}H?"}
-"""The same commands in the MDT693A's words, for a unit in its compatibility mode."""
+SETTLE_S, SETTLED_V, LONGEST_SETTLE_S = 0.2, 0.15, 3.0
+"""The readback lags by up to 0.25 s: it counts once it changes less than SETTLED_V in SETTLE_S."""
 
 
 class Mdt693b:
@@ -60,7 +59,12 @@ class Mdt693b:
     sets themselves. stray_bytes: bytes that came in unasked so far.
     """
 
-    def __init__(self, config: Mdt693bConfig, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        config: Mdt693bConfig,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
         self.config = config
         self.timing = CallTimes()
         self.spec = DeviceSpec(
@@ -73,6 +77,7 @@ class Mdt693b:
         )
         self.serial_number: str | None = None
         self._clock = clock
+        self._sleep = sleep
         self._link: Mdt693bLink | None = None
         self._words = NATIVE
         self._set_v = math.nan  # the last acknowledged set-point
@@ -99,8 +104,8 @@ class Mdt693b:
         if self._link is not None:
             return
         self._connect()
-        readback_v = self._or_close(self.readback)
         initial_v = self.config.initial_v
+        readback_v = self._or_close(lambda: self._settled_readback(initial_v))
         if initial_v is not None and abs(initial_v - readback_v) > READBACK_TOLERANCE_V:
             self.close()
             raise DriverConfigError(
@@ -162,8 +167,8 @@ class Mdt693b:
             return self.open()
         self._connect()
         self._tried_v = None
-        readback_v = self._or_close(self.readback)
         candidates = [self._set_v] if tried_v is None else [self._set_v, tried_v]
+        readback_v = self._or_close(lambda: self._settled_readback(*candidates))
         nearest_v = min(candidates, key=lambda volts: abs(volts - readback_v))
         near = abs(nearest_v - readback_v) <= READBACK_TOLERANCE_V
         self._set_v = nearest_v if near else self._inside(readback_v)
@@ -188,78 +193,24 @@ class Mdt693b:
         self._or_close(lambda: self._learn(link))
 
     def _learn(self, link: Mdt693bLink) -> None:
-        try:
-            self._words, limit_v = NATIVE, float(link.ask(NATIVE["limit"]).value)
-        except CommandRefused:
-            self._words, limit_v = COMPATIBLE, float(link.ask(COMPATIBLE["limit"]).value)
-        link.barrier = self._words["limit"]
-        self._learn_identity(link)
-        axis = self.config.axis
-        try:
-            minimum = float(link.ask(self._word("min")).value)
-            maximum = float(link.ask(self._word("max")).value)
-        except CommandRefused:
-            raise DriverConfigError(f"setting axis: this unit has no axis {axis!r}") from None
-        limits = [limit_v, maximum]
-        if self.config.max_v is not None:
-            limits.append(self.config.max_v)
-        if not minimum < min(limits):
-            raise DriverConfigError(
-                f"the unit allows axis {axis} only {minimum:g} to {min(limits):g} V: nothing is "
-                "left to drive; check its minimum and maximum and the setting max_v"
-            )
-        scan_v = self._master_scan(link)
-        if scan_v != 0.0:
-            raise DriverConfigError(
-                f"the unit's master scan adds {scan_v:g} V to every axis, so that no set-point "
-                "would be true; switch it off on the unit (msenable=0)"
-            )
-        self.spec = replace(self.spec, minimum=minimum, maximum=min(limits))
-        # The answers so far say what the unit is; this one proves that none is outstanding.
-        link.in_step = False
-        link.get_in_step()
-        if self.config.rate_hz is None:
-            timing = CallTimes()
-            for _ in range(TIMED_QUERIES):
-                started_s = self._clock()
-                link.ask(self._word("read"))
-                timing.add(self._clock() - started_s)
-            self._update_spec(timing)
-
-    def _learn_identity(self, link: Mdt693bLink) -> None:
-        lines = (self._ask_if_known(link, "id?") or "MDT693B").split("\r")
-        serial = self._ask_if_known(link, "serial?") or ""
-        known, wanted = self.serial_number, self.config.serial_number
-        if wanted is not None and serial != wanted:
-            raise DeviceNotFound(
-                f"{link.port.path}: the unit has serial number {serial!r}, wanted is {wanted!r}"
-            )
-        if known is not None and serial != known:
-            raise DeviceNotFound(
-                f"{link.port.path}: another unit is plugged in (serial number {serial!r}, it was "
-                f"{known!r}); put the first one back or start anew"
-            )
-        self.serial_number = serial
-        model = next((x.split()[1] for x in lines if x.startswith("Model ")), lines[0].strip())
-        firmware = next((x.split()[-1] for x in lines if x.startswith("Firmware ")), "unknown")
+        config = self.config
+        facts = learn(link, config.axis, config.max_v)
+        check_serial(link.port.path, facts.serial_number, config.serial_number, self.serial_number)
+        self.serial_number, self._words = facts.serial_number, facts.words
         self.spec = replace(
-            self.spec,
-            identity=f"{model} firmware {firmware} ({link.dialect.value} dialect) "
-            f"serial {serial or 'blank'} axis {self.config.axis}",
+            self.spec, minimum=facts.minimum_v, maximum=facts.maximum_v, identity=facts.identity
         )
+        if config.rate_hz is None:
+            batches = [self._timed_batch(link) for _ in range(TIMED_BATCHES)]
+            self._update_spec(min(batches, key=lambda b: b.percentile_s(RATE_PERCENTILE)))
 
-    def _master_scan(self, link: Mdt693bLink) -> float:
-        """The voltage that master scan adds, 0 where it is off or not there."""
-        on = self._ask_if_known(link, "msenable?")
-        if on is None or float(on) == 0.0:
-            return 0.0
-        return float(self._ask_if_known(link, "msvoltage?") or 0.0)
-
-    def _ask_if_known(self, link: Mdt693bLink, command: str) -> str | None:
-        try:
-            return link.ask(command).value
-        except CommandRefused:
-            return None
+    def _timed_batch(self, link: Mdt693bLink) -> CallTimes:
+        timing = CallTimes()
+        for _ in range(BATCH):
+            started_s = self._clock()
+            link.ask(self._word("read"))
+            timing.add(self._clock() - started_s)
+        return timing
 
     def _get_in_step(self, link: Mdt693bLink) -> None:
         """Before the next command: find out what became of a set that was not acknowledged."""
@@ -288,6 +239,18 @@ class Mdt693b:
         elif rounded < minimum:
             rounded = math.ceil(minimum / step) * step
         return rounded + 0.0  # no -0.0
+
+    def _settled_readback(self, *expected: float | None) -> float:
+        """The readback once it stands still, or as soon as it is at one of the expected values."""
+        give_up_s = self._clock() + LONGEST_SETTLE_S
+        before_v = math.nan
+        while True:
+            volts = self.readback()
+            near = any(e is not None and abs(volts - e) <= READBACK_TOLERANCE_V for e in expected)
+            if near or abs(volts - before_v) < SETTLED_V or self._clock() > give_up_s:
+                return volts
+            before_v = volts
+            self._sleep(SETTLE_S)
 
     def _inside(self, volts: float) -> float:
         """A readback with its offset, brought into the range that can be written."""

@@ -15,7 +15,9 @@ class _Mdt693bContract(ActuatorContract):
 
     @pytest.fixture(autouse=True)
     def _emulator(self, tmp_path: Path):
-        knobs = Mdt693bKnobs(dialect=self.dialect, latency_s=0.0, jitter_s=0.0, start_v=20.0)
+        knobs = Mdt693bKnobs(
+            dialect=self.dialect, latency_s=0.0, jitter_s=0.0, start_v=20.0, readback_lag_s=0.02
+        )
         with Mdt693bEmulator(tmp_path / "port", knobs) as self.emulator:
             yield
 

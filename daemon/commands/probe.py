@@ -1,0 +1,112 @@
+"""record a unit's raw bytes and timings into a fixture file"""
+
+import argparse
+import json
+from contextlib import closing
+from typing import Any
+
+from dehyst import __version__
+from dehyst.daemon.files import write_text
+from dehyst.daemon.progress import progress_bar
+from dehyst.drivers import mdt693b_probe
+from dehyst.drivers.call_times import CallTimes
+from dehyst.drivers.mdt693b_codec import Dialect
+from dehyst.drivers.mdt693b_settings import Mdt693bConfig, find_port
+from dehyst.drivers.serial_port import SerialPort
+from dehyst.models.errors import BadInput
+
+TIMED = 100
+
+EPILOG = f"""\
+Sends queries, an empty line and one unknown word; changes no setting and moves no output.
+PORT is a path or "auto" (the MDT69xB on USB). Stop everything else that uses the unit first.
+
+--sets V times {TIMED} sets of axis x, all to V, and only if the unit reads back V within 1 V. The
+unit cannot tell its set-point, so give the one that it really has: otherwise the output moves
+by the difference.
+
+exit status: 0; 1 when what answers is no MDT693B or nothing answers.
+
+example: dehyst probe /dev/ttyACM0 -o my-unit.json
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Fill in the arguments."""
+    parser.epilog = EPILOG
+    parser.add_argument("port", metavar="PORT", help="serial port, or auto")
+    parser.add_argument("-o", "--output", metavar="FILE", help="write the recording (JSON)")
+    parser.add_argument("--baud", type=int, default=115200, help="default: %(default)s")
+    parser.add_argument(
+        "--sets", type=float, metavar="V", help="also time sets, at the set-point V"
+    )
+    parser.add_argument("--json", action="store_true", help="print the findings as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record, interpret, time, report."""
+    config = Mdt693bConfig(port=args.port, baud=args.baud)
+    with closing(SerialPort(find_port(config), config.baud)) as port:
+        with progress_bar("queries") as progress:
+            exchanges = mdt693b_probe.record(port, progress)
+        finding = mdt693b_probe.interpret(exchanges)
+        timings: dict[str, Any] = {}
+        if finding.dialect:
+            dialect = Dialect(finding.dialect)
+            timings["query"] = _figures(mdt693b_probe.time_queries(port, dialect, TIMED))
+            if args.sets is not None:
+                times = mdt693b_probe.time_sets(port, dialect, args.sets, TIMED)
+                timings["set"] = _figures(times)
+    fixture = {
+        "format": 1,
+        "made_by": f"dehyst {__version__}",
+        "baud": args.baud,
+        "encoding": "latin-1",
+        "dialect": finding.dialect,
+        "firmware": finding.firmware,
+        "timings": timings,
+        "exchanges": [exchange.to_dict() for exchange in exchanges],
+    }
+    if args.output:
+        try:
+            write_text(args.output, json.dumps(fixture, indent=1) + "\n")
+        except OSError as error:
+            raise BadInput(f"{args.output}: cannot be written: {error.strerror}") from None
+    if args.json:
+        found = {"port": port.path, "model": finding.model, "serial": finding.serial_number}
+        found |= {k: fixture[k] for k in ("dialect", "firmware", "timings")}
+        print(json.dumps(found | {"answers": finding.answers}, indent=2))
+    else:
+        print("\n".join(_report(port.path, finding, timings, exchanges)))
+    return 0 if finding.dialect else 1
+
+
+def _figures(times: CallTimes) -> dict[str, float]:
+    figures = {f"p{p}_s": round(times.percentile_s(p), 6) for p in (50, 90, 99)}
+    return figures | {"count": times.count, "rate_hz": round(1.0 / figures["p90_s"], 1)}
+
+
+def _report(
+    path: str,
+    finding: mdt693b_probe.Finding,
+    timings: dict[str, Any],
+    exchanges: list[mdt693b_probe.Exchange],
+) -> list[str]:
+    if not finding.dialect:
+        raw = b"".join(exchange.reply for exchange in exchanges)
+        heard = f"answers {raw[:60]!r}, which is no MDT693B" if raw else "does not answer"
+        return [f"{path}: {heard}; check port, power and baud rate"]
+    lines = [
+        f"{path}: {finding.model or 'unknown model'}, firmware {finding.firmware or 'unknown'}, "
+        f"serial number {finding.serial_number or 'blank'}",
+        f"dialect: {finding.dialect}",
+    ]
+    for kind, figures in timings.items():
+        lines.append(
+            f"{kind}: {1e3 * figures['p50_s']:.2f} ms median, {1e3 * figures['p99_s']:.2f} ms at "
+            f"99 %; {figures['rate_hz']:.0f} per second are safe"
+        )
+    unclear = [q for q, a in finding.answers.items() if a.startswith(("unclear", "no answer"))]
+    if unclear:
+        lines.append(f"not understood: {', '.join(unclear)}; please share the file made with -o")
+    return lines
