@@ -3,11 +3,12 @@
 import struct
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from dehyst.drivers import apt_codec
 from dehyst.drivers.apt_codec import HOST, MESSAGES, UNIT, Decoder, encode
 from dehyst.drivers.interface import ProtocolError
-from hypothesis import given
-from hypothesis import strategies as st
 
 # request or reply, its bytes written out by hand from the protocol document's layouts
 GOLDEN = [
