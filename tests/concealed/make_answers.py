@@ -1,0 +1,96 @@
+"""Answers for a round of sealed cases: what each stage hides, and its held-out waveform foretold.
+
+    python tests/concealed/make_answers.py ROUND_FOLDER [--all-rows] [--jobs 2]
+
+Every folder case-NN is diagnosed from its own identify.csv, check.csv and hold.csv alone. Writes
+answers.json and predictions/case-NN.csv.gz (t_s, y_base_um, y_model_um, five significant digits;
+every tenth row, or all) into the folder of the round's name beside this file.
+"""
+
+import argparse
+import gzip
+import io
+import json
+import os
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+from dehyst.daemon.recordings import read_recording
+from dehyst.models.cascade import simulate
+from dehyst.models.diagnosis import Diagnosis, diagnose
+from dehyst.models.recording import Recording
+
+GIVEN = ("identify.csv", "check.csv", "hold.csv")
+HELD_OUT = "holdout.csv"
+EVERY = 10
+
+
+def answer(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The case's entry in answers.json, strongest effect first."""
+    said = diagnosis.to_dict()
+    effects = [
+        {"name": e["name"], "ambiguous_with": list(e["ambiguous_with"])} for e in said["effects"]
+    ]
+    return {"verdict": said["verdict"], "effects": effects}
+
+
+def predictions(diagnosis: Diagnosis, held: Recording, every: int) -> bytes:
+    """The held-out displacement by the base and by the augmented model, as gzipped CSV."""
+    base, full = (
+        simulate(model, held.t_s, held.drive, held.channels)
+        for model in (diagnosis.base_model, diagnosis.model)
+    )
+    text = io.StringIO()
+    text.write("t_s,y_base_um,y_model_um\n")
+    for t, b, m in zip(held.t_s[::every], base[::every], full[::every], strict=True):
+        text.write(f"{t:.3f},{b:.5g},{m:.5g}\n")
+    return gzip.compress(text.getvalue().encode(), mtime=0)
+
+
+def one_case(folder: Path, every: int) -> tuple[str, dict[str, Any], bytes, float]:
+    """Name, answer, predictions and seconds of one folder."""
+    start = time.perf_counter()
+    recordings = [read_recording(folder / n, need_displacement=True) for n in GIVEN]
+    diagnosis = diagnose(recordings)
+    table = predictions(diagnosis, read_recording(folder / HELD_OUT), every)
+    return folder.name, answer(diagnosis), table, time.perf_counter() - start
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("round", type=Path, help="folder that holds case-00, case-01, ...")
+    parser.add_argument("--all-rows", action="store_true", help="predict every row")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("-o", "--output", type=Path, help="default: beside this file")
+    args = parser.parse_args()
+    cases = sorted(p for p in args.round.glob("case-*") if p.is_dir())
+    if not cases:
+        print(f"{args.round}: no folders case-NN in it", file=sys.stderr)
+        return 2
+    out = args.output or Path(__file__).resolve().parent / args.round.resolve().name
+    (out / "predictions").mkdir(parents=True, exist_ok=True)
+    every = 1 if args.all_rows else EVERY
+    answers: dict[str, Any] = {}
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for done in as_completed([pool.submit(one_case, folder, every) for folder in cases]):
+            name, said, table, seconds = done.result()
+            answers[name] = said
+            (out / "predictions" / f"{name}.csv.gz").write_bytes(table)
+            names = ", ".join(
+                e["name"] + "".join(f" or {o}" for o in e["ambiguous_with"])
+                for e in said["effects"]
+            )
+            print(f"{name}  {said['verdict']:9s}  {names or '-':40s}  {seconds:5.1f} s", flush=True)
+    ordered = {name: answers[name] for name in sorted(answers)}
+    (out / "answers.json").write_text(json.dumps(ordered, indent=1) + "\n")
+    print(f"{out / 'answers.json'}: {len(ordered)} cases")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
