@@ -55,7 +55,8 @@ def read_recording(
 def read_trajectory(path: str | Path, *, min_rows: int = 1, column: str = "") -> Trajectory:
     """The trajectory in a file with the columns `t_s` and `target_um` (or another unit).
 
-    column: take this one instead, its name ends in the unit (`y_um`). Raises BadRecording as read_recording does, and when a target is missing somewhere.
+    column: take this one instead, its name ends in the unit (`y_um`).
+    Raises BadRecording as read_recording does, and when a target is missing somewhere.
     """
     path = Path(path)
     columns = _load(path).columns

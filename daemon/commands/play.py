@@ -70,8 +70,10 @@ def run(args: argparse.Namespace) -> int:
             client.take_over()
         jump = abs(float(trajectory.target[-1] - trajectory.target[0]))
         if args.loop > 1 and jump > 0.01 * float(np.ptp(trajectory.target)):
-            say(f"the trajectory ends {jump:g} {status.unit} from where it begins: every repetition "
-                "starts with that step, held back by the slew limit")  # fmt: skip
+            say(
+                f"the trajectory ends {jump:g} {status.unit} from where it begins: every "
+                "repetition starts with that step, held back by the slew limit"
+            )
         with progress_bar(f"playing {trajectory.name}") as progress:
             played = client.play(
                 t_s,

@@ -5,8 +5,9 @@ import math
 
 from dehyst.daemon.remote import add_connection, connect, print_json, say
 
-EPILOG = """A set-point is held for `setpoint.stale_s` of the daemon's configuration (2 s by default);
-then the daemon holds and ramps to its safe voltage. --for keeps the stage there by sending again.
+EPILOG = """A set-point is held for `setpoint.stale_s` of the daemon's configuration (2 s by
+default); then the daemon holds and ramps to its safe voltage. --for keeps the stage there by
+sending again.
 Exit 0: taken; 2: refused (the reason is printed) or no daemon.
 
 examples:

@@ -1,0 +1,113 @@
+"""Record a running daemon's telemetry into a file."""
+
+import argparse
+import signal
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dehyst import __version__
+from dehyst.daemon.records import Flag
+from dehyst.daemon.remote import add_connection, connect, print_json, say
+from dehyst.models.errors import BadInput
+
+if TYPE_CHECKING:
+    from dehyst.daemon.messages import Status
+
+LATE_S = 10.0
+EPILOG = """Columns: t_s, the drive in the model's unit (u_v), the measured displacement (y_um), the
+target (target_um) and flags; `dehyst identify` reads the file back. Displacements count from the
+daemon's set-point origin; --frame model counts from the model's own zero, for a file from which a
+new model for the same configuration is identified. The file grows as the samples come and is
+readable at every moment. Samples that did not arrive are fetched from the daemon's history; what
+cannot be had is a gap in t_s, never bridged. Ctrl-C ends the recording.
+Exit 0: every sample written; 1: samples are missing; 2: no daemon, or the file cannot be written.
+
+example: dehyst record -o run.csv --for 60
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst record`."""
+    parser.epilog = EPILOG
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="REC.csv")
+    parser.add_argument("--for", dest="seconds", type=float, metavar="S", help="seconds to record")
+    parser.add_argument(
+        "--frame",
+        choices=("setpoint", "model"),
+        default="setpoint",
+        help="zero of the displacements (default: setpoint)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    add_connection(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record until --for, SIGINT or SIGTERM."""
+    from dehyst.daemon import clock
+    from dehyst.daemon.recorder import Recorder
+
+    if args.seconds is not None and not args.seconds > 0:
+        raise BadInput("--for: must be greater than 0")
+    ending: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: ending.append(number))
+    until_s = args.seconds if args.seconds is not None else float("inf")
+    with connect(args, "record") as client:
+        status, config = client.status(), client.config()
+        origin = status.origin if args.frame == "model" else 0.0
+        units = (status.drive_unit, status.unit)
+        stream = client.stream()
+        with Recorder(
+            args.output, config.actuator.gain, units, origin, notes(status, args.frame)
+        ) as file:
+            begun_ns = heard_ns = clock.monotonic_ns()
+            done = quiet = late = False
+            while not (ending or done or late):
+                samples = stream.read(0.1)
+                done = file.add(samples, until_s)
+                now_ns = clock.monotonic_ns()
+                late = (now_ns - begun_ns) / clock.NS > until_s + LATE_S
+                if samples.size:
+                    heard_ns, quiet = now_ns, False
+                elif not quiet and now_ns - heard_ns > 5 * clock.NS:
+                    quiet = True
+                    say("no telemetry for 5 s; waiting")
+        result: dict[str, Any] = {
+            "file": str(args.output),
+            "samples": file.rows,
+            "seconds": file.time_s,
+            "lost_samples": stream.lost,
+            "gaps": file.gaps,
+            "fetched_from_history": stream.recovered,
+            "complete": not (stream.lost or file.gaps or late) and file.rows > 0,
+        }
+    return report(result, args.json)
+
+
+def notes(status: "Status", frame: str) -> dict[str, str]:
+    """What the head of the file says."""
+    start = datetime.fromtimestamp(status.wall_ns / 1e9, UTC)
+    return {
+        "recorded by": f"dehyst {__version__} from the daemon {status.name}",
+        "started": start.isoformat(timespec="seconds"),
+        "period_s": repr(status.period_ns / 1e9),
+        "set-point origin": f"{status.origin!r} {status.unit} in the model's own displacement",
+        "displacements": "from the set-point origin"
+        if frame == "setpoint"
+        else "from the model's own zero (set-point plus origin)",
+        "flags": ", ".join(f"{flag.value} {flag.name}".lower() for flag in Flag),
+    }
+
+
+def report(result: dict[str, Any], as_json: bool) -> int:
+    """Print the result; the exit code."""
+    if as_json:
+        print_json(result)
+    else:
+        lost, fetched = result["lost_samples"], result["fetched_from_history"]
+        say(
+            f"{result['file']}: {result['samples']} samples, {result['seconds']:.3f} s; "
+            f"{lost} lost" + (f", {fetched} fetched from the history" if fetched else "")
+        )
+    return 0 if result["complete"] else 1

@@ -1,0 +1,193 @@
+"""The live view of a daemon on a terminal: plot, state, deadlines, volts, events."""
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+import plotext
+from numpy.typing import NDArray
+from rich.console import Console, ConsoleOptions, Group, RenderResult
+from rich.layout import Layout
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from dehyst.daemon.messages import Event, Rejection, Status
+from dehyst.daemon.records import TELEMETRY, Flag, State
+
+POINTS = 4000
+EVENTS = 6
+STATES = {"running": "green", "ready": "cyan", "holding": "yellow", "fault": "bold red"}
+
+
+class Window:
+    """The newest `seconds` of telemetry, thinned to at most POINTS samples."""
+
+    def __init__(self, seconds: float, period_ns: int) -> None:
+        self.seconds = seconds
+        self.keep = max(2, round(seconds * 1e9 / period_ns))
+        self._parts: deque[NDArray[Any]] = deque()
+        self._size = 0
+        self.flags = 0  # of everything since `take_flags`
+        self._counted = 0
+
+    def add(self, samples: NDArray[Any]) -> None:
+        """Take (n,) TELEMETRY records."""
+        if not samples.size:
+            return
+        self.flags |= int(np.bitwise_or.reduce(samples["flags"]))
+        self._parts.append(samples)
+        self._size += samples.size
+        while self._parts and self._size - self._parts[0].size >= self.keep:
+            self._size -= self._parts.popleft().size
+
+    def take_flags(self) -> int:
+        """Flags seen since the last call."""
+        flags, self.flags = self.flags, 0
+        return flags
+
+    def samples(self) -> NDArray[Any]:
+        """(n,) the window, every k-th sample where there are more than POINTS."""
+        if not self._parts:
+            return np.zeros(0, TELEMETRY)
+        joined = np.concatenate(list(self._parts))[-self.keep :]
+        return joined[:: max(1, joined.size // POINTS)]
+
+    def newest(self) -> Any:
+        """The newest record, or None."""
+        return self._parts[-1][-1] if self._parts else None
+
+    def error_rms(self) -> float:
+        """rms of measured minus target over the window; NaN without targets."""
+        samples = self.samples()
+        error = samples["measured"] - samples["target"]
+        error = error[np.isfinite(error)]
+        return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
+
+
+def flag_names(flags: int) -> str:
+    """The flags in words."""
+    return ", ".join((f.name or "").lower().replace("_", " ") for f in Flag if flags & f)
+
+
+def line(status: Status | None, window: Window, lost: int) -> str:
+    """One line a second, for a pipe."""
+    newest = window.newest()
+    if newest is None or status is None:
+        return "waiting for telemetry"
+    unit, flags = status.unit, flag_names(window.take_flags())
+    return (
+        f"{State(int(newest['state'])).name.lower():8s} seq {newest['seq']:d}  "
+        f"target {newest['target']:.4g} {unit}  measured {newest['measured']:.4g} {unit}  "
+        f"rms error {window.error_rms():.3g} {unit}  {newest['volts']:.3f} V  "
+        f"missed {status.missed}  lost {lost}" + (f"  [{flags}]" if flags else "")
+    )
+
+
+class _Plot:
+    """A plotext figure that fits the space it is given."""
+
+    def __init__(self, t_s: Any, curves: list[tuple[str, Any, str]], label: str) -> None:
+        self.t_s, self.curves, self.label = t_s, curves, label
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        plotext.clear_figure()
+        plotext.plotsize(options.max_width, options.height or 12)
+        plotext.theme("clear")
+        for name, values, colour in self.curves:
+            good = np.isfinite(values)
+            if good.any():
+                plotext.plot(
+                    self.t_s[good].tolist(),
+                    values[good].tolist(),
+                    label=name,
+                    color=colour,
+                    marker="braille",
+                )
+        plotext.xlabel("s")
+        plotext.ylabel(self.label)
+        yield Text.from_ansi(plotext.build())
+
+
+def screen(
+    status: Status | None,
+    window: Window,
+    lost: int,
+    events: deque[Event],
+    rejections: deque[Rejection],
+) -> Layout:
+    """The whole view."""
+    layout = Layout()
+    layout.split_column(
+        Layout(name="head", size=9), Layout(name="plots"), Layout(name="foot", size=8)
+    )
+    layout["head"].update(_head(status, window, lost))
+    samples = window.samples()
+    unit = status.unit if status else "um"
+    if samples.size:
+        t_s = (samples["scheduled_ns"] - samples["scheduled_ns"][-1]) / 1e9
+        target, measured = samples["target"], samples["measured"]
+        curves = [("target", target, "blue"), ("measured", measured, "red")]
+        layout["plots"].split_column(
+            Layout(_Plot(t_s, curves, unit), ratio=2),
+            Layout(_Plot(t_s, [("error", measured - target, "magenta")], unit), ratio=1),
+        )
+    else:
+        layout["plots"].update(Panel("waiting for telemetry"))
+    layout["foot"].update(_foot(events, rejections))
+    return layout
+
+
+def _head(status: Status | None, window: Window, lost: int) -> Panel:
+    if status is None:
+        return Panel("waiting for the daemon's status")
+    newest = window.newest()
+    state = State(int(newest["state"])).name.lower() if newest is not None else status.state
+    table = Table.grid(padding=(0, 3))
+    for _ in range(3):
+        table.add_column()
+    unit, wake, gateway = status.unit, status.wake_us, status.gateway
+    shown = Text(state if status.core_alive else "no loop", style=STATES.get(state, "white"))
+    table.add_row(
+        Text.assemble("state ", shown, f"  ({status.mode})"),
+        f"{status.volts:.3f} V" if newest is None else f"{newest['volts']:.3f} V",
+        f"reach {status.reach_min:.4g} to {status.reach_max:.4g} {unit}",
+    )
+    table.add_row(
+        "target - " if newest is None else f"target {newest['target']:.4f} {unit}",
+        "measured -" if newest is None else f"measured {newest['measured']:.4f} {unit}",
+        f"rms error {window.error_rms():.4g} {unit} over {window.seconds:g} s",
+    )
+    causes = ", ".join(f"{k} {v}" for k, v in status.missed_by.items()) or "none"
+    table.add_row(
+        f"samples {status.samples}, missed {status.missed}",
+        f"by cause: {causes}",
+        f"{1e9 / status.period_ns:g} Hz, {status.policy} {status.priority}",
+    )
+    table.add_row(
+        f"wake-up p50 {wake.p50:.0f} us, p99 {wake.p99:.0f}, max {wake.max:.0f}",
+        f"step p99 {status.exec_us.p99:.0f} us, I/O p99 {status.io_us.p99:.0f} us",
+        f"telemetry lost here {lost}",
+    )
+    rejected = ", ".join(f"{k} {v}" for k, v in gateway.rejected.items()) or "none"
+    devices = "".join(
+        f"{name} {'ok' if ok else 'FAILED'}, {errors} errors; "
+        for name, ok, errors in (
+            ("actuator", status.actuator_ok, status.actuator_errors),
+            ("sensor", status.sensor_ok, status.sensor_errors),
+        )
+    )
+    table.add_row(
+        devices.rstrip("; "),
+        f"commanded by {gateway.lease_label or 'nobody'}",
+        f"refused: {rejected}",
+    )
+    flags = flag_names(window.take_flags())
+    return Panel(Group(table, Text(flags, style="yellow")), title=f"dehyst {status.name}")
+
+
+def _foot(events: deque[Event], rejections: deque[Rejection]) -> Panel:
+    lines = [(e.time_ns, f"{e.code}: {e.text}", "red" if e.level > 1 else "") for e in events]
+    lines += [(r.time_ns, f"refused {r.count} x: {r.text}", "yellow") for r in rejections]
+    shown = sorted(lines)[-EVENTS:]
+    return Panel(Group(*(Text(text, style=style) for _, text, style in shown)), title="events")
