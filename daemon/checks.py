@@ -59,9 +59,9 @@ def check_rates(config: Config, actuator: DeviceSpec, sensor: DeviceSpec) -> int
 
 
 def _round_down(rate_hz: float) -> float:
-    """The next rate below that a person would write: 1, 2 or 5 times a power of ten."""
-    decade = 10.0 ** math.floor(math.log10(rate_hz))
-    return max(step * decade for step in (1, 2, 5) if step * decade <= rate_hz)
+    """The next rate below with two digits."""
+    step = 10.0 ** (math.floor(math.log10(rate_hz)) - 1)
+    return step * math.floor(rate_hz / step)
 
 
 def check_limits(config: Config, spec: DeviceSpec) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from dehyst.drivers.mdt693b_unit import Mdt693bKnobs
 from dehyst.drivers.stage_settings import StageSettings
 from dehyst.models.errors import BadInput
 
-LATENCY_S = 0.0025
+LATENCY_S = 0.0015
 """Of an amplifier command: room for a 200 Hz loop that writes and reads in turn."""
 
 EPILOG = """\
