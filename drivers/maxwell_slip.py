@@ -25,7 +25,7 @@ from dehyst.drivers.interface import DriverConfigError
 
 Floats = NDArray[np.float64]
 
-COUNT = 64
+COUNT = 64  # a multiple of 4
 SMALLEST, LARGEST = 0.002, 0.6  # slip strains, as a share of full scale
 STIFFNESS_POWER = 0.72  # k_i ~ D_i^power: 2 % loops at a tenth of full scale
 BOW_FINE, BOW_COARSE = -0.25, 0.30
@@ -48,13 +48,21 @@ def slip_sum(d: Floats, k: Floats, bow: Floats, z: Floats, x0: float, x1: float)
     Returns sum_i k_i z_i.
     """
     dx = x1 - x0
-    dxx = x1 * x1 - x0 * x0
-    total = 0.0
+    bend = x1 * x1 - x0 * x0 - dx
     for i in range(d.size):
-        stretched = z[i] + (1.0 - bow[i]) * dx + bow[i] * dxx
-        z[i] = max(-d[i], min(d[i], stretched))
-        total += k[i] * z[i]
-    return total
+        stretched = z[i] + dx + bow[i] * bend
+        stretched = stretched if stretched < d[i] else d[i]
+        z[i] = stretched if stretched > -d[i] else -d[i]
+    # four partial sums: one running sum would wait for itself at each element
+    sums = (0.0, 0.0, 0.0, 0.0)
+    for i in range(0, d.size, 4):
+        sums = (
+            sums[0] + k[i] * z[i],
+            sums[1] + k[i + 1] * z[i + 1],
+            sums[2] + k[i + 2] * z[i + 2],
+            sums[3] + k[i + 3] * z[i + 3],
+        )
+    return sums[0] + sums[1] + sums[2] + sums[3]
 
 
 @njit(cache=True, nogil=True)
