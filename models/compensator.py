@@ -9,61 +9,126 @@ or a converter's step may have changed it): the model's memory follows the appli
     compensator.step(state, window, n_valid, channels)
     state.result[DRIVE] ...
     compensator.applied(state, drive)
+
+A sample without targets (n_valid = 0) holds. Fewer targets than the mode wants are continued from
+the past (dehyst.models.inverse_causal), so that preview fades into causal without a jump.
 """
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from dehyst.models import compensate
+from dehyst.models import inverse_preview as pv
+from dehyst.models.blocks import clip, slew
+from dehyst.models.cascade_step import AT_DRIVE, AT_STAGE, CODE, P_FROM, PLACE, Packed, pack
 from dehyst.models.errors import BadInput
-from dehyst.models.forward import forward_step
-from dehyst.models.inverse_static import BEYOND_DRIVE, BEYOND_SATURATION, StaticInverse
-from dehyst.models.inverse_static import static_inverse as make_static
+from dehyst.models.forward import simulate
+from dehyst.models.inverse_static import static_inverse
 from dehyst.models.model import Floats, Model
 from dehyst.models.monotone import nearest_monotone
 from dehyst.models.play import play_step
 
 # Places in state.result.
 DRIVE, PREDICTED, READING, MODE, FLAGS = range(5)
-
 MODES = ("hold", "static", "causal", "preview")
 HOLD, STATIC, CAUSAL, PREVIEW = range(4)
 
-# Bits in state.result[FLAGS]. The first two are those of the static inverse.
-FLAG_BEYOND_SATURATION = BEYOND_SATURATION
-FLAG_BEYOND_DRIVE = BEYOND_DRIVE
-FLAG_SLEW = 4  # the drive could not follow fast enough
-FLAG_STARVED = 8  # fewer targets than the mode needs
-FLAG_BAD_TARGET = 16  # the target is not a finite number: held
-FLAG_OUTSIDE_VALIDITY = 32  # the drive left the range or rate that the model was identified in
+# Bits in state.result[FLAGS].
+FLAG_BEYOND_SATURATION = compensate.BEYOND_SATURATION
+FLAG_BEYOND_DRIVE = compensate.BEYOND_DRIVE
+FLAG_SLEW = compensate.SLEW
+FLAG_STARVED = compensate.STARVED
+FLAG_BAD_TARGET = compensate.BAD_TARGET
+FLAG_OUTSIDE_VALIDITY = compensate.OUTSIDE
 FLAG_NAMES = {
     FLAG_BEYOND_SATURATION: "target beyond the saturation",
     FLAG_BEYOND_DRIVE: "target beyond the drive range",
     FLAG_SLEW: "limited by the slew rate",
-    FLAG_STARVED: "preview too short",
-    FLAG_BAD_TARGET: "target not finite",
-    FLAG_OUTSIDE_VALIDITY: "outside the model's validity",
+    FLAG_STARVED: "fewer targets ahead than the mode wants",
+    FLAG_BAD_TARGET: "target not finite: held",
+    FLAG_OUTSIDE_VALIDITY: "outside the range or rate that the model was identified in",
 }
+
+RATE_MARGIN = 1.25  # a rate-dependent model is used up to this multiple of its validity's rate
+NOISE_SHARE = 0.004  # of the stroke, where the model states no noise
+SWEEPS = 2
+CAUSAL_WINDOW_S = 0.1
+
+
+class Choice(NamedTuple):
+    """mode: "static", "causal" or "preview"; reason: why, for telemetry; planned: whether a
+    window of drive values is solved for, or the exact static inverse walks."""
+
+    mode: str
+    reason: str
+    planned: bool
 
 
 @dataclass
 class CompensatorState:
-    """What changes from sample to sample. h: (n,) plays of the hysteresis after drive `last[0]`;
-    last: (2,) applied drive and the one before; result: (5,) see DRIVE ... FLAGS."""
+    """What changes from sample to sample; see dehyst.models.compensate and inverse_preview.
+    result: (5,) see DRIVE ... FLAGS; pending: a drive is proposed and not yet applied."""
 
-    h: Floats
-    last: Floats
-    result: Floats = field(default_factory=lambda: np.zeros(5))
+    numbers: Floats
+    plays: Floats
+    work: Floats
+    blocks: Floats
+    scratch: Floats
+    inner: Floats
+    ring: Floats
+    seq: Floats
+    y: Floats
+    result: Floats
+    channels: Floats
     pending: bool = False
+
+
+def choose(model: Model, price: float, mode: str, preview_s: float) -> Choice:
+    """Which mode suits the model and the look-ahead that the stream can give.
+
+    price: rms difference of the nearest monotone model; mode: "auto" or the user's wish.
+    """
+    h = model.hysteresis
+    unit = model.displacement_unit
+    moving = [b.kind for b in model.blocks if b.place in ("drive", "stage")]
+    dynamic = sorted({k for k in moving if k in ("delay", "lag", "resonance")})
+    if not h.static:
+        why = "the model depends on the rate"
+        planned = True
+    elif price > 0.0:
+        why = f"the weights are not monotone (static alone costs {price:.3g} {unit} rms)"
+        planned = True
+    elif dynamic:
+        why = f"the model has {' and '.join(dynamic)}"
+        planned = False
+    else:
+        why, planned = "the model is rate-independent and monotone", False
+        if mode == "auto":
+            return Choice("static", why, False)
+    if mode == "static":
+        return Choice("static", "asked for", False)
+    if mode == "auto":
+        if not h.static or dynamic:
+            mode = "preview" if preview_s > 0.0 else "causal"
+            why += ", targets are known ahead" if preview_s > 0.0 else ", no look-ahead"
+        else:
+            mode = "static"
+            planned = False
+        return Choice(mode, why, planned)
+    return Choice(mode, f"asked for; {why}", planned)
 
 
 class Compensator:
     """Inverts a model within a loop of fixed period.
 
-    model: any model; where it is not monotone the nearest monotone model is inverted, and
-    `price` is their rms difference [displacement unit]. period_s: the loop's period; drive_min,
-    drive_max, slew_per_s: limits that every proposed drive keeps [drive unit, drive unit / s].
-    mode: "auto", "static", "causal" or "preview"; preview_s: longest look-ahead.
+    model: any model; where its weights are not monotone the nearest monotone model is what the
+    static inverse inverts, and `price` is their rms difference [displacement unit]. period_s: the
+    loop's period; drive_min, drive_max, slew_per_s: limits that every proposed drive keeps
+    [drive unit, drive unit / s]; the model's validity narrows them further (`low`, `high`,
+    `rate`). mode: "auto", "static", "causal" or "preview"; preview_s: longest look-ahead.
     Raises BadInput on bad arguments.
 
     `mode`, `reason`: what was chosen and why; `latency_s`: by how much targets must be known
@@ -81,28 +146,88 @@ class Compensator:
         mode: str = "auto",
         preview_s: float = 0.1,
     ) -> None:
-        if not period_s > 0:
-            raise BadInput(f"period_s: must be greater than 0, not {period_s:g}")
-        if not drive_min < drive_max:
-            raise BadInput(f"drive_min: {drive_min:g} must be below drive_max, {drive_max:g}")
-        if not slew_per_s > 0:
-            raise BadInput(f"slew_per_s: must be greater than 0, not {slew_per_s:g}")
-        if mode not in ("auto", *MODES[1:]):
-            raise BadInput(f"mode: one of auto, {', '.join(MODES[1:])} is needed, not {mode!r}")
+        _check(period_s, drive_min, drive_max, slew_per_s, mode, preview_s)
         self.model, self.period_s = model, period_s
-        self.drive_min, self.drive_max, self.slew_per_s = drive_min, drive_max, slew_per_s
+        self._packed = pack(model, period_s)
+        self.channels = self._packed.channels
+        self.low, self.high, self.rate = _limits(
+            model, self._packed, drive_min, drive_max, slew_per_s
+        )
         monotone, self.price = nearest_monotone(model)
-        self.static: StaticInverse = make_static(monotone, drive_min, drive_max)
-        self.mode, self.reason = "static", "rate-independent model"
-        self.latency_s, self.window_samples = 0.0, 1
-        self.channels: tuple[str, ...] = ()
+        self.static = static_inverse(monotone, self.low, self.high)
+        choice = choose(model, self.price, mode, preview_s)
+        self.mode, self.reason, planned = choice
+        per_node = max(1, round(pv.NODE_S / period_s)) if planned else 1
+        late = self._packed.delay_s / period_s if self.mode == "preview" else 0.0
+        wanted = 0
+        if planned:
+            seconds = preview_s if self.mode == "preview" else CAUSAL_WINDOW_S
+            nodes = min(max(4, round(seconds / (per_node * period_s))), 2000)
+            wanted = nodes if self.mode == "preview" else 0
+            self.window_samples = nodes * per_node if wanted else 1
+        else:
+            nodes = 1
+            self.window_samples = 2 if self.mode == "preview" else 1
+        if self.mode == "preview":
+            self.window_samples += math.ceil(late)
+            wanted = wanted or self.window_samples - 1
+        self.latency_s = (self.window_samples - 1) * period_s
+        h = model.hysteresis
+        b = self.static.branch
+        self._weights = np.ascontiguousarray(np.stack([h.r, h.b, h.k, self.static.b]))
+        self._c, self._knots = np.ascontiguousarray(h.c), np.ascontiguousarray(b.z_knots)
+        self.slope = _slope(model, self.low, self.high)
+        noise = model.fit.noise_rms or model.fit.rms or 0.0
+        noise = max(noise, 1e-6 * self.slope * (self.high - self.low))
+        if not (model.fit.noise_rms or model.fit.rms):
+            noise = NOISE_SHARE * self.slope * (self.high - self.low)
+        fixed = np.zeros(pv.N_FIXED)
+        fixed[[pv.U_OFFSET, pv.Y_FIRST, pv.Y_LAST]] = h.u_offset, b.y_first, b.y_last
+        fixed[[pv.LOW, pv.HIGH, pv.RATE]] = self.low, self.high, self.rate
+        fixed[[pv.PERIOD, pv.PER_NODE]] = period_s, per_node
+        fixed[[pv.NOISE, pv.SLOPE, pv.SWEEPS]] = noise, self.slope, SWEEPS
+        self._fixed = fixed
+        v = model.validity
+        setting = np.zeros(compensate.N_SETTING)
+        setting[[compensate.PLANNED, compensate.LATE]] = planned, late
+        setting[compensate.STAGE_BLOCKS] = np.any(self._packed.table[:, PLACE] == AT_STAGE)
+        setting[[compensate.VALID_LOW, compensate.VALID_HIGH]] = v.drive_min, v.drive_max
+        setting[compensate.VALID_RATE] = v.rate_max if v.rate_max and not h.static else math.inf
+        setting[compensate.NODES_WANTED] = wanted
+        setting[compensate.WINDOW] = nodes * per_node
+        self._setting, self._nodes, self._per_node = setting, nodes, per_node
 
     def init(self, drive_now: float, displacement: float | None = None) -> CompensatorState:
-        """State for a stage that stands at drive_now, driven there from de-energised."""
-        h = np.zeros(self.model.hysteresis.n)
-        play_step(self.model.hysteresis.r, h, drive_now - self.model.hysteresis.u_offset)
-        state = CompensatorState(h, np.full(2, float(drive_now)))
-        self._predict(state, drive_now)
+        """State for a stage that stands at drive_now, driven there from de-energised.
+
+        displacement: where the stage is known to be; the plays are led there by the loop that
+        ends at drive_now, where the model allows it.
+        """
+        h = self.model.hysteresis
+        n = h.n
+        plays = np.zeros((pv.N_PLAYS, n))
+        play_step(h.r, plays[pv.REAL], drive_now - h.u_offset)
+        if displacement is not None and math.isfinite(displacement):
+            plays[pv.REAL] = self._led_to(drive_now, displacement)
+        y = float(simulate(h, np.array([drive_now], np.float64), 1.0, plays[pv.REAL])[0])
+        blocks = self._packed.settle(self.model, drive_now, y)
+        numbers = np.zeros(pv.N_STATE)
+        numbers[[pv.LAST, pv.X_0, pv.X_BEFORE, pv.SHADOW]] = drive_now
+        numbers[pv.STATIC_NEXT] = self._nodes * self._per_node
+        numbers[pv.TARGET_NOW] = np.nan
+        plays[pv.SHADOW_PLAYS] = plays[pv.REAL]
+        work = np.zeros((pv.N_WORK, self._nodes))
+        work[pv.SMOOTHNESS] = pv.smoothness(self._nodes, self._per_node * self.period_s, self.slope)
+        inner = np.zeros(compensate.N_INNER)
+        inner[[compensate.V, compensate.COMMAND]] = drive_now
+        inner[compensate.TIME] = -self.period_s
+        state = CompensatorState(
+            numbers=numbers, plays=plays, work=work, blocks=blocks, scratch=blocks.copy(),
+            inner=inner, ring=np.zeros(4 * self._per_node + 8),
+            seq=np.zeros(compensate.PAST + max(self._nodes, 1)), y=np.zeros(5),
+            result=np.zeros(5), channels=np.zeros(len(self.channels)),
+        )  # fmt: skip
+        self.applied(state, drive_now)
         return state
 
     def step(self, state: CompensatorState, window: Floats, n_valid: int, channels: Floats) -> None:
@@ -110,33 +235,83 @@ class Compensator:
         which n_valid count; channels: values in the order of `self.channels`."""
         if state.pending:
             self.applied(state, state.result[DRIVE])
-        last = state.last[0]
-        flags, used = 0, STATIC
-        drive = last
-        if n_valid < 1:
-            flags, used = FLAG_STARVED, HOLD
-        elif not np.isfinite(window[0]):
-            flags, used = FLAG_BAD_TARGET, HOLD
-        else:
-            drive, flags = self.static.step(state.h, last, window[0])
-        travel = self.slew_per_s * self.period_s
-        if abs(drive - last) > travel:
-            drive = last + travel if drive > last else last - travel
-            flags |= FLAG_SLEW
-        self._predict(state, drive)
-        state.result[MODE], state.result[FLAGS] = used, flags
+        if state.channels.size:
+            state.channels[:] = channels[: state.channels.size]
+        compensate.step(
+            self._weights, self._c, self._knots, self._fixed, self._setting, self._packed.table,
+            self._packed.params, state.numbers, state.plays, state.work, state.blocks,
+            state.scratch, state.inner, state.ring, state.seq, state.y, window, n_valid,
+            state.channels, state.result,
+        )  # fmt: skip
         state.pending = True
 
     def applied(self, state: CompensatorState, drive: float) -> None:
-        """The drive that really went out; the model's memory follows it."""
-        state.last[1], state.last[0] = state.last[0], drive
-        self._predict_into(state, drive, state.h)
+        """The drive that really went out; the model's memory follows it. One call is one sample."""
+        compensate.applied(
+            self._weights, self._c, self._knots, self._fixed, self._setting, self._packed.table,
+            self._packed.params, state.numbers, state.plays, state.blocks, state.inner, state.y,
+            state.channels, drive, state.pending, state.result,
+        )  # fmt: skip
         state.pending = False
 
-    def _predict(self, state: CompensatorState, drive: float) -> None:
-        self._predict_into(state, drive, state.h.copy())
+    def _led_to(self, drive: float, displacement: float) -> Floats:
+        """Plays at `drive` whose displacement is the nearest to `displacement` that a single loop
+        from either end of the range reaches."""
+        h = self.model.hysteresis
+        best, plays = math.inf, np.zeros(h.n)
+        for end in np.concatenate(
+            [np.linspace(drive, self.low, 60), np.linspace(drive, self.high, 60)]
+        ):
+            for first in (self.low, self.high):
+                trial = np.zeros(h.n)
+                for u in (first, float(end), drive):
+                    play_step(h.r, trial, u - h.u_offset)
+                y = float(simulate(h, np.array([drive]), 1.0, trial)[0])
+                if abs(y - displacement) < best:
+                    best, plays = abs(y - displacement), trial
+        return plays
 
-    def _predict_into(self, state: CompensatorState, drive: float, h: Floats) -> None:
-        m = self.model.hysteresis
-        y = forward_step(m.r, m.b, m.k, m.c, m.u_offset, h, drive, 0.0)
-        state.result[DRIVE], state.result[PREDICTED], state.result[READING] = drive, y, y
+
+def _check(
+    period_s: float, low: float, high: float, slew_per_s: float, mode: str, preview_s: float
+) -> None:
+    if not 0 < period_s < math.inf:
+        raise BadInput(f"period_s: must be greater than 0, not {period_s:g}")
+    if not low < high:
+        raise BadInput(f"drive_min: {low:g} must be below drive_max, {high:g}")
+    if not slew_per_s > 0:
+        raise BadInput(f"slew_per_s: must be greater than 0, not {slew_per_s:g}")
+    if not 0 <= preview_s < 60:
+        raise BadInput(f"preview_s: must be from 0 to 60 s, not {preview_s:g}")
+    if mode not in ("auto", *MODES[1:]):
+        raise BadInput(f"mode: one of auto, {', '.join(MODES[1:])} is needed, not {mode!r}")
+
+
+def _limits(
+    model: Model, packed: Packed, low: float, high: float, rate: float
+) -> tuple[float, float, float]:
+    """Drive range and rate that limits, validity and clip or slew blocks leave."""
+    v = model.validity
+    low, high = max(low, v.drive_min), min(high, v.drive_max)
+    for row in packed.table[packed.table[:, PLACE] == AT_DRIVE]:
+        p = packed.params[row[P_FROM] :]
+        if row[CODE] == clip.CODE:
+            low, high = max(low, p[0]), min(high, p[1])
+        elif row[CODE] == slew.CODE:
+            rate = min(rate, p[0])
+    if v.rate_max and not model.hysteresis.static:
+        rate = min(rate, RATE_MARGIN * v.rate_max)
+    if not low < high:
+        raise BadInput(
+            f"the drive limits leave nothing of the model's range, {v.drive_min:g} to "
+            f"{v.drive_max:g} {model.drive_unit}"
+        )
+    return low, high, rate
+
+
+def _slope(model: Model, low: float, high: float) -> float:
+    """Mean slope of the displacement over the drive range, without its sign."""
+    h = model.hysteresis
+    ends = simulate(h, np.array([low, high, low, high]), 1e9)
+    slope = abs(float(ends[3] - ends[2])) / (high - low)
+    return slope if slope > 0.0 and math.isfinite(slope) else 1.0

@@ -113,10 +113,10 @@ def require_monotone(model: Model, rate: float = 0.0) -> None:
     found = find_wrong_way(model.hysteresis, v.drive_min, v.drive_max, rate)
     if found is not None:
         price = nearest_monotone(model, rate)[1]
+        says = found.sentence(model.drive_unit, model.displacement_unit)
         raise NotInvertible(
-            f"the model is not monotone: {found.sentence(model.drive_unit, model.displacement_unit)}"
-            f"; the nearest monotone model differs by {price:.3g} {model.displacement_unit} rms "
-            f"over a typical drive"
+            f"the model is not monotone: {says}; the nearest monotone model "
+            f"differs by {price:.3g} {model.displacement_unit} rms over a typical drive"
         )
 
 

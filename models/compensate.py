@@ -1,0 +1,231 @@
+"""The compensator's kernels: gather the window, propose a drive, follow the applied one.
+
+Positions in the window are counted in samples from the present one. Targets that have passed are
+kept in a ring for the continuation (dehyst.models.inverse_causal) and for derivatives.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from dehyst.models import inverse_preview as pv
+from dehyst.models.cascade_step import Ints, advance, lead_drive, undo
+from dehyst.models.inverse_causal import extend
+from dehyst.models.inverse_static import inverse_step
+from dehyst.models.model import Floats
+
+PAST = 3  # nodes before the first one, for derivatives
+HOLD, STATIC, CAUSAL, PREVIEW = range(4)
+DRIVE, PREDICTED, READING, MODE, FLAGS = range(5)
+BEYOND_SATURATION, BEYOND_DRIVE, SLEW, STARVED, BAD_TARGET, OUTSIDE = 1, 2, 4, 8, 16, 32
+
+# Places in `setting`.
+(
+    PLANNED, LATE, STAGE_BLOCKS, VALID_LOW, VALID_HIGH, VALID_RATE, NODES_WANTED, WINDOW, N_SETTING,
+) = range(9)  # fmt: skip
+# Places in `inner`: ring position and fill of past targets, drive at the hysteresis, what blocks
+# beside it add, time, command applied last.
+RING_AT, RING_FILL, V, BESIDE, TIME, COMMAND, N_INNER = range(7)
+
+
+@njit(cache=True, nogil=True)
+def _at(window: Floats, valid: int, ring: Floats, inner: Floats, i: int) -> float:
+    """Target at a whole position; before the first known one and after the last: those."""
+    if i >= 0:
+        return window[min(i, valid - 1)]
+    fill = int(inner[RING_FILL])
+    if fill == 0:
+        return window[0]
+    back = min(-i, fill)
+    return ring[(int(inner[RING_AT]) - back) % ring.size]
+
+
+@njit(cache=True, nogil=True)
+def _between(window: Floats, valid: int, ring: Floats, inner: Floats, at: float) -> float:
+    """Target at any position: the cubic through four samples, a line at the window's end."""
+    i = math.floor(at + 1e-9)
+    q = at - i
+    if q < 1e-6:
+        return _at(window, valid, ring, inner, i)
+    b, c = _at(window, valid, ring, inner, i), _at(window, valid, ring, inner, i + 1)
+    if i + 2 > valid - 1:
+        return b + q * (c - b)
+    a, d = _at(window, valid, ring, inner, i - 1), _at(window, valid, ring, inner, i + 2)
+    return (
+        -a * q * (q - 1) * (q - 2) / 6
+        + b * (q + 1) * (q - 1) * (q - 2) / 2
+        - c * (q + 1) * q * (q - 2) / 2
+        + d * (q + 1) * q * (q - 1) / 6
+    )
+
+
+@njit(cache=True, nogil=True)
+def _gather(
+    setting: Floats, fixed: Floats, table: Ints, params: Floats, states: Floats, scratch: Floats,
+    channels: Floats, inner: Floats, ring: Floats, window: Floats, valid: int, work: Floats,
+    seq: Floats, y: Floats,
+) -> int:  # fmt: skip
+    """Node targets, undone to the hysteresis, into work[TARGET]; returns how many are known."""
+    per_node, late = int(fixed[pv.PER_NODE]), setting[LATE]
+    n = work.shape[1]
+    newest = valid - 1
+    first = per_node - 1.0 + late  # position of node 1
+    known = min(n, max(0, math.floor((newest - first + 1e-9) / per_node) + 1))
+    for q in range(PAST + known):
+        seq[q] = _between(window, valid, ring, inner, first + (q - PAST) * per_node)
+    trust = work[pv.TRUST]
+    if known < n:
+        for j in range(4):
+            y[j] = _at(window, valid, ring, inner, newest - j * per_node)
+        ahead = (first + known * per_node - newest) / per_node
+        extend(seq[PAST:], trust, known, min(max(ahead, 0.0), 1.0), y, fixed[pv.PERIOD] * per_node)
+    else:
+        trust[:] = 1.0
+    if setting[STAGE_BLOCKS] > 0.0:
+        step_s = fixed[pv.PERIOD] * per_node
+        undo(table, params, states, scratch, channels, PAST, step_s, step_s, seq)
+    target = work[pv.TARGET]
+    for j in range(n):
+        target[j] = seq[PAST + j] - inner[BESIDE]
+    return known
+
+
+@njit(cache=True, nogil=True)
+def _present(
+    setting: Floats, fixed: Floats, table: Ints, params: Floats, states: Floats, scratch: Floats,
+    channels: Floats, inner: Floats, ring: Floats, window: Floats, valid: int, seq: Floats,
+) -> float:  # fmt: skip
+    """The present target, undone to the hysteresis."""
+    late = setting[LATE]
+    if setting[STAGE_BLOCKS] > 0.0:
+        three = seq[:3]
+        for q in range(3):
+            three[q] = _between(window, valid, ring, inner, late + q - 1.0)
+        if valid - 1 < late + 1.0:
+            three[2] = 2.0 * three[1] - three[0]
+        period = fixed[pv.PERIOD]
+        undo(table, params, states, scratch, channels, 1, period, period, three)
+        return three[1] - inner[BESIDE]
+    return _between(window, valid, ring, inner, late) - inner[BESIDE]
+
+
+@njit(cache=True, nogil=True)
+def step(
+    weights: Floats, c: Floats, knots: Floats, fixed: Floats, setting: Floats, table: Ints,
+    params: Floats, state: Floats, plays: Floats, work: Floats, states: Floats, scratch: Floats,
+    inner: Floats, ring: Floats, seq: Floats, y: Floats, window: Floats, n_valid: int,
+    channels: Floats, result: Floats,
+) -> None:  # fmt: skip
+    """Propose a drive: fills result (5,)."""
+    valid = 0
+    limit = min(n_valid, window.size)
+    while valid < limit and math.isfinite(window[valid]):
+        valid += 1
+    flags, mode, v, rate = 0, HOLD, state[pv.LAST], 0.0
+    period = fixed[pv.PERIOD]
+    if valid == 0:
+        flags = BAD_TARGET if limit > 0 else STARVED
+        state[pv.VALID] = 0.0
+        state[pv.TARGET_NOW] = np.nan
+    else:
+        if state[pv.VALID] == 0.0:
+            state[pv.PHASE] = 0.0
+            inner[RING_FILL] = 0.0
+        now = _present(
+            setting, fixed, table, params, states, scratch, channels, inner, ring, window, valid,
+            seq,
+        )  # fmt: skip
+        state[pv.TARGET_NOW] = now
+        wanted = setting[NODES_WANTED]
+        if setting[PLANNED] > 0.0:
+            if state[pv.PHASE] == 0.0:
+                known = _gather(
+                    setting, fixed, table, params, states, scratch, channels, inner, ring, window,
+                    valid, work, seq, y,
+                )  # fmt: skip
+                state[pv.NODES] = known
+            v, static_made = pv.propose(weights, c, knots, fixed, state, plays, work)
+            q = (state[pv.PHASE] + 1.0) / fixed[pv.PER_NODE]
+            node = period * fixed[pv.PER_NODE]
+            if static_made:
+                mode, rate = STATIC, (v - state[pv.LAST]) / period
+            else:
+                mode = PREVIEW if wanted > 0.0 and state[pv.NODES] >= 0.5 * wanted else CAUSAL
+                rise = 6.0 * q * (1.0 - q) * (work[pv.PLAN, 0] - state[pv.X_0])
+                bent = (1.0 - q) * (1.0 - 3.0 * q) * state[pv.SLOPE_0]
+                rate = (rise + bent + q * (3.0 * q - 2.0) * state[pv.SLOPE_1]) / node
+            if state[pv.NODES] < wanted:
+                flags |= STARVED
+        else:
+            v, _ = inverse_step(
+                weights[0], weights[3], c, knots, fixed[pv.Y_FIRST], fixed[pv.Y_LAST],
+                fixed[pv.U_OFFSET], fixed[pv.LOW], fixed[pv.HIGH], plays[pv.REAL],
+                state[pv.LAST], now,
+            )  # fmt: skip
+            mode, rate = STATIC, (v - state[pv.LAST]) / period
+            state[pv.VALID] = 1.0
+            if wanted > 0.0:
+                mode = PREVIEW if valid > wanted else CAUSAL
+                if valid <= wanted:
+                    flags |= STARVED
+        ring[int(inner[RING_AT])] = window[0]
+        inner[RING_AT] = (inner[RING_AT] + 1) % ring.size
+        inner[RING_FILL] = min(inner[RING_FILL] + 1, ring.size)
+        y_a, y_b = fixed[pv.Y_FIRST], fixed[pv.Y_LAST]
+        if now < min(y_a, y_b) or now > max(y_a, y_b):
+            flags |= BEYOND_SATURATION
+    last = inner[COMMAND]
+    travel = fixed[pv.RATE] * period
+    u = lead_drive(table, params, v, rate)
+    if valid == 0:
+        u = last
+    u = min(max(u, fixed[pv.LOW]), fixed[pv.HIGH])
+    if abs(u - last) > travel * (1.0 + 1e-9):
+        u = last + travel if u > last else last - travel
+        flags |= SLEW
+    plays[pv.SCRATCH] = plays[pv.REAL]
+    scratch[:] = states
+    advance(
+        table, params, scratch, channels, weights, c, fixed[pv.U_OFFSET], plays[pv.SCRATCH], u,
+        inner[V], inner[TIME] + period, period, y,
+    )  # fmt: skip
+    if valid > 0:
+        e = y[2] - _between(window, valid, ring, inner, 0.0)
+        if (u <= fixed[pv.LOW] or u >= fixed[pv.HIGH]) and abs(e) > fixed[pv.NOISE]:
+            flags |= BEYOND_DRIVE
+    fast = abs(u - last) > setting[VALID_RATE] * period * (1.0 + 1e-9)
+    if u < setting[VALID_LOW] or u > setting[VALID_HIGH] or fast:
+        flags |= OUTSIDE
+    result[DRIVE], result[PREDICTED], result[READING] = u, y[2], y[3]
+    result[MODE], result[FLAGS] = mode, flags
+
+
+@njit(cache=True, nogil=True)
+def applied(
+    weights: Floats, c: Floats, knots: Floats, fixed: Floats, setting: Floats, table: Ints,
+    params: Floats, state: Floats, plays: Floats, states: Floats, inner: Floats, y: Floats,
+    channels: Floats, u: float, stepped: bool, result: Floats,
+) -> None:  # fmt: skip
+    """The drive u went out: advance the model by one sample."""
+    period = fixed[pv.PERIOD]
+    inner[TIME] += period
+    advance(
+        table, params, states, channels, weights, c, fixed[pv.U_OFFSET], plays[pv.REAL], u,
+        inner[V], inner[TIME], period, y,
+    )  # fmt: skip
+    inner[V], inner[BESIDE], inner[COMMAND] = y[0], y[1], u
+    state[pv.LAST] = y[0]
+    result[DRIVE], result[PREDICTED], result[READING] = u, y[2], y[3]
+    if not stepped or not math.isfinite(state[pv.TARGET_NOW]):
+        state[pv.VALID] = 0.0
+        state[pv.PHASE] = 0.0
+        state[pv.SHADOW] = y[0]
+        plays[pv.SHADOW_PLAYS] = plays[pv.REAL]
+        return
+    state[pv.PHASE] = (state[pv.PHASE] + 1.0) % fixed[pv.PER_NODE]
+    if setting[PLANNED] > 0.0:
+        error = y[4] - state[pv.TARGET_NOW]
+        pv.watch(
+            weights, c, knots, fixed, state, plays, setting[WINDOW], error, result[MODE] == STATIC,
+        )  # fmt: skip
