@@ -22,6 +22,7 @@ from dehyst.drivers.interface import (
     DeviceSpec,
     DriverConfigError,
     OutOfRange,
+    ProtocolError,
 )
 from dehyst.drivers.mdt693b_codec import Dialect
 from dehyst.drivers.mdt693b_learn import NATIVE, check_serial, learn
@@ -126,9 +127,9 @@ class Mdt693b:
         link = self._opened()
         volts = self._admit(volts)
         started_s = self._clock()
-        if not link.in_step or self._tried_v is not None:
-            self._get_in_step(link)
+        self._get_in_step(link)
         self._tried_v = volts
+        link.late.clear()
         try:
             link.set(self._word("set", volts=volts))
         except CommandRefused:
@@ -148,8 +149,7 @@ class Mdt693b:
         """The voltage in V that the unit's ADC sees: late, with an offset, for slow checks only.
         Takes a round trip like write()."""
         link = self._opened()
-        if self._tried_v is not None:
-            self._get_in_step(link)
+        self._get_in_step(link)
         return float(link.ask(self._word("read")).value)
 
     def reconnect(self) -> None:
@@ -214,11 +214,16 @@ class Mdt693b:
 
     def _get_in_step(self, link: Mdt693bLink) -> None:
         """Before the next command: find out what became of a set that was not acknowledged."""
-        link.late.acks = link.late.refusals = 0
         link.get_in_step()
-        if self._tried_v is not None and link.late.acks > 0:
-            self._set_v = self._tried_v
-        self._tried_v = None
+        tried_v, self._tried_v = self._tried_v, None
+        if tried_v is not None and link.late.acks > 0:
+            self._set_v = tried_v
+        elif tried_v is None and link.late.refusals > 0:
+            link.late.clear()
+            raise ProtocolError(
+                f"{link.port.path}: the unit refused a command after it had been acknowledged; "
+                "where the output stands is not certain, reconnect to find out"
+            )
 
     def _update_spec(self, timing: CallTimes) -> None:
         rate_hz = self.config.rate_hz or 1.0 / timing.percentile_s(RATE_PERCENTILE)

@@ -100,10 +100,14 @@ class Mdt693bCodec:
         understood until now is forgotten: look at `unparsed` first.
 
         barrier: only the answer to this query ends it; acknowledgements and errors before it are
-        late ones of earlier commands (the unit works in order).
+        late ones of earlier commands (the unit works in order). ValueError when `command` is no
+        query, or one whose answer may be blank: they could not be told from late replies.
         """
+        form = form_of(command)
+        if barrier and (form.pattern is None or form.blank):
+            raise ValueError(f"{command!r} cannot be a barrier: its answer is not unmistakable")
         self._sent = command.encode("ascii")
-        self._form = form_of(command)
+        self._form = form
         self._barrier = barrier
         self._buffer = b""
         return self._sent + TERMINATOR
@@ -122,8 +126,13 @@ class Mdt693bCodec:
         return events
 
     def silence(self) -> list[Event]:
-        """The line has been quiet: whatever is in the buffer is complete."""
+        """The line has been quiet: whatever is in the buffer is complete, unless it is no more
+        than the echo, behind which the reply is still to come."""
         events: list[Event] = []
+        if self._form is not None and self._sent.lower().startswith(
+            self._buffer.strip(b"\r").lower()
+        ):
+            return events
         if self._form is not None and self.dialect is Dialect.LEGACY:
             events = self._legacy_at_silence(self._form)
         # CR and a trailing "*" after a finished legacy reply are part of its framing.
@@ -152,8 +161,8 @@ class Mdt693bCodec:
             return [Refused(payload, late=self._barrier)]
         if not payload and not self._answers(payload):
             return [Ack(late=True)]  # a query never answers so
-        if self._barrier and not self._answers(payload):
-            return [Garbled(payload)]  # or the late answer to an earlier query
+        if self._barrier:
+            return self._at_barrier(payload)
         return [self._finish(payload)]
 
     # -- legacy: acknowledge first
@@ -191,15 +200,19 @@ class Mdt693bCodec:
         if not payload and not form.blank:
             return _late(marks, own=0)
         events = _late(marks, own=1)
-        if self._barrier:
-            # A late answer to an earlier query may stand before it.
-            *earlier, payload = re.split(rb"[\r*]+", payload)
-            events += [Garbled(piece) for piece in earlier]
-            if not self._answers(payload):
-                return [*events, Garbled(payload)]
-        return [*events, self._finish(payload)]
+        return events + (self._at_barrier(payload) if self._barrier else [self._finish(payload)])
 
     # -- shared
+
+    def _at_barrier(self, payload: bytes) -> list[Event]:
+        """The barrier's answer stands at the end; before it, late answers and noise."""
+        assert self._form is not None
+        assert self._form.pattern is not None
+        own = re.search(rb"(?:%s)\Z" % self._form.pattern.pattern, payload)
+        if own is None or not self._answers(own.group()):
+            return [Garbled(payload)]
+        earlier = payload[: own.start()].strip(b"\r*")
+        return [*([Garbled(earlier)] if earlier else []), self._finish(own.group())]
 
     def _answers(self, payload: bytes) -> bool:
         form = self._form
@@ -236,6 +249,23 @@ def _late(marks: bytes, own: int) -> list[Event]:
             events.append(Ack(late=True))
         elif mark == ord("!"):
             events.append(Refused(b"!", late=True))
+    return events
+
+
+def late_replies(dialect: Dialect, raw: bytes) -> list[Event]:
+    """Acknowledgements and errors in bytes that came in unasked."""
+    text = raw.replace(b"\0", b"").replace(b"\n", b"\r")
+    if dialect is Dialect.LEGACY:
+        return _late(b"".join(re.findall(rb"\*(?!\[)|!", text)), own=0)
+    events: list[Event] = []
+    *frames, rest = text.split(b">")
+    for frame in [f.strip(b"\r") for f in frames]:
+        if frame == b"!" or frame.endswith(ERROR_TEXTS):
+            events.append(Refused(frame, late=True))
+        elif not frame:
+            events.append(Ack(late=True))
+    if rest.strip(b"\r") == b"!":
+        events.append(Refused(b"!", late=True))
     return events
 
 

@@ -22,6 +22,7 @@ from dehyst.drivers.mdt693b_codec import (
     Mdt693bCodec,
     Refused,
     detect_dialect,
+    late_replies,
 )
 from dehyst.drivers.serial_port import SerialPort
 
@@ -41,12 +42,16 @@ class LateReplies:
     acks: int = 0
     refusals: int = 0
 
+    def clear(self) -> None:
+        """Count from zero again."""
+        self.acks = self.refusals = 0
+
 
 class Mdt693bLink:
     """port: open. timeout_s: longest wait for a reply. idle_s: silence that ends a legacy reply.
     clock: that of the port. Raises DeviceTimeout, DeviceGone and ProtocolError; after
     CommandRefused the link is as before, after the others `in_step` is False until
-    `get_in_step()` succeeds (ask() and set() call it themselves)."""
+    `get_in_step()` succeeds."""
 
     def __init__(
         self,
@@ -94,6 +99,7 @@ class Mdt693bLink:
         except CommandRefused:
             # MDT693A commands only: there "E" toggles the echo, seen on the empty line.
             if raw.lstrip(b"\0")[:1] in (b"\r", b"\n"):
+                self.get_in_step()
                 self.set("E")
         self.drain(self.idle_s)
 
@@ -108,11 +114,9 @@ class Mdt693bLink:
         raise self._no_answer(command)
 
     def set(self, command: str) -> None:
-        """Carry out a command; returns when it is acknowledged. It is sent once, or not at all
-        when the link cannot be brought in step before the deadline."""
-        deadline_s = self._clock() + self.timeout_s
-        self.get_in_step(deadline_s)
-        for event in self._exchange(command, deadline_s):
+        """Carry out a command; returns when it is acknowledged. It is sent once. Call
+        get_in_step() first."""
+        for event in self._exchange(command, self._clock() + self.timeout_s):
             if isinstance(event, Ack):
                 return
             self._raise_unless_late(command, event)
@@ -136,8 +140,8 @@ class Mdt693bLink:
             self._cut_short = False
         self._owed += 1
         answered = False
-        events = self._exchange(self.barrier, deadline_s, barrier=True, before=waiting)
-        for event in events:
+        events = late_replies(self.dialect, waiting)
+        for event in events + self._exchange(self.barrier, deadline_s, barrier=True):
             self.late.acks += isinstance(event, Ack)
             self.late.refusals += isinstance(event, Refused)
             answered = answered or isinstance(event, Data)
@@ -178,14 +182,12 @@ class Mdt693bLink:
             self.in_step, self._cut_short = False, True
             raise
 
-    def _exchange(
-        self, command: str, deadline_s: float, barrier: bool = False, before: bytes = b""
-    ) -> list[Event]:
+    def _exchange(self, command: str, deadline_s: float, barrier: bool = False) -> list[Event]:
         """Send one command and collect events until its reply is complete or time is up."""
         codec = self._codec
         data = codec.send(command, barrier)
         self._write(data)
-        events = codec.receive(before) if before else []
+        events: list[Event] = []
         received = False
         while codec.waiting:
             until_s = deadline_s

@@ -154,6 +154,6 @@ def _why_not_open(path: str, error: Exception) -> str:
         return f"no permission to open {path}: add your user to the group that owns it (dialout?)"
     if number in (errno.EBUSY, errno.EAGAIN):
         return f"{path} is in use by another program: only one may hold the amplifier"
-    if number in (errno.ENOTTY, errno.EINVAL):
+    if number in (errno.ENOTTY, errno.EINVAL) or "Could not configure" in str(error):
         return f"{path} is not a serial port"
     return f"{path} cannot be opened: {error}"

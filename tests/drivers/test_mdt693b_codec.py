@@ -2,6 +2,7 @@
 
 import itertools
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,6 +14,7 @@ from dehyst.drivers.mdt693b_codec import (
     Garbled,
     Mdt693bCodec,
     Refused,
+    late_replies,
 )
 from dehyst.drivers.mdt693b_forms import FORMS, Ends, form_of
 
@@ -31,8 +33,9 @@ def cut(data: bytes, places: list[int]) -> list[bytes]:
 
 @given(dialects, commands, noise, st.booleans())
 def test_nothing_crashes_it_and_one_byte_gives_at_most_one_event(dialect, command, data, barrier):
+    form = form_of(command)
     codec = Mdt693bCodec(dialect)
-    codec.send(command, barrier)
+    codec.send(command, barrier and form.pattern is not None and not form.blank)
     events = codec.receive(data) + codec.silence()
     assert len(events) <= len(data)
     marks = data.count(b">") if dialect is Dialect.MODERN else data.count(b"*")
@@ -108,6 +111,29 @@ def test_a_late_reading_is_not_taken_for_the_answer_of_a_barrier():
         events = codec.receive(raw) + codec.silence()
         assert [type(e) for e in events] == [Garbled, Data]
         assert events[-1] == Data(b"[ 100]", "100")
+
+
+@pytest.mark.parametrize("command", ["xvoltage=1", "", "serial?"])
+def test_only_an_unmistakable_query_can_be_a_barrier(command):
+    with pytest.raises(ValueError, match="barrier"):
+        Mdt693bCodec(Dialect.MODERN).send(command, barrier=True)
+
+
+@given(dialects, noise)
+def test_stray_bytes_give_no_more_late_replies_than_they_hold(dialect, data):
+    events = late_replies(dialect, data)
+    assert all(isinstance(e, Ack | Refused) and e.late for e in events)
+    assert len(events) <= sum(data.count(mark) for mark in (b"*", b"!", b">"))
+
+
+def test_late_replies():
+    ack, error = Ack(late=True), Refused(b"!", late=True)
+    assert late_replies(Dialect.LEGACY, b"\0*\r!*") == [ack, error, ack]
+    assert late_replies(Dialect.LEGACY, b"*[  24.8]\r") == []
+    assert late_replies(Dialect.MODERN, b">\r>[  0.24]\r>!") == [ack, ack, error]
+    refused = Refused(b"CMD_ARG_INVALID", late=True)
+    assert late_replies(Dialect.MODERN, b"xvoltage=9\rCMD_ARG_INVALID>") != []
+    assert late_replies(Dialect.MODERN, b"CMD_ARG_INVALID>*") == [refused]
 
 
 def test_a_modern_unit_behind_a_legacy_codec_is_garbled_not_acknowledged():
