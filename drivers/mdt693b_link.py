@@ -77,9 +77,10 @@ class Mdt693bLink:
         return self._codec.dialect
 
     def handshake(self) -> None:
-        """Find the dialect and switch the echo off. Moves no output: an empty line, echo=0."""
+        """Find the dialect and switch the echo off. Moves no output: a word that is no command,
+        in case that somebody left half a command in the unit, an empty line, echo=0."""
         self.drain(self.idle_s)
-        self._write(b"\r")
+        self._write(NO_COMMAND + b"\r")
         raw = self._read_to_silence()
         dialect = detect_dialect(raw)
         if dialect is None and not raw:
@@ -97,8 +98,8 @@ class Mdt693bLink:
         try:
             self.ask("echo=0")
         except CommandRefused:
-            # MDT693A commands only: there "E" toggles the echo, seen on the empty line.
-            if raw.lstrip(b"\0")[:1] in (b"\r", b"\n"):
+            # MDT693A commands only: there "E" toggles the echo, seen on the first line.
+            if NO_COMMAND[:1] in raw:
                 self.get_in_step()
                 self.set("E")
         self.drain(self.idle_s)

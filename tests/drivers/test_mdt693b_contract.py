@@ -7,6 +7,7 @@ import pytest
 from dehyst.drivers.contract import ActuatorContract
 from dehyst.drivers.mdt693b import Mdt693b
 from dehyst.drivers.mdt693b_emulator import Mdt693bEmulator
+from dehyst.drivers.mdt693b_settings import Mdt693bConfig
 from dehyst.drivers.mdt693b_unit import Mdt693bKnobs
 
 
@@ -16,13 +17,14 @@ class _Mdt693bContract(ActuatorContract):
     @pytest.fixture(autouse=True)
     def _emulator(self, tmp_path: Path):
         knobs = Mdt693bKnobs(
-            dialect=self.dialect, latency_s=0.0, jitter_s=0.0, start_v=20.0, readback_lag_s=0.02
+            dialect=self.dialect, latency_s=0.0, jitter_s=0.0, start_v=20.0, readback_lag_s=0.0
         )
         with Mdt693bEmulator(tmp_path / "port", knobs) as self.emulator:
             yield
 
     def make(self) -> Mdt693b:
-        return Mdt693b.from_settings({"port": self.emulator.port, "idle_s": 0.01})
+        config = Mdt693bConfig.from_settings({"port": self.emulator.port, "idle_s": 0.02})
+        return Mdt693b(config, sleep=lambda seconds: None)  # the readback has no lag
 
     def true_output(self, device: Mdt693b) -> float:
         return self.emulator.output_v("x")

@@ -17,6 +17,7 @@ from dehyst.drivers.interface import (
 from dehyst.drivers.mdt693b import Mdt693b
 from dehyst.drivers.mdt693b_codec import Dialect
 from dehyst.drivers.mdt693b_emulator import Mdt693bEmulator
+from dehyst.drivers.mdt693b_settings import Mdt693bConfig
 from dehyst.drivers.mdt693b_unit import Mdt693bKnobs
 
 FAST = {"latency_s": 0.0, "jitter_s": 0.0, "readback_lag_s": 0.0, "start_v": 20.0}
@@ -31,7 +32,8 @@ def bench(tmp_path):
     def make(settings=None, **knobs):
         with Mdt693bEmulator(tmp_path / "port", Mdt693bKnobs(**FAST | knobs)) as emulator:
             table = {"port": emulator.port, "idle_s": 0.02, "timeout_s": 0.15}
-            driver = Mdt693b.from_settings(table | (settings or {}))
+            config = Mdt693bConfig.from_settings(table | (settings or {}))
+            driver = Mdt693b(config, sleep=lambda seconds: None)  # the readback has no lag
             driver.open()
             try:
                 yield emulator, driver
@@ -110,6 +112,27 @@ def test_limits_set_on_the_unit_are_held_to(bench):
         emulator.call(lambda: emulator.unit.settings.max_v.update(x=80.0))
         driver.open()
         assert (driver.spec.minimum, driver.spec.maximum) == (10.0, 80.0)
+
+
+def test_half_a_command_left_in_the_unit_is_not_carried_out_by_open(bench):
+    with bench() as (emulator, driver):
+        driver.write(35.0)
+        driver.close()
+        emulator.call(lambda: emulator.unit.feed(b"xvoltage=1"))
+        driver.open()
+        assert emulator.output_v() == pytest.approx(35.0, abs=2e-3)
+
+
+def test_a_lagging_readback_is_waited_for(tmp_path):
+    knobs = Mdt693bKnobs(**FAST | {"readback_lag_s": 0.1})
+    with Mdt693bEmulator(tmp_path / "port", knobs) as emulator:
+        driver = Mdt693b.from_settings({"port": emulator.port})
+        driver.open()
+        driver.write(90.0)
+        driver.close()
+        driver.open()
+        assert driver.output() == pytest.approx(90.2, abs=0.2)
+        driver.close()
 
 
 def test_the_known_set_point_can_be_given(bench):
