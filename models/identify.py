@@ -1,66 +1,280 @@
-"""Identification: recordings in, an invertible model out."""
+"""Identification: recordings in, an invertible model out, with what it is worth.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+Structure first (dehyst.models.selection, by hold-out on at most some thousand rows), then one fit
+of that structure to all rows (dehyst.models.solver). The parameters of Eq. 6 of Qin et al. are all
+found from one recording; the weights are monotone over the identified rate range by their bounds.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
-from dehyst.models.errors import BadRecording
-from dehyst.models.forward import simulate
-from dehyst.models.model import Fit, Hysteresis, Model, Provenance, Validity
-from dehyst.models.play import play_matrix
-from dehyst.models.recording import Floats, Recording
+from dehyst.models.equations import Block, Params, Shape, blocks_of
+from dehyst.models.errors import BadInput, BadRecording
+from dehyst.models.model import Fit, Model, Provenance, Validity
+from dehyst.models.noise import drive_band_hz, parameter_covariance, rough_rms
+from dehyst.models.problem import Problem, set_up
+from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.rows import Rows, prepare
+from dehyst.models.selection import (
+    LEAST_SATURATION,
+    Candidate,
+    Choice,
+    choose_thresholds,
+    first_grid,
+    fit_finest,
+    make_pull,
+    pick_shape,
+    prior_for,
+    pull_blocks,
+    shapes,
+    split,
+    try_shapes,
+)
+from dehyst.models.solver import lower_bounds, solve
+
+LEAST_EXPLAINED = 0.5  # of the displacement's power, held out: below this it does not follow
+ROWS_FINEST = 100_000  # at most so many for the fit without bounds
+START_FACTOR = 2.0  # rms at the start, against the rest, that the assumed start state may leave
+START_SHARE = 0.01  # of the displacement's range that it may leave anyway
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the user fixed; None: chosen by hold-out."""
+    """What the user fixed; None: chosen by hold-out.
+
+    order: play operators (1 to 200); rate: rate-dependent or static; saturation: degree of the
+    polynomial (1 to 9); bias: even powers allowed (True: demanded); monotone: False gives the
+    plain least-squares fit, which in general cannot be inverted (for comparison only).
+    """
 
     order: int | None = None
     rate: bool | None = None
     saturation: int | None = None
     bias: bool | None = None
+    monotone: bool = True
+
+    def __post_init__(self) -> None:
+        if self.order is not None and not 1 <= self.order <= 200:
+            raise BadInput(f"order: 1 to 200 play operators, not {self.order}")
+        if self.saturation is not None and not 1 <= self.saturation <= 9:
+            raise BadInput(f"saturation: a degree from 1 to 9, not {self.saturation}")
 
 
 @dataclass(frozen=True)
 class Identification:
-    """The model and what is known of its worth."""
+    """The model and what it is worth.
+
+    residuals: one (N,) array per recording, y - model, NaN where there is none; used: (N,) rows
+    that were fitted; shape, offset: the structure; params, errors: packed parameters and their
+    standard errors (0: on the bound); tried, orders: what the hold-out compared; notes: what a
+    reader should be told.
+    """
 
     model: Model
+    residuals: tuple[Floats, ...]
+    used: tuple[Bools, ...]
+    shape: Shape
+    params: Params
+    errors: Params
+    at_bound: Bools
+    tried: tuple[Candidate, ...]
+    orders: tuple[tuple[int, float], ...]
+    noise_rms: float
+    notes: tuple[str, ...] = field(default_factory=tuple)
 
 
-def cubic_thresholds(n: int, drive_span: float) -> Floats:
-    """(n,) thresholds, fine at small and coarse at large values, from 0 (after Eq. 10)."""
-    return (np.arange(n) / n) ** 3 * drive_span / 2.0
+def _quiet(text: str) -> None:
+    """No progress wanted."""
 
 
-def identify(recordings: Sequence[Recording], options: Options | None = None) -> Identification:
-    """A static monotone model with cubic thresholds, by bounded linear least squares."""
+def identify(
+    recordings: Sequence[Recording],
+    options: Options | None = None,
+    progress: Callable[[str], None] = _quiet,
+) -> Identification:
+    """Identify one model from one or more recordings of the same stage.
+
+    progress: called with a few words as the work goes on. Raises BadRecording when the recordings
+    cannot carry a model, in one sentence; BadInput when they do not belong together.
+    """
     options = options or Options()
-    rec = recordings[0]
-    if rec.displacement is None:
-        raise BadRecording(f"{rec.name}: no displacement column (y_um, ...)")
-    keep = ~(rec.missing_drive | rec.missing_displacement)
-    u, y = rec.drive[keep], rec.displacement[keep]
-    if u.size < 10 or np.ptp(u) == 0 or np.ptp(y) == 0:
-        raise BadRecording(f"{rec.name}: nothing moves; drive the stage through its range")
-    r = cubic_thresholds(options.order or 10, float(np.ptp(u)))
-    offset = 0.0 if abs(u[0]) <= 0.02 * np.ptp(u) else float(u[0])
-    plays = play_matrix(r, u - offset, np.zeros(r.size))
-    columns = np.c_[plays[:, :-1] - plays[:, 1:], plays[:, -1], np.ones(u.size)]
-    slope = np.ptp(y) / np.ptp(u)
-    low = np.r_[np.full(r.size, 0.01 * slope), -np.inf]
-    x = lsq_linear(columns, y, bounds=(low, np.inf)).x
-    b = np.diff(x[:-1], prepend=0.0)
-    hysteresis = Hysteresis(r=r, b=b, c=[x[-1], 1.0], u_offset=offset)
-    rms = float(np.std(y - simulate(hysteresis, u, rec.period_s)))
-    model = Model(
-        hysteresis,
-        Validity(float(u.min()), float(u.max()), period_s=rec.period_s),
-        rec.drive_unit,
-        rec.displacement_unit,
-        fit=Fit(rms=rms),
-        provenance=Provenance(source="dehyst identify", recordings=((rec.name, rec.sha256),)),
+    if not recordings:
+        raise BadInput("no recording was given")
+    _same_units(recordings)
+    progress("reading the drive")
+    spans = [float(np.nanmax(r.drive) - np.nanmin(r.drive)) for r in recordings if _has_drive(r)]
+    rows = [prepare(r, max(spans, default=0.0)) for r in recordings]
+    found = _search(set_up(rows, options.monotone), options, progress)
+    if not _start_agrees(found.problem, found.residuals()):
+        problem = set_up(rows, options.monotone, trust_start=False)
+        found = _search(problem, options, progress)
+        found.notes.append("the start does not fit a de-energised stage; it was left out")
+    progress("intervals")
+    return _result(found, recordings)
+
+
+@dataclass
+class _Found:
+    """What the search ends with."""
+
+    problem: Problem
+    offset: float
+    shape: Shape
+    choice: Choice
+    params: Params
+    free: Bools
+    tried: list[Candidate]
+    notes: list[str]
+
+    def residuals(self) -> tuple[Floats, ...]:
+        """(N,) y - model of each recording."""
+        return self.problem.residuals(self.choice.r, self.shape, self.params, self.offset)
+
+
+def _search(problem: Problem, options: Options, progress: Callable[[str], None]) -> _Found:
+    """Structure, outliers, thresholds, and the fit of all rows."""
+    notes = list(problem.notes)
+    wanted = shapes(options.rate, options.saturation, options.bias)
+    if problem.rate_max <= 0.0:
+        wanted = [s for s in wanted if not s.rate]
+    tried = try_shapes(problem, wanted, progress)
+    best = pick_shape(tried)
+    grid = first_grid(problem)
+    first = problem.residuals(grid, best.shape, best.solution.params, best.offset)
+    problem, count = problem.without_outliers(first)
+    if count:
+        notes.append(f"{count} lone displacement values far off their neighbours were left out")
+    if count > 1e-3 * first[0].size:
+        tried = try_shapes(problem, wanted, progress)
+        best = pick_shape(tried)
+    _require_following(problem, best)
+    shape, offset = best.shape, best.offset
+    while True:
+        progress("choosing the thresholds")
+        choice = choose_thresholds(problem, shape, offset, options.order)
+        progress(f"fitting {choice.r.size} operators to all rows")
+        params, free = _fit_all(problem, choice, shape, offset)
+        turns = problem.margin(choice.r, shape, params, offset) < LEAST_SATURATION
+        if not turns or not options.monotone or shape.powers == (0,):
+            if choice.pull is not None:
+                notes.append(
+                    "the stage runs back a little right after a reversal, which no invertible "
+                    "model can follow; the nearest invertible model was taken"
+                )
+            return _Found(problem, offset, shape, choice, params, free, tried, notes)
+        notes.append(f"{shape.name}: would turn over within reach and was not taken")
+        simpler = [c for c in tried if len(c.shape.powers) < len(shape.powers) and c.invertible]
+        simpler = [c for c in simpler if (c.shape.rate, c.offset) == (shape.rate, offset)]
+        shape = pick_shape(simpler).shape if simpler else Shape(shape.rate, (0,))
+
+
+def _result(found: _Found, recordings: Sequence[Recording]) -> Identification:
+    """The model and its worth."""
+    problem, picks = found.problem, found.problem.picks
+    count = sum(int(np.count_nonzero(p)) for p in picks)
+    blocks = blocks_of(
+        problem.rows, picks, found.choice.r, found.offset, problem.rate_max, problem.sign
     )
-    return Identification(model)
+    cov = parameter_covariance(blocks, found.shape, found.params, found.free, count)
+    residuals = found.residuals()
+    noise = float(np.nanmedian([rough_rms(e) for e in residuals]))
+    fitted = np.concatenate([e[p] for e, p in zip(residuals, picks, strict=True)])
+    model = Model(
+        problem.hysteresis(found.choice.r, found.shape, found.params, found.offset),
+        _validity(problem, problem.rows),
+        recordings[0].drive_unit,
+        recordings[0].displacement_unit,
+        fit=Fit(float(np.sqrt(np.mean(fitted**2))), found.choice.held_rms, noise),
+        provenance=Provenance(
+            source="dehyst identify",
+            recordings=tuple((one.name, one.sha256) for one in recordings),
+        ),
+    )
+    return Identification(
+        model=model,
+        residuals=residuals,
+        used=tuple(picks),
+        shape=found.shape,
+        params=found.params,
+        errors=Params.unpacked(np.sqrt(np.maximum(np.diag(cov), 0.0)), found.params),
+        at_bound=~found.free,
+        tried=tuple(found.tried),
+        orders=found.choice.orders,
+        noise_rms=noise,
+        notes=(*(n for one in problem.rows for n in one.notes), *found.notes),
+    )
+
+
+def _has_drive(recording: Recording) -> bool:
+    return bool(np.any(~recording.missing_drive))
+
+
+def _same_units(recordings: Sequence[Recording]) -> None:
+    first = recordings[0]
+    for other in recordings[1:]:
+        if (other.drive_unit, other.displacement_unit) != (
+            first.drive_unit,
+            first.displacement_unit,
+        ):
+            raise BadInput(
+                f"{other.name} is in {other.drive_column}, {other.displacement_column} and "
+                f"{first.name} in {first.drive_column}, {first.displacement_column}; "
+                "one model needs one pair of units"
+            )
+
+
+def _require_following(problem: Problem, best: Candidate) -> None:
+    """Raise BadRecording when the displacement has little to do with the drive."""
+    y = np.concatenate([one.y[p] for one, p in zip(problem.rows, problem.picks, strict=True)])
+    explained = 1.0 - best.held_rms**2 / max(float(np.var(y)), 1e-300)
+    if explained < LEAST_EXPLAINED:
+        raise BadRecording(
+            f"{problem.rows[0].name}: the displacement does not follow the drive (a model explains "
+            f"{max(0.0, explained):.0%} of it); check the sensor, its cable and the columns"
+        )
+
+
+def _fit_all(problem: Problem, choice: Choice, shape: Shape, offset: float) -> tuple[Params, Bools]:
+    """Fit to all rows: the parameters, and which are free of their bound."""
+    r, pull = choice.r, choice.pull
+    if pull is not None:
+        some = [a | b for a, b in zip(*split(problem.picks, ROWS_FINEST), strict=True)]
+        loose = fit_finest(problem, some, choice.finest[0], shape, offset, choice.finest[1])
+        pull = make_pull(problem, choice.finest[0], shape, offset, loose.params)
+    count = sum(int(np.count_nonzero(pick)) for pick in problem.picks)
+    pulling = pull_blocks(problem, pull, r, offset, count)
+
+    def blocks() -> Iterable[Block]:
+        yield from blocks_of(problem.rows, problem.picks, r, offset, problem.rate_max, problem.sign)
+        yield from pulling
+
+    low = lower_bounds(choice.params, problem.least)
+    found = solve(blocks, shape, choice.params, low, prior_for(problem, r), steps=6)
+    return found.params, found.free
+
+
+def _start_agrees(problem: Problem, errors: Sequence[Floats]) -> bool:
+    """Do the rows that depend on the assumed start state fit as the others do?"""
+    early, late = [np.empty(0)], [np.empty(0)]
+    for one, pick, error in zip(problem.rows, problem.picks, errors, strict=True):
+        early.append(error[pick & ~one.settled])
+        late.append(error[pick & one.settled])
+    first, rest = np.concatenate(early), np.concatenate(late)
+    if first.size == 0 or rest.size == 0:
+        return True
+    size = problem.slope * problem.span  # of the displacement's range
+    bound = max(START_FACTOR * float(np.sqrt(np.mean(rest**2))), START_SHARE * size)
+    return float(np.sqrt(np.mean(first**2))) <= bound
+
+
+def _validity(problem: Problem, rows: Sequence[Rows]) -> Validity:
+    bands = [b for one in rows if (b := drive_band_hz(one.u, one.period_s)) is not None]
+    return Validity(
+        drive_min=problem.drive_min,
+        drive_max=problem.drive_max,
+        rate_max=problem.rate_max or None,
+        band_hz=max(bands, default=None),
+        period_s=float(np.median([one.period_s for one in rows])),
+    )

@@ -1,0 +1,211 @@
+"""The equations of a fit in blocks of rows, and their normal equations.
+
+With D_i = H_i - H_{i+1} (the last: H_n) the model is z = sum_i s_i(v) D_i, where s_i is the i-th
+partial sum of the weights at the rate v: the slope dz/du after the (i-1)-th operator has joined
+in. Over rates from -R to R it runs linearly from beta_i to alpha_i,
+
+    s_i(v) = alpha_i (1 + v/R) / 2 + beta_i (1 - v/R) / 2 ,
+
+so that monotonicity over the whole rate range is alpha_i >= eps and beta_i >= eps. The saturation
+is S(z) = z + sum_j c_j z^j: the scale shared by weights and polynomial is fixed by c_1 = 1.
+
+Rows come in blocks of bounded size; the Jacobian of one block is all that is held.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dehyst.models.play import play_step
+from dehyst.models.recording import Bools, Floats
+from dehyst.models.rows import Rows
+
+BLOCK = 8192
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Block:
+    """d: (n, M) play differences D_i; pace: (n,) v / R; y: (n,); group: (n,) recording number;
+    weight: how often each of these equations counts."""
+
+    d: Floats
+    pace: Floats
+    y: Floats
+    group: Ints
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Shape:
+    """rate: weights depend on the rate; powers: powers of z beside the first, 0 included."""
+
+    rate: bool
+    powers: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """In words, for people."""
+        odd = all(p % 2 for p in self.powers if p)
+        kind = "odd polynomial" if odd else "full polynomial"
+        degree = max((1, *self.powers))
+        saturation = "no saturation" if degree == 1 else f"{kind} of degree {degree}"
+        return f"{'rate-dependent' if self.rate else 'static'}, {saturation}"
+
+
+@dataclass(frozen=True)
+class Params:
+    """slopes: (M,) or (2M,) alpha then beta; c: (len(powers),); shifts: (G - 1,) offsets of the
+    further recordings against the first."""
+
+    slopes: Floats
+    c: Floats
+    shifts: Floats
+
+    def packed(self) -> Floats:
+        """All in one array."""
+        return np.concatenate([self.slopes, self.c, self.shifts])
+
+    @staticmethod
+    def unpacked(p: Floats, like: "Params") -> "Params":
+        """The inverse of packed()."""
+        a, b = like.slopes.size, like.slopes.size + like.c.size
+        return Params(p[:a], p[a:b], p[b:])
+
+
+@njit(cache=True, nogil=True)
+def _differences(
+    r: Floats, h: Floats, u: Floats, offset: float, pick: Bools, fresh: Bools, out: Floats
+) -> int:
+    """Run the plays over a block; write D of the picked rows into out; return their number."""
+    count = 0
+    n = r.size
+    for t in range(u.size):
+        if fresh[t]:
+            h[:] = 0.0
+        if np.isnan(u[t]):
+            continue
+        play_step(r, h, u[t] - offset)
+        if pick[t]:
+            for i in range(n - 1):
+                out[count, i] = h[i] - h[i + 1]
+            out[count, n - 1] = h[n - 1]
+            count += 1
+    return count
+
+
+def blocks_of(
+    rows: Sequence[Rows],
+    picks: Sequence[Bools],
+    r: Floats,
+    offset: float,
+    rate_max: float,
+    sign: float,
+) -> Iterator[Block]:
+    """Blocks of the picked rows of each recording; the plays see every row."""
+    for number, (one, pick) in enumerate(zip(rows, picks, strict=True)):
+        h = np.zeros(r.size)
+        fresh = np.zeros(one.u.size, dtype=bool)
+        fresh[one.resets] = True
+        for start in range(0, one.u.size, BLOCK):
+            part = slice(start, min(start + BLOCK, one.u.size))
+            out = np.empty((int(np.count_nonzero(pick[part])), r.size))
+            _differences(r, h, one.u[part], offset, pick[part], fresh[part], out)
+            if out.shape[0]:
+                at = pick[part]
+                group = np.full(out.shape[0], number, dtype=np.int64)
+                pace = one.rate[part][at] / rate_max if rate_max else np.zeros(out.shape[0])
+                yield Block(out, pace, sign * one.y[part][at], group)
+
+
+@njit(cache=True, nogil=True)
+def _jacobian(
+    d: Floats, pace: Floats, y: Floats, group: Ints, slopes: Floats, powers: Ints, c: Floats,
+    shifts: Floats, jac: Floats, err: Floats,
+) -> None:  # fmt: skip
+    m = d.shape[1]
+    rate = slopes.size == 2 * m
+    for t in range(d.shape[0]):
+        up = 0.5 * (1.0 + pace[t])
+        down = 1.0 - up
+        z = 0.0
+        if rate:
+            for i in range(m):
+                z += (up * slopes[i] + down * slopes[m + i]) * d[t, i]
+        else:
+            for i in range(m):
+                z += slopes[i] * d[t, i]
+        model, gradient = z, 1.0
+        at = slopes.size
+        for j in range(powers.size):
+            p = powers[j]
+            power = 1.0
+            if p > 0:
+                before = z ** (p - 1)
+                power = before * z
+                gradient += c[j] * p * before
+            model += c[j] * power
+            jac[t, at + j] = power
+        at += powers.size
+        for j in range(shifts.size):
+            jac[t, at + j] = 1.0 if group[t] == j + 1 else 0.0
+        if group[t] > 0:
+            model += shifts[group[t] - 1]
+        if rate:
+            for i in range(m):
+                jac[t, i] = gradient * up * d[t, i]
+                jac[t, m + i] = gradient * down * d[t, i]
+        else:
+            for i in range(m):
+                jac[t, i] = gradient * d[t, i]
+        err[t] = y[t] - model
+
+
+def jacobian(block: Block, shape: Shape, params: Params) -> tuple[Floats, Floats]:
+    """Jacobian (n, p) of the model's output by the packed parameters, and error (n,) y - model."""
+    n = block.d.shape[0]
+    jac = np.empty((n, params.packed().size))
+    err = np.empty(n)
+    powers = np.array(shape.powers, dtype=np.int64)
+    _jacobian(
+        block.d, block.pace, block.y, block.group, params.slopes, powers, params.c,
+        params.shifts, jac, err,
+    )  # fmt: skip
+    return jac, err
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations about some parameters p0: with J p0 added to the errors, the sum of
+    squares of other parameters is total - 2 right' p + p' gram p. count: equations."""
+
+    gram: Floats
+    right: Floats
+    total: float
+    count: int
+    misfit: float
+
+    def misfit_at(self, p: Floats) -> float:
+        """Sum of squares at parameters p, as the linearised equations have it."""
+        return max(0.0, self.total + float(np.dot(p, self.gram @ p - 2.0 * self.right)))
+
+
+def normal(blocks: Iterable[Block], shape: Shape, params: Params) -> Normal:
+    """Normal equations of all blocks, linearised at params."""
+    p0 = params.packed()
+    gram = np.zeros((p0.size, p0.size))
+    right = np.zeros(p0.size)
+    total = misfit = 0.0
+    count = 0
+    for block in blocks:
+        jac, err = jacobian(block, shape, params)
+        full = err + jac @ p0
+        gram += block.weight * (jac.T @ jac)
+        right += block.weight * (jac.T @ full)
+        total += block.weight * float(np.dot(full, full))
+        misfit += block.weight * float(np.dot(err, err))
+        count += err.size
+    return Normal(gram, right, total, count, misfit)

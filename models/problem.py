@@ -1,0 +1,178 @@
+"""The common setting of all fits to some recordings: rows, ranges, sign, bounds.
+
+From here come the blocks of equations, the model that some parameters stand for, and the
+residuals in every row.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dehyst.models.equations import Block, Params, Shape, blocks_of, jacobian
+from dehyst.models.errors import BadRecording
+from dehyst.models.model import Hysteresis
+from dehyst.models.reach import least_slope
+from dehyst.models.recording import Bools, Floats
+from dehyst.models.rows import FEWEST_ROWS, Rows, drive_range, lone_deviation, rate_range
+
+LEAST_SLOPE = 0.02  # of the mean slope: the lowest slope a model may have after a reversal
+SPIKE = 6.0  # a residual this many robust standard deviations off its neighbours is an outlier
+MOST_OUTLIERS = 0.05
+SMALLEST_SPIKE = 0.004  # of the displacement's range; smaller ones do no harm
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What all candidates share. picks: rows of each recording that stand as equations; sign: of
+    the displacement by the drive; least: lowest slope allowed or None; slope: the mean slope."""
+
+    rows: Sequence[Rows]
+    picks: Sequence[Bools]
+    drive_min: float
+    drive_max: float
+    rate_max: float
+    sign: float
+    slope: float
+    least: float | None
+    virgin: bool
+    notes: tuple[str, ...] = ()
+
+    @property
+    def offsets(self) -> tuple[float, ...]:
+        """Drive offsets worth trying: the de-energised state, the middle of the range."""
+        middle = 0.5 * (self.drive_min + self.drive_max)
+        return (0.0,) if self.virgin else (middle, 0.0)
+
+    @property
+    def span(self) -> float:
+        """Drive range."""
+        return self.drive_max - self.drive_min
+
+    def blocks(self, picks: Sequence[Bools], r: Floats, offset: float) -> list[Block]:
+        """Blocks of the picked rows, held in memory."""
+        return list(blocks_of(self.rows, picks, r, offset, self.rate_max, self.sign))
+
+    def hysteresis(self, r: Floats, shape: Shape, params: Params, offset: float) -> Hysteresis:
+        """The model that the parameters stand for."""
+        n = r.size
+        if shape.rate:
+            alpha, beta = params.slopes[:n], params.slopes[n:]
+            p, q = 0.5 * (alpha + beta), 0.5 * (alpha - beta) / self.rate_max
+        else:
+            p, q = params.slopes, np.zeros(n)
+        c = np.zeros(max((1, *shape.powers)) + 1)
+        c[1] = 1.0
+        for power, value in zip(shape.powers, params.c, strict=True):
+            c[power] = value
+        return Hysteresis(
+            r=r, b=np.diff(p, prepend=0.0), k=np.diff(q, prepend=0.0), c=self.sign * c,
+            u_offset=offset,
+        )  # fmt: skip
+
+    def margin(self, r: Floats, shape: Shape, params: Params, offset: float) -> float:
+        """Least slope of the saturation over what the model can reach, relative to its mean."""
+        h = self.hysteresis(r, shape, params, offset)
+        return least_slope(h, self.drive_min, self.drive_max, self.rate_max if shape.rate else 0.0)
+
+    def residuals(
+        self, r: Floats, shape: Shape, params: Params, offset: float
+    ) -> tuple[Floats, ...]:
+        """y - model of each recording, (N,), NaN where there is no equation. The shifts of the
+        further recordings are taken off."""
+        every = [one.use for one in self.rows]
+        found = [np.empty(0)]
+        for block in blocks_of(self.rows, every, r, offset, self.rate_max, self.sign):
+            found.append(self.sign * jacobian(block, shape, params)[1])
+        errors = np.concatenate(found)
+        out, start = [], 0
+        for use in every:
+            stop = start + int(np.count_nonzero(use))
+            error = np.full(use.size, np.nan)
+            error[use] = errors[start:stop]
+            out.append(error)
+            start = stop
+        return tuple(out)
+
+    def without_outliers(self, residuals: Sequence[Floats]) -> tuple["Problem", int]:
+        """The same problem less the rows of lone wild readings, and how many these are.
+
+        Wild is a reading whose residual stands far off its neighbours' while the displacement
+        itself jumps there and back. Misfit, however large, is none: there the model jumps, or
+        neither does.
+        """
+        picks, count = [], 0
+        known = [np.abs(lone_deviation(e)) for e in residuals]
+        middle = np.concatenate([k[~np.isnan(k)] for k in known])
+        limit = SPIKE * 1.4826 * float(np.median(middle)) if middle.size else 0.0
+        for pick, off, one in zip(self.picks, known, self.rows, strict=True):
+            least = max(
+                limit,
+                SMALLEST_SPIKE * float(np.nanquantile(one.y, 0.98) - np.nanquantile(one.y, 0.02)),
+            )
+            with np.errstate(invalid="ignore"):
+                wild = pick & (off > least) & (np.abs(jump(one.y)) > 0.4 * off)
+            number = int(np.count_nonzero(wild))
+            if 0 < number <= MOST_OUTLIERS * pick.size:
+                count += number
+                pick = pick & ~wild
+            picks.append(pick)
+        return (replace(self, picks=picks), count) if count else (self, 0)
+
+
+def jump(y: Floats) -> Floats:
+    """(N,) how far each value is from the cubic through its four neighbours; 0 next to NaN."""
+    out = np.zeros(y.size)
+    if y.size >= 5:
+        around = (4.0 * (y[1:-3] + y[3:-1]) - (y[:-4] + y[4:])) / 6.0
+        out[2:-2] = y[2:-2] - around
+    return np.nan_to_num(out)
+
+
+def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Problem:
+    """The problem that some recordings pose.
+
+    trust_start: a start that looks de-energised is taken as such; False, or where it does not:
+    rows that depend on the start are left out. Raises BadRecording when too few rows are left.
+    """
+    notes: list[str] = []
+    low, high = drive_range(rows)
+    rate_max = rate_range(rows)
+    allowed, beyond = [], 0
+    for one in rows:
+        with np.errstate(invalid="ignore"):
+            slow = np.abs(one.rate) <= rate_max * (1 + 1e-9)
+        beyond += int(np.count_nonzero(one.use & ~slow))
+        allowed.append(one.use & slow)
+    if beyond:
+        notes.append(f"{beyond} rows with a rate that hardly ever occurs were left out")
+    virgin = all(one.virgin for one in rows) and trust_start
+    picks = allowed
+    if not virgin:
+        picks = [use & one.settled for use, one in zip(allowed, rows, strict=True)]
+        settled, total = (sum(int(np.count_nonzero(m)) for m in ms) for ms in (picks, allowed))
+        if settled < max(0.3 * total, FEWEST_ROWS):
+            picks = allowed
+            notes.append("the drive reaches its full range late; its start is taken as centred")
+    count = sum(int(np.count_nonzero(p)) for p in picks)
+    if count < FEWEST_ROWS:
+        raise BadRecording(f"{rows[0].name}: {count} usable rows are too few to identify from")
+    u = np.concatenate([one.u[p] for one, p in zip(rows, picks, strict=True)])
+    y = np.concatenate([one.y[p] for one, p in zip(rows, picks, strict=True)])
+    slope = _mean_slope(u, y)
+    if slope < 0:
+        notes.append("the displacement falls where the drive rises; the saturation has the sign")
+    size = max(abs(slope), 1e-12 * float(np.ptp(y)) / (high - low), 1e-300)
+    least = LEAST_SLOPE * size if monotone else None
+    sign = -1.0 if slope < 0 else 1.0
+    return Problem(rows, picks, low, high, rate_max, sign, size, least, virgin, tuple(notes))
+
+
+def _mean_slope(u: Floats, y: Floats) -> float:
+    """Slope of a straight line through (u, y), in which wild values have no say."""
+    du, dy = u - u.mean(), y - np.median(y)
+    inner = np.abs(dy) <= 6.0 * np.median(np.abs(dy))
+    if not inner.any():
+        inner[:] = True
+    power = float(du[inner] @ du[inner])
+    return float(du[inner] @ dy[inner]) / power if power > 0.0 else 0.0

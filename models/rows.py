@@ -1,0 +1,212 @@
+"""A recording made ready for identification: which rows may stand as equations, and why others not.
+
+Nothing is filled in. A missing drive sample leaves the operators as they are; a missing
+displacement, or a rate across a gap, costs that one equation; after a long gap the memory of the
+stage is unknown again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dehyst.models.errors import BadRecording
+from dehyst.models.recording import Bools, Floats, Recording
+
+FEWEST_ROWS = 60
+LONG_GAP = 5.5  # periods; over a longer gap the drive may have turned unseen
+NEAR_ZERO = 0.01  # part of the drive span that still counts as de-energised
+LONE = 8.0  # a lone drive value this many robust standard deviations off is a glitch
+
+
+@dataclass
+class Rows:
+    """One recording's equations.
+
+    u, rate, y: (N,) drive, du/dt over the true time step, displacement; NaN where unknown.
+    use: (N,) rows that may stand as equations. resets: rows where the stage's memory is unknown.
+    settled: (N,) rows at which no operator up to the widest depends on the unknown start.
+    virgin: the start looks de-energised. notes: what a reader should be told.
+    """
+
+    name: str
+    t_s: Floats
+    u: Floats
+    rate: Floats
+    y: Floats
+    use: Bools
+    resets: NDArray[np.intp]
+    settled: Bools
+    virgin: bool
+    period_s: float
+    notes: list[str] = field(default_factory=list)
+
+
+def prepare(recording: Recording, span: float | None = None) -> Rows:
+    """Rows of one recording. span: drive span over all recordings (default: this one's own).
+
+    Raises BadRecording when nothing can be learned from it, in one sentence with the remedy.
+    """
+    name = recording.name
+    if recording.displacement is None:
+        raise BadRecording(f"{name}: no displacement column (y_um, ...); identification needs one")
+    _require_size(name, recording.size)
+    notes = [text] if (text := recording.defects()) else []
+    u, y, t = recording.drive, recording.displacement, recording.t_s
+    u = _without_glitches(name, u, notes)
+    present = ~np.isnan(u)
+    _require_size(name, int(np.count_nonzero(present & ~np.isnan(y))))
+    _require_motion(recording, u, y)
+    own = float(np.nanmax(u) - np.nanmin(u))
+    rate, resets = _rates(t, u, recording.period_s)
+    settled = np.zeros(u.size, dtype=bool)
+    _settle(u, resets, 2.0 * 0.5 * (span or own) * 0.9, settled)
+    use = present & ~np.isnan(y) & ~np.isnan(rate)
+    virgin = _looks_virgin(u[present], own)
+    return Rows(name, t, u, rate, y, use, resets, settled, virgin, recording.period_s, notes)
+
+
+def _require_size(name: str, size: int) -> None:
+    if size < FEWEST_ROWS:
+        raise BadRecording(
+            f"{name}: {size} usable rows; identification needs at least {FEWEST_ROWS}, "
+            "better several thousand"
+        )
+
+
+def _require_motion(recording: Recording, u: Floats, y: Floats) -> None:
+    name, unit = recording.name, recording.drive_unit
+    low, high = float(np.nanmin(u)), float(np.nanmax(u))
+    if high - low <= 1e-9 * max(1.0, abs(high)):
+        raise BadRecording(
+            f"{name}: the drive stands at {low:.6g} {unit} all the time; nothing can be "
+            "identified; drive the stage through its range (dehyst excite designs a drive)"
+        )
+    if np.nanmax(y) == np.nanmin(y):
+        raise BadRecording(
+            f"{name}: the displacement reads {np.nanmin(y):.6g} {recording.displacement_unit} all "
+            "the time while the drive moves; check the sensor and its cable"
+        )
+    rise, fall = travels(u[~np.isnan(u)])
+    if min(rise, fall) < 0.2 * (high - low):
+        way = "up" if rise > fall else "down"
+        raise BadRecording(
+            f"{name}: the drive only runs {way}; hysteresis shows only where it turns and comes "
+            "back; record at least one full loop (dehyst excite designs a drive)"
+        )
+
+
+def _without_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
+    """The drive with lone wild values as NaN; a glitch would stay in every operator's memory."""
+    off = lone_deviation(u)
+    known = off[~np.isnan(off)]
+    if known.size == 0:
+        return u
+    limit = LONE * 1.4826 * float(np.median(np.abs(known)))
+    limit = max(limit, 0.02 * float(np.nanquantile(u, 0.98) - np.nanquantile(u, 0.02)))
+    with np.errstate(invalid="ignore"):
+        wild = np.abs(off) > limit
+    count = int(np.count_nonzero(wild))
+    if count == 0 or count > 0.05 * u.size:
+        return u
+    notes.append(f"{name}: {count} lone drive values far off their neighbours were left out")
+    u = u.copy()
+    u[wild] = np.nan
+    return u
+
+
+@njit(cache=True, nogil=True)
+def lone_deviation(x: Floats) -> Floats:
+    """(N,) distance of each value from the median of its five neighbours; NaN stays NaN."""
+    out = np.zeros(x.size)
+    five = np.empty(5)
+    for i in range(x.size):
+        a = min(max(i - 2, 0), x.size - 5) if x.size >= 5 else 0
+        m = 0
+        for j in range(a, min(a + 5, x.size)):
+            if not np.isnan(x[j]):
+                p = m
+                while p > 0 and five[p - 1] > x[j]:
+                    five[p] = five[p - 1]
+                    p -= 1
+                five[p] = x[j]
+                m += 1
+        if np.isnan(x[i]):
+            out[i] = np.nan
+        elif m >= 3:
+            middle = five[m // 2] if m % 2 else 0.5 * (five[m // 2 - 1] + five[m // 2])
+            out[i] = x[i] - middle
+    return out
+
+
+@njit(cache=True, nogil=True)
+def travels(u: Floats) -> tuple[float, float]:
+    """Largest rise above an earlier value and largest fall below an earlier value."""
+    low = high = u[0]
+    rise = fall = 0.0
+    for i in range(u.size):
+        low, high = min(low, u[i]), max(high, u[i])
+        rise, fall = max(rise, u[i] - low), max(fall, high - u[i])
+    return rise, fall
+
+
+@njit(cache=True, nogil=True)
+def _rates(t: Floats, u: Floats, period: float) -> tuple[Floats, NDArray[np.intp]]:
+    """(N,) rate over each row's own step, NaN after a gap; rows that follow a long gap."""
+    rate = np.full(u.size, np.nan)
+    resets = np.empty(u.size, dtype=np.intp)
+    count = 0
+    last = -1
+    for i in range(u.size):
+        if np.isnan(u[i]):
+            continue
+        if last < 0:
+            rate[i] = 0.0
+            resets[count] = i
+            count += 1
+        else:
+            dt = t[i] - t[last]
+            if dt <= 1.6 * period:
+                rate[i] = (u[i] - u[last]) / dt
+            elif dt > LONG_GAP * period:
+                resets[count] = i
+                count += 1
+        last = i
+    return rate, resets[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _settle(u: Floats, resets: NDArray[np.intp], travel: float, settled: Bools) -> None:
+    """Mark rows whose drive has covered `travel` since the memory was last unknown."""
+    low, high, next_reset = np.inf, -np.inf, 0
+    for i in range(u.size):
+        if next_reset < resets.size and resets[next_reset] == i:
+            low, high = np.inf, -np.inf
+            next_reset += 1
+        if not np.isnan(u[i]):
+            low, high = min(low, u[i]), max(high, u[i])
+        settled[i] = high - low >= travel
+
+
+def _looks_virgin(u: Floats, span: float) -> bool:
+    """The drive starts at zero, and there at rest or at the end of its range."""
+    if abs(u[0]) > NEAR_ZERO * span:
+        return False
+    at_end = min(u[0] - float(u.min()), float(u.max()) - u[0]) <= NEAR_ZERO * span
+    steps = np.abs(np.diff(u[:20000]))
+    at_rest = float(steps[:3].max()) <= 0.1 * float(np.quantile(steps, 0.99))
+    return at_end or at_rest
+
+
+def drive_range(rows: Sequence[Rows]) -> tuple[float, float]:
+    """Lowest and highest drive of several recordings."""
+    return min(float(np.nanmin(r.u)) for r in rows), max(float(np.nanmax(r.u)) for r in rows)
+
+
+def rate_range(rows: Sequence[Rows]) -> float:
+    """Largest rate that the recordings show more than now and then [drive unit / s]."""
+    rates = np.concatenate([np.abs(r.rate[r.use][:: max(1, r.u.size // 200_000)]) for r in rows])
+    moving = rates[rates > 0]
+    return float(min(moving.max(), 1.5 * np.quantile(moving, 0.99))) if moving.size else 0.0

@@ -1,0 +1,202 @@
+"""Which structure the data supports: static or rate-dependent, which saturation, which thresholds.
+
+Everything is decided on rows that the fit did not see: each recording is cut into five parts in
+time, the second and the last are held out. Among structures within a small tolerance of the best,
+the simplest wins.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from dehyst.models.equations import Block, Params, Shape, normal
+from dehyst.models.generic import generic_drive
+from dehyst.models.problem import Problem
+from dehyst.models.recording import Bools, Floats
+from dehyst.models.rows import Rows
+from dehyst.models.solver import Prior, Solution, lower_bounds, solve, start_params
+from dehyst.models.thresholds import Grid, choose, cubic_thresholds, eliminate
+
+TOLERANCE = 0.005  # of the held-out power: less is not worth a larger model
+FIRST_GRID = 24
+FINEST_GRID = 48
+LEAST_SATURATION = 0.05  # of the mean slope of the saturation
+NARROW = 0.02  # of the drive span: narrower operators may at first run the wrong way
+SPREAD = 0.1  # of the mean slope: how much neighbouring slopes of wide operators differ
+ROWS = 12_000
+PARTS, HELD = 5, (1, 4)
+ODD = ((0,), (0, 3), (0, 3, 5), (0, 3, 5, 7))
+FULL = ((0, 2), (0, 2, 3), (0, 2, 3, 4), (0, 2, 3, 4, 5))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One structure tried: what it left on the held-out rows, and whether it can be inverted."""
+
+    shape: Shape
+    offset: float
+    held_rms: float
+    invertible: bool
+    solution: Solution
+
+
+def split(picks: Sequence[Bools], limit: int = ROWS) -> tuple[list[Bools], list[Bools]]:
+    """Rows to fit and rows to hold out, at most `limit` rows altogether, of each recording."""
+    total = sum(int(np.count_nonzero(p)) for p in picks)
+    share = min(1.0, limit / max(1, total))
+    rng = np.random.default_rng(0)  # which rows of a long recording are taken is not important
+    train, held = [], []
+    for pick in picks:
+        at = np.flatnonzero(pick)
+        part = np.arange(at.size) * PARTS // max(1, at.size)
+        if share < 1.0:
+            some = rng.random(at.size) < share
+            at, part = at[some], part[some]
+        out = np.isin(part, HELD)
+        masks = np.zeros((2, pick.size), dtype=bool)
+        masks[0, at[~out]] = True
+        masks[1, at[out]] = True
+        train.append(masks[0])
+        held.append(masks[1])
+    return train, held
+
+
+def shapes(rate: bool | None, saturation: int | None, bias: bool | None) -> list[Shape]:
+    """The structures to try, simple ones first, within what the user fixed."""
+    powers: list[tuple[int, ...]] = []
+    if bias is not True:
+        powers += list(ODD)
+    if bias is not False:
+        powers += list(FULL)
+    if saturation is not None:
+        full = tuple(p for p in range(saturation + 1) if p != 1)
+        odd = tuple(p for p in full if p == 0 or p % 2)
+        powers = [p for p in (odd, full) if max((1, *p)) == saturation]
+        powers = [p for p in powers if bias is None or bias == any(q and q % 2 == 0 for q in p)]
+        powers = list(dict.fromkeys(powers)) or [full]
+    powers.sort(key=len)
+    rates = [False, True] if rate is None else [rate]
+    return [Shape(r, p) for r in rates for p in powers]
+
+
+def first_grid(problem: Problem) -> Floats:
+    """(n,) thresholds on which structures are compared."""
+    return cubic_thresholds(FIRST_GRID, problem.span)
+
+
+def try_shapes(
+    problem: Problem, wanted: list[Shape], progress: Callable[[str], None]
+) -> list[Candidate]:
+    """Fit every structure on a first grid of thresholds and score it on the held-out rows."""
+    r = first_grid(problem)
+    train, held = split(problem.picks)
+    out = []
+    for number, offset in enumerate(problem.offsets):
+        train_blocks = problem.blocks(train, r, offset)
+        held_blocks = problem.blocks(held, r, offset)
+        for shape in wanted:
+            if number and not shape.rate and 2 in shape.powers:
+                continue  # a full polynomial takes up a static model's offset
+            progress(f"trying: {shape.name}")
+            start = start_params(r.size, shape, problem.slope, len(problem.rows), shape.rate)
+            low = lower_bounds(start, problem.least)
+            found = solve(partial(list, train_blocks), shape, start, low, prior_for(problem, r))
+            score = normal(held_blocks, shape, found.params)
+            good = problem.margin(r, shape, found.params, offset) >= LEAST_SATURATION
+            rms = float(np.sqrt(score.misfit / max(1, score.count)))
+            out.append(Candidate(shape, offset, rms, good, found))
+    return out
+
+
+def pick_shape(tried: list[Candidate]) -> Candidate:
+    """The simplest candidate that can be inverted and is within the tolerance of the best."""
+    fit = [c for c in tried if c.invertible] or tried[:1]
+    best = min(c.held_rms for c in fit) ** 2
+    near = [c for c in fit if c.held_rms**2 <= best * (1.0 + TOLERANCE)]
+    return min(near, key=lambda c: (c.shape.rate, len(c.shape.powers), c.held_rms))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Thresholds (n,), parameters fitted on the training rows, their held-out rms, the held-out
+    rms of every order; pull: the generic drive with the displacements that the fit without bounds
+    gives for it, where the bounds cost something; finest: that fit's thresholds and parameters."""
+
+    r: Floats
+    params: Params
+    held_rms: float
+    orders: tuple[tuple[int, float], ...]
+    pull: Rows | None
+    finest: tuple[Floats, Params]
+
+
+def prior_for(problem: Problem, r: Floats) -> Prior:
+    """What is taken for granted about the slopes at thresholds r."""
+    return Prior(
+        r, NARROW * problem.span, 0.5 * problem.span, SPREAD * problem.slope, 1.0 / FINEST_GRID
+    )
+
+
+def fit_finest(
+    problem: Problem, picks: Sequence[Bools], r: Floats, shape: Shape, offset: float, start: Params
+) -> Solution:
+    """Fit on the finest grid with no bounds on the narrow operators."""
+    blocks = problem.blocks(picks, r, offset)
+    low = lower_bounds(start, problem.least, r, NARROW * problem.span)
+    return solve(lambda: blocks, shape, start, low, prior_for(problem, r))
+
+
+def make_pull(problem: Problem, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:
+    """The generic drive with the displacements that these parameters give for it."""
+    rate_max = problem.rate_max if shape.rate else 0.0
+    rows = generic_drive(problem.drive_min, problem.drive_max, rate_max)
+    alone = replace(problem, rows=[rows], picks=[rows.use])
+    y = -alone.residuals(r, shape, params, offset)[0]
+    return replace(rows, y=y)
+
+
+def pull_blocks(
+    problem: Problem, pull: Rows | None, r: Floats, offset: float, count: int
+) -> list[Block]:
+    """Blocks of the pull, which together count as much as `count` equations."""
+    if pull is None:
+        return []
+    alone = replace(problem, rows=[pull], picks=[pull.use])
+    weight = count / pull.u.size
+    return [replace(block, weight=weight) for block in alone.blocks(alone.picks, r, offset)]
+
+
+def choose_thresholds(problem: Problem, shape: Shape, offset: float, order: int | None) -> Choice:
+    """The thresholds that the data support, or the best `order` of them."""
+    finest = max(FINEST_GRID, order or 0)
+    r = cubic_thresholds(finest, problem.span)
+    prior = prior_for(problem, r)
+    train, held = split(problem.picks)
+    train_blocks, held_blocks = (problem.blocks(p, r, offset) for p in (train, held))
+    start = start_params(finest, shape, problem.slope, len(problem.rows), shape.rate)
+    loose = fit_finest(problem, train, r, shape, offset, start)
+    low = lower_bounds(start, problem.least)
+    tight = solve(lambda: train_blocks, shape, loose.params, low, prior)
+    pull = None
+    if problem.least is not None and tight.normal.misfit > loose.normal.misfit * (1.0 + TOLERANCE):
+        pull = make_pull(problem, r, shape, offset, loose.params)
+        train_blocks += pull_blocks(problem, pull, r, offset, tight.normal.count)
+        tight = solve(lambda: train_blocks, shape, tight.params, low, prior)
+    held_blocks_pull = pull_blocks(problem, pull, r, offset, sum(b.y.size for b in held_blocks))
+    held_eq = normal(held_blocks + held_blocks_pull, shape, tight.params)
+    grids = eliminate(prior.add_to(tight.normal, shape), held_eq, low, finest, shape.rate)
+    orders = tuple((len(g.kept), float(np.sqrt(g.held / max(1, held_eq.count)))) for g in grids)
+    best: Grid = choose(grids, order, TOLERANCE)
+    few = r[list(best.kept)]
+    like = start_params(few.size, shape, problem.slope, len(problem.rows), shape.rate)
+    blocks = problem.blocks(train, few, offset)
+    blocks += pull_blocks(problem, pull, few, offset, sum(b.y.size for b in blocks))
+    low = lower_bounds(like, problem.least)
+    found = solve(
+        lambda: blocks, shape, Params.unpacked(best.p, like), low, prior_for(problem, few)
+    )
+    score = normal(problem.blocks(held, few, offset), shape, found.params)
+    held_rms = float(np.sqrt(score.misfit / max(1, score.count)))
+    return Choice(few, found.params, held_rms, orders, pull, (r, loose.params))

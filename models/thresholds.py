@@ -1,0 +1,102 @@
+"""Which thresholds a model needs: start with many, drop those that the data cannot tell apart.
+
+Dropping threshold j ties slope j to slope j - 1: their columns in the normal equations add up.
+So every smaller model's fit and its error on held-out rows follow from the two Gram matrices of
+the finest grid, without touching the data again. The tie that costs least goes first; two
+thresholds closer than a sample's step cost nothing and merge at once.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dehyst.models.bounded import bounded_solve
+from dehyst.models.equations import Normal
+from dehyst.models.recording import Floats
+
+
+def cubic_thresholds(n: int, drive_span: float) -> Floats:
+    """(n,) thresholds from 0 to below half the span, fine where small (after Eq. 10)."""
+    return (np.arange(n) / n) ** 3 * drive_span / 2.0
+
+
+@dataclass(frozen=True)
+class Grid:
+    """One stage of the elimination: kept: (n,) indices into the finest grid; p: the unknowns;
+    train, held: misfits (sums of squares) on the fitted and on the held-out rows."""
+
+    kept: tuple[int, ...]
+    p: Floats
+    train: float
+    held: float
+
+
+def merge_matrix(kept: tuple[int, ...], finest: int, rate: bool, rest: int) -> Floats:
+    """(full, reduced) matrix that spreads a reduced model's unknowns over the finest grid's."""
+    n = len(kept)
+    owner = np.searchsorted(np.array(kept), np.arange(finest), side="right") - 1
+    one = np.zeros((finest, n))
+    one[np.arange(finest), owner] = 1.0
+    parts = 2 if rate else 1
+    out = np.zeros((finest * parts + rest, n * parts + rest))
+    for part in range(parts):
+        rows, cols = slice(part * finest, (part + 1) * finest), slice(part * n, (part + 1) * n)
+        out[rows, cols] = one
+    out[finest * parts :, n * parts :] = np.eye(rest)
+    return out
+
+
+def eliminate(train: Normal, held: Normal, low: Floats, finest: int, rate: bool) -> list[Grid]:
+    """Grids of all sizes from `finest` down to 1.
+
+    train, held: normal equations on the finest grid about the same parameters; low: (p,) bounds.
+    """
+    rest = low.size - finest * (2 if rate else 1)
+    kept = tuple(range(finest))
+    grids = []
+    free = None
+    while True:
+        spread = merge_matrix(kept, finest, rate, rest)
+        gram, right = spread.T @ train.gram @ spread, spread.T @ train.right
+        parts = np.concatenate([np.array(kept) + finest * i for i in range(2 if rate else 1)])
+        few = np.concatenate([low[parts.astype(np.intp)], low[low.size - rest :]])
+        p, free = bounded_solve(gram, right, few, free)
+        full = spread @ p
+        grids.append(Grid(kept, p, train.misfit_at(full), held.misfit_at(full)))
+        if len(kept) == 1:
+            return grids
+        drop = _cheapest(gram, p, len(kept), rate)
+        kept = kept[:drop] + kept[drop + 1 :]
+        free = np.delete(free, [drop, drop + len(kept) + 1] if rate else [drop])
+
+
+def _cheapest(gram: Floats, p: Floats, n: int, rate: bool) -> int:
+    """The threshold (never the first) whose tie to its lower neighbour costs the least misfit.
+
+    Bounds are left aside here: only the order of removal depends on it, not the fit.
+    """
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    g = gram / np.outer(scale, scale)
+    g[np.diag_indices_from(g)] += 1e-10
+    inverse = np.linalg.inv(g) / np.outer(scale, scale)
+    best, cost = 1, np.inf
+    for j in range(1, n):
+        pairs = [(j - 1, j), (n + j - 1, n + j)] if rate else [(j - 1, j)]
+        difference = np.array([p[a] - p[b] for a, b in pairs])
+        spread = np.zeros((len(pairs), p.size))
+        for i, (a, b) in enumerate(pairs):
+            spread[i, a], spread[i, b] = 1.0, -1.0
+        small = spread @ inverse @ spread.T
+        price = float(difference @ np.linalg.solve(small, difference))
+        if price < cost:
+            best, cost = j, price
+    return best
+
+
+def choose(grids: list[Grid], order: int | None, tolerance: float) -> Grid:
+    """The grid of the given order, or the smallest whose held-out misfit is within the tolerance
+    (relative) of the best."""
+    if order is not None:
+        return next((g for g in grids if len(g.kept) == order), grids[0])
+    best = min(g.held for g in grids)
+    return [g for g in grids if g.held <= best * (1.0 + tolerance)][-1]
