@@ -8,15 +8,19 @@ moves the stage (drive and stage blocks); what only the sensor does is never com
 
 from dehyst.models.blocks import (
     clip,
+    coupled_memory,
     coupling,
     creep,
     delay,
     drift,
+    friction,
     hum,
     lag,
     memory,
     polynomial,
+    rate,
     resonance,
+    ripple,
     shape,
     slew,
     trend,
@@ -43,6 +47,10 @@ REGISTRY: dict[str, Kind] = {
         polynomial,
         shape,
         memory,
+        ripple,
+        friction,
+        rate,
+        coupled_memory,
     )
 }
 

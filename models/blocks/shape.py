@@ -1,6 +1,6 @@
 """Further rate-independent hysteresis beside the base: play operators with curved envelopes.
 
-    y = sum_i e1_i H_i + e2_i H_i^2 + e3_i H_i^3
+    y = sum_i e1_i H_i + e2_i H_i^2 + ... + e5_i H_i^5
 
 with H_i the play of width r_i / scale on (u - center) / scale.
 It reads the drive as it reaches the hysteresis, and adds to the hysteresis' displacement.
@@ -18,7 +18,7 @@ CODE = 12
 
 @njit(cache=True, nogil=True)
 def step(p: Floats, s: Floats, x: float, t: float, dt: float, ch: float) -> float:
-    """p: [center, scale, then r / scale, e1, e2, e3 of n operators]; s: (n,) plays; x: drive."""
+    """p: [center, scale, then r / scale, e1 ... e5 of n operators]; s: (n,) plays; x: drive."""
     n = s.size
     v = (x - p[0]) / p[1]
     y = 0.0
@@ -26,7 +26,8 @@ def step(p: Floats, s: Floats, x: float, t: float, dt: float, ch: float) -> floa
         r = p[2 + i]
         h = max(v - r, min(v + r, s[i]))
         s[i] = h
-        y += h * (p[2 + n + i] + h * (p[2 + 2 * n + i] + h * p[2 + 3 * n + i]))
+        high = p[2 + 3 * n + i] + h * (p[2 + 4 * n + i] + h * p[2 + 5 * n + i])
+        y += h * (p[2 + n + i] + h * (p[2 + 2 * n + i] + h * high))
     return y
 
 
@@ -40,7 +41,7 @@ def run(p: Floats, s: Floats, x: Floats, t: Floats, ch: Floats, y: Floats) -> No
 
 def _pack(values: Values, dt: float) -> Floats:
     r = values["thresholds"]
-    parts = [np.broadcast_to(values[f"weights_{k}"], r.shape) for k in (1, 2, 3)]
+    parts = [np.broadcast_to(values[f"weights_{k}"], r.shape) for k in range(1, 6)]
     center, scale = values["center"][0], values["scale"][0]
     return np.concatenate([[center, scale], r / scale, *parts])
 
@@ -50,7 +51,7 @@ def _start(p: Floats, s: Floats, x: float) -> None:
 
 
 def _check(values: Values) -> str:
-    for k in (1, 2, 3):
+    for k in range(1, 6):
         if values[f"weights_{k}"].size not in (1, values["thresholds"].size):
             return f"weights_{k}: as many as thresholds are needed"
     return ""
@@ -65,6 +66,8 @@ KIND = Kind(
         Param("weights_1", "weights_1", "", -1e9, 1e9, "of H", many=True, default=(0.0,)),
         Param("weights_2", "weights_2", "", -1e9, 1e9, "of H^2", many=True),
         Param("weights_3", "weights_3", "", -1e9, 1e9, "of H^3", many=True),
+        Param("weights_4", "weights_4", "", -1e9, 1e9, "of H^4", many=True, default=(0.0,)),
+        Param("weights_5", "weights_5", "", -1e9, 1e9, "of H^5", many=True, default=(0.0,)),
         Param("scale_{u}", "scale", "", 1e-9, 1e9, "drive that counts as 1"),
         Param("center_{u}", "center", "", -1e9, 1e9, "drive that counts as 0", default=(0.0,)),
     ),
@@ -72,7 +75,7 @@ KIND = Kind(
     step=step,
     run=run,
     pack=_pack,
-    size=lambda p, dt: (p.size - 2) // 4,
+    size=lambda p, dt: (p.size - 2) // 6,
     start=_start,
     causal=True,
     check=_check,

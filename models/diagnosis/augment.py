@@ -5,6 +5,7 @@ block carries what the rich base knows beyond it; the accepted effects are the o
 """
 
 from dataclasses import replace
+from math import comb
 
 import numpy as np
 from scipy.optimize import nnls
@@ -66,27 +67,27 @@ def _shape(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> tuple[Bl
     """
     base, w = problem.base, fitted.weights
     n = base.thresholds.size
-    w1, w2, w3 = w[:n], w[n : 2 * n], w[2 * n : 3 * n]
     half = 0.5 * base.span
-    # a (H - 1) + b (H - 1)^2 + c (H - 1)^3
-    e1 = w1 - 2 * w2 + 3 * w3 - hysteresis.b * half
-    e2 = w2 - 3 * w3
+    powers = w[: 5 * n].reshape(5, n)  # of h, from the first
+    e = np.zeros((6, n))
+    for power in range(1, 6):
+        for k in range(power + 1):
+            e[k] += comb(power, k) * (-1.0) ** (power - k) * powers[power - 1]
+    e[1] -= hysteresis.b * half
     params: dict[str, float | tuple[float, ...]] = {
         f"thresholds_{problem.data.drive_unit}": _tuple(base.thresholds * base.span),
-        "weights_1": _tuple(e1),
-        "weights_2": _tuple(e2),
-        "weights_3": _tuple(w3),
+        **{f"weights_{k}": _tuple(e[k]) for k in range(1, 6)},
         f"scale_{problem.data.drive_unit}": half,
         f"center_{problem.data.drive_unit}": base.low,
     }
-    return Block("shape", "stage", params), float(np.sum(-w1 + w2 - w3))
+    return Block("shape", "stage", params), float(np.sum(e[0]))
 
 
 def _memory(problem: Problem, fitted: Fitted) -> Block:
     """The Dahl columns and the high powers of the rich base; their order is the base's."""
     base, unit = problem.base, problem.data.drive_unit
     m = base.lengths.size
-    w = fitted.weights[3 * base.thresholds.size :]
+    w = fitted.weights[5 * base.thresholds.size :]
     z, zx, zz, zxx, zzz = (w[k * m : (k + 1) * m] for k in range(5))
     params: dict[str, float | tuple[float, ...]] = {
         f"lengths_{unit}": _tuple(base.lengths * base.span),

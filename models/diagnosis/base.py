@@ -1,7 +1,7 @@
 """The rich rate-independent base: everything that a memory of the drive's path could make.
 
 Columns, for the drive scaled to x in -1..1 over its range:
-    H_i, H_i^2, H_i^3     play operators with polynomial envelopes (12 thresholds)
+    H_i, H_i^2 ... H_i^5  play operators with polynomial envelopes (12 thresholds)
     Z_j, Z_j x, Z_j^2, Z_j x^2, Z_j^3    Dahl operators (7 lengths): loops of Duhem and
                           Bouc-Wen kind, which plays do not span
     x^4, x^5              and one offset for each recording
@@ -34,7 +34,7 @@ class Base:
     @property
     def width(self) -> int:
         """Number of columns."""
-        return 3 * self.thresholds.size + 5 * self.lengths.size + 2
+        return 5 * self.thresholds.size + 5 * self.lengths.size + 2
 
     def scaled(self, v: Floats) -> Floats:
         """Drive in -1..1 over the recorded range."""
@@ -73,7 +73,9 @@ def _fill(out: Floats, x: Floats, h: Floats, z: Floats) -> None:
             out[t, i] = a
             out[t, n + i] = a * a
             out[t, 2 * n + i] = a * a * a
-        k = 3 * n
+            out[t, 3 * n + i] = a * a * a * a
+            out[t, 4 * n + i] = a * a * a * a * a
+        k = 5 * n
         for j in range(m):
             a = z[t, j]
             out[t, k + j] = a
@@ -99,13 +101,14 @@ def _combine(x: Floats, starts: Bools, r: Floats, length: Floats, w: Floats) -> 
             z[:] = 0.0
         else:
             du = xt - x[t - 1]
-        total = w[3 * n + 5 * m] * xt**4 + w[3 * n + 5 * m + 1] * xt**5
+        total = w[5 * n + 5 * m] * xt**4 + w[5 * n + 5 * m + 1] * xt**5
         for i in range(n):
             h[i] = max(xt + 1.0 - r[i], min(xt + 1.0 + r[i], h[i]))
             a = h[i] - 1.0
-            total += a * (w[i] + a * (w[n + i] + a * w[2 * n + i]))
+            high = w[2 * n + i] + a * (w[3 * n + i] + a * w[4 * n + i])
+            total += a * (w[i] + a * (w[n + i] + a * high))
         s = 1.0 if du > 0 else -1.0
-        k = 3 * n
+        k = 5 * n
         for j in range(m):
             if du != 0.0:
                 z[j] = s + (z[j] - s) * np.exp(-abs(du) / length[j])

@@ -29,8 +29,8 @@ class HeldOut:
 
 
 def by_blocks(problem: Problem, fitted: Fitted) -> HeldOut:
-    """Leave out one time block of one recording at a time."""
-    return _leave_out(problem, fitted, problem.data.block, nuisance=0)
+    """Leave out one group of short time blocks at a time."""
+    return _leave_out(problem, fitted, problem.data.fold, nuisance=0)
 
 
 def by_recordings(problem: Problem, fitted: Fitted) -> HeldOut:

@@ -19,7 +19,9 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 MIN_SAMPLES = 200
-BLOCKS = 5  # time blocks of each recording, for cross-validation
+BLOCKS = 5  # time blocks of each recording, in which an effect must be the same
+FOLDS = 8  # groups left out in turn, each of FOLD_PIECES short pieces of every recording
+FOLD_PIECES = 5
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,8 @@ class Data:
     part: Ints  # contiguous stretch: a recording, or what lies between two gaps
     starts: Bools
     rows: Bools  # counted in the fits
-    block: Ints  # cross-validation block, unique over the recordings
+    block: Ints  # time block, unique over the recordings
+    fold: Ints  # cross-validation group
     channels: dict[str, Floats] = field(default_factory=dict)
     drive_unit: str = "v"
     unit: str = "um"
@@ -104,6 +107,7 @@ def prepare(recordings: Sequence[Recording]) -> Data:
                 "part": part + np.cumsum(cut) - 1,
                 "rows": _known_history(u, cut),
                 "block": block + np.minimum(BLOCKS - 1, np.arange(raw.size) * BLOCKS // raw.size),
+                "fold": np.arange(raw.size) * (FOLDS * FOLD_PIECES) // raw.size % FOLDS,
                 "raw": raw,
                 **{"ch_" + k: v for k, v in channels.items()},
             }
@@ -123,6 +127,7 @@ def prepare(recordings: Sequence[Recording]) -> Data:
         starts=joined["starts"],
         rows=joined["rows"],
         block=joined["block"],
+        fold=joined["fold"],
         channels={
             k: joined["ch_" + k]
             for k in sorted(shared)

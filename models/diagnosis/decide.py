@@ -1,21 +1,25 @@
-"""Which candidates are accepted: screen, joint refit, price, tiers, repeat, prune.
+"""Which candidates are accepted: screen, joint refit, price, tiers, repeat, prune, back-track.
 
-Gains are sums of squares over the counted rows, in displacement units squared, always after
+Gains are sums of squares over the counted rows [displacement unit squared], always after
 everything else was refitted.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from dehyst.models.diagnosis.candidates import library
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context
-from dehyst.models.diagnosis.data import Floats
-from dehyst.models.diagnosis.fit import Effect, Fitted, Problem, _ordered
+from dehyst.models.diagnosis.candidates.interface import Candidate
+from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
+from dehyst.models.diagnosis.fit import Effect, Fitted, Problem
+from dehyst.models.diagnosis.screen import screen, tangent_of
 
 MAX_EFFECTS = 5
 SHORTLIST = 4  # candidates that get the full nonlinear refit in each round
+DRIVEN_SHARE = 0.12  # of the excess, that a cause driven by the drive must take
+DRIVEN_SIZE = 0.12  # of the noise rms, that it must remove
+FREE_SIZE = 0.07  # the same for causes beside the drive
+WEAK = 0.1  # screened gain, as a part of the best, below which a candidate is not refitted
+PRICE = 16.0  # of one parameter, in noise variances; includes the number of candidates tried
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,14 @@ class Trial:
     candidate: Candidate
     fit: Fitted
     gain: float  # fall of the sum of squares
+    price: float
+    constancy: Constancy | None = None
+    refused: str = ""
+
+    @property
+    def worth(self) -> float:
+        """Gain after the price."""
+        return self.gain - self.price
 
 
 @dataclass
@@ -36,7 +48,6 @@ class Search:
     null: Fitted
     accepted: Fitted
     rounds: list[list[Trial]] = field(default_factory=list)
-    rejected: list[Trial] = field(default_factory=list)
 
 
 def excess(problem: Problem, fit: Fitted, sigma: float) -> float:
@@ -46,74 +57,88 @@ def excess(problem: Problem, fit: Fitted, sigma: float) -> float:
     return max(0.0, fit.sse / max(free, 1) - sigma**2)
 
 
-def screen(problem: Problem, current: Fitted, candidate: Candidate) -> list[tuple[float, tuple]]:
-    """Estimated gain of a candidate from each start, by its first-order effect with the base
-    refitted; best first."""
-    data = problem.data
-    residual = current.residual(data)
-    r = problem.counted(residual)
-    out = problem.output_of(current)
-    scores = []
-    for theta in candidate.starts(data, residual):
-        effect = Effect(candidate, tuple(theta))
-        if candidate.mode == "columns":
-            x = candidate.columns(data, Context(data.u, out), theta)
-        else:
-            there = _simulate(problem, current, _ordered([*current.effects, effect]), out)
-            x = (there - current.prediction)[:, None]
-        xp = problem.counted(problem.project(current, x))
-        a = xp.T @ xp
-        g = xp.T @ r
-        if candidate.mode != "columns":
-            amount = float(g[0] / a[0, 0]) if a[0, 0] > 0 else 0.0
-            gain = float(g[0] ** 2 / a[0, 0]) if amount > 0 else 0.0
-        else:
-            gain = float(g @ np.linalg.pinv(a, rcond=1e-10, hermitian=True) @ g)
-        scores.append((gain, tuple(theta)))
-    scores.sort(key=lambda s: -s[0])
-    return scores
+Say = Callable[[str, float], None]
 
 
-def _simulate(problem: Problem, current: Fitted, effects: Sequence[Effect], out: Floats) -> Floats:
-    """Prediction with the current weights and one more effect (its additive part absent)."""
-    known = {e.candidate.key: a for e, a in zip(current.effects, current.amplitudes, strict=True)}
-    amplitudes = tuple(known.get(e.candidate.key, np.zeros(0)) for e in effects)
-    return problem.simulate(replace(current, amplitudes=amplitudes), effects, out)
+def search(problem: Problem, sigma: float, null: Fitted, say: Say) -> Search:
+    """Accept effects one by one until none pays, then prune."""
+    state = _forward(problem, sigma, null, say, forbidden=())
+    first = state.accepted.effects
+    left = excess(problem, state.accepted, sigma)
+    if len(first) >= 2 and state.rounds:
+        # one back-track: a wrong first pick is often repaired by a crowd of others
+        chosen = next(t for t in state.rounds[0] if not t.refused)
+        rivals = [t for t in state.rounds[0] if t is not chosen and not t.refused]
+        if rivals and chosen.candidate.driven:
+            other = _forward(problem, sigma, null, say, forbidden=(chosen.candidate.key,))
+            if better(other, state, left):
+                state = other
+    return state
 
 
-def search(
-    problem: Problem,
-    sigma: float,
-    null: Fitted,
-    progress: Callable[[str, float], None] | None = None,
+def better(other: Search, state: Search, left: float) -> bool:
+    """Whether another search explains the same with fewer effects, or clearly more."""
+    n = int(state.problem.data.rows.sum())
+    other_left = excess(state.problem, other.accepted, state.sigma)
+    margin = max(0.1 * left, (0.07 * state.sigma) ** 2)
+    if len(other.accepted.effects) < len(state.accepted.effects):
+        return other_left < left + margin
+    if len(other.accepted.effects) == len(state.accepted.effects):
+        return (left - other_left) * n > PRICE * state.sigma**2 and other_left < left - margin
+    return False
+
+
+def _forward(
+    problem: Problem, sigma: float, null: Fitted, say: Say, forbidden: Sequence[str]
 ) -> Search:
-    """Accept effects one by one until none pays."""
     state = Search(problem, sigma, null, null)
-    everything = library(problem.data)
+    everything = [c for c in library(problem.data) if c.key not in forbidden]
     for number in range(MAX_EFFECTS):
         current = state.accepted
         left = excess(problem, current, sigma)
-        have = {e.candidate.key for e in current.effects}
-        pool = [c for c in everything if c.key not in have and _next_of_its_kind(c, have)]
-        scored = []
-        for c in pool:
-            starts = screen(problem, current, c)
-            if starts:
-                scored.append((starts[0][0], c, starts))
-        scored.sort(key=lambda s: -s[0])
-        trials = []
-        for _, c, starts in scored[:SHORTLIST]:
-            fit = problem.refit([*current.effects, Effect(c, starts[0][1])], start=current)
-            trials.append(Trial(c, fit, current.sse - fit.sse))
-            if progress is not None:
-                progress(f"trying {c.key}", min(0.9, 0.15 + 0.15 * number))
-        trials.sort(key=lambda t: -t.gain)
-        state.rounds.append(trials)
-        chosen = next((t for t in trials if acceptable(state, t, left)), None)
+        trials = _round(problem, sigma, current, everything, say, number)
+        judged = [_judged(state, t, left) for t in trials]
+        state.rounds.append(judged)
+        chosen = next((t for t in judged if not t.refused), None)
         if chosen is None:
             break
-        state.accepted = chosen.fit
+        fit = refine(problem, sigma, chosen.fit, chosen.candidate, everything)
+        state.accepted = prune(problem, sigma, fit, keep=chosen.candidate.key)
     return state
+
+
+def _round(
+    problem: Problem,
+    sigma: float,
+    current: Fitted,
+    everything: Sequence[Candidate],
+    say: Say,
+    number: int,
+) -> list[Trial]:
+    n = int(problem.data.rows.sum())
+    have = {e.candidate.key for e in current.effects}
+    pool = [
+        c for c in everything if c.key not in have and not c.refines and _next_of_its_kind(c, have)
+    ]
+    scored = []
+    tangent = tangent_of(problem, current)
+    for c in pool:
+        starts = screen(problem, current, c, tangent)
+        least = DRIVEN_SIZE if c.driven else FREE_SIZE
+        if starts and starts[0][0] > n * (0.5 * least * sigma) ** 2:
+            scored.append((starts[0][0], c, starts))
+    scored.sort(key=lambda s: -s[0])
+    scored = [s for s in scored if s[0] > WEAK * scored[0][0]]
+    trials = []
+    for k, (_, c, starts) in enumerate(scored[:SHORTLIST]):
+        say(f"trying {c.key}", min(0.85, 0.1 + 0.15 * number + 0.15 * k / SHORTLIST))
+        fit = problem.refit([*current.effects, Effect(c, starts[0][1])], start=current)
+        count = sum(len(e.theta) for e in fit.effects) - sum(len(e.theta) for e in current.effects)
+        columns = fit.design.shape[1] - current.design.shape[1]
+        price = PRICE * sigma**2 * max(count + columns, 1)
+        trials.append(Trial(c, fit, current.sse - fit.sse, price))
+    trials.sort(key=lambda t: -t.worth)
+    return trials
 
 
 def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:
@@ -124,18 +149,72 @@ def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:
     return (stem if number == "2" else f"{stem}-{int(number) - 1}") in have
 
 
-def acceptable(state: Search, trial: Trial, left: float) -> bool:
-    """The two tiers: causes beside the drive on evidence, causes driven by it on size too."""
-    data = state.problem.data
+def effect_of(fit: Fitted, key: str) -> Effect:
+    """The effect of a fit with this candidate's key."""
+    return next(e for e in fit.effects if e.candidate.key == key)
+
+
+def _judged(state: Search, trial: Trial, left: float) -> Trial:
+    """The trial with its constancy and, where it fails, the reason."""
+    problem, sigma = state.problem, state.sigma
+    data = problem.data
     n = int(data.rows.sum())
-    effect = next(e for e in trial.fit.effects if e.candidate.key == trial.candidate.key)
+    effect = effect_of(trial.fit, trial.candidate.key)
     amplitudes = trial.fit.amplitudes[trial.fit.effects.index(effect)]
-    if trial.candidate.implausible(effect.theta, amplitudes, data):
-        return False
     mean_square = trial.gain / n
-    count = len(effect.theta) + amplitudes.size
-    if trial.gain < 12.0 * state.sigma**2 * max(count, 1):
-        return False
-    if not trial.candidate.driven:
-        return mean_square > (0.08 * state.sigma) ** 2
-    return mean_square > 0.2 * left and mean_square > (0.2 * state.sigma) ** 2
+    least = DRIVEN_SIZE if trial.candidate.driven else FREE_SIZE
+    why = trial.candidate.implausible(effect.theta, amplitudes, data)
+    steady = None
+    if trial.worth <= 0:
+        why = why or "not worth its parameters"
+    elif mean_square < (least * sigma) ** 2:
+        why = why or "too small against the noise"
+    elif trial.candidate.driven and mean_square < DRIVEN_SHARE * left:
+        why = why or "too small a part of the misfit"
+    else:
+        steady = constancy(problem, sigma, *contribution(problem, trial.fit, effect))
+        if not why and (steady.wrong > 0.3 or steady.spread > 1.0):
+            why = "not the same everywhere"
+    return Trial(trial.candidate, trial.fit, trial.gain, trial.price, steady, why)
+
+
+def refine(
+    problem: Problem, sigma: float, fit: Fitted, chosen: Candidate, everything: Sequence[Candidate]
+) -> Fitted:
+    """The fit with a finer form of the chosen physics, where that pays."""
+    n = int(problem.data.rows.sum())
+    for finer in everything:
+        if finer.refines != chosen.key:
+            continue
+        effect = effect_of(fit, chosen.key)
+        rest = [e for e in fit.effects if e is not effect]
+        theta = finer.refined(effect.theta)
+        trial = problem.refit([*rest, Effect(finer, theta)], start=fit)
+        if fit.sse - trial.sse > max(n * (DRIVEN_SIZE * sigma) ** 2, PRICE * sigma**2):
+            fit = trial
+    return fit
+
+
+def prune(problem: Problem, sigma: float, fit: Fitted, keep: str = "") -> Fitted:
+    """Without the effects that the others have made needless."""
+    n = int(problem.data.rows.sum())
+    while len(fit.effects) > 1:
+        losses = []
+        out = problem.output_of(fit)
+        for e in fit.effects:
+            if e.candidate.key == keep:
+                continue
+            rest = [o for o in fit.effects if o is not e]
+            losses.append((problem.solve(rest, out).sse - fit.sse, e))
+        if not losses:
+            break
+        loss, weakest = min(losses, key=lambda pair: pair[0])
+        least = DRIVEN_SIZE if weakest.candidate.driven else FREE_SIZE
+        limit = n * (1.5 * least * sigma) ** 2
+        if loss > 4 * limit:
+            break
+        refitted = problem.refit([o for o in fit.effects if o is not weakest], start=fit)
+        if refitted.sse - fit.sse > limit:
+            break
+        fit = refitted
+    return fit

@@ -9,7 +9,7 @@ from dehyst.models.diagnosis.augment import augmented, compact
 from dehyst.models.diagnosis.base import rich_base
 from dehyst.models.diagnosis.crossval import by_blocks
 from dehyst.models.diagnosis.data import Data, Floats, prepare
-from dehyst.models.diagnosis.decide import Search, excess, search
+from dehyst.models.diagnosis.decide import Search, Trial, excess, search
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.noise import noise_rms
 from dehyst.models.diagnosis.result import Diagnosis, Finding, Value, View
@@ -104,13 +104,18 @@ def _findings(problem: Problem, found: Search) -> list[Finding]:
     return out
 
 
-def _tried(problem: Problem, found: Search) -> list[dict[str, float]]:
+def _tried(problem: Problem, found: Search) -> list[dict[str, str]]:
     """For each round: root mean square that each candidate's refit removes."""
     n = int(problem.data.rows.sum())
-    return [
-        {t.candidate.key: float(np.sqrt(max(t.gain, 0.0) / n)) for t in trials}
-        for trials in found.rounds
-    ]
+    return [{t.candidate.key: _told(t, n) for t in trials} for trials in found.rounds]
+
+
+def _told(t: Trial, n: int) -> str:
+    text = f"{float(np.sqrt(max(t.gain, 0.0) / n)):.4g}"
+    if t.constancy is not None:
+        by = " ".join(f"{a:.2f}" for a in t.constancy.by_recording)
+        text += f" spread {t.constancy.spread:.2f} wrong {t.constancy.wrong:.2f} [{by}]"
+    return text + (f" ({t.refused})" if t.refused else "")
 
 
 def _unknown(left: float, at_first: float) -> Finding:

@@ -59,7 +59,8 @@ class Fitted:
         return tuple(e.candidate.key for e in self.effects)
 
 
-def _ordered(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Effects in their place of the cascade."""
     return tuple(sorted(effects, key=lambda e: e.candidate.order))
 
 
@@ -107,7 +108,7 @@ class Problem:
         the reading stands in. rows: (N,) counted rows instead of all.
         """
         data = self.data
-        effects = _ordered(effects)
+        effects = in_order(effects)
         v = drive_behind(data, effects)
         columns = behind_output(data, effects, self.base.columns(v, data.starts))
         context = Context(v, data.y if output is None else output)
@@ -168,42 +169,64 @@ class Problem:
         return x - fitted.design @ (fitted.cov @ (dr.T @ xr))
 
     def refit(
-        self,
-        effects: Sequence[Effect],
-        steps: int = 8,
-        tolerance: float = 2e-4,
-        start: Fitted | None = None,
+        self, effects: Sequence[Effect], rounds: int = 5, start: Fitted | None = None
     ) -> Fitted:
-        """Joint fit of everything, nonlinear parameters by damped Gauss-Newton in bounds."""
-        effects = _ordered(effects)
+        """Joint fit of everything, nonlinear parameters by damped Gauss-Newton in bounds.
+
+        Between two full solutions a few steps are taken with the design of the last one: the
+        base's columns change little with the effects, so their span still projects the base out.
+        start: a fit without some of the effects, whose sum of squares is the one to beat.
+        """
+        effects = in_order(effects)
         best = self.solve(effects, None if start is None else self.output_of(start))
-        if any(e.candidate.mode == "columns" for e in effects):
-            best = self.solve(effects, self.output_of(best))
         if not any(e.theta for e in effects):
-            return best
-        damping = 1e-3
+            return self.solve(effects, self.output_of(best))
+        reference = best.sse if start is None else max(start.sse, best.sse)
+        reach = 1.5
+        for _ in range(rounds):
+            moved_to = self._inner(best, reach)
+            if moved_to is None:
+                break
+            trial = self.solve(moved_to, self.output_of(best))
+            if trial.sse >= best.sse:
+                reach *= 0.25
+                if reach < 0.05:
+                    break
+                continue
+            gain, best = best.sse - trial.sse, trial
+            if gain < max(2e-3 * (reference - best.sse), 3e-5 * best.sse):
+                break
+        return best
+
+    def _inner(self, fitted: Fitted, reach: float, steps: int = 4) -> tuple[Effect, ...] | None:
+        """Damped Gauss-Newton steps against the projected residual with a fixed design; None
+        where no step helps. reach: largest step of an internal parameter."""
+        out = self.output_of(fitted)
+        here, effects = fitted, fitted.effects
+        residual = self.counted(self.data.y - fitted.prediction)
+        sse = float(residual @ residual)
+        first, damping, improved = sse, 1e-3, False
         for _ in range(steps):
-            out = self.output_of(best)
-            p, jac = self.jacobian(best, out)
-            projected = self.counted(self.project(best, jac))
-            residual = self.counted(self.data.y - best.prediction)
-            a = projected.T @ projected
-            g = projected.T @ residual
+            p, jac = self.jacobian(replace(here, effects=effects), out)
+            projected = self.counted(self.project(fitted, jac))
+            a, g = projected.T @ projected, projected.T @ residual
             diag = np.diag(np.maximum(np.diag(a), 1e-9 * max(float(np.diag(a).max()), 1e-30)))
-            improved = False
+            better = False
             for _ in range(4):
-                move = np.linalg.solve(a + damping * diag, g)
-                trial_effects = moved(best.effects, p, np.clip(move, -1.5, 1.5))
-                trial = self.solve(trial_effects, out)
-                if trial.sse < best.sse:
-                    gain = best.sse - trial.sse
-                    best, improved = trial, True
+                move = np.clip(np.linalg.solve(a + damping * diag, g), -reach, reach)
+                trial = moved(effects, p, move)
+                error = self.data.y - self.simulate(here, trial, out)
+                error = self.counted(self.project(fitted, error[:, None]))[:, 0]
+                trial_sse = float(error @ error)
+                if trial_sse < sse:
+                    gain, better, improved = sse - trial_sse, True, True
+                    effects, residual, sse = trial, error, trial_sse
                     damping = max(damping * 0.2, 1e-9)
                     break
                 damping = max(damping * 10, 1e-3)
-            if not improved or gain < tolerance * best.sse:
+            if not better or gain < 0.02 * (first - sse):
                 break
-        return best
+        return effects if improved else None
 
     def jacobian(self, fitted: Fitted, output: Floats) -> tuple[Floats, Floats]:
         """Internal parameters (p,) and derivative (N, p) of the prediction at fixed weights."""

@@ -2,10 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context
+import numpy as np
+
+from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter
 from dehyst.models.diagnosis.data import Data, Floats
+from dehyst.models.diagnosis.kernels import lowpass, plays
 from dehyst.models.model import Block
 
+FRACTIONS = np.array([0.0, 0.03, 0.1, 0.2, 0.35])  # plays, of the channel's range
 NOT_A_CAUSE = ("temp", "target", "y_", "t_")
 
 
@@ -49,9 +53,50 @@ class Coupling(Candidate):
         )
 
 
+class CoupledMemory(Coupling):
+    """The same where the other axis has a lag and hysteresis of its own: plays on its drive."""
+
+    equation = "y(t) = f(u) + sum_i g_i H_i(c), c behind a lag"
+    order = 61
+
+    def __init__(self, data: Data, channel: str, reference: float) -> None:
+        super().__init__(channel, reference)
+        self.key = f"coupling2-{channel}"
+        self.refines = f"coupling-{channel}"
+        self.scale = float(np.ptp(data.channels[channel]))
+        self.parameters = (Parameter("tau_s", "s", 0.1 * data.period, 300 * data.period),)
+
+    def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
+        return (self.parameters[0].low * 20,)
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        c = (data.channels[self.channel] - self.reference) / self.scale
+        c = lowpass(c[:, None], data.dt / theta[0], data.starts)[:, 0]
+        return plays(FRACTIONS, c, data.starts)
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        gain = float(np.sum(amplitudes * (1.0 - FRACTIONS))) / self.scale
+        return {
+            "gain_um_per_unit": (gain, f"um/{self.unit}"),
+            "tau_s": (float(theta[0]), "s"),
+        }
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        params: dict[str, float | tuple[float, ...]] = {
+            "thresholds": tuple(float(r) for r in FRACTIONS * self.scale),
+            f"gains_{data.unit}": tuple(float(a) for a in amplitudes),
+            "tau_s": float(theta[0]),
+            "scale": self.scale,
+            "reference": self.reference,
+        }
+        return (Block("coupled_memory", "stage", params, self.channel),)
+
+
 def candidates(data: Data) -> list[Candidate]:
-    return [
-        Coupling(c, float(data.channels[c].mean()))
-        for c in data.channels
-        if not c.startswith(NOT_A_CAUSE) and c != data.drive_key
-    ]
+    out: list[Candidate] = []
+    for c in data.channels:
+        if c.startswith(NOT_A_CAUSE) or c == data.drive_key:
+            continue
+        reference = float(data.channels[c].mean())
+        out += [Coupling(c, reference), CoupledMemory(data, c, reference)]
+    return out

@@ -31,6 +31,7 @@ class Creep(Candidate):
     confused_with = ("drift", "lag")
     order = 20
     mode = "output"
+    size_index = 0
 
     def __init__(self, data: Data) -> None:
         longest = max(float(data.t.max() - data.t.min()), 50 * data.period)

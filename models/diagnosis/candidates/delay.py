@@ -21,6 +21,7 @@ class Delay(Candidate):
     order = 0
     place = "drive"
     mode = "drive"
+    size_index = 0
 
     def __init__(self, data: Data) -> None:
         self.parameters = (

@@ -57,10 +57,26 @@ class Candidate:
     mode: str = "columns"  # or "drive", "output"
     parameters: tuple[Parameter, ...] = ()
     channel: str = ""
+    refines: str = ""  # key of the simpler candidate that this one takes further
+    size_index: int | None = None  # the parameter that the effect is about proportional to
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         """Values from which the search begins (one tuple for each trial)."""
         return [()]
+
+    def scaled(self, theta: Sequence[float], amount: float) -> tuple[float, ...]:
+        """Start whose effect is about `amount` times as large, where one parameter says so."""
+        if self.size_index is None:
+            return tuple(theta)
+        p = self.parameters[self.size_index]
+        out = list(theta)
+        value = out[self.size_index] * min(max(amount, 0.05), 5.0)
+        out[self.size_index] = min(max(value, p.low * 1.01), p.high * 0.99)
+        return tuple(out)
+
+    def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
+        """Start from the fitted theta of the candidate that this one refines."""
+        return tuple(theta)
 
     def params_at(self, theta: Sequence[float]) -> tuple[Parameter, ...]:
         """Parameters that belong to a theta (lines may have any number)."""

@@ -9,41 +9,56 @@ from dehyst.models.model import Block
 
 
 class Lag(Candidate):
-    """tau dv/dt + v = u for the drive, or the same on the reading."""
+    """tau dv/dt + v = u for the drive, or the same on the reading; order 2: two such in a row."""
 
     name = "lag"
+    size_index = 0
     equation = "tau dx/dt + x = x_in, 1 / (tau s + 1)"
     source = "amplifier with the stack's capacitance (RC), or the sensor's filter"
     typical = "0.1 to 5 ms"
     revealed_by = "content above 0.1 / tau: steps, fast chirps"
     confused_with = ("delay", "resonance", "slew", "rate")
 
-    def __init__(self, data: Data, place: str) -> None:
+    def __init__(self, data: Data, place: str, poles: int) -> None:
         self.place = place
+        self.poles = poles
         self.mode = "drive" if place == "drive" else "output"
-        self.key = f"lag-{place}"
+        self.key = f"lag-{place}" if poles == 1 else f"lag{poles}-{place}"
+        self.refines = "" if poles == 1 else f"lag-{place}"
         self.order = 3 if place == "drive" else 40
         self.title = "Lag of the amplifier" if place == "drive" else "Lag of the sensor"
-        self.parameters = (Parameter("tau_s", "s", 0.02 * data.period, 300.0 * data.period),)
+        self.parameters = tuple(
+            Parameter(
+                f"tau_{k + 1}_s" if k else "tau_s", "s", 0.02 * data.period, 300.0 * data.period
+            )
+            for k in range(poles)
+        )
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
-        return [(data.period * k,) for k in (0.3, 1.0, 3.0, 10.0, 30.0)]
+        return [
+            (data.period * k,) + (0.3 * data.period * k,) * (self.poles - 1)
+            for k in (0.3, 1.0, 3.0, 10.0, 30.0)
+        ]
+
+    def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
+        return (0.7 * theta[0], 0.3 * theta[0])
+
+    def _pass(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
+        for tau in theta:
+            x = lowpass(x, data.dt / tau, data.starts)
+        return x
 
     def drive(self, data: Data, v: Floats, theta: Sequence[float]) -> Floats:
-        if self.place != "drive":
-            return v
-        return lowpass(v[:, None], data.dt / theta[0], data.starts)[:, 0]
+        return self._pass(data, v[:, None], theta)[:, 0]
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
-        if self.place == "drive":
-            return x
-        return lowpass(x, data.dt / theta[0], data.starts)
+        return self._pass(data, x, theta)
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        return (Block("lag", self.place, {"tau_s": float(theta[0])}),)
+        return tuple(Block("lag", self.place, {"tau_s": float(tau)}) for tau in theta)
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
-        tau = values["tau_s"][0]
+        tau = sum(v for v, _ in values.values())
         corner = 1.0 / (6.283185 * tau)
         if self.place == "drive":
             return (
@@ -57,4 +72,4 @@ class Lag(Candidate):
 
 
 def candidates(data: Data) -> list[Candidate]:
-    return [Lag(data, "drive"), Lag(data, "sensor")]
+    return [Lag(data, place, poles) for poles in (1, 2) for place in ("drive", "sensor")]

@@ -32,7 +32,7 @@ class Resonance(Candidate):
         self.parameters = (
             Parameter("frequency_hz", "Hz", max(4.0 / longest, 1e-3 * rate), 1.5 * rate),
             Parameter("damping", "1", 5e-4, 1.2),
-            Parameter("share", "1", 0.005, 1.3, log=True),
+            Parameter("share", "1", 0.005, 1.0),
         )
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:

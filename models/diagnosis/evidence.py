@@ -1,0 +1,70 @@
+"""Is an effect the same everywhere? Its amplitude in each stretch of the recordings.
+
+With x the effect's contribution and r the residual without it, both projected off everything
+else that is fitted, the amplitude over a group of samples is <x, r> / <x, x>: 1 over all of them
+by the fit. A real effect has 1 in every group; error of the base that an effect imitates has
+amplitudes that scatter, and often the wrong sign in some recordings.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dehyst.models.diagnosis.data import Floats
+from dehyst.models.diagnosis.fit import Effect, Fitted, Problem
+
+
+@dataclass(frozen=True)
+class Constancy:
+    """Amplitudes by time block and by recording, 1 over all.
+
+    spread: rms deviation from 1 over the blocks, weighted by what each block can tell, beyond
+    what the noise makes; by_recording: (recordings,) amplitude; weight: (recordings,) part of
+    the contribution's power; positive: part of the power in blocks whose amplitude is > 0.3.
+    """
+
+    spread: float
+    by_recording: Floats
+    weight: Floats
+    positive: float
+    wrong: float  # part of the fitted contribution's power in recordings that contradict it
+
+
+def contribution(problem: Problem, fitted: Fitted, effect: Effect) -> tuple[Floats, Floats]:
+    """x (N,), r (N,): contribution of an effect and residual without it, both projected.
+
+    The other effects keep their nonlinear parameters; all linear weights are refitted.
+    """
+    rest = [e for e in fitted.effects if e is not effect]
+    out = problem.output_of(fitted)
+    without = problem.solve(rest, out)
+    # what the joint fit gains, seen at each sample
+    x = fitted.prediction - without.prediction
+    r = problem.data.y - without.prediction
+    return x, r
+
+
+def constancy(problem: Problem, sigma: float, x: Floats, r: Floats) -> Constancy:
+    """Amplitudes of a contribution over blocks and recordings."""
+    data = problem.data
+    used = data.rows
+
+    def sums(groups: Floats) -> tuple[Floats, Floats]:
+        g = groups[used].astype(np.int64)
+        size = int(groups.max()) + 1
+        xr = np.bincount(g, x[used] * r[used], size)
+        xx = np.bincount(g, x[used] ** 2, size)
+        return xr, xx
+
+    xr, xx = sums(data.block)
+    total = max(float(xx.sum()), 1e-30)
+    a = xr / np.maximum(xx, 1e-30)
+    heavy = xx > 0.01 * total
+    deviation = float(np.sum(xx[heavy] * (a[heavy] - 1) ** 2)) / total
+    chance = sigma**2 * int(heavy.sum()) / total
+    spread = float(np.sqrt(max(deviation - chance, 0.0)))
+    positive = float(xx[a > 0.3].sum() / total)
+    rr, rx = sums(data.rec)
+    by = rr / np.maximum(rx, 1e-30)
+    weight = rx / total
+    return Constancy(spread, by, weight, positive, float(weight[by < 0.3].sum()))
