@@ -5,12 +5,15 @@ on pseudo terminals, with the simulated stage behind them.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from dehyst.daemon.files import save_model, write_text
 from dehyst.drivers.stage import Stage
+from dehyst.models.errors import BadModel
+from dehyst.models.forward import simulate
 from dehyst.models.identify import identify
 from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
@@ -31,11 +34,13 @@ rate_hz = {rate_hz}
 
 [actuator]
 driver = "mdt693b"
+gain = {gain}
 [actuator.settings]
 port = "{actuator}"
 
 [sensor]
 driver = "ksg101"
+zero = {zero}
 [sensor.settings]
 port = "{sensor}"
 
@@ -68,8 +73,43 @@ def simulated_model() -> Model:
     return identify([recording]).model
 
 
+@dataclass(frozen=True)
+class Imitation:
+    """The simulated stage scaled to a model: so that any model can be tried without its stage.
+
+    gain: amplifier volts per drive unit; zero: the model's displacement of the unloaded stage;
+    stage: options for `dehyst emulate`.
+    """
+
+    gain: float = 1.0
+    zero: float = 0.0
+    stage: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, model: Model) -> "Imitation":
+        """Full scale at the end of the model's drive range, the stroke that of the model."""
+        valid = model.validity
+        if valid.drive_max <= 0:
+            raise BadModel(
+                f"the model's drive ends at {valid.drive_max:g} {model.drive_unit}; the emulated "
+                f"amplifier gives 0 to {FULL_SCALE_V:g} V"
+            )
+        drives = np.linspace(0.0, valid.drive_max, 1001)
+        y = simulate(model.hysteresis, drives, 1e9)
+        return cls(
+            FULL_SCALE_V / valid.drive_max,
+            float(y[0]),
+            ("--stage", f"stroke_um={y[-1] - y[0]:.6g}"),
+        )
+
+
 def write_bench(
-    directory: Path, ports: Mapping[str, str], name: str, listen: str, model: Model | None
+    directory: Path,
+    ports: Mapping[str, str],
+    name: str,
+    listen: str,
+    model: Model | None,
+    imitation: Imitation = Imitation(),
 ) -> Path:
     """Write config.toml (and model.toml where a model is given) into directory; the config's path.
 
@@ -83,6 +123,7 @@ def write_bench(
         TEMPLATE.format(
             name=name, directory=directory, rate_hz=RATE_HZ, full_scale_v=FULL_SCALE_V,
             actuator=ports["mdt693b"], sensor=ports["ksg101"], listen=listen,
+            gain=imitation.gain, zero=imitation.zero,
         ),
     )  # fmt: skip
     return config

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dehyst.daemon.acquire import acquire
 from dehyst.daemon.benchconfig import FULL_SCALE_V, RATE_HZ, exploring_drive, write_bench
+from dehyst.daemon.client import Client
 from dehyst.daemon.config import load_config
 from dehyst.daemon.files import load_model, save_model
 from dehyst.daemon.recordings import read_recording, write_recording
@@ -89,6 +90,7 @@ class Demo:
         self.say("4. run the daemon with a linear gain; a client streams a 1 Hz sine to it")
         core = self._start("core", "--config", str(self._config))
         self._start("gateway", "--config", str(self._config))
+        self._ready()
         results = {"linear gain": self._play("linear", trajectory)}
         self.say("5. give it the identified model (SIGHUP), and play the same again")
         save_model(model, self.folder / "model.toml")
@@ -96,6 +98,19 @@ class Demo:
         time.sleep(1.0)
         results["compensated"] = self._play("compensated", trajectory)
         return results
+
+    def _ready(self) -> None:
+        """Wait until the daemon answers and its loop runs."""
+        end_s = time.monotonic() + START_S
+        while time.monotonic() < end_s:
+            try:
+                with Client(connect=self.endpoint) as client:
+                    while not client.status().core_alive and time.monotonic() < end_s:
+                        time.sleep(0.2)
+                    return
+            except DehystError:
+                time.sleep(0.2)
+        raise DehystError(f"the daemon did not start within {START_S:g} s")
 
     def _play(self, name: str, trajectory: Path) -> float:
         """Stream the trajectory from a separate process while another records; rms error [um]."""

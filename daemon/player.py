@@ -78,6 +78,8 @@ class _Player:
         self.refused = ""
         self.stream, self.feed = client.stream(), client.feed()
         self.before = client.status()
+        if not self.before.core_alive or self.before.period_ns <= 0:
+            raise DehystError("the daemon's loop is not running yet; try again when it is ready")
         self.period_s = self.before.period_ns * 1e-9
         self.duration_s = float(offset_ns[-1]) * 1e-9
         expected = round(self.duration_s / self.period_s) + 1

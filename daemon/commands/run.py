@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 
 from dehyst.daemon.config import Config, load_config
+from dehyst.models.errors import BadInput
 
 DESCRIPTION = """\
 The daemon in the foreground: the loop's process, the network's process, and their restarts.
@@ -28,8 +29,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--listen", default="tcp/127.0.0.1:7447", help="without --config: where clients connect"
     )
+    parser.add_argument(
+        "--model", metavar="MODEL.toml", help="without --config: this model, on a simulated stage "
+        "that is scaled to it",
+    )  # fmt: skip
     parser.add_argument("--name", default="bench", help="without --config: the daemon's name")
-    parser.epilog = "examples: dehyst run\n          dehyst run --config /etc/dehyst/stage.toml"
+    parser.epilog = (
+        "examples: dehyst run\n          dehyst run --model stage.toml\n          "
+        "dehyst run --config /etc/dehyst/stage.toml"
+    )
 
 
 def say(text: str) -> None:
@@ -40,18 +48,24 @@ def say(text: str) -> None:
 def run(args: argparse.Namespace) -> int:
     if args.check:
         return check(args.check)
+    if args.config and args.model:
+        raise BadInput("--model goes without --config; a configuration names its model itself")
     from dehyst.daemon.supervisor import Bench, Supervisor
 
     if args.config:
         return Supervisor(load_config(args.config), args.config, say).run()
-    from dehyst.daemon.benchconfig import simulated_model, write_bench
+    from dehyst.daemon.benchconfig import Imitation, simulated_model, write_bench
+    from dehyst.daemon.files import load_model
+
+    model = load_model(args.model) if args.model else simulated_model()
+    imitation = Imitation.of(model) if args.model else Imitation()
 
     with tempfile.TemporaryDirectory(prefix="dehyst-") as folder:
         directory = Path(folder)
         say("no --config: an emulated MDT693B and KSG101 with a simulated stage behind")
-        bench = Bench(directory, [])
+        bench = Bench(directory, list(imitation.stage))
         try:
-            path = write_bench(directory, bench.ports, args.name, args.listen, simulated_model())
+            path = write_bench(directory, bench.ports, args.name, args.listen, model, imitation)
             say(f"configuration and model in {directory}; try `dehyst watch` in another terminal")
             return Supervisor(load_config(path), path, say).run()
         finally:
