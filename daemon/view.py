@@ -4,16 +4,17 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-import plotext
 from numpy.typing import NDArray
-from rich.console import Console, ConsoleOptions, Group, RenderResult
+from rich.console import Group
 from rich.layout import Layout
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from dehyst.daemon.braille import Curve, Plot
 from dehyst.daemon.messages import Event, Rejection, Status
-from dehyst.daemon.records import TELEMETRY, Flag, State
+from dehyst.daemon.records import TELEMETRY, Flag, Mode, State
+from dehyst.daemon.reports import name_of
 
 POINTS = 4000
 EVENTS = 6
@@ -84,31 +85,6 @@ def line(status: Status | None, window: Window, lost: int) -> str:
     )
 
 
-class _Plot:
-    """A plotext figure that fits the space it is given."""
-
-    def __init__(self, t_s: Any, curves: list[tuple[str, Any, str]], label: str) -> None:
-        self.t_s, self.curves, self.label = t_s, curves, label
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        plotext.clear_figure()
-        plotext.plotsize(options.max_width, options.height or 12)
-        plotext.theme("clear")
-        for name, values, colour in self.curves:
-            good = np.isfinite(values)
-            if good.any():
-                plotext.plot(
-                    self.t_s[good].tolist(),
-                    values[good].tolist(),
-                    label=name,
-                    color=colour,
-                    marker="braille",
-                )
-        plotext.xlabel("s")
-        plotext.ylabel(self.label)
-        yield Text.from_ansi(plotext.build())
-
-
 def screen(
     status: Status | None,
     window: Window,
@@ -127,10 +103,10 @@ def screen(
     if samples.size:
         t_s = (samples["scheduled_ns"] - samples["scheduled_ns"][-1]) / 1e9
         target, measured = samples["target"], samples["measured"]
-        curves = [("target", target, "blue"), ("measured", measured, "red")]
+        both = [Curve("target", target, "blue"), Curve("measured", measured, "red")]
+        error = [Curve("error", measured - target, "magenta")]
         layout["plots"].split_column(
-            Layout(_Plot(t_s, curves, unit), ratio=2),
-            Layout(_Plot(t_s, [("error", measured - target, "magenta")], unit), ratio=1),
+            Layout(Plot(t_s, both, unit), ratio=2), Layout(Plot(t_s, error, unit), ratio=1)
         )
     else:
         layout["plots"].update(Panel("waiting for telemetry"))
@@ -147,9 +123,10 @@ def _head(status: Status | None, window: Window, lost: int) -> Panel:
     for _ in range(3):
         table.add_column()
     unit, wake, gateway = status.unit, status.wake_us, status.gateway
+    mode = status.mode if newest is None else name_of(Mode, int(newest["mode"]))
     shown = Text(state if status.core_alive else "no loop", style=STATES.get(state, "white"))
     table.add_row(
-        Text.assemble("state ", shown, f"  ({status.mode})"),
+        Text.assemble("state ", shown, f"  ({mode})"),
         f"{status.volts:.3f} V" if newest is None else f"{newest['volts']:.3f} V",
         f"reach {status.reach_min:.4g} to {status.reach_max:.4g} {unit}",
     )
