@@ -116,7 +116,7 @@ class Core:
         )  # fmt: skip
         self.loop.witness = witness
         stepper.events.extend(obtained.advice)
-        stepper.events.append(f"ready: {compensator.mode} inverse ({compensator.reason})")
+        stepper.events.append(f"{compensator.mode} inverse: {compensator.reason}")
         signal.signal(signal.SIGTERM, self._on_stop)
         signal.signal(signal.SIGINT, self._on_stop)
         signal.signal(signal.SIGHUP, self._on_reload)

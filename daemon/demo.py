@@ -126,7 +126,7 @@ class Demo:
 
     def _start(self, *arguments: str) -> subprocess.Popen[bytes]:
         child = subprocess.Popen(
-            [sys.executable, "-m", "dehyst.daemon.main", *arguments],
+            [sys.executable, "-P", "-m", "dehyst.daemon.main", *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             env={**os.environ, "DEHYST_SUPERVISED": "1"},
@@ -136,7 +136,7 @@ class Demo:
 
     def _dehyst(self, *arguments: str) -> None:
         done = subprocess.run(
-            [sys.executable, "-m", "dehyst.daemon.main", *arguments],
+            [sys.executable, "-P", "-m", "dehyst.daemon.main", *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             check=False,

@@ -40,7 +40,7 @@ class Child:
         """Start it now."""
         self._started_ns = clock.monotonic_ns()
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "dehyst.daemon.main", *self.arguments],
+            [sys.executable, "-P", "-m", "dehyst.daemon.main", *self.arguments],
             stdin=subprocess.DEVNULL,
             env={**os.environ, "DEHYST_SUPERVISED": "1"},
             start_new_session=True,  # a Ctrl-C at the terminal reaches the supervisor alone
@@ -123,7 +123,7 @@ class Supervisor:
 
     def _safe(self) -> None:
         done = subprocess.run(
-            [sys.executable, "-m", "dehyst.daemon.main", "safe", "--config", str(self.path)],
+            [sys.executable, "-P", "-m", "dehyst.daemon.main", "safe", "--config", str(self.path)],
             stdin=subprocess.DEVNULL,
             check=False,
             timeout=STOP_S,
@@ -155,7 +155,7 @@ class Bench:
     def __init__(self, directory: Path, arguments: list[str]) -> None:
         self.process = subprocess.Popen(
             [
-                sys.executable, "-m", "dehyst.daemon.main", "emulate", "--dir", str(directory),
+                sys.executable, "-P", "-m", "dehyst.daemon.main", "emulate", "--dir", str(directory),
                 *arguments,
             ],
             stdin=subprocess.DEVNULL,

@@ -50,7 +50,7 @@ hold_s = 0.5
 def dehyst(*arguments: str, **options: Any) -> "subprocess.Popen[str]":
     """Start a dehyst command; it dies with the test."""
     return subprocess.Popen(
-        [sys.executable, "-m", "dehyst.daemon.main", *arguments],
+        [sys.executable, "-P", "-m", "dehyst.daemon.main", *arguments],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

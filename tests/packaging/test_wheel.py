@@ -1,5 +1,6 @@
 """The wheel: built, installed in a clean environment, compared with the tree."""
 
+import shutil
 import subprocess
 import sys
 import venv
@@ -14,9 +15,13 @@ ROOMS = {"daemon": ROOT / "daemon", "drivers": ROOT / "drivers", "models": ROOT 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built from a copy of the tree: setuptools would pack what an older build/ has left."""
     folder = tmp_path_factory.mktemp("wheel")
+    tree = folder / "tree"
+    unwanted = shutil.ignore_patterns(".*", "build", "dist", "out", "tests", "*.egg-info")
+    shutil.copytree(ROOT, tree, symlinks=True, ignore=unwanted)
     subprocess.run(
-        [sys.executable, "-m", "build", "--wheel", "--outdir", str(folder), str(ROOT)],
+        [sys.executable, "-m", "build", "--wheel", "--outdir", str(folder), str(tree)],
         check=True,
         capture_output=True,
         timeout=300,
