@@ -94,7 +94,8 @@ class SetpointConfig(_Strict, frozen=True):
     origin: Literal["auto", "model", "mid-range"] | float = "auto"
     """What a set-point of 0 means. "model": the model's own zero. "mid-range": the middle of the
     reachable range. A number: that model displacement. "auto": "model" where the model's zero
-    lies in the reachable range or next to it, else "mid-range" (an arbitrary sensor offset). Telemetry uses the same origin."""
+    lies in the reachable range or next to it, else "mid-range" (an arbitrary sensor offset).
+    Telemetry uses the same origin."""
     stale_s: Positive = 2.0
     """A single set-point older than this, or a trajectory that has run dry this long: holding."""
     hold_s: NotNegative = 5.0

@@ -4,7 +4,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +17,7 @@ from dehyst.daemon.client import Client
 from dehyst.daemon.config import load_config
 from dehyst.daemon.files import load_model, save_model
 from dehyst.daemon.recordings import read_recording, write_recording
-from dehyst.daemon.supervisor import Bench
+from dehyst.daemon.supervisor import DEHYST, Bench
 from dehyst.models.errors import DehystError
 from dehyst.models.model import Hysteresis, Model, Validity
 from dehyst.models.recording import Recording
@@ -72,7 +71,8 @@ class Demo:
         good = ~(recording.missing_drive | recording.missing_displacement)
         gain, offset = np.polyfit(recording.drive[good], recording.displacement[good], 1)
         self._linear = Model(
-            Hysteresis(r=[0.0], b=[1.0], c=[offset, gain]), Validity(0.0, FULL_SCALE_V)
+            Hysteresis(r=np.zeros(1), b=np.ones(1), c=np.array([offset, gain])),
+            Validity(0.0, FULL_SCALE_V),
         )
 
     def track(self) -> dict[str, float]:
@@ -126,7 +126,7 @@ class Demo:
 
     def _start(self, *arguments: str) -> subprocess.Popen[bytes]:
         child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "dehyst.daemon.main", *arguments],
+            [*DEHYST, *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             env={**os.environ, "DEHYST_SUPERVISED": "1"},
@@ -136,7 +136,7 @@ class Demo:
 
     def _dehyst(self, *arguments: str) -> None:
         done = subprocess.run(
-            [sys.executable, "-P", "-m", "dehyst.daemon.main", *arguments],
+            [*DEHYST, *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             check=False,

@@ -20,6 +20,8 @@ from dehyst.daemon import clock
 from dehyst.daemon.config import Config
 from dehyst.models.errors import DehystError
 
+# -P: a folder called dehyst where the user stands must not be taken for the package
+DEHYST = (sys.executable, "-P", "-m", "dehyst.daemon.main")
 RESTART_S = 0.5
 LONGEST_RESTART_S = 10.0
 STOP_S = 60.0  # the longest ramp that is waited for
@@ -40,7 +42,7 @@ class Child:
         """Start it now."""
         self._started_ns = clock.monotonic_ns()
         self.process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "dehyst.daemon.main", *self.arguments],
+            [*DEHYST, *self.arguments],
             stdin=subprocess.DEVNULL,
             env={**os.environ, "DEHYST_SUPERVISED": "1"},
             start_new_session=True,  # a Ctrl-C at the terminal reaches the supervisor alone
@@ -123,7 +125,7 @@ class Supervisor:
 
     def _safe(self) -> None:
         done = subprocess.run(
-            [sys.executable, "-P", "-m", "dehyst.daemon.main", "safe", "--config", str(self.path)],
+            [*DEHYST, "safe", "--config", str(self.path)],
             stdin=subprocess.DEVNULL,
             check=False,
             timeout=STOP_S,
@@ -155,8 +157,7 @@ class Bench:
     def __init__(self, directory: Path, arguments: list[str]) -> None:
         self.process = subprocess.Popen(
             [
-                sys.executable, "-P", "-m", "dehyst.daemon.main", "emulate", "--dir", str(directory),
-                *arguments,
+                *DEHYST, "emulate", "--dir", str(directory), *arguments,
             ],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,

@@ -47,13 +47,13 @@ class Hysteresis:
     r: Floats
     b: Floats
     c: Floats
-    k: Floats | None = None  # type: ignore[assignment]  # None: static; replaced by zeros below
+    k: Floats = field(default_factory=lambda: np.zeros(0))  # empty: static, (n,) zeros
     u_offset: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("r", "b", "c"):
             object.__setattr__(self, name, _frozen(getattr(self, name), name))
-        k = np.zeros(self.r.size) if self.k is None else self.k
+        k = self.k if np.size(self.k) else np.zeros(self.r.size)
         object.__setattr__(self, "k", _frozen(k, "k"))
         if self.r.size == 0 or not (self.r.size == self.b.size == self.k.size):
             raise BadModel(

@@ -128,7 +128,7 @@ def loads(text: str) -> Model:
 def _hysteresis(table: _Table, drive: str, disp: str) -> Hysteresis:
     r = table.get(f"thresholds_{drive}", _numbers)
     b = table.get("weights", _numbers)
-    k = table.get(f"slopes_s_per_{drive}", _numbers, None)
+    k = table.get(f"slopes_s_per_{drive}", _numbers, [])
     c = table.get(f"saturation_{disp}", _numbers)
     offset = table.get(f"drive_offset_{drive}", _number, 0.0)
     table.done()

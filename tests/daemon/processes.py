@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from dehyst.daemon.records import COMMAND, EVENT, STATUS, TELEMETRY, Command, State
 from dehyst.daemon.ring import Ring
 

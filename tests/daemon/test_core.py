@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.daemon.processes import SLEW, EmulatedBench, Rings, core, dehyst, simulated_config, until
+
 from dehyst.daemon.benchconfig import simulated_model
 from dehyst.daemon.files import save_model
 from dehyst.daemon.records import Command, Flag, MissCause, State
-
-from tests.daemon.processes import SLEW, EmulatedBench, Rings, core, dehyst, simulated_config, until
 
 
 @pytest.fixture(scope="module")
