@@ -32,7 +32,7 @@ class Mdt693bKnobs:
     echo: echo at power-on. limit_v: the limit switch, 75, 100 or 150. range_error: what a modern
     unit answers to an argument out of range (b"!" is the other candidate). latency_s, jitter_s:
     from the end of a command to its reply; the jitter is added, uniform from 0 to jitter_s. The
-    defaults give about 300 sets/s; 0 and 0 are as fast as the pty. min_period_s: least time
+    defaults give about 320 sets/s; 0 and 0 are as fast as the pty. min_period_s: least time
     between two commands. chunk_size, chunk_gap_s: bytes per write of a reply (0: whole) and the
     time between the writes. readback_*: the ADC's offset, rms noise and lag. dac_step_v,
     adc_step_v: 0 switches the rounding off. start_v: the recalled output at power-on.
@@ -48,7 +48,7 @@ class Mdt693bKnobs:
     compatibility_only: bool = False
     limit_v: int = 150
     range_error: bytes = b"CMD_ARG_INVALID"
-    latency_s: float = 0.003
+    latency_s: float = 0.0026
     jitter_s: float = 0.0003
     min_period_s: float = 0.0
     chunk_size: int = 0
