@@ -94,12 +94,12 @@ def summary(diagnosis: Diagnosis, folder: Path) -> str:
 def _read(paths: list[Path]) -> list[Recording]:
     """Recordings with names of their own, also when two folders hold the same file name."""
     out: list[Recording] = []
-    for path in paths:
+    for i, path in enumerate(paths):
+        if any(path.resolve() == other.resolve() for other in paths[:i]):
+            raise BadInput(f"{path}: given twice")
         one = read_recording(path, need_displacement=True)
         if any(one.name == other.name for other in out):
             one = replace(one, name=str(path))
-        if any(one.name == other.name for other in out):
-            raise BadInput(f"{path}: given twice")
         out.append(one)
     return out
 
