@@ -37,16 +37,10 @@ class Asked:
         self.key = str(query.key_expr)
         self.payload = query.payload.to_bytes() if query.payload is not None else b""
 
-    def reply(self, payload: bytes, encoding: str = ENCODING, block: bool = False) -> None:
-        """Send one answer; there may be several. An asker who is gone is no error.
-
-        block: wait for a slow asker (for long answers) instead of losing the answer.
-        """
-        control = zenoh.CongestionControl.BLOCK if block else zenoh.CongestionControl.DROP
+    def reply(self, payload: bytes, encoding: str = ENCODING) -> None:
+        """Send one answer; there may be several. An asker who is gone is no error."""
         try:
-            self._query.reply(
-                self.key, payload, encoding=encoding, congestion_control=control, express=not block
-            )
+            self._query.reply(self.key, payload, encoding=encoding)
         except zenoh.ZError as error:
             log.debug("answer to %s not sent: %s", self.key, error)
 
@@ -81,8 +75,12 @@ class Bus:
 
     def __init__(self, settings: dict[str, Any], what: str) -> None:
         config = zenoh.Config()
-        for key, value in settings.items():
-            config.insert_json5(key, json.dumps(value))
+        try:
+            for key, value in settings.items():
+                config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            reason = str(error).split(" at /")[0].rpartition('msg: "')[2]
+            raise BusError(f"an address of the bus is wrong: {reason}") from None
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
@@ -103,6 +101,8 @@ class Bus:
             },
             # how long one full link may hold up all the others: 1 ms, then it loses the batch
             "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 1000,
+            # and how long one that asked for history and does not take it
+            "transport/link/tx/queue/congestion_control/block/wait_before_close": 2_000_000,
         }
         where = ", ".join(listen)
         return cls(settings, f"cannot listen on {where}: in use by another daemon, or not ours")
@@ -199,8 +199,13 @@ class Bus:
 
         self._kept.append(self._session.liveliness().declare_subscriber(key, changed, history=True))
 
-    def ask(self, key: str, payload: bytes = b"", timeout_s: float = 3.0) -> Iterator[bytes]:
-        """The answers to a question, as they come. Raises BusError where nobody answers."""
+    def ask(
+        self, key: str, payload: bytes = b"", timeout_s: float = 3.0, long: bool = False
+    ) -> Iterator[bytes]:
+        """The answers to a question, as they come. Raises BusError where nobody answers.
+
+        long: many or large answers are expected; the answerer waits for us to take them.
+        """
         try:
             replies: Iterable[zenoh.Reply] = self._session.get(
                 key,
@@ -209,9 +214,12 @@ class Bus:
                 timeout=timeout_s,
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
-                priority=zenoh.Priority.INTERACTIVE_HIGH,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-                express=True,
+                priority=zenoh.Priority.DATA_LOW if long else zenoh.Priority.INTERACTIVE_HIGH,
+                # the answers travel with the question's quality of service
+                congestion_control=zenoh.CongestionControl.BLOCK
+                if long
+                else zenoh.CongestionControl.DROP,
+                express=not long,
             )
         except zenoh.ZError as error:
             raise BusError(f"{key}: cannot be asked: {error}") from None

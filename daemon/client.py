@@ -163,7 +163,7 @@ class Client:
         """Samples that the daemon still has, as (n,) TELEMETRY records, ascending: the last so
         many seconds, or first_seq <= seq < end_seq. Fewer where they are not kept any more."""
         question = HistoryRequest(first_seq=first_seq, end_seq=end_seq, seconds=seconds, run=run)
-        answers = self.bus.ask(self.keys.rpc("history"), wire.encode(question), 10.0)
+        answers = self.bus.ask(self.keys.rpc("history"), wire.encode(question), 10.0, long=True)
         parts = [wire.samples(wire.decode(TelemetryBatch, answer)) for answer in answers]
         samples = np.concatenate(parts) if parts else np.zeros(0, TELEMETRY)
         samples.sort(order="seq")

@@ -95,4 +95,4 @@ class Librarian:
             samples = history.get(start, min(end, start + COPIED))
             for piece in runs(samples, LONGEST_BATCH) or [samples]:
                 batch = wire.batch(piece, history.run, self._unit, wall_offset_ns)
-                asked.reply(wire.encode(batch), block=True)
+                asked.reply(wire.encode(batch))
