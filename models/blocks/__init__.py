@@ -23,6 +23,7 @@ from dehyst.models.blocks import (
     ripple,
     shape,
     slew,
+    slow_drift,
     trend,
 )
 from dehyst.models.blocks.kind import Kind, Param
@@ -51,6 +52,7 @@ REGISTRY: dict[str, Kind] = {
         friction,
         rate,
         coupled_memory,
+        slow_drift,
     )
 }
 

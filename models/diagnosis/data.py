@@ -7,6 +7,7 @@ count; the states of all operators run through every sample.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,7 +166,7 @@ def _known_history(u: Floats, cut: Bools) -> Bools:
     rows = np.ones(u.size, dtype=bool)
     span = float(np.ptp(u))
     bounds = np.r_[np.flatnonzero(cut), u.size]
-    for a, b in zip(bounds[:-1], bounds[1:], strict=True):
+    for a, b in pairwise(bounds):
         if u[a] - u.min() < 0.02 * span:
             continue
         x = u[a:b]

@@ -11,7 +11,7 @@ from dehyst.models.diagnosis.candidates import library
 from dehyst.models.diagnosis.candidates.interface import Candidate
 from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
 from dehyst.models.diagnosis.fit import Effect, Fitted, Problem
-from dehyst.models.diagnosis.screen import screen, tangent_of
+from dehyst.models.diagnosis.screen import Screen
 
 MAX_EFFECTS = 5
 SHORTLIST = 4  # candidates that get the full nonlinear refit in each round
@@ -19,6 +19,7 @@ DRIVEN_SHARE = 0.12  # of the excess, that a cause driven by the drive must take
 DRIVEN_SIZE = 0.12  # of the noise rms, that it must remove
 FREE_SIZE = 0.07  # the same for causes beside the drive
 WEAK = 0.1  # screened gain, as a part of the best, below which a candidate is not refitted
+RIVAL = 0.7  # part of the first pick's gain, from which another first pick is tried too
 PRICE = 16.0  # of one parameter, in noise variances; includes the number of candidates tried
 
 
@@ -68,7 +69,11 @@ def search(problem: Problem, sigma: float, null: Fitted, say: Say) -> Search:
     if len(first) >= 2 and state.rounds:
         # one back-track: a wrong first pick is often repaired by a crowd of others
         chosen = next(t for t in state.rounds[0] if not t.refused)
-        rivals = [t for t in state.rounds[0] if t is not chosen and not t.refused]
+        rivals = [
+            t
+            for t in state.rounds[0]
+            if t is not chosen and not t.refused and t.gain > RIVAL * chosen.gain
+        ]
         if rivals and chosen.candidate.driven:
             other = _forward(problem, sigma, null, say, forbidden=(chosen.candidate.key,))
             if better(other, state, left):
@@ -121,9 +126,9 @@ def _round(
         c for c in everything if c.key not in have and not c.refines and _next_of_its_kind(c, have)
     ]
     scored = []
-    tangent = tangent_of(problem, current)
+    look = Screen(problem, current)
     for c in pool:
-        starts = screen(problem, current, c, tangent)
+        starts = look.starts(c)
         least = DRIVEN_SIZE if c.driven else FREE_SIZE
         if starts and starts[0][0] > n * (0.5 * least * sigma) ** 2:
             scored.append((starts[0][0], c, starts))

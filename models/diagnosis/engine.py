@@ -1,6 +1,7 @@
 """The diagnosis from recordings to verdict. See the steps in the package's text."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,18 @@ from dehyst.models.diagnosis.base import rich_base
 from dehyst.models.diagnosis.crossval import by_blocks
 from dehyst.models.diagnosis.data import Data, Floats, prepare
 from dehyst.models.diagnosis.decide import Search, Trial, excess, search
+from dehyst.models.diagnosis.findings import named, unknown, verdict_of
 from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.limits import limits
+from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.noise import noise_rms
-from dehyst.models.diagnosis.result import Diagnosis, Finding, Value, View
+from dehyst.models.diagnosis.result import Diagnosis, View
+from dehyst.models.diagnosis.separate import next_experiment
 from dehyst.models.forward import simulate
 from dehyst.models.model import Model
 from dehyst.models.recording import Recording
 
 Progress = Callable[[str, float], None]
-STRUCTURE = 0.35  # excess over the noise (rms ratio) that counts as structure left over
 
 
 def diagnose(
@@ -44,24 +48,21 @@ def diagnose(
 def _conclude(problem: Problem, found: Search, model: Model | None, say: Progress) -> Diagnosis:
     data, sigma = problem.data, found.sigma
     final = found.accepted
-    say("holding out", 0.92)
+    say("holding out", 0.88)
     held_null, held_final = by_blocks(problem, found.null), by_blocks(problem, final)
-    findings = tuple(_findings(problem, found))
-    left = np.sqrt(excess(problem, final, sigma))
-    at_first = np.sqrt(excess(problem, found.null, sigma))
-    structure = left > STRUCTURE * sigma
-    if not findings:
-        verdict = "unknown" if structure else "clean"
-    else:
-        verdict = "partly" if structure and left > 0.4 * at_first else "explained"
+    left = float(np.sqrt(excess(problem, final, sigma)))
+    at_first = float(np.sqrt(excess(problem, found.null, sigma)))
+    say("intervals and rivals", 0.92)
+    residual = final.residual(data)
+    tables = locate(data, found.null.residual(data), sigma)
+    findings = named(problem, found, held_null, held_final)
+    verdict = verdict_of(findings, left, at_first, sigma, float(np.ptp(data.y)))
     if verdict in ("unknown", "partly"):
-        findings = (*findings, _unknown(float(left), float(at_first)))
-    base = model or Model(
-        compact(problem, found.null),
-        augmented(problem, found.null, compact(problem, found.null)).validity,
-        data.drive_unit,
-        data.unit,
-    )
+        where = hot_spots(locate(data, residual, sigma))
+        findings = [*findings, unknown(left, at_first, where)]
+    say("limits", 0.96)
+    limited = tuple(limits(found))
+    base = model or base_model(problem, found)
     whole = augmented(problem, final, compact(problem, final))
     y_base = _base_prediction(data, base)
     views = tuple(_views(data, y_base, held_null.prediction, held_final.prediction))
@@ -71,36 +72,46 @@ def _conclude(problem: Problem, found: Search, model: Model | None, say: Progres
         "augmented": _by_recording(data, final.prediction),
         "heldout_base": float(np.sqrt(held_null.mean_square)),
         "heldout_augmented": float(np.sqrt(held_final.mean_square)),
-        "excess_first": float(at_first),
-        "excess_left": float(left),
+        "excess_first": at_first,
+        "excess_left": left,
     }
     say("done", 1.0)
     return Diagnosis(
-        verdict, sigma, data.unit, data.drive_unit, findings, (), rms, "", whole, base, views, {},
-        tuple(_tried(problem, found)),
-    )  # fmt: skip
+        verdict=verdict,
+        noise=sigma,
+        unit=data.unit,
+        drive_unit=data.drive_unit,
+        findings=tuple(findings),
+        would_have_seen=limited,
+        rms=rms,
+        next_experiment=next_experiment(
+            verdict, findings, sorted({x.name for x in limited if x.value is None})
+        ),
+        model=whole,
+        base_model=base,
+        views=views,
+        locate=tables,
+        tried=tuple(_tried(problem, found)),
+        notes=tuple(notes_of(data)),
+    )
 
 
-def _findings(problem: Problem, found: Search) -> list[Finding]:
-    final, data = found.accepted, problem.data
-    whole = by_blocks(problem, final).mean_square
-    explainable = max(by_blocks(problem, found.null).mean_square - found.sigma**2, 1e-30)
+def base_model(problem: Problem, found: Search) -> Model:
+    """The hysteresis alone, compact and monotone, fitted without any effect."""
+    plain = augmented(problem, found.null, compact(problem, found.null))
+    return replace(plain, blocks=(), hysteresis=compact(problem, found.null))
+
+
+def notes_of(data: Data) -> list[str]:
+    """What the reader should know of the recordings."""
     out = []
-    for effect, amplitudes in zip(final.effects, final.amplitudes, strict=True):
-        rest = [e for e in final.effects if e is not effect]
-        without = by_blocks(problem, problem.solve(rest, problem.output_of(final))).mean_square
-        c = effect.candidate
-        values = c.values(effect.theta, amplitudes)
-        parameters = {k: Value(v, v, v, unit) for k, (v, unit) in values.items()}
+    left_out = int((~data.rows).sum())
+    if left_out:
         out.append(
-            Finding(
-                c.name, c.key, c.place, c.title, c.equation, c.source,
-                float(np.clip((without - whole) / explainable, 0.0, 1.0)),
-                {"rms": float(np.sqrt(max(without - whole, 0.0)))},
-                parameters, (), {}, c.says(values),
-            )
-        )  # fmt: skip
-    out.sort(key=lambda f: -f.share)
+            f"{left_out} samples at the start were left out: what the stage did before is unknown"
+        )
+    if len(data.names) == 1:
+        out.append("one recording only: nothing was held out on another waveform")
     return out
 
 
@@ -116,14 +127,6 @@ def _told(t: Trial, n: int) -> str:
         by = " ".join(f"{a:.2f}" for a in t.constancy.by_recording)
         text += f" spread {t.constancy.spread:.2f} wrong {t.constancy.wrong:.2f} [{by}]"
     return text + (f" ({t.refused})" if t.refused else "")
-
-
-def _unknown(left: float, at_first: float) -> Finding:
-    return Finding(
-        "unknown", "unknown", "stage", "Unexplained structure", "", "",
-        float(left**2 / max(at_first**2, 1e-30)), {"rms": left}, {}, (), {},
-        "Something acts here that no entry of the library explains.",
-    )  # fmt: skip
 
 
 def _base_prediction(data: Data, base: Model) -> Floats:

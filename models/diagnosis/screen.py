@@ -5,56 +5,73 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from dehyst.models.diagnosis.candidates.interface import Candidate, Context
 from dehyst.models.diagnosis.data import Floats
 from dehyst.models.diagnosis.fit import Effect, Fitted, Problem, drive_behind, in_order
 
-
-def screen(
-    problem: Problem, current: Fitted, candidate: Candidate, tangent: Floats
-) -> list[tuple[float, tuple[float, ...]]]:
-    """(estimated fall of the sum of squares, start) for every start, best first.
-
-    tangent: (rows, p) orthonormal directions in which the accepted effects' own parameters move
-    the prediction; they are projected off too. Only the right sign counts: a delay that would have to be negative gains nothing.
-    """
-    data = problem.data
-    residual = current.residual(data)
-    r = problem.counted(residual)
-    out = problem.output_of(current)
-    v = drive_behind(data, current.effects)
-    scores = []
-    for theta in candidate.starts(data, residual):
-        if candidate.mode == "columns":
-            x = candidate.columns(data, Context(v, out), theta)
-        else:
-            effects = in_order([*current.effects, Effect(candidate, tuple(theta))])
-            x = (_with(problem, current, effects, out) - current.prediction)[:, None]
-        xp = problem.counted(problem.project(current, x))
-        xp = xp - tangent @ (tangent.T @ xp)
-        a, g = xp.T @ xp, xp.T @ r
-        if candidate.mode != "columns":
-            gain = float(g[0] ** 2 / a[0, 0]) if a[0, 0] > 0 and g[0] > 0 else 0.0
-            if gain > 0:
-                theta = candidate.scaled(theta, float(g[0] / a[0, 0]))
-        else:
-            gain = float(g @ np.linalg.pinv(a, rcond=1e-10, hermitian=True) @ g)
-        scores.append((gain, tuple(theta)))
-    scores.sort(key=lambda s: -s[0])
-    return scores
+STRIDE = 3  # every third row is enough to rank candidates
 
 
-def tangent_of(problem: Problem, current: Fitted) -> Floats:
-    """Orthonormal basis (rows, p) of the accepted effects' nonlinear directions."""
-    if not any(e.theta for e in current.effects):
-        return np.zeros((int(problem.data.rows.sum()), 0))
-    _, jac = problem.jacobian(current, problem.output_of(current))
-    projected = problem.counted(problem.project(current, jac))
-    norms = np.sqrt(np.sum(projected**2, axis=0))
-    projected = projected[:, norms > 1e-9 * max(float(norms.max()), 1e-30)]
-    q, _ = np.linalg.qr(projected)
-    return q
+class Screen:
+    """What all candidates of one round share: the fit's columns on a part of the rows, and the
+    directions in which the accepted effects' own parameters move the prediction."""
+
+    def __init__(self, problem: Problem, current: Fitted) -> None:
+        self.problem, self.current = problem, current
+        self.rows = problem.row_index[::STRIDE]
+        self.output = problem.output_of(current)
+        self.drive = drive_behind(problem.data, current.effects)
+        self._design = np.ascontiguousarray(current.design[self.rows])
+        gram = self._design.T @ self._design
+        self._scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
+        normed = gram / np.outer(self._scale, self._scale)
+        self._factor = cho_factor(normed + 1e-8 * np.eye(normed.shape[0]), lower=True)
+        self._tangent = np.zeros((self.rows.size, 0))
+        if any(e.theta for e in current.effects):
+            _, jac = problem.jacobian(current, self.output)
+            projected = self.projected(jac)
+            norms = np.sqrt(np.sum(projected**2, axis=0))
+            good = norms > 1e-9 * max(float(norms.max()), 1e-30)
+            self._tangent, _ = np.linalg.qr(projected[:, good])
+        self.residual = problem.data.y - current.prediction
+        self.r = self.projected(self.residual[:, None])[:, 0]
+
+    def projected(self, x: Floats) -> Floats:
+        """x (N, k) on the screened rows, less what the fit's columns and parameters can make."""
+        x = x[self.rows]
+        moment = (self._design.T @ x) / self._scale[:, None]
+        x = x - self._design @ (cho_solve(self._factor, moment) / self._scale[:, None])
+        return x - self._tangent @ (self._tangent.T @ x)
+
+    def contribution(self, effect: Effect) -> Floats:
+        """(N, k) columns of an additive effect, or (N, 1) first-order change by another one."""
+        c, data = effect.candidate, self.problem.data
+        if c.mode == "columns":
+            return c.columns(data, Context(self.drive, self.output), effect.theta)
+        effects = in_order([*self.current.effects, effect])
+        change = _with(self.problem, self.current, effects, self.output) - self.current.prediction
+        return change[:, None]
+
+    def starts(self, candidate: Candidate) -> list[tuple[float, tuple[float, ...]]]:
+        """(estimated fall of the sum of squares, start) for every start, best first.
+
+        Only the right sign counts: a delay that would have to be negative gains nothing.
+        """
+        scores = []
+        for start in candidate.starts(self.problem.data, self.residual):
+            theta = tuple(start)
+            x = self.projected(self.contribution(Effect(candidate, theta)))
+            a, g = x.T @ x, x.T @ self.r
+            if candidate.mode == "columns":
+                gain = float(g @ np.linalg.pinv(a, rcond=1e-10, hermitian=True) @ g)
+            else:
+                gain = float(g[0] ** 2 / a[0, 0]) if a[0, 0] > 0 and g[0] > 0 else 0.0
+                if gain > 0:
+                    theta = candidate.scaled(theta, float(g[0] / a[0, 0]))
+            scores.append((STRIDE * gain, theta))
+        return sorted(scores, key=lambda s: -s[0])
 
 
 def _with(problem: Problem, current: Fitted, effects: Sequence[Effect], out: Floats) -> Floats:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter
+from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.model import Block
 
@@ -22,8 +22,10 @@ class Clip(Candidate):
     order = 2
     place = "drive"
     mode = "drive"
+    limit_side = "below"
 
     def __init__(self, data: Data) -> None:
+        self.limit_unit = data.drive_unit
         low, high = data.u_min, data.u_min + data.span
         self._low, self._high, span = low, high, data.span
         self.parameters = (
@@ -47,6 +49,13 @@ class Clip(Candidate):
         if theta[1] < self._high:
             out["max_v"] = (float(theta[1]), unit)
         return out
+
+    def probes(self, data: Data) -> list[Probe]:
+        span = self._high - self._low
+        return [
+            Probe(float(self._high - d * span), (self._low, float(self._high - d * span)))
+            for d in np.geomspace(0.002, 0.35, 10)
+        ]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         return (Block("clip", "drive", {"min_v": float(theta[0]), "max_v": float(theta[1])}),)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter
+from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.diagnosis.kernels import lowpass, plays
 from dehyst.models.model import Block
@@ -31,12 +31,16 @@ class Coupling(Candidate):
         self.title = f"Coupling from {channel}"
         self.reference = reference
         self.unit = channel.rsplit("_", 1)[-1]
+        self.limit_unit = f"um/{self.unit}"
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
         return (data.channels[self.channel] - self.reference)[:, None]
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         return {"gain_um_per_unit": (float(amplitudes[0]), f"um/{self.unit}")}
+
+    def probes(self, data: Data) -> list[Probe]:
+        return [Probe(1.0, (), (1.0,))]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {
@@ -68,6 +72,9 @@ class CoupledMemory(Coupling):
 
     def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
         return (self.parameters[0].low * 20,)
+
+    def probes(self, data: Data) -> list[Probe]:
+        return []
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
         c = (data.channels[self.channel] - self.reference) / self.scale

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter
+from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.diagnosis.kernels import relaxations
 from dehyst.models.model import Block
@@ -31,6 +31,7 @@ class Creep(Candidate):
     confused_with = ("drift", "lag")
     order = 20
     mode = "output"
+    limit_unit = "1/decade"
     size_index = 0
 
     def __init__(self, data: Data) -> None:
@@ -51,6 +52,10 @@ class Creep(Candidate):
         mean = float(np.sum(1.0 - np.exp(-REFERENCE_S / taus)))
         slow = relaxations(x, taus, data.dt, data.starts)
         return x + (theta[0] / PER_DECADE) * (slow - mean * x)
+
+    def probes(self, data: Data) -> list[Probe]:
+        taus = (0.02 * self._longest, 3.0 * self._longest)
+        return [Probe(float(g), (float(g), *taus)) for g in np.geomspace(1e-4, 0.1, 10)]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         keys = ("gain_per_decade", "tau_min_s", "tau_max_s")

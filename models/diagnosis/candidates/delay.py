@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter
+import numpy as np
+
+from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.diagnosis.kernels import delayed
 from dehyst.models.model import Block
@@ -21,6 +23,7 @@ class Delay(Candidate):
     order = 0
     place = "drive"
     mode = "drive"
+    limit_unit = "s"
     size_index = 0
 
     def __init__(self, data: Data) -> None:
@@ -33,6 +36,9 @@ class Delay(Candidate):
 
     def drive(self, data: Data, v: Floats, theta: Sequence[float]) -> Floats:
         return delayed(v, theta[0] / data.dt, data.starts)
+
+    def probes(self, data: Data) -> list[Probe]:
+        return [Probe(float(d), (float(d),)) for d in data.period * np.geomspace(0.003, 30, 13)]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         return (Block("delay", self.place, {"delay_s": float(theta[0])}),)

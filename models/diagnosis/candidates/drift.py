@@ -1,11 +1,13 @@
 """Drift with a recorded temperature: of the gain and of the zero."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter
+from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
+from dehyst.models.diagnosis.kernels import lowpass
 from dehyst.models.model import Block
 
 
@@ -26,6 +28,7 @@ class Drift(Candidate):
         self.channel = channel
         self.key = f"drift-{channel}"
         self.reference = float(data.channels[channel].mean())
+        self.limit_unit = f"{data.unit}/K"
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
         warm = data.channels[self.channel] - self.reference
@@ -37,10 +40,13 @@ class Drift(Candidate):
             "gain_per_k": (float(amplitudes[1]), "1/K"),
         }
 
+    def probes(self, data: Data) -> list[Probe]:
+        return [Probe(1.0, (), (1.0, 0.0))]
+
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {
             "gain_per_k": float(amplitudes[1]),
-            "expansion_um_per_k": float(amplitudes[0]),
+            f"expansion_{data.unit}_per_k": float(amplitudes[0]),
             "reference_c": self.reference,
         }
         return (Block("drift", "stage", params, self.channel),)
@@ -51,6 +57,39 @@ class Drift(Candidate):
             f"The stage follows the temperature: the zero moves {1e3 * b:.3g} nm and the gain "
             f"{100 * a:.2g} % per kelvin; feed the temperature to the controller or shield it."
         )
+
+
+class SlowDrift(Drift):
+    """The same with the stage following the temperature late, by one thermal time constant."""
+
+    equation = "y(t) = f(u) (1 + a dT) + b dT, dT behind a thermal lag"
+    order = 51
+
+    def __init__(self, data: Data, channel: str) -> None:
+        super().__init__(data, channel)
+        self.key = f"drift2-{channel}"
+        self.refines = f"drift-{channel}"
+        longest = float(data.t.max() - data.t.min())
+        self.parameters = (Parameter("tau_s", "s", 5 * data.period, 2.0 * longest),)
+
+    def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
+        return (max(0.02 * self.parameters[0].high, 2 * self.parameters[0].low),)
+
+    def probes(self, data: Data) -> list[Probe]:
+        return []
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        warm = (data.channels[self.channel] - self.reference)[:, None]
+        warm = lowpass(warm, data.dt / theta[0], data.starts)[:, 0]
+        return np.column_stack([warm, warm * context.output])
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        return {**super().values(theta, amplitudes), "tau_s": (float(theta[0]), "s")}
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        (block,) = super().blocks(theta, amplitudes, data)
+        params = {**block.params, "tau_s": float(theta[0])}
+        return (replace(block, kind="slow_drift", params=params),)
 
 
 class Trend(Candidate):
@@ -99,5 +138,7 @@ class Trend(Candidate):
 
 
 def candidates(data: Data) -> list[Candidate]:
-    by_channel: list[Candidate] = [Drift(data, c) for c in data.channels if c.startswith("temp")]
+    by_channel: list[Candidate] = [
+        kind(data, c) for c in data.channels if c.startswith("temp") for kind in (Drift, SlowDrift)
+    ]
     return [*by_channel, Trend(data)]

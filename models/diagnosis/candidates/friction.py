@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter
+from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.diagnosis.kernels import dahl
 from dehyst.models.model import Block
@@ -26,6 +26,7 @@ class Friction(Candidate):
     order = 45
 
     def __init__(self, data: Data) -> None:
+        self.limit_unit = data.unit
         stroke = float(np.ptp(data.y))
         self.parameters = (
             Parameter("length_um", data.unit, 5e-4 * stroke, 0.3 * stroke),
@@ -47,6 +48,9 @@ class Friction(Candidate):
         out = super().values(theta, amplitudes)
         out["extra_um"] = (float(amplitudes[1]), self.parameters[0].unit)
         return out
+
+    def probes(self, data: Data) -> list[Probe]:
+        return [Probe(1.0, (0.01 * self._stroke, 2.0 * self._stroke), (0.0, 1.0))]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {

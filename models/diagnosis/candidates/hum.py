@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter
+from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.model import Block
 
@@ -32,6 +32,7 @@ class Hum(Candidate):
         )
 
     def __init__(self, data: Data) -> None:
+        self.limit_unit = data.unit
         lengths = [float(np.ptp(data.t[data.rec == i])) for i in range(len(data.names))]
         self._width = max(0.3, 1.0 / max(lengths))
         self._recordings = len(data.names)
@@ -66,6 +67,10 @@ class Hum(Candidate):
             out[f"frequency{tail}_hz"] = (float(f), "Hz")
             out[f"amplitude{tail}_um"] = (float(np.sqrt(np.mean(np.abs(lines[k]) ** 2))), "um")
         return out
+
+    def probes(self, data: Data) -> list[Probe]:
+        f = 50.0 if data.period < 0.005 else 0.1 / data.period
+        return [Probe(1.0, (f,), (1.0, 0.0) * self._recordings)]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         out = []

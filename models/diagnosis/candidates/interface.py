@@ -35,6 +35,18 @@ class Context:
     output: Floats
 
 
+@dataclass(frozen=True)
+class Probe:
+    """A strength at which the effect's visibility is tried, for the exclusion limits.
+
+    value: in the limit's unit; theta: nonlinear parameters; amplitudes: of additive columns.
+    """
+
+    value: float
+    theta: tuple[float, ...] = ()
+    amplitudes: tuple[float, ...] = ()
+
+
 class Candidate:
     """Base of all candidates; class attributes describe the physics to people and reports.
 
@@ -70,8 +82,8 @@ class Candidate:
             return tuple(theta)
         p = self.parameters[self.size_index]
         out = list(theta)
-        value = out[self.size_index] * min(max(amount, 0.05), 5.0)
-        out[self.size_index] = min(max(value, p.low * 1.01), p.high * 0.99)
+        value = out[self.size_index] * min(max(amount, 0.05), 20.0)
+        out[self.size_index] = min(max(value, p.low * 1.01), p.high * 0.98)
         return tuple(out)
 
     def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
@@ -107,6 +119,13 @@ class Candidate:
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         """One sentence that a technician understands."""
         return self.title
+
+    limit_unit: str = ""
+    limit_side: str = "above"
+
+    def probes(self, data: Data) -> list[Probe]:
+        """Strengths from weak to strong, from which the exclusion limit is found."""
+        return []
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
         """Why these values cannot be this physics; empty when they can."""

@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter
+import numpy as np
+
+from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.diagnosis.kernels import lowpass
 from dehyst.models.model import Block
@@ -12,6 +14,7 @@ class Lag(Candidate):
     """tau dv/dt + v = u for the drive, or the same on the reading; order 2: two such in a row."""
 
     name = "lag"
+    limit_unit = "s"
     size_index = 0
     equation = "tau dx/dt + x = x_in, 1 / (tau s + 1)"
     source = "amplifier with the stack's capacitance (RC), or the sensor's filter"
@@ -53,6 +56,10 @@ class Lag(Candidate):
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
         return self._pass(data, x, theta)
+
+    def probes(self, data: Data) -> list[Probe]:
+        taus = data.period * np.geomspace(0.02, 100, 13) if self.poles == 1 else ()
+        return [Probe(float(tau), (float(tau),)) for tau in taus]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         return tuple(Block("lag", self.place, {"tau_s": float(tau)}) for tau in theta)

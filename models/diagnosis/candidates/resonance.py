@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter
+from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.diagnosis.kernels import second_order
 from dehyst.models.model import Block
@@ -22,7 +22,10 @@ class Resonance(Candidate):
     confused_with = ("delay", "lag")
     order = 30
     mode = "output"
+    limit_unit = "Hz"
+    limit_side = "below"
     repeatable = True
+    size_index = 2
 
     def __init__(self, data: Data, number: int = 0) -> None:
         self.key = "resonance" if number == 0 else f"resonance-{number + 1}"
@@ -46,6 +49,13 @@ class Resonance(Candidate):
         f, z, share = theta
         mode = second_order(x, 2 * np.pi * f * data.dt, z, data.starts)
         return (1.0 - share) * x + share * mode
+
+    def probes(self, data: Data) -> list[Probe]:
+        if self.key != "resonance":
+            return []
+        low, high = np.log10(0.01 / data.period), np.log10(1.4 / data.period)
+        frequencies = np.logspace(high, low, 13)  # the higher, the weaker
+        return [Probe(float(f), (float(f), 0.02, 1.0)) for f in frequencies]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         f, z, share = (float(v) for v in theta)

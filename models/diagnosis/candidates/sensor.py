@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter
+from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.model import Block
 
@@ -27,6 +27,7 @@ class Sensor(Candidate):
     place = "sensor"
 
     def __init__(self, data: Data) -> None:
+        self.limit_unit = data.unit
         self._range = float(np.ptp(data.y))
         self.parameters = (
             Parameter("period_um", data.unit, 0.02 * self._range, 0.5 * self._range),
@@ -48,6 +49,9 @@ class Sensor(Candidate):
             "period_um": (float(theta[0]), unit),
             "amplitude_um": (float(np.hypot(*amplitudes)), unit),
         }
+
+    def probes(self, data: Data) -> list[Probe]:
+        return [Probe(1.0, (0.2 * self._range,), (1.0, 0.0))]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {

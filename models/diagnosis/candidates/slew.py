@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter
+from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.diagnosis.kernels import slew
 from dehyst.models.model import Block
@@ -23,13 +23,14 @@ class Slew(Candidate):
     order = 1
     place = "drive"
     mode = "drive"
+    limit_side = "below"
 
     def __init__(self, data: Data) -> None:
         rate = np.abs(np.diff(data.u)) / data.dt[1:]
         rate = rate[~data.starts[1:]]
         self._rates = np.sort(rate[rate > 0])
         top = float(self._rates[-1])
-        self.unit = f"{data.drive_unit}/s"
+        self.unit = self.limit_unit = f"{data.drive_unit}/s"
         self.parameters = (Parameter("rate_v_per_s", self.unit, 1e-3 * top, 0.98 * top),)
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
@@ -41,6 +42,10 @@ class Slew(Candidate):
 
     def drive(self, data: Data, v: Floats, theta: Sequence[float]) -> Floats:
         return slew(v, theta[0] * data.dt, data.starts)
+
+    def probes(self, data: Data) -> list[Probe]:
+        top = float(self._rates[-1])
+        return [Probe(float(r), (float(r),)) for r in top * np.geomspace(0.97, 0.01, 12)]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         return (Block("slew", "drive", {"rate_v_per_s": float(theta[0])}),)
