@@ -54,8 +54,8 @@ FORMS: dict[str, Form] = {
     "%": _LIMIT,
     "sysmin?": _VALUE,
     "sysmax?": _VALUE,
-    "msvoltage?": _VALUE,
-    "msenable?": _VALUE,
+    "msvoltage?": _LINES,  # not recorded from a real unit yet: read leniently
+    "msenable?": _LINES,
     "dacstep?": _VALUE,
     "intensity?": _VALUE,
     "rotarymode?": _LINES,

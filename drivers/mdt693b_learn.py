@@ -1,6 +1,7 @@
 """What the MDT693B driver learns from a unit before it drives it: with queries alone, nothing that
 moves an output."""
 
+import re
 from dataclasses import dataclass
 
 from dehyst.drivers.interface import DeviceNotFound, DriverConfigError
@@ -82,10 +83,11 @@ def check_serial(path: str, serial: str, wanted: str | None, known: str | None) 
 
 def _master_scan_v(link: Mdt693bLink) -> float:
     """The voltage that master scan adds, 0 where it is off or not there."""
-    on = _ask_if_known(link, "msenable?")
-    if on is None or float(on) == 0.0:
+    state = (_ask_if_known(link, "msenable?") or "").strip("[] ").lower()
+    if not re.search(r"[1-9]|\b(on|enabled?)\b", state):
         return 0.0
-    return float(_ask_if_known(link, "msvoltage?") or 0.0)
+    number = re.search(r"-?\d+(\.\d+)?", _ask_if_known(link, "msvoltage?") or "")
+    return float(number.group()) if number else 0.0
 
 
 def _ask_if_known(link: Mdt693bLink, command: str) -> str | None:

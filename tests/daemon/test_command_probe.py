@@ -15,7 +15,7 @@ from dehyst.drivers.mdt693b_unit import Mdt693bKnobs
 @pytest.fixture(autouse=True)
 def _short_silences(monkeypatch):
     monkeypatch.setattr("dehyst.drivers.mdt693b_probe.QUIET_S", 0.03)
-    monkeypatch.setattr("dehyst.drivers.mdt693b_probe.FIRST_BYTE_S", 0.2)
+    monkeypatch.setattr("dehyst.drivers.mdt693b_probe.FIRST_BYTE_S", 0.5)
 
 
 @pytest.mark.parametrize("dialect", ["1.05", "1.10"])

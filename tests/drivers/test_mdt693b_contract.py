@@ -23,7 +23,9 @@ class _Mdt693bContract(ActuatorContract):
             yield
 
     def make(self) -> Mdt693b:
-        config = Mdt693bConfig.from_settings({"port": self.emulator.port, "idle_s": 0.02})
+        config = Mdt693bConfig.from_settings(
+            {"port": self.emulator.port, "idle_s": 0.02, "timeout_s": 1.0}
+        )
         return Mdt693b(config, sleep=lambda seconds: None)  # the readback has no lag
 
     def true_output(self, device: Mdt693b) -> float:

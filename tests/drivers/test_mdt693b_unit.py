@@ -3,9 +3,23 @@
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dehyst.drivers.mdt693b_unit import Mdt693bKnobs, Mdt693bUnit
 
+FRAGMENTS = [b"xvoltage=", b"allvoltage=", b"1e9", b"-5", b"99.5", b"\r", b"\n", b"xmin=", b"xmax="]
+FRAGMENTS += [
+    b"msenable=1",
+    b"msvoltage=90",
+    b"cm=1",
+    b"XV70",
+    b"XH10",
+    b"restore",
+    b"echo=1",
+    b"E",
+]
+FRAGMENTS += [b"xyzvoltage=1,2,", b"friendly=", b"=", b"?", b"sysmax=3"]
 EXACT = {"readback_noise_v": 0.0, "adc_step_v": 0.0, "readback_offset_v": 0.0, "echo": False}
 
 
@@ -220,6 +234,19 @@ def test_faults():
     bench.now += 10.0
     assert bench.out() == b""
     assert bench.unit.output_v("x") == pytest.approx(5.0, abs=2e-3)
+
+
+@given(st.lists(st.one_of(st.binary(max_size=20), st.sampled_from(FRAGMENTS)), max_size=30))
+def test_no_input_crashes_it_or_drives_it_out_of_range(pieces):
+    bench = Bench(limit_v=100)
+    for piece in pieces:
+        bench.unit.feed(piece)
+        bench.out()
+    assert all(0.0 <= volts <= 100.0 for _, volts, _ in bench.moves)
+    bench.unit.feed(b"\r")
+    bench.out()
+    bench.unit.settings.echo = bench.unit.settings.compatibility = False
+    assert bench.ask("vlimit?") == b"[ 100]\r>"
 
 
 def test_an_unplug_loses_the_half_command_and_keeps_the_output():
