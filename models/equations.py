@@ -47,10 +47,14 @@ class Shape:
     powers: tuple[int, ...]
 
     @property
+    def even(self) -> bool:
+        """True with even powers of z: the loop need not be symmetric."""
+        return any(p and p % 2 == 0 for p in self.powers)
+
+    @property
     def name(self) -> str:
         """In words, for people."""
-        odd = all(p % 2 for p in self.powers if p)
-        kind = "odd polynomial" if odd else "full polynomial"
+        kind = "full polynomial" if self.even else "odd polynomial"
         degree = max((1, *self.powers))
         saturation = "no saturation" if degree == 1 else f"{kind} of degree {degree}"
         return f"{'rate-dependent' if self.rate else 'static'}, {saturation}"

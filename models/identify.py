@@ -141,33 +141,38 @@ def _search(problem: Problem, options: Options, progress: Callable[[str], None])
         wanted = [s for s in wanted if not s.rate]
     tried = try_shapes(problem, wanted, progress)
     best = pick_shape(tried)
-    grid = first_grid(problem)
-    first = problem.residuals(grid, best.shape, best.solution.params, best.offset)
-    problem, count = problem.without_outliers(first)
-    if count:
-        notes.append(f"{count} lone displacement values far off their neighbours were left out")
-    if count > 1e-3 * first[0].size:
+    for _ in range(3):
+        params = best.solution.params
+        errors = problem.residuals(first_grid(problem), best.shape, params, best.offset)
+        problem, count = problem.without_outliers(errors)
+        if count:
+            notes.append(f"{count} lone displacement values far off their neighbours were left out")
+        if count <= 1e-3 * errors[0].size:
+            break
         tried = try_shapes(problem, wanted, progress)
         best = pick_shape(tried)
     _require_following(problem, best)
-    shape, offset = best.shape, best.offset
     while True:
+        shape, offset = best.shape, best.offset
         progress("choosing the thresholds")
-        choice = choose_thresholds(problem, shape, offset, options.order)
+        choice = choose_thresholds(problem, best, options.order)
         progress(f"fitting {choice.r.size} operators to all rows")
         params, free = _fit_all(problem, choice, shape, offset)
         turns = problem.margin(choice.r, shape, params, offset) < LEAST_SATURATION
         if not turns or not options.monotone or shape.powers == (0,):
             if choice.pull is not None:
                 notes.append(
-                    "the stage runs back a little right after a reversal, which no invertible "
-                    "model can follow; the nearest invertible model was taken"
+                    "the data want an output that runs back right after a reversal, which no "
+                    "invertible model can give; the nearest invertible model was taken"
                 )
             return _Found(problem, offset, shape, choice, params, free, tried, notes)
         notes.append(f"{shape.name}: would turn over within reach and was not taken")
-        simpler = [c for c in tried if len(c.shape.powers) < len(shape.powers) and c.invertible]
-        simpler = [c for c in simpler if (c.shape.rate, c.offset) == (shape.rate, offset)]
-        shape = pick_shape(simpler).shape if simpler else Shape(shape.rate, (0,))
+        same = [c for c in tried if (c.shape.rate, c.offset) == (shape.rate, offset)]
+        fewer = [c for c in same if len(c.shape.powers) < len(shape.powers)]
+        if not fewer:  # the user fixed the saturation: a straight line takes its place
+            flat = Shape(shape.rate, (0,))
+            fewer = try_shapes(problem, [flat], progress)
+        best = pick_shape(fewer)
 
 
 def _result(found: _Found, recordings: Sequence[Recording]) -> Identification:
@@ -240,7 +245,7 @@ def _fit_all(problem: Problem, choice: Choice, shape: Shape, offset: float) -> t
     """Fit to all rows: the parameters, and which are free of their bound."""
     r, pull = choice.r, choice.pull
     if pull is not None:
-        some = [a | b for a, b in zip(*split(problem.picks, ROWS_FINEST), strict=True)]
+        some = [a | b for a, b in zip(*split(problem, ROWS_FINEST), strict=True)]
         loose = fit_finest(problem, some, choice.finest[0], shape, offset, choice.finest[1])
         pull = make_pull(problem, choice.finest[0], shape, offset, loose.params)
     count = sum(int(np.count_nonzero(pick)) for pick in problem.picks)

@@ -14,7 +14,7 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.model import Hysteresis
 from dehyst.models.reach import least_slope
 from dehyst.models.recording import Bools, Floats
-from dehyst.models.rows import FEWEST_ROWS, Rows, drive_range, lone_deviation, rate_range
+from dehyst.models.rows import FEWEST_ROWS, Rows, drive_range, jump, lone_deviation, rate_range
 
 LEAST_SLOPE = 0.02  # of the mean slope: the lowest slope a model may have after a reversal
 SPIKE = 6.0  # a residual this many robust standard deviations off its neighbours is an outlier
@@ -41,8 +41,11 @@ class Problem:
     @property
     def offsets(self) -> tuple[float, ...]:
         """Drive offsets worth trying: the de-energised state, the middle of the range."""
+        if self.virgin:
+            return (0.0,)
         middle = 0.5 * (self.drive_min + self.drive_max)
-        return (0.0,) if self.virgin else (middle, 0.0)
+        near_zero = self.drive_min - 0.25 * self.span <= 0.0 <= self.drive_max + 0.25 * self.span
+        return (middle, 0.0) if near_zero and middle != 0.0 else (middle,)
 
     @property
     def span(self) -> float:
@@ -98,35 +101,24 @@ class Problem:
         """The same problem less the rows of lone wild readings, and how many these are.
 
         Wild is a reading whose residual stands far off its neighbours' while the displacement
-        itself jumps there and back. Misfit, however large, is none: there the model jumps, or
-        neither does.
+        itself jumps there and back. Misfit is none: there the model jumps, or neither does.
         """
         picks, count = [], 0
         known = [np.abs(lone_deviation(e)) for e in residuals]
         middle = np.concatenate([k[~np.isnan(k)] for k in known])
         limit = SPIKE * 1.4826 * float(np.median(middle)) if middle.size else 0.0
         for pick, off, one in zip(self.picks, known, self.rows, strict=True):
-            least = max(
-                limit,
-                SMALLEST_SPIKE * float(np.nanquantile(one.y, 0.98) - np.nanquantile(one.y, 0.02)),
-            )
+            some = one.y[:: 1 + one.y.size // 100_000]
+            size = float(np.ptp(np.nanquantile(some, [0.02, 0.98])))
+            jumps = (np.abs(jump(one.y)) > 0.4 * off) | (off > 0.05 * size)
             with np.errstate(invalid="ignore"):
-                wild = pick & (off > least) & (np.abs(jump(one.y)) > 0.4 * off)
+                wild = pick & jumps & (off > max(limit, SMALLEST_SPIKE * size))
             number = int(np.count_nonzero(wild))
             if 0 < number <= MOST_OUTLIERS * pick.size:
                 count += number
                 pick = pick & ~wild
             picks.append(pick)
         return (replace(self, picks=picks), count) if count else (self, 0)
-
-
-def jump(y: Floats) -> Floats:
-    """(N,) how far each value is from the cubic through its four neighbours; 0 next to NaN."""
-    out = np.zeros(y.size)
-    if y.size >= 5:
-        around = (4.0 * (y[1:-3] + y[3:-1]) - (y[:-4] + y[4:])) / 6.0
-        out[2:-2] = y[2:-2] - around
-    return np.nan_to_num(out)
 
 
 def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Problem:
@@ -143,7 +135,10 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Pr
         with np.errstate(invalid="ignore"):
             slow = np.abs(one.rate) <= rate_max * (1 + 1e-9)
         beyond += int(np.count_nonzero(one.use & ~slow))
-        allowed.append(one.use & slow)
+        far = _far_outside(one.y)
+        if far.any():
+            notes.append(f"{one.name}: {np.count_nonzero(far)} displacements far outside the rest")
+        allowed.append(one.use & slow & ~far)
     if beyond:
         notes.append(f"{beyond} rows with a rate that hardly ever occurs were left out")
     virgin = all(one.virgin for one in rows) and trust_start
@@ -166,6 +161,13 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Pr
     least = LEAST_SLOPE * size if monotone else None
     sign = -1.0 if slope < 0 else 1.0
     return Problem(rows, picks, low, high, rate_max, sign, size, least, virgin, tuple(notes))
+
+
+def _far_outside(y: Floats) -> Bools:
+    """(N,) readings further outside the usual range than that range is wide; NaN is none."""
+    low, high = np.nanquantile(y[:: 1 + y.size // 100_000], [0.02, 0.98])
+    with np.errstate(invalid="ignore"):
+        return (y < low - (high - low)) | (y > high + (high - low))
 
 
 def _mean_slope(u: Floats, y: Floats) -> float:

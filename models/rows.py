@@ -19,6 +19,8 @@ FEWEST_ROWS = 60
 LONG_GAP = 5.5  # periods; over a longer gap the drive may have turned unseen
 NEAR_ZERO = 0.01  # part of the drive span that still counts as de-energised
 LONE = 8.0  # a lone drive value this many robust standard deviations off is a glitch
+SMALLEST_GLITCH = 0.004  # of the drive's range
+STEADIER = 0.7  # the drive must be this much smoother by number than by time stamp
 
 
 @dataclass
@@ -60,12 +62,17 @@ def prepare(recording: Recording, span: float | None = None) -> Rows:
     _require_size(name, int(np.count_nonzero(present & ~np.isnan(y))))
     _require_motion(recording, u, y)
     own = float(np.nanmax(u) - np.nanmin(u))
-    rate, resets = _rates(t, u, recording.period_s)
+    period = recording.period_s
+    if _stamps_jitter(t, u):
+        period = float(t[-1] - t[0]) / (t.size - 1)
+        t = _regular(t, period)
+        notes.append(f"{name}: the time stamps jitter, the samples do not; taken as regular")
+    rate, resets = _rates(t, u, period)
     settled = np.zeros(u.size, dtype=bool)
     _settle(u, resets, 2.0 * 0.5 * (span or own) * 0.9, settled)
     use = present & ~np.isnan(y) & ~np.isnan(rate)
     virgin = _looks_virgin(u[present], own)
-    return Rows(name, t, u, rate, y, use, resets, settled, virgin, recording.period_s, notes)
+    return Rows(name, t, u, rate, y, use, resets, settled, virgin, period, notes)
 
 
 def _require_size(name: str, size: int) -> None:
@@ -100,14 +107,15 @@ def _require_motion(recording: Recording, u: Floats, y: Floats) -> None:
 
 def _without_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
     """The drive with lone wild values as NaN; a glitch would stay in every operator's memory."""
-    off = lone_deviation(u)
+    off = np.abs(lone_deviation(u))
     known = off[~np.isnan(off)]
     if known.size == 0:
         return u
-    limit = LONE * 1.4826 * float(np.median(np.abs(known)))
-    limit = max(limit, 0.02 * float(np.nanquantile(u, 0.98) - np.nanquantile(u, 0.02)))
+    limit = LONE * 1.4826 * float(np.median(known))
+    some = u[:: 1 + u.size // 100_000]
+    limit = max(limit, SMALLEST_GLITCH * float(np.ptp(np.nanquantile(some, [0.02, 0.98]))))
     with np.errstate(invalid="ignore"):
-        wild = np.abs(off) > limit
+        wild = (off > limit) & (np.abs(jump(u)) > 0.85 * off)  # the tip of a triangle has 2 / 3
     count = int(np.count_nonzero(wild))
     if count == 0 or count > 0.05 * u.size:
         return u
@@ -115,6 +123,15 @@ def _without_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
     u = u.copy()
     u[wild] = np.nan
     return u
+
+
+def jump(x: Floats) -> Floats:
+    """(N,) how far each value is from the cubic through its four neighbours; 0 next to NaN."""
+    out = np.zeros(x.size)
+    if x.size >= 5:
+        around = (4.0 * (x[1:-3] + x[3:-1]) - (x[:-4] + x[4:])) / 6.0
+        out[2:-2] = x[2:-2] - around
+    return np.nan_to_num(out)
 
 
 @njit(cache=True, nogil=True)
@@ -175,6 +192,34 @@ def _rates(t: Floats, u: Floats, period: float) -> tuple[Floats, NDArray[np.intp
                 count += 1
         last = i
     return rate, resets[:count].copy()
+
+
+def _stamps_jitter(t: Floats, u: Floats) -> bool:
+    """Is the drive a smoother function of the sample's number than of its time stamp?
+
+    Then the samples were regular and the stamps were late by chance; rates by such stamps would
+    be noise. Only where hardly a sample is missing.
+    """
+    t, u = t[:200_000], u[:200_000]
+    steps = np.diff(t)
+    if float(np.max(steps)) > 3.0 * float(np.median(steps)):
+        return False
+    part = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
+    by_number = np.abs(u[1:-1] - 0.5 * (u[:-2] + u[2:]))
+    by_stamp = np.abs(u[1:-1] - u[:-2] - part * (u[2:] - u[:-2]))
+    known = ~np.isnan(by_number)
+    return bool(np.median(by_number[known]) < STEADIER * np.median(by_stamp[known]))
+
+
+@njit(cache=True, nogil=True)
+def _regular(t: Floats, period: float) -> Floats:
+    """Regular times nearest to jittering stamps; a slow clock drift is followed."""
+    out = np.empty(t.size)
+    out[0] = t[0]
+    for i in range(1, t.size):
+        out[i] = out[i - 1] + max(1.0, np.round((t[i] - out[i - 1]) / period)) * period
+        out[i] += 0.01 * period * max(-1.0, min(1.0, (t[i] - out[i]) / period))
+    return out
 
 
 @njit(cache=True, nogil=True)

@@ -1,8 +1,8 @@
 """Which structure the data supports: static or rate-dependent, which saturation, which thresholds.
 
-Everything is decided on rows that the fit did not see: each recording is cut into five parts in
-time, the second and the last are held out. Among structures within a small tolerance of the best,
-the simplest wins.
+Everything is decided on rows that the fit did not see: each recording is cut into parts in time
+and two parts in five are held out. Among structures within a small tolerance of the best, the
+simplest wins.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,13 +20,16 @@ from dehyst.models.solver import Prior, Solution, lower_bounds, solve, start_par
 from dehyst.models.thresholds import Grid, choose, cubic_thresholds, eliminate
 
 TOLERANCE = 0.005  # of the held-out power: less is not worth a larger model
-FIRST_GRID = 24
+FIRST_GRID = 32
 FINEST_GRID = 48
 LEAST_SATURATION = 0.05  # of the mean slope of the saturation
 NARROW = 0.02  # of the drive span: narrower operators may at first run the wrong way
 SPREAD = 0.1  # of the mean slope: how much neighbouring slopes of wide operators differ
 ROWS = 12_000
-PARTS, HELD = 5, (1, 4)
+PARTS, HELD = 5, (1, 4)  # five parts in time, the second and the last held out
+FEW_CYCLES, SHORT_PARTS = 6.0, 5  # with fewer cycles, five times as many parts, alike
+PULL_WEIGHT = 0.6  # of the generic drive, against all rows
+PULL_PRICE = 1.06  # held-out rms that the pull may cost, against the plain bounded fit
 ODD = ((0,), (0, 3), (0, 3, 5), (0, 3, 5, 7))
 FULL = ((0, 2), (0, 2, 3), (0, 2, 3, 4), (0, 2, 3, 4, 5))
 
@@ -42,15 +45,18 @@ class Candidate:
     solution: Solution
 
 
-def split(picks: Sequence[Bools], limit: int = ROWS) -> tuple[list[Bools], list[Bools]]:
+def split(problem: Problem, limit: int = ROWS) -> tuple[list[Bools], list[Bools]]:
     """Rows to fit and rows to hold out, at most `limit` rows altogether, of each recording."""
+    picks = problem.picks
     total = sum(int(np.count_nonzero(p)) for p in picks)
     share = min(1.0, limit / max(1, total))
     rng = np.random.default_rng(0)  # which rows of a long recording are taken is not important
     train, held = [], []
-    for pick in picks:
+    for one, pick in zip(problem.rows, picks, strict=True):
         at = np.flatnonzero(pick)
-        part = np.arange(at.size) * PARTS // max(1, at.size)
+        cycles = float(np.sum(np.abs(np.diff(one.u[at])))) / (2.0 * problem.span)
+        parts = PARTS * (SHORT_PARTS if cycles < FEW_CYCLES else 1)
+        part = np.arange(at.size) * parts // max(1, at.size) % PARTS
         if share < 1.0:
             some = rng.random(at.size) < share
             at, part = at[some], part[some]
@@ -91,23 +97,47 @@ def try_shapes(
 ) -> list[Candidate]:
     """Fit every structure on a first grid of thresholds and score it on the held-out rows."""
     r = first_grid(problem)
-    train, held = split(problem.picks)
+    train, held = split(problem)
     out = []
     for number, offset in enumerate(problem.offsets):
         train_blocks = problem.blocks(train, r, offset)
         held_blocks = problem.blocks(held, r, offset)
+        ladder: list[Candidate] = []
         for shape in wanted:
             if number and not shape.rate and 2 in shape.powers:
                 continue  # a full polynomial takes up a static model's offset
             progress(f"trying: {shape.name}")
-            start = start_params(r.size, shape, problem.slope, len(problem.rows), shape.rate)
-            low = lower_bounds(start, problem.least)
+            start = _from_below(ladder, shape)
+            if start is None:
+                start = start_params(r.size, shape, problem.slope, len(problem.rows), shape.rate)
+            low = lower_bounds(start, problem.least, r, NARROW * problem.span)
             found = solve(partial(list, train_blocks), shape, start, low, prior_for(problem, r))
             score = normal(held_blocks, shape, found.params)
             good = problem.margin(r, shape, found.params, offset) >= LEAST_SATURATION
             rms = float(np.sqrt(score.misfit / max(1, score.count)))
-            out.append(Candidate(shape, offset, rms, good, found))
+            ladder.append(Candidate(shape, offset, rms, good, found))
+        out += ladder
     return out
+
+
+def _from_below(ladder: list[Candidate], shape: Shape) -> Params | None:
+    """The best fit so far of a structure that this one contains, as a start."""
+    below = [
+        c for c in ladder if c.shape.rate == shape.rate and set(c.shape.powers) < set(shape.powers)
+    ]
+    if not below:
+        return None
+    best = min(below, key=lambda c: c.solution.normal.misfit)
+    known = dict(zip(best.shape.powers, best.solution.params.c, strict=True))
+    c = np.array([known.get(p, 0.0) for p in shape.powers])
+    return replace(best.solution.params, c=c)
+
+
+def regrid(params: Params, coarse: Floats, fine: Floats, shape: Shape) -> Params:
+    """The same slopes on other thresholds: each takes those of the next wider-set one below."""
+    at = np.searchsorted(coarse, fine, side="right") - 1
+    parts = np.split(params.slopes, 2) if shape.rate else [params.slopes]
+    return replace(params, slopes=np.concatenate([part[at] for part in parts]))
 
 
 def pick_shape(tried: list[Candidate]) -> Candidate:
@@ -115,7 +145,7 @@ def pick_shape(tried: list[Candidate]) -> Candidate:
     fit = [c for c in tried if c.invertible] or tried[:1]
     best = min(c.held_rms for c in fit) ** 2
     near = [c for c in fit if c.held_rms**2 <= best * (1.0 + TOLERANCE)]
-    return min(near, key=lambda c: (c.shape.rate, len(c.shape.powers), c.held_rms))
+    return min(near, key=lambda c: (c.shape.rate, len(c.shape.powers), c.shape.even, c.held_rms))
 
 
 @dataclass(frozen=True)
@@ -160,30 +190,34 @@ def make_pull(problem: Problem, r: Floats, shape: Shape, offset: float, params: 
 def pull_blocks(
     problem: Problem, pull: Rows | None, r: Floats, offset: float, count: int
 ) -> list[Block]:
-    """Blocks of the pull, which together count as much as `count` equations."""
+    """Blocks of the pull, which together count as PULL_WEIGHT times `count` equations."""
     if pull is None:
         return []
     alone = replace(problem, rows=[pull], picks=[pull.use])
-    weight = count / pull.u.size
+    weight = PULL_WEIGHT * count / pull.u.size
     return [replace(block, weight=weight) for block in alone.blocks(alone.picks, r, offset)]
 
 
-def choose_thresholds(problem: Problem, shape: Shape, offset: float, order: int | None) -> Choice:
-    """The thresholds that the data support, or the best `order` of them."""
+def choose_thresholds(problem: Problem, candidate: Candidate, order: int | None) -> Choice:
+    """The thresholds that the data support for a structure, or the best `order` of them."""
+    shape, offset = candidate.shape, candidate.offset
     finest = max(FINEST_GRID, order or 0)
     r = cubic_thresholds(finest, problem.span)
     prior = prior_for(problem, r)
-    train, held = split(problem.picks)
+    train, held = split(problem)
     train_blocks, held_blocks = (problem.blocks(p, r, offset) for p in (train, held))
-    start = start_params(finest, shape, problem.slope, len(problem.rows), shape.rate)
+    start = regrid(candidate.solution.params, first_grid(problem), r, shape)
     loose = fit_finest(problem, train, r, shape, offset, start)
     low = lower_bounds(start, problem.least)
-    tight = solve(lambda: train_blocks, shape, loose.params, low, prior)
+    tight = solve(lambda: train_blocks, shape, start, low, prior)
     pull = None
     if problem.least is not None and tight.normal.misfit > loose.normal.misfit * (1.0 + TOLERANCE):
-        pull = make_pull(problem, r, shape, offset, loose.params)
-        train_blocks += pull_blocks(problem, pull, r, offset, tight.normal.count)
-        tight = solve(lambda: train_blocks, shape, tight.params, low, prior)
+        wish = make_pull(problem, r, shape, offset, loose.params)
+        pulled = train_blocks + pull_blocks(problem, wish, r, offset, tight.normal.count)
+        other = solve(lambda: pulled, shape, tight.params, low, prior)
+        price = normal(held_blocks, shape, other.params).misfit
+        if price <= normal(held_blocks, shape, tight.params).misfit * PULL_PRICE**2:
+            pull, tight = wish, other
     held_blocks_pull = pull_blocks(problem, pull, r, offset, sum(b.y.size for b in held_blocks))
     held_eq = normal(held_blocks + held_blocks_pull, shape, tight.params)
     grids = eliminate(prior.add_to(tight.normal, shape), held_eq, low, finest, shape.rate)
