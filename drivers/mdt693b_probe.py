@@ -1,8 +1,8 @@
 """Record what a unit really answers: raw bytes and times of harmless queries.
 
 Some of the unit's behaviour is documented nowhere (rate, framing of some replies). A recording of
-a real unit settles it and becomes a test fixture. Only queries are sent, an empty line and one
-word that no unit knows; no setting is changed and no output moves, unless `time_sets` is called
+a real unit settles it and becomes a test fixture. Only queries are sent, an empty line and two
+words that no unit knows; no setting is changed and no output moves, unless `time_sets` is called
 with the set-point at which the output already stands.
 """
 
@@ -22,6 +22,7 @@ from dehyst.drivers.mdt693b_codec import (
     Refused,
     detect_dialect,
 )
+from dehyst.drivers.mdt693b_link import NO_COMMAND
 from dehyst.drivers.serial_port import SerialPort
 
 QUERIES = (
@@ -84,7 +85,9 @@ def record(
     """Send every query and record everything, until each reply has been quiet for QUIET_S."""
     start_s = clock()
     exchanges = []
-    port.read_available()
+    port.write(NO_COMMAND)  # should half a command wait in the unit, it must not be carried out
+    while port.read_until_deadline(clock() + QUIET_S):
+        pass
     for number, query in enumerate(QUERIES):
         sent = query.encode("ascii") + b"\r"
         sent_at_s = clock() - start_s

@@ -18,7 +18,7 @@ from dehyst.models.errors import BadInput
 TIMED = 100
 
 EPILOG = f"""\
-Sends queries, an empty line and one unknown word; changes no setting and moves no output.
+Sends queries, an empty line and two unknown words; changes no setting and moves no output.
 PORT is a path or "auto" (the MDT69xB on USB). Stop everything else that uses the unit first.
 
 --sets V times {TIMED} sets of axis x, all to V, and only if the unit reads back V within 1 V. The
