@@ -50,7 +50,7 @@ def _leave_out(problem: Problem, fitted: Fitted, groups: Ints, nuisance: int) ->
         moments.append(xg.T @ data.y[here])
     total, moment = np.sum(grams, axis=0), np.sum(moments, axis=0)
     scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
-    penalty = np.full(scale.size, problem.ridge + 1e-13)
+    penalty = problem.penalty(scale.size)
     prediction = np.array(fitted.prediction)
     sse, count = np.zeros(ids.size), np.zeros(ids.size)
     for k, here in enumerate(slices):

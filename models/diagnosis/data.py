@@ -84,6 +84,10 @@ def prepare(recordings: Sequence[Recording]) -> Data:
     if len(units) > 1:
         raise BadRecording("the recordings have different units; diagnose one stage at a time")
     for index, one in enumerate(recordings):
+        if one.displacement is None:
+            raise BadRecording(
+                f"{one.name}: no displacement column (y_um, ...); a diagnosis compares with it"
+            )
         t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
         good = np.isfinite(t) & np.isfinite(u) & np.isfinite(y)
         raw = np.flatnonzero(good)

@@ -16,7 +16,8 @@ from dehyst.models.diagnosis.screen import Screen
 MAX_EFFECTS = 5
 SHORTLIST = 4  # candidates that get the full nonlinear refit in each round
 DRIVEN_SHARE = 0.12  # of the excess, that a cause driven by the drive must take
-DRIVEN_SIZE = 0.12  # of the noise rms, that it must remove
+DRIVEN_SIZE = 0.17  # of the noise rms, that it must remove
+STATIC_SIZE = 0.25  # the same for causes that resemble a hysteresis of another shape
 FREE_SIZE = 0.07  # the same for causes beside the drive
 WEAK = 0.1  # screened gain, as a part of the best, below which a candidate is not refitted
 RIVAL = 0.7  # part of the first pick's gain, from which another first pick is tried too
@@ -81,6 +82,13 @@ def search(problem: Problem, sigma: float, null: Fitted, say: Say) -> Search:
     return state
 
 
+def least_size(candidate: Candidate) -> float:
+    """Smallest rms, in noise rms, that a candidate must remove."""
+    if candidate.static:
+        return STATIC_SIZE
+    return DRIVEN_SIZE if candidate.driven else FREE_SIZE
+
+
 def better(other: Search, state: Search, left: float) -> bool:
     """Whether another search explains the same with fewer effects, or clearly more."""
     n = int(state.problem.data.rows.sum())
@@ -129,8 +137,7 @@ def _round(
     look = Screen(problem, current)
     for c in pool:
         starts = look.starts(c)
-        least = DRIVEN_SIZE if c.driven else FREE_SIZE
-        if starts and starts[0][0] > n * (0.5 * least * sigma) ** 2:
+        if starts and starts[0][0] > n * (0.5 * least_size(c) * sigma) ** 2:
             scored.append((starts[0][0], c, starts))
     scored.sort(key=lambda s: -s[0])
     scored = [s for s in scored if s[0] > WEAK * scored[0][0]]
@@ -167,12 +174,11 @@ def _judged(state: Search, trial: Trial, left: float) -> Trial:
     effect = effect_of(trial.fit, trial.candidate.key)
     amplitudes = trial.fit.amplitudes[trial.fit.effects.index(effect)]
     mean_square = trial.gain / n
-    least = DRIVEN_SIZE if trial.candidate.driven else FREE_SIZE
     why = trial.candidate.implausible(effect.theta, amplitudes, data)
     steady = None
     if trial.worth <= 0:
         why = why or "not worth its parameters"
-    elif mean_square < (least * sigma) ** 2:
+    elif mean_square < (least_size(trial.candidate) * sigma) ** 2:
         why = why or "too small against the noise"
     elif trial.candidate.driven and mean_square < DRIVEN_SHARE * left:
         why = why or "too small a part of the misfit"
@@ -214,8 +220,7 @@ def prune(problem: Problem, sigma: float, fit: Fitted, keep: str = "") -> Fitted
         if not losses:
             break
         loss, weakest = min(losses, key=lambda pair: pair[0])
-        least = DRIVEN_SIZE if weakest.candidate.driven else FREE_SIZE
-        limit = n * (1.5 * least * sigma) ** 2
+        limit = n * (least_size(weakest.candidate) * sigma) ** 2
         if loss > 4 * limit:
             break
         refitted = problem.refit([o for o in fit.effects if o is not weakest], start=fit)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dehyst.models.diagnosis.data import Floats
+from dehyst.models.diagnosis.data import Floats, Ints
 from dehyst.models.diagnosis.fit import Effect, Fitted, Problem
 
 
@@ -49,12 +49,12 @@ def constancy(problem: Problem, sigma: float, x: Floats, r: Floats) -> Constancy
     data = problem.data
     used = data.rows
 
-    def sums(groups: Floats) -> tuple[Floats, Floats]:
-        g = groups[used].astype(np.int64)
+    def sums(groups: Ints) -> tuple[Floats, Floats]:
+        g = groups[used]
         size = int(groups.max()) + 1
         xr = np.bincount(g, x[used] * r[used], size)
         xx = np.bincount(g, x[used] ** 2, size)
-        return xr, xx
+        return xr.astype(np.float64), xx.astype(np.float64)
 
     xr, xx = sums(data.block)
     total = max(float(xx.sum()), 1e-30)

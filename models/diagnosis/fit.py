@@ -17,7 +17,7 @@ from dehyst.models.diagnosis.base import Base
 from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter
 from dehyst.models.diagnosis.data import Bools, Data, Floats
 
-RIDGE = 1e-8  # of the columns' mean square: far below the noise, keeps the weights bounded
+RIDGE = 1e-9  # of the additive columns' mean square: against exact collinearity only
 BOUND_MARGIN = 0.02  # of the (log) range: closer to a bound counts as on it
 
 
@@ -87,13 +87,20 @@ class Problem:
 
     data: Data
     base: Base
-    ridge: float = RIDGE
 
     def __post_init__(self) -> None:
         count = len(self.data.names)
         self.offset_columns = (self.data.rec[:, None] == np.arange(count)[None, :]).astype(float)
         self.row_index = np.flatnonzero(self.data.rows)
         self.all_rows = bool(self.data.rows.all())
+
+    def penalty(self, size: int) -> Floats:
+        """Ridge of each of a design's columns, as a part of its mean square."""
+        out = np.full(size, RIDGE)
+        k = len(self.data.names)
+        out[:k] = 1e-13
+        out[k : k + self.base.width] = self.base.priors
+        return out
 
     def counted(self, x: Floats) -> Floats:
         """The rows that count."""
@@ -123,9 +130,7 @@ class Problem:
         xr, yr = (x, data.y) if used.all() else (x[used], data.y[used])
         gram, moment = xr.T @ xr, xr.T @ yr
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
-        penalty = np.full(scale.size, self.ridge)
-        penalty[: len(data.names)] = 0.0
-        normed = gram / np.outer(scale, scale) + np.diag(penalty + 1e-13)
+        normed = gram / np.outer(scale, scale) + np.diag(self.penalty(scale.size))
         try:
             factor = cho_factor(normed, lower=True)
             w = cho_solve(factor, moment / scale) / scale

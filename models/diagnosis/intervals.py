@@ -89,7 +89,7 @@ def _covariance(problem: Problem, fitted: Fitted, sigma: float) -> Floats:
     b = problem.counted(base)
     gram = b.T @ b
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
-    normed = gram / np.outer(scale, scale) + np.eye(nuisance) * (problem.ridge + 1e-13)
+    normed = gram / np.outer(scale, scale) + np.diag(problem.penalty(nuisance))
     x = x - b @ (np.linalg.solve(normed, (b.T @ x) / scale[:, None]) / scale[:, None])
     residual = problem.counted(data.y - fitted.prediction)
     unit = np.sqrt(np.maximum(np.sum(x**2, axis=0), 1e-30))

@@ -9,7 +9,7 @@ import numpy as np
 
 from dehyst.models.diagnosis.candidates import library
 from dehyst.models.diagnosis.candidates.interface import Candidate
-from dehyst.models.diagnosis.decide import DRIVEN_SHARE, DRIVEN_SIZE, FREE_SIZE, Search, excess
+from dehyst.models.diagnosis.decide import DRIVEN_SHARE, Search, excess, least_size
 from dehyst.models.diagnosis.fit import Effect
 from dehyst.models.diagnosis.result import Limit
 from dehyst.models.diagnosis.screen import Screen
@@ -27,9 +27,9 @@ def limits(found: Search) -> list[Limit]:
     for c in library(problem.data):
         if c.name in named:
             continue
-        least = max((DRIVEN_SIZE * sigma) ** 2, DRIVEN_SHARE * left) if c.driven else (
-            FREE_SIZE * sigma
-        ) ** 2  # fmt: skip
+        least = (least_size(c) * sigma) ** 2
+        if c.driven:
+            least = max(least, DRIVEN_SHARE * left)
         limit = _limit(look, c, float(np.sqrt(least)))
         if limit is None:
             continue

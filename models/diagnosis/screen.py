@@ -27,7 +27,8 @@ class Screen:
         gram = self._design.T @ self._design
         self._scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
         normed = gram / np.outer(self._scale, self._scale)
-        self._factor = cho_factor(normed + 1e-8 * np.eye(normed.shape[0]), lower=True)
+        ridge = np.diag(problem.penalty(normed.shape[0]))
+        self._factor = cho_factor(normed + ridge, lower=True)
         self._tangent = np.zeros((self.rows.size, 0))
         if any(e.theta for e in current.effects):
             _, jac = problem.jacobian(current, self.output)

@@ -20,6 +20,7 @@ class Clip(Candidate):
     revealed_by = "moves over the full range"
     confused_with = ("asymmetry", "sensor")
     order = 2
+    static = True
     place = "drive"
     mode = "drive"
     limit_side = "below"

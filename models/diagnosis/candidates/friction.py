@@ -24,6 +24,7 @@ class Friction(Candidate):
     revealed_by = "small reversals at several speeds"
     confused_with = ("rate", "lag")
     order = 45
+    static = True
 
     def __init__(self, data: Data) -> None:
         self.limit_unit = data.unit

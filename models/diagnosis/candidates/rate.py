@@ -24,6 +24,7 @@ class Rate(Candidate):
     revealed_by = "the same stroke at several frequencies, and several strokes at one"
     confused_with = ("lag", "delay", "friction")
     order = 65
+    static = True
 
     parameters = (Parameter("power", "1", 0.2, 2.0),)
 

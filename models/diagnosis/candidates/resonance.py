@@ -40,7 +40,7 @@ class Resonance(Candidate):
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         rate = 1.0 / data.period
-        out = [(f * rate, 0.1, 1.0) for f in (0.04, 0.1, 0.25)]
+        out: list[tuple[float, ...]] = [(f * rate, 0.1, 1.0) for f in (0.04, 0.1, 0.25)]
         for f in _peaks(data, residual):
             out = [(f, z, s) for z, s in ((0.02, 1.0), (0.1, 1.0), (0.02, 0.1))] + out
         return out

@@ -24,6 +24,7 @@ class Sensor(Candidate):
     revealed_by = "slow full strokes; settled by a calibration against another sensor"
     confused_with = ("asymmetry", "friction")
     order = 80
+    static = True
     place = "sensor"
 
     def __init__(self, data: Data) -> None:
