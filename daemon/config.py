@@ -57,6 +57,10 @@ class ActuatorConfig(DeviceConfig, frozen=True):
     gain: Positive = 1.0
     """Actuator volts per drive unit of the model: 15 for a model identified on the 0..10 V input
     of an amplifier with gain 15 whose output voltage is set here."""
+    readback_tolerance_v: NotNegative = 2.0
+    """Where the unit can report its output: a report further from the set-point than this stops
+    the loop until they agree again. 0: the report is not asked for (an external input is added
+    to the output on purpose)."""
 
 
 class SensorConfig(DeviceConfig, frozen=True):

@@ -27,6 +27,7 @@ from dehyst.daemon.config import Config
 from dehyst.daemon.devices import Link
 from dehyst.daemon.files import load_model
 from dehyst.daemon.loop import Loop, Witness
+from dehyst.daemon.readback import ReadbackCheck
 from dehyst.daemon.records import COMMAND, EVENT, STATUS, TELEMETRY, Command
 from dehyst.daemon.ring import Ring
 from dehyst.daemon.step import Plan, Stepper
@@ -115,6 +116,9 @@ class Core:
             every, obtained, self._fill_status,
         )  # fmt: skip
         self.loop.witness = witness
+        tolerance_v = config.actuator.readback_tolerance_v
+        if tolerance_v and hasattr(actuator, "readback"):
+            self.loop.readback = ReadbackCheck(tolerance_v, volts)
         stepper.events.extend(obtained.advice)
         stepper.events.append(f"{compensator.mode} inverse: {compensator.reason}")
         signal.signal(signal.SIGTERM, self._on_stop)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dehyst.daemon import clock, realtime
 from dehyst.daemon.devices import Link
 from dehyst.daemon.histogram import Histogram
+from dehyst.daemon.readback import ReadbackCheck
 from dehyst.daemon.records import COMMAND, EVENT, STATUS, Flag, MissCause, State
 from dehyst.daemon.ring import Ring
 from dehyst.daemon.step import Stepper
@@ -23,6 +24,8 @@ from dehyst.drivers.interface import DriverError
 COMMANDS_PER_SAMPLE = 512
 NO_COMMANDS: NDArray[Any] = np.zeros(0, COMMAND)
 WITNESS_PERIOD_NS = 1_000_000
+STRANDED_NS = 10_000_000_000
+"""At the end of the daemon an amplifier that does not answer is waited for so long."""
 
 
 class Witness:
@@ -95,6 +98,8 @@ class Loop:
         self.missed_by = np.zeros(len(MissCause), np.int64)
         self.wake, self.exec, self.io = Histogram(), Histogram(), Histogram()
         self.witness: Witness | None = None
+        self.readback: ReadbackCheck | None = None
+        self._heard_ns = 0  # when the amplifier was last in order
         self.stop_requested = False
         self.pending_reload: Callable[[], None] | None = None
         self._tail = rings["command"].head
@@ -113,9 +118,23 @@ class Loop:
             if woke_ns < self.ticks.scheduled_ns:
                 continue  # a signal woke us
             self._sample(woke_ns)
-            if self.stepper.stopped:
+            if self.stepper.stopped or self._stranded(woke_ns):
                 break
         self._publish_status(self._now())
+
+    def _stranded(self, now_ns: int) -> bool:
+        """The end was asked for and the output cannot be moved: it stays where it is."""
+        doubtful = self.readback is not None and self.readback.doubtful
+        if self.actuator.ok and not doubtful:
+            self._heard_ns = now_ns
+        if self.stepper.state is not State.STOPPING or self.stepper.stopped:
+            return False
+        if not doubtful and now_ns - self._heard_ns < STRANDED_NS:
+            return False
+        why = "reports another voltage than was set" if doubtful else "does not answer"
+        self.stepper.events.append(f"the amplifier {why}: the output stays where it is")
+        self._publish_events(now_ns)
+        return True
 
     def _sample(self, woke_ns: int) -> None:
         stepper, scheduled_ns = self.stepper, self.ticks.scheduled_ns
@@ -127,6 +146,8 @@ class Loop:
         flags, io_ns = self._read_sensor()
         if self.actuator.came_back():
             stepper.recovered(scheduled_ns, self.actuator.device.output())
+            if self.readback is not None:
+                self.readback.begin(stepper.volts)
         commands = NO_COMMANDS
         ring = self._rings["command"]
         if ring.head != self._tail:
@@ -171,10 +192,12 @@ class Loop:
         if not self.sensor.ok:
             self._measured = float("nan")
             self.sensor.came_back()
-            return Flag.SENSOR_INVALID, 0
-        if self.ticks.samples % self._every:
-            return Flag.SENSOR_HELD, 0
         before_ns = self._now()
+        asked = self._read_back()
+        if not self.sensor.ok:
+            return Flag.SENSOR_INVALID, self._now() - before_ns
+        if asked or self.ticks.samples % self._every:
+            return Flag.SENSOR_HELD, self._now() - before_ns
         try:
             reading = self.sensor.call(self.sensor.device.read)
             self._measured = reading * self._scale + self._zero
@@ -182,9 +205,36 @@ class Loop:
             self._measured = float("nan")
         return Flag(0), self._now() - before_ns
 
+    def _read_back(self) -> bool:
+        """Now and then, in the place of a sensor reading: does the amplifier report what was
+        set? True when it was asked."""
+        check, stepper, now_ns = self.readback, self.stepper, self.ticks.scheduled_ns
+        if check is None or not self.actuator.ok:
+            return False
+        check.wrote(now_ns, stepper.volts)
+        if not check.due(now_ns, stepper.state in (State.RUNNING, State.STOPPING)):
+            return False
+        try:
+            verdict = check.judge(self.actuator.call(self.actuator.device.readback))
+        except DriverError as error:
+            stepper.fault(now_ns, f"the amplifier does not report its output: {error}")
+            return True
+        if verdict == "disagrees":
+            stepper.fault(
+                now_ns,
+                f"the amplifier reports {check.reported_v:.2f} V where {stepper.volts:.2f} V was "
+                "set (its knob, its external input?): nothing is written until they agree; a "
+                "restart of the daemon takes the reported voltage for true",
+            )
+        elif verdict == "agrees" and stepper.state is State.FAULT:
+            stepper.events.append("the amplifier reports what was set again")
+            stepper.recovered(now_ns, self.actuator.device.output())
+        return True
+
     def _write(self, scheduled_ns: int, volts: float) -> Flag:
         stepper = self.stepper
-        if stepper.state is State.FAULT or not self.actuator.ok:
+        doubtful = self.readback is not None and self.readback.doubtful
+        if stepper.state is State.FAULT or doubtful or not self.actuator.ok:
             stepper.record[0]["volts"] = stepper.volts
             stepper.written(stepper.volts)
             return Flag(0)

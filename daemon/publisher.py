@@ -106,13 +106,13 @@ class Publisher:
         ring says that the gateway before this one had stopped."""
         link = self._link
         self._cores += 1
-        self._heard_ns = now_ns
+        self._heard_ns = now_ns - SILENT_NS  # rings may be left over from a core that has died
         self.history.restart(link.run)
         self.history.add(link.before("telemetry", self.history.capacity))
+        self._admission.resume(link.newest_point())
         last = link.before("status", 1)
         if last.size:
             self._take_status(last[-1])
-        self._admission.resume(link.newest_point())
 
     def _pass_telemetry(self) -> bool:
         samples, lost = self._link.read("telemetry")
@@ -150,6 +150,7 @@ class Publisher:
         core.trajectory = int(record["trajectory"])
         core.trajectory_done = bool(record["trajectory_done"])
         core.queue_s, core.status_ns = float(record["queue_s"]), int(record["time_ns"])
+        self._admission.loop_says(core.trajectory, core.state is State.RUNNING)
 
     def _pass_events(self) -> None:
         records, _ = self._link.read("event")

@@ -18,7 +18,10 @@ from typing import Any
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config
-from dehyst.models.errors import DehystError
+from dehyst.daemon.pulse import Pulse
+from dehyst.daemon.records import EVENT
+from dehyst.daemon.ring import Ring
+from dehyst.models.errors import BadInput, DehystError
 
 # -P: a folder called dehyst where the user stands must not be taken for the package
 DEHYST = (sys.executable, "-P", "-m", "dehyst.daemon.main")
@@ -88,7 +91,8 @@ class Supervisor:
         self.core = Child("core", ["core", *option], say)
         self.gateway = Child("gateway", ["gateway", *option], say)
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
-        self._ending = False
+        self._ending = self._unsafe = False
+        self._pulse = Pulse(config.directory)
         self.code = 0
 
     def run(self) -> int:
@@ -102,6 +106,7 @@ class Supervisor:
         started = False
         while not self._ending:
             self._sleep(0.5)
+            self._end_hanging()
             code = self.core.died()
             if code is not None and not self._ending:
                 if code == 2 and not started:
@@ -109,28 +114,54 @@ class Supervisor:
                     break
                 self.say(f"core ended with code {code}: bringing the output to its safe state")
                 self._safe()
-            started = started or (self.config.directory / "telemetry.ring").exists()
+                self._pulse.restart()
+            started = started or self._pulse.beats
             code = self.gateway.died()
             if code is not None and not self._ending:
                 self.say(f"gateway ended with code {code}: starting it again")
             now = clock.monotonic_ns()
             for child in (self.core, self.gateway):
                 if child.process is None and now >= child.again_ns and not self._ending:
+                    if child is self.core and self._unsafe:
+                        self._safe()
                     child.start()
         if self.core.process is not None:
             self.say("ending: the output goes to its configured state")
             self.core.end(STOP_S)
+        self._tell_events()
         self.gateway.end(10.0)
         return self.code
 
+    def _end_hanging(self) -> None:
+        """Kill a process that stands still, as systemd's watchdog does; it is started again."""
+        core_hangs, gateway_hangs = self._pulse.hanging(clock.monotonic_ns())
+        for child, hangs in ((self.core, core_hangs), (self.gateway, gateway_hangs)):
+            if hangs and child.process is not None and child.process.poll() is None:
+                self.say(f"{child.name} hangs; killing it")
+                child.process.kill()
+                child.process.wait(5.0)
+
+    def _tell_events(self) -> None:
+        """Say what the loop has to say."""
+        try:
+            if self._events is None or self._events.stale():
+                self._events = Ring.attach(self.config.directory / "event.ring", EVENT)
+                self._told = 0
+        except BadInput:
+            return  # no loop yet
+        records, self._told, _ = self._events.read(self._told)
+        for record in records:
+            self.say(bytes(record["text"]).decode("utf-8", "replace"))
+
     def _safe(self) -> None:
-        done = subprocess.run(
-            [*DEHYST, "safe", "--config", str(self.path)],
-            stdin=subprocess.DEVNULL,
-            check=False,
-            timeout=STOP_S,
-        )
-        if done.returncode:
+        """Bring the output to its safe state; remembered where that is not possible now."""
+        command = [*DEHYST, "safe", "--config", str(self.path)]
+        try:
+            done = subprocess.run(command, stdin=subprocess.DEVNULL, check=False, timeout=STOP_S)
+            self._unsafe = done.returncode != 0
+        except subprocess.TimeoutExpired:
+            self._unsafe = True
+        if self._unsafe:
             self.say("the output could not be brought to its safe state")
 
     def _on_end(self, *_: Any) -> None:

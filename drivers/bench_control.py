@@ -2,7 +2,7 @@
 
 Each datagram is one object with one or more of these keys:
 
-    {"fault": "unplug", "device": "mdt693b" | "ksg101" | "both", "for_s": 2}
+    {"fault": "unplug", "device": "mdt693b" | "ksg101" | "both", "for_s": 2, "dialect": "1.05"}
     {"fault": "stall", "device": ..., "for_s": 2}       the host's writes block
     {"fault": "stuck" | "nan" | "range" | "late", "for_s": 2, "late_s": 0.02}   the gauge's readings
     {"amplifier": {"hang": true}, "for_s": 2}           fields of Mdt693bFaults
@@ -12,7 +12,8 @@ Each datagram is one object with one or more of these keys:
     {"clear": true}      a healthy bench again (the stage's settings stay)
     {"save": true}       write the history now
 
-Without for_s a fault stays until it is cleared. With "reply_to" (path of the sender's own
+Without for_s a fault stays until it is cleared; an amplifier that is unplugged with a dialect has
+that firmware when it is plugged in again. With "reply_to" (path of the sender's own
 datagram socket) the answer goes there: {"ok": true, "state": {...}} or {"ok": false, "error": ...}.
 """
 
@@ -30,6 +31,7 @@ from typing import TYPE_CHECKING, Any
 
 from dehyst.drivers.interface import DeviceTimeout, DriverConfigError, DriverError
 from dehyst.drivers.ksg101_emulator import Ksg101Faults
+from dehyst.drivers.mdt693b_dialects import DIALECTS
 from dehyst.drivers.mdt693b_unit import Mdt693bFaults
 from dehyst.drivers.stage import FAULTS as READING_FAULTS
 
@@ -42,6 +44,7 @@ KEYS = (
     "fault",
     "device",
     "for_s",
+    "dialect",
     "late_s",
     "amplifier",
     "gauge",
@@ -114,6 +117,8 @@ class Control:
             raise DriverConfigError(f"unknown key '{unknown[0]}'; known: {', '.join(KEYS)}")
         for_s = float(command.get("for_s", FOREVER_S))
         bench = self._bench
+        if command.get("dialect", "1.10") not in DIALECTS:
+            raise DriverConfigError(f"unknown dialect; known: {', '.join(DIALECTS)}")
         if command.get("clear"):
             self._clear()
         if "stage" in command:
@@ -158,6 +163,8 @@ class Control:
                     continue
                 if kind == "unplug":
                     server.unplug()
+                    if "dialect" in command and server is bench.amplifier:
+                        bench.amplifier.unit.set_dialect(str(command["dialect"]))
                     self._later(for_s, server.plug)
                 else:
                     server.stall_writes(True)

@@ -1,0 +1,440 @@
+"""The faults of the chaos tests: each one is done to a running rig and says what happened.
+
+A fault function raises AssertionError where the daemon does not do what it must. Range and slew
+of the output are checked by the caller, from the amplifier's own log, for all of them.
+"""
+
+import os
+import resource
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from dehyst.daemon import wire
+from dehyst.daemon.client import Client, Refusal
+from dehyst.daemon.clock import monotonic_ns
+from dehyst.daemon.messages import Setpoint
+from dehyst.daemon.records import Flag, State
+from dehyst.daemon.topics import SETPOINT, subject
+from dehyst.models.errors import DehystError
+
+from tests.daemon.chaos_rig import SAFE_V, Rig, readable_rows, until
+
+# -- processes ------------------------------------------------------------------------------------
+
+
+def kill_core(rig: Rig) -> str:
+    """kill -9 of the loop's process"""
+    restarts = rig.status().gateway.restarts_of_core
+    rig.kill("core")
+    rig.until_event("says nothing")
+    until(lambda: rig.status().gateway.restarts_of_core > restarts, 60.0, "the core is back")
+    time_ns, volts = rig.output()
+    volts = volts[time_ns >= rig.since_ns]
+    assert np.abs(volts - SAFE_V).min() < 0.01, "the output never came to its safe voltage"
+    return f"output ramped to {SAFE_V:g} V, core started again"
+
+
+def kill_gateway(rig: Rig) -> str:
+    """kill -9 of the network's process"""
+    before, assert_run = rig.pid("gateway"), rig.status().run
+    rig.kill("gateway")
+    until(lambda: rig.status().gateway.pid != before, 60.0, "the gateway is back")
+    assert rig.status().run == assert_run, "the loop was disturbed"
+    rig.until_running(30.0)
+    samples = rig.samples()
+    assert set(np.diff(samples["seq"])) == {1}, "telemetry has a gap"
+    return "loop not disturbed, telemetry without a gap"
+
+
+def kill_client(rig: Rig) -> str:
+    """kill -9 of the commanding client"""
+    rig.kill("client")
+    assert rig.mover is not None
+    rig.mover.wait(5.0)
+    rig.until_event("holding", 20.0)
+    rig.until_state(State.READY, 20.0)
+    assert abs(rig.last()["volts"] - SAFE_V) < 0.01
+    rig.start_mover()
+    return f"held, then ramped to {SAFE_V:g} V"
+
+
+@contextmanager
+def stopped(rig: Rig, name: str) -> Iterator[None]:
+    """SIGSTOP within, SIGCONT behind."""
+    pid = rig.kill(name, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.kill(pid, signal.SIGCONT)
+
+
+def stop_core(rig: Rig, seconds: float = 5.0) -> str:
+    """SIGSTOP of the loop's process"""
+    with stopped(rig, "core"):
+        before = rig.bench_order()["output_v"]
+        time.sleep(seconds)
+        assert rig.bench_order()["output_v"] == before
+    rig.until_event("stood still", 20.0)
+    assert rig.flags() & Flag.MISSED
+    if seconds > 3.0:
+        assert "says nothing" in rig.events()
+    return f"output held for {seconds:g} s, then glided to the target"
+
+
+def stop_gateway(rig: Rig, seconds: float = 5.0) -> str:
+    """SIGSTOP of the network's process"""
+    run = rig.status().run
+    with stopped(rig, "gateway"):
+        time.sleep(seconds)
+    rig.until_running(30.0)
+    assert rig.status().run == run
+    assert set(np.diff(rig.samples()["seq"])) == {1}, "telemetry has a gap"
+    return "loop not disturbed, telemetry caught up without a gap"
+
+
+def stop_client(rig: Rig, seconds: float = 5.0) -> str:
+    """SIGSTOP of the commanding client"""
+    with stopped(rig, "client"):
+        time.sleep(seconds)
+        if seconds > 4.5:  # the trajectory sent ahead lasts 3 s
+            rig.until_event("run dry", 5.0)
+    return "trajectory played on as far as it was sent, then held"
+
+
+# -- amplifier ------------------------------------------------------------------------------------
+
+
+def unplug(rig: Rig, seconds: float = 1.5) -> str:
+    """serial cable of the amplifier pulled"""
+    rig.bench_order(fault="unplug", device="mdt693b", for_s=seconds)
+    rig.until_state(State.FAULT)
+    rig.until_event("actuator: back", 30.0)
+    assert "DeviceGone" in rig.events()
+    return "fault, reconnected"
+
+
+def hang(rig: Rig, seconds: float = 1.0) -> str:
+    """amplifier hangs"""
+    rig.bench_order(amplifier={"hang": True}, for_s=seconds)
+    rig.until_state(State.FAULT)
+    rig.until_event("actuator: back", 30.0)
+    assert "DeviceTimeout" in rig.events()
+    return "fault (time-out), reconnected"
+
+
+def garbage(rig: Rig, count: int = 2) -> str:
+    """amplifier answers garbage"""
+    rig.bench_order(amplifier={"garbage": True, "count": count})
+    rig.until_state(State.FAULT)
+    rig.bench_order(clear=True)
+    rig.until_event("actuator: back", 30.0)
+    return "fault (protocol), reconnected"
+
+
+def half_reply(rig: Rig, count: int = 2) -> str:
+    """amplifier sends half a reply"""
+    rig.bench_order(amplifier={"half": True, "count": count})
+    rig.until_state(State.FAULT)
+    rig.bench_order(clear=True)
+    rig.until_event("actuator: back", 30.0)
+    return "fault, reconnected"
+
+
+def other_dialect(rig: Rig) -> str:
+    """another firmware after the reconnection"""
+    for dialect in ("1.05", "1.10"):
+        rig.mark_fault()
+        rig.bench_order(fault="unplug", device="mdt693b", for_s=0.5, dialect=dialect)
+        rig.until_event("actuator: back", 30.0)
+        rig.until_running(30.0)
+    return "dialect detected anew, twice"
+
+
+def readback(rig: Rig) -> str:
+    """readback disagrees with the set-point"""
+    rig.bench_order(amplifier={"readback_error_v": 150.0})
+    rig.until_event("where", 30.0)
+    rig.until_state(State.FAULT)
+    time.sleep(0.3)
+    before = rig.bench_order()["output_v"]
+    time.sleep(1.0)
+    assert rig.bench_order()["output_v"] == before, "the output moved in doubt"
+    rig.bench_order(clear=True)
+    rig.until_event("reports what was set again", 20.0)
+    return "fault: nothing written until the two agreed again"
+
+
+# -- sensor ---------------------------------------------------------------------------------------
+
+
+def sensor_stuck(rig: Rig, seconds: float = 6.0) -> str:
+    """sensor stuck"""
+    rig.bench_order(fault="stuck", for_s=seconds)
+    rig.until_event("has not changed", seconds + 5.0)
+    until(lambda: rig.flags() & Flag.MISMATCH, 5.0, "the mismatch flag")
+    return "mismatch flag, event names the sensor"
+
+
+def sensor_invalid(rig: Rig, kind: str = "nan", seconds: float = 1.0) -> str:
+    """sensor reads NaN"""
+    rig.bench_order(fault=kind, for_s=seconds)
+    until(lambda: rig.flags() & Flag.SENSOR_INVALID, 10.0, "the sensor flag")
+    assert State.FAULT not in rig.states()
+    return "readings flagged as invalid, the loop goes on"
+
+
+def sensor_range(rig: Rig) -> str:
+    """sensor out of its range"""
+    return sensor_invalid(rig, "range")
+
+
+def sensor_late(rig: Rig, late_s: float = 0.04) -> str:
+    """sensor answers late"""
+    rig.bench_order(fault="late", late_s=late_s, for_s=1.0)
+    until(lambda: rig.flags() & Flag.MISSED, 10.0, "missed deadlines")
+    time.sleep(1.0)
+    assert rig.status().missed_by.get("driver_io", 0) > 0
+    return "missed deadlines counted under driver_io"
+
+
+def sensor_unplug(rig: Rig, seconds: float = 1.0) -> str:
+    """serial cable of the sensor pulled"""
+    rig.bench_order(fault="unplug", device="ksg101", for_s=seconds)
+    until(lambda: rig.flags() & Flag.SENSOR_INVALID, 10.0, "the sensor flag")
+    rig.until_event("sensor: back", 30.0)
+    assert State.FAULT not in rig.states()
+    return "readings flagged as invalid, reconnected, the loop goes on"
+
+
+# -- disk, clock, model file ----------------------------------------------------------------------
+
+
+def disk_full(rig: Rig) -> str:
+    """disk full while recording"""
+    with small_disk() as disk:
+        path = disk / "full.csv"
+        process = rig.record(path, name="record-full")
+        filler = disk / "filler"
+        with open(filler, "wb", buffering=0) as file:
+            while True:
+                try:
+                    file.write(b"x" * 4096)
+                except OSError:
+                    break
+        assert process.wait(30.0) == 2, rig.words("record-full")
+        words = rig.words("record-full").strip().splitlines()
+        assert "No space left" in words[-1], words
+        assert path.read_bytes().endswith(b"\n")
+        rows = readable_rows(path)
+    return f"recording ends with one line of words; {rows} rows before it read back"
+
+
+def file_limit(rig: Rig) -> str:
+    """file size limit reached while recording"""
+    path = rig.folder / "limit.csv"
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    process = rig.record(path, name="record-limit")
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (path.stat().st_size + 5000, limits[1]))
+    assert process.wait(30.0) == 2, rig.words("record-limit")
+    assert path.read_bytes().endswith(b"\n")
+    return f"recording ends with one line of words; {readable_rows(path)} rows before it read back"
+
+
+def disk_read_only(rig: Rig) -> str:
+    """disk becomes read-only while recording"""
+    with small_disk() as disk:
+        path = disk / "run.csv"
+        process = rig.record(path, name="record-ro")
+        # a file that is open for writing keeps the mount busy: lazily remounted by force
+        done = subprocess.run(
+            ["mount", "-o", "remount,ro", str(disk)], capture_output=True, check=False
+        )
+        if done.returncode:
+            process.terminate()
+            assert process.wait(30.0) in (0, 1)
+        else:
+            assert process.wait(30.0) == 2
+        rows = readable_rows(path)
+        subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True, capture_output=True)
+        refused = rig.start("record", "-o", str(disk / "b.csv"), "--for", "1", name="record-ro2")
+        assert refused.wait(30.0) == 2
+        assert "Read-only" in rig.words("record-ro2")
+    return f"a new recording is refused in one line; {rows} rows before it read back"
+
+
+@contextmanager
+def small_disk() -> Iterator[Path]:
+    """A file system of 256 kB. Needs the right to mount."""
+    with tempfile.TemporaryDirectory(prefix="dehyst-disk-") as folder:
+        subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", folder],
+            check=True,
+            capture_output=True,
+        )
+        try:
+            yield Path(folder)
+        finally:
+            subprocess.run(["umount", "-l", folder], check=False, capture_output=True)
+
+
+def can_mount() -> bool:
+    """True where a small disk can be mounted."""
+    try:
+        with small_disk():
+            return True
+    except (OSError, subprocess.CalledProcessError):
+        return False
+
+
+def clock_stepped(rig: Rig) -> str:
+    """wall clock stepped by a year, back, and by an hour"""
+    run = rig.status().run
+    for offset_s in (365 * 86400.0, -3600.0, 0.0):
+        rig.step_wall_clock(offset_s)
+        until(
+            lambda want=offset_s: abs(rig.status().wall_ns * 1e-9 - time.time() - want) < 60.0,
+            10.0,
+            "the daemon's label follows the wall clock",
+        )
+    samples = rig.samples()
+    assert rig.status().run == run
+    assert set(np.diff(samples["seq"])) == {1}
+    assert {State(int(s)) for s in np.unique(samples["state"])} == {State.RUNNING}
+    assert rig.refusals() == set()
+    return "only the labels moved"
+
+
+def model_files(rig: Rig) -> str:
+    """model file broken, truncated, gone, swapped while it is loaded"""
+    good = rig.model.read_text()
+    broken = {
+        "truncated": good[: len(good) // 2],
+        "empty": "",
+        "other format": good.replace("format = 1", "format = 99"),
+        "not text": "\0\0\0",
+    }
+    for text in broken.values():
+        count = rig.events().count("reload refused")
+        rig.model.write_text(text)
+        os.kill(rig.daemon.pid, signal.SIGHUP)
+        until(lambda n=count: rig.events().count("reload refused") > n, 20.0, "the refusal")
+    end = time.monotonic() + 1.5
+    while time.monotonic() < end:  # swapped while it is loaded
+        for text in (good, broken["truncated"]):
+            rig.model.write_text(text)
+            os.kill(rig.daemon.pid, signal.SIGHUP)
+            time.sleep(0.01)
+    time.sleep(0.5)
+    rig.model.write_text(good)
+    count = rig.events().count("model reloaded")
+    os.kill(rig.daemon.pid, signal.SIGHUP)
+    until(lambda: rig.events().count("model reloaded") > count, 30.0, "the reload")
+    assert State.FAULT not in rig.states()
+    return "broken ones refused in words, the old model stayed; the good one was swapped in"
+
+
+# -- commands -------------------------------------------------------------------------------------
+
+
+def two_clients(rig: Rig) -> str:
+    """two clients that both command"""
+    with Client("chaos", rig.address, label="second") as second:
+        try:
+            second.send(5.0)
+            raise AssertionError("both clients may command")
+        except Refusal as refusal:
+            assert refusal.code == "lease-taken"
+            assert "mover" in str(refusal)
+    return "the second is told who commands"
+
+
+@contextmanager
+def alone(rig: Rig) -> Iterator[Client]:
+    """A client of the test's own that holds the lease; the mover is away meanwhile."""
+    assert rig.mover is not None
+    rig.kill("client")
+    rig.mover.wait(5.0)
+    with Client("chaos", rig.address, label="hostile") as client:
+        client.take_over()
+        yield client
+    rig.start_mover()
+
+
+def bad_setpoints(rig: Rig) -> str:
+    """set-points from the past, repeated, NaN, out of range, in another unit, in another schema"""
+    with alone(rig) as client:
+        client.send(6.0)
+        good = client._setpoint(6.5, False)
+        key = rig.client.keys.pubsub(subject(SETPOINT, client.unit), str(client.client))
+        sender = client.bus.sender(key, SETPOINT)
+        cases = {
+            "old": wire.encode(_like(good, sequence=0)),
+            "late": wire.encode(_like(good, sequence=10**6, sent_ns=monotonic_ns() - 10**10)),
+            "not-finite": wire.encode(_like(good, sequence=10**6, value=float("nan"))),
+            "unreachable": wire.encode(_like(good, sequence=10**6, value=1e4)),
+            "unit": wire.encode(_like(good, sequence=10**6, unit="furlong")),
+            "no-lease": wire.encode(_like(good, sequence=10**6, lease=12345)),
+        }
+        schema = wire.encode(good).replace(b"dehyst.setpoint", b"dehyst.setpoing")
+        for code, payload in {**cases, "bad-message": schema}.items():
+            client.renew()
+            sender.put(payload)
+            until(lambda c=code: c in rig.refusals(), 10.0, f"refusal {code}: {rig.refusals()}")
+        client.send(6.0)  # and the right one is still taken
+    return f"each refused by its code: {', '.join(cases)}, bad-message"
+
+
+def _like(setpoint: Setpoint, **changes: object) -> Setpoint:
+    values = {name: getattr(setpoint, name) for name in setpoint.__struct_fields__}
+    return Setpoint(**{**values, **changes})
+
+
+def long_message(rig: Rig) -> str:
+    """a message of 10 MB"""
+    with alone(rig) as client:
+        key = rig.client.keys.pubsub(subject(SETPOINT, client.unit), str(client.client))
+        pid = rig.pid("gateway")
+        try:
+            client.bus.sender(key, SETPOINT).put(b"x" * 10_000_000)
+        except DehystError:
+            pass
+        time.sleep(0.5)
+        until(lambda: rig.status().gateway.pid == pid, 20.0, "the gateway stands")
+    return "dropped before it is read; the gateway goes on"
+
+
+def flood(rig: Rig, seconds: float = 1.0) -> str:
+    """a set-point flood, as fast as it goes (100 kHz asked for)"""
+    with alone(rig) as client:
+        client.send(6.0)
+        key = rig.client.keys.pubsub(subject(SETPOINT, client.unit), str(client.client))
+        sender = client.bus.sender(key, SETPOINT)
+        sent, begun = 0, time.monotonic()
+        while time.monotonic() < begun + seconds:
+            if sent < 1e5 * (time.monotonic() - begun):
+                sender.put(wire.encode(client._setpoint(4.0 + 6.0 * (sent // 500 % 2), False)))
+                sent += 1
+        rate_khz = sent / (time.monotonic() - begun) * 1e-3
+        rig.client.stop()  # a stop gets through
+        rig.until_state(State.HOLDING, 20.0)
+        status = rig.status()
+    assert status.core_alive
+    return f"{rate_khz:.0f} kHz for {seconds:g} s: newest taken, a stop got through"
+
+
+PROCESSES: tuple[Callable[[Rig], str], ...] = (
+    kill_core, kill_gateway, kill_client, stop_core, stop_gateway, stop_client,
+)  # fmt: skip
+DEVICES: tuple[Callable[[Rig], str], ...] = (
+    unplug, hang, garbage, half_reply, other_dialect, readback,
+    sensor_stuck, sensor_invalid, sensor_range, sensor_late, sensor_unplug,
+)  # fmt: skip
+HOST: tuple[Callable[[Rig], str], ...] = (disk_full, file_limit, disk_read_only, clock_stepped,
+                                          model_files)  # fmt: skip
+COMMANDS: tuple[Callable[[Rig], str], ...] = (two_clients, bad_setpoints, long_message, flood)
