@@ -22,7 +22,9 @@ class Rival:
 
 def rivals(found: Search, effect: Effect) -> list[Rival]:
     """Candidates that do as well in the place of an accepted effect, best first."""
-    problem, final, sigma = found.problem, found.accepted, found.sigma
+    final, sigma = found.accepted, found.sigma
+    problem = found.problem.light(found.counted)
+    final = problem.solve(final.effects, problem.output_of(final))
     n = int(problem.data.rows.sum())
     rest = [e for e in final.effects if e is not effect]
     without = problem.solve(rest, problem.output_of(final))
@@ -39,7 +41,7 @@ def rivals(found: Search, effect: Effect) -> list[Rival]:
             same = key in (effect.candidate.key, effect.candidate.refines)
             if same or key in taken or key in seen or t.refused.startswith("damping"):
                 continue
-            if t.gain / n < 0.6 * gain:
+            if t.gain / found.counted < 0.6 * gain:
                 continue
             started = next(e for e in t.fit.effects if e.candidate.key == key)
             seen[key] = (started, t.fit)

@@ -50,6 +50,7 @@ class Search:
     null: Fitted
     accepted: Fitted
     rounds: list[list[Trial]] = field(default_factory=list)
+    counted: int = 0  # rows that the gains of the rounds are summed over
 
 
 def excess(problem: Problem, fit: Fitted, sigma: float) -> float:
@@ -104,7 +105,7 @@ def better(other: Search, state: Search, left: float) -> bool:
 def _forward(
     problem: Problem, sigma: float, null: Fitted, say: Say, forbidden: Sequence[str]
 ) -> Search:
-    state = Search(problem, sigma, null, null)
+    state = Search(problem, sigma, null, null, counted=int(problem.data.rows.sum()))
     everything = [c for c in library(problem.data) if c.key not in forbidden]
     for number in range(MAX_EFFECTS):
         current = state.accepted

@@ -22,6 +22,7 @@ from dehyst.models.forward import simulate
 from dehyst.models.model import Model
 from dehyst.models.recording import Recording
 
+SEARCH_ROWS = 18_000  # counted in the search; the last fit, shares and intervals use them all
 Progress = Callable[[str, float], None]
 
 
@@ -41,7 +42,16 @@ def diagnose(
     null = problem.solve([])
     sigma = noise_rms(data, null.residual(data))
     say("base fitted", 0.1)
-    found = search(problem, sigma, null, say)
+    light = problem.light(SEARCH_ROWS)
+    found = search(light, sigma, null if light is problem else light.solve([]), say)
+    if light is not problem:
+        say("fitting all samples", 0.86)
+        final = found.accepted
+        if final.effects:
+            final = problem.refit(final.effects, rounds=3)
+        else:
+            final = null
+        found = replace(found, problem=problem, null=null, accepted=final)
     return _conclude(problem, found, model, say)
 
 
@@ -91,7 +101,7 @@ def _conclude(problem: Problem, found: Search, model: Model | None, say: Progres
         base_model=base,
         views=views,
         locate=tables,
-        tried=tuple(_tried(problem, found)),
+        tried=tuple(_tried(found.counted, found)),
         notes=tuple(notes_of(data)),
     )
 
@@ -115,9 +125,8 @@ def notes_of(data: Data) -> list[str]:
     return out
 
 
-def _tried(problem: Problem, found: Search) -> list[dict[str, str]]:
+def _tried(n: int, found: Search) -> list[dict[str, str]]:
     """For each round: root mean square that each candidate's refit removes."""
-    n = int(problem.data.rows.sum())
     return [{t.candidate.key: _told(t, n) for t in trials} for trials in found.rounds]
 
 

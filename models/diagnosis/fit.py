@@ -7,7 +7,7 @@ the projected residual (Golub and Pereyra 1973, in Kaufman's 1975 approximation:
 at fixed weights, projected off the columns).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -46,8 +46,6 @@ class Fitted:
     sse: float
     cov: Floats  # inverse of the normal matrix, times noise variance: covariance of all weights
     design: Floats = field(repr=False)  # (N, columns): offsets, base, additive
-    theta_cov: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    jacobian: Floats = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
 
     def residual(self, data: Data) -> Floats:
         """Measured minus predicted (N,)."""
@@ -93,6 +91,14 @@ class Problem:
         self.offset_columns = (self.data.rec[:, None] == np.arange(count)[None, :]).astype(float)
         self.row_index = np.flatnonzero(self.data.rows)
         self.all_rows = bool(self.data.rows.all())
+
+    def light(self, most: int) -> "Problem":
+        """The same problem with at most about `most` rows counted, evenly taken; every operator
+        still runs through all samples."""
+        every = max(1, int(self.row_index.size // most))
+        rows = np.zeros(self.data.n, dtype=bool)
+        rows[self.row_index[::every]] = True
+        return self if every == 1 else Problem(replace(self.data, rows=rows), self.base)
 
     def penalty(self, size: int) -> Floats:
         """Ridge of each of a design's columns, as a part of its mean square."""
@@ -167,11 +173,15 @@ class Problem:
         inner = fitted.design[:, k : k + self.base.width] @ fitted.weights
         return inner + float(fitted.offsets.mean())
 
-    def project(self, fitted: Fitted, x: Floats) -> Floats:
-        """x (N, k) less its part that the columns of a fit can make."""
-        xr = self.counted(x)
-        dr = self.counted(fitted.design)
-        return x - fitted.design @ (fitted.cov @ (dr.T @ xr))
+    def projector(self, fitted: Fitted) -> Callable[[Floats], Floats]:
+        """Maps x (N, k) to its counted rows, less what the columns of a fit can make."""
+        design = self.counted(fitted.design)
+
+        def project(x: Floats) -> Floats:
+            x = self.counted(x)
+            return x - design @ (fitted.cov @ (design.T @ x))
+
+        return project
 
     def refit(
         self, effects: Sequence[Effect], rounds: int = 5, start: Fitted | None = None
@@ -207,13 +217,14 @@ class Problem:
         """Damped Gauss-Newton steps against the projected residual with a fixed design; None
         where no step helps. reach: largest step of an internal parameter."""
         out = self.output_of(fitted)
+        project = self.projector(fitted)
         here, effects = fitted, fitted.effects
         residual = self.counted(self.data.y - fitted.prediction)
         sse = float(residual @ residual)
         first, damping, improved = sse, 1e-3, False
         for _ in range(steps):
             p, jac = self.jacobian(replace(here, effects=effects), out)
-            projected = self.counted(self.project(fitted, jac))
+            projected = project(jac)
             a, g = projected.T @ projected, projected.T @ residual
             diag = np.diag(np.maximum(np.diag(a), 1e-9 * max(float(np.diag(a).max()), 1e-30)))
             better = False
@@ -221,7 +232,7 @@ class Problem:
                 move = np.clip(np.linalg.solve(a + damping * diag, g), -reach, reach)
                 trial = moved(effects, p, move)
                 error = self.data.y - self.simulate(here, trial, out)
-                error = self.counted(self.project(fitted, error[:, None]))[:, 0]
+                error = project(error[:, None])[:, 0]
                 trial_sse = float(error @ error)
                 if trial_sse < sse:
                     gain, better, improved = sse - trial_sse, True, True
@@ -251,17 +262,6 @@ class Problem:
                 continue
             jac[:, i] = (self.simulate(fitted, there, output) - here) / actual
         return p, jac
-
-    def with_intervals(self, fitted: Fitted, sigma: float) -> Fitted:
-        """The same fit with Jacobian and covariance of its internal nonlinear parameters."""
-        if not any(e.theta for e in fitted.effects):
-            return fitted
-        _, jac = self.jacobian(fitted, self.output_of(fitted))
-        projected = self.project(fitted, jac)
-        counted = self.counted(projected)
-        a = counted.T @ counted
-        cov = np.linalg.pinv(a + 1e-12 * np.trace(a) * np.eye(a.shape[0])) * sigma**2
-        return replace(fitted, theta_cov=cov, jacobian=projected)
 
 
 def internal(effects: Sequence[Effect]) -> Floats:

@@ -11,16 +11,14 @@ from dehyst.models.diagnosis.candidates.interface import Candidate, Context
 from dehyst.models.diagnosis.data import Floats
 from dehyst.models.diagnosis.fit import Effect, Fitted, Problem, drive_behind, in_order
 
-STRIDE = 3  # every third row is enough to rank candidates
-
 
 class Screen:
-    """What all candidates of one round share: the fit's columns on a part of the rows, and the
+    """What all candidates of one round share: the fit's columns on the counted rows, and the
     directions in which the accepted effects' own parameters move the prediction."""
 
     def __init__(self, problem: Problem, current: Fitted) -> None:
         self.problem, self.current = problem, current
-        self.rows = problem.row_index[::STRIDE]
+        self.rows = problem.row_index
         self.output = problem.output_of(current)
         self.drive = drive_behind(problem.data, current.effects)
         self._design = np.ascontiguousarray(current.design[self.rows])
@@ -40,7 +38,7 @@ class Screen:
         self.r = self.projected(self.residual[:, None])[:, 0]
 
     def projected(self, x: Floats) -> Floats:
-        """x (N, k) on the screened rows, less what the fit's columns and parameters can make."""
+        """x (N, k) on the counted rows, less what the fit's columns and parameters can make."""
         x = x[self.rows]
         moment = (self._design.T @ x) / self._scale[:, None]
         x = x - self._design @ (cho_solve(self._factor, moment) / self._scale[:, None])
@@ -71,7 +69,7 @@ class Screen:
                 gain = float(g[0] ** 2 / a[0, 0]) if a[0, 0] > 0 and g[0] > 0 else 0.0
                 if gain > 0:
                     theta = candidate.scaled(theta, float(g[0] / a[0, 0]))
-            scores.append((STRIDE * gain, theta))
+            scores.append((gain, theta))
         return sorted(scores, key=lambda s: -s[0])
 
 
