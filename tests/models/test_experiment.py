@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dehyst.models.diagnosis.separate import EFFECTS, separate
+from dehyst.models.diagnosis.experiment import EFFECTS, separate
 from dehyst.models.diagnosis.waveforms import WAVEFORMS, Limits
 from dehyst.models.errors import BadInput
 
