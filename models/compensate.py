@@ -22,11 +22,11 @@ BEYOND_SATURATION, BEYOND_DRIVE, SLEW, STARVED, BAD_TARGET, OUTSIDE = 1, 2, 4, 8
 
 # Places in `setting`.
 (
-    PLANNED, LATE, STAGE_BLOCKS, VALID_LOW, VALID_HIGH, VALID_RATE, NODES_WANTED, WINDOW, N_SETTING,
-) = range(9)  # fmt: skip
+    PLANNED, LATE, STAGE_BLOCKS, VALID_LOW, VALID_HIGH, VALID_RATE, NODES_WANTED, N_SETTING,
+) = range(8)  # fmt: skip
 # Places in `inner`: ring position and fill of past targets, drive at the hysteresis, what blocks
-# beside it add, time, command applied last.
-RING_AT, RING_FILL, V, BESIDE, TIME, COMMAND, N_INNER = range(7)
+# beside it add, time, command applied last, range of the targets seen.
+RING_AT, RING_FILL, V, BESIDE, TIME, COMMAND, SEEN_LOW, SEEN_HIGH, N_INNER = range(9)
 
 
 @njit(cache=True, nogil=True)
@@ -79,7 +79,10 @@ def _gather(
         for j in range(4):
             y[j] = _at(window, valid, ring, inner, newest - j * per_node)
         ahead = (first + known * per_node - newest) / per_node
-        extend(seq[PAST:], trust, known, min(max(ahead, 0.0), 1.0), y, fixed[pv.PERIOD] * per_node)
+        extend(
+            seq[PAST:], trust, known, min(max(ahead, 0.0), 1.0), y, fixed[pv.PERIOD] * per_node,
+            inner[SEEN_LOW], inner[SEEN_HIGH],
+        )  # fmt: skip
     else:
         trust[:] = 1.0
     if setting[STAGE_BLOCKS] > 0.0:
@@ -132,6 +135,10 @@ def step(
         if state[pv.VALID] == 0.0:
             state[pv.PHASE] = 0.0
             inner[RING_FILL] = 0.0
+            inner[SEEN_LOW], inner[SEEN_HIGH] = np.inf, -np.inf
+        newest = window[valid - 1]
+        inner[SEEN_LOW] = min(inner[SEEN_LOW], newest, window[0])
+        inner[SEEN_HIGH] = max(inner[SEEN_HIGH], newest, window[0])
         now = _present(
             setting, fixed, table, params, states, scratch, channels, inner, ring, window, valid,
             seq,
@@ -225,7 +232,4 @@ def applied(
         return
     state[pv.PHASE] = (state[pv.PHASE] + 1.0) % fixed[pv.PER_NODE]
     if setting[PLANNED] > 0.0:
-        error = y[4] - state[pv.TARGET_NOW]
-        pv.watch(
-            weights, c, knots, fixed, state, plays, setting[WINDOW], error, result[MODE] == STATIC,
-        )  # fmt: skip
+        state[pv.SUM_REAL] += (y[4] - state[pv.TARGET_NOW]) ** 2

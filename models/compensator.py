@@ -19,11 +19,21 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dehyst.models import compensate
 from dehyst.models import inverse_preview as pv
 from dehyst.models.blocks import clip, slew
-from dehyst.models.cascade_step import AT_DRIVE, AT_STAGE, CODE, P_FROM, PLACE, Packed, pack
+from dehyst.models.cascade_step import (
+    AT_DRIVE,
+    AT_STAGE,
+    CODE,
+    P_FROM,
+    PLACE,
+    Packed,
+    lead_drive,
+    pack,
+)
 from dehyst.models.errors import BadInput
 from dehyst.models.forward import simulate
 from dehyst.models.inverse_static import static_inverse
@@ -55,6 +65,7 @@ FLAG_NAMES = {
 RATE_MARGIN = 1.25  # a rate-dependent model is used up to this multiple of its validity's rate
 NOISE_SHARE = 0.004  # of the stroke, where the model states no noise
 SWEEPS = 2
+TOO_FAR = 0.1  # part of the stroke that the nearest monotone model may differ by
 CAUSAL_WINDOW_S = 0.1
 
 
@@ -93,6 +104,12 @@ def choose(model: Model, price: float, mode: str, preview_s: float) -> Choice:
     """
     h = model.hysteresis
     unit = model.displacement_unit
+    stroke = _slope(model, model.validity.drive_min, model.validity.drive_max) * (
+        model.validity.drive_max - model.validity.drive_min
+    )
+    if price > TOO_FAR * stroke:
+        why = f"the weights are so far from monotone ({price:.3g} {unit} rms) that only the"
+        return Choice("static", f"{why} nearest monotone model is of use", False)
     moving = [b.kind for b in model.blocks if b.place in ("drive", "stage")]
     dynamic = sorted({k for k in moving if k in ("delay", "lag", "resonance")})
     if not h.static:
@@ -166,7 +183,7 @@ class Compensator:
             wanted = nodes if self.mode == "preview" else 0
             self.window_samples = nodes * per_node if wanted else 1
         else:
-            nodes = 1
+            nodes = 4
             self.window_samples = 2 if self.mode == "preview" else 1
         if self.mode == "preview":
             self.window_samples += math.ceil(late)
@@ -174,13 +191,14 @@ class Compensator:
         self.latency_s = (self.window_samples - 1) * period_s
         h = model.hysteresis
         b = self.static.branch
-        self._weights = np.ascontiguousarray(np.stack([h.r, h.b, h.k, self.static.b]))
-        self._c, self._knots = np.ascontiguousarray(h.c), np.ascontiguousarray(b.z_knots)
+        self.weights = np.ascontiguousarray(np.stack([h.r, h.b, h.k, self.static.b]))
+        self.c, self._knots = np.ascontiguousarray(h.c), np.ascontiguousarray(b.z_knots)
         self.slope = _slope(model, self.low, self.high)
         noise = model.fit.noise_rms or model.fit.rms or 0.0
         noise = max(noise, 1e-6 * self.slope * (self.high - self.low))
         if not (model.fit.noise_rms or model.fit.rms):
             noise = NOISE_SHARE * self.slope * (self.high - self.low)
+        self.noise = noise
         fixed = np.zeros(pv.N_FIXED)
         fixed[[pv.U_OFFSET, pv.Y_FIRST, pv.Y_LAST]] = h.u_offset, b.y_first, b.y_last
         fixed[[pv.LOW, pv.HIGH, pv.RATE]] = self.low, self.high, self.rate
@@ -194,8 +212,10 @@ class Compensator:
         setting[[compensate.VALID_LOW, compensate.VALID_HIGH]] = v.drive_min, v.drive_max
         setting[compensate.VALID_RATE] = v.rate_max if v.rate_max and not h.static else math.inf
         setting[compensate.NODES_WANTED] = wanted
-        setting[compensate.WINDOW] = nodes * per_node
         self._setting, self._nodes, self._per_node = setting, nodes, per_node
+        self.planned, self.delay_s = bool(planned), self._packed.delay_s
+        self.table, self.params = self._packed.table, self._packed.params
+        self.has_stage_blocks = bool(setting[compensate.STAGE_BLOCKS])
 
     def init(self, drive_now: float, displacement: float | None = None) -> CompensatorState:
         """State for a stage that stands at drive_now, driven there from de-energised.
@@ -238,7 +258,7 @@ class Compensator:
         if state.channels.size:
             state.channels[:] = channels[: state.channels.size]
         compensate.step(
-            self._weights, self._c, self._knots, self._fixed, self._setting, self._packed.table,
+            self.weights, self.c, self._knots, self._fixed, self._setting, self._packed.table,
             self._packed.params, state.numbers, state.plays, state.work, state.blocks,
             state.scratch, state.inner, state.ring, state.seq, state.y, window, n_valid,
             state.channels, state.result,
@@ -248,11 +268,33 @@ class Compensator:
     def applied(self, state: CompensatorState, drive: float) -> None:
         """The drive that really went out; the model's memory follows it. One call is one sample."""
         compensate.applied(
-            self._weights, self._c, self._knots, self._fixed, self._setting, self._packed.table,
+            self.weights, self.c, self._knots, self._fixed, self._setting, self._packed.table,
             self._packed.params, state.numbers, state.plays, state.blocks, state.inner, state.y,
             state.channels, drive, state.pending, state.result,
         )  # fmt: skip
         state.pending = False
+
+    def command(self, inside: Floats, start: float) -> Floats:
+        """Commands (N,) whose drive blocks pass on the drive `inside` (N,), within the limits.
+
+        A delay of the drive is taken to be in the targets already.
+        """
+        rate = np.gradient(inside, self.period_s) if inside.size > 1 else np.zeros(inside.size)
+        out = np.empty(inside.size)
+        now = start
+        travel = self.rate * self.period_s
+        for i in range(inside.size):
+            u = lead_drive(self.table, self.params, inside[i], rate[i])
+            now = min(max(u, now - travel, self.low), now + travel, self.high)
+            out[i] = now
+        return out
+
+    def outside(self, drive: Floats, start: float) -> NDArray[np.bool_]:
+        """(N,) where a drive leaves the range or the rate that the model was identified in."""
+        v = self.model.validity
+        rate = np.abs(np.diff(drive, prepend=start)) / self.period_s
+        fast = rate > self._setting[compensate.VALID_RATE] * (1.0 + 1e-9)
+        return fast | (drive < v.drive_min) | (drive > v.drive_max)
 
     def _led_to(self, drive: float, displacement: float) -> Floats:
         """Plays at `drive` whose displacement is the nearest to `displacement` that a single loop

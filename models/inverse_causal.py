@@ -28,12 +28,19 @@ def _smaller(a: float, b: float) -> float:
 
 @njit(cache=True, nogil=True)
 def extend(
-    seq: Floats, trust: Floats, known: int, ahead: float, y: Floats, spacing_s: float
+    seq: Floats,
+    trust: Floats,
+    known: int,
+    ahead: float,
+    y: Floats,
+    spacing_s: float,
+    low: float,
+    high: float,
 ) -> None:
     """Continue seq[:known] over seq[known:], in place; trust (same length) likewise.
 
     y: (4,) the newest target and those one, two and three spacings before it; seq[known] lies
-    `ahead` spacings (0 < ahead <= 1) after the newest.
+    `ahead` spacings (0 < ahead <= 1) after the newest; low, high: where targets have been.
     """
     d1, d2, d3 = y[0] - y[1], y[1] - y[2], y[2] - y[3]
     bend = _smaller(d1 - d2, d2 - d3)
@@ -46,7 +53,10 @@ def extend(
     for j in range(known, seq.size):
         speed = keep * (speed + bend)
         bend *= fade
-        seq[j] = at + ahead * speed
+        seq[j] = min(max(at + ahead * speed, low), high)
         at += speed
+        if at < low or at > high:
+            at = min(max(at, low), high)
+            speed = bend = 0.0
         t = (j - known + ahead) * spacing_s / TRUST_FADES_S
         trust[j] = 1.0 / (1.0 + t * t)

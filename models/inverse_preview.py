@@ -8,12 +8,15 @@ the plan. Work and memory per node are constant.
 Two guards keep it from ever being worse than the static inverse:
 - where the plan's predicted error is above the noise, the static inverse is rolled out over the
   same window, and replaces the plan where it is predicted to do better;
-- a shadow model is driven by the static inverse all the time. Where the error of the real drive,
-  summed over some windows, exceeds the shadow's by more than the noise, the static inverse takes
-  over for a while, with a doubled interval each time; the plan goes on and takes over again.
+- a shadow model is driven by the static inverse all the time. Where the next sample would bring
+  the squared error of the real drive, summed over some windows, above the shadow's by more than
+  the noise allows, the static inverse takes over until the budget is back; the plan goes on
+  meanwhile from where the stage is.
 
 All numbers that change live in arrays made once; nothing is allocated in the loop.
 """
+
+import math
 
 import numpy as np
 from numba import njit
@@ -21,13 +24,16 @@ from numba import njit
 from dehyst.models.forward import polynomial
 from dehyst.models.inverse_static import inverse_step
 from dehyst.models.model import Floats
-from dehyst.models.plan import evaluate, limit, move, sweep
+from dehyst.models.plan import SPRING, evaluate, move, sweep
 
 NODE_S = 1e-3  # longest spacing of nodes for loops that are faster
 SMOOTH = 0.7  # weight of the second difference at 1 ms nodes, times the squared slope dy/du
 STIFF_END, STIFF_POWER = 100.0, 6  # smoothness grows by 1 + STIFF_END (j / P)^STIFF_POWER
 MOST_DAMPING = 7.0  # times the squared slope
 FORGET_WINDOWS = 20.0  # memory of the guard
+BUDGET = 0.7  # part of the noise that the plan may be worse than the static inverse
+GRACE = 0.25  # windows' worth of noise that the plan may lose at the start
+FIRST_SWEEPS = 8  # for a plan that starts from nothing
 
 # Places in `fixed`.
 (
@@ -36,10 +42,10 @@ FORGET_WINDOWS = 20.0  # memory of the guard
 # Places in `state`.
 (
     LAST, X_0, X_BEFORE, PHASE, DAMPING, SHADOW, SUM_REAL, SUM_SHADOW, SUM_TIME, STATIC_LEFT,
-    STATIC_NEXT, SLOPE_0, SLOPE_1, VALID, NODES, TARGET_NOW, N_STATE,
-) = range(17)  # fmt: skip
-# Rows of `work` (N_WORK, P).
-PLAN, TRIAL, TARGET, TRUST, SMOOTHNESS, ROWS, BANDS, N_WORK = 0, 1, 2, 3, 4, 5, 9, 13
+    STATIC_NEXT, SLOPE_0, SLOPE_1, VALID, NODES, TARGET_NOW, CREDIT, CREDIT_LEFT, GAIN, N_STATE,
+) = range(20)  # fmt: skip
+# Rows of `work` (N_WORK, P), P >= 4.
+PLAN, TRIAL, TARGET, TRUST, SMOOTHNESS, ROWS, BANDS, BOUNDS, N_WORK = 0, 1, 2, 3, 4, 5, 9, 13, 14
 # Rows of `plays` (N_PLAYS, n).
 REAL, SHADOW_PLAYS, SCRATCH, N_PLAYS = range(4)
 
@@ -76,7 +82,7 @@ def improve(
     """One node's work: shift the plan, sweep, compare with the static inverse."""
     x, trial = work[PLAN], work[TRIAL]
     target, trust, smooth = work[TARGET], work[TRUST], work[SMOOTHNESS]
-    rows, bands = work[ROWS : ROWS + 4], work[BANDS : BANDS + 4]
+    rows, bands, bounds = work[ROWS : ROWS + 4], work[BANDS : BANDS + 4], work[BOUNDS]
     h_0, h = plays[REAL], plays[SCRATCH]
     n = x.size
     per_node = fixed[PER_NODE]
@@ -85,34 +91,34 @@ def improve(
     state[X_BEFORE] = state[X_0]
     state[X_0] = state[LAST]
     x_0, x_before = state[X_0], state[X_BEFORE]
+    bounds[0], bounds[1], bounds[2] = fixed[LOW], fixed[HIGH], travel
+    bounds[3] = SPRING * fixed[SLOPE] ** 2
+    sweeps = int(fixed[SWEEPS])
     if state[VALID] == 0.0:
+        sweeps = FIRST_SWEEPS
         state[X_BEFORE] = x_before = x_0
         x[:] = x_0
         state[DAMPING] = fixed[SLOPE] ** 2
-        state[SUM_REAL] = state[SUM_SHADOW] = state[SUM_TIME] = 0.0
         state[VALID] = 1.0
     else:
         for j in range(n - 1):
             x[j] = x[j + 1]
         if n > 2:
             x[n - 1] = 2.0 * x[n - 2] - x[n - 3]
-    limit(x, x_0, fixed[LOW], fixed[HIGH], travel)
     error, rough = evaluate(
         weights, c, fixed[U_OFFSET], x, x_0, x_before, h_0, h, period, half, target, trust,
-        smooth, rows,
+        smooth, bounds, rows,
     )  # fmt: skip
-    sweeps = int(fixed[SWEEPS])
     most = MOST_DAMPING * fixed[SLOPE] ** 2
     for attempt in range(sweeps):
-        sweep(x, x_0, x_before, trust, smooth, state[DAMPING], rows, bands)
+        sweep(x, x_0, x_before, trust, smooth, bounds, state[DAMPING], rows, bands)
         for j in range(n):
             trial[j] = x[j] - bands[3, j]
             if not np.isfinite(trial[j]):
                 trial[j] = x[j]
-        limit(trial, x_0, fixed[LOW], fixed[HIGH], travel)
         new_error, new_rough = evaluate(
             weights, c, fixed[U_OFFSET], trial, x_0, x_before, h_0, h, period, half, target,
-            trust, smooth, rows,
+            trust, smooth, bounds, rows,
         )  # fmt: skip
         if new_error + new_rough < error + rough:
             x[:] = trial
@@ -123,24 +129,48 @@ def improve(
             if attempt < sweeps - 1:
                 evaluate(
                     weights, c, fixed[U_OFFSET], x, x_0, x_before, h_0, h, period, half, target,
-                    trust, smooth, rows,
+                    trust, smooth, bounds, rows,
                 )  # fmt: skip
     known = 0.0
     for j in range(n):
         known += trust[j]
-    if not error <= known * fixed[NOISE] ** 2:
+    state[GAIN] = 0.0
+    strained = state[STATIC_LEFT] > 0.0 or state[CREDIT_LEFT] > 0.0
+    if strained or not error <= known * fixed[NOISE] ** 2:
         h[:] = h_0
         _rollout(weights, c, knots, fixed, x_0, h, target, travel, trial)
         other, _ = evaluate(
             weights, c, fixed[U_OFFSET], trial, x_0, x_before, h_0, h, period, half, target,
-            trust, smooth, rows,
+            trust, smooth, bounds, rows,
         )  # fmt: skip
+        state[GAIN] = (other - error) * per_node
         if not error <= 1.5 * other:
             x[:] = trial
+            state[GAIN] = 0.0
     after = x[1] if n > 1 else x[0]
     state[SLOPE_0] = 0.5 * (x[0] - x_before)
     state[SLOPE_1] = 0.5 * (after - x_0)
     state[NODES] += 1.0
+
+
+@njit(cache=True, nogil=True)
+def _static(
+    weights: Floats, c: Floats, knots: Floats, fixed: Floats, h: Floats, last: float, target: float
+) -> float:  # fmt: skip
+    u, _ = inverse_step(
+        weights[0], weights[3], c, knots, fixed[Y_FIRST], fixed[Y_LAST], fixed[U_OFFSET],
+        fixed[LOW], fixed[HIGH], h, last, target,
+    )  # fmt: skip
+    travel = fixed[RATE] * fixed[PERIOD]
+    return min(max(u, last - travel), last + travel)
+
+
+@njit(cache=True, nogil=True)
+def _error(weights: Floats, c: Floats, fixed: Floats, state: Floats, h: Floats, last: float,
+    u: float) -> float:  # fmt: skip
+    """Error at the present target when the drive goes from `last` to u; advances h (n,)."""
+    z, kh = move(weights, h, u - fixed[U_OFFSET])
+    return polynomial(c, z + kh * (u - last) / fixed[PERIOD]) - state[TARGET_NOW]
 
 
 @njit(cache=True, nogil=True)
@@ -152,61 +182,59 @@ def propose(
 
     At phase 0 `work[TARGET]`, `work[TRUST]` hold the window and the plan is improved first.
     """
-    per_node = fixed[PER_NODE]
+    per_node, last = fixed[PER_NODE], state[LAST]
     phase = state[PHASE]
     if phase == 0.0:
         improve(weights, c, knots, fixed, state, plays, work)
-    if state[STATIC_LEFT] > 0.0:
-        u, _ = inverse_step(
-            weights[0], weights[3], c, knots, fixed[Y_FIRST], fixed[Y_LAST], fixed[U_OFFSET],
-            fixed[LOW], fixed[HIGH], plays[REAL], state[LAST], state[TARGET_NOW],
-        )  # fmt: skip
-        return u, True
-    x_1 = work[PLAN, 0]
-    if phase == per_node - 1.0:
-        return x_1, False
-    q = (phase + 1.0) / per_node
-    p = 1.0 - q
-    return (
-        state[X_0] * (1.0 + 2.0 * q) * p * p
-        + state[SLOPE_0] * q * p * p
-        + x_1 * q * q * (3.0 - 2.0 * q)
-        - state[SLOPE_1] * q * q * p
-    ), False
-
-
-@njit(cache=True, nogil=True)
-def watch(
-    weights: Floats, c: Floats, knots: Floats, fixed: Floats, state: Floats, plays: Floats,
-    window: float, error: float, static_made: bool,
-) -> None:  # fmt: skip
-    """The second guard, once a sample: drive the shadow, compare, hand over to the static inverse.
-
-    window: samples in the window; error: of the real drive at the present target.
-    """
-    u, _ = inverse_step(
-        weights[0], weights[3], c, knots, fixed[Y_FIRST], fixed[Y_LAST], fixed[U_OFFSET],
-        fixed[LOW], fixed[HIGH], plays[SHADOW_PLAYS], state[SHADOW], state[TARGET_NOW],
-    )  # fmt: skip
+    u = work[PLAN, 0]
+    if phase < per_node - 1.0:
+        q = (phase + 1.0) / per_node
+        p = 1.0 - q
+        u *= q * q * (3.0 - 2.0 * q)
+        u += state[X_0] * (1.0 + 2.0 * q) * p * p
+        u += (state[SLOPE_0] * p - state[SLOPE_1] * q) * q * p
     travel = fixed[RATE] * fixed[PERIOD]
-    u = min(max(u, state[SHADOW] - travel), state[SHADOW] + travel)
-    z, kh = move(weights, plays[SHADOW_PLAYS], u - fixed[U_OFFSET])
-    other = polynomial(c, z + kh * (u - state[SHADOW]) / fixed[PERIOD]) - state[TARGET_NOW]
-    state[SHADOW] = u
-    forget = 1.0 / (FORGET_WINDOWS * window)
-    keep = 1.0 - forget
-    noise = fixed[NOISE] ** 2
-    state[SUM_REAL] = keep * state[SUM_REAL] + error * error
+    u = min(max(u, last - travel), last + travel)
+    u = min(max(u, fixed[LOW]), fixed[HIGH])
+    # The guard: what would the static inverse have done, and what will this drive do?
+    window = work.shape[1] * per_node
+    keep = 1.0 - 1.0 / (FORGET_WINDOWS * window)
+    shadow = _static(
+        weights, c, knots, fixed, plays[SHADOW_PLAYS], state[SHADOW], state[TARGET_NOW]
+    )
+    other = _error(weights, c, fixed, state, plays[SHADOW_PLAYS], state[SHADOW], shadow)
+    state[SHADOW] = shadow
     state[SUM_SHADOW] = keep * state[SUM_SHADOW] + other * other
     state[SUM_TIME] = keep * state[SUM_TIME] + 1.0
-    if static_made:
+    state[SUM_REAL] *= keep
+    plays[SCRATCH] = plays[REAL]
+    error = _error(weights, c, fixed, state, plays[SCRATCH], last, u)
+    noise, time, bad = BUDGET * fixed[NOISE], state[SUM_TIME], state[SUM_SHADOW]
+    budget = noise * noise * (time + GRACE * window) + 2.0 * noise * math.sqrt(bad * time)
+    if state[SUM_REAL] <= bad + budget:
+        state[CREDIT] = state[CREDIT_LEFT] = 0.0
+    elif state[CREDIT_LEFT] > 0.0:
+        state[CREDIT_LEFT] -= 1.0
+        if state[CREDIT_LEFT] == 0.0:
+            state[CREDIT] = 0.0
+    would = state[SUM_REAL] + error * error
+    if state[STATIC_LEFT] > 0.0:
         state[STATIC_LEFT] -= 1.0
-    elif state[SUM_TIME] > window and (
-        state[SUM_REAL] > state[SUM_SHADOW] + noise * (state[SUM_TIME] + window)
-    ):
-        state[STATIC_LEFT] = state[STATIC_NEXT]
-        state[STATIC_NEXT] = min(2.0 * state[STATIC_NEXT], 64.0 * window)
-        state[SUM_REAL] = state[SUM_SHADOW] = state[SUM_TIME] = 0.0
+        if state[STATIC_LEFT] == 0.0:
+            if would <= bad + 0.5 * budget + max(0.5 * state[GAIN], 0.0):
+                state[CREDIT], state[CREDIT_LEFT] = max(0.5 * state[GAIN], 0.0), window
+            else:
+                state[STATIC_LEFT] = math.ceil(0.25 * window)
+    elif not would <= bad + budget + state[CREDIT]:
+        fresh = state[CREDIT_LEFT] == 0.0 and state[SUM_REAL] <= bad + budget
+        if fresh and would <= bad + budget + 0.5 * state[GAIN]:
+            state[CREDIT], state[CREDIT_LEFT] = 0.5 * state[GAIN], window
+        else:
+            state[STATIC_LEFT] = state[STATIC_NEXT]
+            state[STATIC_NEXT] = min(2.0 * state[STATIC_NEXT], 64.0 * window)
+    if state[STATIC_LEFT] > 0.0:
+        return _static(weights, c, knots, fixed, plays[REAL], last, state[TARGET_NOW]), True
+    return u, False
 
 
 def smoothness(nodes: int, node_s: float, slope: float) -> Floats:

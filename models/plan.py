@@ -11,15 +11,20 @@ integrated backward from the window's end, where the smoothness s_j is made stif
 unknown future. The Jacobian takes all operators as moving: dy_j = S' (W_j dx_j + K_j drate_j) with
 W = sum (b + k rate), K = sum k H. This is the slope over a full stroke; it is blind to the small
 operators that make the weights non-monotone after each reversal, and so does not lose its way in
-them. Three unknowns a row: the normal equations are pentadiagonal, and a sweep is O(P n).
+them. The drive range and the largest rate are part of the sum, as stiff springs beyond them. Three
+unknowns a row: the normal equations are pentadiagonal, and a sweep is O(P n).
 
 The rate at a node is the model's backward difference over the sampling period T = Tp / M, taken
 from the parabola through three nodes; for M = 1 it is (x_j - x_{j-1}) / T exactly.
 """
 
+import math
+
 from numba import njit
 
 from dehyst.models.model import Floats
+
+SPRING = 300.0  # stiffness beyond drive range and rate, times the squared slope dy/du
 
 FAST = {"reassoc", "contract", "nsz", "arcp"}  # sums over operators may be reordered
 
@@ -54,12 +59,14 @@ def evaluate(
     target: Floats,
     trust: Floats,
     smooth: Floats,
+    bounds: Floats,
     rows: Floats,
 ) -> tuple[float, float]:
-    """Cost of a plan: weighted squared error, and roughness.
+    """Cost of a plan: weighted squared error, and roughness with what the springs take.
 
     x, target, trust, smooth: (P,); h_0: (n,) plays at x_0, left as they are; h: (n,) scratch;
-    period: Tp; half: T / (2 Tp). rows (4, P) is overwritten with the error and with
+    period: Tp; half: T / (2 Tp); bounds (4,): lowest and highest drive, largest travel
+    from node to node, stiffness of the springs. rows (4, P) is overwritten with the error and with
     dy_j / d(x_{j-1}, x_j, x_{j+1}).
     """
     last = x.size - 1
@@ -74,6 +81,12 @@ def evaluate(
         after = x[j]
         bend = after - 2.0 * now + before
         rough += smooth[j] * bend * bend
+        over = abs(after - now) - bounds[2]
+        if over > 0.0:
+            rough += bounds[3] * over * over
+        over = max(after - bounds[1], bounds[0] - after)
+        if over > 0.0:
+            rough += bounds[3] * over * over
         before, now = now, after
         if j < last:
             rate = ((0.5 - half) * x[j + 1] + 2.0 * half * now - (0.5 + half) * before) / period
@@ -107,6 +120,7 @@ def sweep(
     x_before: float,
     trust: Floats,
     smooth: Floats,
+    bounds: Floats,
     damping: float,
     rows: Floats,
     bands: Floats,
@@ -123,13 +137,20 @@ def sweep(
         w, s = trust[j], smooth[j]
         e, left, mid, right = w * rows[0, j], rows[1, j], rows[2, j], rows[3, j]
         bend = s * (x[j] - 2.0 * now + before)
+        pull = 0.0
+        stiff = bounds[3] if abs(x[j] - now) > bounds[2] else 0.0
+        if stiff > 0.0:
+            pull = stiff * (x[j] - now - math.copysign(bounds[2], x[j] - now))
         before, now = now, x[j]
-        a0[j] += w * mid * mid + s
-        g[j] += mid * e + bend
+        a0[j] += w * mid * mid + s + stiff
+        g[j] += mid * e + bend + pull
+        if now > bounds[1] or now < bounds[0]:
+            a0[j] += bounds[3]
+            g[j] += bounds[3] * (now - (bounds[1] if now > bounds[1] else bounds[0]))
         if j > 0:
-            a0[j - 1] += w * left * left + 4.0 * s
-            a1[j - 1] += w * left * mid - 2.0 * s
-            g[j - 1] += left * e - 2.0 * bend
+            a0[j - 1] += w * left * left + 4.0 * s + stiff
+            a1[j - 1] += w * left * mid - 2.0 * s - stiff
+            g[j - 1] += left * e - 2.0 * bend - pull
         if j > 1:
             a0[j - 2] += s
             a1[j - 2] -= 2.0 * s
@@ -158,13 +179,3 @@ def sweep(
             g[j] -= a1[j] * g[j + 1]
         if j + 2 < n:
             g[j] -= a2[j] * g[j + 2]
-
-
-@njit(cache=True, nogil=True)
-def limit(x: Floats, x_0: float, low: float, high: float, travel: float) -> None:
-    """Bring a plan into the drive range and within `travel` from node to node, in place."""
-    now = x_0
-    for j in range(x.size):
-        least, most = now - travel, now + travel
-        now = min(max(x[j], max(min(low, most), least)), max(min(high, most), least))
-        x[j] = now
