@@ -193,6 +193,7 @@ class Compensator:
         b = self.static.branch
         self.weights = np.ascontiguousarray(np.stack([h.r, h.b, h.k, self.static.b]))
         self.c, self._knots = np.ascontiguousarray(h.c), np.ascontiguousarray(b.z_knots)
+        self._weights, self._c = self.weights, self.c  # under these names for compiled callers
         self.slope = _slope(model, self.low, self.high)
         noise = model.fit.noise_rms or model.fit.rms or 0.0
         noise = max(noise, 1e-6 * self.slope * (self.high - self.low))
