@@ -86,7 +86,21 @@ def _exact(
 
 
 def _refine(comp: Compensator, x: Floats, start: CompensatorState, target: Floats) -> Floats:
-    """Levenberg-Marquardt with the exact Jacobian, within drive range and rate."""
+    """Levenberg-Marquardt with the exact Jacobian, within drive range and rate.
+
+    The second round weighs down what stayed far from the target (the approach from rest, targets
+    beyond reach), so that it does not pull at the rest.
+    """
+    trust = np.ones(x.size)
+    for _ in range(2):
+        x, error = _round(comp, x, start, target, trust)
+        trust = 1.0 / (1.0 + (error / (3.0 * comp.noise)) ** 2)
+    return x
+
+
+def _round(
+    comp: Compensator, x: Floats, start: CompensatorState, target: Floats, trust: Floats
+) -> tuple[Floats, Floats]:
     n = x.size
     dt = comp.period_s
     size = n * (comp.model.hysteresis.n + 2)
@@ -103,15 +117,16 @@ def _refine(comp: Compensator, x: Floats, start: CompensatorState, target: Float
             error, row, col, value,
         )  # fmt: skip
         jacobian = sp.csc_array((value[:count], (row[:count], col[:count])), shape=(n, n))
-        return float(error @ error + drive @ (rough @ drive)), jacobian
+        return float(trust @ error**2 + drive @ (rough @ drive)), jacobian
 
     cost, jacobian = at(x)
     kept = error.copy()
     damping = 1e-3 * comp.slope**2
     stalled = 0
     for _ in range(REFINEMENTS):
-        normal = (jacobian.T @ jacobian + rough + damping * sp.eye_array(n)).tocsc()
-        step = spsolve(normal, jacobian.T @ kept + rough @ x)
+        scaled = sp.diags_array(trust) @ jacobian
+        normal = (jacobian.T @ scaled + rough + damping * sp.eye_array(n)).tocsc()
+        step = spsolve(normal, scaled.T @ kept + rough @ x)
         if not np.all(np.isfinite(step)):
             break
         trial = _within(comp, x - step, x_0)
@@ -125,7 +140,7 @@ def _refine(comp: Compensator, x: Floats, start: CompensatorState, target: Float
             damping *= 5.0
         if stalled >= 6 or cost < 1e-20 * n * comp.slope**2:
             break
-    return x
+    return x, kept
 
 
 @njit(cache=True, nogil=True)
@@ -278,9 +293,9 @@ def invert_trajectory(
 
 
 def _capped(error: Floats, noise: float) -> float:
-    """Mean square in which no sample counts more than three times the noise: the approach from
+    """Mean square in which no sample counts more than a fifth of the noise: the approach from
     rest, which no drive can follow, must not decide."""
-    return float(np.mean(np.minimum(error**2, (3.0 * noise) ** 2)))
+    return float(np.mean(np.minimum(error**2, (0.2 * noise) ** 2)))
 
 
 def _rms(error: Floats, flags: NDArray[np.int64]) -> float:
