@@ -100,6 +100,12 @@ class Admission:
                 over="it is complete" if point["last"] else "",
             )
 
+    def loop_says(self, trajectory: int, running: bool) -> None:
+        """The loop's own word on the trajectory that it has; one that it has left (it ran dry,
+        a fault) is not taken up again."""
+        if trajectory == self._trajectory.number and not running:
+            self._trajectory.over = self._trajectory.over or "the loop follows it no longer"
+
     def queue_ahead_s(self, now_ns: int) -> float:
         """Trajectory ahead of the loop, an upper bound: its own last word plus what was passed
         on since."""

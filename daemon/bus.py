@@ -25,6 +25,10 @@ class BusError(DehystError):
     """Nobody there, no answer, or a session that cannot be opened."""
 
 
+class Nobody(BusError):
+    """Nobody is there to answer, at present."""
+
+
 class NoAnswer(BusError):
     """Somebody is there but did not answer in time."""
 
@@ -236,7 +240,7 @@ class Bus:
             answered = True
             yield reply.ok.payload.to_bytes()
         if not answered:
-            raise BusError(
+            raise Nobody(
                 f"{key}: nobody answers; the daemon has gone, or does not let these credentials ask"
             )
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dehyst.daemon import clock, wire
-from dehyst.daemon.bus import Bus, BusError
+from dehyst.daemon.bus import Bus, BusError, Nobody
 from dehyst.daemon.config import Config, parse_config
 from dehyst.daemon.feed import Feed, TelemetryStream
 from dehyst.daemon.keys import Keys
@@ -49,6 +49,7 @@ log = logging.getLogger(__name__)
 DEFAULT = "tcp/127.0.0.1:7447"
 TIMEOUT_S = 3.0
 FIND_S = 2.0
+PATIENCE_S = 2.0
 
 
 class Refusal(DehystError):
@@ -77,6 +78,7 @@ class Client:
         self.addresses = [connect] if isinstance(connect, str) else list(connect)
         self.label = (label or f"client {os.getpid()} on {socket.gethostname()}")[:64]
         self.client = new_number()
+        self.patience_s = PATIENCE_S
         self._lease = self._sequence = 0
         self._senders: dict[str, Any] = {}
         self._unit = ""
@@ -123,6 +125,7 @@ class Client:
     def close(self) -> None:
         """Give up the lease and end the connection. Safe to call twice."""
         if self._lease:
+            self.patience_s = 0.0
             try:
                 self._ask(self._request("give-up"), timeout_s=0.5)
             except DehystError as error:
@@ -269,13 +272,19 @@ class Client:
 
     # -- parts ----------------------------------------------------------------------------------
 
-    def _one(self, method: str) -> bytes:
-        return next(iter(self.bus.ask(self.keys.rpc(method), b"", TIMEOUT_S)))
+    def _one(self, method: str, payload: bytes = b"", timeout_s: float = TIMEOUT_S) -> bytes:
+        """One answer; a gateway that is just starting again is waited for."""
+        deadline_ns = clock.monotonic_ns() + round(self.patience_s * 1e9)
+        while True:
+            try:
+                return next(iter(self.bus.ask(self.keys.rpc(method), payload, timeout_s)))
+            except Nobody:
+                if clock.monotonic_ns() > deadline_ns:
+                    raise
+            clock.sleep_s(0.05)
 
     def _ask(self, command: Command, timeout_s: float = TIMEOUT_S) -> Reply:
-        payload = wire.encode(command)
-        answer = next(iter(self.bus.ask(self.keys.rpc("command"), payload, timeout_s)))
-        reply: Reply = wire.decode(Reply, answer)
+        reply: Reply = wire.decode(Reply, self._one("command", wire.encode(command), timeout_s))
         return reply
 
     def _tell(self, command: Command) -> Reply:

@@ -5,6 +5,7 @@ Questions (answered commands: leases, stop, trajectory chunks) go before set-poi
 put, so that a flood of the latter cannot keep a stop away.
 """
 
+import logging
 import threading
 from collections import deque
 from queue import Empty, SimpleQueue
@@ -17,6 +18,7 @@ from dehyst.daemon.keys import Keys
 from dehyst.daemon.messages import Rejection, Reply, Setpoint
 from dehyst.daemon.topics import REJECTION, subject
 
+log = logging.getLogger(__name__)
 WAITING_PUTS = 1024
 WAITING_QUESTIONS = 256
 REJECTIONS_NS = 100_000_000
@@ -90,8 +92,12 @@ class Commander:
             reply = self._admission.refuse(now_ns, "bad-message", str(error))
         else:
             client = command.client
-            reply, records = self._admission.handle(now_ns, command, self._link.room)
-            self._link.push(records)
+            try:
+                reply, records = self._admission.handle(now_ns, command, self._link.room)
+                self._link.push(records)
+            except Exception:  # one command must not take the gateway from everybody
+                log.exception("a command could not be decided: %r", command)
+                reply = self._admission.refuse(now_ns, "bad-message", "an error in the daemon")
         if not reply.ok:
             self._refused(client, reply.code, reply.text, 1)
         return reply

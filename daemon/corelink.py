@@ -40,7 +40,8 @@ class CoreLink:
 
     def refresh(self) -> bool:
         """Attach where the core has made new rings; True when that happened."""
-        if self._rings and not any(ring.stale() for ring in self._rings.values()):
+        # the core makes its command ring last: when that one is new, all are
+        if self._rings and not self._rings["command"].stale():
             return False
         try:
             fresh = {

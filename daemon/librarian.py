@@ -1,8 +1,10 @@
 """Answers the longer questions: status, model, configuration, history. One thread, so that a slow
 asker keeps nobody waiting who commands."""
 
+import logging
 import threading
 from queue import Empty, SimpleQueue
+from typing import Any
 
 import msgspec
 import tomli_w
@@ -18,6 +20,7 @@ from dehyst.daemon.publisher import LONGEST_BATCH, Publisher
 from dehyst.models.errors import DehystError
 from dehyst.models.modelfile import dumps
 
+log = logging.getLogger(__name__)
 WAITING = 256
 COPIED = 65_536
 TOML = "application/toml"
@@ -25,7 +28,14 @@ TOML = "application/toml"
 
 def config_text(config: Config) -> str:
     """The configuration in force, defaults included, as TOML."""
-    return tomli_w.dumps(msgspec.to_builtins(config))
+    return tomli_w.dumps(_without_none(msgspec.to_builtins(config)))
+
+
+def _without_none(value: Any) -> Any:
+    """TOML has no null: a key that is not set is left out."""
+    if isinstance(value, dict):
+        return {k: _without_none(v) for k, v in value.items() if v is not None}
+    return value
 
 
 class Librarian:
@@ -53,6 +63,9 @@ class Librarian:
                 self._answer(asked)
             except DehystError as error:
                 asked.refuse(str(error))
+            except Exception:
+                log.exception("a question could not be answered: %s", asked.key)
+                asked.refuse("an error in the daemon; its log has the details")
             finally:
                 asked.done()
                 del asked  # an asker waits for as long as the question is held

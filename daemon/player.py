@@ -90,7 +90,8 @@ class _Player:
         progress: Callable[[float, float], None] | None,
         on_samples: Callable[[NDArray[Any]], None] | None,
     ) -> Played:
-        shown_ns = 0
+        shown_ns, patience_s = 0, self.client.patience_s
+        self.client.patience_s = 0.0  # telemetry is read meanwhile
         try:
             while True:
                 now_ns = clock.monotonic_ns()
@@ -113,6 +114,7 @@ class _Player:
             self.client.stop()
             raise
         finally:
+            self.client.patience_s = patience_s
             self.stream.close()
             self.feed.close()
 
@@ -170,10 +172,10 @@ class _Player:
     def ended(self, now_ns: int) -> str | None:
         """None: it goes on; "": through to the end; else why it ended early."""
         status = self.feed.status
-        if self.tracking.complete:
-            return ""
         if self.refused:
             return self.refused
+        if self.tracking.complete and self.sent >= self.offset_ns.size:
+            return ""
         if status is None or self.index == 0 or status.time_ns <= self.before.time_ns:
             return None
         if status.trajectory == self.number and status.trajectory_done:

@@ -105,7 +105,7 @@ class Publisher:
         """A core, perhaps a new one. Its past fills the history; publishing goes on where the
         ring says that the gateway before this one had stopped."""
         link = self._link
-        self._cores += 1
+        self._cores += link.run != self.history.run
         self._heard_ns = now_ns - SILENT_NS  # rings may be left over from a core that has died
         self.history.restart(link.run)
         self.history.add(link.before("telemetry", self.history.capacity))

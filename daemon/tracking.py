@@ -14,6 +14,7 @@ class Tracking:
     """Statistics over a trajectory's own samples, without the approach to its first point.
 
     first_seq: samples before it belong to something else; expected: samples the trajectory has.
+    dry: samples for which the inverse fell back, e.g. because no points had come in time.
     Errors are measured minus target, in the displacement unit, over samples with a valid reading.
     """
 
@@ -28,6 +29,7 @@ class Tracking:
     outside_validity: int = 0
     missed: int = 0
     invalid: int = 0
+    dry: int = 0
     approaching: bool = field(default=False, repr=False)
     _begun: bool = field(default=False, repr=False)
 
@@ -68,6 +70,7 @@ class Tracking:
         self.unreachable += int(np.count_nonzero(flags & Flag.UNREACHABLE))
         self.slew_limited += int(np.count_nonzero(flags & Flag.SLEW))
         self.outside_validity += int(np.count_nonzero(flags & Flag.OUTSIDE_VALIDITY))
+        self.dry += int(np.count_nonzero(flags & Flag.FALLBACK))
         self.missed += int(np.count_nonzero(flags & Flag.MISSED))
         valid = np.isfinite(samples["measured"]) & ((flags & Flag.SENSOR_INVALID) == 0)
         self.invalid += int(samples.size - np.count_nonzero(valid))

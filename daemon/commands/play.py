@@ -132,6 +132,7 @@ def report(played: "Played", as_json: bool) -> int:
         "slew_limited_samples": tracking.slew_limited,
         "outside_validity_samples": tracking.outside_validity,
         "invalid_sensor_samples": tracking.invalid,
+        "fallback_samples": tracking.dry,
         "missed_deadlines": tracking.missed,
         "state": played.state,
     }
@@ -147,7 +148,8 @@ def report(played: "Played", as_json: bool) -> int:
         print(
             f"unreachable {tracking.unreachable}, slew-limited {tracking.slew_limited}, outside "
             f"the model's validity {tracking.outside_validity}, without a reading "
-            f"{tracking.invalid}, missed deadlines {tracking.missed}"
+            f"{tracking.invalid}, inverse fell back {tracking.dry}, missed deadlines "
+            f"{tracking.missed}"
         )
     whole = played.completed and tracking.complete and not played.lost
     return 0 if whole and not tracking.unreachable else 1

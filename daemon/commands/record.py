@@ -89,10 +89,10 @@ def notes(status: "Status", frame: str) -> dict[str, str]:
     """What the head of the file says."""
     start = datetime.fromtimestamp(status.wall_ns / 1e9, UTC)
     return {
-        "recorded by": f"dehyst {__version__} from the daemon {status.name}",
+        "recorded_by": f"dehyst {__version__} from the daemon {status.name}",
         "started": start.isoformat(timespec="seconds"),
         "period_s": repr(status.period_ns / 1e9),
-        "set-point origin": f"{status.origin!r} {status.unit} in the model's own displacement",
+        "setpoint_origin": f"{status.origin!r} {status.unit} in the model's own displacement",
         "displacements": "from the set-point origin"
         if frame == "setpoint"
         else "from the model's own zero (set-point plus origin)",

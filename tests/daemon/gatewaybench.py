@@ -16,11 +16,8 @@ import pytest
 from dehyst.daemon.client import Client
 from dehyst.daemon.config import Config, load_config
 from dehyst.daemon.corelink import LAYOUTS
-from dehyst.daemon.records import STATUS
+from dehyst.daemon.records import STATUS, Command, Flag, State
 from dehyst.daemon.ring import Ring
-from dehyst.daemon.step import Plan, Stepper
-from dehyst.models.compensator import Compensator
-from dehyst.models.modelfile import shipped
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZES = {"telemetry": 65536, "status": 256, "event": 256, "command": 65536}
@@ -42,8 +39,89 @@ def wait_until(what: str, check: Callable[[], bool], timeout_s: float = 20.0) ->
         time.sleep(0.01)
 
 
+class Follower:
+    """What a loop does with commands, in few words and for a stage of 1 um/V: approach, follow,
+    hold when the targets go stale, ramp to 0 V. Independent of the real stepper."""
+
+    def __init__(self, config: Config) -> None:
+        self.config, self.period_s = config, config.period_ns * 1e-9
+        self.state, self.volts, self.target, self.flags = State.READY, 0.0, float("nan"), Flag(0)
+        self.trajectory, self.done = 0, False
+        self.events: list[str] = []
+        self._times: list[float] = []
+        self._values: list[float] = []
+        self._last = False
+        self._now_s = self._fresh_s = self._since_s = self._begun_s = 0.0
+
+    def step(self, commands: np.ndarray) -> None:
+        """One sample."""
+        self._now_s += self.period_s
+        for command in commands:
+            self._take(Command(int(command["kind"])), command)
+        self.flags = Flag(0)
+        if self.state is State.RUNNING:
+            self._follow()
+        elif (
+            self.state is State.HOLDING
+            and self._now_s - self._since_s >= self.config.setpoint.hold_s
+        ):
+            self.volts = max(0.0, self.volts - self.config.safe.ramp_v_per_s * self.period_s)
+            if self.volts == 0.0:
+                self._enter(State.READY)
+
+    @property
+    def ahead_s(self) -> float:
+        """Trajectory ahead."""
+        return max(0.0, self._begun_s + self._times[-1] - self._now_s) if self._times else 0.0
+
+    def _enter(self, state: State) -> None:
+        self.state, self._since_s = state, self._now_s
+        if state is not State.RUNNING:
+            self._times.clear()
+            self._values.clear()
+            self.target = float("nan")
+
+    def _take(self, kind: Command, command: np.void) -> None:
+        self._fresh_s = self._now_s
+        if kind in (Command.STOP_MOTION, Command.RELEASE):
+            self.events.append("stopped")
+            self._enter(State.HOLDING)
+            return
+        if kind is Command.SETPOINT:
+            self._times, self._values, self._last = [0.0], [float(command["value"])], True
+            self._begun_s, self.state = self._now_s, State.RUNNING
+        elif kind is Command.POINT:
+            offset_s = int(command["offset_ns"]) * 1e-9
+            if self.trajectory != command["trajectory"] or not self._times:
+                self.trajectory, self.done = int(command["trajectory"]), False
+                self._times, self._values = [], []
+                self._begun_s, self.state = self._now_s + 0.02 - offset_s, State.RUNNING
+            self._times.append(offset_s)
+            self._values.append(float(command["value"]))
+            self._last = bool(command["last"])
+
+    def _follow(self) -> None:
+        at_s = self._now_s - self._begun_s
+        self.target = float(np.interp(at_s, self._times, self._values))
+        self.volts = min(max(self.target, 0.0), 10.0)
+        over = at_s >= self._times[-1] - 1e-9
+        if at_s < self._times[0] - 1e-9:
+            self.flags |= Flag.APPROACH
+        if self.volts != self.target:
+            self.flags |= Flag.UNREACHABLE
+        if over and self._last:
+            self.done = True
+        elif over:
+            self.flags |= Flag.FALLBACK
+        else:
+            self._fresh_s = self._now_s
+        if self._now_s - self._fresh_s > self.config.setpoint.stale_s:
+            self.events.append("no set-point: holding")
+            self._enter(State.HOLDING)
+
+
 class Loop(threading.Thread):
-    """The core's place: real rings, the real stepper and inverse, an ideal stage, no devices."""
+    """The core's place: real rings, written at the configured rate."""
 
     def __init__(self, config: Config) -> None:
         super().__init__(daemon=True)
@@ -52,12 +130,7 @@ class Loop(threading.Thread):
             name: Ring.create(config.directory / f"{name}.ring", dtype, SIZES[name])
             for name, dtype in LAYOUTS.items()
         }
-        period_ns = config.period_ns
-        compensator = Compensator(
-            shipped("paper-eq11"), period_ns * 1e-9, 0.0, 10.0, 1e4, "static", 0.0
-        )
-        plan = Plan.from_config(config, 0.0, 0.0, 10.0)
-        self.stepper = Stepper(plan, compensator, 0.0)
+        self.stepper = Follower(config)
         self.ending, self.frozen, self.seq = threading.Event(), threading.Event(), 0
         self.commands: list[np.ndarray] = []
         self._tail = 0
@@ -66,6 +139,7 @@ class Loop(threading.Thread):
         period_ns = self.config.period_ns
         scheduled_ns = time.monotonic_ns()
         said_ns, state = 0, -1
+        row = np.zeros(1, LAYOUTS["telemetry"])[0]
         while not self.ending.is_set():
             scheduled_ns += period_ns
             time.sleep(max(0.0, (scheduled_ns - time.monotonic_ns()) * 1e-9))
@@ -75,20 +149,18 @@ class Loop(threading.Thread):
             self.rings["command"].taken(self._tail)
             if commands.size:
                 self.commands.append(commands)
-            record = self.stepper.step(scheduled_ns, self._measured(), commands)[0]
-            self.stepper.written(float(record["volts"]))
-            record["seq"], record["scheduled_ns"] = self.seq, scheduled_ns
-            record["actual_ns"] = time.monotonic_ns()
+            row["measured"] = self.stepper.volts + 0.01  # read before the write
+            self.stepper.step(commands)
+            row["seq"], row["scheduled_ns"] = self.seq, scheduled_ns
+            row["actual_ns"] = time.monotonic_ns()
+            row["target"], row["volts"] = self.stepper.target, self.stepper.volts
+            row["flags"], row["state"] = self.stepper.flags, self.stepper.state
             self.seq += 1
-            self.rings["telemetry"].push(record)
+            self.rings["telemetry"].push(row)
             self._events()
             if state != self.stepper.state or scheduled_ns - said_ns >= 1_000_000_000:
                 state, said_ns = self.stepper.state, scheduled_ns
                 self._status(scheduled_ns)
-
-    def _measured(self) -> float:
-        predicted = float(self.stepper.record[0]["predicted"])
-        return predicted + 0.01 if np.isfinite(predicted) else 0.0
 
     def _events(self) -> None:
         for text in self.stepper.events:
@@ -99,14 +171,12 @@ class Loop(threading.Thread):
         self.stepper.events.clear()
 
     def _status(self, now_ns: int) -> None:
-        status = np.zeros(1, STATUS)
-        row = status[0]
+        row = np.zeros(1, STATUS)[0]
         row["time_ns"], row["wall_ns"] = now_ns, time.time_ns()
         row["state"], row["samples"] = self.stepper.state, self.seq
-        row["queue_s"] = self.stepper.queue.ahead_s(now_ns)
-        row["trajectory"] = self.stepper.trajectory
-        row["trajectory_done"] = self.stepper.trajectory_done
-        row["reach_min"], row["reach_max"] = 0.0, 11.0
+        row["queue_s"], row["volts"] = self.stepper.ahead_s, self.stepper.volts
+        row["trajectory"], row["trajectory_done"] = self.stepper.trajectory, self.stepper.done
+        row["reach_min"], row["reach_max"] = 0.0, 10.0
         row["period_ns"], row["pid"] = self.config.period_ns, os.getpid()
         row["actuator_ok"] = row["sensor_ok"] = 1
         self.rings["status"].push(row)
