@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from scipy.linalg import eigh
 
-from dehyst.models.equations import Block, Params, Shape, jacobian
+from dehyst.models.equations import Block, Params, Shape, add_products, jacobian, symmetric
 from dehyst.models.recording import Bools, Floats
 
 CLUSTERS = 150
@@ -50,20 +50,22 @@ def parameter_covariance(
     """
     size = params.packed().size
     gram, middle = np.zeros((size, size)), np.zeros((size, size))
+    unused = np.zeros(size)
     stretch = max(1, total // CLUSTERS)
     open_score, filled = np.zeros(size), 0
     for block in blocks:
         jac, err = jacobian(block, shape, params)
-        gram += jac.T @ jac
+        add_products(jac, err, gram, unused)
         start = 0
         while start < err.size:
             stop = min(err.size, start + stretch - filled)
-            open_score += jac[start:stop].T @ err[start:stop]
+            open_score += np.sum(jac[start:stop] * err[start:stop, None], axis=0)
             filled += stop - start
             start = stop
             if filled == stretch:
                 middle += np.outer(open_score, open_score)
                 open_score, filled = np.zeros(size), 0
+    gram = symmetric(gram)
     at = np.flatnonzero(free)
     out = np.zeros((size, size))
     scale = np.sqrt(np.maximum(np.diag(gram)[at], 1e-300))

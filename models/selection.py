@@ -25,6 +25,7 @@ FINEST_GRID = 48
 LEAST_SATURATION = 0.05  # of the mean slope of the saturation
 NARROW = 0.02  # of the drive span: narrower operators may at first run the wrong way
 SPREAD = 0.1  # of the mean slope: how much neighbouring slopes of wide operators differ
+ROUGHLY = 1e-4  # relative fall of the misfit at which a comparison is good enough
 ROWS = 12_000
 PARTS, HELD = 5, (1, 4)  # five parts in time, the second and the last held out
 FEW_CYCLES, SHORT_PARTS = 6.0, 5  # with fewer cycles, five times as many parts, alike
@@ -111,7 +112,8 @@ def try_shapes(
             if start is None:
                 start = start_params(r.size, shape, problem.slope, len(problem.rows), shape.rate)
             low = lower_bounds(start, problem.least, r, NARROW * problem.span)
-            found = solve(partial(list, train_blocks), shape, start, low, prior_for(problem, r))
+            prior = prior_for(problem, r)
+            found = solve(partial(list, train_blocks), shape, start, low, prior, tolerance=ROUGHLY)
             score = normal(held_blocks, shape, found.params)
             good = problem.margin(r, shape, found.params, offset) >= LEAST_SATURATION
             rms = float(np.sqrt(score.misfit / max(1, score.count)))
@@ -175,7 +177,7 @@ def fit_finest(
     """Fit on the finest grid with no bounds on the narrow operators."""
     blocks = problem.blocks(picks, r, offset)
     low = lower_bounds(start, problem.least, r, NARROW * problem.span)
-    return solve(lambda: blocks, shape, start, low, prior_for(problem, r))
+    return solve(lambda: blocks, shape, start, low, prior_for(problem, r), tolerance=ROUGHLY)
 
 
 def make_pull(problem: Problem, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:
@@ -209,12 +211,12 @@ def choose_thresholds(problem: Problem, candidate: Candidate, order: int | None)
     start = regrid(candidate.solution.params, first_grid(problem), r, shape)
     loose = fit_finest(problem, train, r, shape, offset, start)
     low = lower_bounds(start, problem.least)
-    tight = solve(lambda: train_blocks, shape, start, low, prior)
+    tight = solve(lambda: train_blocks, shape, start, low, prior, tolerance=ROUGHLY)
     pull = None
     if problem.least is not None and tight.normal.misfit > loose.normal.misfit * (1.0 + TOLERANCE):
         wish = make_pull(problem, r, shape, offset, loose.params)
         pulled = train_blocks + pull_blocks(problem, wish, r, offset, tight.normal.count)
-        other = solve(lambda: pulled, shape, tight.params, low, prior)
+        other = solve(lambda: pulled, shape, tight.params, low, prior, tolerance=ROUGHLY)
         price = normal(held_blocks, shape, other.params).misfit
         if price <= normal(held_blocks, shape, tight.params).misfit * PULL_PRICE**2:
             pull, tight = wish, other

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dehyst.models.bounded import bounded_solve
-from dehyst.models.equations import Normal
+from dehyst.models.equations import Ints, Normal
 from dehyst.models.recording import Floats
 
 
@@ -31,19 +31,11 @@ class Grid:
     held: float
 
 
-def merge_matrix(kept: tuple[int, ...], finest: int, rate: bool, rest: int) -> Floats:
-    """(full, reduced) matrix that spreads a reduced model's unknowns over the finest grid's."""
-    n = len(kept)
-    owner = np.searchsorted(np.array(kept), np.arange(finest), side="right") - 1
-    one = np.zeros((finest, n))
-    one[np.arange(finest), owner] = 1.0
-    parts = 2 if rate else 1
-    out = np.zeros((finest * parts + rest, n * parts + rest))
-    for part in range(parts):
-        rows, cols = slice(part * finest, (part + 1) * finest), slice(part * n, (part + 1) * n)
-        out[rows, cols] = one
-    out[finest * parts :, n * parts :] = np.eye(rest)
-    return out
+def starts_of(kept: tuple[int, ...], finest: int, rate: bool, rest: int) -> Ints:
+    """(reduced,) first of the finest grid's unknowns that each unknown of a reduced model ties."""
+    first = np.array(kept, dtype=np.int64)
+    slopes = np.concatenate([first, first + finest]) if rate else first
+    return np.concatenate([slopes, finest * (2 if rate else 1) + np.arange(rest)])
 
 
 def eliminate(train: Normal, held: Normal, low: Floats, finest: int, rate: bool) -> list[Grid]:
@@ -56,12 +48,10 @@ def eliminate(train: Normal, held: Normal, low: Floats, finest: int, rate: bool)
     grids = []
     free = None
     while True:
-        spread = merge_matrix(kept, finest, rate, rest)
-        gram, right = spread.T @ train.gram @ spread, spread.T @ train.right
-        parts = np.concatenate([np.array(kept) + finest * i for i in range(2 if rate else 1)])
-        few = np.concatenate([low[parts.astype(np.intp)], low[low.size - rest :]])
-        p, free = bounded_solve(gram, right, few, free)
-        full = spread @ p
+        starts = starts_of(kept, finest, rate, rest)
+        gram = np.add.reduceat(np.add.reduceat(train.gram, starts, axis=0), starts, axis=1)
+        p, free = bounded_solve(gram, np.add.reduceat(train.right, starts), low[starts], free)
+        full = np.repeat(p, np.diff(starts, append=low.size))
         grids.append(Grid(kept, p, train.misfit_at(full), held.misfit_at(full)))
         if len(kept) == 1:
             return grids

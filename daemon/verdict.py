@@ -1,0 +1,29 @@
+"""Is a residual at the noise? In words, for people."""
+
+import math
+
+from dehyst.models.identify import Identification
+
+AT_NOISE = 1.1  # residual over noise
+
+
+def verdict(result: Identification) -> str:
+    """Is the residual at the noise, in words, and what to do if it is not."""
+    fit, unit = result.model.fit, result.model.displacement_unit
+    rms, noise = fit.rms or 0.0, result.noise_rms
+    if not math.isfinite(noise) or noise <= 0.0:
+        return (
+            f"The model leaves {rms:.3g} {unit} rms; the recording shows no noise to compare with."
+        )
+    ratio = rms / noise
+    if ratio <= AT_NOISE:
+        return (
+            f"The residual is at the noise: the model leaves {rms:.3g} {unit} rms, the noise is "
+            f"about {noise:.3g} {unit}. There is little left to explain in this recording."
+        )
+    excess = math.sqrt(max(rms**2 - noise**2, 0.0))
+    return (
+        f"The residual is {ratio:.1f} times the noise: the model leaves {rms:.3g} {unit} rms, the "
+        f"noise is about {noise:.3g} {unit}, so {excess:.3g} {unit} are left that a better model "
+        "could explain. Ask `dehyst diagnose` which physics is missing."
+    )

@@ -1,0 +1,145 @@
+"""Does a drive show enough of a stage to identify it: range, rates, loop sizes, repetitions, rest.
+
+A model of hysteresis with rate-dependence needs every part of the drive range at slow and fast
+rates, up and down, and loops of several sizes. One sine ties the rate to the drive: then a
+rate-dependent loop and a loop of another shape cannot be told apart.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from dehyst.models.errors import BadRecording
+from dehyst.models.recording import Floats, Recording, typical_step
+
+DRIVE_BINS, RATE_BINS = 8, 9
+SIZE_EDGES = (0.02, 0.15, 0.4, 0.7, 1.01)
+ENOUGH_CELLS = 0.55  # of drive and rate cells for a rate-dependent model
+ENOUGH_SIZES = 3  # of the four classes of loop sizes
+FEWEST_CYCLES = 3.0
+STEPS_PER_SPAN = 40  # fewer samples for one way through the range leave small loops unseen
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """What a drive covers.
+
+    cells: (DRIVE_BINS, RATE_BINS) number of samples by drive and rate; drive_edges, rate_edges:
+    of the cells; sizes: (K,) size of each travel between turns, as a part of the span; covered:
+    part of the cells that hold samples; cycles: full travels there and back; rest_s: time at rest;
+    missing: sentences on what is missing for a static and for a rate-dependent model.
+    """
+
+    cells: Floats
+    drive_edges: Floats
+    rate_edges: Floats
+    sizes: Floats
+    covered: float
+    cycles: float
+    rest_s: float
+    rate_max: float
+    missing: tuple[str, ...]
+    missing_rate: tuple[str, ...]
+
+    @property
+    def span(self) -> float:
+        """Drive range covered."""
+        return float(self.drive_edges[-1] - self.drive_edges[0])
+
+
+@njit(cache=True, nogil=True)
+def _travels(u: Floats, least: float) -> Floats:
+    """Sizes of the travels between turns; wiggles smaller than `least` do not count as turns."""
+    out = np.empty(u.size)
+    count = 0
+    start = extreme = u[0]
+    up = 0
+    for i in range(u.size):
+        x = u[i]
+        if up >= 0 and x > extreme:
+            extreme, up = x, 1
+        elif up <= 0 and x < extreme:
+            extreme, up = x, -1
+        elif abs(x - extreme) > least:
+            if abs(extreme - start) > least:
+                out[count] = abs(extreme - start)
+                count += 1
+            start, extreme = extreme, x
+            up = 1 if x > start else -1
+    if abs(extreme - start) > least:
+        out[count] = abs(extreme - start)
+        count += 1
+    return out[:count].copy()
+
+
+def coverage(recordings: Sequence[Recording]) -> Coverage:
+    """What the drives of these recordings cover together. Raises BadRecording for a still drive."""
+    known = [~r.missing_drive for r in recordings]
+    drives = [r.drive[k] for r, k in zip(recordings, known, strict=True)]
+    times = [r.t_s[k] for r, k in zip(recordings, known, strict=True)]
+    if not any(u.size > 2 and np.ptp(u) > 0 for u in drives):
+        raise BadRecording(f"{recordings[0].name}: the drive stands still; nothing is covered")
+    low, high = min(float(u.min()) for u in drives), max(float(u.max()) for u in drives)
+    span = high - low
+    rates = [_rates(t, u) for t, u in zip(times, drives, strict=True)]
+    every = np.concatenate(rates)
+    moving = np.abs(every[np.abs(every) > 0])
+    rate_max = float(min(moving.max(), 1.5 * np.quantile(moving, 0.99)))
+    drive_edges = np.linspace(low, high, DRIVE_BINS + 1)
+    rate_edges = np.linspace(-rate_max, rate_max, RATE_BINS + 1)
+    u_all = np.concatenate([u[1:] for u in drives])
+    cells, _, _ = np.histogram2d(u_all, every, bins=(drive_edges, rate_edges))
+    sizes = np.concatenate([_travels(u, 0.01 * span) for u in drives]) / span
+    cycles = float(sizes.sum()) / 2.0
+    rest_s = sum(
+        float(np.sum(np.diff(t)[np.abs(v) < 1e-3 * rate_max]))
+        for t, v in zip(times, rates, strict=True)
+    )
+    covered = float(np.mean(cells > 0))
+    steps = span * len(moving) / max(float(np.sum(sizes)) * span, 1e-300)
+    missing, missing_rate = _missing(
+        sizes, covered, cycles, steps, rate_max, recordings[0].drive_unit
+    )
+    return Coverage(
+        cells, drive_edges, rate_edges, sizes, covered, cycles, rest_s, rate_max, missing,
+        missing_rate,
+    )  # fmt: skip
+
+
+def _rates(t: Floats, u: Floats) -> Floats:
+    """(N - 1,) rates; those across gaps count as zero."""
+    dt = np.diff(t)
+    return np.where(dt <= 2.5 * typical_step(t), np.diff(u) / dt, 0.0)
+
+
+def _missing(
+    sizes: Floats, covered: float, cycles: float, steps: float, rate_max: float, unit: str
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    static, rate = [], []
+    if cycles < FEWEST_CYCLES:
+        static.append(
+            f"the drive goes through its range only {cycles:.1f} times; {FEWEST_CYCLES:.0f} and "
+            "more let a part be held out"
+        )
+    if steps < STEPS_PER_SPAN:
+        static.append(
+            f"only {steps:.0f} samples for one way through the range; sample faster or drive "
+            "slower to see small loops"
+        )
+    found = np.histogram(sizes, bins=np.array(SIZE_EDGES))[0] > 0
+    if int(found.sum()) < ENOUGH_SIZES:
+        names = ["small (2 to 15 %)", "15 to 40 %", "40 to 70 %", "full (70 % and more)"]
+        without = [name for name, has in zip(names, found, strict=True) if not has]
+        static.append(
+            f"loops of these sizes do not occur: {', '.join(without)}; "
+            "superimpose a second sine of another frequency"
+        )
+    if covered < ENOUGH_CELLS:
+        rate.append(
+            f"only {covered:.0%} of drive and rate are covered (up to {rate_max:.3g} {unit}/s): "
+            "rate and drive are tied together as in one sine or triangle, so rate-dependence "
+            "cannot be told from the shape of the loop"
+        )
+    return tuple(static), tuple(rate)
