@@ -93,6 +93,8 @@ class Supervisor:
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._ending = self._unsafe = False
         self._pulse = Pulse(config.directory)
+        self._events: Ring | None = None
+        self._told = 0
         self.code = 0
 
     def run(self) -> int:
@@ -101,17 +103,29 @@ class Supervisor:
             signal.signal(number, self._on_end)
         signal.signal(signal.SIGHUP, lambda *_: self.core.signal(signal.SIGHUP))
         signal.signal(signal.SIGCHLD, lambda *_: self._wake())
+        try:
+            self._watch()
+        finally:  # whatever happened, nothing that drives the stage is left behind
+            if self.core.process is not None:
+                self.say("ending: the output goes to its configured state")
+                self.core.end(STOP_S)
+            self._tell_events()
+            self.gateway.end(10.0)
+        return self.code
+
+    def _watch(self) -> None:
         self.core.start()
         self.gateway.start()
         started = False
         while not self._ending:
             self._sleep(0.5)
+            self._tell_events()
             self._end_hanging()
             code = self.core.died()
             if code is not None and not self._ending:
                 if code == 2 and not started:
                     self.code = 2  # it has said why on stderr
-                    break
+                    return
                 self.say(f"core ended with code {code}: bringing the output to its safe state")
                 self._safe()
                 self._pulse.restart()
@@ -125,12 +139,6 @@ class Supervisor:
                     if child is self.core and self._unsafe:
                         self._safe()
                     child.start()
-        if self.core.process is not None:
-            self.say("ending: the output goes to its configured state")
-            self.core.end(STOP_S)
-        self._tell_events()
-        self.gateway.end(10.0)
-        return self.code
 
     def _end_hanging(self) -> None:
         """Kill a process that stands still, as systemd's watchdog does; it is started again."""

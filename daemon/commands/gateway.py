@@ -2,6 +2,10 @@
 
 import argparse
 import logging
+import os
+import signal
+
+from dehyst.daemon import realtime
 
 EPILOG = """It may be started before or after `dehyst core`, and restarted at any time: the loop
 does not notice. Ends on SIGTERM.
@@ -18,6 +22,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Until SIGTERM or SIGINT."""
+    if os.environ.get("DEHYST_SUPERVISED"):
+        realtime.die_with_parent(signal.SIGTERM)
     from dehyst.daemon.config import load_config
     from dehyst.daemon.gateway import run_gateway
 
