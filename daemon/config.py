@@ -42,6 +42,11 @@ class LoopConfig(_Strict, frozen=True):
     """SCHED_FIFO priority asked for; 0: ordinary scheduling. What was obtained is reported."""
     cpu: Annotated[int, Meta(ge=-1)] = -1
     """CPU to pin the loop to; -1: none."""
+    engine: Literal["auto", "python", "compiled"] = "auto"
+    """"compiled": without the interpreter, for drivers that C can call; "auto": where possible."""
+    spin_us: Annotated[float, Meta(ge=0, le=1000)] | None = None
+    """The compiled loop waits awake for the last so many microseconds; left out: 0 up to 2 kHz,
+    30 above. At most half a period."""
 
 
 class DeviceConfig(_Strict, frozen=True):

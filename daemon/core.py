@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dehyst.daemon import notify, realtime
+from dehyst.daemon import clock, notify, realtime
 from dehyst.daemon.checks import (
     REPLAY_SAMPLES,
     check_limits,
@@ -24,13 +24,15 @@ from dehyst.daemon.checks import (
     reach,
 )
 from dehyst.daemon.config import Config
+from dehyst.daemon.desk import Desk
 from dehyst.daemon.devices import Link
+from dehyst.daemon.engine import Engine, direct_of, spin_ns, warm_up
 from dehyst.daemon.files import load_model
-from dehyst.daemon.loop import Loop, Witness
-from dehyst.daemon.readback import ReadbackCheck
+from dehyst.daemon.loop import Loop
 from dehyst.daemon.records import COMMAND, EVENT, STATUS, TELEMETRY, Command
 from dehyst.daemon.ring import Ring
 from dehyst.daemon.step import Plan, Stepper
+from dehyst.daemon.witness import Witness
 from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.models.compensator import Compensator, CompensatorState
 from dehyst.models.errors import BadInput, DehystError
@@ -98,41 +100,54 @@ class Core:
         past = past_output(config, float(actuator.output()))
         volts = float(past[-1])
         stepper = Stepper(plan, compensator, volts)
-        stepper.inverse = self._led(compensator, past)
+        stepper.use(compensator, self._led(compensator, past))
         rings = {
             name: Ring.create(config.directory / f"{name}.ring", dtype, size)
             for name, (dtype, size) in RINGS.items()
         }
         rings["command"] = Ring.create(config.directory / "command.ring", COMMAND, COMMAND_RECORDS)
         self._telemetry = rings["telemetry"]
-        self._warm(plan, compensator, volts)
-        stalls_ns = max(200_000, config.period_ns // 4)
+        desk = self.desk = Desk(
+            stepper, self.actuator, self.sensor, rings, config.sensor.scale, config.sensor.zero,
+            every, spin_ns(config.loop.spin_us, config.loop.rate_hz), self._fill_status,
+        )  # fmt: skip
+        runner = self._engine(desk)
+        self._warm(plan, compensator, volts, runner)
         allowed = tuple(sorted(os.sched_getaffinity(0)))
         cpus = (config.loop.cpu,) if config.loop.cpu >= 0 else allowed[:8]
-        witness = Witness(stalls_ns, cpus, config.loop.priority)
-        obtained = realtime.enter_realtime(config.loop.priority, config.loop.cpu)
-        self.loop = Loop(
-            stepper, self.actuator, self.sensor, rings, config.sensor.scale, config.sensor.zero,
-            every, obtained, self._fill_status,
-        )  # fmt: skip
-        self.loop.witness = witness
-        tolerance_v = config.actuator.readback_tolerance_v
-        if tolerance_v and hasattr(actuator, "readback"):
-            self.loop.readback = ReadbackCheck(tolerance_v, volts)
-        stepper.events.extend(obtained.advice)
-        stepper.events.append(f"{compensator.mode} inverse: {compensator.reason}")
+        witness = Witness(config.period_ns, cpus, config.loop.priority, clock.monotonic_ns())
+        desk.watch(witness)
+        stepper.events.append(
+            f"ready: {compensator.mode} inverse ({compensator.reason}), "
+            + ("compiled loop" if isinstance(runner, Engine) else "Python loop")
+        )
+        if isinstance(runner, Loop):
+            desk.obtained = self._enter()
+            stepper.events.extend(desk.obtained.advice)
         signal.signal(signal.SIGTERM, self._on_stop)
         signal.signal(signal.SIGINT, self._on_stop)
         signal.signal(signal.SIGHUP, self._on_reload)
         notify.send("READY=1")
         try:
-            self.loop.run()
+            runner.run()
         finally:
             notify.send("STOPPING=1")
             witness.close()
 
+    def _enter(self) -> realtime.Obtained:
+        """The calling thread becomes the loop's."""
+        return realtime.enter_realtime(self.config.loop.priority, self.config.loop.cpu)
+
+    def _engine(self, desk: Desk) -> Loop | Engine:
+        """The loop that the configuration and the devices allow."""
+        wish = self.config.loop.engine
+        reachable = all(direct_of(link.device) is not None for link in (desk.actuator, desk.sensor))
+        if wish == "compiled" or (wish == "auto" and reachable):
+            return Engine(desk, self._enter)
+        return Loop(desk)
+
     def _on_stop(self, *_: Any) -> None:
-        self.loop.stop_requested = True
+        self.desk.stop()
 
     def _on_reload(self, *_: Any) -> None:
         threading.Thread(target=self._reload, name="reload", daemon=True).start()
@@ -145,8 +160,10 @@ class Core:
             compensator.applied(state, drive)
         return state
 
-    def _warm(self, plan: Plan, compensator: Compensator, volts: float) -> None:
-        """Run every kernel of the step once, so that nothing compiles in the loop."""
+    def _warm(
+        self, plan: Plan, compensator: Compensator, volts: float, runner: Loop | Engine
+    ) -> None:
+        """Run every kernel of the sample once, so that nothing compiles in the loop."""
         stepper = Stepper(plan, compensator, volts)
         point = np.zeros(2, COMMAND)
         point["kind"], point["trajectory"] = Command.POINT, 1
@@ -156,11 +173,19 @@ class Core:
         for i, commands in enumerate((point, point[:0], single, single, point[:0])):
             record = stepper.step(i * plan.period_ns, 0.0, commands)
             stepper.written(float(record["volts"][0]))
+        rings = {
+            "command": Ring.scratch(COMMAND, 16),
+            "telemetry": Ring.scratch(TELEMETRY, 16),
+            "status": Ring.scratch(STATUS, 4),
+            "event": Ring.scratch(EVENT, 16),
+        }
+        desk = Desk(stepper, self.actuator, self.sensor, rings)
+        warm_up(desk, isinstance(runner, Engine))
 
     def _reload(self) -> None:
         """Load the model file again; keep the old model where the new one is refused."""
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        loop = self.loop
+        desk = self.desk
         with self._loading:
             try:
                 model = load_model(self.config.model.file)
@@ -171,31 +196,26 @@ class Core:
                 compensator, plan = self._compensator(model), self._plan(model)
                 ring = self._telemetry
                 records, _, _ = ring.read(max(0, ring.head - REPLAY_SAMPLES))
-                past = records["volts"] if records.size else np.array([loop.stepper.volts])
+                past = records["volts"] if records.size else np.array([desk.stepper.volts])
                 state = self._led(compensator, past)
             except (DehystError, ValueError, ArithmeticError) as error:
-                loop.stepper.events.append(f"reload refused, the old model stays: {error}")
+                desk.stepper.events.append(f"reload refused, the old model stays: {error}")
                 return
-
-            def swap() -> None:
-                compensator.applied(state, loop.stepper.volts / self.config.actuator.gain)
-                loop.stepper.reload(compensator, state, plan.origin)
-                loop.stepper.events.append(f"model reloaded: {compensator.reason}")
-                self.model = model
-
-            loop.pending_reload = swap
+            desk.stepper.events.append(f"model reloaded: {compensator.reason}")
+            desk.reload(compensator, state, plan.origin)
+            self.model = model
 
     def _fill_status(self, status: NDArray[Any]) -> None:
         low, high = self._reach()
         status["reach_min"], status["reach_max"] = low, high
-        status["latency_s"] = self.loop.stepper.compensator.latency_s
+        status["latency_s"] = self.desk.stepper.compensator.latency_s
         notify.send("WATCHDOG=1")
 
     def _reach(self) -> tuple[float, float]:
         if self.model is not getattr(self, "_reach_of", None):
             self._reach_of = self.model
             self._reach_range = reach(self.model, *drive_range(self.config, self.model))
-        zero = self.loop.stepper.plan.origin
+        zero = self.desk.stepper.origin
         return self._reach_range[0] - zero, self._reach_range[1] - zero
 
 

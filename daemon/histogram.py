@@ -9,7 +9,8 @@ OCTAVES = 24  # 1 us to 16 s
 
 
 @njit(cache=True, nogil=True)
-def _count(bins: NDArray[np.int64], extreme: NDArray[np.float64], us: float) -> None:
+def count(bins: NDArray[np.int64], extreme: NDArray[np.float64], us: float) -> None:
+    """Count one duration: bins (n,), extreme (1,) as in Histogram."""
     extreme[0] = max(extreme[0], us)
     slot = 0 if us <= 1.0 else int(np.log2(us) * BINS_PER_OCTAVE) + 1
     bins[min(slot, bins.size - 1)] += 1
@@ -20,16 +21,16 @@ class Histogram:
 
     def __init__(self) -> None:
         self.bins: NDArray[np.int64] = np.zeros(BINS_PER_OCTAVE * OCTAVES + 1, np.int64)
-        self._extreme = np.zeros(1)
+        self.extreme = np.zeros(1)
 
     def add(self, us: float) -> None:
         """Count one duration."""
-        _count(self.bins, self._extreme, us)
+        count(self.bins, self.extreme, us)
 
     @property
     def maximum(self) -> float:
         """The longest duration, exact."""
-        return float(self._extreme[0])
+        return float(self.extreme[0])
 
     def quantile(self, share: float) -> float:
         """Upper edge of the bin that holds the given share; 0 when empty."""
@@ -46,4 +47,4 @@ class Histogram:
     def clear(self) -> None:
         """Start again."""
         self.bins[:] = 0
-        self._extreme[0] = 0.0
+        self.extreme[0] = 0.0

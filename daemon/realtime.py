@@ -7,14 +7,8 @@ because the daemon must also run for a user who has none (and then says so in it
 import ctypes
 import gc
 import os
-import resource
 import sys
 from dataclasses import dataclass
-from pathlib import Path
-
-import numpy as np
-from numba import njit, types
-from numpy.typing import NDArray
 
 _CLOCK_MONOTONIC = 1
 _TIMER_ABSTIME = 1
@@ -74,7 +68,7 @@ def enter_realtime(priority: int, cpu: int) -> Obtained:
                 "no FIFO scheduling: give the user LimitRTPRIO=80 (the systemd unit does) or "
                 "`ulimit -r 80`; the loop runs at ordinary priority"
             )
-    _libc.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
+    finest_timer()
     locked = _libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0
     if not locked:
         advice.append("memory not locked: LimitMEMLOCK=infinity (the systemd unit sets it)")
@@ -88,62 +82,11 @@ def enter_realtime(priority: int, cpu: int) -> Obtained:
     )
 
 
+def finest_timer() -> None:
+    """Wake this thread at the nanosecond that it asks for; ordinary threads get 50 us of slack."""
+    _libc.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
+
+
 def die_with_parent(signal_number: int) -> None:
     """Ask the kernel to send this process `signal_number` when its parent dies."""
     _libc.prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal_number), 0, 0, 0)
-
-
-@dataclass
-class Counters:
-    """The thread's page faults and involuntary switches, the machine's steal time."""
-
-    faults: int = 0
-    switches: int = 0
-    steal: int = 0
-
-    @staticmethod
-    def now() -> "Counters":
-        usage = resource.getrusage(resource.RUSAGE_THREAD)
-        return Counters(usage.ru_minflt + usage.ru_majflt, usage.ru_nivcsw, _steal_ticks())
-
-
-def _steal_ticks() -> int:
-    try:
-        return int(Path("/proc/stat").read_text().split("\n", 1)[0].split()[8])
-    except (OSError, IndexError, ValueError):
-        return 0
-
-
-_clock_nanosleep = types.ExternalFunction(
-    "clock_nanosleep", types.int32(types.int32, types.int32, types.uintp, types.uintp)
-)
-_clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.uintp))
-
-
-@njit(cache=True, nogil=True)
-def witness(
-    period_ns: int, threshold_ns: int, stop: NDArray[np.int64], log: NDArray[np.int64]
-) -> None:
-    """Sleep and wake every `period_ns` without the interpreter, and log every late wake-up.
-
-    stop: (1,) set to 1 to end. log: (2 n + 1,): number of stalls seen, then a ring of
-    (wake time ns, lateness ns) pairs. A loop that is late while the witness, at a higher
-    priority, was late as well was stopped by the machine and not by the program.
-    """
-    spec = np.zeros(2, np.int64)
-    slots = (log.size - 1) // 2
-    _clock_gettime(1, spec.ctypes.data)
-    deadline = spec[0] * 1_000_000_000 + spec[1]
-    while stop[0] == 0:
-        deadline += period_ns
-        spec[0], spec[1] = deadline // 1_000_000_000, deadline % 1_000_000_000
-        _clock_nanosleep(1, 1, spec.ctypes.data, 0)
-        _clock_gettime(1, spec.ctypes.data)
-        now = spec[0] * 1_000_000_000 + spec[1]
-        late = now - deadline
-        if late >= threshold_ns:
-            slot = log[0] % slots
-            log[1 + 2 * slot] = now
-            log[2 + 2 * slot] = late
-            log[0] += 1
-            deadline = now

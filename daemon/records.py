@@ -42,7 +42,7 @@ STATUS = np.dtype(
         ("mode", "u1"),
         ("samples", "<i8"),
         ("missed", "<i8"),  # deadlines missed: sample started a period or more late, or skipped
-        ("missed_by", "<i8", (8,)),  # by MissCause
+        ("missed_by", "<i8", (9,)),  # by MissCause
         ("wake_us", "<f4", (4,)),  # p50, p99, p99.9, max of wake-up lateness, last window
         ("exec_us", "<f4", (4,)),  # the same of execution time
         ("io_us", "<f4", (4,)),
@@ -128,13 +128,18 @@ class Command(IntEnum):
 
 
 class MissCause(IntEnum):
-    """Why a deadline was missed, as far as the kernel's counters tell."""
+    """Why a deadline was missed: counters of the kernel, and a witness beside the loop.
+
+    The witness is a thread at a higher priority on the same CPU that does nothing but sleep. Where
+    it was late in the same moment, the fault is not the program's.
+    """
 
     NONE = 0
-    PAGE_FAULT = 1
-    PREEMPTED = 2  # involuntary context switch
-    STEAL = 3  # the hypervisor took the CPU
-    DRIVER_IO = 4
+    PAGE_FAULT = 1  # memory was not there
+    PREEMPTED = 2  # another task had the CPU
+    STEAL = 3  # the machine stood still, and the hypervisor says that it took the CPU
+    DRIVER_IO = 4  # a device call took its time
     COMPUTE = 5  # the step itself took too long
     LATE_WAKE = 6  # none of the above: the kernel woke us late
-    STALL = 7  # a witness at higher priority was late as well: the machine stood still
+    STALL = 7  # the machine stood still: the witness was late and nobody else had the CPU
+    SUSPENDED = 8  # the process was stopped from outside (SIGSTOP, debugger, freezer)

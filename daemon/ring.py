@@ -24,7 +24,7 @@ from dehyst.models.errors import BadInput
 
 MAGIC = 0x6465687973743031  # "dehyst01"
 HEADER_WORDS = 16
-_MAGIC, _LAYOUT, _CAPACITY, _ITEM, _HEAD, _TAIL, _EPOCH = range(7)
+_MAGIC, _LAYOUT, _CAPACITY, _ITEM, HEAD, TAIL, _EPOCH = range(7)
 
 
 @intrinsic
@@ -37,14 +37,16 @@ def _fence(typingctx: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _store(words: NDArray[np.int64], index: int, value: int) -> None:
+def store(words: NDArray[np.int64], index: int, value: int) -> None:
+    """Write a header word so that everything written before it is seen before it."""
     _fence()
     words[index] = value
     _fence()
 
 
 @njit(cache=True, nogil=True)
-def _load(words: NDArray[np.int64], index: int) -> int:
+def load(words: NDArray[np.int64], index: int) -> int:
+    """Read a header word anew."""
     _fence()
     value = words[index]
     _fence()
@@ -91,9 +93,18 @@ class Ring:
         words = np.frombuffer(mapping, np.int64, HEADER_WORDS)
         words[_LAYOUT], words[_CAPACITY] = _layout(dtype), capacity
         words[_ITEM], words[_EPOCH] = dtype.itemsize, os.stat(fresh).st_ino
-        _store(words, _MAGIC, MAGIC)
+        # every page mapped and writable now, or the loop would fault at each new one
+        np.frombuffer(mapping, np.uint8, size)[:: mmap.PAGESIZE] |= 0
+        store(words, _MAGIC, MAGIC)
         os.replace(fresh, path)
         return cls(path, mapping, dtype)
+
+    @classmethod
+    def scratch(cls, dtype: np.dtype[Any], capacity: int) -> "Ring":
+        """A ring without a file, for one process."""
+        mapping = mmap.mmap(-1, 8 * HEADER_WORDS + capacity * dtype.itemsize)
+        np.frombuffer(mapping, np.int64, HEADER_WORDS)[_CAPACITY] = capacity
+        return cls(Path(), mapping, dtype)
 
     @classmethod
     def attach(cls, path: Path, dtype: np.dtype[Any]) -> "Ring":
@@ -118,12 +129,12 @@ class Ring:
     @property
     def head(self) -> int:
         """Number of records written since the ring was made."""
-        return int(_load(self.words, _HEAD))
+        return int(load(self.words, HEAD))
 
     @property
     def tail(self) -> int:
         """How far the reader has read (see `taken`); survives the reader."""
-        return int(_load(self.words, _TAIL))
+        return int(load(self.words, TAIL))
 
     @property
     def epoch(self) -> int:
@@ -133,22 +144,22 @@ class Ring:
     @property
     def free(self) -> int:
         """Records that can be pushed before the reader would lose one (see `taken`)."""
-        return self.capacity - (self.head - int(_load(self.words, _TAIL)))
+        return self.capacity - (self.head - int(load(self.words, TAIL)))
 
     def push(self, record: Any) -> None:
         """Write one record. Never waits; the oldest is overwritten."""
-        head = int(self.words[_HEAD])
+        head = int(self.words[HEAD])
         self.records[head % self.capacity] = record
-        _store(self.words, _HEAD, head + 1)
+        store(self.words, HEAD, head + 1)
 
     def push_many(self, records: NDArray[Any]) -> None:
         """Write up to `capacity` records and publish them at once."""
-        head = int(self.words[_HEAD])
+        head = int(self.words[HEAD])
         first = min(records.size, self.capacity - head % self.capacity)
         start = head % self.capacity
         self.records[start : start + first] = records[:first]
         self.records[: records.size - first] = records[first:]
-        _store(self.words, _HEAD, head + records.size)
+        store(self.words, HEAD, head + records.size)
 
     def read(self, tail: int, limit: int | None = None) -> tuple[NDArray[Any], int, int]:
         """Records from number `tail` on: (copies, next tail, number lost before them)."""
@@ -165,7 +176,7 @@ class Ring:
 
     def taken(self, tail: int) -> None:
         """The reader says how far it has read, for the writer's `free`."""
-        _store(self.words, _TAIL, tail)
+        store(self.words, TAIL, tail)
 
     def close(self) -> None:
         """Drop the mapping; the file stays for the other side."""

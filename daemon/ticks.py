@@ -7,6 +7,16 @@ meanwhile are *skipped*, counted, and never made up by a burst.
 
 from dataclasses import dataclass
 
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def close(scheduled_ns: int, period_ns: int, finished_ns: int) -> tuple[int, int]:
+    """(how many deadlines were missed, the next deadline) when a sample has been finished."""
+    late_periods = (finished_ns - scheduled_ns) // period_ns
+    # late by less than a period at the next point: serve that point late, do not skip it
+    return max(0, late_periods), scheduled_ns + max(1, late_periods) * period_ns
+
 
 @dataclass
 class Ticks:
@@ -31,9 +41,6 @@ class Ticks:
         passed without a sample.
         """
         self.samples += 1
-        late_periods = (finished_ns - self.scheduled_ns) // self.period_ns
-        missed = max(0, late_periods)
+        missed, self.scheduled_ns = close(self.scheduled_ns, self.period_ns, finished_ns)
         self.missed += missed
-        # late by less than a period at the next point: serve that point late, do not skip it
-        self.scheduled_ns += max(1, late_periods) * self.period_ns
         return missed

@@ -16,11 +16,16 @@ import math
 import time
 import weakref
 from collections.abc import Callable, Mapping
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
 
 from dehyst.drivers.interface import DeviceGone, DeviceSpec, DriverConfigError, OutOfRange
 from dehyst.drivers.stage import Stage, warm_up
 from dehyst.drivers.stage_settings import STAGE_KEYS, StageSettings
+
+if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
+    from dehyst.drivers.direct import Addresses, Direct
 
 MAX_RATE_HZ = 20_000.0
 LATENCY_S = 1e-5
@@ -39,8 +44,17 @@ class SharedStage:
         self.sleep = sleep
         self.given: dict[str, Any] = {}
         self.users = 0
-        self.plugged = True
+        self.switches = np.array([1, 0])  # plugged, origin of time [ns]: the compiled loop's too
         self._stage: Stage | None = None
+
+    @property
+    def plugged(self) -> bool:
+        """False: every call raises DeviceGone."""
+        return bool(self.switches[0])
+
+    @plugged.setter
+    def plugged(self, value: bool) -> None:
+        self.switches[0] = value
 
     @property
     def period_s(self) -> float:
@@ -93,6 +107,14 @@ class SharedStage:
         """Bring the stage to the present; nothing in virtual time."""
         if not self.period_s:
             self.stage.advance_to(self.clock_ns())
+
+    def context(self, low_v: float, high_v: float) -> "Addresses":
+        """This stage for the C functions of simulated_direct.py."""
+        from dehyst.drivers import simulated_direct
+
+        self.follow_clock()
+        self.switches[1] = self.stage.epoch_ns
+        return simulated_direct.context_of(self.stage, self.switches, self.period_s, low_v, high_v)
 
 
 _stages: weakref.WeakValueDictionary[str, SharedStage] = weakref.WeakValueDictionary()
@@ -236,6 +258,12 @@ class SimulatedActuator(_Simulated):
         """The last command [V]."""
         return self.shared.stage.command_v
 
+    def direct(self) -> "Direct":
+        """How compiled code writes (dehyst.drivers.direct)."""
+        from dehyst.drivers import simulated_direct
+
+        return simulated_direct.actuator(self.shared.context(self.spec.minimum, self.spec.maximum))
+
 
 class SimulatedSensor(_Simulated):
     """The strain gauge of a simulated stage. Settings: stage, period_s, any stage parameter."""
@@ -263,6 +291,12 @@ class SimulatedSensor(_Simulated):
             else:
                 self.shared.sleep(stage.late_s)
         return stage.reading_um()
+
+    def direct(self) -> "Direct":
+        """How compiled code reads (dehyst.drivers.direct)."""
+        from dehyst.drivers import simulated_direct
+
+        return simulated_direct.sensor(self.shared.context(-math.inf, math.inf))
 
 
 def stage_table(settings: StageSettings) -> dict[str, float]:

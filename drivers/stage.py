@@ -161,6 +161,11 @@ class Stage:
         return float(self._state["time_s"][0])
 
     @property
+    def epoch_ns(self) -> int:
+        """The caller's time at which the stage's time was 0; 0 before advance_to."""
+        return self._epoch_ns or 0
+
+    @property
     def command_v(self) -> float:
         """The command as it stands [V]."""
         return float(self._state["command_v"][0])
