@@ -202,9 +202,10 @@ bus = {{listen = ["tcp/127.0.0.1:{port}"]}}
 
 
 class Bench:
-    """Loop and gateway of one test; `client()` connects to it."""
+    """Loop and gateway of one test; `client()` connects to it. start: False leaves the rings to
+    somebody else; replaced: text in the configuration."""
 
-    def __init__(self, folder: Path, **replaced: str) -> None:
+    def __init__(self, folder: Path, start: bool = True, **replaced: str) -> None:
         self.port = free_port()
         self.path = folder / "bench.toml"
         text = CONFIG.format(run_dir=folder / "run", port=self.port)
@@ -213,8 +214,10 @@ class Bench:
         self.path.write_text(text)
         self.config = load_config(self.path)
         self.address = f"tcp/127.0.0.1:{self.port}"
-        self.loop = Loop(self.config)
-        self.loop.start()
+        self.has_loop = start
+        if start:
+            self.loop = Loop(self.config)
+            self.loop.start()
         self.gateway: subprocess.Popen[bytes] | None = None
         self.clients: list[Client] = []
 
@@ -254,4 +257,5 @@ class Bench:
         if self.gateway is not None and self.gateway.poll() is None:
             self.gateway.kill()
             self.gateway.wait(10.0)
-        self.loop.close()
+        if self.has_loop:
+            self.loop.close()
