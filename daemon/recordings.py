@@ -207,7 +207,7 @@ def _unit_column(
                 row = int(np.flatnonzero(np.isinf(columns[key]))[0])
                 raise BadRecording(f"{path.name}: {_where(path, row)}: {key} is infinite")
             return key
-    near = [key for key in columns if key == letter or key.startswith(f"{letter}_")]
+    near = [key for key in columns if key == letter or key.rpartition("_")[0] == letter]
     units = ", ".join(f"{letter}_{unit}" for unit in UNIT_NAMES)
     if near and (required or letter == "y"):
         raise BadRecording(

@@ -60,7 +60,7 @@ def prepare(recording: Recording, span: float | None = None) -> Rows:
     u = _without_glitches(name, u, notes)
     present = ~np.isnan(u)
     _require_size(name, int(np.count_nonzero(present & ~np.isnan(y))))
-    _require_motion(recording, u, y)
+    _require_motion(recording, u, y, notes)
     own = float(np.nanmax(u) - np.nanmin(u))
     period = recording.period_s
     if _stamps_jitter(t, u):
@@ -83,7 +83,7 @@ def _require_size(name: str, size: int) -> None:
         )
 
 
-def _require_motion(recording: Recording, u: Floats, y: Floats) -> None:
+def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]) -> None:
     name, unit = recording.name, recording.drive_unit
     low, high = float(np.nanmin(u)), float(np.nanmax(u))
     if high - low <= 1e-9 * max(1.0, abs(high)):
@@ -102,6 +102,11 @@ def _require_motion(recording: Recording, u: Floats, y: Floats) -> None:
         raise BadRecording(
             f"{name}: the drive only runs {way}; hysteresis shows only where it turns and comes "
             "back; record at least one full loop (dehyst excite designs a drive)"
+        )
+    if min(rise, fall) < 0.7 * (high - low):
+        notes.append(
+            f"{name}: the drive comes back over only {min(rise, fall) / (high - low):.0%} of its "
+            "range; the rest of the loop is extrapolated"
         )
 
 
@@ -213,12 +218,16 @@ def _stamps_jitter(t: Floats, u: Floats) -> bool:
 
 @njit(cache=True, nogil=True)
 def _regular(t: Floats, period: float) -> Floats:
-    """Regular times nearest to jittering stamps; a slow clock drift is followed."""
+    """Regular times whose numbering follows jittering stamps: every step a whole period."""
     out = np.empty(t.size)
-    out[0] = t[0]
+    out[0] = expected = t[0]
+    number = 0.0
     for i in range(1, t.size):
-        out[i] = out[i - 1] + max(1.0, np.round((t[i] - out[i - 1]) / period)) * period
-        out[i] += 0.01 * period * max(-1.0, min(1.0, (t[i] - out[i]) / period))
+        steps = max(1.0, np.round((t[i] - expected) / period))
+        expected += steps * period
+        expected += 0.01 * (t[i] - expected)  # follows a clock that drifts
+        number += steps
+        out[i] = t[0] + number * period
     return out
 
 
