@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from dehyst.daemon import separation
 from dehyst.daemon.recordings import read_recording, write_recording
 from dehyst.models.coverage import Coverage, coverage
 from dehyst.models.errors import BadInput
@@ -17,11 +18,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Design a drive of superimposed sines that covers the range and all rates evenly, with "
         "loops of all sizes, a gentle start and a safe end; or, with --check, say whether a "
-        "recording excites enough. Exit status 1: --check found something missing."
+        "recording excites enough; or, with --separate, design the drive that tells two effects "
+        "apart. Exit status 1: --check found something missing."
     )
     parser.epilog = (
         "examples: dehyst excite --range 0 75 --band 10 --duration 20 -o drive.csv\n"
-        "          dehyst excite --check run.csv --picture coverage.png"
+        "          dehyst excite --check run.csv --picture coverage.png\n"
+        "          dehyst excite --separate delay lag --range 0 75 -o tell-apart.csv"
     )
     parser.add_argument("--range", nargs=2, type=float, metavar=("MIN", "MAX"), help="drive range")
     parser.add_argument("--unit", default="v", choices=("v", "um", "nm", "counts"),
@@ -36,12 +39,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="DRIVE.csv")
     parser.add_argument("--check", nargs="+", type=Path, metavar="REC",
                         help="judge these recordings together instead")  # fmt: skip
+    separation.add_arguments(parser)
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="what is covered")
     parser.add_argument("--json", action="store_true", help="the result as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
     """Design or check; 1 when a check finds something missing."""
+    if args.separate:
+        return separation.write_separation(args)
     return _check(args) if args.check else _design(args)
 
 
