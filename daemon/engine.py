@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dehyst.daemon import clock, controls, realtime, systemcalls
+from dehyst.daemon import clock, realtime, systemcalls
 from dehyst.daemon.controls import CLOCK
 from dehyst.daemon.desk import PLACE, Desk
 from dehyst.daemon.devices import Link
@@ -33,7 +33,10 @@ SPIN_ABOVE_HZ, SPIN_US = 2000.0, 30.0  # slower loops do not burn a core for the
 
 @njit(cache=True, nogil=True)
 def now_of(table: Table, buffer: NDArray[np.int64]) -> int:
-    """CLOCK_MONOTONIC, or the injected clock: [now, ns per look, sleeps, lateness ...]."""
+    """CLOCK_MONOTONIC, or the clock that a test put at CLOCK.
+
+    That is (3 + n,) integers: [now ns, ns per look, sleeps so far, lateness of each wake-up ...].
+    """
     if table[3 * CLOCK] == 0:
         return systemcalls.monotonic_ns(buffer)
     injected = whole_at(table, CLOCK)
@@ -149,10 +152,6 @@ class Engine:
         m["write"], m["write_context"] = write.function, write.context
         m["read"], m["read_context"] = read.function, read.context
 
-    def inject(self, clock_words: NDArray[np.int64]) -> None:
-        """Another clock: (3 + n,) [now ns, ns per look, 0, lateness of each wake-up ...]."""
-        self.desk.stepper.table.put(controls.CLOCK, clock_words)
-
     def run(self, samples: int | None = None) -> None:
         """Loop until stopped (or for a number of samples); the calling thread attends to it."""
         thread = threading.Thread(target=self._run, args=(samples,), name="loop", daemon=True)
@@ -173,7 +172,9 @@ class Engine:
         desk.meter["schedstat"] = systemcalls.open_schedstat()
         table = desk.stepper.table.words
         buffer = np.zeros(32, np.int64)
-        desk.numbers[PLACE["scheduled_ns"]] = now_of(table, buffer) + desk.stepper.plan.period_ns
+        if desk.samples == 0:
+            first_ns = now_of(table, buffer) + desk.stepper.plan.period_ns
+            desk.numbers[PLACE["scheduled_ns"]] = first_ns
         run(table, -1 if samples is None else samples)
 
     def _attend(self) -> None:

@@ -56,7 +56,8 @@ class Loop:
         """Loop until stopped (or for a number of samples)."""
         desk, numbers = self.desk, self.desk.numbers
         desk.meter["schedstat"] = systemcalls.open_schedstat()
-        numbers[SCHEDULED] = self._now() + desk.stepper.plan.period_ns
+        if numbers[SAMPLES] == 0:
+            numbers[SCHEDULED] = self._now() + desk.stepper.plan.period_ns
         while samples is None or numbers[SAMPLES] < samples:
             woke_ns = self._sleep_until(numbers[SCHEDULED])
             if woke_ns < numbers[SCHEDULED]:
@@ -65,8 +66,8 @@ class Loop:
             desk.attend(finished_ns)
             if stopped(self._words, finished_ns):
                 break
-        desk.attend(self._now())
-        desk.publish_status(self._now())
+        desk.attend(clock.monotonic_ns())
+        desk.publish_status(clock.monotonic_ns())
 
     def _sample(self, woke_ns: int) -> int:
         desk = self.desk

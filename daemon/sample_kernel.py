@@ -150,7 +150,8 @@ def _cause(
         return cause
     if major > 0:
         return PAGE_FAULT
-    if switches > 0 or 4 * waited_ns >= took_ns:
+    # ready and without a CPU; a switch alone may have been the witness, which is brief
+    if 4 * waited_ns >= took_ns or (waited_ns == 0 and switches > 0):
         return PREEMPTED
     if 2 * (woke_ns - scheduled_ns) >= took_ns:
         return LATE_WAKE
