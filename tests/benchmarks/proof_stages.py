@@ -236,15 +236,20 @@ def _dead_bands(u: Floats, halves: Floats) -> Floats:
     return out
 
 
+def rich_columns(u: Floats) -> Floats:
+    """(N, 75): the plays of the module's text for a drive u (N,), in the powers 1 to 3."""
+    halves = np.r_[0.0, np.exp(np.linspace(np.log(0.02), np.log(5.0), 24))]
+    plays = _dead_bands(u, halves) / 5.0
+    return np.hstack([plays, plays**2, plays**3])
+
+
 def _rich_refit(waves: Sequence[Floats]) -> Callable[[Floats], Floats]:
     """Residual after the rich base of the module's text, as a function of the difference."""
-    halves = np.r_[0.0, np.exp(np.linspace(np.log(0.02), np.log(5.0), 24))]
     blocks = []
     for i, u in enumerate(waves):
-        plays = _dead_bands(u, halves) / 5.0
         offsets = np.zeros((u.size, len(waves)))
         offsets[:, i] = 1.0
-        blocks.append(np.hstack([plays, plays**2, plays**3, offsets]))
+        blocks.append(np.hstack([rich_columns(u), offsets]))
     a = np.vstack(blocks)
     gram = a.T @ a
     gram[np.diag_indices_from(gram)] *= 1.0 + 1e-8

@@ -144,6 +144,8 @@ def _summary(kinds: dict[str, list[Row]], single: list[Row]) -> str:
     if strong:
         removed = np.median([r["removed"] for r in strong])
         add("misfit removed, held out, median (>= 0.7)", f"{100 * removed:.0f} %", ">= 85 %")
+        beyond = np.median([1.0 - (r["model_um"] / r["rich_um"]) ** 2 for r in strong])
+        add("  of what the rich base leaves on it", f"{100 * beyond:.0f} %", "-")
     times = [r["seconds"] for group in kinds.values() for r in group]
     if times:
         add("time a case, median / longest", f"{np.median(times):.0f} / {max(times):.0f} s", "60 s")
