@@ -1,0 +1,77 @@
+"""The diagnosis on real recordings: what physics says of each must not be contradicted.
+
+What each recording holds was established apart from this code, by regression on the raw columns;
+docs/real-recordings.md tells how.
+"""
+
+import numpy as np
+import pytest
+
+from dehyst.daemon.recordings import read_recording
+from dehyst.models.cascade import simulate
+from dehyst.models.diagnosis import Diagnosis, diagnose
+from dehyst.models.recording import Recording
+
+pytestmark = pytest.mark.recordings
+
+
+def one(data_dir, name: str, every: int) -> Diagnosis:
+    """A diagnosis from every n-th sample, so that the test stays short."""
+    r = read_recording(data_dir / "recordings" / f"{name}.csv")
+    thin = Recording(
+        r.t_s[::every],
+        r.drive[::every],
+        r.displacement[::every],
+        r.drive_unit,
+        r.displacement_unit,
+        {k: v[::every] for k, v in r.channels.items()},
+        name=r.name,
+    )
+    return diagnose([thin])
+
+
+def names(diagnosis: Diagnosis) -> list[str]:
+    return [f.name for f in diagnosis.findings]
+
+
+def candidates(diagnosis: Diagnosis) -> set[str]:
+    """Everything that the diagnosis holds possible."""
+    return {n for f in diagnosis.findings for n in (f.name, *f.ambiguous_with)}
+
+
+@pytest.fixture(scope="module")
+def lightsheet(data_dir):
+    return one(data_dir, "lightsheet", 5)
+
+
+@pytest.fixture(scope="module")
+def triangle(data_dir):
+    return one(data_dir, "afm-triangle-b", 4)
+
+
+def test_light_sheet_servo_is_a_lag(lightsheet):
+    """The wide loop is a servo of 10 Hz bandwidth; there is hardly any hysteresis."""
+    assert {"lag", "delay"} & candidates(lightsheet)
+    assert names(lightsheet)[0] in ("lag", "delay")
+
+
+def test_one_slow_triangle_holds_no_missing_physics(triangle):
+    """A single slow loop: any rate-independent memory explains it."""
+    assert set(names(triangle)) <= {"unknown"}
+
+
+@pytest.mark.parametrize("which", ["lightsheet", "triangle"])
+def test_held_out_error_does_not_grow(which, request):
+    diagnosis = request.getfixturevalue(which)
+    before, after = diagnosis.rms["heldout_base"], diagnosis.rms["heldout_augmented"]
+    assert after <= 1.02 * before
+
+
+@pytest.mark.parametrize("which", ["lightsheet", "triangle"])
+def test_model_runs_on_the_recording_again(which, request):
+    diagnosis = request.getfixturevalue(which)
+    view = diagnosis.views[0]
+    y = simulate(diagnosis.model, view.t_s, view.drive)
+    assert np.all(np.isfinite(y))
+    error = view.displacement - y
+    assert np.std(error) < 0.2 * np.std(view.displacement)
