@@ -12,7 +12,7 @@ from dehyst.models.errors import BadInput
 from dehyst.models.forward import forward_step
 from dehyst.models.model import Block, Floats, Model
 
-SHAPES = ("shape", "memory", "rate")  # parts that read the drive and add to the base
+SHAPES = ("shape", "memory", "rate", "one_sided")  # parts that read the drive and add to the base
 
 
 class Parts(NamedTuple):

@@ -17,6 +17,7 @@ from dehyst.models.blocks import (
     hum,
     lag,
     memory,
+    one_sided,
     polynomial,
     rate,
     resonance,
@@ -53,6 +54,7 @@ REGISTRY: dict[str, Kind] = {
         rate,
         coupled_memory,
         slow_drift,
+        one_sided,
     )
 }
 

@@ -10,6 +10,7 @@ from math import comb
 import numpy as np
 from scipy.optimize import nnls
 
+from dehyst.models.cascade import SHAPES
 from dehyst.models.diagnosis.data import Floats
 from dehyst.models.diagnosis.fit import Fitted, Problem, behind_output, drive_behind
 from dehyst.models.diagnosis.kernels import plays
@@ -22,7 +23,7 @@ def compact(problem: Problem, fitted: Fitted) -> Hysteresis:
     v = drive_behind(data, fitted.effects)
     r = base.thresholds * base.span
     h = plays(r, v - base.low, data.starts)
-    target = base.columns(v, data.starts) @ fitted.weights
+    target = base.combine(v, data.starts, fitted.weights)
     mean_h, mean_y = h.mean(axis=0), float(target.mean())
     a = h - mean_h
     gram = a.T @ a
@@ -47,7 +48,7 @@ def augmented(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> Model
     for effect, amplitudes in zip(fitted.effects, fitted.amplitudes, strict=True):
         blocks.extend(effect.candidate.blocks(effect.theta, amplitudes, data))
     rank = {"drive": 0, "stage": 1, "sensor": 2}
-    blocks.sort(key=lambda b: 0.5 if b.kind in ("shape", "memory") else rank[b.place])
+    blocks.sort(key=lambda b: 0.5 if b.kind in SHAPES else rank[b.place])
     rate = np.abs(np.diff(data.u)) / data.dt[1:]
     rate = rate[~data.starts[1:]]
     validity = Validity(
@@ -65,7 +66,8 @@ def _shape(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> tuple[Bl
     The rich base's columns are powers of h = H - 1 with H the play of the drive scaled to 0..2;
     powers of H follow by the binomial rule; returns the block and the constant that is left.
     """
-    base, w = problem.base, fitted.weights
+    base = problem.base
+    w = base.full(fitted.weights)
     n = base.thresholds.size
     half = 0.5 * base.span
     powers = w[: 5 * n].reshape(5, n)  # of h, from the first
@@ -87,7 +89,7 @@ def _memory(problem: Problem, fitted: Fitted) -> Block:
     """The Dahl columns and the high powers of the rich base; their order is the base's."""
     base, unit = problem.base, problem.data.drive_unit
     m = base.lengths.size
-    w = fitted.weights[5 * base.thresholds.size :]
+    w = base.full(fitted.weights)[5 * base.thresholds.size :]
     z, zx, zz, zxx, zzz = (w[k * m : (k + 1) * m] for k in range(5))
     params: dict[str, float | tuple[float, ...]] = {
         f"lengths_{unit}": _tuple(base.lengths * base.span),

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from dehyst.models.diagnosis.data import Bools, Data, Floats
+from dehyst.models.diagnosis.data import Bools, Data, Floats, Ints
 from dehyst.models.diagnosis.kernels import dahl, plays
 
 # fractions of the drive's range
@@ -30,11 +30,22 @@ class Base:
     span: float
     thresholds: Floats
     lengths: Floats
+    keep: Ints  # columns of the rich base that this one has
 
     @property
     def width(self) -> int:
         """Number of columns."""
+        return int(self.keep.size)
+
+    @property
+    def _all(self) -> int:
         return 5 * self.thresholds.size + 5 * self.lengths.size + 2
+
+    def full(self, weights: Floats) -> Floats:
+        """Weights of all the rich base's columns, 0 where this base has none."""
+        out = np.zeros(self._all)
+        out[self.keep] = weights
+        return out
 
     @property
     def priors(self) -> Floats:
@@ -43,7 +54,7 @@ class Base:
         three other classes; a factor of ten either way changes little."""
         n, m = self.thresholds.size, self.lengths.size
         power = np.r_[np.repeat([1, 2, 3, 4, 5], n), np.repeat([1, 2, 2, 3, 3], m), 4, 5]
-        return np.select([power == 1, power <= 3], [1e-7, 1e-5], 3e-5)
+        return np.select([power == 1, power <= 3], [1e-7, 1e-5], 3e-5)[self.keep]
 
     def scaled(self, v: Floats) -> Floats:
         """Drive in -1..1 over the recorded range."""
@@ -55,21 +66,26 @@ class Base:
         # plays start at the drive's low end, where a de-energised stage stands
         h = plays(2.0 * self.thresholds, x + 1.0, starts) - 1.0
         z = dahl(2.0 * self.lengths, x, starts)
-        out = np.empty((v.size, self.width))
+        out = np.empty((v.size, self._all))
         _fill(out, x, h, z)
-        return out
+        return out if self.width == self._all else np.ascontiguousarray(out[:, self.keep])
 
     def combine(self, v: Floats, starts: Bools, weights: Floats) -> Floats:
         """columns(v) @ weights (N,) without building the columns."""
         x = self.scaled(v)
-        return _combine(
-            x, starts, 2.0 * self.thresholds, 2.0 * self.lengths, np.ascontiguousarray(weights)
-        )
+        return _combine(x, starts, 2.0 * self.thresholds, 2.0 * self.lengths, self.full(weights))
 
 
 def rich_base(data: Data) -> Base:
     """The rich base laid out over the recordings' drive range."""
-    return Base(data.u_min, data.span, THRESHOLDS, LENGTHS)
+    every = np.arange(5 * THRESHOLDS.size + 5 * LENGTHS.size + 2)
+    return Base(data.u_min, data.span, THRESHOLDS, LENGTHS, every)
+
+
+def compact_base(data: Data) -> Base:
+    """Plays and a cubic of the drive: what a few loops of one waveform can support."""
+    n = THRESHOLDS.size
+    return Base(data.u_min, data.span, THRESHOLDS, LENGTHS, np.r_[0:n, n, 2 * n])
 
 
 @njit(cache=True, nogil=True)

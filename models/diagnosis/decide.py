@@ -7,6 +7,8 @@ everything else was refitted.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from dehyst.models.diagnosis.candidates import library
 from dehyst.models.diagnosis.candidates.interface import Candidate
 from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
@@ -21,6 +23,7 @@ STATIC_SIZE = 0.25  # the same for causes that resemble a hysteresis of another 
 FREE_SIZE = 0.07  # the same for causes beside the drive
 WEAK = 0.1  # screened gain, as a part of the best, below which a candidate is not refitted
 RIVAL = 0.7  # part of the first pick's gain, from which another first pick is tried too
+FINEST = 1e-4  # of the displacement's range: no base is better than this
 PRICE = 16.0  # of one parameter, in noise variances; includes the number of candidates tried
 
 
@@ -51,6 +54,7 @@ class Search:
     accepted: Fitted
     rounds: list[list[Trial]] = field(default_factory=list)
     counted: int = 0  # rows that the gains of the rounds are summed over
+    share: float = DRIVEN_SHARE
 
 
 def excess(problem: Problem, fit: Fitted, sigma: float) -> float:
@@ -63,9 +67,15 @@ def excess(problem: Problem, fit: Fitted, sigma: float) -> float:
 Say = Callable[[str, float], None]
 
 
-def search(problem: Problem, sigma: float, null: Fitted, say: Say) -> Search:
-    """Accept effects one by one until none pays, then prune."""
-    state = _forward(problem, sigma, null, say, forbidden=())
+def search(
+    problem: Problem, sigma: float, null: Fitted, say: Say, share: float = DRIVEN_SHARE
+) -> Search:
+    """Accept effects one by one until none pays, then prune.
+
+    share: part of the excess that a cause driven by the drive must take; above the usual one the
+    base is a compact one, and candidates that resemble a hysteresis of another shape stay out.
+    """
+    state = _forward(problem, sigma, null, say, share, forbidden=())
     first = state.accepted.effects
     left = excess(problem, state.accepted, sigma)
     if len(first) >= 2 and state.rounds:
@@ -77,7 +87,7 @@ def search(problem: Problem, sigma: float, null: Fitted, say: Say) -> Search:
             if t is not chosen and not t.refused and t.gain > RIVAL * chosen.gain
         ]
         if rivals and chosen.candidate.driven:
-            other = _forward(problem, sigma, null, say, forbidden=(chosen.candidate.key,))
+            other = _forward(problem, sigma, null, say, share, forbidden=(chosen.candidate.key,))
             if better(other, state, left):
                 state = other
     return state
@@ -88,6 +98,15 @@ def least_size(candidate: Candidate) -> float:
     if candidate.static:
         return STATIC_SIZE
     return DRIVEN_SIZE if candidate.driven else FREE_SIZE
+
+
+def least_power(state: Search, candidate: Candidate) -> float:
+    """Mean square that a candidate must remove: by the noise, and for causes driven by the drive
+    by the stroke too, whose finest part is the base's own error."""
+    least = least_size(candidate) * state.sigma
+    if candidate.driven:
+        least = max(least, FINEST * float(np.ptp(state.problem.data.y)))
+    return least**2
 
 
 def better(other: Search, state: Search, left: float) -> bool:
@@ -103,10 +122,14 @@ def better(other: Search, state: Search, left: float) -> bool:
 
 
 def _forward(
-    problem: Problem, sigma: float, null: Fitted, say: Say, forbidden: Sequence[str]
+    problem: Problem, sigma: float, null: Fitted, say: Say, share: float, forbidden: Sequence[str]
 ) -> Search:
-    state = Search(problem, sigma, null, null, counted=int(problem.data.rows.sum()))
-    everything = [c for c in library(problem.data) if c.key not in forbidden]
+    counted = int(problem.data.rows.sum())
+    strict = share > DRIVEN_SHARE
+    state = Search(problem, sigma, null, null, counted=counted, share=share)
+    everything = [
+        c for c in library(problem.data) if c.key not in forbidden and not (strict and c.static)
+    ]
     for number in range(MAX_EFFECTS):
         current = state.accepted
         left = excess(problem, current, sigma)
@@ -179,12 +202,15 @@ def _judged(state: Search, trial: Trial, left: float) -> Trial:
     steady = None
     if trial.worth <= 0:
         why = why or "not worth its parameters"
-    elif mean_square < (least_size(trial.candidate) * sigma) ** 2:
+    elif mean_square < least_power(state, trial.candidate):
         why = why or "too small against the noise"
-    elif trial.candidate.driven and mean_square < DRIVEN_SHARE * left:
+    elif trial.candidate.driven and mean_square < state.share * left:
         why = why or "too small a part of the misfit"
     else:
         steady = constancy(problem, sigma, *contribution(problem, trial.fit, effect))
+        leaves = excess(problem, trial.fit, sigma)
+        if trial.candidate.last and leaves > max((0.3 * sigma) ** 2, 0.15 * left):
+            why = why or "structure remains that it does not explain"
         if not why and (steady.wrong > 0.3 or steady.spread > 1.0):
             why = "not the same everywhere"
     return Trial(trial.candidate, trial.fit, trial.gain, trial.price, steady, why)

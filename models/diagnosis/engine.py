@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from dehyst.models.diagnosis.augment import augmented, compact
-from dehyst.models.diagnosis.base import rich_base
+from dehyst.models.diagnosis.base import compact_base, rich_base
 from dehyst.models.diagnosis.crossval import by_blocks
 from dehyst.models.diagnosis.data import Data, Floats, prepare
-from dehyst.models.diagnosis.decide import Search, Trial, excess, search
+from dehyst.models.diagnosis.decide import DRIVEN_SHARE, Search, Trial, excess, search
 from dehyst.models.diagnosis.findings import named, unknown, verdict_of
-from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.fit import Fitted, Problem
 from dehyst.models.diagnosis.limits import limits
 from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.noise import noise_rms
@@ -23,6 +23,8 @@ from dehyst.models.model import Model
 from dehyst.models.recording import Recording
 
 SEARCH_ROWS = 18_000  # counted in the search; the last fit, shares and intervals use them all
+DOUBT = 1.5  # held-out over in-sample rms of the rich base, above which a compact one is tried
+COMPACT_SHARE = 0.3  # of the excess, that an effect must take over a compact base
 Progress = Callable[[str, float], None]
 
 
@@ -42,17 +44,30 @@ def diagnose(
     null = problem.solve([])
     sigma = noise_rms(data, null.residual(data))
     say("base fitted", 0.1)
-    light = problem.light(SEARCH_ROWS)
-    found = search(light, sigma, null if light is problem else light.solve([]), say)
-    if light is not problem:
-        say("fitting all samples", 0.86)
-        final = found.accepted
-        if final.effects:
-            final = problem.refit(final.effects, rounds=3)
-        else:
-            final = null
-        found = replace(found, problem=problem, null=null, accepted=final)
+    found = _search(problem, sigma, null, say)
+    in_sample = null.sse / int(data.rows.sum())
+    if by_blocks(problem, null).mean_square > DOUBT**2 * in_sample:
+        # too rich for what was recorded: does a compact base with effects foretell better?
+        plain = Problem(data, compact_base(data))
+        other = _search(plain, sigma, plain.solve([]), say, share=COMPACT_SHARE)
+        rich_error = by_blocks(problem, found.accepted).mean_square
+        if by_blocks(plain, other.accepted).mean_square < rich_error:
+            problem, found = plain, other
     return _conclude(problem, found, model, say)
+
+
+def _search(
+    problem: Problem, sigma: float, null: Fitted, say: Progress, share: float = DRIVEN_SHARE
+) -> Search:
+    """The search on a part of the rows, its result fitted to all of them."""
+    light = problem.light(SEARCH_ROWS)
+    found = search(light, sigma, null if light is problem else light.solve([]), say, share)
+    if light is problem:
+        return found
+    say("fitting all samples", 0.86)
+    final = found.accepted
+    final = problem.refit(final.effects, rounds=3) if final.effects else null
+    return replace(found, problem=problem, null=null, accepted=final)
 
 
 def _conclude(problem: Problem, found: Search, model: Model | None, say: Progress) -> Diagnosis:
@@ -60,7 +75,7 @@ def _conclude(problem: Problem, found: Search, model: Model | None, say: Progres
     final = found.accepted
     say("holding out", 0.88)
     held_null, held_final = by_blocks(problem, found.null), by_blocks(problem, final)
-    left = float(np.sqrt(excess(problem, final, sigma)))
+    left = float(np.sqrt(_structure(problem, final, sigma)))
     at_first = float(np.sqrt(excess(problem, found.null, sigma)))
     say("intervals and rivals", 0.92)
     residual = final.residual(data)
@@ -104,6 +119,14 @@ def _conclude(problem: Problem, found: Search, model: Model | None, say: Progres
         tried=tuple(_tried(found.counted, found)),
         notes=tuple(notes_of(data)),
     )
+
+
+def _structure(problem: Problem, final: Fitted, sigma: float) -> float:
+    """Mean square misfit that no rate-independent memory could make either."""
+    rich = rich_base(problem.data)
+    if rich.width > problem.base.width:
+        final = Problem(problem.data, rich).solve(final.effects, problem.output_of(final))
+    return excess(problem, final, sigma)
 
 
 def base_model(problem: Problem, found: Search) -> Model:

@@ -101,8 +101,10 @@ class CoupledMemory(Coupling):
 
 def candidates(data: Data) -> list[Candidate]:
     out: list[Candidate] = []
+    # a neighbour's displacement answers to its drive: the drive is the cause where it is there
+    drives = any(c.startswith("u") and c != data.drive_key for c in data.channels)
     for c in data.channels:
-        if c.startswith(NOT_A_CAUSE) or c == data.drive_key:
+        if c.startswith(NOT_A_CAUSE) or c == data.drive_key or (drives and c.startswith("y")):
             continue
         reference = float(data.channels[c].mean())
         out += [Coupling(c, reference), CoupledMemory(data, c, reference)]

@@ -104,6 +104,7 @@ class Trend(Candidate):
     revealed_by = "the same drive repeated over minutes; better, a temperature channel"
     confused_with = ("creep",)
     order = 55
+    last = True
     driven = False
 
     def __init__(self, data: Data) -> None:

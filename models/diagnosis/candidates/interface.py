@@ -51,8 +51,8 @@ class Candidate:
     """Base of all candidates; class attributes describe the physics to people and reports.
 
     name: word of the diagnosis vocabulary; key: unique among the instances; order: position in
-    the cascade; driven: caused by the drive (judged more strictly) or by something beside it; refines: key of
-    the simpler candidate that this one takes further.
+    the cascade; driven: caused by the drive (judged more strictly) or by something beside it;
+    refines: key of the simpler candidate that this one takes further.
     """
 
     name: str = ""
@@ -66,6 +66,7 @@ class Candidate:
     order: int = 0
     place: str = "stage"
     driven: bool = True
+    last: bool = False  # named only when it leaves nothing behind: it fits too much
     static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
     repeatable: bool = False
     mode: str = "columns"  # or "drive", "output"

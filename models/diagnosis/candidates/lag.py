@@ -6,7 +6,7 @@ import numpy as np
 
 from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
-from dehyst.models.diagnosis.kernels import lowpass
+from dehyst.models.diagnosis.kernels import lowpass, second_order
 from dehyst.models.model import Block
 
 
@@ -78,5 +78,54 @@ class Lag(Candidate):
         )
 
 
+class Servo(Candidate):
+    """w^2 / (s^2 + 2 z w s + w^2) with so much damping that it does not ring: a closed loop
+    around the stage, or a filter of second order (Butterworth: z = 0.71)."""
+
+    name = "lag"
+    key = "lag-second"
+    title = "Lag of second order"
+    equation = "w^2 / (s^2 + 2 z w s + w^2), z above 0.45"
+    source = "a position servo around the stage, or a filter of second order"
+    typical = "10 Hz to some kHz"
+    revealed_by = "content above a tenth of the corner: steps, fast chirps"
+    confused_with = ("delay", "resonance", "slew", "rate")
+    order = 41
+    place = "sensor"
+    mode = "output"
+
+    def __init__(self, data: Data) -> None:
+        rate = 1.0 / data.period
+        self.parameters = (
+            Parameter("corner_hz", "Hz", 5e-4 * rate, 4.0 * rate),
+            Parameter("damping", "1", 0.45, 1.5),
+        )
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        return [(f / data.period, 0.75) for f in (0.004, 0.012, 0.04, 0.12, 0.4)]
+
+    def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
+        return second_order(x, 2 * np.pi * theta[0] * data.dt, theta[1], data.starts)
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        params: dict[str, float | tuple[float, ...]] = {
+            "frequency_hz": float(theta[0]),
+            "damping": float(theta[1]),
+            "share": 1.0,
+        }
+        return (Block("resonance", "sensor", params),)
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        f, z = values["corner_hz"][0], values["damping"][0]
+        return (
+            f"The reading follows through a lag of second order (corner {f:.3g} Hz, damping "
+            f"{z:.2g}; {2e3 * z / (6.283185 * f):.3g} ms behind slow moves), as a position servo "
+            "or a steep filter does."
+        )
+
+
 def candidates(data: Data) -> list[Candidate]:
-    return [Lag(data, place, poles) for poles in (1, 2) for place in ("drive", "sensor")]
+    first: list[Candidate] = [
+        Lag(data, place, poles) for poles in (1, 2) for place in ("drive", "sensor")
+    ]
+    return [*first, Servo(data)]

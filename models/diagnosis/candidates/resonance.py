@@ -34,7 +34,7 @@ class Resonance(Candidate):
         longest = float(data.t.max() - data.t.min())
         self.parameters = (
             Parameter("frequency_hz", "Hz", max(4.0 / longest, 1e-3 * rate), 1.5 * rate),
-            Parameter("damping", "1", 5e-4, 1.2),
+            Parameter("damping", "1", 5e-4, 0.6),
             Parameter("share", "1", 0.005, 1.0),
         )
 

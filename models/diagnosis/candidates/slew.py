@@ -50,6 +50,13 @@ class Slew(Candidate):
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         return (Block("slew", "drive", {"rate_v_per_s": float(theta[0])}),)
 
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        moving = np.abs(np.diff(data.u, prepend=data.u[0])) > 1e-5 * data.span
+        late = np.abs(self.drive(data, data.u, theta) - data.u) > 1e-3 * data.span
+        if moving.any() and float(np.mean(late[moving])) > 0.8:
+            return "a limit that nearly every move exceeds"
+        return ""
+
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         rate, unit = values["rate_v_per_s"]
         return (
