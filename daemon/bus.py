@@ -8,12 +8,13 @@ hangs at the end of the program, so a Bus is used with `with`.
 
 import json
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
 
 import zenoh
 
+from dehyst.daemon.security import check_open
 from dehyst.daemon.topics import Topic
 from dehyst.daemon.wire import ENCODING, MAX_BATCH_BYTES, MAX_COMMAND_BYTES
 from dehyst.models.errors import DehystError
@@ -92,8 +93,17 @@ class Bus:
         self._kept: list[Any] = []
 
     @classmethod
-    def serve(cls, listen: Sequence[str], connect: Sequence[str]) -> Self:
-        """The daemon's session: listens, and connects to routers where there are any."""
+    def serve(
+        cls,
+        listen: Sequence[str],
+        connect: Sequence[str],
+        security: Mapping[str, Any] | None = None,
+    ) -> Self:
+        """The daemon's session: listens, and connects to routers where there are any.
+
+        security: settings from dehyst.daemon.security; None: loopback only.
+        """
+        check_open(listen, security is not None)
         settings = _common(MAX_COMMAND_BYTES + 4096) | {
             "mode": "peer",
             "listen/endpoints": list(listen),
@@ -109,12 +119,22 @@ class Bus:
             "transport/link/tx/queue/congestion_control/block/wait_before_close": 2_000_000,
         }
         where = ", ".join(listen)
+        settings |= dict(security or {})
         return cls(settings, f"cannot listen on {where}: in use by another daemon, or not ours")
 
     @classmethod
-    def connect(cls, addresses: Sequence[str], timeout_s: float = 3.0) -> Self:
-        """A client's session. Raises BusError where nobody listens; afterwards it reconnects."""
-        settings = _common(MAX_BATCH_BYTES) | {
+    def connect(
+        cls,
+        addresses: Sequence[str],
+        timeout_s: float = 3.0,
+        security: Mapping[str, Any] | None = None,
+    ) -> Self:
+        """A client's session. Raises BusError where nobody listens; afterwards it reconnects.
+
+        security: credentials from dehyst.daemon.security.client_settings.
+        """
+        settings = _common(MAX_BATCH_BYTES) | dict(security or {})
+        settings |= {
             "mode": "client",
             "connect/endpoints": list(addresses),
             "connect/timeout_ms": round(1e3 * timeout_s),

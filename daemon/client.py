@@ -40,6 +40,7 @@ from dehyst.daemon.messages import (
 )
 from dehyst.daemon.player import Played, play
 from dehyst.daemon.records import TELEMETRY
+from dehyst.daemon.security import client_settings
 from dehyst.daemon.topics import SETPOINT, subject
 from dehyst.models.errors import DehystError
 from dehyst.models.model import Model
@@ -64,8 +65,9 @@ class Client:
     """A connection to one daemon.
 
     name: the controller's name; None: the only one that answers. connect: zenoh address, or
-    several. label: who this is, for others who want to command. Raises BusError where nobody is
-    there, or where there are several and no name was given.
+    several. label: who this is, for others who want to command. credentials: a directory with
+    ca.pem, certificate.pem and key.pem, or a file with one line name:password. Raises BusError
+    where nobody is there, or where there are several and no name was given.
     """
 
     def __init__(
@@ -74,6 +76,7 @@ class Client:
         connect: str | Sequence[str] = DEFAULT,
         base: str = "dehyst",
         label: str = "",
+        credentials: str = "",
     ) -> None:
         self.addresses = [connect] if isinstance(connect, str) else list(connect)
         self.label = (label or f"client {os.getpid()} on {socket.gethostname()}")[:64]
@@ -82,7 +85,7 @@ class Client:
         self._lease = self._sequence = 0
         self._senders: dict[str, Any] = {}
         self._unit = ""
-        self.bus = Bus.connect(self.addresses)
+        self.bus = Bus.connect(self.addresses, security=client_settings(credentials))
         try:
             self.keys = Keys(base, self._find(base, name))
         except BaseException:

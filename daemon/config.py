@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from dehyst.daemon.security import check_open
 from dehyst.models.errors import BadInput
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -124,6 +125,20 @@ class InverseConfig(_Strict, frozen=True):
     preview_s: Annotated[float, Meta(ge=0, le=1)] = 0.1
 
 
+class AuthConfig(_Strict, frozen=True):
+    """[bus.auth]: who may connect. Needed to listen beyond loopback. Names are user names, or the
+    common names of certificates."""
+
+    operators: tuple[str, ...] = ()
+    """May command and observe."""
+    observers: tuple[str, ...] = ()
+    """May read telemetry, status, model, configuration and history."""
+    passwords: str = ""
+    """File of name:password lines, readable by the daemon alone; relative to the configuration."""
+    certificates: str = ""
+    """Or: directory with ca.pem, certificate.pem and key.pem (`dehyst keys` makes it)."""
+
+
 class BusConfig(_Strict, frozen=True):
     """[bus]: zenoh. Loopback only unless `listen` says otherwise."""
 
@@ -131,6 +146,7 @@ class BusConfig(_Strict, frozen=True):
     """First chunks of every key."""
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     connect: tuple[str, ...] = ()
+    auth: AuthConfig | None = None
 
 
 class TelemetryConfig(_Strict, frozen=True):
@@ -204,6 +220,10 @@ def _check(config: Config, where: str) -> None:
             f"{where}: safe.ramp_v_per_s ({safe.ramp_v_per_s:g}) is faster than "
             f"limits.slew_v_per_s ({limits.slew_v_per_s:g})"
         )
+    try:
+        check_open(config.bus.listen, config.bus.auth is not None)
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from None
     if config.sensor.scale == 0:
         raise BadInput(f"{where}: sensor.scale must not be 0")
 
@@ -219,4 +239,13 @@ def load_config(path: str | Path) -> Config:
     model = path.parent / config.model.file
     if model.exists():
         config = msgspec.structs.replace(config, model=ModelConfig(file=str(model.resolve())))
+    if config.bus.auth is not None:
+        paths = {
+            key: str(path.parent.resolve() / value)
+            for key in ("passwords", "certificates")
+            if (value := getattr(config.bus.auth, key))
+        }
+        auth = msgspec.structs.replace(config.bus.auth, **paths)
+        bus = msgspec.structs.replace(config.bus, auth=auth)
+        config = msgspec.structs.replace(config, bus=bus)
     return config

@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from typing import Any
 
 from dehyst.daemon import clock, notify
 from dehyst.daemon.admission import Admission
@@ -22,6 +23,7 @@ from dehyst.daemon.keys import Keys
 from dehyst.daemon.lease import Lease
 from dehyst.daemon.librarian import Librarian
 from dehyst.daemon.publisher import Publisher
+from dehyst.daemon.security import server_settings
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Model
 
@@ -50,7 +52,7 @@ class Gateway:
         lease = Lease(round(config.setpoint.lease_s * clock.NS))
         unit = model.displacement_unit
         admission = Admission(unit, config.setpoint.queue_s, config.setpoint.stale_s, lease)
-        with Bus.serve(config.bus.listen, config.bus.connect) as bus:
+        with Bus.serve(config.bus.listen, config.bus.connect, _security(config, keys)) as bus:
             started_ns = clock.monotonic_ns()
             units = (unit, model.drive_unit)
             publisher = Publisher(config, units, bus, keys, link, admission, started_ns)
@@ -103,6 +105,16 @@ class Gateway:
         thread = threading.Thread(target=guarded, name=name, daemon=True)
         thread.start()
         return thread
+
+
+def _security(config: Config, keys: Keys) -> dict[str, Any] | None:
+    """Authentication and access control; None: loopback only."""
+    auth, listen = config.bus.auth, config.bus.listen
+    if auth is None:
+        return None
+    return server_settings(
+        keys, listen, auth.operators, auth.observers, auth.passwords, auth.certificates
+    )
 
 
 def _model(config: Config) -> Model:

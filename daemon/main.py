@@ -25,6 +25,7 @@ COMMANDS = {
     "drivers": "list the driver plugins, the broken ones with their error",
     "probe": "record a unit's raw bytes and timings into a fixture file",
     "emulate": "an MDT693B and a KSG101 on pseudo terminals, with a simulated stage behind",
+    "keys": "make certificates for a controller and its clients",
     "core": "the real-time process alone (for systemd)",
     "gateway": "the network process alone (for systemd)",
     "safe": "bring the output to its configured safe state (for systemd)",

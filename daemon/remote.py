@@ -22,6 +22,13 @@ def add_connection(parser: argparse.ArgumentParser) -> None:
         help="zenoh address of the daemon or of a router (default: $DEHYST_CONNECT, else "
         f"{DEFAULT})",
     )
+    group.add_argument(
+        "--credentials",
+        metavar="PATH",
+        default=os.environ.get("DEHYST_CREDENTIALS", ""),
+        help="directory with ca.pem, certificate.pem and key.pem, or a file with name:password "
+        "(default: $DEHYST_CREDENTIALS)",
+    )
     group.add_argument("--name", help="the controller's name, where several answer")
     group.add_argument(
         "--base", default="dehyst", help="first chunks of the keys (default: dehyst)"
@@ -35,7 +42,7 @@ def connect(args: argparse.Namespace, what: str) -> Client:
     except (OSError, KeyError):
         user = f"user {os.getuid()}"
     label = f"dehyst {what} of {user} on {socket.gethostname()}, process {os.getpid()}"
-    return Client(args.name, args.connect, args.base, label)
+    return Client(args.name, args.connect, args.base, label, args.credentials)
 
 
 def print_json(value: Any) -> None:

@@ -1,0 +1,66 @@
+"""Make certificates for a controller and its clients."""
+
+import argparse
+import re
+from pathlib import Path
+
+from dehyst.models.errors import BadInput
+
+EPILOG = """DIR/authority holds the authority's key: keep it off the controller. DIR/NAME of each
+certificate holds ca.pem, certificate.pem and key.pem. Call it again with the same DIR to add
+clients. On the controller, in the configuration:
+
+  [bus]
+  listen = ["tls/0.0.0.0:7447"]
+  [bus.auth]
+  certificates = "stage"        # the directory made here
+  operators = ["alice"]
+  observers = ["bob"]
+
+On a client: dehyst watch --connect tls/stage.lab:7447 --credentials alice
+
+example: dehyst keys keys --controller stage --host stage.lab --host 10.0.0.5 --client alice
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst keys`."""
+    parser.epilog = EPILOG
+    parser.add_argument("directory", type=Path, metavar="DIR")
+    parser.add_argument("--controller", metavar="NAME", help="make the controller's certificate")
+    parser.add_argument(
+        "--host",
+        action="append",
+        default=[],
+        help="name or address under which clients reach the controller (several times)",
+    )
+    parser.add_argument(
+        "--client", action="append", default=[], metavar="NAME", help="make a client's certificate"
+    )
+    parser.add_argument("--days", type=int, default=825, help="validity (default: 825)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make what was asked for; print what was made."""
+    from dehyst.daemon.certificates import Authority
+
+    if not args.controller and not args.client:
+        raise BadInput("nothing to make: give --controller or --client")
+    if bool(args.controller) != bool(args.host):
+        raise BadInput("--controller and --host belong together: the addresses go into it")
+    if args.days < 1:
+        raise BadInput("--days: 1 is the least")
+    names = [*args.client, *([args.controller] if args.controller else [])]
+    for name in names:
+        if not re.fullmatch(r"[a-z0-9][a-z0-9._-]{0,62}", name) or name == "authority":
+            raise BadInput(f"{name!r}: a name may hold a-z, 0-9, ., _ and -")
+    if len(set(names)) < len(names):
+        raise BadInput("a name stands twice")
+    authority = Authority(args.directory, args.days)
+    if args.controller:
+        authority.issue(args.directory / args.controller, args.controller, args.host)
+    for name in args.client:
+        authority.issue(args.directory / name, name)
+    for name in names:
+        print(args.directory / name)
+    return 0

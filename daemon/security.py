@@ -1,0 +1,188 @@
+"""Who may connect and what each may do, as settings of the daemon's own zenoh session.
+
+Loopback only: no authentication is asked for. Beyond loopback it must be configured ([bus.auth]):
+either user and password, or certificates (mutual TLS). Everything is denied but what the two
+roles need. Observers: telemetry, status, events, model, configuration, history. Operators: the
+same, and commands. The rules hold in the daemon's process; a router between enforces nothing of
+them by itself.
+"""
+
+import ipaddress
+import os
+import secrets
+import stat
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from dehyst.daemon.keys import Keys
+from dehyst.models.errors import BadInput
+
+CA, CERTIFICATE, KEY = "ca.pem", "certificate.pem", "key.pem"
+PUBLISHED = ("telemetry", "status", "event", "rejection")
+QUESTIONS = ("status", "model", "configuration", "history")
+
+
+def is_loopback(endpoint: str) -> bool:
+    """True for a zenoh endpoint that only this machine can reach."""
+    protocol, _, address = endpoint.partition("/")
+    if protocol.startswith("unix"):
+        return True
+    host = address.partition("?")[0].partition("#")[0].rpartition(":")[0].strip("[]")
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def check_open(listen: Sequence[str], authenticated: bool) -> None:
+    """BadInput where the daemon would listen beyond loopback without authentication."""
+    for endpoint in listen:
+        if not authenticated and not is_loopback(endpoint):
+            raise BadInput(
+                f"bus.listen: {endpoint} can be reached from the network and [bus.auth] is not "
+                "configured: anybody could move the stage. Configure it (`dehyst keys` makes "
+                "certificates), or listen on 127.0.0.1"
+            )
+
+
+def _readable(path: Path, what: str, private: bool = False) -> str:
+    try:
+        mode = os.stat(path).st_mode
+        path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"{what}: {path} cannot be read: {error.strerror}") from None
+    if private and mode & (stat.S_IRWXO | stat.S_IWGRP):
+        raise BadInput(f"{what}: {path} can be read by everybody; chmod 600 {path}")
+    return str(path)
+
+
+def _tls(directory: Path, side: str) -> dict[str, Any]:
+    tls = "transport/link/tls"
+    return {
+        f"{tls}/root_ca_certificate": _readable(directory / CA, "certificates"),
+        f"{tls}/{side}_certificate": _readable(directory / CERTIFICATE, "certificates"),
+        f"{tls}/{side}_private_key": _readable(directory / KEY, "certificates", private=True),
+        f"{tls}/enable_mtls": True,
+        f"{tls}/close_link_on_expiration": True,
+    }
+
+
+def _names(passwords: Path) -> list[str]:
+    """The users in a file of name:password lines."""
+    _readable(passwords, "bus.auth.passwords", private=True)
+    names = []
+    for number, line in enumerate(passwords.read_text("utf-8").splitlines(), 1):
+        name, colon, password = line.partition(":")
+        if not line.strip():
+            continue
+        if not (name and colon and len(password) >= 8):
+            raise BadInput(
+                f"{passwords}: line {number} must be name:password with 8 characters or more"
+            )
+        names.append(name)
+    return names
+
+
+def server_settings(
+    keys: Keys,
+    listen: Sequence[str],
+    operators: Sequence[str],
+    observers: Sequence[str],
+    passwords: str,
+    certificates: str,
+) -> dict[str, Any]:
+    """zenoh settings of a daemon that asks for authentication. Raises BadInput where a file is
+    missing, readable for everybody, or does not fit the roles."""
+    people = [*operators, *observers]
+    if bool(passwords) == bool(certificates):
+        raise BadInput("bus.auth: give either `passwords` or `certificates`")
+    if not people:
+        raise BadInput("bus.auth: name the operators and observers; nobody could connect")
+    if len(set(people)) < len(people):
+        raise BadInput("bus.auth: a name stands twice; an operator may observe anyway")
+    if passwords:
+        missing = sorted(set(people) - set(_names(Path(passwords))))
+        if missing:
+            raise BadInput(f"bus.auth: {', '.join(missing)}: no password in {passwords}")
+        user = "transport/auth/usrpwd"
+        settings: dict[str, Any] = {
+            f"{user}/user": keys.name,
+            f"{user}/password": secrets.token_urlsafe(32),  # ours is asked for by nobody
+            f"{user}/dictionary_file": passwords,
+        }
+        subject = "usernames"
+    else:
+        plain = [e for e in listen if not e.startswith(("tls/", "quic/"))]
+        if plain:
+            raise BadInput(f"bus.listen: {plain[0]}: certificates need an address tls/HOST:PORT")
+        settings = _tls(Path(certificates), "listen")
+        subject = "cert_common_names"
+    return settings | {"access_control": _access(keys, subject, operators, observers)}
+
+
+def client_settings(credentials: str) -> dict[str, Any]:
+    """zenoh settings of a client: a directory with ca.pem, certificate.pem and key.pem, or a file
+    with one line name:password; "": none. Raises BadInput where they cannot be used."""
+    if not credentials:
+        return {}
+    path = Path(credentials)
+    if path.is_dir():
+        return _tls(path, "connect")
+    _readable(path, "credentials", private=True)
+    name, colon, password = path.read_text("utf-8").strip().partition(":")
+    if not colon or not name or not password or "\n" in password:
+        raise BadInput(f"{path}: must hold one line name:password")
+    user = "transport/auth/usrpwd"
+    return {f"{user}/user": name, f"{user}/password": password}
+
+
+def _access(
+    keys: Keys, subject: str, operators: Sequence[str], observers: Sequence[str]
+) -> dict[str, Any]:
+    """Rules by role; `ingress` is what comes to the daemon, `egress` what it lets out."""
+    everyone = Keys(keys.base, "*")
+    published = [keys.pubsub(name) for name in PUBLISHED]
+    asked = [keys.rpc(name) for name in QUESTIONS]
+    setpoints, command = [keys.setpoints()], [keys.rpc("command")]
+    observing = {
+        "publish": (["put"], "egress", published),
+        "subscribe": (["declare_subscriber"], "ingress", published),
+        "ask": (["query"], "ingress", asked),
+        "answer": (["declare_queryable", "reply"], "egress", asked),
+        "token": (["liveliness_token"], "egress", [keys.alive()]),
+        "find": (
+            ["liveliness_query", "declare_liveliness_subscriber"],
+            "ingress",
+            [everyone.alive(), keys.alive()],
+        ),
+    }
+    operating = {
+        "put-setpoint": (["put"], "ingress", setpoints),
+        "take-setpoint": (["declare_subscriber"], "egress", setpoints),
+        "command": (["query"], "ingress", command),
+        "answer-command": (["declare_queryable", "reply"], "egress", command),
+    }
+    roles = {"operators": list(operators), "observers": list(observers)}
+    roles = {role: names for role, names in roles.items() if names}
+    policies = [{"rules": list(observing), "subjects": list(roles)}]
+    if operators:
+        policies.append({"rules": list(operating), "subjects": ["operators"]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [
+            {
+                "id": name,
+                "permission": "allow",
+                "messages": messages,
+                "flows": [flow],
+                "key_exprs": key_exprs,
+            }
+            for name, (messages, flow, key_exprs) in (observing | operating).items()
+        ],
+        "subjects": [{"id": role, subject: names} for role, names in roles.items()],
+        "policies": policies,
+    }
