@@ -13,20 +13,27 @@ from numpy.typing import NDArray
 from dehyst.models.blocks import (
     REGISTRY,
     clip,
+    coupled_memory,
     coupling,
     creep,
     delay,
     drift,
+    friction,
     hum,
     lag,
     memory,
+    one_sided,
     polynomial,
+    rate,
     resonance,
+    ripple,
     shape,
     slew,
+    slow_drift,
     trend,
 )
-from dehyst.models.cascade import channels_of
+from dehyst.models.cascade import SHAPES, channels_of
+from dehyst.models.errors import BadModel
 from dehyst.models.forward import polynomial as saturation
 from dehyst.models.model import Floats, Model
 from dehyst.models.plan import move
@@ -34,7 +41,6 @@ from dehyst.models.plan import move
 CODE, PLACE, P_FROM, P_TO, S_FROM, S_TO, CHANNEL = range(7)
 AT_DRIVE, BESIDE, AT_STAGE, AT_SENSOR = range(4)
 _PLACES = {"drive": AT_DRIVE, "stage": AT_STAGE, "sensor": AT_SENSOR}
-_BESIDE = ("shape", "memory")  # they read the drive and add to the hysteresis
 
 Ints = NDArray[np.int64]
 
@@ -62,6 +68,13 @@ class Packed:
 
 
 _KINDS = {kind.code: kind for kind in REGISTRY.values()}
+_FOLLOWED = {
+    module.CODE
+    for module in (
+        clip, coupled_memory, coupling, creep, delay, drift, friction, hum, lag, memory,
+        one_sided, polynomial, rate, resonance, ripple, shape, slew, slow_drift, trend,
+    )
+}  # fmt: skip
 
 
 def pack(model: Model, period_s: float) -> Packed:
@@ -72,10 +85,12 @@ def pack(model: Model, period_s: float) -> Packed:
     late = 0.0
     for block in model.blocks:
         kind = REGISTRY[block.kind]
+        if kind.code not in _FOLLOWED:
+            raise BadModel(f"blocks: kind {kind.name!r} cannot be followed sample by sample")
         values = kind.values(block, model.drive_unit, model.displacement_unit)
         p = np.asarray(kind.pack(values, period_s), np.float64)
         size = kind.size(p, period_s)
-        place = BESIDE if block.kind in _BESIDE else _PLACES[block.place]
+        place = BESIDE if block.kind in SHAPES else _PLACES[block.place]
         channel = names.index(block.channel) if block.channel else -1
         rows.append([kind.code, place, p_at, p_at + p.size, s_at, s_at + size, channel])
         params.append(p)
@@ -115,6 +130,18 @@ def _block_step(code: int, p: Floats, s: Floats, x: float, t: float, dt: float, 
         return shape.step(p, s, x, t, dt, ch)
     if code == memory.CODE:
         return memory.step(p, s, x, t, dt, ch)
+    if code == coupled_memory.CODE:
+        return coupled_memory.step(p, s, x, t, dt, ch)
+    if code == friction.CODE:
+        return friction.step(p, s, x, t, dt, ch)
+    if code == one_sided.CODE:
+        return one_sided.step(p, s, x, t, dt, ch)
+    if code == rate.CODE:
+        return rate.step(p, s, x, t, dt, ch)
+    if code == ripple.CODE:
+        return ripple.step(p, s, x, t, dt, ch)
+    if code == slow_drift.CODE:
+        return slow_drift.step(p, s, x, t, dt, ch)
     return x
 
 
@@ -123,9 +150,9 @@ def advance(
     table: Ints, params: Floats, states: Floats, channels: Floats, weights: Floats, c: Floats,
     u_offset: float, h: Floats, u: float, v_before: float, t: float, dt: float, out: Floats,
 ) -> None:  # fmt: skip
-    """The whole model over one sample. out (5,): drive at the hysteresis, what blocks beside the
-    hysteresis add, stage displacement, reading, displacement of the hysteresis alone. h (n,) and
-    states are advanced."""
+    """The whole model over one sample. out (5,): drive at the hysteresis, what blocks that
+    `undo` passes over add to it, stage displacement, reading, displacement of the hysteresis
+    alone. h (n,) and states are advanced."""
     v = u
     for i in range(table.shape[0]):
         if table[i, 1] == 0:
@@ -149,10 +176,17 @@ def advance(
         for i in range(table.shape[0]):
             if table[i, 1] == place:
                 ch = channels[table[i, 6]] if table[i, 6] >= 0 else 0.0
+                before = y
                 y = _block_step(
                     table[i, 0], params[table[i, 2] : table[i, 3]],
                     states[table[i, 4] : table[i, 5]], y, t, dt, ch,
                 )  # fmt: skip
+                if place == 2 and (
+                    table[i, 0] == slow_drift.CODE
+                    or table[i, 0] == coupled_memory.CODE
+                    or table[i, 0] == friction.CODE
+                ):
+                    out[1] += y - before
         out[place] = y
 
 

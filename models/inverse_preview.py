@@ -143,7 +143,8 @@ def improve(
             weights, c, fixed[U_OFFSET], trial, x_0, x_before, h_0, h, period, half, target,
             trust, smooth, bounds, rows,
         )  # fmt: skip
-        state[GAIN] = (other - error) * per_node
+        if known > 0.99 * n:  # a continued future earns no credit
+            state[GAIN] = (other - error) * per_node
         if not error <= 1.5 * other:
             x[:] = trial
             state[GAIN] = 0.0
