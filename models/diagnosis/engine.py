@@ -84,7 +84,7 @@ def _conclude(problem: Problem, found: Search, model: Model | None, say: Progres
     verdict = verdict_of(findings, left, at_first, sigma, float(np.ptp(data.y)))
     if verdict in ("unknown", "partly"):
         where = hot_spots(locate(data, residual, sigma))
-        findings = [*findings, unknown(left, at_first, where)]
+        findings = [*findings, unknown(left, at_first, where, data.unit)]
     say("limits", 0.96)
     limited = tuple(limits(found))
     base = model or base_model(problem, found)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dehyst.models.diagnosis.ambiguity import Rival, rivals
-from dehyst.models.diagnosis.candidates.interface import Candidate
+from dehyst.models.diagnosis.candidates.interface import Candidate, small
 from dehyst.models.diagnosis.crossval import HeldOut, by_blocks
 from dehyst.models.diagnosis.decide import Search
 from dehyst.models.diagnosis.evidence import constancy, contribution
@@ -38,6 +38,7 @@ def named(
     whole = held_final.mean_square
     explainable = max(held_null.mean_square - sigma**2, 1e-30)
     values = intervals(problem, final, sigma)
+    keys = {"_um": f"_{data.unit}", "_v_": f"_{data.drive_unit}_", "_v": f"_{data.drive_unit}"}
     out = []
     for i, effect in enumerate(final.effects):
         rest = [e for e in final.effects if e is not effect]
@@ -63,13 +64,22 @@ def named(
                 source=c.source,
                 share=float(np.clip((without - whole) / explainable, 0.0, 1.0)),
                 evidence=evidence,
-                parameters=values[i],
+                parameters={_in_units(k, keys): v for k, v in values[i].items()},
                 ambiguous_with=_other_names(c, near),
                 where=hot_spots(locate(data, r, sigma)),
                 says=c.says(plain) + _reservations(effect, near, steady.spread),
             )
         )
     return sorted(out, key=lambda f: -f.share)
+
+
+def _in_units(key: str, units: dict[str, str]) -> str:
+    """A parameter's key with the recordings' units in place of micrometres and volts."""
+    if "_um" in key:
+        return key.replace("_um", units["_um"], 1)
+    if key.endswith("_v"):
+        return key[:-2] + units["_v"]
+    return key.replace("_v_", units["_v_"], 1)
 
 
 def _other_names(c: Candidate, near: Sequence[Rival]) -> tuple[str, ...]:
@@ -96,7 +106,7 @@ def _reservations(effect: Effect, near: Sequence[Rival], spread: float) -> str:
     return text
 
 
-def unknown(left: float, at_first: float, where: dict[str, str]) -> Finding:
+def unknown(left: float, at_first: float, where: dict[str, str], unit: str) -> Finding:
     """The finding for structure that nothing in the library explains."""
     places = "; ".join(f"{k.replace('_', ' ')}: {v}" for k, v in where.items())
     return Finding(
@@ -112,7 +122,7 @@ def unknown(left: float, at_first: float, where: dict[str, str]) -> Finding:
         ambiguous_with=(),
         where=where,
         says=(
-            f"Something acts here that nothing in the library explains ({1e3 * left:.3g} nm rms)"
+            f"Something acts here that nothing in the library explains ({small((left, unit))} rms)"
             + (f"; it sits at {places}." if places else ", spread over everything.")
         ),
     )

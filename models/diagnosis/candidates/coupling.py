@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe
+from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe, small
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.diagnosis.kernels import lowpass, plays
 from dehyst.models.model import Block
@@ -25,19 +25,19 @@ class Coupling(Candidate):
     order = 60
     driven = False
 
-    def __init__(self, channel: str, reference: float) -> None:
+    def __init__(self, channel: str, reference: float, unit: str) -> None:
         self.channel = channel
         self.key = f"coupling-{channel}"
         self.title = f"Coupling from {channel}"
         self.reference = reference
         self.unit = channel.rsplit("_", 1)[-1]
-        self.limit_unit = f"um/{self.unit}"
+        self.limit_unit = f"{unit}/{self.unit}"
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
         return (data.channels[self.channel] - self.reference)[:, None]
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
-        return {"gain_um_per_unit": (float(amplitudes[0]), f"um/{self.unit}")}
+        return {"gain_um_per_unit": (float(amplitudes[0]), self.limit_unit)}
 
     def probes(self, data: Data) -> list[Probe]:
         return [Probe(1.0, (), (1.0,))]
@@ -50,10 +50,9 @@ class Coupling(Candidate):
         return (Block("coupling", "stage", params, self.channel),)
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
-        g = values["gain_um_per_unit"][0]
+        gain = small(values["gain_um_per_unit"])
         return (
-            f"The channel {self.channel} moves this reading by {1e3 * g:.3g} nm per "
-            f"{self.unit}: the axes are not decoupled."
+            f"The channel {self.channel} moves this reading by {gain}: the axes are not decoupled."
         )
 
 
@@ -64,7 +63,7 @@ class CoupledMemory(Coupling):
     order = 61
 
     def __init__(self, data: Data, channel: str, reference: float) -> None:
-        super().__init__(channel, reference)
+        super().__init__(channel, reference, data.unit)
         self.key = f"coupling2-{channel}"
         self.refines = f"coupling-{channel}"
         self.scale = float(np.ptp(data.channels[channel]))
@@ -84,7 +83,7 @@ class CoupledMemory(Coupling):
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         gain = float(np.sum(amplitudes * (1.0 - FRACTIONS))) / self.scale
         return {
-            "gain_um_per_unit": (gain, f"um/{self.unit}"),
+            "gain_um_per_unit": (gain, self.limit_unit),
             "tau_s": (float(theta[0]), "s"),
         }
 
@@ -107,5 +106,5 @@ def candidates(data: Data) -> list[Candidate]:
         if c.startswith(NOT_A_CAUSE) or c == data.drive_key or (drives and c.startswith("y")):
             continue
         reference = float(data.channels[c].mean())
-        out += [Coupling(c, reference), CoupledMemory(data, c, reference)]
+        out += [Coupling(c, reference, data.unit), CoupledMemory(data, c, reference)]
     return out

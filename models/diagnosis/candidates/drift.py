@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe
+from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe, small
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.diagnosis.kernels import lowpass
 from dehyst.models.model import Block
@@ -36,7 +36,7 @@ class Drift(Candidate):
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         return {
-            "expansion_um_per_k": (float(amplitudes[0]), "um/K"),
+            "expansion_um_per_k": (float(amplitudes[0]), self.limit_unit),
             "gain_per_k": (float(amplitudes[1]), "1/K"),
         }
 
@@ -52,9 +52,9 @@ class Drift(Candidate):
         return (Block("drift", "stage", params, self.channel),)
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
-        b, a = values["expansion_um_per_k"][0], values["gain_per_k"][0]
+        b, a = small(values["expansion_um_per_k"]), values["gain_per_k"][0]
         return (
-            f"The stage follows the temperature: the zero moves {1e3 * b:.3g} nm and the gain "
+            f"The stage follows the temperature: the zero moves {b} and the gain "
             f"{100 * a:.2g} % per kelvin; feed the temperature to the controller or shield it."
         )
 
@@ -109,6 +109,7 @@ class Trend(Candidate):
 
     def __init__(self, data: Data) -> None:
         self._count = len(data.names)
+        self._unit = data.unit
         self._longest = float(data.t.max() - data.t.min())
         self.parameters = (Parameter("tau_s", "s", 0.05 * self._longest, 20.0 * self._longest),)
 
@@ -120,7 +121,10 @@ class Trend(Candidate):
         return rise[:, None] * (data.rec[:, None] == np.arange(self._count)[None, :])
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
-        return {"tau_s": (float(theta[0]), "s"), "rise_um": (float(np.mean(amplitudes)), "um")}
+        return {
+            "tau_s": (float(theta[0]), "s"),
+            "rise_um": (float(np.mean(amplitudes)), self._unit),
+        }
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {
@@ -132,7 +136,7 @@ class Trend(Candidate):
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
-            f"The zero drifts by {1e3 * values['rise_um'][0]:.3g} nm in each recording with a time "
+            f"The zero drifts by {small(values['rise_um'])} in each recording with a time "
             f"constant of {values['tau_s'][0]:.3g} s, whatever the drive does: let it warm up, and "
             "record a temperature."
         )

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe
+from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe, small
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.diagnosis.kernels import dahl
 from dehyst.models.model import Block
@@ -64,8 +64,8 @@ class Friction(Candidate):
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
-            f"The guide rubs: after each turn the stage lags by {1e3 * values['extra_um'][0]:.3g} "
-            "nm more at low speed than at high speed; check the guide and its preload."
+            f"The guide rubs: after each turn the stage lags by {small(values['extra_um'])} "
+            "more at low speed than at high speed; check the guide and its preload."
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:

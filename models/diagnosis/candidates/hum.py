@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe
+from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe, small
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.model import Block
 
@@ -65,7 +65,10 @@ class Hum(Candidate):
         for k, f in enumerate(theta):
             tail = f"_{k + 1}" if k else ""
             out[f"frequency{tail}_hz"] = (float(f), "Hz")
-            out[f"amplitude{tail}_um"] = (float(np.sqrt(np.mean(np.abs(lines[k]) ** 2))), "um")
+            out[f"amplitude{tail}_um"] = (
+                float(np.sqrt(np.mean(np.abs(lines[k]) ** 2))),
+                self.limit_unit,
+            )
         return out
 
     def probes(self, data: Data) -> list[Probe]:
@@ -84,7 +87,7 @@ class Hum(Candidate):
                     "sensor",
                     {
                         "frequency_hz": float(f),
-                        "amplitude_um": abs(mean),
+                        f"amplitude_{data.unit}": abs(mean),
                         "phase_rad": float(np.angle(mean)),
                     },
                 )
@@ -93,8 +96,8 @@ class Hum(Candidate):
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         f = [v for k, (v, _) in values.items() if k.startswith("frequency")]
-        a = [v for k, (v, _) in values.items() if k.startswith("amplitude")]
-        lines = ", ".join(f"{1e3 * y:.3g} nm at {x:.4g} Hz" for x, y in zip(f, a, strict=True))
+        a = [small(v) for k, v in values.items() if k.startswith("amplitude")]
+        lines = ", ".join(f"{y} at {x:.4g} Hz" for x, y in zip(f, a, strict=True))
         mains = any(abs(x / m - round(x / m)) < 0.004 and x > 40 for x in f for m in (50.0, 60.0))
         source = "the mains: check shielding and earth" if mains else "something that runs nearby"
         return f"The reading carries {lines}, whatever the drive does; look for {source}."

@@ -133,3 +133,11 @@ class Candidate:
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
         """Why these values cannot be this physics; empty when they can."""
         return ""
+
+
+def small(entry: tuple[float, str]) -> str:
+    """A value of the displacement's size, micrometres told as nanometres: "12 nm/K"."""
+    value, unit = entry
+    if unit == "um" or unit.startswith("um/"):
+        return f"{1e3 * value:.3g} nm{unit[2:]}"
+    return f"{value:.3g} {unit}"

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe
+from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe, small
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.model import Block
 
@@ -63,10 +63,11 @@ class Sensor(Candidate):
         return (Block("ripple", "sensor", params),)
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        period, unit = values["period_um"]
         return (
-            f"The reading errs by {1e3 * values['amplitude_um'][0]:.3g} nm in a pattern that "
-            f"repeats every {values['period_um'][0]:.3g} um along the range: calibrate the sensor; "
-            "the drive must not correct this."
+            f"The reading errs by {small(values['amplitude_um'])} in a pattern that "
+            f"repeats every {period:.3g} {unit} along the range: calibrate the sensor; the "
+            " drive must not correct this."
         )
 
 
