@@ -28,6 +28,7 @@ run_dir = "{run}"
 file = "{model}"
 [loop]
 rate_hz = {rate}
+{loop}
 [actuator]
 driver = "{actuator}"
 settings = {actuator_settings}
@@ -72,12 +73,13 @@ def until(condition: Any, seconds: float = 30.0, what: str = "") -> Any:
     raise AssertionError(f"not within {seconds} s: {what or condition}")
 
 
-def simulated_config(folder: Path, rate: float, model: Path) -> Path:
-    """Configuration on the in-process simulated stage."""
+def simulated_config(folder: Path, rate: float, model: Path, loop: str = "") -> Path:
+    """Configuration on the in-process simulated stage; loop: further lines of [loop]."""
     path = folder / "config.toml"
     path.write_text(
         CONFIG.format(
-            run=folder / "run", model=model, rate=rate, actuator="simulated", sensor="simulated",
+            run=folder / "run", model=model, rate=rate, loop=loop, actuator="simulated",
+            sensor="simulated",
             actuator_settings='{stage = "t"}', sensor_settings='{stage = "t"}',
         )
     )  # fmt: skip
@@ -101,7 +103,7 @@ class EmulatedBench:
         path = self.folder / "config.toml"
         path.write_text(
             CONFIG.format(
-                run=self.folder / "run", model=model, rate=rate, actuator="mdt693b",
+                run=self.folder / "run", model=model, rate=rate, loop="", actuator="mdt693b",
                 sensor="ksg101",
                 actuator_settings=f'{{port = "{self.ports["mdt693b"]}"}}',
                 sensor_settings=f'{{port = "{self.ports["ksg101"]}"}}',
