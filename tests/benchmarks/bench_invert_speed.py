@@ -1,0 +1,117 @@
+"""Speed of the inverse, as ratios within one run; see bench_invert."""
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from dehyst.models.compensator import Compensator
+from dehyst.models.inverse_static import StaticInverse, static_inverse
+from dehyst.models.modelfile import shipped
+from dehyst.models.monotone import nearest_monotone
+
+Floats = NDArray[np.float64]
+REPEATS = 7
+
+
+def _best(work: Callable[[], object]) -> float:
+    best = np.inf
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        work()
+        best = min(best, time.perf_counter() - began)
+    return float(best)
+
+
+def _compiled() -> ctypes.CDLL | None:
+    compiler = shutil.which("gcc") or shutil.which("cc") or shutil.which("clang")
+    if compiler is None:
+        return None
+    folder = Path(tempfile.mkdtemp())
+    source, library = Path(__file__).with_name("breakpoint_walk.c"), folder / "walk.so"
+    command = [compiler, "-O3", "-march=native", "-shared", "-fPIC", str(source), "-o",
+               str(library), "-lm"]  # fmt: skip
+    if subprocess.run(command, check=False).returncode:
+        return None
+    return ctypes.CDLL(str(library))
+
+
+def _in_c(library: ctypes.CDLL, inverse: StaticInverse, y: Floats) -> Floats:
+    s = inverse.branch
+    h, u = np.zeros(inverse.r.size), np.empty(y.size)
+
+    def at(array: Floats) -> ctypes.c_void_p:
+        return ctypes.c_void_p(array.ctypes.data)
+
+    d = ctypes.c_double
+    library.invert(
+        at(inverse.r), at(inverse.b), inverse.r.size, at(s.c), s.c.size, at(s.z_knots),
+        s.z_knots.size, d(s.y_first), d(s.y_last), d(inverse.drive_min), d(inverse.drive_max),
+        at(h), at(y), at(u), y.size,
+    )  # fmt: skip
+    return u
+
+
+def _with_brentq(inverse: StaticInverse, y: Floats) -> Floats:
+    """A root finder on the numpy forward model, one sample at a time."""
+    h, u = np.zeros(inverse.r.size), np.empty(y.size)
+    r, b, powers = inverse.r, inverse.b, inverse.branch.c[::-1]
+    for t in range(y.size):
+
+        def miss(v: float, t: int = t, h: Floats = h) -> float:
+            return float(np.polyval(powers, b @ np.maximum(v - r, np.minimum(v + r, h))) - y[t])
+
+        u[t] = brentq(miss, inverse.drive_min, inverse.drive_max, xtol=1e-12)
+        h = np.maximum(u[t] - r, np.minimum(u[t] + r, h))
+    return u
+
+
+def table() -> None:
+    """Print the ratios."""
+    print("\nspeed (best of repeats, one process)")
+    model, _ = nearest_monotone(shipped("paper-eq12"))
+    inverse = static_inverse(model)
+    y = 6.0 + 3.5 * np.sin(np.arange(100_000) * 0.013) * np.cos(np.arange(100_000) * 0.00031)
+    inverse.run(y[:10])
+    ours = _best(lambda: inverse.run(y)) / y.size
+    print(f"static inverse, n = {inverse.r.size}: {1e9 * ours:.0f} ns a sample")
+    library = _compiled()
+    if library is None:
+        print("no C compiler: the comparison with C is left out")
+    else:
+        c = _best(lambda: _in_c(library, inverse, y)) / y.size
+        difference = float(np.max(np.abs(_in_c(library, inverse, y) - inverse.run(y)[0])))
+        print(f"C -O3 breakpoint walk: {1e9 * c:.0f} ns; dehyst / C = {ours / c:.2f} "
+              f"(bar 2); drives differ by {difference:.1g} V")  # fmt: skip
+    few = y[:200]
+    slow = _best(lambda: _with_brentq(inverse, few)) / few.size
+    print(f"brentq on the numpy forward model: {1e6 * slow:.0f} us; brentq / dehyst = "
+          f"{slow / ours:.0f} (bar 500)")  # fmt: skip
+    paper = shipped("paper-eq12")
+    for rate_hz, bar in ((1000, 5), (10_000, 40)):
+        for mode, preview_s in (("static", 0.0), ("causal", 0.0), ("preview", 0.1)):
+            c_ = Compensator(paper, 1 / rate_hz, 0.0, 10.0, 1e4, mode, preview_s)
+            n = 3 * rate_hz
+            target = 6.0 - 3.0 * np.cos(2 * np.pi * 5 * np.arange(n + c_.window_samples) / rate_hz)
+            state, nothing = c_.init(0.0), np.zeros(0)
+            took = np.empty(n)
+            for i in range(n):
+                if i == n // 3:  # warm from here on
+                    cpu = time.thread_time()
+                began = time.perf_counter()
+                c_.step(state, target[i : i + c_.window_samples], c_.window_samples, nothing)
+                c_.applied(state, float(state.result[0]))
+                took[i] = time.perf_counter() - began
+            warm = took[n // 3 :]
+            share = (time.thread_time() - cpu) / (warm.size / rate_hz)
+            text = f" (bar {bar} %)" if mode == "preview" else ""
+            print(f"{mode} at {rate_hz} Hz: median {1e6 * np.median(warm):.1f} us, 99 % below "
+                  f"{1e6 * np.quantile(warm, 0.99):.0f} us, processor time {100 * share:.1f} % "
+                  f"of one core{text}")  # fmt: skip
