@@ -1,4 +1,4 @@
-"""Messages to bytes and back: msgpack, strict both ways.
+"""Messages to bytes and back: msgpack for the bytes, msgspec for the checks, strict both ways.
 
 A field that is missing, unknown, of another type or out of bounds, a payload that is too long,
 and anything that is not msgpack at all is BadMessage with the reason. Nothing is ever unpickled,
@@ -10,6 +10,7 @@ nanoseconds. Any language with a msgpack reader can take them apart.
 
 from typing import Any, TypeVar
 
+import msgpack
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,7 @@ from numpy.typing import NDArray
 from dehyst.daemon.messages import (
     Chunk,
     Command,
-    Event,
-    HistoryRequest,
     Message,
-    Rejection,
-    Reply,
-    Status,
     TelemetryBatch,
 )
 from dehyst.daemon.records import TELEMETRY
@@ -41,31 +37,28 @@ class BadMessage(BadInput):
     """A payload that is not a message of this version; the text says what is wrong with it."""
 
 
-_commands: msgspec.msgpack.Decoder[Command] = msgspec.msgpack.Decoder(Command)
-_decoders: dict[type, msgspec.msgpack.Decoder[Any]] = {
-    kind: msgspec.msgpack.Decoder(kind)
-    for kind in (HistoryRequest, Reply, Rejection, Event, TelemetryBatch, Status)
-}
-_encoder = msgspec.msgpack.Encoder()
-
-
 def encode(message: Message) -> bytes:
     """The payload of a message."""
-    return _encoder.encode(message)
+    plain = msgspec.to_builtins(message, builtin_types=(bytes,))
+    return bytes(msgpack.packb(plain, use_bin_type=True))
 
 
-def _decode(decoder: msgspec.msgpack.Decoder[Any], payload: bytes, limit: int) -> Any:
+def _decode(kind: Any, payload: bytes, limit: int) -> Any:
     if len(payload) > limit:
         raise BadMessage(f"{len(payload)} bytes; a message has at most {limit}")
     try:
-        return decoder.decode(payload)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError) as error:
+        plain = msgpack.unpackb(payload, raw=False, strict_map_key=True)
+        return msgspec.convert(plain, kind, strict=True, builtin_types=(bytes,))
+    except (
+        msgspec.MsgspecError, msgpack.UnpackException, ValueError, RecursionError, OverflowError,
+        TypeError,
+    ) as error:  # fmt: skip
         raise BadMessage(f"not a message of this version of dehyst: {error}"[:400]) from None
 
 
 def decode_command(payload: bytes) -> Command:
     """Setpoint, Chunk or Request. Raises BadMessage."""
-    command: Command = _decode(_commands, payload, MAX_COMMAND_BYTES)
+    command: Command = _decode(Command, payload, MAX_COMMAND_BYTES)
     if isinstance(command, Chunk):
         points(command)
     return command
@@ -73,7 +66,7 @@ def decode_command(payload: bytes) -> Command:
 
 def decode(kind: type[T], payload: bytes) -> T:
     """A message of one class. Raises BadMessage."""
-    message: T = _decode(_decoders[kind], payload, MAX_BATCH_BYTES)
+    message: T = _decode(kind, payload, MAX_BATCH_BYTES)
     return message
 
 
