@@ -22,6 +22,8 @@ class Histogram:
     def __init__(self) -> None:
         self.bins: NDArray[np.int64] = np.zeros(BINS_PER_OCTAVE * OCTAVES + 1, np.int64)
         self.extreme = np.zeros(1)
+        self._past = np.zeros_like(self.bins)
+        self._past_extreme = 0.0
 
     def add(self, us: float) -> None:
         """Count one duration."""
@@ -45,6 +47,26 @@ class Histogram:
         return self.quantile(0.5), self.quantile(0.99), self.quantile(0.999), self.maximum
 
     def clear(self) -> None:
-        """Start again."""
+        """Start a new window; `whole` still has the old one."""
+        self._past += self.bins
+        self._past_extreme = max(self._past_extreme, self.maximum)
         self.bins[:] = 0
         self.extreme[0] = 0.0
+
+    def whole(self) -> "Histogram":
+        """All windows together."""
+        every = Histogram()
+        every.bins[:] = self._past + self.bins
+        every.extreme[0] = max(self._past_extreme, self.maximum)
+        return every
+
+    def rows(self, per_octave: int = 2) -> list[tuple[float, float, int]]:
+        """(from us, to us, count) of coarser bins, from the first that holds something to the
+        last."""
+        width = BINS_PER_OCTAVE // per_octave
+        inner = self.bins[1:].reshape(-1, width).sum(axis=1)
+        edges = 2.0 ** (np.arange(inner.size + 1) / per_octave)
+        found = [(0.0, 1.0, int(self.bins[0]))]
+        found += [(float(edges[i]), float(edges[i + 1]), int(n)) for i, n in enumerate(inner)]
+        filled = [i for i, row in enumerate(found) if row[2]]
+        return found[filled[0] : filled[-1] + 1] if filled else []

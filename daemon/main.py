@@ -6,6 +6,7 @@ import os
 import sys
 
 from dehyst import __version__
+from dehyst.daemon import kernelcache
 from dehyst.models.errors import DehystError
 
 # name: help line. Modules are imported when they are used: numba and zenoh take their time.
@@ -23,6 +24,7 @@ COMMANDS = {
     "watch": "live view of a running daemon",
     "record": "record a running daemon's telemetry into a file",
     "drivers": "list the driver plugins, the broken ones with their error",
+    "latency": "self-test of this machine: does it hold the loop's deadlines?",
     "probe": "record a unit's raw bytes and timings into a fixture file",
     "emulate": "an MDT693B and a KSG101 on pseudo terminals, with a simulated stage behind",
     "keys": "make certificates for a controller and its clients",
@@ -59,6 +61,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run one command; 0 success, 1 a finding, 2 bad usage or input (one line on stderr)."""
     arguments = sys.argv[1:] if argv is None else argv
     command = next((a for a in arguments if a in COMMANDS), None)
+    kernelcache.drop_stale()
     args = build_parser(command).parse_args(arguments)
     try:
         return int(args.run(args) or 0)

@@ -5,7 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from dehyst.daemon import kernelcache
+
 ROOT = Path(__file__).resolve().parent.parent
+kernelcache.drop_stale()
 
 
 @pytest.fixture(scope="session")
