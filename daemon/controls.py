@@ -40,6 +40,7 @@ CONTROL_T = np.dtype(
         ("hold_ns", "<i8"),
         ("approach_until_ns", "<i8"),
         ("stop_by_ns", "<i8"),  # the latest end of STOPPING
+        ("step_ns", "<i8"),  # grid point of the newest sample; 0: none yet
         ("state", "<i8"),
         ("starved", "<i8"),
         ("pending", "<i8"),  # the inverse has proposed a drive that is not applied yet
@@ -80,6 +81,7 @@ METER_T = np.dtype(
         # devices: 1 usable, 0 down; the code that brought it down
         ("actuator_ok", "<i8"),
         ("sensor_ok", "<i8"),
+        ("doubtful", "<i8"),  # 1: its own report contradicts it, nothing is to be written
         ("actuator_code", "<i8"),
         ("sensor_code", "<i8"),
         # C functions of the devices, for the compiled loop
@@ -124,6 +126,7 @@ class Note(IntEnum):
     COMMANDS_LOST = 9
     STOP_FAILED = 10
     RELOADED = 11
+    STOOD_STILL = 12
 
 
 TEXTS = {
@@ -138,6 +141,7 @@ TEXTS = {
     Note.COMMANDS_LOST: "{:.0f} commands overwritten before the loop took them",
     Note.STOP_FAILED: "ending although the output stands at {:g} V: it does not reach its safe "
     "voltage",
+    Note.STOOD_STILL: "the loop stood still for {:.2f} s; it glides to the target now",
     Note.RELOADED: "the new model is in use, set-point 0 is its {:.6g}",
 }
 

@@ -29,6 +29,7 @@ from dehyst.daemon.devices import Link
 from dehyst.daemon.engine import Engine, direct_of, spin_ns, warm_up
 from dehyst.daemon.files import load_model
 from dehyst.daemon.loop import Loop
+from dehyst.daemon.readback import ReadbackCheck
 from dehyst.daemon.records import COMMAND, EVENT, STATUS, TELEMETRY, Command
 from dehyst.daemon.ring import Ring
 from dehyst.daemon.step import Plan, Stepper
@@ -144,7 +145,10 @@ class Core:
         reachable = all(direct_of(link.device) is not None for link in (desk.actuator, desk.sensor))
         if wish == "compiled" or (wish == "auto" and reachable):
             return Engine(desk, self._enter)
-        return Loop(desk)
+        tolerance_v = self.config.actuator.readback_tolerance_v
+        if not tolerance_v or not hasattr(self.actuator.device, "readback"):
+            return Loop(desk)
+        return Loop(desk, readback=ReadbackCheck(tolerance_v, desk.stepper.volts))
 
     def _on_stop(self, *_: Any) -> None:
         self.desk.stop()

@@ -150,7 +150,8 @@ class Desk:
         for name, histogram in (("wake_us", self.wake), ("exec_us", self.exec), ("io_us", self.io)):
             row[name] = histogram.summary()
             histogram.clear()
-        row["actuator_ok"], row["sensor_ok"] = self.actuator.ok, self.sensor.ok
+        row["actuator_ok"] = self.actuator.ok and not self.numbers[PLACE["doubtful"]]
+        row["sensor_ok"] = self.sensor.ok
         row["actuator_errors"], row["sensor_errors"] = self.actuator.errors, self.sensor.errors
         row["volts"] = stepper.volts
         row["queue_s"] = stepper.queue.ahead_s(now_ns)

@@ -58,7 +58,7 @@ def begin(table: Table) -> float:
         recovered(table, now_ns, m.back_v)
         m.actuator_ok, m.actuator_back = 1, 0
     step(table, now_ns, m.measured, _take(table, m, c))
-    if c.state == FAULT or m.actuator_ok == 0:
+    if c.state == FAULT or m.actuator_ok == 0 or m.doubtful != 0:
         r.volts = c.volts
         return NAN
     if c.state == READY and r.volts == c.volts:

@@ -40,7 +40,8 @@ MODE_NONE, MODE_HOLD = int(Mode.NONE), int(Mode.HOLD)
 UNREACHABLE, SLEW, RANGE = int(Flag.UNREACHABLE), int(Flag.SLEW), int(Flag.RANGE)
 INVALID, OUTSIDE = int(Flag.SENSOR_INVALID), int(Flag.OUTSIDE_VALIDITY)
 FALLBACK, APPROACH = int(Flag.FALLBACK), int(Flag.APPROACH)
-STOP_FAILED = int(Note.STOP_FAILED)
+STOP_FAILED, STOOD_STILL = int(Note.STOP_FAILED), int(Note.STOOD_STILL)
+STILL_NS = 100_000_000  # a loop that stood still for longer glides to where the target has gone
 BEYOND = compensate.BEYOND_SATURATION | compensate.BEYOND_DRIVE | compensate.BAD_TARGET
 
 
@@ -105,6 +106,11 @@ def step(table: Table, now_ns: int, measured: float, n_commands: int) -> None:
     """
     c, p, r = control_of(table), plan_of(table), record_of(table)
     flags, mode = 0, MODE_HOLD
+    still_ns = now_ns - c.step_ns if c.step_ns != 0 else 0
+    if still_ns > max(STILL_NS, 3 * p.period_ns):
+        note(table, c, STOOD_STILL, still_ns * 1e-9)
+        c.bump = NAN
+    c.step_ns = now_ns
     for i in range(n_commands):
         admit(table, c, p, now_ns, commands_of(table)[i])
     age(table, c, p, now_ns)

@@ -1,0 +1,207 @@
+"""The watch's arithmetic, sample by sample: baseline filter, noise floors, sums of one second.
+
+See dehyst.models.watch for what it means. x: drive, p: predicted displacement, both as shares of
+their range; e: residual in units of the model's noise.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from dehyst.models.model import Floats
+
+ZERO_S = 120.0  # how fast the baseline follows a drifting zero; the rest is averaged for ever
+TOGETHER_S = 0.02  # misfit hangs together in time: so long a stretch says as much as one sample
+SMOOTH_S = 0.1  # slower than this is not ringing
+TRUST_S = 2.0  # of a class of motion: before, the model's own figures count
+FLOOR_S = 300.0  # memory of a class' floor
+LARGEST = 25.0  # one sample counts for no more than five standard deviations
+SLOW_HZ, FAST_HZ = 500.0, 2000.0  # highest rates of the filter and of the short-lag differences
+
+PLAYS = np.array([0.01, 0.03, 0.06, 0.10, 0.16, 0.25, 0.35])  # thresholds
+TAUS_S = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0])
+STEPS = 4  # newest steps of the drive: what is late, and what rings
+N_FEATURES = 3 + STEPS + 2 * PLAYS.size + TAUS_S.size
+
+# Classes of motion: speed [ranges / s] and change of speed [ranges / s^2], each held for a moment.
+SPEEDS, SPEED_HELD_S = np.array([0.003, 0.03, 0.1, 0.3, 1.0, 3.0]), 0.1
+JERKS, JERK_HELD_S = np.array([4.0, 40.0, 120.0, 400.0, 1200.0]), 0.05
+N_CLASSES = (SPEEDS.size + 1) * (JERKS.size + 1)
+WHOLE, RINGING, SHORT = range(3)  # rows of floors and weights
+
+# Places in `now`.
+(
+    FILLED, X_BEFORE, P_BEFORE, STEP_BEFORE, SPEED, JERK, COUNT, SUM_X, SUM_P, SUM_E, KNOWN, CLASS,
+    X_MEAN, E_SMOOTH, BLOCK_S, LAST_Y, STILL_S, STILL_LOW, STILL_HIGH, LEARN, N_NOW,
+) = range(21)  # fmt: skip
+# Places in the sums of one second.
+(
+    B_W, B_P, B_C, B_E, B_PP, B_PC, B_CC, B_PE, B_CE, B_N, B_WHOLE, B_RINGING, B_NSHORT, B_SHORT,
+    N_BLOCK,
+) = range(15)  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _floor(floors: Floats, weights: Floats, row: int, at: int, misfit2: float) -> float:
+    """Expected mean square in a class of motion; until it is known, the model's own figure."""
+    known = weights[row, at]
+    return max((floors[row, at] * known + TRUST_S * misfit2) / (known + TRUST_S), 0.7)
+
+
+@njit(cache=True, nogil=True)
+def _learn(
+    floors: Floats, weights: Floats, row: int, at: int, square: float, learn: float, dt: float
+) -> None:
+    """Follow the mean square of a class; lone large values count little."""
+    weights[row, at] = min(weights[row, at] + learn * dt, FLOOR_S)
+    share = min(1.0, learn * dt / max(weights[row, at], dt))
+    floors[row, at] += share * (min(square, 9.0 * floors[row, at]) - floors[row, at])
+
+
+@njit(cache=True, nogil=True)
+def _features(
+    x: float, p: float, dt: float, z: Floats, low: Floats, steps: Floats, now: Floats, phi: Floats
+) -> float:
+    """Fill phi; returns the creep direction."""
+    phi[0], phi[1], phi[2] = 1.0, p - 0.5, 2.0 * (p - 0.5) ** 2
+    for j in range(STEPS - 1, 0, -1):
+        steps[j] = steps[j - 1]
+    steps[0] = x - now[X_MEAN]
+    now[X_MEAN] = x
+    k = 3
+    for j in range(STEPS):
+        phi[k] = 50.0 * steps[j]
+        k += 1
+    for j in range(PLAYS.size):
+        z[j] = max(x - PLAYS[j], min(x + PLAYS[j], z[j]))
+        phi[k], phi[k + 1] = x - z[j], 2.0 * (p - 0.5) * (x - z[j])
+        k += 2
+    creep = 0.0
+    for j in range(TAUS_S.size):
+        low[j] += -math.expm1(-dt / TAUS_S[j]) * (p - low[j])
+        phi[k] = p - low[j]
+        creep += low[j]
+        k += 1
+    return creep
+
+
+@njit(cache=True, nogil=True)
+def _filter(
+    e: float, base: float, prior: Floats, w: Floats, cov: Floats, phi: Floats, gain: Floats,
+    dt: float, learn: float, v: float,
+) -> None:  # fmt: skip
+    """Take one residual (already without the baseline) into the weights."""
+    g = learn * min(1.0, 3.0 / math.sqrt(max(e * e / (base + v), 1e-12)))
+    bound = base * max(1.0, TOGETHER_S / dt) + v
+    for i in range(phi.size):
+        w[i] += g * gain[i] / bound * e
+        for j in range(phi.size):
+            cov[i, j] -= g * gain[i] * gain[j] / bound
+    # a random walk of this size is followed with a time constant of ZERO_S
+    cov[0, 0] += learn * dt * max(dt, TOGETHER_S) / (ZERO_S * ZERO_S)
+
+
+@njit(cache=True, nogil=True)
+def _mean_sample(
+    x: float, p: float, e: float, at: int, dt: float, prior: Floats, w: Floats, cov: Floats,
+    z: Floats, low: Floats, steps: Floats, floors: Floats, weights: Floats, now: Floats,
+    block: Floats, phi: Floats, gain: Floats,
+) -> None:  # fmt: skip
+    """One sample of the slow part."""
+    creep = _features(x, p, dt, z, low, steps, now, phi)
+    if not math.isfinite(e):
+        return
+    v = 0.0
+    for i in range(phi.size):
+        e -= w[i] * phi[i]
+        s = 0.0
+        for j in range(phi.size):
+            s += cov[i, j] * phi[j]
+        gain[i] = s
+        v += s * phi[i]
+    base = _floor(floors, weights, WHOLE, at, prior[1])
+    learn = now[LEARN]
+    now[E_SMOOTH] += -math.expm1(-dt / SMOOTH_S) * (e - now[E_SMOOTH])
+    ringing = (e - now[E_SMOOTH]) ** 2
+    c = 1.0 / (base + v)
+    block[B_W] += c
+    block[B_P] += c * p
+    block[B_C] += c * creep
+    block[B_E] += c * e
+    block[B_PP] += c * p * p
+    block[B_PC] += c * p * creep
+    block[B_CC] += c * creep * creep
+    block[B_PE] += c * p * e
+    block[B_CE] += c * creep * e
+    block[B_N] += 1.0
+    block[B_WHOLE] += min(e * e * c, LARGEST)
+    block[B_RINGING] += min(ringing / (_floor(floors, weights, RINGING, at, prior[1]) + v), LARGEST)
+    if learn > 0.0:
+        _learn(floors, weights, RINGING, at, ringing, learn, dt)
+        _learn(floors, weights, WHOLE, at, e * e, learn, dt)
+        _filter(e, base, prior, w, cov, phi, gain, dt, learn, v)
+
+
+@njit(cache=True, nogil=True)
+def run(
+    drive: Floats, predicted: Floats, measured: Floats, scale: Floats, every: int, lag: int,
+    dt: float, prior: Floats, w: Floats, cov: Floats, z: Floats, low: Floats, steps: Floats,
+    floors: Floats, weights: Floats, past: Floats, now: Floats, block: Floats, phi: Floats,
+    gain: Floats,
+) -> int:  # fmt: skip
+    """Samples until the sums of one second are complete, or the batch ends; how many were taken.
+
+    measured: NaN where there is no fresh reading. scale: (drive low, range, predicted low, range,
+    noise). The second is complete when now[BLOCK_S] >= 1.
+    """
+    for i in range(drive.size):
+        x, p = (drive[i] - scale[0]) / scale[1], (predicted[i] - scale[2]) / scale[3]
+        e = (measured[i] - predicted[i]) / scale[4]
+        if now[FILLED] == 0.0:
+            now[FILLED] = 1.0
+            now[P_BEFORE], now[X_BEFORE], now[X_MEAN] = p, x, x
+            low[:] = p
+        step = x - now[X_BEFORE]
+        jerk = abs(step - now[STEP_BEFORE]) / (dt * dt)
+        speed = abs(p - now[P_BEFORE]) / dt
+        now[X_BEFORE], now[STEP_BEFORE], now[P_BEFORE] = x, step, p
+        now[SPEED] = max(speed, now[SPEED] * math.exp(-dt / SPEED_HELD_S))
+        now[JERK] = max(jerk, now[JERK] * math.exp(-dt / JERK_HELD_S))
+        at = np.searchsorted(SPEEDS, now[SPEED]) * (JERKS.size + 1)
+        at += np.searchsorted(JERKS, now[JERK])
+        place = int(now[COUNT]) % past.size
+        before = past[(place - lag) % past.size]
+        past[place] = e
+        if math.isfinite(e) and math.isfinite(before):
+            square = 0.5 * (e - before) ** 2
+            share = square / _floor(floors, weights, SHORT, at, prior[1])
+            block[B_SHORT] += min(share, LARGEST)
+            block[B_NSHORT] += 1.0
+            if now[LEARN] > 0.0:
+                _learn(floors, weights, SHORT, at, square, now[LEARN], dt)
+        now[COUNT] += 1.0
+        now[SUM_X] += x
+        now[SUM_P] += p
+        if math.isfinite(e):
+            now[SUM_E] += e
+            now[KNOWN] += 1.0
+        now[CLASS] = max(now[CLASS], float(at))
+        if int(now[COUNT]) % every == 0:
+            mean = now[SUM_E] / now[KNOWN] if now[KNOWN] > 0.0 else math.nan
+            _mean_sample(
+                now[SUM_X] / every, now[SUM_P] / every, mean, int(now[CLASS]), dt * every, prior,
+                w, cov, z, low, steps, floors, weights, now, block, phi, gain,
+            )  # fmt: skip
+            now[SUM_X] = now[SUM_P] = now[SUM_E] = now[KNOWN] = now[CLASS] = 0.0
+        if measured[i] == now[LAST_Y]:
+            now[STILL_S] += dt
+            now[STILL_LOW] = min(now[STILL_LOW], p)
+            now[STILL_HIGH] = max(now[STILL_HIGH], p)
+        elif math.isfinite(measured[i]):
+            now[LAST_Y], now[STILL_S] = measured[i], 0.0
+            now[STILL_LOW] = now[STILL_HIGH] = p
+        now[BLOCK_S] += dt
+        if now[BLOCK_S] >= 1.0:
+            return i + 1
+    return drive.size
