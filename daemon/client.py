@@ -38,7 +38,7 @@ from dehyst.daemon.messages import (
     Status,
     TelemetryBatch,
 )
-from dehyst.daemon.player import Played, play
+from dehyst.daemon.player import LEAD_S, Played, play
 from dehyst.daemon.records import TELEMETRY
 from dehyst.daemon.security import client_settings
 from dehyst.daemon.topics import SETPOINT, subject
@@ -49,7 +49,7 @@ from dehyst.models.modelfile import loads
 log = logging.getLogger(__name__)
 DEFAULT = "tcp/127.0.0.1:7447"
 TIMEOUT_S = 3.0
-FIND_S = 2.0
+FIND_S = 5.0
 PATIENCE_S = 2.0
 
 
@@ -256,14 +256,15 @@ class Client:
         allow_unreachable: bool = False,
         progress: Callable[[float, float], None] | None = None,
         on_samples: Callable[[NDArray[Any]], None] | None = None,
+        lead_s: float = LEAD_S,
     ) -> Played:
         """Stream a trajectory, (n,) times [s] and (n,) targets, and wait for its end.
 
         progress(played_s, total_s) is called several times a second; on_samples gets the
-        telemetry. Raises Refusal, or BusError where the daemon is gone for longer than the
+        telemetry; lead_s of trajectory are kept ahead. Raises Refusal, or BusError where the daemon is gone for longer than the
         trajectory sent ahead lasts. An interrupt stops the motion and is raised again.
         """
-        return play(self, t_s, value, allow_unreachable, progress, on_samples)
+        return play(self, t_s, value, allow_unreachable, progress, on_samples, lead_s)
 
     def stop(self) -> None:
         """Drop all targets: the output holds, then ramps to the safe voltage. Needs no lease."""

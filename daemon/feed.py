@@ -106,6 +106,7 @@ class Feed:
     def __init__(self, bus: Bus, keys: Keys) -> None:
         self.status: Status | None = None
         self.status_at_ns = 0
+        self.bad = 0  # messages that were none of this version
         self.events: deque[Event] = deque(maxlen=256)
         self.rejections: deque[Rejection] = deque(maxlen=256)
         self._ends = [
@@ -120,11 +121,21 @@ class Feed:
             end()
 
     def _on_status(self, _key: str, payload: bytes) -> None:
-        self.status = wire.decode(Status, payload)
-        self.status_at_ns = clock.monotonic_ns()
+        try:
+            self.status = wire.decode(Status, payload)
+        except wire.BadMessage:
+            self.bad += 1
+        else:
+            self.status_at_ns = clock.monotonic_ns()
 
     def _on_event(self, _key: str, payload: bytes) -> None:
-        self.events.append(wire.decode(Event, payload))
+        try:
+            self.events.append(wire.decode(Event, payload))
+        except wire.BadMessage:
+            self.bad += 1
 
     def _on_rejection(self, _key: str, payload: bytes) -> None:
-        self.rejections.append(wire.decode(Rejection, payload))
+        try:
+            self.rejections.append(wire.decode(Rejection, payload))
+        except wire.BadMessage:
+            self.bad += 1

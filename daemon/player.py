@@ -50,6 +50,7 @@ def play(
     allow_unreachable: bool = False,
     progress: Callable[[float, float], None] | None = None,
     on_samples: Callable[[NDArray[Any]], None] | None = None,
+    lead_s: float = LEAD_S,
 ) -> Played:
     """See Client.play."""
     times, targets = np.asarray(t_s, np.float64), np.asarray(value, np.float64)
@@ -58,7 +59,7 @@ def play(
     offset_ns = np.round((times - times[0]) * 1e9).astype(np.int64)
     if not np.all(np.isfinite(times)) or np.any(np.diff(offset_ns) <= 0):
         raise BadInput("the times of a trajectory must be finite and strictly increase")
-    return _Player(client, offset_ns, targets, allow_unreachable).run(progress, on_samples)
+    return _Player(client, offset_ns, targets, allow_unreachable, lead_s).run(progress, on_samples)
 
 
 class _Player:
@@ -68,7 +69,9 @@ class _Player:
         offset_ns: NDArray[np.int64],
         targets: NDArray[np.float64],
         allow_unreachable: bool,
+        lead_s: float,
     ) -> None:
+        self.lead_s = lead_s
         self.client, self.offset_ns, self.targets = client, offset_ns, targets
         self.allow = allow_unreachable
         self.number = new_number()
@@ -150,7 +153,7 @@ class _Player:
         if self.index == 0:
             self.tracking.first_seq = reply.telemetry_seq + 1
         self.sent, self.index = end, self.index + 1
-        ahead_s = reply.queue_s - LEAD_S
+        ahead_s = reply.queue_s - self.lead_s
         wait_s = min(max(ahead_s, 0.0), RENEW_S)
         self.due_ns = now_ns + round(wait_s * 1e9)
 

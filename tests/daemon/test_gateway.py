@@ -179,7 +179,7 @@ def test_kill_the_gateway_and_nobody_loses_a_sample(bench: Bench) -> None:
 
 def test_a_trajectory_survives_a_killed_gateway(bench: Bench) -> None:
     client = bench.client()
-    t_s = np.arange(0.0, 4.0, 0.005)
+    t_s = np.arange(0.0, 8.0, 0.005)
     killing: list[threading.Thread] = []
 
     def again() -> None:
@@ -191,10 +191,10 @@ def test_a_trajectory_survives_a_killed_gateway(bench: Bench) -> None:
             killing.append(threading.Thread(target=again))
             killing[0].start()
 
-    played = client.play(t_s, 5.0 + 3.0 * np.sin(2 * np.pi * t_s), progress=progress)
+    played = client.play(t_s, 5.0 + 3.0 * np.sin(2 * np.pi * t_s), progress=progress, lead_s=6.0)
     killing[0].join()
     assert played.completed, played.reason
-    assert played.tracking.samples == played.tracking.expected == 800
+    assert played.tracking.samples == played.tracking.expected == 1600
     assert played.lost == 0
     points = np.concatenate([c[c["kind"] == Command.POINT] for c in bench.loop.commands])
     assert np.all(np.diff(points["offset_ns"]) > 0)  # nothing was sent twice

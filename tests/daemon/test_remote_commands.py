@@ -1,5 +1,6 @@
 """send, play, watch and record as processes against a running gateway."""
 
+import contextlib
 import io
 import json
 import os
@@ -13,6 +14,7 @@ import pytest
 from tests.daemon.gatewaybench import ROOT, Bench, wait_until
 
 from dehyst.daemon.braille import Curve, Plot
+from dehyst.daemon.main import main
 from dehyst.daemon.recorder import Recorder, RecordingFailed
 from dehyst.daemon.recordings import read_recording
 from dehyst.daemon.records import TELEMETRY
@@ -28,10 +30,14 @@ def start(*arguments: str, bench: Bench) -> "subprocess.Popen[str]":
 
 
 def run(*arguments: str, bench: Bench) -> tuple[int, str, str]:
-    child = start(*arguments, bench=bench)
-    out, err = child.communicate(timeout=60)
-    assert "Traceback" not in err
-    return child.returncode, out, err
+    """The command in this process: (exit code, stdout, stderr)."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = main([*arguments, "--connect", bench.address])
+        except SystemExit as leaving:  # argparse
+            code = int(str(leaving.code))
+    return code, out.getvalue(), err.getvalue()
 
 
 def trajectory(path: Path, low: float, high: float, seconds: float = 2.0) -> None:
@@ -191,3 +197,18 @@ def test_braille_plot_draws_the_curve_where_it_is() -> None:
     assert drawn == sorted(drawn, reverse=True)  # rises to the right
     assert lines[0].strip().startswith("1")
     assert "nothing to draw" in lines[-1]
+
+
+def test_a_recorder_that_stood_still_fetches_what_it_missed(bench: Bench, tmp_path: Path) -> None:
+    rec = tmp_path / "rec.csv"
+    bench.client()
+    recorder = start("record", "-o", str(rec), "--for", "7", "--json", bench=bench)
+    wait_until("it records", lambda: rec.exists() and rec.stat().st_size > 2000)
+    recorder.send_signal(signal.SIGSTOP)
+    begun = bench.loop.seq
+    wait_until("five seconds pass", lambda: bench.loop.seq > begun + 1000)
+    recorder.send_signal(signal.SIGCONT)
+    out, err = recorder.communicate(timeout=60)
+    result = json.loads(out)
+    assert recorder.returncode == 0, err
+    assert (result["samples"], result["lost_samples"], result["gaps"]) == (1400, 0, 0)
