@@ -261,8 +261,9 @@ class Client:
         """Stream a trajectory, (n,) times [s] and (n,) targets, and wait for its end.
 
         progress(played_s, total_s) is called several times a second; on_samples gets the
-        telemetry; lead_s of trajectory are kept ahead. Raises Refusal, or BusError where the daemon is gone for longer than the
-        trajectory sent ahead lasts. An interrupt stops the motion and is raised again.
+        telemetry; lead_s of trajectory are kept ahead. Raises Refusal, or BusError where the
+        daemon is gone for longer than what was sent ahead lasts. An interrupt stops the motion
+        and is raised again.
         """
         return play(self, t_s, value, allow_unreachable, progress, on_samples, lead_s)
 
