@@ -14,7 +14,15 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.model import Hysteresis
 from dehyst.models.reach import least_slope
 from dehyst.models.recording import Bools, Floats
-from dehyst.models.rows import FEWEST_ROWS, Rows, drive_range, jump, lone_deviation, rate_range
+from dehyst.models.rows import (
+    FEWEST_ROWS,
+    Rows,
+    drive_range,
+    jump,
+    lone_deviation,
+    rate_range,
+    sample,
+)
 
 LEAST_SLOPE = 0.02  # of the mean slope: the lowest slope a model may have after a reversal
 SPIKE = 6.0  # a residual this many robust standard deviations off its neighbours is an outlier
@@ -108,8 +116,7 @@ class Problem:
         middle = np.concatenate([k[~np.isnan(k)] for k in known])
         limit = SPIKE * 1.4826 * float(np.median(middle)) if middle.size else 0.0
         for pick, off, one in zip(self.picks, known, self.rows, strict=True):
-            some = one.y[:: 1 + one.y.size // 100_000]
-            size = float(np.ptp(np.nanquantile(some, [0.02, 0.98])))
+            size = float(np.ptp(np.nanquantile(sample(one.y), [0.02, 0.98])))
             jumps = (np.abs(jump(one.y)) > 0.4 * off) | (off > 0.05 * size)
             with np.errstate(invalid="ignore"):
                 wild = pick & jumps & (off > max(limit, SMALLEST_SPIKE * size))
@@ -165,7 +172,7 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Pr
 
 def _far_outside(y: Floats) -> Bools:
     """(N,) readings further outside the usual range than that range is wide; NaN is none."""
-    low, high = np.nanquantile(y[:: 1 + y.size // 100_000], [0.02, 0.98])
+    low, high = np.nanquantile(sample(y), [0.02, 0.98])
     with np.errstate(invalid="ignore"):
         return (y < low - (high - low)) | (y > high + (high - low))
 

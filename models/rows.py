@@ -117,7 +117,7 @@ def _without_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
     if known.size == 0:
         return u
     limit = LONE * 1.4826 * float(np.median(known))
-    some = u[:: 1 + u.size // 100_000]
+    some = sample(u)
     limit = max(limit, SMALLEST_GLITCH * float(np.ptp(np.nanquantile(some, [0.02, 0.98]))))
     with np.errstate(invalid="ignore"):
         wild = (off > limit) & (np.abs(jump(u)) > 0.85 * off)  # the tip of a triangle has 2 / 3
@@ -128,6 +128,13 @@ def _without_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
     u = u.copy()
     u[wild] = np.nan
     return u
+
+
+def sample(x: Floats, limit: int = 200_000) -> Floats:
+    """At most `limit` values of x, by chance: a stride could fall in step with the drive."""
+    if x.size <= limit:
+        return x
+    return x[np.random.default_rng(0).integers(0, x.size, limit)]
 
 
 def jump(x: Floats) -> Floats:
@@ -261,6 +268,6 @@ def drive_range(rows: Sequence[Rows]) -> tuple[float, float]:
 
 def rate_range(rows: Sequence[Rows]) -> float:
     """Largest rate that the recordings show more than now and then [drive unit / s]."""
-    rates = np.concatenate([np.abs(r.rate[r.use][:: max(1, r.u.size // 200_000)]) for r in rows])
+    rates = np.concatenate([np.abs(sample(r.rate[r.use])) for r in rows])
     moving = rates[rates > 0]
     return float(min(moving.max(), 1.5 * np.quantile(moving, 0.99))) if moving.size else 0.0
