@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dehyst.models.equations import Block, Params, Shape, blocks_of
-from dehyst.models.errors import BadInput, BadRecording
+from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.model import Fit, Model, Provenance, Validity
 from dehyst.models.noise import drive_band_hz, parameter_covariance, rough_rms
 from dehyst.models.problem import Problem, set_up
+from dehyst.models.reach import invertible
 from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.rows import Rows, prepare
 from dehyst.models.selection import (
@@ -186,8 +187,17 @@ def _result(found: _Found, recordings: Sequence[Recording]) -> Identification:
     residuals = found.residuals()
     noise = float(np.nanmedian([rough_rms(e) for e in residuals]))
     fitted = np.concatenate([e[p] for e, p in zip(residuals, picks, strict=True)])
+    h = problem.hysteresis(found.choice.r, found.shape, found.params, found.offset)
+    rate_max = problem.rate_max if found.shape.rate else 0.0
+    if problem.least is not None and not invertible(
+        h, problem.drive_min, problem.drive_max, rate_max
+    ):  # the bounds should see to it; a model that cannot be inverted must never be written
+        raise NotInvertible(
+            f"{problem.rows[0].name}: no invertible model was found; fix a simpler one with "
+            "--static --saturation 1"
+        )
     model = Model(
-        problem.hysteresis(found.choice.r, found.shape, found.params, found.offset),
+        h,
         _validity(problem, problem.rows),
         recordings[0].drive_unit,
         recordings[0].displacement_unit,
