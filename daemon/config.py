@@ -158,6 +158,19 @@ class TelemetryConfig(_Strict, frozen=True):
     """How much recent history the queryable keeps."""
 
 
+class WatchConfig(_Strict, frozen=True):
+    """[watch]: does the stage still behave as its model?"""
+
+    enabled: bool = True
+    directory: str = ""
+    """Where the recordings around a mismatch are kept; default: `mismatch` in the run directory."""
+    before_s: Annotated[float, Meta(ge=1, le=3600)] = 30.0
+    """How much before the moment is kept, as far as telemetry.history_s goes."""
+    after_s: Annotated[float, Meta(ge=0, le=600)] = 10.0
+    keep: Annotated[int, Meta(ge=1, le=1000)] = 10
+    """How many recordings; the oldest make room."""
+
+
 class Config(_Strict, frozen=True):
     """The whole file."""
 
@@ -173,6 +186,7 @@ class Config(_Strict, frozen=True):
     inverse: InverseConfig = InverseConfig()
     bus: BusConfig = BusConfig()
     telemetry: TelemetryConfig = TelemetryConfig()
+    watch: WatchConfig = WatchConfig()
     run_dir: str = ""
     """Directory of the memory-mapped rings; default: $RUNTIME_DIRECTORY, $XDG_RUNTIME_DIR or the
     temporary directory, with `dehyst-NAME` in it."""

@@ -17,12 +17,13 @@ from dehyst.daemon.admission import Admission
 from dehyst.daemon.bus import Bus
 from dehyst.daemon.commander import Commander
 from dehyst.daemon.config import Config
-from dehyst.daemon.corelink import MODEL_IN_USE, CoreLink
+from dehyst.daemon.corelink import CoreLink
 from dehyst.daemon.files import load_model
 from dehyst.daemon.keys import Keys
 from dehyst.daemon.lease import Lease
 from dehyst.daemon.librarian import Librarian
 from dehyst.daemon.publisher import Publisher
+from dehyst.daemon.records import MODEL_IN_USE
 from dehyst.daemon.security import server_settings
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Model
@@ -67,6 +68,7 @@ class Gateway:
             threads = [
                 self._thread("commander", commander.run),
                 self._thread("librarian", librarian.run),
+                self._thread("watch", publisher.watch.run),
             ]
             notify.send("READY=1")
             log.info("gateway of %s listens on %s", config.name, ", ".join(config.bus.listen))

@@ -189,6 +189,10 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
     history_s: float
     """How far back the history reaches now."""
     restarts_of_core: int
+    health: float = 0.0
+    """Misfit over what is expected at most: below 1 the stage behaves as its model."""
+    mismatch: Name = ""
+    """Why it does not: a figure of dehyst.models.watch, or "stuck"; "" while it does."""
 
 
 class Status(Message, tag_field="schema", tag="dehyst.status", frozen=True, kw_only=True):

@@ -5,6 +5,7 @@ what the ring had overwritten before is counted, never hidden.
 """
 
 import os
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from dehyst.daemon.corelink import CoreLink
 from dehyst.daemon.history import History, runs
 from dehyst.daemon.keys import Keys
 from dehyst.daemon.messages import Event, GatewayStatus, Status
+from dehyst.daemon.mismatch import MismatchWatch
 from dehyst.daemon.records import STATUS, State
 from dehyst.daemon.reports import event_message, name_of, status_message
 from dehyst.daemon.topics import EVENT, TELEMETRY, subject
@@ -48,6 +50,10 @@ class Publisher:
         self._record: Any = np.zeros(1, STATUS)[0]
         self._started_ns = self._heard_ns = self._said_ns = started_ns
         self._published = self._lost = self._cores = 0
+        self._waiting: SimpleQueue[tuple[int, str, str]] = SimpleQueue()
+        self.watch = MismatchWatch(
+            config, self.history, lambda level, code, text: self._waiting.put((level, code, text))
+        )
 
     def tick(self, now_ns: int) -> None:
         """Read the rings once and publish what is new."""
@@ -99,6 +105,8 @@ class Publisher:
             lease_left_s=lease.left_s(now_ns),
             history_s=(history.end - history.first) * self._config.period_ns * 1e-9,
             restarts_of_core=max(0, self._cores - 1),
+            health=self.watch.health,
+            mismatch=self.watch.figure,
         )
 
     def _attached(self, now_ns: int) -> None:
@@ -121,6 +129,7 @@ class Publisher:
             return False
         wall_offset_ns = clock.wall_ns() - clock.monotonic_ns()
         unit = self._units[0]
+        self.watch.add(self.history.run, samples, float(self._record["origin"]))
         for piece in runs(samples, LONGEST_BATCH):
             message = wire.batch(piece, self.history.run, unit, wall_offset_ns)
             self._telemetry.put(wire.encode(message))
@@ -158,6 +167,8 @@ class Publisher:
             self._events.put(wire.encode(event_message(record)))
         if records.size:
             self._link.taken("event")
+        while not self._waiting.empty():
+            self._tell(clock.monotonic_ns(), *self._waiting.get())
 
     def _tell(self, now_ns: int, level: int, code: str, text: str) -> None:
         """An event of the gateway's own."""

@@ -19,9 +19,9 @@ that the model states, against floors that are learned for each class of motion:
     short     power of differences over half a millisecond: noise, fast ringing
 
 Each has a threshold, a multiple of the most that was seen so far in order, so that a run to which
-the model fits less well is not reported for that; it is wider in the first minutes. health is the largest figure over
-its threshold: below 1 in order, above 1 `mismatch`, until all are below CLEAR again. Nothing is
-learned while it is raised. Pure: no clock, no files.
+the model fits less well is not reported for that; it is wider in the first minutes. health is
+the largest figure over its threshold: below 1 in order, above 1 `mismatch`, until all are below
+CLEAR again. Nothing is learned while it is raised. Pure: no clock, no files.
 """
 
 import math
@@ -139,7 +139,7 @@ class Watch:
     @property
     def health(self) -> float:
         """Largest figure over its threshold: below 1 in order."""
-        return max(self.figures[n] / level.threshold for n, level in self._levels.items())
+        return float(max(self.figures[n] / lv.threshold for n, lv in self._levels.items()))
 
     @property
     def thresholds(self) -> dict[str, float]:
