@@ -27,10 +27,10 @@ from dehyst.daemon.config import Config
 from dehyst.daemon.desk import Desk
 from dehyst.daemon.devices import Link
 from dehyst.daemon.engine import Engine, direct_of, spin_ns, warm_up
-from dehyst.daemon.files import load_model
+from dehyst.daemon.files import load_model, save_model
 from dehyst.daemon.loop import Loop
 from dehyst.daemon.readback import ReadbackCheck
-from dehyst.daemon.records import COMMAND, EVENT, STATUS, TELEMETRY, Command
+from dehyst.daemon.records import COMMAND, EVENT, MODEL_IN_USE, STATUS, TELEMETRY, Command
 from dehyst.daemon.ring import Ring
 from dehyst.daemon.step import Plan, Stepper
 from dehyst.daemon.witness import Witness
@@ -106,6 +106,7 @@ class Core:
             name: Ring.create(config.directory / f"{name}.ring", dtype, size)
             for name, (dtype, size) in RINGS.items()
         }
+        self._tell_model(self.model)
         rings["command"] = Ring.create(config.directory / "command.ring", COMMAND, COMMAND_RECORDS)
         self._telemetry = rings["telemetry"]
         desk = self.desk = Desk(
@@ -208,6 +209,11 @@ class Core:
             desk.stepper.events.append(f"model reloaded: {compensator.reason}")
             desk.reload(compensator, state, plan.origin)
             self.model = model
+            self._tell_model(model)
+
+    def _tell_model(self, model: Model) -> None:
+        """Leave the model that the loop really uses where the gateway finds it."""
+        save_model(model, self.config.directory / MODEL_IN_USE)
 
     def _fill_status(self, status: NDArray[Any]) -> None:
         low, high = self._reach()

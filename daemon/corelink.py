@@ -10,8 +10,6 @@ from dehyst.daemon.records import COMMAND, EVENT, STATUS, TELEMETRY, Command
 from dehyst.daemon.ring import Ring
 from dehyst.models.errors import BadInput
 
-MODEL_IN_USE = "model.toml"
-"""Copy of the model that the loop runs, beside the rings."""
 LAYOUTS = {"telemetry": TELEMETRY, "status": STATUS, "event": EVENT, "command": COMMAND}
 
 

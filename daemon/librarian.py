@@ -12,11 +12,11 @@ import tomli_w
 from dehyst.daemon import clock, wire
 from dehyst.daemon.bus import Asked
 from dehyst.daemon.config import Config
-from dehyst.daemon.corelink import MODEL_IN_USE
 from dehyst.daemon.files import load_model
 from dehyst.daemon.history import runs
 from dehyst.daemon.messages import HistoryRequest
 from dehyst.daemon.publisher import LONGEST_BATCH, Publisher
+from dehyst.daemon.records import MODEL_IN_USE
 from dehyst.models.errors import DehystError
 from dehyst.models.modelfile import dumps
 

@@ -13,6 +13,9 @@ from enum import IntEnum, IntFlag
 
 import numpy as np
 
+MODEL_IN_USE = "in-use.toml"
+"""Beside the rings: the model that the loop runs, whatever became of the configured file."""
+
 TELEMETRY = np.dtype(
     [
         ("seq", "<i8"),  # sample number since the core started, without gaps
