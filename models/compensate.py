@@ -15,6 +15,7 @@ from dehyst.models.inverse_causal import extend
 from dehyst.models.inverse_static import inverse_step
 from dehyst.models.model import Floats
 
+SEEN_MARGIN = 0.25  # of the range of the targets so far, by which a continuation may leave it
 PAST = 3  # nodes before the first one, for derivatives
 HOLD, STATIC, CAUSAL, PREVIEW = range(4)
 DRIVE, PREDICTED, READING, MODE, FLAGS = range(5)
@@ -79,9 +80,10 @@ def _gather(
         for j in range(4):
             y[j] = _at(window, valid, ring, inner, newest - j * per_node)
         ahead = (first + known * per_node - newest) / per_node
+        margin = SEEN_MARGIN * (inner[SEEN_HIGH] - inner[SEEN_LOW])
         extend(
             seq[PAST:], trust, known, min(max(ahead, 0.0), 1.0), y, fixed[pv.PERIOD] * per_node,
-            inner[SEEN_LOW], inner[SEEN_HIGH],
+            inner[SEEN_LOW] - margin, inner[SEEN_HIGH] + margin,
         )  # fmt: skip
     else:
         trust[:] = 1.0

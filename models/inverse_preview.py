@@ -28,7 +28,7 @@ from dehyst.models.plan import SPRING, evaluate, move, sweep
 
 NODE_S = 1e-3  # longest spacing of nodes for loops that are faster
 SMOOTH = 0.7  # weight of the second difference at 1 ms nodes, times the squared slope dy/du
-STIFF_END, STIFF_POWER = 100.0, 6  # smoothness grows by 1 + STIFF_END (j / P)^STIFF_POWER
+STIFF_END, STIFF_POWER = 400.0, 6  # smoothness grows by 1 + STIFF_END (j / P)^STIFF_POWER
 MOST_DAMPING = 7.0  # times the squared slope
 FORGET_WINDOWS = 20.0  # memory of the guard
 BUDGET = 0.7  # part of the noise that the plan may be worse than the static inverse
@@ -145,7 +145,7 @@ def improve(
         )  # fmt: skip
         if known > 0.99 * n:  # a continued future earns no credit
             state[GAIN] = (other - error) * per_node
-        if not error <= 1.5 * other:
+        if not error <= 2.0 * other:
             x[:] = trial
             state[GAIN] = 0.0
     after = x[1] if n > 1 else x[0]
