@@ -33,6 +33,7 @@ MEANS = {
     "whole": "it moves in another way",
     "ringing": "it rings, or something shakes it",
     "short": "its reading is noisier",
+    "fit": "the model fits far worse than it states",
 }
 STUCK = "stuck"
 

@@ -17,6 +17,7 @@ that the model states, against floors that are learned for each class of motion:
     whole     all power but the mean's
     ringing   power of what changes within SMOOTH_S: resonance, hum
     short     power of differences over half a millisecond: noise, fast ringing
+    fit       power of the residual itself, without baseline, over what the model states
 
 Each has a threshold, a multiple of the most that was seen so far in order, so that a run to which
 the model fits less well is not reported for that; it is wider in the first minutes. health is
@@ -47,6 +48,7 @@ LEVELS = {
     "whole": (0.0, 1.9, 3.0),
     "ringing": (0.0, 1.8, 2.2),
     "short": (0.0, 1.9, 2.2),
+    "fit": (25.0, 0.0, 0.0),
 }
 STUCK_S, STUCK_MOVE = 1.0, 10.0  # the same reading so long while the model moved by so many noises
 
@@ -110,7 +112,8 @@ class Watch:
         self._block = np.zeros(k.N_BLOCK)
         self._phi, self._gain = np.zeros(k.N_FEATURES), np.zeros(k.N_FEATURES)
         self._blocks: deque[Floats] = deque(maxlen=WINDOW_S)
-        first = {"gain": 9.0 * misfit**2, "offset": 9.0 * misfit**2}
+        self._misfit2 = misfit**2
+        first = {"gain": 9.0 * misfit**2, "offset": 9.0 * misfit**2, "fit": 25.0}
         self._levels = {n: _Level(*numbers, first.get(n, 20.0)) for n, numbers in LEVELS.items()}
         self.figures: dict[str, float] = dict.fromkeys(LEVELS, 0.0)
         self.mismatch = False
@@ -165,7 +168,8 @@ class Watch:
         self._now[k.BLOCK_S] -= 1.0
         self.seconds += 1
         blocks = list(self._blocks)
-        long, short = _figures(blocks), _figures(blocks[-SHORTEST_S:])
+        long = _figures(blocks, self._misfit2)
+        short = _figures(blocks[-SHORTEST_S:], self._misfit2)
         self.figures = long
         if len(blocks) < SHORTEST_S:
             return
@@ -182,7 +186,7 @@ class Watch:
         self._now[k.LEARN] = 0.0 if self.mismatch else 1.0 / (1.0 + max(0.0, 4.0 * health - 2.0))
 
 
-def _figures(blocks: list[Floats]) -> dict[str, float]:
+def _figures(blocks: list[Floats], misfit2: float) -> dict[str, float]:
     """Figures of the sums of some seconds."""
     s = np.sum(blocks, axis=0)
     if s[k.B_N] < 1.0:
@@ -200,4 +204,5 @@ def _figures(blocks: list[Floats]) -> dict[str, float]:
         "whole": max(0.0, float(s[k.B_WHOLE] - mean**2 * weight) / count),
         "ringing": float(s[k.B_RINGING] / count),
         "short": float(s[k.B_SHORT] / max(s[k.B_NSHORT], 1.0)),
+        "fit": float(s[k.B_RAW2] / count - (s[k.B_RAW] / count) ** 2) / misfit2,
     }

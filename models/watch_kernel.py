@@ -38,8 +38,8 @@ WHOLE, RINGING, SHORT = range(3)  # rows of floors and weights
 # Places in the sums of one second.
 (
     B_W, B_P, B_C, B_E, B_PP, B_PC, B_CC, B_PE, B_CE, B_N, B_WHOLE, B_RINGING, B_NSHORT, B_SHORT,
-    N_BLOCK,
-) = range(15)  # fmt: skip
+    B_RAW, B_RAW2, N_BLOCK,
+) = range(17)  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
@@ -112,6 +112,8 @@ def _mean_sample(
     creep = _features(x, p, dt, z, low, steps, now, phi)
     if not math.isfinite(e):
         return
+    block[B_RAW] += e
+    block[B_RAW2] += e * e
     v = 0.0
     for i in range(phi.size):
         e -= w[i] * phi[i]

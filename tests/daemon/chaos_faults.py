@@ -12,9 +12,12 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from tests.daemon.chaos_rig import SAFE_V, Rig, check_output, readable_rows, until
+
 from dehyst.daemon import wire
 from dehyst.daemon.client import Client, Refusal
 from dehyst.daemon.clock import monotonic_ns
@@ -22,8 +25,6 @@ from dehyst.daemon.messages import Setpoint
 from dehyst.daemon.records import Flag, State
 from dehyst.daemon.topics import SETPOINT, subject
 from dehyst.models.errors import DehystError
-
-from tests.daemon.chaos_rig import SAFE_V, Rig, readable_rows, until
 
 # -- processes ------------------------------------------------------------------------------------
 
@@ -38,6 +39,38 @@ def kill_core(rig: Rig) -> str:
     volts = volts[time_ns >= rig.since_ns]
     assert np.abs(volts - SAFE_V).min() < 0.01, "the output never came to its safe voltage"
     return f"output ramped to {SAFE_V:g} V, core started again"
+
+
+def kill_core_hold(rig: Rig) -> str:
+    """kill -9 of the loop's process, on_fault = "hold" """
+    assert rig.mover is not None
+    restarts = rig.status().gateway.restarts_of_core
+    os.kill(rig.mover.pid, signal.SIGSTOP)  # nobody commands the core that comes back
+    rig.kill("core")
+    held = rig.bench_order()["output_v"]
+    until(lambda: rig.status().gateway.restarts_of_core > restarts, 60.0, "the core is back")
+    assert rig.bench_order()["output_v"] == held, "the output moved"
+    rig.mover.kill()
+    rig.mover.wait(5.0)
+    rig.start_mover()
+    return "output held where it was, core started again there"
+
+
+def unplug_hold(rig: Rig) -> str:
+    """serial cable of the amplifier pulled, on_fault = "hold" """
+    assert rig.mover is not None
+    os.kill(rig.mover.pid, signal.SIGSTOP)
+    rig.bench_order(fault="unplug", device="mdt693b", for_s=1.0)
+    rig.until_state(State.FAULT)
+    held = rig.bench_order()["output_v"]
+    rig.until_event("actuator: back", 30.0)
+    rig.until_state(State.READY)
+    time.sleep(0.5)
+    assert rig.bench_order()["output_v"] == held, "the output moved"
+    rig.mover.kill()
+    rig.mover.wait(5.0)
+    rig.start_mover()
+    return "fault, reconnected, output held where it was"
 
 
 def kill_gateway(rig: Rig) -> str:
@@ -438,3 +471,32 @@ DEVICES: tuple[Callable[[Rig], str], ...] = (
 HOST: tuple[Callable[[Rig], str], ...] = (disk_full, file_limit, disk_read_only, clock_stepped,
                                           model_files)  # fmt: skip
 COMMANDS: tuple[Callable[[Rig], str], ...] = (two_clients, bad_setpoints, long_message, flood)
+NEEDS_MOUNT = (disk_full, disk_read_only)
+SHORT_S = 2.0
+"""How long the test suite stops a process; the benchmark does it for 5 s."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One row of the table. most_v, slew: of the output while it happened; state: at the end of
+    the fault; seconds: until the trajectory ran again."""
+
+    fault: str
+    happened: str
+    most_v: float
+    slew: float
+    seconds: float
+    rows: int
+
+
+def inflict(rig: Rig, fault: Callable[..., str], recording: Path, **options: float) -> Outcome:
+    """Do one fault to a running rig and wait until the trajectory runs again. AssertionError
+    where anything that must hold does not."""
+    rig.mark()
+    begun = time.monotonic()
+    happened = fault(rig, **options)
+    rig.until_running(60.0)
+    seconds = time.monotonic() - begun
+    rows = readable_rows(recording)
+    most_v, slew = check_output(*rig.output(), rig.fault_ns)
+    return Outcome((fault.__doc__ or "").strip(), happened, most_v, slew, seconds, rows)
