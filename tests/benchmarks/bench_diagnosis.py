@@ -68,10 +68,11 @@ def run_one(seed: int, folder: str) -> dict[str, Any]:
     from dehyst.models.diagnosis import diagnose
 
     case = load_case(seed, Path(folder))
-    start = time.perf_counter()
+    start, busy = time.perf_counter(), time.process_time()
     try:
         diagnosis = diagnose(given(case))
-        return judge(case, diagnosis, time.perf_counter() - start)
+        seconds, busy = time.perf_counter() - start, time.process_time() - busy
+        return {**judge(case, diagnosis, seconds), "cpu_s": busy}
     except Exception:  # a crash must show in the table, not end the run
         return {
             "seed": seed, "kind": case.kind, "names": list(case.names),

@@ -149,6 +149,9 @@ def _summary(kinds: dict[str, list[Row]], single: list[Row]) -> str:
     times = [r["seconds"] for group in kinds.values() for r in group]
     if times:
         add("time a case, median / longest", f"{np.median(times):.0f} / {max(times):.0f} s", "60 s")
+        busy = [r["cpu_s"] for group in kinds.values() for r in group if "cpu_s" in r]
+        if busy:  # the machine may have had other work
+            add("  of it on the processor", f"{np.median(busy):.0f} / {max(busy):.0f} s", "60 s")
     return "\n".join(lines)
 
 
