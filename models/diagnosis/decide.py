@@ -16,7 +16,7 @@ from dehyst.models.diagnosis.fit import Effect, Fitted, Problem
 from dehyst.models.diagnosis.screen import Screen
 
 MAX_EFFECTS = 5
-SHORTLIST = 4  # candidates that get the full nonlinear refit in each round
+SHORTLIST = 5  # candidates that get the full nonlinear refit in each round
 DRIVEN_SHARE = 0.12  # of the excess, that a cause driven by the drive must take
 DRIVEN_SIZE = 0.17  # of the noise rms, that it must remove
 STATIC_SIZE = 0.25  # the same for causes that resemble a hysteresis of another shape
@@ -24,6 +24,7 @@ FREE_SIZE = 0.07  # the same for causes beside the drive
 WEAK = 0.1  # screened gain, as a part of the best, below which a candidate is not refitted
 RIVAL = 0.7  # part of the first pick's gain, from which another first pick is tried too
 FINEST = 1e-4  # of the displacement's range: no base is better than this
+TIE = 0.12  # noise rms: a simpler cause that leaves no more than this beside the best is taken
 PRICE = 16.0  # of one parameter, in noise variances; includes the number of candidates tried
 
 
@@ -55,6 +56,7 @@ class Search:
     rounds: list[list[Trial]] = field(default_factory=list)
     counted: int = 0  # rows that the gains of the rounds are summed over
     share: float = DRIVEN_SHARE
+    picked: list[str] = field(default_factory=list)  # keys in the order of their acceptance
 
 
 def excess(problem: Problem, fit: Fitted, sigma: float) -> float:
@@ -80,7 +82,7 @@ def search(
     left = excess(problem, state.accepted, sigma)
     if len(first) >= 2 and state.rounds:
         # one back-track: a wrong first pick is often repaired by a crowd of others
-        chosen = next(t for t in state.rounds[0] if not t.refused)
+        chosen = next(t for t in state.rounds[0] if t.candidate.key in state.picked[:1])
         rivals = [
             t
             for t in state.rounds[0]
@@ -136,9 +138,10 @@ def _forward(
         trials = _round(problem, sigma, current, everything, say, number)
         judged = [_judged(state, t, left) for t in trials]
         state.rounds.append(judged)
-        chosen = next((t for t in judged if not t.refused), None)
+        chosen = _choice(state, judged)
         if chosen is None:
             break
+        state.picked.append(chosen.candidate.key)
         fit = refine(problem, sigma, chosen.fit, chosen.candidate, everything)
         state.accepted = prune(problem, sigma, fit, keep=chosen.candidate.key)
     return state
@@ -175,6 +178,18 @@ def _round(
         trials.append(Trial(c, fit, current.sse - fit.sse, price))
     trials.sort(key=lambda t: -t.worth)
     return trials
+
+
+def _choice(state: Search, judged: Sequence[Trial]) -> Trial | None:
+    """The best trial that is not refused, or a simpler one that does as well."""
+    good = [t for t in judged if not t.refused]
+    if not good:
+        return None
+    best = good[0]
+    n = int(state.problem.data.rows.sum())
+    tie = max(n * (TIE * state.sigma) ** 2, 0.01 * best.gain)
+    simpler = [t for t in good if t.price < best.price and best.gain - t.gain < tie]
+    return min(simpler, key=lambda t: (t.price, -t.gain)) if simpler else best
 
 
 def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:

@@ -62,11 +62,9 @@ def _search(
     """The search on a part of the rows, its result fitted to all of them."""
     light = problem.light(SEARCH_ROWS)
     found = search(light, sigma, null if light is problem else light.solve([]), say, share)
-    if light is problem:
-        return found
     say("fitting all samples", 0.86)
     final = found.accepted
-    final = problem.refit(final.effects, rounds=3) if final.effects else null
+    final = problem.refit(final.effects, rounds=8, settle=0.3 * sigma**2) if final.effects else null
     return replace(found, problem=problem, null=null, accepted=final)
 
 

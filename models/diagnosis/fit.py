@@ -184,13 +184,18 @@ class Problem:
         return project
 
     def refit(
-        self, effects: Sequence[Effect], rounds: int = 5, start: Fitted | None = None
+        self,
+        effects: Sequence[Effect],
+        rounds: int = 5,
+        start: Fitted | None = None,
+        settle: float | None = None,
     ) -> Fitted:
         """Joint fit of everything, nonlinear parameters by damped Gauss-Newton in bounds.
 
         Between two full solutions a few steps are taken with the design of the last one: the
         base's columns change little with the effects, so their span still projects the base out.
         start: a fit without some of the effects, whose sum of squares is the one to beat.
+        settle: fall of the sum of squares at which it stops; None: early, to rank candidates.
         """
         effects = in_order(effects)
         best = self.solve(effects, None if start is None else self.output_of(start))
@@ -209,7 +214,8 @@ class Problem:
                     break
                 continue
             gain, best = best.sse - trial.sse, trial
-            if gain < max(2e-3 * (reference - best.sse), 3e-5 * best.sse):
+            early = max(2e-3 * (reference - best.sse), 3e-5 * best.sse)
+            if gain < (early if settle is None else settle):
                 break
         return best
 
@@ -240,7 +246,7 @@ class Problem:
                     damping = max(damping * 0.2, 1e-9)
                     break
                 damping = max(damping * 10, 1e-3)
-            if not better or gain < 0.02 * (first - sse):
+            if not better or gain < 0.01 * (first - sse):
                 break
         return effects if improved else None
 

@@ -11,7 +11,7 @@ from dehyst.models.diagnosis.data import Floats
 from dehyst.models.diagnosis.fit import Effect, Fitted, Problem, internal, moved
 from dehyst.models.diagnosis.result import Value
 
-WIDTH = 2.2  # Student's t for about a dozen blocks
+WIDTH = 2.5  # Student's t for about a dozen blocks is 2.2; the jackknife's own error adds
 
 
 def intervals(problem: Problem, fitted: Fitted, sigma: float) -> list[dict[str, Value]]:
@@ -41,6 +41,7 @@ def _values(fitted: Fitted, index: int, p: Floats, cov: Floats) -> dict[str, Val
     count = len(effect.theta)
     own = internal([effect])
     gradient: dict[str, list[float]] = {key: [] for key in best}
+    sure = {p.key: p.sure for p in effect.parameters}
     log = {key: value > 0 for key, (value, _) in best.items()}
     for j in range(cov.shape[0]):
         size = max(float(np.sqrt(cov[j, j])), 1e-12)
@@ -65,6 +66,7 @@ def _values(fitted: Fitted, index: int, p: Floats, cov: Floats) -> dict[str, Val
     for key, (value, unit) in best.items():
         g = np.array(gradient[key])
         half = WIDTH * float(np.sqrt(max(g @ cov @ g, 0.0)))
+        half = max(half, sure.get(key, 0.0) * (1.0 if log[key] else abs(value)))
         if log[key]:
             half = min(half, 20.0)
             out[key] = Value(value, value * float(np.exp(-half)), value * float(np.exp(half)), unit)

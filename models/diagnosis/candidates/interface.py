@@ -17,13 +17,16 @@ from dehyst.models.model import Block
 
 @dataclass(frozen=True)
 class Parameter:
-    """One nonlinear parameter: bounds in its unit; log: searched on a logarithmic scale."""
+    """One nonlinear parameter: bounds in its unit; log: searched on a logarithmic scale; sure:
+    least relative half width of its interval, for what sampling leaves open (the hysteresis bends
+    between two samples of a step, and the model takes it as straight)."""
 
     key: str
     unit: str
     low: float
     high: float
     log: bool = True
+    sure: float = 0.0
 
 
 @dataclass(frozen=True)

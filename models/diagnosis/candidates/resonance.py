@@ -33,16 +33,22 @@ class Resonance(Candidate):
         rate = 1.0 / data.period
         longest = float(data.t.max() - data.t.min())
         self.parameters = (
-            Parameter("frequency_hz", "Hz", max(4.0 / longest, 1e-3 * rate), 1.5 * rate),
-            Parameter("damping", "1", 5e-4, 0.6),
-            Parameter("share", "1", 0.005, 1.0),
+            Parameter(
+                "frequency_hz", "Hz", max(4.0 / longest, 1e-3 * rate), 1.5 * rate, sure=1.5e-3
+            ),
+            Parameter("damping", "1", 5e-4, 0.6, sure=0.02),
+            Parameter("share", "1", 0.005, 1.0, sure=0.02),
         )
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         rate = 1.0 / data.period
         out: list[tuple[float, ...]] = [(f * rate, 0.1, 1.0) for f in (0.04, 0.1, 0.25)]
         for f in _peaks(data, residual):
-            out = [(f, z, s) for z, s in ((0.02, 1.0), (0.1, 1.0), (0.02, 0.1))] + out
+            # a lightly damped mode is missed by a start that is a bandwidth off
+            near = f * np.array([0.985, 0.995, 1.0, 1.005, 1.015])
+            out += [(float(g), z, 1.0) for g in near for z in (0.01, 0.04)]
+            # sampled too slowly, a mode above half the rate rings at its mirror frequency
+            out += [(f, 0.1, 1.0), (rate - f, 0.01, 1.0), (rate + f, 0.01, 1.0)]
         return out
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
