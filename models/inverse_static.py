@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Floats, Model
@@ -123,7 +124,7 @@ def _inverse_array(
     last: float,
     y: Floats,
     u: Floats,
-    flags: Floats,
+    flags: NDArray[np.int64],
 ) -> None:
     for t in range(y.size):
         u[t], flags[t] = inverse_step(
@@ -160,7 +161,9 @@ class StaticInverse:
             self.drive_min, self.drive_max, h, last, y,
         )  # fmt: skip
 
-    def run(self, y: Floats, h0: Floats | None = None, last: float = 0.0) -> tuple[Floats, Floats]:
+    def run(
+        self, y: Floats, h0: Floats | None = None, last: float = 0.0
+    ) -> tuple[Floats, NDArray[np.int64]]:
         """Drives (N,) and flags (N,) int64 for displacements y (N,), from the plays h0 after the
         drive `last`; None: de-energised and standing at `last`."""
         h = np.zeros(self.r.size) if h0 is None else np.array(h0, dtype=np.float64)
