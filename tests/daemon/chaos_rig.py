@@ -46,6 +46,7 @@ limits = {{min_v = 0.0, max_v = {max_v}, slew_v_per_s = {slew}}}
 safe = {{voltage_v = {safe_v}, ramp_v_per_s = {ramp}, on_fault = "{on_fault}"}}
 setpoint = {{stale_s = 0.8, hold_s = 0.4, approach_um_per_s = 40.0, queue_s = 30.0, lease_s = 1.0}}
 bus = {{listen = ["{listen}"]}}
+watch = {{before_s = 5.0, after_s = 1.0}}
 """
 
 SITE = """
@@ -191,7 +192,7 @@ class Rig:
         self.listener = Listener(self._connect() or self.client)
         self.listener.start()
         self.start_mover()
-        self.until_running(60.0)
+        self.until_running(300.0)  # the kernels may have to be compiled first
 
     def _connect(self) -> Client | None:
         if self.daemon.poll() is not None:

@@ -1,0 +1,176 @@
+"""The mismatch watch on the simulated stage: false flags while nothing is wrong, and how soon a
+change that adds twice (or n times) the noise is flagged.
+
+The model is identified from one recording of the stage and knows neither its creep nor its mode.
+Then the stage is driven through the compensator at full speed of the computer, along varied
+trajectories (sines of 0.1 to 5 Hz, steps, scans, chirps, rests, nobody commanding) or along one
+steady sum of sines, and the watch sees what the gateway would. A change is added to the readings
+from a moment on, every 20 s anew on a copy of the watch; its rms over the next 10 s is the given
+multiple of the noise. Where the stage hardly moves there is nothing to see of gain and creep:
+those moments are left out.
+
+example: python -m tests.benchmarks.bench_watch            (about five minutes for the hour)
+         python -m tests.benchmarks.bench_watch --minutes 10
+"""
+
+import argparse
+import copy
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from dehyst.daemon.benchconfig import simulated_model
+from dehyst.drivers.stage import Stage
+from dehyst.models.compensator import DRIVE, READING, Compensator
+from dehyst.models.model import Model
+from dehyst.models.watch import Watch
+
+RATE, LEARNED_S, EVERY_S, BAR_S, LEAST_MOVE_UM = 200.0, 300, 20, 10, 1.0
+SLEW_V_PER_S, APPROACH_UM_PER_S = 4000.0, 20.0
+
+
+def varied(seconds: float, seed: int) -> np.ndarray:
+    """Targets [um] in stretches of 5 to 40 s; NaN: nobody commands."""
+    rng, parts, count, last = np.random.default_rng(seed), [], 0, 0.0
+    while count < seconds * RATE:
+        t = np.arange(int(rng.uniform(5, 40) * RATE)) / RATE
+        centre = rng.uniform(4, 11)
+        size = rng.uniform(0.5, min(centre - 1.5, 13.5 - centre))
+        kind = int(rng.integers(0, 7))
+        if kind == 0:
+            y = centre + size * np.sin(2 * np.pi * rng.choice([0.1, 0.3, 1, 2, 5]) * t)
+        elif kind == 1:
+            every = rng.uniform(0.5, 4)
+            y = rng.uniform(2, 13, int(t[-1] / every) + 2)[(t / every).astype(int)]
+        elif kind == 2:
+            y = centre + size * (4 * np.abs((rng.choice([0.05, 0.2, 1, 3]) * t) % 1 - 0.5) - 1)
+        elif kind == 3:
+            y = np.full(t.size, centre)
+        elif kind == 4:
+            y = centre + size / 3 * _sines(t)
+        elif kind == 5:
+            phase = 2 * np.pi * np.cumsum(np.geomspace(0.1, 5, t.size)) / RATE
+            y = centre + size * np.sin(phase)
+        else:
+            y = np.full(t.size, np.nan)
+        if np.isfinite(y[0]):
+            way = int(abs(y[0] - last) / APPROACH_UM_PER_S * RATE) + 1
+            y = np.concatenate([np.linspace(last, y[0], way), y])
+            last = float(y[-1])
+        parts.append(y)
+        count += y.size
+    return np.concatenate(parts)[: round(seconds * RATE)]
+
+
+def steady(seconds: float) -> np.ndarray:
+    """One sum of three sines all the time [um]."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    return np.asarray((7.0 + 2.0 * _sines(t)) * np.minimum(1.0, t))
+
+
+def _sines(t: np.ndarray) -> np.ndarray:
+    pairs = ((1.0, 0.31), (0.6, 0.83), (0.3, 1.9))
+    return np.asarray(np.sum([a * np.sin(2 * np.pi * f * t + f) for a, f in pairs], axis=0))
+
+
+def drive(model: Model, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(drive in force, predicted, measured) at each sample, (n,) each."""
+    compensator = Compensator(model, 1 / RATE, 0.0, 150.0, SLEW_V_PER_S, "auto", 0.0)
+    state, step = compensator.init(0.0), SLEW_V_PER_S / RATE
+    volts, predicted = np.empty(targets.size), np.empty(targets.size)
+    window, none, now_v = np.empty(1), np.zeros(0), 0.0
+    for i, target in enumerate(targets.tolist()):
+        predicted[i] = state.result[READING]
+        if target == target:
+            window[:] = target
+            compensator.step(state, window, 1, none)
+            wanted = min(max(float(state.result[DRIVE]), 0.0), 150.0)
+            now_v = min(max(wanted, now_v - step), now_v + step)
+        volts[i] = now_v
+        compensator.applied(state, now_v)
+    stage, measured, block = Stage(), np.empty(targets.size), round(5 * RATE)
+    for start in range(0, targets.size, block):
+        part = volts[start : start + block]
+        times = (np.arange(part.size) + (start > 0)) / RATE
+        measured[start : start + part.size] = stage.run(times, part)[1]
+    return np.concatenate([[0.0], volts[:-1]]), predicted, measured
+
+
+def added(kind: str, moved: np.ndarray, rng: Any) -> np.ndarray:
+    """What a change adds to the reading, up to its size."""
+    if kind == "gain":
+        return moved
+    if kind == "creep":
+        out = np.zeros(moved.size)
+        for tau_s in (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0):
+            a = -np.expm1(-1 / (RATE * tau_s))
+            out += lfilter([a], [1, a - 1], moved)
+        return out
+    if kind == "resonance":
+        w = 2 * np.pi * rng.choice([10.0, 20.0, 40.0]) / RATE
+        r = np.exp(-0.03 * w)
+        a = [1.0, -2 * r * np.cos(w), r * r]
+        return np.asarray(lfilter([sum(a)], a, moved) - moved)
+    return np.asarray(rng.standard_normal(moved.size))
+
+
+def judge(name: str, model: Model, targets: np.ndarray, times_noise: float) -> None:
+    """Print one row a change, and the false flags."""
+    u, p, y = drive(model, targets)
+    watch, rng, second = Watch(model, 1 / RATE), np.random.default_rng(0), round(RATE)
+    good = np.ones(second, np.bool_)
+    noise = watch.noise
+    delays: dict[str, list[float]] = {k: [] for k in ("gain", "creep", "resonance", "noise")}
+    flags, raised_s, most = 0, 0, 0.0
+    for s in range(targets.size // second):
+        at = s * second
+        if s >= LEARNED_S and s % EVERY_S == 0 and at + (BAR_S + 1) * second < targets.size:
+            part = slice(at, at + BAR_S * second)
+            for kind, found in delays.items():
+                if kind != "noise" and np.ptp(p[part]) < LEAST_MOVE_UM:
+                    continue
+                extra = added(kind, p[part] - p[at], rng)
+                extra = extra * times_noise * noise / np.sqrt(np.mean(extra**2))
+                found.append(_delay(copy.deepcopy(watch), u[part], p[part], y[part] + extra))
+        part = slice(at, at + second)
+        before = watch.mismatch
+        watch.update(u[part], p[part], y[part], good)
+        flags += watch.mismatch and not before
+        raised_s += watch.mismatch
+        most = max(most, watch.health)
+    minutes = targets.size / RATE / 60
+    print(f"{name}: {minutes:.0f} min in order: {flags} false flags, {raised_s} s raised, largest "
+          f"health {most:.2f}")  # fmt: skip
+    for kind, found in delays.items():
+        seen = [d for d in found if d < np.inf]
+        middle = f"median {np.median(seen):.0f} s, longest {max(seen):.0f} s" if seen else ""
+        print(f"  {kind:10} +{times_noise:g} x noise: {len(seen):3} of {len(found):3} within "
+              f"{BAR_S} s  {middle}", flush=True)  # fmt: skip
+
+
+def _delay(watch: Watch, u: np.ndarray, p: np.ndarray, y: np.ndarray) -> float:
+    second = round(RATE)
+    for i in range(0, u.size, second):
+        part = slice(i, i + second)
+        watch.update(u[part], p[part], y[part], np.ones(second, np.bool_))
+        if watch.mismatch:
+            return i / RATE + 1.0
+    return float("inf")
+
+
+def main() -> None:
+    """Both kinds of run."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=60.0, help="of the varied run")
+    parser.add_argument("--seed", type=int, default=21)
+    options = parser.parse_args()
+    model = simulated_model()
+    for times in (2.0, 4.0):
+        judge("steady trajectory", model, steady(600.0), times)
+    for times in (2.0, 4.0):
+        judge("varied trajectories", model, varied(60 * options.minutes, options.seed), times)
+
+
+if __name__ == "__main__":
+    main()
