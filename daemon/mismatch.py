@@ -157,8 +157,8 @@ class MismatchWatch:
             model = load_model(self._model_path())
             units = (model.drive_unit, model.displacement_unit)
             notes = {"kept by": f"the mismatch watch of {config.name}", "figure": self.figure}
-            with Recorder(path, config.actuator.gain, units, origin, notes) as file:
-                file.add(samples)
+            with Recorder(path, config.actuator.gain, units, origin, notes) as recorder:
+                recorder.add(samples)
         except (OSError, DehystError) as error:
             self._tell(3, "mismatch", f"the recording around the mismatch is not kept: {error}")
             return
