@@ -100,7 +100,7 @@ def test_reload_swaps_a_good_model_and_refuses_a_broken_one(
         rings = Rings(tmp_path)
         rings.command(Command.SETPOINT, 9.0)
         until(lambda: rings.last()["target"] == 9.0)
-        for broken in ("", "format = 1", good.replace("format = 1", "format = 99"), good[: 300]):
+        for broken in ("", "format = 1", good.replace("format = 1", "format = 99"), good[:300]):
             own.write_text(broken)
             before = rings.events().count("refused")
             process.send_signal(signal.SIGHUP)

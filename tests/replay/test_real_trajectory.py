@@ -7,8 +7,8 @@ import pytest
 
 from dehyst.daemon.checks import origin, reach
 from dehyst.daemon.config import parse_config
-from dehyst.daemon.records import COMMAND, Command, Flag, State
 from dehyst.daemon.recordings import read_recording, read_trajectory
+from dehyst.daemon.records import COMMAND, Command, Flag, State
 from dehyst.daemon.step import Plan, Stepper
 from dehyst.models.compensator import Compensator
 from dehyst.models.identify import Options, identify
