@@ -43,11 +43,11 @@ FIRST_S, WIDE_S = 20.0, 200.0  # how fast the thresholds of the beginning narrow
 CLEAR = 0.6
 # (least of all, share of the most seen in order, least at the beginning)
 LEVELS = {
-    "gain": (0.3, 2.5, 2.0),
-    "offset": (0.6, 3.0, 5.0),
-    "whole": (0.0, 1.9, 3.0),
-    "ringing": (0.0, 1.8, 2.2),
-    "short": (0.0, 1.9, 2.2),
+    "gain": (0.3, 2.8, 2.0),
+    "offset": (0.6, 3.3, 5.0),
+    "whole": (0.0, 2.1, 3.0),
+    "ringing": (0.0, 2.0, 2.2),
+    "short": (0.0, 2.0, 2.2),
     "fit": (25.0, 0.0, 0.0),
 }
 STUCK_S, STUCK_MOVE = 1.0, 10.0  # the same reading so long while the model moved by so many noises
