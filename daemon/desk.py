@@ -18,6 +18,7 @@ from dehyst.daemon.histogram import Histogram
 from dehyst.daemon.records import EVENT, STATUS, State
 from dehyst.daemon.ring import Ring
 from dehyst.daemon.step import Stepper
+from dehyst.daemon.ticks import next_ns
 from dehyst.daemon.witness import Witness
 from dehyst.models.compensator import Compensator, CompensatorState
 
@@ -95,8 +96,16 @@ class Desk:
     # -- requests ---------------------------------------------------------------------------------
 
     def watch(self, witness: Witness) -> None:
-        """Let this witness excuse late samples."""
+        """Let this witness excuse late samples; the loop takes its deadlines' grid from it."""
+        self.numbers[PLACE["scheduled_ns"]] = witness.grid_ns
         self.stepper.table.put(controls.WITNESS, witness.logs)
+
+    def begin(self, now_ns: int) -> None:
+        """Put the first deadline behind now_ns; nothing where the loop has already run."""
+        period_ns = self.stepper.plan.period_ns
+        if self.samples == 0:
+            grid_ns = self.numbers[PLACE["scheduled_ns"]] or now_ns
+            self.numbers[PLACE["scheduled_ns"]] = next_ns(grid_ns, now_ns, period_ns)
 
     def stop(self) -> None:
         """End: the output goes to its configured state first. From any thread or signal handler."""

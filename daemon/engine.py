@@ -173,8 +173,7 @@ class Engine:
         table = desk.stepper.table.words
         buffer = np.zeros(32, np.int64)
         if desk.samples == 0:
-            first_ns = now_of(table, buffer) + desk.stepper.plan.period_ns
-            desk.numbers[PLACE["scheduled_ns"]] = first_ns
+            desk.begin(now_of(table, buffer))
         run(table, -1 if samples is None else samples)
 
     def _attend(self) -> None:

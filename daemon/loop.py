@@ -62,7 +62,7 @@ class Loop:
         desk, numbers = self.desk, self.desk.numbers
         desk.meter["schedstat"] = systemcalls.open_schedstat()
         if numbers[SAMPLES] == 0:
-            numbers[SCHEDULED] = self._now() + desk.stepper.plan.period_ns
+            desk.begin(self._now())
         while samples is None or numbers[SAMPLES] < samples:
             woke_ns = self._sleep_until(numbers[SCHEDULED])
             if woke_ns < numbers[SCHEDULED]:

@@ -18,6 +18,11 @@ def close(scheduled_ns: int, period_ns: int, finished_ns: int) -> tuple[int, int
     return max(0, late_periods), scheduled_ns + max(1, late_periods) * period_ns
 
 
+def next_ns(grid_ns: int, now_ns: int, period_ns: int) -> int:
+    """The first point after now_ns on the grid that grid_ns belongs to, not before grid_ns."""
+    return grid_ns + max(0, (now_ns - grid_ns) // period_ns + 1) * period_ns
+
+
 @dataclass
 class Ticks:
     """The grid's state. Times in integer nanoseconds.

@@ -24,6 +24,7 @@ from dehyst.daemon.systemcalls import (
     usage,
     waited_ns,
 )
+from dehyst.daemon.ticks import next_ns
 
 EVENTS = 256  # late wake-ups that are remembered
 STEAL_TICK_NS = 10_000_000  # /proc/stat counts in hundredths of a second
@@ -93,7 +94,8 @@ def excuse(logs: NDArray[np.int64], cpu: int, from_ns: int, to_ns: int) -> tuple
 
 
 class Witness:
-    """The threads. period_ns: the loop's; grid_ns: one of its deadlines.
+    """The threads. period_ns: the loop's; grid_ns: one of its deadlines, past or to come. The
+    witness wakes in the middle between two deadlines, where the loop has long finished.
 
     logs: (CPUs, 1 + 3 EVENTS), for `excuse`; a CPU outside `cpus` has an empty row.
     """
@@ -101,6 +103,7 @@ class Witness:
     def __init__(
         self, period_ns: int, cpus: tuple[int, ...], priority: int, grid_ns: int = 0
     ) -> None:
+        self.grid_ns = grid_ns
         self.threshold_ns = max(SHORTEST_ODD_NS, period_ns // 4)
         period_ns = min(max(period_ns, SHORTEST_PERIOD_NS), LONGEST_PERIOD_NS)
         self.logs = np.zeros((max(cpus) + 1, 1 + 3 * EVENTS), np.int64)
@@ -125,7 +128,7 @@ class Witness:
             except OSError:
                 priority = 0  # no privilege: neither has the loop
         realtime.finest_timer()
-        start_ns = max(start_ns, clock.monotonic_ns() + period_ns)
+        start_ns = next_ns(start_ns, clock.monotonic_ns() + period_ns, period_ns)
         watch(
             start_ns, period_ns, self.threshold_ns, open_schedstat(), open_stat(), self._stop,
             self.logs[cpu],

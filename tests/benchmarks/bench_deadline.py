@@ -38,7 +38,7 @@ def free_port() -> int:
 
 def row(window: Window) -> str:
     p50, p99, p999 = np.quantile(window.wake_us, [0.5, 0.99, 0.999])
-    c = window.cyclic_us
+    c = window.reference()
     ours = f"{p50:6.0f}{p99:6.0f}{p999:7.0f}{window.wake_us.max():8.0f}"
     theirs = (
         f"{c['p50']:6.0f}{c['p99']:6.0f}{c['p99.9']:7.0f}{c['max']:8.0f}{p999 / c['p99.9']:7.2f}"
@@ -65,7 +65,7 @@ HEAD = (
 def judge(window: Window) -> list[str]:
     """Bars that this window misses."""
     failed = []
-    c = window.cyclic_us
+    c = window.reference()
     name = f"{window.rate:g} Hz, {window.load}"
     if window.rate <= 1000:
         if len(c) == 4 and np.quantile(window.wake_us, 0.999) > RATIO_BAR * c["p99.9"]:
@@ -136,6 +136,7 @@ def slowest_imports() -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--for", dest="seconds", type=float, default=20.0)
+    parser.add_argument("--repeat", type=int, default=1, help="windows a row, each with a new core")
     parser.add_argument("--rates", default="1000,5000,10000")
     parser.add_argument("--loads", default=",".join(LOADS))
     parser.add_argument("--engine", default="auto", choices=("auto", "compiled", "python"))
@@ -151,12 +152,14 @@ def main() -> int:
         print(f"load average {os.getloadavg()[0]:.1f}; {args.seconds:g} s a window\n{HEAD}")
         for rate in (float(r) for r in args.rates.split(",")):
             for load in args.loads.split(","):
-                core = Core(folder, rate, args.cpu, args.engine, free_port())
-                try:
-                    time.sleep(2.5)  # warm-up
-                    window = measure(core, rate, args.cpu, load, args.seconds)
-                finally:
-                    core.close()
+                window = Window(rate, load)
+                for _ in range(args.repeat):
+                    core = Core(folder, rate, args.cpu, args.engine, free_port())
+                    try:
+                        time.sleep(2.5)  # warm-up
+                        window.add(measure(core, rate, args.cpu, load, args.seconds))
+                    finally:
+                        core.close()
                 print(row(window), flush=True)
                 failed += judge(window)
                 if window.subscribers:

@@ -174,7 +174,7 @@ class Window:
     samples: int = 0
     missed: int = 0
     by: dict[str, int] = field(default_factory=dict)
-    cyclic_us: dict[str, float] = field(default_factory=dict)
+    cyclic: dict[int, int] = field(default_factory=dict)  # cyclictest's histogram
     exec_us: float = 0.0
     rss_kb: int = 0
     faults: tuple[int, int] = (0, 0)
@@ -185,6 +185,30 @@ class Window:
         """Missed deadlines that the witness does not explain."""
         excused = {"stall", "steal", "suspended", "preempted"}
         return sum(n for name, n in self.by.items() if name not in excused)
+
+    def add(self, other: "Window") -> None:
+        """Another window of the same kind."""
+        self.wake_us = np.concatenate([self.wake_us, other.wake_us])
+        self.samples += other.samples
+        self.missed += other.missed
+        for name, n in other.by.items():
+            self.by[name] = self.by.get(name, 0) + n
+        for us, n in other.cyclic.items():
+            self.cyclic[us] = self.cyclic.get(us, 0) + n
+        self.exec_us, self.rss_kb = other.exec_us, max(self.rss_kb, other.rss_kb)
+        self.faults = (self.faults[0] + other.faults[0], self.faults[1] + other.faults[1])
+        self.subscribers += other.subscribers
+
+    def reference(self) -> dict[str, float]:
+        """p50, p99, p99.9 and max of cyclictest [us]; empty where it did not run."""
+        total, seen, found = sum(self.cyclic.values()), 0, {}
+        wanted = [("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999)]
+        for us in sorted(self.cyclic):
+            seen += self.cyclic[us]
+            while wanted and seen >= wanted[0][1] * total:
+                found[wanted.pop(0)[0]] = us + 1.0
+            found["max"] = us + 1.0
+        return found
 
 
 def cyclictest(cpu: int, rate: float, seconds: float) -> "subprocess.Popen[str] | None":
@@ -200,19 +224,14 @@ def cyclictest(cpu: int, rate: float, seconds: float) -> "subprocess.Popen[str] 
     )  # fmt: skip
 
 
-def quantiles(output: str) -> dict[str, float]:
-    """p50, p99, p99.9 and max of a cyclictest histogram [us]."""
+def histogram(output: str) -> dict[int, int]:
+    """cyclictest's histogram: counts by whole microseconds; what is beyond it counts as 20 ms."""
     rows = [line.split() for line in output.splitlines() if re.match(r"^\d{6} ", line)]
-    counts = {int(row[0]): int(row[1]) for row in rows}
-    longest = re.search(r"# Max Latencies: (\d+)", output)
-    total, seen, found = sum(counts.values()), 0, {}
-    wanted = [("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999)]
-    for us in sorted(counts):
-        seen += counts[us]
-        while wanted and seen >= wanted[0][1] * total:
-            found[wanted.pop(0)[0]] = float(us + 1)
-    found["max"] = float(longest.group(1)) if longest else 0.0
-    return found
+    counts = {int(row[0]): int(row[1]) for row in rows if int(row[1])}
+    beyond = re.search(r"# Histogram Overflows: (\d+)", output)
+    if beyond and int(beyond.group(1)):
+        counts[20_000] = counts.get(20_000, 0) + int(beyond.group(1))
+    return counts
 
 
 @contextmanager
@@ -273,5 +292,5 @@ def measure(core: Core, rate: float, cpu: int, load: str, seconds: float) -> Win
     window.missed = int(after["missed"] - before["missed"])
     difference = after["missed_by"] - before["missed_by"]
     window.by = {MissCause(i).name.lower(): int(n) for i, n in enumerate(difference) if n}
-    window.cyclic_us = quantiles(output)
+    window.cyclic = histogram(output)
     return window

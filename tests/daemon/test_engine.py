@@ -2,6 +2,7 @@
 
 import itertools
 import time
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -127,3 +128,18 @@ def test_a_look_at_the_clock_costs_time_in_both(  # the virtual clocks themselve
     rig = Rig(next(names), lateness_ns=[0])
     records = rig.play([command(Command.SETPOINT, 4.0)], 20, True)
     assert records["io_us"][1] == pytest.approx(2 * LOOK_NS * 1e-3)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_memory_does_not_grow_from_sample_to_sample(compiled: bool) -> None:
+    rig = Rig(next(names))
+    rig.play([command(Command.SETPOINT, 4.0)], 600, compiled)
+    tracemalloc.start()
+    try:
+        rig.play([command(Command.SETPOINT, 5.0)], 200, compiled)
+        before = tracemalloc.get_traced_memory()[0]
+        rig.play([command(Command.POINT, 3.0, 50)] * 4, 1000, compiled)
+        grown = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    assert grown < 4096  # one byte a sample would be the end of a month's run
