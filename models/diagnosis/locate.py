@@ -21,7 +21,7 @@ def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
     holds (0 where it is at the noise). `noise` is what a bin of pure noise would have.
     """
     e = residual
-    out: dict[str, Any] = {"noise": sigma**2}
+    out: dict[str, Any] = {"noise": sigma**2, "rows": int(data.rows.sum())}
     total = float(np.sum(e[data.rows] ** 2 - sigma**2))
     total = max(total, 1e-30)
 
@@ -86,7 +86,8 @@ def hot_spots(tables: dict[str, Any]) -> dict[str, str]:
         if not t:
             continue
         share, count = np.array(t["share"]), np.array(t["count"], dtype=float)
-        part = count / max(count.sum(), 1)
+        whole = count.sum() if name == "band" else tables["rows"]
+        part = count / max(whole, 1)
         if share.sum() < 0.2:
             continue
         density = share / np.maximum(part, 0.01)

@@ -44,8 +44,8 @@ def runs() -> dict[str, Stage]:
     for k, name in enumerate(("identify", "hold")):
         t = np.arange(6000) * DT
         if name == "identify":
-            u = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in
-                    ((2.2, 0.7, 0.3), (1.0, 3.1, 1.0), (0.6, 11.0, 2.0), (0.3, 27.0, 0.1)))  # fmt: skip
+            lines = ((2.2, 0.7, 0.3), (1.0, 3.1, 1.0), (0.6, 11.0, 2.0), (0.3, 27.0, 0.1))
+            u = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in lines)
             u = (5 + u * 4.5 / np.abs(u).max()) * np.clip(t / 0.4, 0, 1)
         else:
             levels = np.r_[0.0, rng.uniform(1, 9, 6)]
@@ -171,10 +171,12 @@ def test_result_is_json_by_contract() -> None:
     assert said["format"] == 1
     assert said["noise"]["unit"] == "um"
     (effect,) = said["effects"]
-    assert effect["name"] == "hum" and effect["says"].endswith(".")
+    assert effect["name"] == "hum"
+    assert effect["says"].endswith(".")
     assert effect["parameters"]["frequency_hz"]["value"] == pytest.approx(50.02, abs=0.02)
     assert set(said["rms"]) >= {"base", "augmented", "heldout_base", "heldout_augmented"}
-    assert said["would_have_seen"] and said["next_experiment"]
+    assert said["would_have_seen"]
+    assert said["next_experiment"]
 
 
 def test_bad_recordings_are_refused_with_the_reason() -> None:

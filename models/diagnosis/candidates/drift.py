@@ -49,7 +49,13 @@ class Drift(Candidate):
             f"expansion_{data.unit}_per_k": float(amplitudes[0]),
             "reference_c": self.reference,
         }
+        if abs(float(amplitudes[1])) > 0.2:  # more than the plain block takes
+            params["tau_s"] = 1e-3 * data.period
+            return (Block("slow_drift", "stage", params, self.channel),)
         return (Block("drift", "stage", params, self.channel),)
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        return "more than twice the gain per kelvin" if abs(float(amplitudes[1])) > 2.0 else ""
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         b, a = small(values["expansion_um_per_k"]), values["gain_per_k"][0]

@@ -137,8 +137,8 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
             return found
         # a line that the drive has in every recording is the drive's doing
         total[driven > 0.5 * total] = 0.0
-        for f in found:
-            total[np.abs(grid - f) < 6 * step] = 0.0
+        for known in found:
+            total[np.abs(grid - known) < 6 * step] = 0.0
         at = int(np.argmax(np.where(np.isfinite(total), total, 0)))
         if total[at] < STANDS_OUT:
             break

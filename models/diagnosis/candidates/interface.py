@@ -80,7 +80,7 @@ class Candidate:
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         """Values from which the search begins (one tuple for each trial)."""
-        return [()]
+        return [self.refined(())] if self.refines else [()]
 
     def scaled(self, theta: Sequence[float], amount: float) -> tuple[float, ...]:
         """Start whose effect is about `amount` times as large, where one parameter says so."""
