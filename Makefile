@@ -5,6 +5,11 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 ROUND ?= ../shared/concealed/round-1
 
+# numba's cache follows a kernel's own file, not the kernels that it calls: one cache a state of
+# the sources
+SOURCES := $(shell find models drivers daemon -name '*.py' | LC_ALL=C sort)
+export NUMBA_CACHE_DIR := $(CURDIR)/.numba/$(shell cat $(SOURCES) | cksum | cut -d' ' -f1)
+
 .PHONY: demo test check lint types contracts concealed proof bench fuzz clean
 
 demo: $(READY)
@@ -39,4 +44,4 @@ $(READY): pyproject.toml
 	touch $(READY)
 
 clean:
-	rm -rf $(VENV) build dist src/*.egg-info out .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) .numba build dist src/*.egg-info out .pytest_cache .mypy_cache .ruff_cache
