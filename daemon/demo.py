@@ -24,7 +24,7 @@ from dehyst.models.recording import Recording
 
 CYCLES = 6
 STROKE_SHARE = 0.94  # of the reachable range; the rest is margin at both ends
-START_S = 60.0
+START_S = 240.0  # with a cold cache the kernels are compiled first
 
 
 def free_port() -> int:

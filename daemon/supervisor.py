@@ -28,7 +28,7 @@ DEHYST = (sys.executable, "-P", "-m", "dehyst.daemon.main")
 RESTART_S = 0.5
 LONGEST_RESTART_S = 10.0
 STOP_S = 60.0  # the longest ramp that is waited for
-BENCH_READY_S = 60.0
+BENCH_READY_S = 240.0  # with a cold cache the kernels are compiled first
 
 
 class Child:
