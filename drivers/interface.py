@@ -13,6 +13,9 @@ used by one thread. `write()` and `read()` take at most `spec.latency_s` typical
 block longer than the driver's own time-out. A driver never clips: a value outside
 [spec.minimum, spec.maximum] raises OutOfRange and leaves the output as it was. After DeviceGone,
 `reconnect()` restores the link without moving the output, or raises again.
+
+A driver whose device can be called without Python may add `direct()`, see dehyst.drivers.direct:
+the compiled loop then uses it.
 """
 
 from collections.abc import Mapping

@@ -12,7 +12,6 @@ which a model with given thresholds and saturation is linear.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from dehyst.models.errors import NotInvertible
 from dehyst.models.forward import simulate
@@ -151,6 +150,8 @@ def nearest_monotone(model: Model, rate: float = 0.0) -> tuple[Model, float]:
         h = model.hysteresis
     if find_wrong_way(h, v.drive_min, v.drive_max, rate) is None:
         return model, 0.0
+    from scipy.optimize import lsq_linear  # half of the daemon's start, and rarely needed
+
     sign = direction(h, v.drive_min, v.drive_max)
     live = h.r < reach(h, v.drive_min, v.drive_max)
     u, dt = typical_drive(v.drive_min, v.drive_max, rate)

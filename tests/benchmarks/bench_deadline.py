@@ -83,13 +83,16 @@ def judge(window: Window) -> list[str]:
 
 
 def telemetry_cost(rate: float) -> str:
-    """Cost of a published sample, and its ratio to a bare put of the same bytes."""
+    """Cost of a published sample, and its ratio to a bare put of the same bytes; one subscriber."""
     count = max(1, round(0.02 * rate))
     samples = np.zeros(count, TELEMETRY)
     samples["seq"] = np.arange(count)
     samples["scheduled_ns"] = np.arange(count) * round(1e9 / rate)
-    with Bus.serve((f"tcp/127.0.0.1:{free_port()}",), ()) as bus:
-        sender = bus.sender("dehyst/@v0/bench/pubsub/telemetry/core", TOPIC)
+    address, key = f"tcp/127.0.0.1:{free_port()}", "dehyst/@v0/bench/pubsub/telemetry/core"
+    with Bus.serve((address,), ()) as bus, Bus.connect([address]) as other:
+        other.listen(key, lambda _key, _payload: None)
+        sender = bus.sender(key, TOPIC)
+        time.sleep(0.5)
         payload = wire.encode(wire.batch(samples, 1, "um", 0))
 
         def whole() -> None:
