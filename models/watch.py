@@ -43,12 +43,12 @@ FIRST_S, WIDE_S = 20.0, 200.0  # how fast the thresholds of the beginning narrow
 CLEAR = 0.6
 # (least of all, share of the most seen in order, least at the beginning)
 LEVELS = {
-    "gain": (0.3, 2.8, 2.0),
-    "offset": (0.6, 3.3, 5.0),
-    "whole": (0.0, 2.1, 3.0),
-    "ringing": (0.0, 2.0, 2.2),
-    "short": (0.0, 2.0, 2.2),
-    "fit": (25.0, 0.0, 0.0),
+    "gain": (0.3, 2.5, 2.0),
+    "offset": (0.6, 3.0, 5.0),
+    "whole": (0.0, 1.9, 3.0),
+    "ringing": (0.0, 1.8, 2.2),
+    "short": (0.0, 1.9, 2.2),
+    "fit": (40.0, 0.0, 0.0),
 }
 STUCK_S, STUCK_MOVE = 1.0, 10.0  # the same reading so long while the model moved by so many noises
 
@@ -113,7 +113,7 @@ class Watch:
         self._phi, self._gain = np.zeros(k.N_FEATURES), np.zeros(k.N_FEATURES)
         self._blocks: deque[Floats] = deque(maxlen=WINDOW_S)
         self._misfit2 = misfit**2
-        first = {"gain": 9.0 * misfit**2, "offset": 9.0 * misfit**2, "fit": 25.0}
+        first = {"gain": 9.0 * misfit**2, "offset": 9.0 * misfit**2, "fit": 40.0}
         self._levels = {n: _Level(*numbers, first.get(n, 20.0)) for n, numbers in LEVELS.items()}
         self.figures: dict[str, float] = dict.fromkeys(LEVELS, 0.0)
         self.mismatch = False
