@@ -5,6 +5,10 @@ import importlib
 import os
 import sys
 
+# before numpy is imported: BLAS threads on matrices as small as ours cost fifty times their gain
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 from dehyst import __version__
 from dehyst.daemon import kernelcache
 from dehyst.models.errors import DehystError

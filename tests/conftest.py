@@ -1,6 +1,11 @@
 """What all tests share."""
 
 import os
+
+# as `dehyst` itself does, before numpy is imported
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 from pathlib import Path
 
 import pytest
