@@ -47,7 +47,7 @@ class LoopConfig(_Strict, frozen=True):
     """"compiled": without the interpreter, for drivers that C can call; "auto": where possible."""
     spin_us: Annotated[float, Meta(ge=0, le=1000)] | None = None
     """The compiled loop waits awake for the last so many microseconds; left out: 0 up to 2 kHz,
-    30 above. At most half a period."""
+    50 above. At most half a period."""
 
 
 class DeviceConfig(_Strict, frozen=True):

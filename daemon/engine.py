@@ -28,7 +28,7 @@ from dehyst.models.errors import BadInput
 
 INVALID, HELD = int(Flag.SENSOR_INVALID), int(Flag.SENSOR_HELD)
 ATTEND_S = 0.02
-SPIN_ABOVE_HZ, SPIN_US = 2000.0, 30.0  # slower loops do not burn a core for their last jitter
+SPIN_ABOVE_HZ, SPIN_US = 2000.0, 50.0  # slower loops do not burn a core for their last jitter
 
 
 @njit(cache=True, nogil=True)

@@ -68,6 +68,7 @@ class Outcome:
     )
     stalls: list[tuple[int, int, MissCause]] = field(default_factory=list)
     stall_threshold_us: float = 0.0
+    stall_count: int = 0  # `stalls` holds the newest ones only
 
     @property
     def excused(self) -> int:
@@ -159,6 +160,7 @@ def measure(setup: Setup) -> Outcome:
     return Outcome(
         setup, desk.samples, desk.missed, causes, desk.wake.whole(), desk.exec.whole(),
         {}, desk.obtained, witness.seen(), witness.threshold_ns * 1e-3,
+        witness.count,
     )  # fmt: skip
 
 

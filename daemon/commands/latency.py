@@ -153,7 +153,7 @@ def _table(outcome: Outcome, found: dict[str, str], hints: list[str]) -> dict[st
         "io": {name: _figures(h) for name, h in outcome.io.items()},
         "witness": {
             "threshold_us": outcome.stall_threshold_us,
-            "late": len(outcome.stalls),
+            "late": outcome.stall_count,
             "longest_us": max((late * 1e-3 for _, late, _ in outcome.stalls), default=0.0),
             "by": {
                 cause.name.lower(): sum(c is cause for _, _, c in outcome.stalls)
@@ -213,8 +213,8 @@ def _verdict(outcome: Outcome) -> list[str]:
     if outcome.stalls:
         longest = max(late for _, late, _ in outcome.stalls) * 1e-6
         lines.append(
-            f"witness: late by more than {outcome.stall_threshold_us:.0f} us {len(outcome.stalls)} "
-            f"times, {longest:.2f} ms at most"
+            f"witness: late by more than {outcome.stall_threshold_us:.0f} us "
+            f"{outcome.stall_count} times, {longest:.2f} ms at most"
         )
     else:
         lines.append(f"witness: never late by more than {outcome.stall_threshold_us:.0f} us")
