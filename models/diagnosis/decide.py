@@ -11,20 +11,23 @@ import numpy as np
 
 from dehyst.models.diagnosis.candidates import library
 from dehyst.models.diagnosis.candidates.interface import Candidate
+from dehyst.models.diagnosis.data import turns
 from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
-from dehyst.models.diagnosis.fit import Effect, Fitted, Problem
+from dehyst.models.diagnosis.fit import Effect, Fitted, Problem, on_bound
 from dehyst.models.diagnosis.screen import Screen
 
 MAX_EFFECTS = 5
 SHORTLIST = 5  # candidates that get the full nonlinear refit in each round
 DRIVEN_SHARE = 0.12  # of the excess, that a cause driven by the drive must take
 DRIVEN_SIZE = 0.17  # of the noise rms, that it must remove
-STATIC_SIZE = 0.25  # the same for causes that resemble a hysteresis of another shape
-FREE_SIZE = 0.07  # the same for causes beside the drive
+STATIC_SIZE = 0.3  # the same for causes that resemble a hysteresis of another shape
+FREE_SIZE = 0.12  # the same for causes beside the drive
 WEAK = 0.1  # screened gain, as a part of the best, below which a candidate is not refitted
+FEW_TURNS = 3  # with fewer turns of the drive nothing that it causes can be told from the loop
 RIVAL = 0.7  # part of the first pick's gain, from which another first pick is tried too
 FINEST = 1e-4  # of the displacement's range: no base is better than this
 TIE = 0.12  # noise rms: a simpler cause that leaves no more than this beside the best is taken
+BUDGET = 240  # full solutions after which the search stops adding effects
 PRICE = 16.0  # of one parameter, in noise variances; includes the number of candidates tried
 
 
@@ -88,7 +91,7 @@ def search(
             for t in state.rounds[0]
             if t is not chosen and not t.refused and t.gain > RIVAL * chosen.gain
         ]
-        if rivals and chosen.candidate.driven:
+        if rivals and chosen.candidate.driven and problem.solved < 0.5 * BUDGET:
             other = _forward(problem, sigma, null, say, share, forbidden=(chosen.candidate.key,))
             if better(other, state, left):
                 state = other
@@ -97,7 +100,7 @@ def search(
 
 def least_size(candidate: Candidate) -> float:
     """Smallest rms, in noise rms, that a candidate must remove."""
-    if candidate.static:
+    if candidate.static or candidate.last:
         return STATIC_SIZE
     return DRIVEN_SIZE if candidate.driven else FREE_SIZE
 
@@ -128,12 +131,17 @@ def _forward(
 ) -> Search:
     counted = int(problem.data.rows.sum())
     strict = share > DRIVEN_SHARE
+    few = turns(problem.data) < FEW_TURNS
     state = Search(problem, sigma, null, null, counted=counted, share=share)
     everything = [
-        c for c in library(problem.data) if c.key not in forbidden and not (strict and c.static)
+        c
+        for c in library(problem.data)
+        if c.key not in forbidden and not (strict and c.static) and not (few and c.driven)
     ]
     for number in range(MAX_EFFECTS):
         current = state.accepted
+        if problem.solved > BUDGET:
+            break
         left = excess(problem, current, sigma)
         trials = _round(problem, sigma, current, everything, say, number)
         judged = [_judged(state, t, left) for t in trials]
@@ -215,6 +223,10 @@ def _judged(state: Search, trial: Trial, left: float) -> Trial:
     mean_square = trial.gain / n
     why = trial.candidate.implausible(effect.theta, amplitudes, data)
     steady = None
+    index = trial.candidate.size_index
+    size = effect.parameters[index].key if index is not None else ""
+    if not why and size != "share" and size in on_bound(effect):  # a share of 1 is the whole stroke
+        why = "its size stands on a bound: not identified"
     if trial.worth <= 0:
         why = why or "not worth its parameters"
     elif mean_square < least_power(state, trial.candidate):
@@ -224,7 +236,7 @@ def _judged(state: Search, trial: Trial, left: float) -> Trial:
     else:
         steady = constancy(problem, sigma, *contribution(problem, trial.fit, effect))
         leaves = excess(problem, trial.fit, sigma)
-        if trial.candidate.last and leaves > max((0.3 * sigma) ** 2, 0.15 * left):
+        if trial.candidate.last and leaves > max((0.3 * sigma) ** 2, 0.25 * left):
             why = why or "structure remains that it does not explain"
         if not why and (steady.wrong > 0.3 or steady.spread > 1.0):
             why = "not the same everywhere"

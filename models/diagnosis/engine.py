@@ -9,8 +9,8 @@ import numpy as np
 from dehyst.models.diagnosis.augment import augmented, compact
 from dehyst.models.diagnosis.base import compact_base, rich_base
 from dehyst.models.diagnosis.crossval import by_blocks
-from dehyst.models.diagnosis.data import Data, Floats, prepare
-from dehyst.models.diagnosis.decide import DRIVEN_SHARE, Search, Trial, excess, search
+from dehyst.models.diagnosis.data import Data, Floats, prepare, turns
+from dehyst.models.diagnosis.decide import DRIVEN_SHARE, FEW_TURNS, Search, Trial, excess, search
 from dehyst.models.diagnosis.findings import named, unknown, verdict_of
 from dehyst.models.diagnosis.fit import Fitted, Problem
 from dehyst.models.diagnosis.limits import limits
@@ -24,6 +24,8 @@ from dehyst.models.recording import Recording
 
 SEARCH_ROWS = 18_000  # counted in the search; the last fit, shares and intervals use them all
 DOUBT = 1.5  # held-out over in-sample rms of the rich base, above which a compact one is tried
+HELPS = 0.1  # of the noise rms, that an effect must remove from held-out samples
+HELPS_SHARE = 0.005  # of the explainable held-out misfit, likewise
 COMPACT_SHARE = 0.3  # of the excess, that an effect must take over a compact base
 Progress = Callable[[str, float], None]
 
@@ -53,6 +55,7 @@ def diagnose(
         rich_error = by_blocks(problem, found.accepted).mean_square
         if by_blocks(plain, other.accepted).mean_square < rich_error:
             problem, found = plain, other
+    found = _worth_telling(problem, found)
     return _conclude(problem, found, model, say)
 
 
@@ -66,6 +69,26 @@ def _search(
     final = found.accepted
     final = problem.refit(final.effects, rounds=8, settle=0.3 * sigma**2) if final.effects else null
     return replace(found, problem=problem, null=null, accepted=final)
+
+
+def _worth_telling(problem: Problem, found: Search) -> Search:
+    """Without the effects that do not help on held-out samples."""
+    final, sigma = found.accepted, found.sigma
+    first = by_blocks(problem, found.null).mean_square
+    while final.effects:
+        whole = by_blocks(problem, final).mean_square
+        least = max((HELPS * sigma) ** 2, HELPS_SHARE * max(first - sigma**2, 0.0))
+        losses = []
+        for e in final.effects:
+            rest = [o for o in final.effects if o is not e]
+            without = problem.solve(rest, problem.output_of(final))
+            losses.append((by_blocks(problem, without).mean_square - whole, e))
+        loss, weakest = min(losses, key=lambda pair: pair[0])
+        if loss > least:
+            break
+        rest = [o for o in final.effects if o is not weakest]
+        final = problem.refit(rest, settle=0.3 * sigma**2) if rest else found.null
+    return replace(found, accepted=final)
 
 
 def _conclude(problem: Problem, found: Search, model: Model | None, say: Progress) -> Diagnosis:
@@ -141,6 +164,8 @@ def notes_of(data: Data) -> list[str]:
         out.append(
             f"{left_out} samples at the start were left out: what the stage did before is unknown"
         )
+    if turns(data) < FEW_TURNS:
+        out.append("the drive hardly turns round: nothing that it causes can be told from the loop")
     if len(data.names) == 1:
         out.append("one recording only: nothing was held out on another waveform")
     return out

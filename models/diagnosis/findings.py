@@ -14,7 +14,7 @@ from dehyst.models.diagnosis.intervals import intervals
 from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.result import Finding
 
-STRUCTURE = 0.35  # excess over the noise (rms ratio) that counts as structure left over
+STRUCTURE = 0.45  # excess over the noise (rms ratio) that counts as structure left over
 EXPLAINED = 0.15  # part of the first excess power that may be left when things are explained
 FINE = 2e-4  # of the displacement's range: misfit below this is no structure worth a name
 

@@ -87,6 +87,7 @@ class Problem:
     base: Base
 
     def __post_init__(self) -> None:
+        self.solved = 0  # full solutions so far
         count = len(self.data.names)
         self.offset_columns = (self.data.rec[:, None] == np.arange(count)[None, :]).astype(float)
         self.row_index = np.flatnonzero(self.data.rows)
@@ -120,6 +121,7 @@ class Problem:
         output: hysteresis' output (N,) of an earlier fit, for columns that depend on it; None:
         the reading stands in. rows: (N,) counted rows instead of all.
         """
+        self.solved += 1
         data = self.data
         effects = in_order(effects)
         v = drive_behind(data, effects)

@@ -15,6 +15,9 @@ SEGMENT = 256
 def noise_rms(data: Data, residual: Floats) -> float:
     """Rms of the white part of a residual (N,), in displacement units.
 
+    Where the drive repeats itself exactly, what the reading does not repeat is noise too, and the
+    smaller of the two estimates holds: a drive that fills the band leaves it no quiet part.
+
     The upper two thirds of the band of windowed segments: the median over time of each
     frequency, then the median over frequencies, so that fixed lines, ringing and moves do not
     count. Never zero: a quarter of the
@@ -31,13 +34,37 @@ def noise_rms(data: Data, residual: Floats) -> float:
             x = x - x.mean() - slope * (12.0 * float((x * slope).mean()))
             powers.append(np.abs(np.fft.rfft(x * window)) ** 2 / norm)
     floor = 0.25 * _resolution(data.y)
+    repeated = _unrepeated(data)
     if not powers:
         d = np.diff(residual, 4)
         return max(floor, float(1.4826 * np.median(np.abs(d)) / np.sqrt(70.0)))
     spectra = np.array(powers)[:, 2 * SEGMENT // 6 :]
     # exponential statistics: median = ln 2 times the mean
     by_line = np.median(spectra, axis=0) / np.log(2.0)
-    return max(floor, float(np.sqrt(np.median(by_line))), 1e-12)
+    return max(floor, min(float(np.sqrt(np.median(by_line))), repeated), 1e-12)
+
+
+def _unrepeated(data: Data) -> float:
+    """Rms of what differs between two periods of the drive, over the root of two; infinite where
+    no recording repeats."""
+    best = np.inf
+    for p in np.unique(data.part):
+        u, y = data.u[data.part == p], data.y[data.part == p]
+        n = u.size
+        if n < 4 * SEGMENT:
+            continue
+        x = u - u.mean()
+        spectrum = np.abs(np.fft.rfft(x, 2 * n)) ** 2
+        match = np.fft.irfft(spectrum)[: n // 2 + 1] / np.arange(n, n - n // 2 - 1, -1)
+        low = np.argmax(match < 0.5 * match[0])
+        if low == 0:
+            continue
+        lag = int(low + np.argmax(match[low:]))
+        if np.abs(u[lag:] - u[:-lag]).max() > 2e-3 * data.span:
+            continue
+        d = np.diff(y[lag:] - y[:-lag])  # differences once more: drift is not noise
+        best = min(best, float(1.4826 * np.median(np.abs(d)) / 2.0))
+    return best
 
 
 def _resolution(y: Floats) -> float:

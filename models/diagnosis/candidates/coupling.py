@@ -1,5 +1,6 @@
 """Coupling: another recorded channel (a neighbouring axis, a force) moves the reading."""
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,7 +11,8 @@ from dehyst.models.diagnosis.kernels import lowpass, plays
 from dehyst.models.model import Block
 
 FRACTIONS = np.array([0.0, 0.03, 0.1, 0.2, 0.35])  # plays, of the channel's range
-NOT_A_CAUSE = ("temp", "target", "y_", "t_")
+# readings and targets are effects; the temperature has a file of its own
+NOT_A_CAUSE = re.compile(r"(temp|target|t_|y\d*_)")
 
 
 class Coupling(Candidate):
@@ -100,10 +102,8 @@ class CoupledMemory(Coupling):
 
 def candidates(data: Data) -> list[Candidate]:
     out: list[Candidate] = []
-    # a neighbour's displacement answers to its drive: the drive is the cause where it is there
-    drives = any(c.startswith("u") and c != data.drive_key for c in data.channels)
     for c in data.channels:
-        if c.startswith(NOT_A_CAUSE) or c == data.drive_key or (drives and c.startswith("y")):
+        if NOT_A_CAUSE.match(c) or c == data.drive_key:
             continue
         reference = float(data.channels[c].mean())
         out += [Coupling(c, reference, data.unit), CoupledMemory(data, c, reference)]

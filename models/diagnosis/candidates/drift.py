@@ -147,6 +147,11 @@ class Trend(Candidate):
             "record a temperature."
         )
 
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        if float(np.abs(amplitudes).max()) > 0.05 * float(np.ptp(data.y)):
+            return "a drift of more than a twentieth of the stroke"
+        return ""
+
 
 def candidates(data: Data) -> list[Candidate]:
     by_channel: list[Candidate] = [

@@ -31,12 +31,12 @@ class Sensor(Candidate):
         self.limit_unit = data.unit
         self._range = float(np.ptp(data.y))
         self.parameters = (
-            Parameter("period_um", data.unit, 0.02 * self._range, 0.5 * self._range),
+            Parameter("period_um", data.unit, 0.02 * self._range, 0.4 * self._range),
         )
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         # neighbours share two thirds of a period over the range: the search cannot fall between
-        counts = np.arange(2.2, 45.0, 0.5) if self._range > 0 else np.zeros(0)
+        counts = np.arange(2.7, 45.0, 0.5) if self._range > 0 else np.zeros(0)
         order = _strongest(data.y[data.rows], residual[data.rows], self._range / counts)
         return [(float(p),) for p in order[:3]]
 
