@@ -154,7 +154,9 @@ def _table(outcome: Outcome, found: dict[str, str], hints: list[str]) -> dict[st
         "witness": {
             "threshold_us": outcome.stall_threshold_us,
             "late": outcome.stall_count,
-            "longest_us": max((late * 1e-3 for _, late, _ in outcome.stalls), default=0.0),
+            "longest_us_of_last_256": max(
+                (late * 1e-3 for _, late, _ in outcome.stalls), default=0.0
+            ),
             "by": {
                 cause.name.lower(): sum(c is cause for _, _, c in outcome.stalls)
                 for cause in MissCause
@@ -214,7 +216,8 @@ def _verdict(outcome: Outcome) -> list[str]:
         longest = max(late for _, late, _ in outcome.stalls) * 1e-6
         lines.append(
             f"witness: late by more than {outcome.stall_threshold_us:.0f} us "
-            f"{outcome.stall_count} times, {longest:.2f} ms at most"
+            f"{outcome.stall_count} times, {longest:.2f} ms at most among the last "
+            f"{len(outcome.stalls)}"
         )
     else:
         lines.append(f"witness: never late by more than {outcome.stall_threshold_us:.0f} us")

@@ -193,7 +193,7 @@ def core(config: Path) -> Iterator["subprocess.Popen[str]"]:
         return (fresh and rings.last() is not None) or process.poll() is not None
 
     try:
-        until(first_sample, 60.0, "first sample")
+        until(first_sample, 110.0, "first sample")  # kernels may have to be compiled
         assert process.poll() is None, process.communicate()[1]
         yield process
     finally:
