@@ -77,7 +77,9 @@ def _worth_telling(problem: Problem, found: Search) -> Search:
     first = by_blocks(problem, found.null).mean_square
     while final.effects:
         whole = by_blocks(problem, final).mean_square
-        least = max((HELPS * sigma) ** 2, HELPS_SHARE * max(first - sigma**2, 0.0))
+        # beside a cause a hundred times as large, a second one of some noise rms still counts
+        of_all = min(HELPS_SHARE * max(first - sigma**2, 0.0), (3 * HELPS * sigma) ** 2)
+        least = max((HELPS * sigma) ** 2, of_all)
         losses = []
         for e in final.effects:
             rest = [o for o in final.effects if o is not e]
