@@ -278,7 +278,10 @@ def _typical(limits: Limits) -> Model:
     """15 % of hysteresis on a stroke of one micrometre per unit of drive."""
     r = np.geomspace(0.01, 0.5, 8) * limits.span
     h = Hysteresis(
-        r=np.r_[0.0, r], b=np.r_[0.8, np.full(8, 0.025)], c=[0.0, 1.0], u_offset=limits.drive_min
+        r=np.r_[0.0, r],
+        b=np.r_[0.8, np.full(8, 0.025)],
+        c=np.array([0.0, 1.0]),
+        u_offset=limits.drive_min,
     )
     return Model(h, Validity(limits.drive_min, limits.drive_max))
 

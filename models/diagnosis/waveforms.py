@@ -41,7 +41,7 @@ class Limits:
     @property
     def times(self) -> Floats:
         """(N,) [s]."""
-        return np.arange(round(self.seconds / self.period_s)) * self.period_s
+        return np.arange(round(self.seconds / self.period_s), dtype=np.float64) * self.period_s
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,8 @@ def _burst_then_hold(limits: Limits) -> Floats:
     t = limits.times
     f = min(80.0, 0.9 * limits.rate_max / (2 * np.pi * 0.35 * limits.span), 0.1 / limits.period_s)
     on = (t > 0.1 * limits.seconds) & (t < 0.5 * limits.seconds)
-    return _ramped(limits, limits.middle + on * 0.35 * limits.span * np.sin(2 * np.pi * f * t))
+    burst = np.where(on, 0.35 * limits.span, 0.0) * np.sin(2 * np.pi * f * t)
+    return _ramped(limits, limits.middle + burst)
 
 
 WAVEFORMS = (
