@@ -10,7 +10,7 @@ ROUND ?= ../shared/concealed/round-1
 SOURCES := $(shell find models drivers daemon -name '*.py' | LC_ALL=C sort)
 export NUMBA_CACHE_DIR := $(CURDIR)/.numba/$(shell cat $(SOURCES) | cksum | cut -d' ' -f1)
 
-.PHONY: demo test check lint types contracts concealed proof bench fuzz clean
+.PHONY: demo test check lint types contracts concealed proof clean
 
 demo: $(READY)
 	$(BIN)/dehyst demo
