@@ -4,6 +4,7 @@ import argparse
 import importlib
 import os
 import sys
+from typing import NoReturn
 
 # before numpy is imported: BLAS threads on matrices as small as ours cost fifty times their gain
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -38,9 +39,17 @@ COMMANDS = {
 }
 
 
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong and where help is; exit with 2."""
+        self.exit(2, f"{self.prog}: {message}; see `{self.prog} --help`\n")
+
+
 def build_parser(command: str | None = None) -> argparse.ArgumentParser:
     """The parser; arguments of `command` alone are filled in."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="dehyst",
         description="Hysteresis compensation service for piezo stages.",
         epilog="example: dehyst identify recording.csv -o model.toml",
