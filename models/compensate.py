@@ -189,6 +189,8 @@ def step(
     u = lead_drive(table, params, v, rate)
     if valid == 0:
         u = last
+        if setting[PLANNED] > 0.0:
+            u += pv.rest(fixed, state) - state[pv.LAST]
     u = min(max(u, fixed[pv.LOW]), fixed[pv.HIGH])
     if abs(u - last) > travel * (1.0 + 1e-9):
         u = last + travel if u > last else last - travel
@@ -229,8 +231,9 @@ def applied(
     if not stepped or not math.isfinite(state[pv.TARGET_NOW]):
         state[pv.VALID] = 0.0
         state[pv.PHASE] = 0.0
-        state[pv.SHADOW] = y[0]
-        plays[pv.SHADOW_PLAYS] = plays[pv.REAL]
+        if not stepped:  # in a hold the shadow keeps its own memory
+            state[pv.SHADOW] = y[0]
+            plays[pv.SHADOW_PLAYS] = plays[pv.REAL]
         return
     state[pv.PHASE] = (state[pv.PHASE] + 1.0) % fixed[pv.PER_NODE]
     if setting[PLANNED] > 0.0:

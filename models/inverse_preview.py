@@ -8,10 +8,15 @@ the plan. Work and memory per node are constant.
 Two guards keep it from ever being worse than the static inverse:
 - where the plan's predicted error is above the noise, the static inverse is rolled out over the
   same window, and replaces the plan where it is predicted to do better;
-- a shadow model is driven by the static inverse all the time. Where the next sample would bring
-  the squared error of the real drive, summed over some windows, above the shadow's by more than
-  the noise allows, the static inverse takes over until the budget is back; the plan goes on
-  meanwhile from where the stage is.
+- a shadow model is driven by the static inverse all the time. Where the next sample, and the way
+  back from it at the slew rate, would bring the squared error of the real drive, summed over some
+  windows, above the shadow's by more than the noise allows, the static inverse takes over until
+  the budget is back; the plan goes on meanwhile from where the stage is.
+
+Taking over, the static inverse works on another memory than the shadow's. Where the weights are
+not monotone it may be off by more there: `_back` then corrects it by the model's own static part.
+A hold ends at the shadow's drive, where the stage rests at the last target: what comes meanwhile
+is unknown, so nothing else can keep the promise.
 
 All numbers that change live in arrays made once; nothing is allocated in the loop.
 """
@@ -31,8 +36,10 @@ SMOOTH = 0.7  # weight of the second difference at 1 ms nodes, times the squared
 STIFF_END, STIFF_POWER = 400.0, 6  # smoothness grows by 1 + STIFF_END (j / P)^STIFF_POWER
 MOST_DAMPING = 7.0  # times the squared slope
 FORGET_WINDOWS = 20.0  # memory of the guard
-BUDGET = 0.7  # part of the noise that the plan may be worse than the static inverse
+BUDGET = 0.6  # part of the noise that the plan may be worse than the static inverse
 GRACE = 0.25  # windows' worth of noise that the plan may lose at the start
+CORRECTIONS = 6  # tried of the static inverse when it takes over
+HOLD_SLIDE_S = 2e-3  # time constant of the way to where a hold rests
 FIRST_SWEEPS = 8  # for a plan that starts from nothing
 
 # Places in `fixed`.
@@ -175,6 +182,56 @@ def _error(weights: Floats, c: Floats, fixed: Floats, state: Floats, h: Floats, 
 
 
 @njit(cache=True, nogil=True)
+def _back(
+    weights: Floats, c: Floats, knots: Floats, fixed: Floats, state: Floats, plays: Floats,
+    good: float,
+) -> float:  # fmt: skip
+    """The shadow's drive where it moves the stage as it moves the shadow, so that both become the
+    same; otherwise the static inverse from where the stage is. Where its static error is above `good` by more
+    than the noise (weights not monotone, another memory than the shadow's), the best of a few
+    corrections close to it. Overwrites plays[SCRATCH]."""
+    last, target = state[LAST], state[TARGET_NOW]
+    travel = fixed[RATE] * fixed[PERIOD]
+    plays[SCRATCH] = plays[SHADOW_PLAYS]
+    z, _ = move(weights, plays[SCRATCH], state[SHADOW] - fixed[U_OFFSET])
+    there = polynomial(c, z)
+    plays[SCRATCH] = plays[REAL]
+    z, _ = move(weights, plays[SCRATCH], state[SHADOW] - fixed[U_OFFSET])
+    if abs(polynomial(c, z) - there) < 0.5 * BUDGET * fixed[NOISE]:
+        return state[SHADOW]
+    first = _static(weights, c, knots, fixed, plays[REAL], last, target)
+    if abs(first - last) > 0.999 * travel:
+        return first
+    low, high = max(last - travel, fixed[LOW]), min(last + travel, fixed[HIGH])
+    rising = 1.0 if fixed[Y_LAST] > fixed[Y_FIRST] else -1.0
+    u, best, least = first, first, math.inf
+    for attempt in range(CORRECTIONS):
+        plays[SCRATCH] = plays[REAL]
+        z, _ = move(weights, plays[SCRATCH], u - fixed[U_OFFSET])
+        e = polynomial(c, z) - target
+        if attempt == 0:
+            if abs(e) <= good + BUDGET * fixed[NOISE] or not math.isfinite(e):
+                return first
+            near = 2.0 * abs(e) / fixed[SLOPE]
+            low, high = max(low, first - near), min(high, first + near)
+        if abs(e) < least:
+            best, least = u, abs(e)
+        u = min(max(u - rising * e / fixed[SLOPE], low), high)
+    return best
+
+
+@njit(cache=True, nogil=True)
+def rest(fixed: Floats, state: Floats) -> float:
+    """Drive of a hold: on the way to where the static inverse stood at the last target."""
+    gap = state[SHADOW] - state[LAST]
+    step = gap * (1.0 - math.exp(-fixed[PERIOD] / HOLD_SLIDE_S))
+    if abs(gap) < 1e-5 * (fixed[HIGH] - fixed[LOW]):
+        step = gap
+    travel = fixed[RATE] * fixed[PERIOD]
+    return state[LAST] + min(max(step, -travel), travel)
+
+
+@njit(cache=True, nogil=True)
 def propose(
     weights: Floats, c: Floats, knots: Floats, fixed: Floats, state: Floats, plays: Floats,
     work: Floats,
@@ -204,12 +261,33 @@ def propose(
         weights, c, knots, fixed, plays[SHADOW_PLAYS], state[SHADOW], state[TARGET_NOW]
     )
     other = _error(weights, c, fixed, state, plays[SHADOW_PLAYS], state[SHADOW], shadow)
+    # Where even the static inverse cannot follow, a guess at what comes is not worth its way back.
+    moved = shadow - state[SHADOW]
+    torn = abs(moved) > 0.999 * travel and work[TRUST, work.shape[1] - 1] < 1.0
     state[SHADOW] = shadow
     state[SUM_SHADOW] = keep * state[SUM_SHADOW] + other * other
     state[SUM_TIME] = keep * state[SUM_TIME] + 1.0
     state[SUM_REAL] *= keep
     plays[SCRATCH] = plays[REAL]
     error = _error(weights, c, fixed, state, plays[SCRATCH], last, u)
+    # The way back: so many samples of an error that shrinks to the shadow's.
+    away, _ = inverse_step(
+        weights[0], weights[3], c, knots, fixed[Y_FIRST], fixed[Y_LAST], fixed[U_OFFSET],
+        fixed[LOW], fixed[HIGH], plays[SCRATCH], u, state[TARGET_NOW],
+    )  # fmt: skip
+    gap = min(abs(away - u), abs(shadow - u))
+    off = fixed[SLOPE] * gap
+    z, kh = move(weights, plays[SCRATCH], u - fixed[U_OFFSET])
+    part = 1e-6 * (fixed[HIGH] - fixed[LOW])
+    kick = polynomial(c, z + kh * part / fixed[PERIOD]) - polynomial(c, z)
+    lag = abs(kick) / (part * fixed[SLOPE])  # of the rate term, in samples
+    if not lag < 1e6:
+        lag = 1e6
+    way_back = lag * off * off
+    if work[TRUST, work.shape[1] - 1] < 1.0:  # a continued future may turn out wrong
+        way_back += lag * off * (off + abs(other))
+    if gap > travel:
+        way_back += gap / travel * (abs(other) * off + off * off / 3.0)
     noise, time, bad = BUDGET * fixed[NOISE], state[SUM_TIME], state[SUM_SHADOW]
     budget = noise * noise * (time + GRACE * window) + 2.0 * noise * math.sqrt(bad * time)
     if state[SUM_REAL] <= bad + budget:
@@ -218,7 +296,7 @@ def propose(
         state[CREDIT_LEFT] -= 1.0
         if state[CREDIT_LEFT] == 0.0:
             state[CREDIT] = 0.0
-    would = state[SUM_REAL] + error * error
+    would = state[SUM_REAL] + error * error + way_back
     if state[STATIC_LEFT] > 0.0:
         state[STATIC_LEFT] -= 1.0
         if state[STATIC_LEFT] == 0.0:
@@ -233,8 +311,14 @@ def propose(
         else:
             state[STATIC_LEFT] = state[STATIC_NEXT]
             state[STATIC_NEXT] = min(2.0 * state[STATIC_NEXT], 64.0 * window)
+    if torn:
+        state[STATIC_LEFT] = max(state[STATIC_LEFT], math.ceil(0.25 * window))
     if state[STATIC_LEFT] > 0.0:
-        return _static(weights, c, knots, fixed, plays[REAL], last, state[TARGET_NOW]), True
+        # What is not the shadow's own movement takes the rate term's lag, or it would be a kick.
+        back = _back(weights, c, knots, fixed, state, plays, abs(other))
+        u = last + moved + (back - last - moved) / (1.0 + lag)
+        u = min(max(u, last - travel), last + travel)
+        return min(max(u, fixed[LOW]), fixed[HIGH]), True
     return u, False
 
 

@@ -56,7 +56,6 @@ def test_tracking_on_the_papers_rate_dependent_plant(
 @pytest.mark.parametrize("seed", range(0, 30))
 def test_limits_hold_and_nothing_diverges_on_random_models(seed: int) -> None:
     model, target, dt, slew, _, starves = random_case(seed)
-    target = target[:400]
     v = model.validity
     rms = {}
     for mode in ("static", "causal", "preview"):
@@ -77,10 +76,9 @@ def test_limits_hold_and_nothing_diverges_on_random_models(seed: int) -> None:
         assert steps.max() <= slew * dt * (1 + 1e-6)
         y = simulate(model.hysteresis, np.concatenate([[v.drive_min], drive]), dt)[1:]
         rms[mode] = _rms(y - target)
-    # Never worse than the static inverse by more than the noise; the few that are, by seed, are
-    # counted by the benchmark over ten thousand.
-    assert rms["preview"] <= rms["static"] + 3 * c.noise
-    assert rms["causal"] <= rms["static"] + 3 * c.noise
+    # Never worse than the static inverse by more than the noise.
+    assert rms["preview"] <= rms["static"] + c.noise
+    assert rms["causal"] <= rms["static"] + c.noise
 
 
 def test_the_applied_drive_leads_the_model() -> None:
@@ -101,6 +99,10 @@ def test_the_applied_drive_leads_the_model() -> None:
     assert _rms((y - target)[300:]) < 0.03
 
 
+def y_at_rest(model: Model, drive: np.ndarray) -> float:
+    return float(simulate(model.hysteresis, np.concatenate([[0.0], drive]), DT)[-1])
+
+
 def test_preview_runs_dry_and_returns_without_a_jump() -> None:
     model = shipped("paper-eq12")
     target = _sine(5, 6, 2.0)
@@ -119,7 +121,9 @@ def test_preview_runs_dry_and_returns_without_a_jump() -> None:
     assert modes[500] == "preview"
     assert modes[690] == "causal"
     assert modes[800] == "hold"
-    assert np.all(drive[700:1000] == drive[700])
+    # The hold slides to where the stage rests at the last target.
+    assert np.all(drive[740:1000] == drive[740])
+    assert abs(y_at_rest(model, drive[:900]) - target[699]) < 0.03
     quiet = np.abs(np.diff(drive[200:1000]))
     assert quiet.max() < 0.2
     y = simulate(model.hysteresis, np.concatenate([[0.0], drive]), DT)[1:]
