@@ -35,9 +35,11 @@ class Clip(Candidate):
         )
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
-        q = [float(x) for x in np.quantile(data.u, (0.02, 0.08, 0.92, 0.98, 0.997))]
-        low, high = self._low, self._high
-        return [(low, q[2]), (low, q[3]), (low, q[4]), (q[0], high), (q[1], high)]
+        low, high, span = self._low, self._high, self._high - self._low
+        out = [(low, high - f * span) for f in (0.01, 0.03, 0.08, 0.15)]
+        out += [(low + f * span, high) for f in (0.01, 0.03, 0.05, 0.07, 0.09, 0.15)]
+        out += [(low + f * span, high - f * span) for f in (0.02, 0.06)]
+        return [(float(a), float(b)) for a, b in out]
 
     def drive(self, data: Data, v: Floats, theta: Sequence[float]) -> Floats:
         return np.clip(v, theta[0], theta[1])
