@@ -5,20 +5,19 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 ROUND ?= ../shared/concealed/round-1
 
-# numba's cache follows a kernel's own file, not the kernels that it calls: one cache a state of
-# the sources
-SOURCES := $(shell find models drivers daemon -name '*.py' | LC_ALL=C sort)
-export NUMBA_CACHE_DIR := $(CURDIR)/.numba/$(shell cat $(SOURCES) | cksum | cut -d' ' -f1)
+.PHONY: demo test check kernels lint types contracts concealed proof clean
 
-.PHONY: demo test check lint types contracts concealed proof clean
-
-demo: $(READY)
+demo: kernels
 	$(BIN)/dehyst demo
 
-test: $(READY)
+test: kernels
 	$(BIN)/python -m pytest
 
 check: lint types contracts test
+
+# numba compiles each kernel once and keeps it; without this the first start of a process would
+kernels: $(READY)
+	@$(BIN)/dehyst warm
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -44,4 +43,4 @@ $(READY): pyproject.toml
 	touch $(READY)
 
 clean:
-	rm -rf $(VENV) .numba build dist src/*.egg-info out .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build dist src/*.egg-info out .pytest_cache .mypy_cache .ruff_cache

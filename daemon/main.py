@@ -32,6 +32,7 @@ COMMANDS = {
     "latency": "self-test of this machine: does it hold the loop's deadlines?",
     "probe": "record a unit's raw bytes and timings into a fixture file",
     "emulate": "an MDT693B and a KSG101 on pseudo terminals, with a simulated stage behind",
+    "warm": "compile all kernels now, so that the next start is quick",
     "keys": "make certificates for a controller and its clients",
     "core": "the real-time process alone (for systemd)",
     "gateway": "the network process alone (for systemd)",
