@@ -187,9 +187,9 @@ def _back(
     good: float,
 ) -> float:  # fmt: skip
     """The shadow's drive where it moves the stage as it moves the shadow, so that both become the
-    same; otherwise the static inverse from where the stage is. Where its static error is above `good` by more
-    than the noise (weights not monotone, another memory than the shadow's), the best of a few
-    corrections close to it. Overwrites plays[SCRATCH]."""
+    same; otherwise the static inverse from where the stage is. Where its static error is above
+    `good` by more than the noise (weights not monotone), the best of a few corrections close to
+    it. Overwrites plays[SCRATCH]."""
     last, target = state[LAST], state[TARGET_NOW]
     travel = fixed[RATE] * fixed[PERIOD]
     plays[SCRATCH] = plays[SHADOW_PLAYS]

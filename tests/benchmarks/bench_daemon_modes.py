@@ -1,0 +1,254 @@
+"""The inverse's modes in the running daemon, from telemetry alone, beside the offline figure.
+
+    python -m tests.benchmarks.bench_daemon_modes [--for SECONDS] [--modes static,preview]
+
+The core and the gateway run as processes on the in-process simulated stage at 1 kHz, with rate
+dependence and a lag of the amplifier. The model is identified from the stage's own recording.
+`dehyst play` streams sines; the error is that of the reading against the target one sample
+before, which it answers. Offline, Compensator and Stage.run do the same without a daemon.
+Exit status 1 where the ranking of the modes differs.
+"""
+
+import argparse
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon.client import Client
+from dehyst.daemon.config import load_config
+from dehyst.daemon.files import save_model
+from dehyst.daemon.records import TELEMETRY
+from dehyst.daemon.ring import Ring
+from dehyst.drivers.stage import Stage
+from dehyst.drivers.stage_settings import StageSettings
+from dehyst.models.compensator import DRIVE, Compensator
+from dehyst.models.identify import Options, identify
+from dehyst.models.model import Model
+from dehyst.models.recording import Recording
+
+Floats = NDArray[np.float64]
+MODES = ("static", "causal", "preview")
+SINES = ((1.0, 6.0), (5.0, 5.0), (10.0, 4.0), (20.0, 3.0))  # Hz, um peak to peak
+RATE_HZ, TOP_V, SLEW, PREVIEW_S, CENTRE_UM = 1000.0, 150.0, 40_000.0, 0.1, 8.0
+PLANT = {"rate_per_decade": 0.15, "amplifier_tau_s": 4e-3, "sensor_noise_um": 0.005}
+START = 0.35  # part of each sine that is not judged: its first periods
+ALIKE = 1.1  # modes whose errors are this close count as equal in the ranking
+
+CONFIG = """
+name = "modes"
+run_dir = "{folder}/run"
+[model]
+file = "{folder}/model.toml"
+[loop]
+rate_hz = {rate}
+[actuator]
+driver = "simulated"
+settings = {settings}
+[sensor]
+driver = "simulated"
+settings = {settings}
+[limits]
+min_v = 0.0
+max_v = {top}
+slew_v_per_s = {slew}
+[setpoint]
+origin = "model"
+[inverse]
+mode = "{mode}"
+preview_s = {preview}
+[bus]
+listen = ["{address}"]
+"""
+
+
+def identified() -> Model:
+    """The stage's model, from twelve seconds of loops at 0.5 to 25 Hz."""
+    t = np.arange(round(12 * RATE_HZ)) / RATE_HZ
+    size = 0.55 + 0.45 * np.cos(2 * np.pi * t / 6)
+    wave = 0.55 * np.sin(2 * np.pi * 0.5 * t - np.pi / 2) + 0.2 * np.sin(2 * np.pi * 5 * t)
+    wave += 0.15 * np.sin(2 * np.pi * 12 * t) + 0.1 * np.sin(2 * np.pi * 25 * t)
+    u = 0.5 * TOP_V * (1 + 0.98 * size * wave)
+    u = np.concatenate([np.linspace(0, u[0], 300), u])
+    reading = answers(u)
+    t = np.arange(u.size) / RATE_HZ
+    return identify([Recording(t, u, reading, name="simulated stage")], Options()).model
+
+
+def answers(volts: Floats) -> Floats:
+    """The reading one period after each voltage was commanded, of a fresh stage."""
+    t = np.arange(volts.size + 1) / RATE_HZ
+    _, reading = Stage(StageSettings(**PLANT)).run(t, np.append(volts, volts[-1]))  # type: ignore[arg-type]
+    return np.asarray(reading[1:])
+
+
+def trajectory(seconds: float) -> tuple[Floats, list[slice]]:
+    """Targets: a loop over the range, so that plant and model know each other's past, then the
+    sines with glides between; and where each sine is judged."""
+    n = round(1.5 * RATE_HZ)
+    parts = [8.0 - 7.0 * np.cos(2 * np.pi * np.arange(n) / n)]
+    judged, at = [], n
+    t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    for f, size in SINES:
+        wave = CENTRE_UM - 0.5 * size * np.cos(2 * np.pi * f * t)
+        bend = 0.5 - 0.5 * np.cos(np.pi * np.arange(200) / 200)
+        parts += [parts[-1][-1] + (wave[0] - parts[-1][-1]) * bend, wave]
+        at += 200 + t.size
+        judged.append(slice(at - round((1 - START) * t.size), at - 1))
+    return np.concatenate(parts), judged
+
+
+def rms_nm(error: Floats, judged: list[slice]) -> list[float]:
+    """Of each sine."""
+    return [1e3 * float(np.sqrt(np.nanmean(error[part] ** 2))) for part in judged]
+
+
+def offline(model: Model, mode: str, seconds: float) -> list[float]:
+    """The errors without a daemon; a slow approach comes first, as in the daemon."""
+    target, judged = trajectory(seconds)
+    approach = np.linspace(0.0, target[0], 100)
+    whole = np.concatenate([approach, target])
+    c = Compensator(model, 1 / RATE_HZ, 0.0, TOP_V, SLEW, mode, PREVIEW_S)
+    state, volts, nothing = c.init(0.0), np.empty(whole.size), np.zeros(0)
+    for i in range(whole.size):
+        window = whole[i : i + c.window_samples]
+        c.step(state, window, window.size, nothing)
+        volts[i] = state.result[DRIVE]
+        c.applied(state, volts[i])
+    return rms_nm(answers(volts)[approach.size :] - target, judged)
+
+
+def free_port() -> int:
+    """On loopback."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def start(*arguments: str) -> "subprocess.Popen[bytes]":
+    """One of dehyst's processes."""
+    env = {**os.environ, "DEHYST_SUPERVISED": "1"}
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "dehyst.daemon.main", *arguments], env=env,
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def in_daemon(folder: Path, model: Model, mode: str, seconds: float) -> list[float]:
+    """The errors of `dehyst play`, from the telemetry of the samples that it commanded."""
+    address = f"tcp/127.0.0.1:{free_port()}"
+    settings = ", ".join(f"{k} = {v}" for k, v in {**PLANT}.items())
+    path = folder / "config.toml"
+    path.write_text(
+        CONFIG.format(
+            folder=folder, rate=RATE_HZ, top=TOP_V, slew=SLEW, mode=mode, preview=PREVIEW_S,
+            address=address, settings=f'{{stage = "modes", {settings}}}',
+        )
+    )  # fmt: skip
+    save_model(model, folder / "model.toml")
+    load_config(path)
+    processes = [start("core", "--config", str(path)), start("gateway", "--config", str(path))]
+    try:
+        ready(address, processes)
+        return played(folder, address, seconds)
+    finally:
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.communicate(timeout=30)
+
+
+def ready(address: str, processes: "list[subprocess.Popen[bytes]]") -> None:
+    """Wait until the loop runs and a client can ask it; kernels may have to be compiled."""
+    end = time.monotonic() + 240.0
+    while time.monotonic() < end:
+        for process in processes:
+            if process.poll() is not None:
+                raise SystemExit(process.communicate()[1].decode())
+        try:
+            client = Client(connect=address)
+        except Exception:  # not there yet
+            time.sleep(0.2)
+            continue
+        try:
+            if client.status().core_alive:
+                return
+        finally:
+            client.bus.close()
+        time.sleep(0.2)
+    raise SystemExit("the daemon did not start")
+
+
+def played(folder: Path, address: str, seconds: float) -> list[float]:
+    """The trajectory by `dehyst play`; its errors by the telemetry ring."""
+    target, judged = trajectory(seconds)
+    t = np.arange(target.size) / RATE_HZ
+    file = folder / "sine.csv"
+    np.savetxt(file, np.column_stack([t, target]), "%.9f", ",", header="t_s,target_um", comments="")
+    ring = Ring.attach(folder / "run" / "telemetry.ring", TELEMETRY)
+    first = int(ring.read(0)[0]["seq"][-1])
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "dehyst.daemon.main", "play", str(file), "--connect", address,
+         "--json"], capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    samples = ring.read(0)[0]
+    ring.close()
+    if not done.stdout:
+        raise SystemExit(f"dehyst play: {done.stderr}")
+    if not json.loads(done.stdout)["completed"]:
+        raise SystemExit(f"dehyst play: {json.loads(done.stdout)['reason']}")
+    samples = samples[(samples["seq"] > first) & np.isfinite(samples["target"])]
+    # The trajectory is what comes after the approach.
+    samples = samples[-target.size :]
+    return rms_nm(samples["measured"][1:] - samples["target"][:-1], judged)
+
+
+def same_order(a: list[float], b: list[float]) -> bool:
+    """Whether both rank the modes alike; errors within ALIKE of each other have no order."""
+    pairs = [(i, j) for i in range(len(a)) for j in range(i)]
+    return all(
+        (a[i] - a[j]) * (b[i] - b[j]) > 0
+        or max(a[i], a[j]) < ALIKE * min(a[i], a[j])
+        or max(b[i], b[j]) < ALIKE * min(b[i], b[j])
+        for i, j in pairs
+    )
+
+
+def main() -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--for", dest="seconds", type=float, default=3.0, help="of each sine")
+    parser.add_argument("--modes", default=",".join(MODES))
+    args = parser.parse_args()
+    modes = args.modes.split(",")
+    model = identified()
+    fit = 1e3 * (model.fit.rms or 0.0)
+    kind = "static" if model.hysteresis.static else "rate-dependent"
+    print(f"model: {kind}, {model.hysteresis.n} operators, fit {fit:.0f} nm; rms error in nm")
+    without = {mode: offline(model, mode, args.seconds) for mode in modes}
+    with tempfile.TemporaryDirectory(prefix="dehyst-modes-") as name:
+        within = {}
+        for mode in modes:
+            folder = Path(name) / mode
+            folder.mkdir()
+            within[mode] = in_daemon(folder, model, mode, args.seconds)
+    print(f"{'target':18}" + "".join(f"{m + ', daemon':>17}{'offline':>9}" for m in modes)
+          + "  same ranking")  # fmt: skip
+    agree = True
+    for k, (f, size) in enumerate(SINES):
+        order = same_order([within[m][k] for m in modes], [without[m][k] for m in modes])
+        agree = agree and order
+        cells = "".join(f"{within[m][k]:17.0f}{without[m][k]:9.0f}" for m in modes)
+        print(f"{f:3g} Hz, {size:g} um p-p  {cells}  {'yes' if order else 'no'}")
+    return 0 if agree else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
