@@ -12,8 +12,8 @@ import numpy as np
 from dehyst.models.recording import Floats
 from dehyst.models.rows import Rows
 
-SIZES = (1.0, 0.7, 0.5, 0.3)  # of the drive range
-PACES = (0.02, 0.3, 0.65, 1.0, 1.25)  # of the largest rate
+SIZES = (1.0, 0.8, 0.6, 0.4)  # of the drive range
+PACES = (0.02, 0.05, 0.3, 0.65, 1.0, 1.25)  # of the largest rate
 CYCLES = 8
 SAMPLES = 60  # a cycle
 

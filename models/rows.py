@@ -19,6 +19,7 @@ FEWEST_ROWS = 60
 LONG_GAP = 5.5  # periods; over a longer gap the drive may have turned unseen
 NEAR_ZERO = 0.01  # part of the drive span that still counts as de-energised
 LONE = 8.0  # a lone drive value this many robust standard deviations off is a glitch
+GLITCH_STEPS = 4.0  # and this many of the steps around it; where a drive turns it is below 2
 SMALLEST_GLITCH = 0.004  # of the drive's range
 STEADIER = 0.7  # the drive must be this much smoother by number than by time stamp
 
@@ -112,15 +113,15 @@ def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]
 
 def _without_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
     """The drive with lone wild values as NaN; a glitch would stay in every operator's memory."""
-    off = np.abs(lone_deviation(u))
-    known = off[~np.isnan(off)]
-    if known.size == 0:
-        return u
-    limit = LONE * 1.4826 * float(np.median(known))
-    some = sample(u)
-    limit = max(limit, SMALLEST_GLITCH * float(np.ptp(np.nanquantile(some, [0.02, 0.98]))))
-    with np.errstate(invalid="ignore"):
-        wild = (off > limit) & (np.abs(jump(u)) > 0.85 * off)  # the tip of a triangle has 2 / 3
+    wild = np.zeros(u.size, dtype=bool)
+    for _ in range(2):  # once more: of two glitches side by side one hides the other
+        at = np.flatnonzero(~np.isnan(u) & ~wild)
+        if at.size == 0:
+            return u
+        found = at[_glitches(u[at])]
+        wild[found] = True
+        if found.size == 0:
+            break
     count = int(np.count_nonzero(wild))
     if count == 0 or count > 0.05 * u.size:
         return u
@@ -128,6 +129,24 @@ def _without_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
     u = u.copy()
     u[wild] = np.nan
     return u
+
+
+def _glitches(v: Floats) -> Bools:
+    """(N,) values far off the five around them, which the drive's own steps do not explain.
+
+    Of these the tip of a triangle has a jump of 2 / 3, and a glitch's neighbours a smaller jump.
+    """
+    off = np.abs(lone_deviation(v))
+    some = np.nanquantile(sample(v), [0.02, 0.98])
+    limit = LONE * 1.4826 * float(np.median(sample(off)))
+    limit = max(limit, SMALLEST_GLITCH * float(np.ptp(some)))
+    jumps = np.abs(jump(v))
+    largest = np.ones(v.size, dtype=bool)  # of the five around it
+    for step in (1, 2):
+        largest[step:] &= jumps[step:] >= jumps[:-step]
+        largest[:-step] &= jumps[:-step] >= jumps[step:]
+    lone = (jumps > 0.85 * off) & largest
+    return (off > limit) & (lone | (off > GLITCH_STEPS * _steps_around(v)))
 
 
 def sample(x: Floats, limit: int = 200_000) -> Floats:
@@ -167,6 +186,27 @@ def lone_deviation(x: Floats) -> Floats:
         elif m >= 3:
             middle = five[m // 2] if m % 2 else 0.5 * (five[m // 2 - 1] + five[m // 2])
             out[i] = x[i] - middle
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _steps_around(x: Floats) -> Floats:
+    """(N,) median size of the six steps nearest to each value, less the two that touch it."""
+    out = np.zeros(x.size)
+    six = np.empty(6)
+    for i in range(x.size):
+        m = 0
+        for j in (i - 3, i - 2, i - 1, i + 2, i + 3, i + 4):
+            if 1 <= j < x.size and j != i:
+                step = abs(x[j] - x[j - 1])
+                p = m
+                while p > 0 and six[p - 1] > step:
+                    six[p] = six[p - 1]
+                    p -= 1
+                six[p] = step
+                m += 1
+        if m:
+            out[i] = six[m // 2] if m % 2 else 0.5 * (six[m // 2 - 1] + six[m // 2])
     return out
 
 

@@ -34,6 +34,9 @@ def recordings(truth: Hysteresis, seed: int = 5) -> Iterator[tuple[str, Recordin
     zeros = y.copy()
     zeros[some] = 0.0
     yield "1 % zeros", Recording(t, u, zeros)
+    spikes = u.copy()
+    spikes[some] += rng.choice([-1, 1], some.size) * rng.uniform(0.02, 10.0, some.size)
+    yield "1 % drive spikes", Recording(t, spikes, y)
     yield "5 % rows missing", Recording(t[~gone], u[~gone], y[~gone])
     yield "5 % readings NaN", Recording(t, u, np.where(gone, np.nan, y))
     yield "5 % drive NaN", Recording(t, np.where(gone, np.nan, u), y)
