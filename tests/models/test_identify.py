@@ -149,8 +149,11 @@ def damaged() -> dict[str, Recording]:
     gone[rng.choice(u.size, u.size // 20, replace=False)] = True
     wild = y.copy()
     wild[some] += rng.choice([-1, 1], some.size) * rng.uniform(0.5, 1000.0, some.size)
+    spikes = u.copy()
+    spikes[some] += rng.choice([-1, 1], some.size) * rng.uniform(0.05, 50.0, some.size)
     return {
         "outliers": Recording(t, u, wild),
+        "drive spikes": Recording(t, spikes, y),
         "rows missing": Recording(t[~gone], u[~gone], y[~gone]),
         "readings missing": Recording(t, u, np.where(gone, np.nan, y)),
         "drive missing": Recording(t, np.where(gone, np.nan, u), y),
