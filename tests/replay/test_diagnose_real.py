@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dehyst.daemon.recordings import read_recording
-from dehyst.models.cascade import simulate
+from dehyst.models.cascade import channels_of, simulate
 from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.recording import Recording
 
@@ -46,7 +46,7 @@ def lightsheet(data_dir):
 
 @pytest.fixture(scope="module")
 def triangle(data_dir):
-    return one(data_dir, "afm-triangle-b", 4)
+    return one(data_dir, "afm-triangle-a", 8)
 
 
 def test_light_sheet_servo_is_a_lag(lightsheet):
@@ -71,6 +71,7 @@ def test_held_out_error_does_not_grow(which, request):
 def test_model_runs_on_the_recording_again(which, request):
     diagnosis = request.getfixturevalue(which)
     view = diagnosis.views[0]
+    assert not channels_of(diagnosis.model)  # nothing but the drive moves these two
     y = simulate(diagnosis.model, view.t_s, view.drive)
     assert np.all(np.isfinite(y))
     error = view.displacement - y
