@@ -47,13 +47,31 @@ def acquire(
     now: Callable[[], int] = clock.monotonic_ns,
     sleep_until: Callable[[int], None] = realtime.sleep_until_ns,
 ) -> Recording:
-    """Play `drive` [model drive units] at loop.rate_hz and record.
+    """Play `drive` [model drive units] at loop.rate_hz and record, at the loop's priority.
 
     The drive is interpolated on the loop's grid; time stamps are the real ones, a reading that
     failed is NaN, a late sample shows as a gap. Raises DriverError, BadInput, BadRecording.
     """
     volts = drive * config.actuator.gain
     check_drive(config, t_s, volts)
+    with realtime.raised(config.loop.priority):
+        rows = _run(config, t_s, volts, progress, now, sleep_until)
+    rows = rows[np.isfinite(rows[:, 0])]
+    return Recording(
+        t_s=rows[:, 0], drive=rows[:, 1] / config.actuator.gain, displacement=rows[:, 2],
+        drive_unit=unit, name=f"{config.name} open loop",
+    )  # fmt: skip
+
+
+def _run(
+    config: Config,
+    t_s: Floats,
+    volts: Floats,
+    progress: Callable[[float], None] | None,
+    now: Callable[[], int],
+    sleep_until: Callable[[int], None],
+) -> Floats:
+    """(N, 3) rows of time, voltage in force and reading; the output ends where it was."""
     actuator = Link(
         "actuator", load_actuator(config.actuator.driver).from_settings(config.actuator.settings)
     )
@@ -65,24 +83,19 @@ def acquire(
         check_rates(config, actuator.device.spec, sensor.device.spec)
         start = float(past_output(config, float(actuator.device.output()))[-1])
         rate, period_s = config.safe.ramp_v_per_s, 1.0 / config.loop.rate_hz
-        at = start
         try:
-            at = ramp(actuator, at, float(volts[0]), rate, period_s)
+            ramp(actuator, start, float(volts[0]), rate, period_s)
             grid = np.arange(t_s[0], t_s[-1], period_s)
             plan = np.interp(grid, t_s, volts)
             rows = np.full((grid.size, 3), np.nan)
-            at = _play(actuator, sensor, config, plan, rows, progress, now, sleep_until)
+            _play(actuator, sensor, config, plan, rows, progress, now, sleep_until)
         finally:
-            if actuator.ok:
-                ramp(actuator, at, start, rate, period_s)
+            if actuator.ok:  # back from wherever it stands, also when it was interrupted
+                ramp(actuator, float(actuator.device.output()), start, rate, period_s)
     finally:
         sensor.close()
         actuator.close()
-    rows = rows[np.isfinite(rows[:, 0])]
-    return Recording(
-        t_s=rows[:, 0], drive=rows[:, 1] / config.actuator.gain, displacement=rows[:, 2],
-        drive_unit=unit, name=f"{config.name} open loop",
-    )  # fmt: skip
+    return rows
 
 
 def _play(
@@ -94,8 +107,8 @@ def _play(
     progress: Callable[[float], None] | None,
     now: Callable[[], int],
     sleep_until: Callable[[int], None],
-) -> float:
-    """Write the plan sample by sample; returns the voltage that the output stands at."""
+) -> None:
+    """Write the plan sample by sample."""
     first = now() + config.period_ns
     at = float(plan[0])
     for i, volts in enumerate(plan.tolist()):
@@ -114,4 +127,3 @@ def _play(
         at = volts
         if progress is not None and i % 64 == 0:
             progress(i / plan.size)
-    return at

@@ -57,12 +57,14 @@ class Core:
             self.config.actuator.settings
         )
         sensor = load_sensor(self.config.sensor.driver).from_settings(self.config.sensor.settings)
-        actuator.open()
-        try:
-            sensor.open()
-        except BaseException:
-            actuator.close()
-            raise
+        # drivers measure their rate when they open: at the priority at which the loop will run
+        with realtime.raised(self.config.loop.priority):
+            actuator.open()
+            try:
+                sensor.open()
+            except BaseException:
+                actuator.close()
+                raise
         return Link("actuator", actuator), Link("sensor", sensor)
 
     def run(self) -> None:

@@ -8,6 +8,8 @@ import ctypes
 import gc
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 _CLOCK_MONOTONIC = 1
@@ -85,6 +87,25 @@ def enter_realtime(priority: int, cpu: int) -> Obtained:
 def finest_timer() -> None:
     """Wake this thread at the nanosecond that it asks for; ordinary threads get 50 us of slack."""
     _libc.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
+
+
+@contextmanager
+def raised(priority: int) -> Iterator[None]:
+    """FIFO scheduling at `priority` for the calling thread while the block lasts, where allowed;
+    0: leave it."""
+    if priority == 0:
+        yield
+        return
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (OSError, ValueError):
+        yield
+        return
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *before)
 
 
 def die_with_parent(signal_number: int) -> None:
