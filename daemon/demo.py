@@ -51,8 +51,8 @@ class Demo:
     def excite_and_record(self, progress: Callable[[float], None]) -> None:
         """Drive the stage open loop through the serial drivers."""
         t_s, volts = exploring_drive()
-        self.say(f"2. drive it open loop for {t_s[-1]:.0f} s over serial, and record")
-        recording = acquire(load_config(self._config), t_s, volts, "v", progress)
+        self.say(f"2. exercise it, drive it open loop for {t_s[-1]:.0f} s over serial, and record")
+        recording = acquire(load_config(self._config), t_s, volts, "v", progress=progress)
         assert recording.displacement is not None
         write_recording(
             self.output / "recording.csv",

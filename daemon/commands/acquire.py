@@ -12,6 +12,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("drive", metavar="DRIVE.csv", help="columns t_s, u_v (see dehyst excite)")
     parser.add_argument("--config", required=True, metavar="FILE", help="configuration (TOML)")
     parser.add_argument("-o", "--output", required=True, metavar="REC.csv")
+    parser.add_argument(
+        "--exercise", type=float, default=5.0, metavar="S",
+        help="full loops before the recording, so that it has crept already (default: 5 s)",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="result as JSON on stdout")
     parser.epilog = "example: dehyst acquire drive.csv --config stage.toml -o recording.csv"
 
@@ -23,7 +27,9 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(args.config)
     drive = read_recording(args.drive)
     with progress_bar("recording") as progress:
-        recording = acquire(config, drive.t_s, drive.drive, drive.drive_unit, progress)
+        recording = acquire(
+            config, drive.t_s, drive.drive, drive.drive_unit, args.exercise, progress
+        )
     assert recording.displacement is not None
     write_recording(
         args.output,

@@ -84,7 +84,8 @@ def test_volts_in_micrometres_out(rig: Rig) -> None:
     assert 1.0 < start_um < 3.0  # the amplifier recalled 20 V, the stage has settled there
     rig.amplifier.write(150.0)
     wait_for(lambda: rig.ask()["drive_v"] > 149.99)
-    assert rig.gauge.read() == pytest.approx(rig.ask()["displacement_um"], abs=0.15)
+    # the step rings for some hundredths of a second
+    wait_for(lambda: abs(rig.gauge.read() - rig.ask()["displacement_um"]) < 0.1)
     assert rig.gauge.read() == pytest.approx(17.4, abs=0.4)
     rig.amplifier.write(20.0)
     wait_for(lambda: rig.ask()["drive_v"] < 20.01)
