@@ -68,9 +68,9 @@ def acquire(
 ) -> Recording:
     """Play `drive` [model drive units] at loop.rate_hz and record, at the loop's priority.
 
-    The stage is exercised first (see `exercise`). The drive is interpolated on the loop's grid; time
-    stamps are the real ones, a reading that failed is NaN, a late sample shows as a gap. Raises
-    DriverError, BadInput, BadRecording.
+    The stage is exercised first (see `exercise`). The drive is interpolated on the loop's grid;
+    time stamps are the real ones, a reading that failed is NaN, a late sample shows as a gap.
+    Raises DriverError, BadInput, BadRecording.
     """
     volts = drive * config.actuator.gain
     check_drive(config, t_s, volts)
