@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from dehyst.daemon.security import check_open
+from dehyst.daemon.security import check_open, check_routers
 from dehyst.models.errors import BadInput
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -40,7 +40,8 @@ class LoopConfig(_Strict, frozen=True):
     rate_hz: Annotated[float, Meta(gt=0, le=20_000)] = 1000.0
     """Sampling rate. Refused where the drivers cannot sustain it."""
     priority: Annotated[int, Meta(ge=0, le=99)] = 80
-    """SCHED_FIFO priority asked for; 0: ordinary scheduling. What was obtained is reported."""
+    """SCHED_FIFO priority asked for; 0: ordinary scheduling. What was obtained is reported. From
+    1 kHz on, the CPUs are also kept out of idle states that take long to leave."""
     cpu: Annotated[int, Meta(ge=-1)] = -1
     """CPU to pin the loop to; -1: none."""
     engine: Literal["auto", "python", "compiled"] = "auto"
@@ -126,8 +127,9 @@ class InverseConfig(_Strict, frozen=True):
 
 
 class AuthConfig(_Strict, frozen=True):
-    """[bus.auth]: who may connect. Needed to listen beyond loopback. Names are user names, or the
-    common names of certificates."""
+    """[bus.auth]: who may connect, needed to listen beyond loopback; or, with `credentials`, who
+    this daemon is to a router that enforces the roles. Names are user names, or the common names
+    of certificates."""
 
     operators: tuple[str, ...] = ()
     """May command and observe."""
@@ -137,15 +139,19 @@ class AuthConfig(_Strict, frozen=True):
     """File of name:password lines, readable by the daemon alone; relative to the configuration."""
     certificates: str = ""
     """Or: directory with ca.pem, certificate.pem and key.pem (`dehyst keys` makes it)."""
+    credentials: str = ""
+    """Behind a router instead: what the daemon shows to it, such a directory or a file with one
+    line name:password. Needed for a router on the network."""
 
 
 class BusConfig(_Strict, frozen=True):
-    """[bus]: zenoh. Loopback only unless `listen` says otherwise."""
+    """[bus]: zenoh. Loopback only unless `listen` or `connect` say otherwise."""
 
     base: Annotated[str, Meta(pattern=r"^[a-z0-9_-]+(/[a-z0-9_-]+)*$")] = "dehyst"
     """First chunks of every key."""
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     connect: tuple[str, ...] = ()
+    """Routers, through which clients find this daemon too, or, with `listen = []`, alone."""
     auth: AuthConfig | None = None
 
 
@@ -235,6 +241,7 @@ def _check(config: Config, where: str) -> None:
             f"limits.slew_v_per_s ({limits.slew_v_per_s:g})"
         )
     try:
+        check_routers(config.bus.listen, config.bus.connect, config.bus.auth)
         check_open(config.bus.listen, config.bus.auth is not None)
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
@@ -256,7 +263,7 @@ def load_config(path: str | Path) -> Config:
     if config.bus.auth is not None:
         paths = {
             key: str(path.parent.resolve() / value)
-            for key in ("passwords", "certificates")
+            for key in ("passwords", "certificates", "credentials")
             if (value := getattr(config.bus.auth, key))
         }
         auth = msgspec.structs.replace(config.bus.auth, **paths)

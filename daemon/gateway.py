@@ -24,7 +24,7 @@ from dehyst.daemon.lease import Lease
 from dehyst.daemon.librarian import Librarian
 from dehyst.daemon.publisher import Publisher
 from dehyst.daemon.records import MODEL_IN_USE
-from dehyst.daemon.security import server_settings
+from dehyst.daemon.security import client_settings, server_settings
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Model
 
@@ -71,7 +71,8 @@ class Gateway:
                 self._thread("watch", publisher.watch.run),
             ]
             notify.send("READY=1")
-            log.info("gateway of %s listens on %s", config.name, ", ".join(config.bus.listen))
+            where = (*config.bus.listen, *(f"the router {r}" for r in config.bus.connect))
+            log.info("gateway of %s is reached at %s", config.name, ", ".join(where))
             try:
                 self._publish(publisher)
             finally:
@@ -110,10 +111,12 @@ class Gateway:
 
 
 def _security(config: Config, keys: Keys) -> dict[str, Any] | None:
-    """Authentication and access control; None: loopback only."""
+    """Authentication, and access control unless a router does that; None: loopback only."""
     auth, listen = config.bus.auth, config.bus.listen
     if auth is None:
         return None
+    if auth.credentials:
+        return client_settings(auth.credentials)
     return server_settings(
         keys, listen, auth.operators, auth.observers, auth.passwords, auth.certificates
     )

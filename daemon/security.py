@@ -3,8 +3,11 @@
 Loopback only: no authentication is asked for. Beyond loopback it must be configured ([bus.auth]):
 either user and password, or certificates (mutual TLS). Everything is denied but what the two
 roles need. Observers: telemetry, status, events, model, configuration, history. Operators: the
-same, and commands. The rules hold in the daemon's process; a router between enforces nothing of
-them by itself.
+same, and commands. These rules hold in the daemon's process.
+
+Behind a router all clients come over one link, on which the daemon cannot tell them apart. Then
+the router asks for credentials and enforces the roles (docs/examples/router-secured.json5), and
+the daemon has credentials of its own and listens on nothing.
 """
 
 import ipaddress
@@ -46,6 +49,33 @@ def check_open(listen: Sequence[str], authenticated: bool) -> None:
                 "configured: anybody could move the stage. Configure it (`dehyst keys` makes "
                 "certificates), or listen on 127.0.0.1"
             )
+
+
+def check_routers(listen: Sequence[str], connect: Sequence[str], auth: Any) -> None:
+    """BadInput where the way through a router would leave out the authentication. auth: an
+    AuthConfig or None."""
+    credentials = auth is not None and auth.credentials
+    for endpoint in connect:
+        if not credentials and not is_loopback(endpoint):
+            raise BadInput(
+                f"bus.connect: {endpoint} is on the network and bus.auth.credentials is not given: "
+                "anybody at that router could move the stage"
+            )
+    if credentials and not connect:
+        raise BadInput("bus.auth.credentials: are for the routers in bus.connect; name them")
+    if credentials and listen:
+        raise BadInput(
+            "bus.auth.credentials: behind a router that enforces the roles the daemon itself "
+            "listens on nothing: set bus.listen = []"
+        )
+    roles = auth is not None and (auth.operators or auth.observers)
+    if roles and connect:
+        raise BadInput(
+            "bus.auth: the clients of a router cannot be told apart here: name operators and "
+            "observers in the router's configuration, and bus.auth.credentials here"
+        )
+    if not listen and not connect:
+        raise BadInput("bus: neither `listen` nor `connect`: nobody could reach the daemon")
 
 
 def _readable(path: Path, what: str, private: bool = False) -> str:

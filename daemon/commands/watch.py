@@ -3,13 +3,14 @@
 import argparse
 import sys
 
-from dehyst.daemon.remote import add_connection, connect, print_json
+from dehyst.daemon.remote import add_connection, connect, print_json, say
 
 EPILOG = """On a terminal: target, measured and error as plots, state, deadlines, devices, events;
 Ctrl-C leaves. In a pipe: one line a second, events as they come. --json: one JSON status a second.
 Watching changes nothing and needs no lease.
 
-example: dehyst watch --for 10
+examples: dehyst watch --for 10
+          dehyst watch --list --connect tcp/127.0.0.1:7447     (which controllers are there)
 """
 
 
@@ -21,11 +22,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--window", type=float, default=10.0, metavar="S", help="seconds in the plots (default: 10)"
     )
     parser.add_argument("--json", action="store_true", help="one JSON status a second")
+    parser.add_argument("--list", action="store_true", help="one line a controller, then leave")
     add_connection(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Until --for or Ctrl-C."""
+    if args.list:
+        return list_all(args)
     from rich.console import Console
     from rich.live import Live
 
@@ -67,3 +71,40 @@ def run(args: argparse.Namespace) -> int:
             if live is not None:
                 live.stop()
     return 0
+
+
+def list_all(args: argparse.Namespace) -> int:
+    """Who is there, at a daemon or through a router: 1 where nobody is."""
+    from dehyst.daemon import wire
+    from dehyst.daemon.bus import Bus, BusError
+    from dehyst.daemon.client import daemons
+    from dehyst.daemon.keys import Keys
+    from dehyst.daemon.messages import Status
+    from dehyst.daemon.security import client_settings
+
+    with Bus.connect([args.connect], security=client_settings(args.credentials)) as bus:
+        names = daemons(bus, args.base)
+        found: dict[str, Status | None] = {}
+        for name in names:
+            try:
+                answer = next(bus.ask(Keys(args.base, name).rpc("status"), timeout_s=1.0))
+                found[name] = wire.decode(Status, answer)
+            except (BusError, wire.BadMessage):
+                found[name] = None  # it has just gone, or may not be asked
+    if args.json:
+        print_json(found)
+        return 0 if names else 1
+    for name, status in found.items():
+        if status is None:
+            print(f"{name:20s} does not answer")
+            continue
+        state = status.state if status.core_alive else "no loop"
+        lost = status.gateway.samples_lost
+        print(
+            f"{name:20s} {state:9s} {1e9 / status.period_ns:g} Hz  reach {status.reach_min:.4g} "
+            f"to {status.reach_max:.4g} {status.unit}  missed {status.missed}  lost {lost}  "
+            f"commanded by {status.gateway.lease_label or 'nobody'}"
+        )
+    if not names:
+        say(f"no controller with keys below {args.base}/ is to be seen at {args.connect}")
+    return 0 if names else 1
