@@ -68,8 +68,8 @@ METER_T = np.dtype(
         ("minor_faults", "<i8"),
         ("switches", "<i8"),
         ("waited_ns", "<i8"),  # time that the thread was ready and had no CPU
+        ("cpu", "<i8"),  # where it ran
         ("schedstat", "<i8"),  # open file of the thread's /proc schedstat; -1: none
-        ("late_ns", "<i8"),  # summed over all samples, for the test of drift
         # requests to the loop, taken at its next sample
         ("stop", "<i8"),
         ("swap", "<i8"),  # address of another inverse's table

@@ -140,7 +140,9 @@ class Core:
 
     def _enter(self) -> realtime.Obtained:
         """The calling thread becomes the loop's."""
-        return realtime.enter_realtime(self.config.loop.priority, self.config.loop.cpu)
+        return realtime.enter_realtime(
+            self.config.loop.priority, self.config.loop.cpu, self.config.loop.rate_hz
+        )
 
     def _engine(self, desk: Desk) -> Loop | Engine:
         """The loop that the configuration and the devices allow."""

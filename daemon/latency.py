@@ -140,7 +140,7 @@ def measure(setup: Setup) -> Outcome:
     desk.watch(witness)
 
     def enter() -> realtime.Obtained:
-        return realtime.enter_realtime(setup.priority, setup.cpu)
+        return realtime.enter_realtime(setup.priority, setup.cpu, setup.rate_hz)
 
     def loop() -> None:
         desk.obtained = enter()

@@ -4,7 +4,7 @@ import os
 import resource
 from pathlib import Path
 
-from dehyst.daemon.realtime import Obtained
+from dehyst.daemon.realtime import AWAKE_FROM_HZ, IDLE_LATENCY, Obtained
 
 
 def _text(path: str) -> str:
@@ -46,6 +46,11 @@ def advice(
         words.append(
             "privileges: memory is not locked, so pages may be taken away. LimitMEMLOCK=infinity, "
             "or `memlock unlimited` in /etc/security/limits.d"
+        )
+    if asked_priority and rate_hz >= AWAKE_FROM_HZ and not obtained.awake:
+        words.append(
+            f"privileges: {IDLE_LATENCY} is not writable, so a CPU may sleep deeply between "
+            "samples and wake some 100 us late; the udev rule in systemd/ opens it to the group"
         )
     count = os.cpu_count() or 1
     many = count > 1

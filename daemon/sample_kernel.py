@@ -113,17 +113,18 @@ def finish(table: Table, wrote: int, flags: int, woke_ns: int, finished_ns: int,
     buffer = whole_at(table, at.BUFFER)
     major, minor, _, switches = systemcalls.usage(buffer)
     waited = systemcalls.waited_ns(buffer, m.schedstat)
-    r.cause = 0
+    r.cause, cpu = 0, systemcalls.cpu()
     if missed > 0:
         m.missed += missed
         flags |= MISSED
         cause = _cause(
             table, scheduled_ns, woke_ns, finished_ns, io_ns, major - m.major_faults,
-            minor - m.minor_faults, switches - m.switches, waited - m.waited_ns,
+            minor - m.minor_faults, switches - m.switches, waited - m.waited_ns, cpu,
         )  # fmt: skip
         whole_at(table, at.MISSED_BY)[cause] += missed
         r.cause = cause
     m.major_faults, m.minor_faults, m.switches, m.waited_ns = major, minor, switches, waited
+    m.cpu = cpu
     r.flags |= flags
     if table[3 * at.TELEMETRY_WORDS] != 0:
         words, ring = whole_at(table, at.TELEMETRY_WORDS), ring_of(table)
@@ -136,14 +137,18 @@ def finish(table: Table, wrote: int, flags: int, woke_ns: int, finished_ns: int,
 @njit(cache=True, nogil=True)
 def _cause(
     table: Table, scheduled_ns: int, woke_ns: int, finished_ns: int, io_ns: int, major: int,
-    minor: int, switches: int, waited_ns: int,
+    minor: int, switches: int, waited_ns: int, cpu: int,
 ) -> int:  # fmt: skip
     """Why a deadline was missed: the largest part of the time that has a known reason."""
     took_ns = finished_ns - scheduled_ns
     cause, excused_ns = 0, 0
     if table[3 * at.WITNESS] != 0:
         logs = whole_grid_at(table, at.WITNESS)
-        cause, excused_ns = excuse(logs, systemcalls.cpu(), scheduled_ns, finished_ns)
+        cause, excused_ns = excuse(logs, cpu, scheduled_ns, finished_ns)
+        # the timer was set on the CPU that the loop went to sleep on
+        before = meter_of(table).cpu
+        if cause == 0 and before != cpu:
+            cause, excused_ns = excuse(logs, before, scheduled_ns, finished_ns)
     if 2 * io_ns >= took_ns and 2 * excused_ns < io_ns:
         return DRIVER_IO
     if cause != 0:

@@ -143,6 +143,7 @@ def _table(outcome: Outcome, found: dict[str, str], hints: list[str]) -> dict[st
         "policy": "fifo" if obtained.fifo else "other",
         "priority": obtained.priority,
         "memory_locked": obtained.locked,
+        "idle_states_bounded": obtained.awake,
         "cpus": list(obtained.cpus),
         "samples": outcome.samples,
         "missed": outcome.missed,
@@ -172,9 +173,10 @@ def _report(outcome: Outcome, found: dict[str, str], hints: list[str], pictures:
     setup, obtained = outcome.setup, outcome.obtained
     policy = f"FIFO {obtained.priority}" if obtained.fifo else "ordinary scheduling"
     memory = "memory locked" if obtained.locked else "memory not locked"
+    idle = ", idle states bounded" if obtained.awake else ""
     lines = [
         f"{setup.rate_hz:g} Hz for {setup.seconds:g} s, {setup.engine} loop on a simulated stage",
-        f"obtained: {policy}, {memory}, CPUs {', '.join(map(str, obtained.cpus))}",
+        f"obtained: {policy}, {memory}{idle}, CPUs {', '.join(map(str, obtained.cpus))}",
         "machine: " + "; ".join(f"{name} {value}" for name, value in found.items() if value),
         "",
         f"{'microseconds':24}{'p50':>10}{'p99':>10}{'p99.9':>10}{'max':>10}",

@@ -41,9 +41,10 @@ def row(window: Window) -> str:
     c = window.reference()
     ours = f"{p50:6.0f}{p99:6.0f}{p999:7.0f}{window.wake_us.max():8.0f}"
     theirs = (
-        f"{c['p50']:6.0f}{c['p99']:6.0f}{c['p99.9']:7.0f}{c['max']:8.0f}{p999 / c['p99.9']:7.2f}"
+        f"{c['p50']:6.0f}{c['p99']:6.0f}{c['p99.9']:7.0f}{c['max']:8.0f}"
+        f"{window.too_late:8.3%}{p999 / c['p99.9']:7.2f}"
         if len(c) == 4
-        else f"{'no cyclictest':>34}"
+        else f"{'no cyclictest':>42}"
     )
     causes = ", ".join(f"{name} {n}" for name, n in window.by.items()) or "-"
     return (
@@ -54,10 +55,10 @@ def row(window: Window) -> str:
 
 
 HEAD = (
-    f"{'':19}|{'loop: wake-up, us':^27} |{'cyclictest, us':^27}{'p99.9':>7} |"
+    f"{'':19}|{'loop: wake-up, us':^27} |{'cyclictest, us':^27}{'missed':>8}{'p99.9':>7} |"
     f"{'exec':>6}{'missed deadlines':^22} |{'RSS':>6}{'faults':>9} |\n"
     f"{'  Hz load':19}|{'p50':>6}{'p99':>6}{'p99.9':>7}{'max':>8} |{'p50':>6}{'p99':>6}"
-    f"{'p99.9':>7}{'max':>8}{'ratio':>7} |{'us':>6}{'all':>6}{'own':>5}{'':11} |{'kB':>6}"
+    f"{'p99.9':>7}{'max':>8}{'':>8}{'ratio':>7} |{'us':>6}{'all':>6}{'own':>5}{'':11} |{'kB':>6}"
     f"{'min':>5}{'maj':>4} | missed by"
 )
 

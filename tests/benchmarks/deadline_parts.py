@@ -186,6 +186,13 @@ class Window:
         excused = {"stall", "steal", "suspended", "preempted"}
         return sum(n for name, n in self.by.items() if name not in excused)
 
+    @property
+    def too_late(self) -> float:
+        """Share of cyclictest's wake-ups that would have missed the loop's deadline."""
+        slack_us = 1e6 / self.rate - self.exec_us
+        late = sum(n for us, n in self.cyclic.items() if us >= slack_us)
+        return late / max(1, sum(self.cyclic.values()))
+
     def add(self, other: "Window") -> None:
         """Another window of the same kind."""
         self.wake_us = np.concatenate([self.wake_us, other.wake_us])

@@ -1,8 +1,10 @@
 """`dehyst latency` as a process, and its judgement on made-up measurements."""
 
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import pytest
 from dehyst.daemon.histogram import Histogram
 from dehyst.daemon.latency import Outcome, Setup
 from dehyst.daemon.machine import advice
-from dehyst.daemon.realtime import Obtained
+from dehyst.daemon.realtime import IDLE_LATENCY, Obtained
 
 
 def dehyst(*arguments: str) -> "subprocess.CompletedProcess[str]":
@@ -80,10 +82,17 @@ def test_advice_names_what_is_missing() -> None:
         "virtual machine": "no sign of one",
     }  # fmt: skip
     words = " ".join(advice(found, Obtained(False, 0, False, (0, 1)), -1, 80, 1000.0))
-    for word in ("LimitRTPRIO", "LimitMEMLOCK", "governor", "timer slack", "PREEMPT_RT"):
+    for word in (
+        "LimitRTPRIO",
+        "LimitMEMLOCK",
+        "cpu_dma_latency",
+        "governor",
+        "timer slack",
+        "PREEMPT_RT",
+    ):
         assert word in words
     good = found | {"isolated": "1", "governor": "performance", "preemption": "PREEMPT_RT"}
-    assert advice(good, Obtained(True, 80, True, (1,)), 1, 80, 1000.0) == []
+    assert advice(good, Obtained(True, 80, True, (1,), (), True), 1, 80, 1000.0) == []
 
 
 def test_histogram_keeps_all_windows_and_counts_every_duration_once() -> None:
@@ -100,3 +109,22 @@ def test_histogram_keeps_all_windows_and_counts_every_duration_once() -> None:
     for low, high, n in rows:
         assert n == ((durations > low) & (durations <= high)).sum()
     assert whole.quantile(0.5) == pytest.approx(np.median(durations), rel=0.1)
+
+
+@pytest.mark.skipif(not os.access(IDLE_LATENCY, os.R_OK | os.W_OK), reason=f"no {IDLE_LATENCY}")
+def test_idle_states_are_bounded_while_the_process_lives() -> None:
+    """The kernel itself says which exit latency all wishes together leave it."""
+
+    def now() -> int:
+        return int.from_bytes(Path(IDLE_LATENCY).read_bytes()[:4], "little", signed=True)
+
+    code = "from dehyst.daemon.realtime import stay_awake; print(stay_awake()); input()"
+    before = now()
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "True\n"
+    during = now()
+    process.communicate("\n", timeout=30)
+    assert (during, now()) == (0, before)
