@@ -7,9 +7,9 @@ Every kind has one forward kernel for one sample with explicit state,
 p: packed parameters; s: state, advanced in place; x: input; t: time [s]; dt: since the sample
 before [s]; ch: value of the block's channel. The array form `run(p, s, x, t, ch, y)` loops over
 the same kernel; every file has its own, because numba then puts the step into the loop (one loop
-for all kinds that chooses the step by code took 2 to 30 times as long). Between samples the input is taken as a straight line (first-order hold), which
-makes the sampled forms of linear blocks exact for recordings of smooth motion at any sampling.
-A block starts settled at its first input.
+for all kinds that chooses the step by code took 2 to 30 times as long). Between samples the input
+is taken as a straight line (first-order hold), which makes the sampled forms of linear blocks exact
+for recordings of smooth motion at any sampling. A block starts settled at its first input.
 """
 
 import re
