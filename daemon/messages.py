@@ -124,7 +124,7 @@ class Rejection(Message, tag_field="schema", tag="dehyst.rejection", frozen=True
 
 
 class Event(Message, tag_field="schema", tag="dehyst.event", frozen=True, kw_only=True):
-    """What happened, in words. level: as in logging / 10 (2 information, 3 warning, 4 error)."""
+    """What happened, in words. level: 1 information, 2 warning, 3 error."""
 
     version: Version = 1
     time_ns: int
