@@ -13,6 +13,7 @@ from numba import njit
 
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats, Recording, typical_step
+from dehyst.models.rows import sample
 
 DRIVE_BINS, RATE_BINS = 8, 9
 SIZE_EDGES = (0.02, 0.15, 0.4, 0.7, 1.01)
@@ -74,9 +75,22 @@ def _travels(u: Floats, least: float) -> Floats:
     return out[:count].copy()
 
 
+@njit(cache=True, nogil=True)
+def _count(
+    u: Floats, rates: Floats, low: float, high: float, rate_max: float, cells: Floats
+) -> None:
+    """Add the samples to the cells of drive and rate; rates beyond rate_max belong to none."""
+    bins, rate_bins = cells.shape
+    for i in range(rates.size):
+        if abs(rates[i]) <= rate_max:
+            a = int((u[i + 1] - low) / (high - low) * bins)
+            b = int((rates[i] + rate_max) / (2.0 * rate_max) * rate_bins)
+            cells[min(a, bins - 1), min(b, rate_bins - 1)] += 1.0
+
+
 def coverage(recordings: Sequence[Recording]) -> Coverage:
     """What the drives of these recordings cover together. Raises BadRecording for a still drive."""
-    known = [~r.missing_drive for r in recordings]
+    known = [slice(None) if not r.missing_drive.any() else ~r.missing_drive for r in recordings]
     drives = [r.drive[k] for r, k in zip(recordings, known, strict=True)]
     times = [r.t_s[k] for r, k in zip(recordings, known, strict=True)]
     if not any(u.size > 2 and np.ptp(u) > 0 for u in drives):
@@ -84,13 +98,14 @@ def coverage(recordings: Sequence[Recording]) -> Coverage:
     low, high = min(float(u.min()) for u in drives), max(float(u.max()) for u in drives)
     span = high - low
     rates = [_rates(t, u) for t, u in zip(times, drives, strict=True)]
-    every = np.concatenate(rates)
-    moving = np.abs(every[np.abs(every) > 0])
-    rate_max = float(min(moving.max(), 1.5 * np.quantile(moving, 0.99)))
+    moving = np.concatenate([np.abs(v[v != 0.0]) for v in map(sample, rates)])
+    fastest = max(float(np.max(np.abs(v), initial=0.0)) for v in rates)
+    rate_max = min(fastest, 1.5 * float(np.quantile(moving, 0.99))) if moving.size else fastest
     drive_edges = np.linspace(low, high, DRIVE_BINS + 1)
     rate_edges = np.linspace(-rate_max, rate_max, RATE_BINS + 1)
-    u_all = np.concatenate([u[1:] for u in drives])
-    cells, _, _ = np.histogram2d(u_all, every, bins=(drive_edges, rate_edges))
+    cells = np.zeros((DRIVE_BINS, RATE_BINS))
+    for u, v in zip(drives, rates, strict=True):
+        _count(u, v, low, high, rate_max, cells)
     sizes = np.concatenate([_travels(u, 0.01 * span) for u in drives]) / span
     cycles = float(sizes.sum()) / 2.0
     rest_s = sum(
@@ -98,7 +113,8 @@ def coverage(recordings: Sequence[Recording]) -> Coverage:
         for t, v in zip(times, rates, strict=True)
     )
     covered = float(np.mean(cells > 0))
-    steps = span * len(moving) / max(float(np.sum(sizes)) * span, 1e-300)
+    turning = sum(int(np.count_nonzero(v)) for v in rates)
+    steps = span * turning / max(float(np.sum(sizes)) * span, 1e-300)
     missing, missing_rate = _missing(
         sizes, covered, cycles, steps, rate_max, recordings[0].drive_unit
     )

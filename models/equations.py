@@ -125,6 +125,31 @@ def blocks_of(
                 yield Block(out, pace, sign * one.y[part][at], group)
 
 
+def gathered(blocks: Iterable[Block]) -> list[Block]:
+    """The same equations in fewer blocks: those of few rows are joined."""
+    out: list[Block] = []
+    few: list[Block] = []
+    size = 0
+    for block in blocks:
+        few.append(block)
+        size += block.y.size
+        if size >= BLOCK // 2:
+            out.append(_joined(few))
+            few, size = [], 0
+    return [*out, _joined(few)] if few else out
+
+
+def _joined(blocks: list[Block]) -> Block:
+    if len(blocks) == 1:
+        return blocks[0]
+    return Block(
+        np.concatenate([one.d for one in blocks]),
+        np.concatenate([one.pace for one in blocks]),
+        np.concatenate([one.y for one in blocks]),
+        np.concatenate([one.group for one in blocks]),
+    )
+
+
 @njit(cache=True, nogil=True)
 def _jacobian(
     d: Floats, pace: Floats, y: Floats, group: Ints, slopes: Floats, powers: Ints, c: Floats,

@@ -5,19 +5,19 @@ of that structure to all rows (dehyst.models.solver). The parameters of Eq. 6 of
 found from one recording; the weights are monotone over the identified rate range by their bounds.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from dehyst.models.equations import Block, Params, Shape, blocks_of
+from dehyst.models.equations import Params, Shape, blocks_of
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.model import Fit, Model, Provenance, Validity
 from dehyst.models.noise import drive_band_hz, parameter_covariance, rough_rms
 from dehyst.models.problem import Problem, set_up
 from dehyst.models.reach import invertible
 from dehyst.models.recording import Bools, Floats, Recording
-from dehyst.models.rows import Rows, prepare
+from dehyst.models.rows import Rows, prepare, thinned
 from dehyst.models.selection import (
     LEAST_SATURATION,
     Candidate,
@@ -37,6 +37,8 @@ from dehyst.models.solver import lower_bounds, solve
 
 LEAST_EXPLAINED = 0.5  # of the displacement's power, held out: below this it does not follow
 ROWS_FINEST = 100_000  # at most so many for the fit without bounds
+ROWS_FITTED = 1_000_000  # and so many for the last fit: more do not lower its error by a nanometre
+MOST_HELD = 30_000_000  # numbers in the equations of the last fit
 START_FACTOR = 2.0  # rms at the start, against the rest, that the assumed start state may leave
 START_SHARE = 0.01  # of the displacement's range that it may leave anyway
 
@@ -166,6 +168,10 @@ def _search(problem: Problem, options: Options, progress: Callable[[str], None])
                     "the data want an output that runs back right after a reversal, which no "
                     "invertible model can give; the nearest invertible model was taken"
                 )
+            if (size := sum(int(np.count_nonzero(p)) for p in problem.picks)) > ROWS_FITTED:
+                notes.append(
+                    f"of {size} rows a part, by chance, was fitted; the error is that of all"
+                )
             return _Found(problem, offset, shape, choice, params, free, tried, notes)
         notes.append(f"{shape.name}: would turn over within reach and was not taken")
         same = [c for c in tried if (c.shape.rate, c.offset) == (shape.rate, offset)]
@@ -179,14 +185,16 @@ def _search(problem: Problem, options: Options, progress: Callable[[str], None])
 def _result(found: _Found, recordings: Sequence[Recording]) -> Identification:
     """The model and its worth."""
     problem, picks = found.problem, found.problem.picks
-    count = sum(int(np.count_nonzero(p)) for p in picks)
+    some = thinned(picks, ROWS_FITTED)
+    count = sum(int(np.count_nonzero(p)) for p in some)
     blocks = blocks_of(
-        problem.rows, picks, found.choice.r, found.offset, problem.rate_max, problem.sign
+        problem.rows, some, found.choice.r, found.offset, problem.rate_max, problem.sign
     )
     cov = parameter_covariance(blocks, found.shape, found.params, found.free, count)
     residuals = found.residuals()
     noise = float(np.nanmedian([rough_rms(e) for e in residuals]))
-    fitted = np.concatenate([e[p] for e, p in zip(residuals, picks, strict=True)])
+    power = sum(float(np.sum(e[p] ** 2)) for e, p in zip(residuals, picks, strict=True))
+    size = sum(int(np.count_nonzero(p)) for p in picks)
     h = problem.hysteresis(found.choice.r, found.shape, found.params, found.offset)
     rate_max = problem.rate_max if found.shape.rate else 0.0
     if problem.least is not None and not invertible(
@@ -201,7 +209,7 @@ def _result(found: _Found, recordings: Sequence[Recording]) -> Identification:
         _validity(problem, problem.rows),
         recordings[0].drive_unit,
         recordings[0].displacement_unit,
-        fit=Fit(float(np.sqrt(np.mean(fitted**2))), found.choice.held_rms, noise),
+        fit=Fit(float(np.sqrt(power / size)), found.choice.held_rms, noise),
         provenance=Provenance(
             source="dehyst identify",
             recordings=tuple((one.name, one.sha256) for one in recordings),
@@ -242,7 +250,8 @@ def _same_units(recordings: Sequence[Recording]) -> None:
 
 def _require_following(problem: Problem, best: Candidate) -> None:
     """Raise BadRecording when the displacement has little to do with the drive."""
-    y = np.concatenate([one.y[p] for one, p in zip(problem.rows, problem.picks, strict=True)])
+    some = thinned(problem.picks, ROWS_FITTED)
+    y = np.concatenate([one.y[p] for one, p in zip(problem.rows, some, strict=True)])
     explained = 1.0 - best.held_rms**2 / max(float(np.var(y)), 1e-300)
     if explained < LEAST_EXPLAINED:
         raise BadRecording(
@@ -252,21 +261,18 @@ def _require_following(problem: Problem, best: Candidate) -> None:
 
 
 def _fit_all(problem: Problem, choice: Choice, shape: Shape, offset: float) -> tuple[Params, Bools]:
-    """Fit to all rows: the parameters, and which are free of their bound."""
+    """Fit to all rows (of very many: to a part, by chance): the parameters, and which are free of
+    their bound."""
     r, pull = choice.r, choice.pull
     if pull is not None:
         some = [a | b for a, b in zip(*split(problem, ROWS_FINEST), strict=True)]
         loose = fit_finest(problem, some, choice.finest[0], shape, offset, choice.finest[1])
         pull = make_pull(problem, choice.finest[0], shape, offset, loose.params)
-    count = sum(int(np.count_nonzero(pick)) for pick in problem.picks)
-    pulling = pull_blocks(problem, pull, r, offset, count)
-
-    def blocks() -> Iterable[Block]:
-        yield from blocks_of(problem.rows, problem.picks, r, offset, problem.rate_max, problem.sign)
-        yield from pulling
-
+    picks = thinned(problem.picks, min(ROWS_FITTED, MOST_HELD // r.size))
+    count = sum(int(np.count_nonzero(pick)) for pick in picks)
+    blocks = [*problem.blocks(picks, r, offset), *pull_blocks(problem, pull, r, offset, count)]
     low = lower_bounds(choice.params, problem.least)
-    found = solve(blocks, shape, choice.params, low, prior_for(problem, r), steps=6)
+    found = solve(lambda: blocks, shape, choice.params, low, prior_for(problem, r), steps=6)
     return found.params, found.free
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dehyst.models.equations import Block, Params, Shape, blocks_of, jacobian
+from dehyst.models.equations import Block, Params, Shape, blocks_of, gathered, jacobian
 from dehyst.models.errors import BadRecording
 from dehyst.models.model import Hysteresis
 from dehyst.models.reach import least_slope
@@ -22,11 +22,14 @@ from dehyst.models.rows import (
     lone_deviation,
     rate_range,
     sample,
+    thinned,
 )
 
 LEAST_SLOPE = 0.02  # of the mean slope: the lowest slope a model may have after a reversal
 SPIKE = 6.0  # a residual this many robust standard deviations off its neighbours is an outlier
+USUAL = 1e4  # rows; of more, chance alone puts some further off
 MOST_OUTLIERS = 0.05
+ROWS_SLOPE = 1_000_000  # at most so many for the mean slope
 SMALLEST_SPIKE = 0.004  # of the displacement's range; smaller ones do no harm
 
 
@@ -62,7 +65,7 @@ class Problem:
 
     def blocks(self, picks: Sequence[Bools], r: Floats, offset: float) -> list[Block]:
         """Blocks of the picked rows, held in memory."""
-        return list(blocks_of(self.rows, picks, r, offset, self.rate_max, self.sign))
+        return gathered(blocks_of(self.rows, picks, r, offset, self.rate_max, self.sign))
 
     def hysteresis(self, r: Floats, shape: Shape, params: Params, offset: float) -> Hysteresis:
         """The model that the parameters stand for."""
@@ -92,10 +95,12 @@ class Problem:
         """y - model of each recording, (N,), NaN where there is no equation. The shifts of the
         further recordings are taken off."""
         every = [one.use for one in self.rows]
-        found = [np.empty(0)]
+        errors = np.empty(sum(int(np.count_nonzero(use)) for use in every))
+        start = 0
         for block in blocks_of(self.rows, every, r, offset, self.rate_max, self.sign):
-            found.append(self.sign * jacobian(block, shape, params)[1])
-        errors = np.concatenate(found)
+            stop = start + block.y.size
+            errors[start:stop] = self.sign * jacobian(block, shape, params)[1]
+            start = stop
         out, start = [], 0
         for use in every:
             stop = start + int(np.count_nonzero(use))
@@ -113,8 +118,9 @@ class Problem:
         """
         picks, count = [], 0
         known = [np.abs(lone_deviation(e)) for e in residuals]
-        middle = np.concatenate([k[~np.isnan(k)] for k in known])
-        limit = SPIKE * 1.4826 * float(np.median(middle)) if middle.size else 0.0
+        middle = np.concatenate([sample(k)[~np.isnan(sample(k))] for k in known])
+        chances = np.log(max(USUAL, sum(k.size for k in known))) / np.log(USUAL)
+        limit = SPIKE * np.sqrt(chances) * 1.4826 * float(np.median(middle)) if middle.size else 0.0
         for pick, off, one in zip(self.picks, known, self.rows, strict=True):
             size = float(np.ptp(np.nanquantile(sample(one.y), [0.02, 0.98])))
             jumps = (np.abs(jump(one.y)) > 0.4 * off) | (off > 0.05 * size)
@@ -159,8 +165,9 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Pr
     count = sum(int(np.count_nonzero(p)) for p in picks)
     if count < FEWEST_ROWS:
         raise BadRecording(f"{rows[0].name}: {count} usable rows are too few to identify from")
-    u = np.concatenate([one.u[p] for one, p in zip(rows, picks, strict=True)])
-    y = np.concatenate([one.y[p] for one, p in zip(rows, picks, strict=True)])
+    some = thinned(picks, ROWS_SLOPE)
+    u = np.concatenate([one.u[p] for one, p in zip(rows, some, strict=True)])
+    y = np.concatenate([one.y[p] for one, p in zip(rows, some, strict=True)])
     slope = _mean_slope(u, y)
     if slope < 0:
         notes.append("the displacement falls where the drive rises; the saturation has the sign")

@@ -149,6 +149,16 @@ def _glitches(v: Floats) -> Bools:
     return (off > limit) & (lone | (off > GLITCH_STEPS * _steps_around(v)))
 
 
+def thinned(picks: Sequence[Bools], limit: int) -> list[Bools]:
+    """At most about `limit` of the picked rows; which of a long recording does not matter."""
+    total = sum(int(np.count_nonzero(p)) for p in picks)
+    if total <= limit:
+        return list(picks)
+    rng = np.random.default_rng(0)
+    share = np.float32(limit / total)
+    return [p & (rng.random(p.size, dtype=np.float32) < share) for p in picks]
+
+
 def sample(x: Floats, limit: int = 200_000) -> Floats:
     """At most `limit` values of x, by chance: a stride could fall in step with the drive."""
     if x.size <= limit:
@@ -219,6 +229,18 @@ def travels(u: Floats) -> tuple[float, float]:
         low, high = min(low, u[i]), max(high, u[i])
         rise, fall = max(rise, u[i] - low), max(fall, high - u[i])
     return rise, fall
+
+
+@njit(cache=True, nogil=True)
+def travel(u: Floats, pick: Bools) -> float:
+    """How far the drive goes altogether, over the picked rows."""
+    total, last = 0.0, np.nan
+    for i in range(u.size):
+        if pick[i]:
+            if not np.isnan(last):
+                total += abs(u[i] - last)
+            last = u[i]
+    return total
 
 
 @njit(cache=True, nogil=True)

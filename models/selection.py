@@ -15,7 +15,7 @@ from dehyst.models.equations import Block, Params, Shape, normal
 from dehyst.models.generic import generic_drive
 from dehyst.models.problem import Problem
 from dehyst.models.recording import Bools, Floats
-from dehyst.models.rows import Rows
+from dehyst.models.rows import Rows, thinned, travel
 from dehyst.models.solver import Prior, Solution, lower_bounds, solve, start_params
 from dehyst.models.thresholds import Grid, choose, cubic_thresholds, eliminate
 
@@ -48,19 +48,13 @@ class Candidate:
 
 def split(problem: Problem, limit: int = ROWS) -> tuple[list[Bools], list[Bools]]:
     """Rows to fit and rows to hold out, at most `limit` rows altogether, of each recording."""
-    picks = problem.picks
-    total = sum(int(np.count_nonzero(p)) for p in picks)
-    share = min(1.0, limit / max(1, total))
-    rng = np.random.default_rng(0)  # which rows of a long recording are taken is not important
     train, held = [], []
-    for one, pick in zip(problem.rows, picks, strict=True):
+    some = thinned(problem.picks, limit)
+    for one, every, pick in zip(problem.rows, problem.picks, some, strict=True):
         at = np.flatnonzero(pick)
-        cycles = float(np.sum(np.abs(np.diff(one.u[at])))) / (2.0 * problem.span)
+        cycles = travel(one.u, every) / (2.0 * problem.span)
         parts = PARTS * (SHORT_PARTS if cycles < FEW_CYCLES else 1)
         part = np.arange(at.size) * parts // max(1, at.size) % PARTS
-        if share < 1.0:
-            some = rng.random(at.size) < share
-            at, part = at[some], part[some]
         out = np.isin(part, HELD)
         masks = np.zeros((2, pick.size), dtype=bool)
         masks[0, at[~out]] = True

@@ -71,6 +71,16 @@ def test_paper_recording_unconstrained() -> None:
     assert rms(simulate(result.model.hysteresis, u, T) - simulate(truth, u, T)) < 0.010
 
 
+def test_a_very_long_recording_is_fitted_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dehyst.models.identify.ROWS_FITTED", 5000)
+    truth = Hysteresis(r=[0.0, 0.4, 1.5], b=[0.8, 0.3, 0.3], c=[0.0, 1.0, 0.0, -0.002])
+    u = two_sines(20000)
+    result = identify([measured(truth, u, 0.02)])
+    assert rms(simulate(result.model.hysteresis, u, T) - simulate(truth, u, T)) < 0.004
+    assert any("a part, by chance" in note for note in result.notes)
+    assert np.count_nonzero(result.used[0]) > 19_000
+
+
 def test_monotone_static_stage_is_found_again() -> None:
     """A truth of the family, with its own scale between weights and polynomial."""
     truth = Hysteresis(r=[0.0, 0.4, 1.5, 3.0], b=[0.08, 0.02, 0.02, 0.01], c=[0.0, 9.0, 0.0, -0.5])
