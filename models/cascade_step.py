@@ -14,6 +14,7 @@ from dehyst.models.blocks import (
     REGISTRY,
     clip,
     coupled_memory,
+    coupled_mode,
     coupling,
     creep,
     delay,
@@ -71,8 +72,8 @@ _KINDS = {kind.code: kind for kind in REGISTRY.values()}
 _FOLLOWED = {
     module.CODE
     for module in (
-        clip, coupled_memory, coupling, creep, delay, drift, friction, hum, lag, memory,
-        one_sided, polynomial, rate, resonance, ripple, shape, slew, slow_drift, trend,
+        clip, coupled_memory, coupled_mode, coupling, creep, delay, drift, friction, hum, lag,
+        memory, one_sided, polynomial, rate, resonance, ripple, shape, slew, slow_drift, trend,
     )
 }  # fmt: skip
 
@@ -132,6 +133,8 @@ def _block_step(code: int, p: Floats, s: Floats, x: float, t: float, dt: float, 
         return memory.step(p, s, x, t, dt, ch)
     if code == coupled_memory.CODE:
         return coupled_memory.step(p, s, x, t, dt, ch)
+    if code == coupled_mode.CODE:
+        return coupled_mode.step(p, s, x, t, dt, ch)
     if code == friction.CODE:
         return friction.step(p, s, x, t, dt, ch)
     if code == one_sided.CODE:
@@ -184,6 +187,7 @@ def advance(
                 if place == 2 and (
                     table[i, 0] == slow_drift.CODE
                     or table[i, 0] == coupled_memory.CODE
+                    or table[i, 0] == coupled_mode.CODE
                     or table[i, 0] == friction.CODE
                 ):
                     out[1] += y - before

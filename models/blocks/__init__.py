@@ -9,6 +9,7 @@ moves the stage (drive and stage blocks); what only the sensor does is never com
 from dehyst.models.blocks import (
     clip,
     coupled_memory,
+    coupled_mode,
     coupling,
     creep,
     delay,
@@ -53,6 +54,7 @@ REGISTRY: dict[str, Kind] = {
         friction,
         rate,
         coupled_memory,
+        coupled_mode,
         slow_drift,
         one_sided,
     )

@@ -43,6 +43,7 @@ class Data:
     channels: dict[str, Floats] = field(default_factory=dict)
     drive_unit: str = "v"
     unit: str = "um"
+    early: bool = False  # the drive stands half a sample earlier than recorded
     raw_index: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property

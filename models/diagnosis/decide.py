@@ -164,7 +164,8 @@ def _round(
     number: int,
 ) -> list[Trial]:
     n = int(problem.data.rows.sum())
-    have = {e.candidate.key for e in current.effects}
+    # an effect in its finer form stands for the simpler one too
+    have = {k for e in current.effects for k in (e.candidate.key, e.candidate.refines)}
     pool = [
         c for c in everything if c.key not in have and not c.refines and _next_of_its_kind(c, have)
     ]

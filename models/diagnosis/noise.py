@@ -8,6 +8,7 @@ sampling rate are rejected by medians over time and over frequency.
 import numpy as np
 
 from dehyst.models.diagnosis.data import Data, Floats
+from dehyst.models.diagnosis.periodic import period_samples
 
 SEGMENT = 256
 
@@ -50,17 +51,10 @@ def _unrepeated(data: Data) -> float:
     best = np.inf
     for p in np.unique(data.part):
         u, y = data.u[data.part == p], data.y[data.part == p]
-        n = u.size
-        if n < 4 * SEGMENT:
+        if u.size < 4 * SEGMENT:
             continue
-        x = u - u.mean()
-        spectrum = np.abs(np.fft.rfft(x, 2 * n)) ** 2
-        match = np.fft.irfft(spectrum)[: n // 2 + 1] / np.arange(n, n - n // 2 - 1, -1)
-        low = np.argmax(match < 0.5 * match[0])
-        if low == 0:
-            continue
-        lag = int(low + np.argmax(match[low:]))
-        if np.abs(u[lag:] - u[:-lag]).max() > 2e-3 * data.span:
+        lag = period_samples(u)
+        if lag == 0 or np.abs(u[lag:] - u[:-lag]).max() > 2e-3 * data.span:
             continue
         d = np.diff(y[lag:] - y[:-lag])  # differences once more: drift is not noise
         best = min(best, float(1.4826 * np.median(np.abs(d)) / 2.0))

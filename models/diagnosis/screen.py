@@ -70,7 +70,7 @@ class Screen:
                 if gain > 0:
                     theta = candidate.scaled(theta, float(g[0] / a[0, 0]))
             scores.append((gain, theta))
-        return sorted(scores, key=lambda s: -s[0])
+        return sorted(scores, key=lambda s: -s[0] * candidate.likely(s[1]))
 
 
 def _with(problem: Problem, current: Fitted, effects: Sequence[Effect], out: Floats) -> Floats:

@@ -5,10 +5,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter, Probe, small
-from dehyst.models.diagnosis.data import Data, Floats
+from dehyst.models.diagnosis.data import Bools, Data, Floats
+from dehyst.models.diagnosis.periodic import fundamental_hz
 from dehyst.models.model import Block
 
 MAX_LINES = 4
+ISOLATED = 4.0  # times the multiples beside it, that a line on a multiple of the drive must reach
+ISOLATED_ORDER = 10
 STANDS_OUT = 4.5  # amplitude over the rms of its neighbourhood; by chance once in 1e5 records
 
 
@@ -109,6 +112,9 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
     work = residual.astype(float).copy()
     found: list[float] = []
     names = range(len(data.names))
+    fundamentals = [
+        fundamental_hz(data.u[data.rec == i], float(data.dt[data.rec == i][0])) for i in names
+    ]
     for _ in range(count):
         longest = max(float(np.ptp(data.t[data.rec == i])) for i in names)
         step = 0.5 / longest
@@ -116,6 +122,7 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
         grid = np.arange(2.0 / longest, top, step)
         total = np.full(grid.size, np.inf)
         driven = np.full(grid.size, np.inf)
+        harmonic = np.ones(grid.size, dtype=bool)
         for i in names:
             here = data.rec == i
             e = work[here]
@@ -124,19 +131,23 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
                 continue
             window = np.hanning(e.size)
             size = 4 * e.size
-            spectrum = np.abs(np.fft.rfft((e - e.mean()) * window, size))
-            f = np.fft.rfftfreq(size, dt)
+            spectrum: Floats = np.abs(np.fft.rfft((e - e.mean()) * window, size))
+            f: Floats = np.fft.rfftfreq(size, dt).astype(np.float64)
             local = _local_rms(spectrum)
             ratio = spectrum / (local + 1e-300)
             total = np.minimum(total, np.interp(grid, f, ratio))
             own = np.abs(
                 np.fft.rfft((drive := data.u[here]) * window - drive.mean() * window, size)
             )
-            driven = np.minimum(driven, np.interp(grid, f, own / (_local_rms(own) + 1e-300)))
+            driven = np.minimum(
+                driven, np.interp(grid, f, own / (_local_rms(own) + 1e-9 * own.max()))
+            )
+            first = fundamentals[i]
+            harmonic &= _harmonics(grid, first, longest, f, spectrum) if first else False
         if not np.isfinite(total).any():
             return found
         # a line that the drive has in every recording is the drive's doing
-        total[driven > 0.5 * total] = 0.0
+        total[(driven > 0.5 * total) | harmonic] = 0.0
         for known in found:
             total[np.abs(grid - known) < 6 * step] = 0.0
         at = int(np.argmax(np.where(np.isfinite(total), total, 0)))
@@ -146,6 +157,18 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
         found.append(f0)
         work = work - _line(data, work, f0)
     return found
+
+
+def _harmonics(grid: Floats, first: float, longest: float, f: Floats, spectrum: Floats) -> Bools:
+    """Where a frequency is a multiple of the drive's own: what the loop's shape leaves there is
+    locked to the drive. A line of high order that towers over the multiples beside it is not."""
+    order = np.round(grid / first)
+    out = np.abs(grid - order * first) < min(1.0 / longest, 0.25 * first)
+    for k in np.unique(order[out & (order >= ISOLATED_ORDER)]):
+        near = np.interp(first * (k + np.r_[-4:5]), f, spectrum, right=0.0)
+        if near[4] > ISOLATED * np.delete(near, 4).max():
+            out[order == k] = False
+    return out
 
 
 def _local_rms(spectrum: Floats, half: int = 160, hole: int = 12) -> Floats:

@@ -82,6 +82,10 @@ class Candidate:
         """Values from which the search begins (one tuple for each trial)."""
         return [self.refined(())] if self.refines else [()]
 
+    def likely(self, theta: Sequence[float]) -> float:
+        """Weight of a start's screened gain: below 1 where a plainer one should go first."""
+        return 1.0
+
     def scaled(self, theta: Sequence[float], amount: float) -> tuple[float, ...]:
         """Start whose effect is about `amount` times as large, where one parameter says so."""
         if self.size_index is None:

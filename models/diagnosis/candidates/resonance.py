@@ -7,7 +7,10 @@ import numpy as np
 from dehyst.models.diagnosis.candidates.interface import Candidate, Parameter, Probe
 from dehyst.models.diagnosis.data import Data, Floats
 from dehyst.models.diagnosis.kernels import second_order
+from dehyst.models.diagnosis.peaks import peaks
 from dehyst.models.model import Block
+
+MIRRORED = 0.8
 
 
 class Resonance(Candidate):
@@ -30,7 +33,7 @@ class Resonance(Candidate):
     def __init__(self, data: Data, number: int = 0) -> None:
         self.key = "resonance" if number == 0 else f"resonance-{number + 1}"
         self.order = 30 + number
-        rate = 1.0 / data.period
+        rate = self._rate = 1.0 / data.period
         longest = float(data.t.max() - data.t.min())
         self.parameters = (
             Parameter(
@@ -43,13 +46,17 @@ class Resonance(Candidate):
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         rate = 1.0 / data.period
         out: list[tuple[float, ...]] = [(f * rate, 0.1, 1.0) for f in (0.04, 0.1, 0.25)]
-        for f in _peaks(data, residual):
+        for f in peaks(data, residual):
             # a lightly damped mode is missed by a start that is a bandwidth off
             near = f * np.array([0.985, 0.995, 1.0, 1.005, 1.015])
             out += [(float(g), z, 1.0) for g in near for z in (0.01, 0.04)]
             # sampled too slowly, a mode above half the rate rings at its mirror frequency
             out += [(f, 0.1, 1.0), (rate - f, 0.01, 1.0), (rate + f, 0.01, 1.0)]
         return out
+
+    def likely(self, theta: Sequence[float]) -> float:
+        # the mirror of a mode rings at the same samples: only where it does clearly better
+        return 1.0 if theta[0] < 0.5 * self._rate else MIRRORED
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
         f, z, share = theta
@@ -78,33 +85,6 @@ class Resonance(Candidate):
         if theta[1] > 0.4:
             return "damping above 0.4 does not ring: a lag or a delay does the same"
         return ""
-
-
-def _peaks(data: Data, residual: Floats, count: int = 2) -> list[float]:
-    """Frequencies where the residual's smoothed spectrum stands out most, per bin."""
-    best: list[tuple[float, float]] = []
-    for p in np.unique(data.part):
-        e = residual[(data.part == p)]
-        if e.size < 512:
-            continue
-        spectrum = np.abs(np.fft.rfft((e - e.mean()) * np.hanning(e.size))) ** 2
-        group = max(1, spectrum.size // 256)
-        m = spectrum.size // group
-        smooth = spectrum[: m * group].reshape(m, group).mean(axis=1)
-        f = (np.arange(m) + 0.5) * group / (e.size * float(data.dt[data.part == p][0]))
-        floor = np.median(smooth) + 1e-30
-        local = smooth / floor
-        inner = np.arange(3, m - 2)
-        top = inner[(smooth[inner] >= smooth[inner - 1]) & (smooth[inner] >= smooth[inner + 1])]
-        best += [(float(local[i] * e.size), float(f[i])) for i in top]
-    best.sort(reverse=True)
-    out: list[float] = []
-    for _, f in best:
-        if all(abs(np.log(f / g)) > 0.15 for g in out):
-            out.append(f)
-        if len(out) == count:
-            break
-    return out
 
 
 def candidates(data: Data) -> list[Candidate]:
