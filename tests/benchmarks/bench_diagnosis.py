@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from tests.benchmarks import proof_stages
 from tests.benchmarks.proof_tables import tables
 
 ROOT = Path(__file__).resolve().parents[2]
+PARTIAL = 20  # rows after which tables of what is there are printed
 
 
 def _digest(files: list[Path]) -> str:
@@ -99,8 +100,17 @@ def _rows(seeds: list[int], jobs: int, folder: Path) -> Iterator[dict[str, Any]]
             yield done.result()
 
 
-def collect(seeds: list[int], jobs: int, folder: Path, fresh: bool = False) -> list[dict[str, Any]]:
-    """Rows of these seeds by this version of the models, from the results file where present."""
+def collect(
+    seeds: list[int],
+    jobs: int,
+    folder: Path,
+    fresh: bool = False,
+    partial: Callable[[list[dict[str, Any]]], None] | None = None,
+) -> list[dict[str, Any]]:
+    """Rows of these seeds by this version of the models, from the results file where present.
+
+    partial(rows so far) is called now and then, so that an interrupted run is not lost.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"rows-{models_digest()}.jsonl"
     rows = {}
@@ -116,6 +126,8 @@ def collect(seeds: list[int], jobs: int, folder: Path, fresh: bool = False) -> l
             file.write(json.dumps(row) + "\n")
             file.flush()
             print(f"{number}/{len(todo)}  {one_line(row)}", file=sys.stderr, flush=True)
+            if partial and number % PARTIAL == 0:
+                partial([rows[s] for s in seeds if s in rows])
     return [rows[s] for s in seeds if s in rows]
 
 
