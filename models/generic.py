@@ -13,6 +13,7 @@ from dehyst.models.recording import Floats
 from dehyst.models.rows import Rows
 
 SIZES = (1.0, 0.8, 0.6, 0.4)  # of the drive range
+SIZES_STATIC = (1.0, 0.7, 0.5, 0.3)  # where the rate does not matter
 PACES = (0.02, 0.05, 0.3, 0.65, 1.0, 1.25)  # of the largest rate
 CYCLES = 8
 SAMPLES = 60  # a cycle
@@ -24,8 +25,9 @@ def generic_drive(low: float, high: float, rate_max: float) -> Rows:
     rate_max: largest rate of the recordings [drive unit / s]; 0: the rate does not matter.
     """
     drives, rates, resets, start = [], [], [], 0
-    for pace in PACES if rate_max > 0.0 else (1.0,):
-        for size in SIZES:
+    paces, sizes = (PACES, SIZES) if rate_max > 0.0 else ((1.0,), SIZES_STATIC)
+    for pace in paces:
+        for size in sizes:
             u = _wandering(low, high, size)
             step = np.diff(u, prepend=u[0])
             drives.append(u)

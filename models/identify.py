@@ -163,7 +163,7 @@ def _search(problem: Problem, options: Options, progress: Callable[[str], None])
         params, free = _fit_all(problem, choice, shape, offset)
         turns = problem.margin(choice.r, shape, params, offset) < LEAST_SATURATION
         if not turns or not options.monotone or shape.powers == (0,):
-            if choice.pull is not None:
+            if choice.costly:
                 notes.append(
                     "the data want an output that runs back right after a reversal, which no "
                     "invertible model can give; the nearest invertible model was taken"

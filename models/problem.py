@@ -26,6 +26,7 @@ from dehyst.models.rows import (
 )
 
 LEAST_SLOPE = 0.02  # of the mean slope: the lowest slope a model may have after a reversal
+NEARBY = 0.05  # of the drive span: the way that tells the direction at the start
 SPIKE = 6.0  # a residual this many robust standard deviations off its neighbours is an outlier
 USUAL = 1e4  # rows; of more, chance alone puts some further off
 MOST_OUTLIERS = 0.05
@@ -48,6 +49,7 @@ class Problem:
     least: float | None
     virgin: bool
     notes: tuple[str, ...] = ()
+    running: float | None = None
 
     @property
     def offsets(self) -> tuple[float, ...]:
@@ -56,7 +58,8 @@ class Problem:
             return (0.0,)
         middle = 0.5 * (self.drive_min + self.drive_max)
         near_zero = self.drive_min - 0.25 * self.span <= 0.0 <= self.drive_max + 0.25 * self.span
-        return (middle, 0.0) if near_zero and middle != 0.0 else (middle,)
+        found = (middle, 0.0) if near_zero and middle != 0.0 else (middle,)
+        return found if self.running is None else (*found, self.running)
 
     @property
     def span(self) -> float:
@@ -155,13 +158,13 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Pr
     if beyond:
         notes.append(f"{beyond} rows with a rate that hardly ever occurs were left out")
     virgin = all(one.virgin for one in rows) and trust_start
-    picks = allowed
+    picks, running = allowed, None
     if not virgin:
         picks = [use & one.settled for use, one in zip(allowed, rows, strict=True)]
         settled, total = (sum(int(np.count_nonzero(m)) for m in ms) for ms in (picks, allowed))
         if settled < max(0.3 * total, FEWEST_ROWS):
-            picks = allowed
-            notes.append("the drive reaches its full range late; its start is taken as centred")
+            picks, running = allowed, _running_offset(rows[0].u, high - low)
+            notes.append("the drive reaches its full range late; its state at the start is guessed")
     count = sum(int(np.count_nonzero(p)) for p in picks)
     if count < FEWEST_ROWS:
         raise BadRecording(f"{rows[0].name}: {count} usable rows are too few to identify from")
@@ -174,7 +177,17 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Pr
     size = max(abs(slope), 1e-12 * float(np.ptp(y)) / (high - low), 1e-300)
     least = LEAST_SLOPE * size if monotone else None
     sign = -1.0 if slope < 0 else 1.0
-    return Problem(rows, picks, low, high, rate_max, sign, size, least, virgin, tuple(notes))
+    return Problem(
+        rows, picks, low, high, rate_max, sign, size, least, virgin, tuple(notes), running
+    )
+
+
+def _running_offset(u: Floats, span: float) -> float:
+    """The offset about which every operator starts as if the drive had come from afar, the way
+    that it goes on at first."""
+    known = u[~np.isnan(u)]
+    away = known[np.argmax(np.abs(known - known[0]) > NEARBY * span)] - known[0]
+    return float(known[0] - np.sign(away) * 0.5 * span)
 
 
 def _far_outside(y: Floats) -> Bools:

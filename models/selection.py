@@ -99,7 +99,8 @@ def try_shapes(
         held_blocks = problem.blocks(held, r, offset)
         ladder: list[Candidate] = []
         for shape in wanted:
-            if number and not shape.rate and 2 in shape.powers:
+            same = offset != problem.running and not shape.rate and 2 in shape.powers
+            if number and same:
                 continue  # a full polynomial takes up a static model's offset
             progress(f"trying: {shape.name}")
             start = _from_below(ladder, shape)
@@ -148,7 +149,8 @@ def pick_shape(tried: list[Candidate]) -> Candidate:
 class Choice:
     """Thresholds (n,), parameters fitted on the training rows, their held-out rms, the held-out
     rms of every order; pull: the generic drive with the displacements that the fit without bounds
-    gives for it, where the bounds cost something; finest: that fit's thresholds and parameters."""
+    gives for it, where the bounds cost something (costly) or little is shown; finest: that fit's
+    thresholds and parameters."""
 
     r: Floats
     params: Params
@@ -156,6 +158,7 @@ class Choice:
     orders: tuple[tuple[int, float], ...]
     pull: Rows | None
     finest: tuple[Floats, Params]
+    costly: bool
 
 
 def prior_for(problem: Problem, r: Floats) -> Prior:
@@ -214,6 +217,10 @@ def choose_thresholds(problem: Problem, candidate: Candidate, order: int | None)
         price = normal(held_blocks, shape, other.params).misfit
         if price <= normal(held_blocks, shape, tight.params).misfit * PULL_PRICE**2:
             pull, tight = wish, other
+    costly = pull is not None
+    if pull is None and problem.running is not None:
+        # so little is shown that held-out rows do not miss an operator: the generic drive does
+        pull = make_pull(problem, r, shape, offset, tight.params)
     held_blocks_pull = pull_blocks(problem, pull, r, offset, sum(b.y.size for b in held_blocks))
     held_eq = normal(held_blocks + held_blocks_pull, shape, tight.params)
     grids = eliminate(prior.add_to(tight.normal, shape), held_eq, low, finest, shape.rate)
@@ -229,4 +236,4 @@ def choose_thresholds(problem: Problem, candidate: Candidate, order: int | None)
     )
     score = normal(problem.blocks(held, few, offset), shape, found.params)
     held_rms = float(np.sqrt(score.misfit / max(1, score.count)))
-    return Choice(few, found.params, held_rms, orders, pull, (r, loose.params))
+    return Choice(few, found.params, held_rms, orders, pull, (r, loose.params), costly)

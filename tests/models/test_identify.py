@@ -228,6 +228,22 @@ def test_several_recordings_with_their_own_offsets() -> None:
         identify([first, mixed])
 
 
+def test_a_single_way_down_and_part_of_the_way_back() -> None:
+    """A stage that came from afar when the recording began: the start is told from the data."""
+    truth = Hysteresis(
+        r=[0.0, 0.5, 1.0, 2.0, 3.0, 4.0], b=[0.5, 0.1, 0.1, 0.1, 0.1, 0.1], c=[0.0, 1.0]
+    )
+    before, down, up = np.linspace(30, 8, 500), np.linspace(8, 0, 3000), np.linspace(0, 8, 3000)
+    u = np.concatenate([before, down, up])
+    y = simulate(truth, u, T)[500:] + 0.002 * np.random.default_rng(0).standard_normal(6000)
+    u = u[500:]
+    rec = Recording(np.arange(3750) * T, u[:3750], y[:3750])  # to 2 of 8 on the way back
+    h = identify([rec]).model.hysteresis
+    error = simulate(h, u, T) - y
+    assert rms(error[:3750]) < 0.004
+    assert rms(error[3750:]) < 0.05 * np.ptp(y)
+
+
 def test_asymmetric_stage_gets_even_powers() -> None:
     truth = Hysteresis(r=[0.0, 0.5, 1.5], b=[0.8, 0.2, 0.2], c=[0.0, 1.0, 0.06])
     result = identify([measured(truth, two_sines(), 0.005)])
