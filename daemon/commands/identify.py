@@ -20,6 +20,8 @@ from dehyst.models.errors import BadInput
 from dehyst.models.identify import Identification, Options, identify
 from dehyst.models.recording import Recording
 
+Z95 = 1.96
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst identify`."""
@@ -151,10 +153,48 @@ def summary(
             for c in result.tried
         ],
         "orders": [{"order": n, "holdout_rms": rms} for n, rms in result.orders],
+        "parameters": intervals(result),
         "notes": list(result.notes),
         "missing": _missing(result, covered),
         "seconds": round(seconds, 3),
     }
+
+
+def intervals(result: Identification) -> dict[str, Any]:
+    """Every number that the data determine, with its 95 % interval, by threshold and by power.
+
+    slopes: dz/du after each operator has joined in, at the rates +rate_max and -rate_max (static:
+    one for all rates); low and high are null where a slope stands on its bound.
+    """
+    h, n = result.model.hysteresis, result.model.hysteresis.n
+    names = ("at_rate_max", "at_minus_rate_max") if result.shape.rate else ("at_all_rates",)
+    slopes, errors, bound = result.params.slopes, result.errors.slopes, result.at_bound
+    return {
+        "slopes": [
+            {"threshold": float(h.r[i])}
+            | {
+                name: _interval(slopes[i + j * n], errors[i + j * n], bool(bound[i + j * n]))
+                for j, name in enumerate(names)
+            }
+            for i in range(n)
+        ],
+        "saturation": [
+            {"power": power} | _interval(h.c[power], error)
+            for power, error in zip(result.shape.powers, result.errors.c, strict=True)
+        ],
+        "offsets": [
+            {"recording": i + 2} | _interval(value, error)
+            for i, (value, error) in enumerate(
+                zip(result.params.shifts, result.errors.shifts, strict=True)
+            )
+        ],
+    }
+
+
+def _interval(value: float, error: float, on_bound: bool = False) -> dict[str, Any]:
+    value, half = float(value), Z95 * float(error)
+    low, high = (None, None) if on_bound else (value - half, value + half)
+    return {"value": value, "low": low, "high": high}
 
 
 def _words(result: Identification, covered: Coverage, output: Path, report: Path | None) -> str:

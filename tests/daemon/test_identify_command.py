@@ -39,6 +39,16 @@ def test_identify_writes_model_and_report(
     assert model.hysteresis.n == said["order"]
     assert said["rms"] == model.fit.rms < 0.05
     assert said["holdout_rms"] < 0.05
+    slopes = said["parameters"]["slopes"]
+    assert [one["threshold"] for one in slopes] == model.hysteresis.r.tolist()
+    bounds = [one[name] for one in slopes for name in ("at_rate_max", "at_minus_rate_max")]
+    assert all(b["low"] is None or b["low"] < b["value"] < b["high"] for b in bounds)
+    assert any(b["low"] is None for b in bounds)  # this stage would want to run back
+    rate = model.validity.rate_max
+    top = np.cumsum(model.hysteresis.b) + rate * np.cumsum(model.hysteresis.k)
+    assert [one["at_rate_max"]["value"] for one in slopes] == pytest.approx(top)
+    for one in said["parameters"]["saturation"]:
+        assert one["low"] < model.hysteresis.c[one["power"]] < one["high"]
     assert model.provenance.recordings == (("run.csv", read_recording(recording).sha256),)
     assert model.provenance.created
     assert model.validity.rate_max == pytest.approx(196, rel=0.02)
