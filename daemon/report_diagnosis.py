@@ -127,10 +127,16 @@ def _finding(finding: Finding) -> str:
 
 
 def _parameter(key: str, value: Value) -> str:
-    unit = escape("" if value.unit == "1" else value.unit)
-    words = escape(key.replace("_", " "))
+    unit = escape("" if value.unit == "1" else pictures.written(value.unit))
+    words = escape(_words(key, value.unit))
     stated = f"{value.low:.4g} to {value.high:.4g} {unit}"
     return f"<tr><td>{words}</td><td>{value.value:.4g} {unit}</td><td>{stated}</td></tr>"
+
+
+def _words(key: str, unit: str) -> str:
+    """A parameter's key without its unit, which stands behind the value."""
+    tail = "_" + unit.lower().replace("/", "_per_")
+    return (key.removesuffix(tail) if unit != "1" else key).replace("_", " ")
 
 
 def _limits(diagnosis: Diagnosis) -> str:
@@ -141,7 +147,7 @@ def _limits(diagnosis: Diagnosis) -> str:
         if limit.value is None:
             text = "cannot be seen with this drive"
         else:
-            text = f"{limit.side} {limit.value:.3g} {escape(limit.unit)}"
+            text = f"{limit.side} {limit.value:.3g} {escape(pictures.written(limit.unit))}"
         rows.append(
             f"<tr><td>{escape(limit.name)}</td><td>{text}</td>"
             f"<td class='small'>{escape(limit.why)}</td></tr>"

@@ -46,6 +46,11 @@ def scale(diagnosis: Diagnosis) -> tuple[float, str]:
     return (1e3, "nm") if diagnosis.unit == "um" else (1.0, diagnosis.unit)
 
 
+def written(unit: str) -> str:
+    """A unit as it is written: the columns' v is V, um stays."""
+    return "V" + unit[1:] if unit == "v" or unit.startswith("v/") else unit.replace("/v", "/V")
+
+
 def errors(diagnosis: Diagnosis) -> bytes:
     """Per recording: the error over time, and a close look where the gain is greatest."""
     views = diagnosis.views[:MOST_VIEWS]
@@ -171,13 +176,14 @@ def locate(diagnosis: Diagnosis) -> bytes:
             axes[0, 0], diagnosis, place, np.linspace(0, place[-1], 31), "time, all recordings / s"
         )
         volts = np.linspace(drive.min(), drive.max(), 16)
-        label = f"drive / {diagnosis.drive_unit}"
+        volts_unit = written(diagnosis.drive_unit)
+        label = f"drive / {volts_unit}"
         _panel(axes[0, 1], diagnosis, drive, volts, f"{label}, moving up", rising)
         _panel(axes[0, 2], diagnosis, drive, volts, f"{label}, moving down", ~rising)
         top = float(np.quantile(rate, 0.9999)) or 1.0
         _panel(
             axes[1, 0], diagnosis, rate, np.geomspace(max(top * 1e-4, 1e-9), top, 16),
-            f"rate / ({diagnosis.drive_unit}/s)",
+            f"rate / ({volts_unit}/s)",
         )  # fmt: skip
         _panel(axes[1, 1], diagnosis, since, _log_edges(since), "since the last turn / s")
         _panel(axes[1, 2], diagnosis, held, _log_edges(held), "in a hold since / s", held > 0)

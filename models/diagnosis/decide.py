@@ -21,6 +21,9 @@ SHORTLIST = 5  # candidates that get the full nonlinear refit in each round
 DRIVEN_SHARE = 0.12  # of the excess, that a cause driven by the drive must take
 DRIVEN_SIZE = 0.17  # of the noise rms, that it must remove
 STATIC_SIZE = 0.3  # the same for causes that resemble a hysteresis of another shape
+SURE_SIZE = 0.18  # and for those of them that take SURE_SHARE of the excess, the same everywhere
+SURE_SHARE = 0.45
+SURE_SPREAD = 0.2
 FREE_SIZE = 0.12  # the same for causes beside the drive
 WEAK = 0.1  # screened gain, as a part of the best, below which a candidate is not refitted
 FEW_TURNS = 3  # with fewer turns of the drive nothing that it causes can be told from the loop
@@ -105,10 +108,10 @@ def least_size(candidate: Candidate) -> float:
     return DRIVEN_SIZE if candidate.driven else FREE_SIZE
 
 
-def least_power(state: Search, candidate: Candidate) -> float:
-    """Mean square that a candidate must remove: by the noise, and for causes driven by the drive
-    by the stroke too, whose finest part is the base's own error."""
-    least = least_size(candidate) * state.sigma
+def least_power(state: Search, candidate: Candidate, size: float | None = None) -> float:
+    """Mean square that a candidate must remove: by the noise (size: in noise rms), and for causes
+    driven by the drive by the stroke too, whose finest part is the base's own error."""
+    least = (least_size(candidate) if size is None else size) * state.sigma
     if candidate.driven:
         least = max(least, FINEST * float(np.ptp(state.problem.data.y)))
     return least**2
@@ -230,7 +233,7 @@ def _judged(state: Search, trial: Trial, left: float) -> Trial:
         why = "its size stands on a bound: not identified"
     if trial.worth <= 0:
         why = why or "not worth its parameters"
-    elif mean_square < least_power(state, trial.candidate):
+    elif mean_square < least_power(state, trial.candidate) and not _sure(state, trial, left):
         why = why or "too small against the noise"
     elif trial.candidate.driven and mean_square < state.share * left:
         why = why or "too small a part of the misfit"
@@ -242,6 +245,18 @@ def _judged(state: Search, trial: Trial, left: float) -> Trial:
         if not why and (steady.wrong > 0.3 or steady.spread > 1.0):
             why = "not the same everywhere"
     return Trial(trial.candidate, trial.fit, trial.gain, trial.price, steady, why)
+
+
+def _sure(state: Search, trial: Trial, left: float) -> bool:
+    """Whether a small static cause may count: it takes about half of what there is, and is the
+    same everywhere. Not for those that look through many shapes for the best."""
+    n = int(state.problem.data.rows.sum())
+    least = max(least_power(state, trial.candidate, SURE_SIZE), SURE_SHARE * left)
+    if not trial.candidate.static or trial.candidate.many or trial.gain < n * least:
+        return False
+    effect = effect_of(trial.fit, trial.candidate.key)
+    steady = constancy(state.problem, state.sigma, *contribution(state.problem, trial.fit, effect))
+    return steady.spread < SURE_SPREAD and steady.wrong == 0.0
 
 
 def refine(

@@ -27,6 +27,7 @@ SEARCH_ROWS = 18_000  # counted in the search; the last fit, shares and interval
 DOUBT = 1.5  # held-out over in-sample rms of the rich base, above which a compact one is tried
 HELPS = 0.1  # of the noise rms, that an effect must remove from held-out samples
 HELPS_SHARE = 0.005  # of the explainable held-out misfit, likewise
+HELPS_REST = 0.03  # of the held-out misfit that is left, likewise: less is its own scatter
 BESIDE_DRIVEN = 0.5  # noise rms: a second cause of this size is told beside any other, and
 BESIDE_FREE = 0.3  # the same for causes beside the drive
 EARLY_SHARE = 0.4  # of the excess, that a drive half a sample earlier must take
@@ -116,10 +117,11 @@ def _worth_telling(problem: Problem, found: Search) -> Search:
         whole = by_blocks(problem, final).mean_square
         # beside a cause a hundred times as large, a second one of some noise rms still counts
         of_all = HELPS_SHARE * max(first - sigma**2, 0.0)
+        of_rest = HELPS_REST * max(whole - sigma**2, 0.0)
         losses = []
         for e in final.effects:
             most = BESIDE_DRIVEN if e.candidate.driven else BESIDE_FREE
-            least = max((HELPS * sigma) ** 2, min(of_all, (most * sigma) ** 2))
+            least = max((HELPS * sigma) ** 2, min(of_all, (most * sigma) ** 2), of_rest)
             rest = [o for o in final.effects if o is not e]
             without = problem.solve(rest, problem.output_of(final))
             loss = by_blocks(problem, without).mean_square - whole

@@ -71,6 +71,7 @@ class Candidate:
     driven: bool = True
     last: bool = False  # named only when it leaves nothing behind: it fits too much
     static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
+    many: bool = False  # its starts span many shapes, of which chance makes one fit
     repeatable: bool = False
     mode: str = "columns"  # or "drive", "output"
     parameters: tuple[Parameter, ...] = ()

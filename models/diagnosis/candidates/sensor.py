@@ -25,6 +25,7 @@ class Sensor(Candidate):
     confused_with = ("asymmetry", "friction")
     order = 80
     static = True
+    many = True
     place = "sensor"
 
     def __init__(self, data: Data) -> None:
