@@ -9,6 +9,8 @@ import math
 import numpy as np
 from numba import njit
 
+from dehyst.models import inverse_guard as guard
+from dehyst.models import inverse_places as places
 from dehyst.models import inverse_preview as pv
 from dehyst.models.cascade_step import Ints, advance, lead_drive, undo
 from dehyst.models.inverse_causal import extend
@@ -68,29 +70,29 @@ def _gather(
     seq: Floats, y: Floats,
 ) -> int:  # fmt: skip
     """Node targets, undone to the hysteresis, into work[TARGET]; returns how many are known."""
-    per_node, late = int(fixed[pv.PER_NODE]), setting[LATE]
+    per_node, late = int(fixed[places.PER_NODE]), setting[LATE]
     n = work.shape[1]
     newest = valid - 1
     first = per_node - 1.0 + late  # position of node 1
     known = min(n, max(0, math.floor((newest - first + 1e-9) / per_node) + 1))
     for q in range(PAST + known):
         seq[q] = _between(window, valid, ring, inner, first + (q - PAST) * per_node)
-    trust = work[pv.TRUST]
+    trust = work[places.TRUST]
     if known < n:
         for j in range(4):
             y[j] = _at(window, valid, ring, inner, newest - j * per_node)
         ahead = (first + known * per_node - newest) / per_node
         margin = SEEN_MARGIN * (inner[SEEN_HIGH] - inner[SEEN_LOW])
         extend(
-            seq[PAST:], trust, known, min(max(ahead, 0.0), 1.0), y, fixed[pv.PERIOD] * per_node,
+            seq[PAST:], trust, known, min(max(ahead, 0.0), 1.0), y, fixed[places.PERIOD] * per_node,
             inner[SEEN_LOW] - margin, inner[SEEN_HIGH] + margin,
         )  # fmt: skip
     else:
         trust[:] = 1.0
     if setting[STAGE_BLOCKS] > 0.0:
-        step_s = fixed[pv.PERIOD] * per_node
+        step_s = fixed[places.PERIOD] * per_node
         undo(table, params, states, scratch, channels, PAST, step_s, step_s, seq)
-    target = work[pv.TARGET]
+    target = work[places.TARGET]
     for j in range(n):
         target[j] = seq[PAST + j] - inner[BESIDE]
     return known
@@ -109,7 +111,7 @@ def _present(
             three[q] = _between(window, valid, ring, inner, late + q - 1.0)
         if valid - 1 < late + 1.0:
             three[2] = 2.0 * three[1] - three[0]
-        period = fixed[pv.PERIOD]
+        period = fixed[places.PERIOD]
         undo(table, params, states, scratch, channels, 1, period, period, three)
         return three[1] - inner[BESIDE]
     return _between(window, valid, ring, inner, late) - inner[BESIDE]
@@ -127,15 +129,15 @@ def step(
     limit = min(n_valid, window.size)
     while valid < limit and math.isfinite(window[valid]):
         valid += 1
-    flags, mode, v, rate = 0, HOLD, state[pv.LAST], 0.0
-    period = fixed[pv.PERIOD]
+    flags, mode, v, rate = 0, HOLD, state[places.LAST], 0.0
+    period = fixed[places.PERIOD]
     if valid == 0:
         flags = BAD_TARGET if limit > 0 else STARVED
-        state[pv.VALID] = 0.0
-        state[pv.TARGET_NOW] = np.nan
+        state[places.VALID] = 0.0
+        state[places.TARGET_NOW] = np.nan
     else:
-        if state[pv.VALID] == 0.0:
-            state[pv.PHASE] = 0.0
+        if state[places.VALID] == 0.0:
+            state[places.PHASE] = 0.0
             inner[RING_FILL] = 0.0
             inner[SEEN_LOW], inner[SEEN_HIGH] = np.inf, -np.inf
         newest = window[valid - 1]
@@ -145,35 +147,37 @@ def step(
             setting, fixed, table, params, states, scratch, channels, inner, ring, window, valid,
             seq,
         )  # fmt: skip
-        state[pv.TARGET_NOW] = now
+        state[places.TARGET_NOW] = now
         wanted = setting[NODES_WANTED]
         if setting[PLANNED] > 0.0:
-            if state[pv.PHASE] == 0.0:
+            if state[places.PHASE] == 0.0:
                 known = _gather(
                     setting, fixed, table, params, states, scratch, channels, inner, ring, window,
                     valid, work, seq, y,
                 )  # fmt: skip
-                state[pv.NODES] = known
-            v, static_made = pv.propose(weights, c, knots, fixed, state, plays, work)
-            q = (state[pv.PHASE] + 1.0) / fixed[pv.PER_NODE]
-            node = period * fixed[pv.PER_NODE]
+                state[places.NODES] = known
+            v, static_made = pv.propose(
+                weights, c, knots, fixed, state, plays, work, window[:valid], setting[LATE]
+            )
+            q = (state[places.PHASE] + 1.0) / fixed[places.PER_NODE]
+            node = period * fixed[places.PER_NODE]
             if static_made:
-                mode, rate = STATIC, (v - state[pv.LAST]) / period
+                mode, rate = STATIC, (v - state[places.LAST]) / period
             else:
-                mode = PREVIEW if wanted > 0.0 and state[pv.NODES] >= 0.5 * wanted else CAUSAL
-                rise = 6.0 * q * (1.0 - q) * (work[pv.PLAN, 0] - state[pv.X_0])
-                bent = (1.0 - q) * (1.0 - 3.0 * q) * state[pv.SLOPE_0]
-                rate = (rise + bent + q * (3.0 * q - 2.0) * state[pv.SLOPE_1]) / node
-            if state[pv.NODES] < wanted:
+                mode = PREVIEW if wanted > 0.0 and state[places.NODES] >= 0.5 * wanted else CAUSAL
+                rise = 6.0 * q * (1.0 - q) * (work[places.PLAN, 0] - state[places.X_0])
+                bent = (1.0 - q) * (1.0 - 3.0 * q) * state[places.SLOPE_0]
+                rate = (rise + bent + q * (3.0 * q - 2.0) * state[places.SLOPE_1]) / node
+            if state[places.NODES] < wanted:
                 flags |= STARVED
         else:
             v, _ = inverse_step(
-                weights[0], weights[3], c, knots, fixed[pv.Y_FIRST], fixed[pv.Y_LAST],
-                fixed[pv.U_OFFSET], fixed[pv.LOW], fixed[pv.HIGH], plays[pv.REAL],
-                state[pv.LAST], now,
+                weights[0], weights[3], c, knots, fixed[places.Y_FIRST], fixed[places.Y_LAST],
+                fixed[places.U_OFFSET], fixed[places.LOW], fixed[places.HIGH], plays[places.REAL],
+                state[places.LAST], now,
             )  # fmt: skip
-            mode, rate = STATIC, (v - state[pv.LAST]) / period
-            state[pv.VALID] = 1.0
+            mode, rate = STATIC, (v - state[places.LAST]) / period
+            state[places.VALID] = 1.0
             if wanted > 0.0:
                 mode = PREVIEW if valid > wanted else CAUSAL
                 if valid <= wanted:
@@ -181,29 +185,29 @@ def step(
         ring[int(inner[RING_AT])] = window[0]
         inner[RING_AT] = (inner[RING_AT] + 1) % ring.size
         inner[RING_FILL] = min(inner[RING_FILL] + 1, ring.size)
-        y_a, y_b = fixed[pv.Y_FIRST], fixed[pv.Y_LAST]
+        y_a, y_b = fixed[places.Y_FIRST], fixed[places.Y_LAST]
         if now < min(y_a, y_b) or now > max(y_a, y_b):
             flags |= BEYOND_SATURATION
     last = inner[COMMAND]
-    travel = fixed[pv.RATE] * period
+    travel = fixed[places.RATE] * period
     u = lead_drive(table, params, v, rate)
     if valid == 0:
         u = last
         if setting[PLANNED] > 0.0:
-            u += pv.rest(fixed, state) - state[pv.LAST]
-    u = min(max(u, fixed[pv.LOW]), fixed[pv.HIGH])
+            u += guard.rest(weights, c, fixed, state, plays) - state[places.LAST]
+    u = min(max(u, fixed[places.LOW]), fixed[places.HIGH])
     if abs(u - last) > travel * (1.0 + 1e-9):
         u = last + travel if u > last else last - travel
         flags |= SLEW
-    plays[pv.SCRATCH] = plays[pv.REAL]
+    plays[places.SCRATCH] = plays[places.REAL]
     scratch[:] = states
     advance(
-        table, params, scratch, channels, weights, c, fixed[pv.U_OFFSET], plays[pv.SCRATCH], u,
-        inner[V], inner[TIME] + period, period, y,
+        table, params, scratch, channels, weights, c, fixed[places.U_OFFSET],
+        plays[places.SCRATCH], u, inner[V], inner[TIME] + period, period, y,
     )  # fmt: skip
     if valid > 0:
         e = y[2] - _between(window, valid, ring, inner, 0.0)
-        if (u <= fixed[pv.LOW] or u >= fixed[pv.HIGH]) and abs(e) > fixed[pv.NOISE]:
+        if (u <= fixed[places.LOW] or u >= fixed[places.HIGH]) and abs(e) > fixed[places.NOISE]:
             flags |= BEYOND_DRIVE
     fast = abs(u - last) > setting[VALID_RATE] * period * (1.0 + 1e-9)
     if u < setting[VALID_LOW] or u > setting[VALID_HIGH] or fast:
@@ -219,22 +223,22 @@ def applied(
     channels: Floats, u: float, stepped: bool, result: Floats,
 ) -> None:  # fmt: skip
     """The drive u went out: advance the model by one sample."""
-    period = fixed[pv.PERIOD]
+    period = fixed[places.PERIOD]
     inner[TIME] += period
     advance(
-        table, params, states, channels, weights, c, fixed[pv.U_OFFSET], plays[pv.REAL], u,
+        table, params, states, channels, weights, c, fixed[places.U_OFFSET], plays[places.REAL], u,
         inner[V], inner[TIME], period, y,
     )  # fmt: skip
     inner[V], inner[BESIDE], inner[COMMAND] = y[0], y[1], u
-    state[pv.LAST] = y[0]
+    state[places.LAST] = y[0]
     result[DRIVE], result[PREDICTED], result[READING] = u, y[2], y[3]
-    if not stepped or not math.isfinite(state[pv.TARGET_NOW]):
-        state[pv.VALID] = 0.0
-        state[pv.PHASE] = 0.0
+    if not stepped or not math.isfinite(state[places.TARGET_NOW]):
+        state[places.VALID] = 0.0
+        state[places.PHASE] = 0.0
         if not stepped:  # in a hold the shadow keeps its own memory
-            state[pv.SHADOW] = y[0]
-            plays[pv.SHADOW_PLAYS] = plays[pv.REAL]
+            state[places.SHADOW] = y[0]
+            plays[places.SHADOW_PLAYS] = plays[places.REAL]
         return
-    state[pv.PHASE] = (state[pv.PHASE] + 1.0) % fixed[pv.PER_NODE]
+    state[places.PHASE] = (state[places.PHASE] + 1.0) % fixed[places.PER_NODE]
     if setting[PLANNED] > 0.0:
-        state[pv.SUM_REAL] += (y[4] - state[pv.TARGET_NOW]) ** 2
+        state[places.SUM_REAL] += (y[4] - state[places.TARGET_NOW]) ** 2

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.models import compensate
+from dehyst.models import inverse_places as places
 from dehyst.models import inverse_preview as pv
 from dehyst.models.blocks import clip, slew
 from dehyst.models.cascade_step import (
@@ -200,11 +201,11 @@ class Compensator:
         if not (model.fit.noise_rms or model.fit.rms):
             noise = NOISE_SHARE * self.slope * (self.high - self.low)
         self.noise = noise
-        fixed = np.zeros(pv.N_FIXED)
-        fixed[[pv.U_OFFSET, pv.Y_FIRST, pv.Y_LAST]] = h.u_offset, b.y_first, b.y_last
-        fixed[[pv.LOW, pv.HIGH, pv.RATE]] = self.low, self.high, self.rate
-        fixed[[pv.PERIOD, pv.PER_NODE]] = period_s, per_node
-        fixed[[pv.NOISE, pv.SLOPE, pv.SWEEPS]] = noise, self.slope, SWEEPS
+        fixed = np.zeros(places.N_FIXED)
+        fixed[[places.U_OFFSET, places.Y_FIRST, places.Y_LAST]] = h.u_offset, b.y_first, b.y_last
+        fixed[[places.LOW, places.HIGH, places.RATE]] = self.low, self.high, self.rate
+        fixed[[places.PERIOD, places.PER_NODE]] = period_s, per_node
+        fixed[[places.NOISE, places.SLOPE, places.SWEEPS]] = noise, self.slope, SWEEPS
         self._fixed = fixed
         v = model.validity
         setting = np.zeros(compensate.N_SETTING)
@@ -226,19 +227,20 @@ class Compensator:
         """
         h = self.model.hysteresis
         n = h.n
-        plays = np.zeros((pv.N_PLAYS, n))
-        play_step(h.r, plays[pv.REAL], drive_now - h.u_offset)
+        plays = np.zeros((places.N_PLAYS, n))
+        play_step(h.r, plays[places.REAL], drive_now - h.u_offset)
         if displacement is not None and math.isfinite(displacement):
-            plays[pv.REAL] = self._led_to(drive_now, displacement)
-        y = float(simulate(h, np.array([drive_now], np.float64), 1.0, plays[pv.REAL])[0])
+            plays[places.REAL] = self._led_to(drive_now, displacement)
+        y = float(simulate(h, np.array([drive_now], np.float64), 1.0, plays[places.REAL])[0])
         blocks = self._packed.settle(self.model, drive_now, y)
-        numbers = np.zeros(pv.N_STATE)
-        numbers[[pv.LAST, pv.X_0, pv.X_BEFORE, pv.SHADOW]] = drive_now
-        numbers[pv.STATIC_NEXT] = self._nodes * self._per_node
-        numbers[pv.TARGET_NOW] = np.nan
-        plays[pv.SHADOW_PLAYS] = plays[pv.REAL]
-        work = np.zeros((pv.N_WORK, self._nodes))
-        work[pv.SMOOTHNESS] = pv.smoothness(self._nodes, self._per_node * self.period_s, self.slope)
+        numbers = np.zeros(places.N_STATE)
+        numbers[[places.LAST, places.X_0, places.X_BEFORE, places.SHADOW]] = drive_now
+        numbers[places.TARGET_NOW] = np.nan
+        plays[places.SHADOW_PLAYS] = plays[places.REAL]
+        work = np.zeros((places.N_WORK, self._nodes))
+        work[places.SMOOTHNESS] = pv.smoothness(
+            self._nodes, self._per_node * self.period_s, self.slope
+        )
         inner = np.zeros(compensate.N_INNER)
         inner[[compensate.V, compensate.COMMAND]] = drive_now
         inner[compensate.TIME] = -self.period_s

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
 from dehyst.models import compensate
-from dehyst.models import inverse_preview as pv
+from dehyst.models import inverse_places as places
 from dehyst.models.cascade_step import undo
 from dehyst.models.compensator import Compensator, CompensatorState
 from dehyst.models.model import Floats
@@ -108,10 +108,10 @@ def _round(
     value, error = np.empty(size), np.empty(n)
     bend = sp.diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(n - 2, n)).tocsc()
     rough = SMOOTH * comp.slope**2 * (1e-3 / dt) ** 4 * (bend.T @ bend)
-    x_0 = float(start.numbers[pv.LAST])
+    x_0 = float(start.numbers[places.LAST])
 
     def at(drive: Floats) -> tuple[float, sp.csc_array]:
-        h = start.plays[pv.REAL].copy()
+        h = start.plays[places.REAL].copy()
         count = _exact(
             comp.weights, comp.c, comp.model.hysteresis.u_offset, drive, x_0, h, dt, target,
             error, row, col, value,
@@ -165,7 +165,7 @@ def _swept(comp: Compensator, x: Floats, start: CompensatorState, target: Floats
     smooth = np.full(n, SMOOTH * comp.slope**2 * (1e-3 / dt) ** 4)
     bounds = np.array([comp.low, comp.high, comp.rate * dt, SPRING * comp.slope**2])
     rows, bands = np.zeros((4, n)), np.zeros((4, n))
-    x_0, h_0 = float(start.numbers[pv.LAST]), start.plays[pv.REAL]
+    x_0, h_0 = float(start.numbers[places.LAST]), start.plays[places.REAL]
     h = h_0.copy()
 
     def cost(drive: Floats) -> float:
@@ -267,7 +267,7 @@ def invert_trajectory(
     state = comp.init(at)
     first = channels[0] if n else np.zeros(0)
     goal = _targets(comp, state, target, first)
-    static, _ = comp.static.run(goal, state.plays[pv.REAL], at)
+    static, _ = comp.static.run(goal, state.plays[places.REAL], at)
     static = _within(comp, static, at)
     swept = _swept(comp, static.copy(), state, goal)
     drives = {"static": static, "sweeps": swept}

@@ -1,8 +1,13 @@
 """Random models and nasty targets for the inverse, by seed."""
 
+from dataclasses import dataclass
+
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from dehyst.models import compensate
+from dehyst.models.compensator import Compensator
 from dehyst.models.forward import simulate
 from dehyst.models.model import Hysteresis, Model, Validity
 
@@ -94,3 +99,67 @@ def random_case(seed: int) -> tuple[Model, Floats, float, float, str, bool]:
         TARGETS[kind],
         rng.random() < 0.3,
     )
+
+
+@njit(cache=True, nogil=True)
+def _run(
+    weights, c, knots, fixed, setting, table, params, numbers, plays, work, states, scratch, inner,
+    ring, seq, y, channels, result, target, wide, starves, drive,
+):  # type: ignore[no-untyped-def]  # fmt: skip
+    """What the daemon's loop does, without the daemon: propose, apply."""
+    n = target.size
+    for i in range(n):
+        valid = min(wide, n - i)
+        if starves and 0.3 * n < i < 0.35 * n:
+            valid = 0
+        elif starves and 0.5 * n < i < 0.6 * n:
+            valid = 1
+        compensate.step(
+            weights, c, knots, fixed, setting, table, params, numbers, plays, work, states,
+            scratch, inner, ring, seq, y, target[i : i + wide], valid, channels, result,
+        )  # fmt: skip
+        drive[i] = result[0]
+        compensate.applied(
+            weights, c, knots, fixed, setting, table, params, numbers, plays, states, inner, y,
+            channels, drive[i], True, result,
+        )  # fmt: skip
+
+
+def driven(c: Compensator, target: Floats, starves: bool, start: float) -> Floats:
+    """Drive (N,) of a compensator along a target (N,), its stream starving twice or never."""
+    s, drive = c.init(start), np.empty(target.size)
+    _run(
+        c.weights, c.c, c._knots, c._fixed, c._setting, c.table, c.params, s.numbers, s.plays,
+        s.work, s.blocks, s.scratch, s.inner, s.ring, s.seq, s.y, s.channels, s.result, target,
+        c.window_samples, starves, drive,
+    )  # fmt: skip
+    return drive
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """limits: whether every drive was finite and within range and slew; rms: error by mode, in
+    units of the noise."""
+
+    limits: bool
+    rms: dict[str, float]
+
+    def excess(self, mode: str) -> float:
+        """By how many times the noise the mode is worse than the static inverse."""
+        return self.rms[mode] - self.rms["static"]
+
+
+def outcome(seed: int) -> Outcome:
+    """All modes on one random case."""
+    model, target, dt, slew, _, starves = random_case(seed)
+    v = model.validity
+    rms, limits = {}, True
+    for mode in ("static", "causal", "preview"):
+        c = Compensator(model, dt, v.drive_min, v.drive_max, slew, mode, 0.1)
+        drive = driven(c, target, starves, v.drive_min)
+        steps = np.abs(np.diff(drive, prepend=v.drive_min))
+        limits = limits and bool(np.all(np.isfinite(drive)) and steps.max() <= slew * dt * 1.000001)
+        limits = limits and drive.min() >= v.drive_min - 1e-9 and drive.max() <= v.drive_max + 1e-9
+        y = simulate(model.hysteresis, np.concatenate([[v.drive_min], drive]), dt)[1:]
+        rms[mode] = float(np.sqrt(np.mean((y - target) ** 2))) / c.noise
+    return Outcome(limits, rms)

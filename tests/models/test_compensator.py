@@ -1,17 +1,21 @@
 """The compensator: preview, causal and static on the paper's own plant and on random ones."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.benchmarks.random_models import random_case
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numba.core.runtime import _nrt_python, rtsys
+from tests.benchmarks.random_models import driven, outcome
 
 from dehyst.models import compensator as comp
 from dehyst.models.compensator import Compensator
 from dehyst.models.errors import BadInput
 from dehyst.models.forward import simulate
 from dehyst.models.inverse_offline import invert_streamed, invert_trajectory
-from dehyst.models.model import Hysteresis, Model, Validity
+from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.modelfile import shipped
 
 DT = 1e-3
@@ -53,32 +57,24 @@ def test_tracking_on_the_papers_rate_dependent_plant(
     assert errors["preview"] < 0.1 * errors["static"]
 
 
-@pytest.mark.parametrize("seed", range(0, 30))
-def test_limits_hold_and_nothing_diverges_on_random_models(seed: int) -> None:
-    model, target, dt, slew, _, starves = random_case(seed)
-    v = model.validity
-    rms = {}
-    for mode in ("static", "causal", "preview"):
-        c = Compensator(model, dt, v.drive_min, v.drive_max, slew, mode, 0.1)
-        state = c.init(v.drive_min)
-        drive = np.empty(target.size)
-        for i in range(target.size):
-            n = min(c.window_samples, target.size - i)
-            if starves and 120 < i < 200:
-                n = 0 if i < 140 else 1
-            c.step(state, target[i : i + c.window_samples], n, np.zeros(0))
-            drive[i] = state.result[comp.DRIVE]
-            c.applied(state, drive[i])
-        assert np.all(np.isfinite(drive))
-        assert drive.min() >= v.drive_min - 1e-9
-        assert drive.max() <= v.drive_max + 1e-9
-        steps = np.abs(np.diff(drive, prepend=v.drive_min))
-        assert steps.max() <= slew * dt * (1 + 1e-6)
-        y = simulate(model.hysteresis, np.concatenate([[v.drive_min], drive]), dt)[1:]
-        rms[mode] = _rms(y - target)
-    # Never worse than the static inverse by more than the noise.
-    assert rms["preview"] <= rms["static"] + c.noise
-    assert rms["causal"] <= rms["static"] + c.noise
+WORST_KNOWN = (  # each has once been worse than the static inverse by more than the noise
+    935, 1134, 1857, 1898, 2062, 2173, 3056, 3099, 3132, 3176, 3192, 3277, 3278, 3507, 3629,
+)  # fmt: skip
+
+
+@settings(derandomize=True, max_examples=25, deadline=None, database=None)
+@given(seed=st.integers(10_000, 1_000_000))
+def test_limits_hold_and_nothing_is_worse_than_static_on_random_models(seed: int) -> None:
+    found = outcome(seed)
+    assert found.limits
+    assert found.excess("preview") <= 1.0
+    assert found.excess("causal") <= 1.0
+
+
+for _seed in WORST_KNOWN:
+    test_limits_hold_and_nothing_is_worse_than_static_on_random_models = example(seed=_seed)(
+        test_limits_hold_and_nothing_is_worse_than_static_on_random_models
+    )
 
 
 def test_the_applied_drive_leads_the_model() -> None:
@@ -176,11 +172,41 @@ def test_known_displacement_sets_the_memory() -> None:
     assert falling.result[comp.PREDICTED] > rising.result[comp.PREDICTED] + 0.5
 
 
+def _all_rates() -> tuple[Model, ...]:
+    """The paper's rate-dependent model, bare and with a delay, creep and a lag of the sensor."""
+    paper = shipped("paper-eq12")
+    blocks = (
+        Block("delay", "drive", {"delay_s": 2e-3}),
+        Block("creep", "stage", {"gain_per_decade": 0.02, "tau_min_s": 0.01, "tau_max_s": 100.0}),
+        Block("lag", "sensor", {"tau_s": 1e-3}),
+    )
+    return paper, replace(paper, blocks=blocks)
+
+
+@pytest.mark.parametrize("model", _all_rates(), ids=("bare", "blocks"))
+@pytest.mark.parametrize("mode", ["static", "causal", "preview"])
+def test_the_loop_allocates_nothing(model: Model, mode: str) -> None:
+    """numba's own count of what compiled code has allocated stands still over many samples, in
+    plans, holds and what the guard does."""
+    _nrt_python.memsys_enable_stats()
+    target = _sine(5, 6, 1.0)
+    target[400:500] += 2.0
+    c = Compensator(model, DT, 0.0, 10.0, 1e4, mode, 0.1)
+    driven(c, target[:50], True, 0.0)  # compiled from here on
+    counts = []
+    for n in (100, 1000):
+        before = rtsys.get_allocation_stats()
+        driven(c, target[:n], True, 0.0)
+        after = rtsys.get_allocation_stats()
+        counts.append((after.alloc - before.alloc, after.mi_alloc - before.mi_alloc))
+    assert counts[0] == counts[1]  # what is allocated is for the call, not for its samples
+
+
 def test_the_loop_holds_no_memory() -> None:
     """A thousand steps leave nothing behind: all state is in arrays made once."""
     c = Compensator(shipped("paper-eq12"), DT, 0.0, 10.0, 1e4, "preview", 0.1)
     state = c.init(0.0)
-    target = _sine(5, 6, 1.3)
+    target = _sine(5, 6, 2.3)
     nothing = np.zeros(0)
 
     def run(first: int, last: int) -> None:
@@ -188,10 +214,10 @@ def test_the_loop_holds_no_memory() -> None:
             c.step(state, target[i : i + c.window_samples], c.window_samples, nothing)
             c.applied(state, float(state.result[comp.DRIVE]))
 
-    run(0, 100)
+    run(0, 1100)  # numba keeps a pool of what it wraps
     tracemalloc.start()
     before = tracemalloc.take_snapshot()
-    run(100, 1100)
+    run(1100, 2100)
     grown = sum(s.size_diff for s in tracemalloc.take_snapshot().compare_to(before, "filename"))
     tracemalloc.stop()
-    assert grown < 20_000
+    assert grown < 5_000
