@@ -87,13 +87,19 @@ def _header(name: str, handle: BinaryIO) -> tuple[dict[str, str], list[str], int
     header = [field.strip().strip('"') for field in text.split(",")]
     if len(header) > MOST_COLUMNS:
         raise BadRecording(f"{name}: {len(header)} columns; at most {MOST_COLUMNS} are read")
-    for key in header:
-        if header.count(key) > 1:
-            raise BadRecording(f"{name}: the header names the column {key!r} twice")
     if all(_is_number(field) for field in header):
         raise BadRecording(
             f"{name}: line {line} holds numbers where the header line (t_s,u_v,y_um) is needed"
         )
+    for mark, word in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and mark in header[0]:
+            raise BadRecording(
+                f"{name}: line {line} is separated by {word}; separate the columns by commas and "
+                "write decimals with a point"
+            )
+    for key in header:
+        if header.count(key) > 1:
+            raise BadRecording(f"{name}: the header names the column {key!r} twice")
     return metadata, header, line
 
 

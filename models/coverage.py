@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 
 from dehyst.models.errors import BadRecording
+from dehyst.models.glitches import sample
 from dehyst.models.recording import Floats, Recording, typical_step
-from dehyst.models.rows import sample
 
 DRIVE_BINS, RATE_BINS = 8, 9
 SIZE_EDGES = (0.02, 0.15, 0.4, 0.7, 1.01)

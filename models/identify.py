@@ -12,12 +12,13 @@ import numpy as np
 
 from dehyst.models.equations import Params, Shape, blocks_of
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
+from dehyst.models.glitches import thinned
 from dehyst.models.model import Fit, Model, Provenance, Validity
 from dehyst.models.noise import drive_band_hz, parameter_covariance, rough_rms
 from dehyst.models.problem import Problem, set_up
 from dehyst.models.reach import invertible
 from dehyst.models.recording import Bools, Floats, Recording
-from dehyst.models.rows import Rows, prepare, thinned
+from dehyst.models.rows import Rows, prepare
 from dehyst.models.selection import (
     LEAST_SATURATION,
     Candidate,
@@ -106,6 +107,7 @@ def identify(
     if not recordings:
         raise BadInput("no recording was given")
     _same_units(recordings)
+    _all_different(recordings)
     progress("reading the drive")
     spans = [float(np.nanmax(r.drive) - np.nanmin(r.drive)) for r in recordings if _has_drive(r)]
     rows = [prepare(r, max(spans, default=0.0)) for r in recordings]
@@ -246,6 +248,14 @@ def _same_units(recordings: Sequence[Recording]) -> None:
                 f"{first.name} in {first.drive_column}, {first.displacement_column}; "
                 "one model needs one pair of units"
             )
+
+
+def _all_different(recordings: Sequence[Recording]) -> None:
+    seen: dict[str, str] = {}
+    for one in recordings:
+        if one.sha256 and one.sha256 in seen:
+            raise BadInput(f"{one.name} holds the same as {seen[one.sha256]}; give it once")
+        seen[one.sha256] = one.name
 
 
 def _require_following(problem: Problem, best: Candidate) -> None:

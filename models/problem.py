@@ -11,19 +11,11 @@ import numpy as np
 
 from dehyst.models.equations import Block, Params, Shape, blocks_of, gathered, jacobian
 from dehyst.models.errors import BadRecording
+from dehyst.models.glitches import jump, lone_deviation, sample, thinned
 from dehyst.models.model import Hysteresis
 from dehyst.models.reach import least_slope
 from dehyst.models.recording import Bools, Floats
-from dehyst.models.rows import (
-    FEWEST_ROWS,
-    Rows,
-    drive_range,
-    jump,
-    lone_deviation,
-    rate_range,
-    sample,
-    thinned,
-)
+from dehyst.models.rows import FEWEST_ROWS, Rows, drive_range, rate_range
 
 LEAST_SLOPE = 0.02  # of the mean slope: the lowest slope a model may have after a reversal
 NEARBY = 0.05  # of the drive span: the way that tells the direction at the start

@@ -13,14 +13,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dehyst.models.errors import BadRecording
+from dehyst.models.glitches import sample, without_glitches
 from dehyst.models.recording import Bools, Floats, Recording
 
 FEWEST_ROWS = 60
 LONG_GAP = 5.5  # periods; over a longer gap the drive may have turned unseen
 NEAR_ZERO = 0.01  # part of the drive span that still counts as de-energised
-LONE = 8.0  # a lone drive value this many robust standard deviations off is a glitch
-GLITCH_STEPS = 4.0  # and this many of the steps around it; where a drive turns it is below 2
-SMALLEST_GLITCH = 0.004  # of the drive's range
 STEADIER = 0.7  # the drive must be this much smoother by number than by time stamp
 
 
@@ -58,8 +56,11 @@ def prepare(recording: Recording, span: float | None = None) -> Rows:
     _require_size(name, recording.size)
     notes = [text] if (text := recording.defects()) else []
     u, y, t = recording.drive, recording.displacement, recording.t_s
-    u = _without_glitches(name, u, notes)
+    u = without_glitches(name, u, notes)
     present = ~np.isnan(u)
+    for column, values in ((recording.drive_column, u), (recording.displacement_column, y)):
+        if np.isnan(values).all():
+            raise BadRecording(f"{name}: {column} holds no numbers, only missing values")
     _require_size(name, int(np.count_nonzero(present & ~np.isnan(y))))
     _require_motion(recording, u, y, notes)
     own = float(np.nanmax(u) - np.nanmin(u))
@@ -109,115 +110,6 @@ def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]
             f"{name}: the drive comes back over only {min(rise, fall) / (high - low):.0%} of its "
             "range; the rest of the loop is extrapolated"
         )
-
-
-def _without_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
-    """The drive with lone wild values as NaN; a glitch would stay in every operator's memory."""
-    wild = np.zeros(u.size, dtype=bool)
-    for _ in range(2):  # once more: of two glitches side by side one hides the other
-        at = np.flatnonzero(~np.isnan(u) & ~wild)
-        if at.size == 0:
-            return u
-        found = at[_glitches(u[at])]
-        wild[found] = True
-        if found.size == 0:
-            break
-    count = int(np.count_nonzero(wild))
-    if count == 0 or count > 0.05 * u.size:
-        return u
-    notes.append(f"{name}: {count} lone drive values far off their neighbours were left out")
-    u = u.copy()
-    u[wild] = np.nan
-    return u
-
-
-def _glitches(v: Floats) -> Bools:
-    """(N,) values far off the five around them, which the drive's own steps do not explain.
-
-    Of these the tip of a triangle has a jump of 2 / 3, and a glitch's neighbours a smaller jump.
-    """
-    off = np.abs(lone_deviation(v))
-    some = np.nanquantile(sample(v), [0.02, 0.98])
-    limit = LONE * 1.4826 * float(np.median(sample(off)))
-    limit = max(limit, SMALLEST_GLITCH * float(np.ptp(some)))
-    jumps = np.abs(jump(v))
-    largest = np.ones(v.size, dtype=bool)  # of the five around it
-    for step in (1, 2):
-        largest[step:] &= jumps[step:] >= jumps[:-step]
-        largest[:-step] &= jumps[:-step] >= jumps[step:]
-    lone = (jumps > 0.85 * off) & largest
-    return (off > limit) & (lone | (off > GLITCH_STEPS * _steps_around(v)))
-
-
-def thinned(picks: Sequence[Bools], limit: int) -> list[Bools]:
-    """At most about `limit` of the picked rows; which of a long recording does not matter."""
-    total = sum(int(np.count_nonzero(p)) for p in picks)
-    if total <= limit:
-        return list(picks)
-    rng = np.random.default_rng(0)
-    share = np.float32(limit / total)
-    return [p & (rng.random(p.size, dtype=np.float32) < share) for p in picks]
-
-
-def sample(x: Floats, limit: int = 200_000) -> Floats:
-    """At most `limit` values of x, by chance: a stride could fall in step with the drive."""
-    if x.size <= limit:
-        return x
-    return x[np.random.default_rng(0).integers(0, x.size, limit)]
-
-
-def jump(x: Floats) -> Floats:
-    """(N,) how far each value is from the cubic through its four neighbours; 0 next to NaN."""
-    out = np.zeros(x.size)
-    if x.size >= 5:
-        around = (4.0 * (x[1:-3] + x[3:-1]) - (x[:-4] + x[4:])) / 6.0
-        out[2:-2] = x[2:-2] - around
-    return np.nan_to_num(out)
-
-
-@njit(cache=True, nogil=True)
-def lone_deviation(x: Floats) -> Floats:
-    """(N,) distance of each value from the median of its five neighbours; NaN stays NaN."""
-    out = np.zeros(x.size)
-    five = np.empty(5)
-    for i in range(x.size):
-        a = min(max(i - 2, 0), x.size - 5) if x.size >= 5 else 0
-        m = 0
-        for j in range(a, min(a + 5, x.size)):
-            if not np.isnan(x[j]):
-                p = m
-                while p > 0 and five[p - 1] > x[j]:
-                    five[p] = five[p - 1]
-                    p -= 1
-                five[p] = x[j]
-                m += 1
-        if np.isnan(x[i]):
-            out[i] = np.nan
-        elif m >= 3:
-            middle = five[m // 2] if m % 2 else 0.5 * (five[m // 2 - 1] + five[m // 2])
-            out[i] = x[i] - middle
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _steps_around(x: Floats) -> Floats:
-    """(N,) median size of the six steps nearest to each value, less the two that touch it."""
-    out = np.zeros(x.size)
-    six = np.empty(6)
-    for i in range(x.size):
-        m = 0
-        for j in (i - 3, i - 2, i - 1, i + 2, i + 3, i + 4):
-            if 1 <= j < x.size and j != i:
-                step = abs(x[j] - x[j - 1])
-                p = m
-                while p > 0 and six[p - 1] > step:
-                    six[p] = six[p - 1]
-                    p -= 1
-                six[p] = step
-                m += 1
-        if m:
-            out[i] = six[m // 2] if m % 2 else 0.5 * (six[m // 2 - 1] + six[m // 2])
-    return out
 
 
 @njit(cache=True, nogil=True)

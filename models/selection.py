@@ -13,9 +13,10 @@ import numpy as np
 
 from dehyst.models.equations import Block, Params, Shape, normal
 from dehyst.models.generic import generic_drive
+from dehyst.models.glitches import thinned
 from dehyst.models.problem import Problem
 from dehyst.models.recording import Bools, Floats
-from dehyst.models.rows import Rows, thinned, travel
+from dehyst.models.rows import Rows, travel
 from dehyst.models.solver import Prior, Solution, lower_bounds, solve, start_params
 from dehyst.models.thresholds import Grid, choose, cubic_thresholds, eliminate
 

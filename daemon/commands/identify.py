@@ -202,8 +202,9 @@ def _words(result: Identification, covered: Coverage, output: Path, report: Path
 
     fit, unit, v = result.model.fit, result.model.displacement_unit, result.model.validity
     drive = result.model.drive_unit
+    n = result.model.hysteresis.n
     lines = [
-        f"{output}: {result.shape.name}, {result.model.hysteresis.n} operators",
+        f"{output}: {result.shape.name}, {n} operator{'s' if n > 1 else ''}",
         f"fit {fit.rms:.4g} {unit} rms, held out {fit.holdout_rms:.4g}, noise {fit.noise_rms:.4g}",
         verdict(result),
         f"valid from {v.drive_min:.4g} to {v.drive_max:.4g} {drive}"

@@ -75,6 +75,9 @@ def test_identify_in_words_and_fixed(recording: Path, capsys: pytest.CaptureFixt
     [
         (["identify", "absent.csv", "-o", "m.toml"], "no such file"),
         (["identify", "run.csv", "-o", "no/m.toml"], "folder does not exist"),
+        (["identify", "run.csv", "run.csv", "-o", "m.toml"], "the same as run.csv"),
+        (["identify", "semicolons.csv", "-o", "m.toml"], "by semicolons"),
+        (["identify", "headless.csv", "-o", "m.toml"], "line 1 holds numbers"),
         (["identify", "run.csv", "-o", "m.toml", "--order", "0"], "order"),
         (["simulate", "absent.toml", "run.csv", "-o", "o.csv"], "shipped models"),
         (["simulate", "paper-eq12", "run.csv", "-o", "no/o.csv"], "cannot be written"),
@@ -90,6 +93,8 @@ def test_bad_usage_is_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(recording.parent)
+    Path("semicolons.csv").write_text("t_s;u_v;y_um\n0,0;0,0;0,0\n")
+    Path("headless.csv").write_text("0,0,0\n0.1,1,1\n")
     assert main(arguments) == 2
     out, err = capsys.readouterr()
     assert says in err

@@ -38,7 +38,7 @@ DAMAGED = {
     "unity.csv": (b"t_s,u_v,y_mm\n0,1,2\n1,2,3\n", "y_mm is not a displacement"),
     "huge.csv": (b"t_s,u_v,y_um\n0,1,1e300\n1,2,3\n", "line 2: y_um is 1e+300"),
     "infinite.csv": (b"t_s,u_v,y_um\n0,1,3\n1,inf,3\n", "line 3: u_v is inf"),
-    "semicolons.csv": (b"t_s;u_v;y_um\n0;1;2\n", "not a number"),
+    "semicolons.csv": (b"t_s;u_v;y_um\n0;1;2\n", "by semicolons"),
     "fake.csv.gz": (b"hello", "cannot be read"),
     "cut.csv.gz": (gzip.compress(GOOD * 50)[:60], "cannot be read"),
     "fake.npz": (b"hello", "not an .npz file"),

@@ -201,7 +201,8 @@ def useless() -> dict[str, tuple[Recording, str]]:
         "dead sensor": (Recording(t, u, np.zeros(u.size)), "all the time while the drive moves"),
         "three lines": (Recording(t[:3], u[:3], u[:3]), "3 usable rows"),
         "no displacement": (Recording(t, u), "no displacement column"),
-        "all missing": (Recording(t, u, np.full(u.size, np.nan)), "0 usable rows"),
+        "all missing": (Recording(t, u, np.full(u.size, np.nan)), "y_um holds no numbers"),
+        "no drive": (Recording(t, np.full(u.size, np.nan), noise), "u_v holds no numbers"),
     }
 
 
