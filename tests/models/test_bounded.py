@@ -55,3 +55,6 @@ def test_cubic_thresholds_are_fine_where_small() -> None:
     assert r[0] == 0
     assert np.all(np.diff(r, 2) > 0)
     assert r[-1] < 5.0
+    many = cubic_thresholds(200, 10.0)
+    assert many[1] == pytest.approx(cubic_thresholds(48, 10.0)[1])
+    assert np.all(np.diff(many, 2) > 0)
