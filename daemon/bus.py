@@ -211,7 +211,8 @@ class Bus:
         self._kept.append(self._session.liveliness().declare_token(key))
 
     def alive(self, key: str, timeout_s: float = 1.0) -> list[str]:
-        """Keys of the liveliness tokens that match."""
+        """Keys of the liveliness tokens that match. Ask before `watch_alive` is called with the
+        same key: a session that watches already may get no answer."""
         replies = self._session.liveliness().get(key, timeout=timeout_s)
         return sorted({str(r.ok.key_expr) for r in replies if r.ok is not None})
 

@@ -60,6 +60,8 @@ class CoreLink:
         ring = self._rings.get(name)
         if ring is None:
             return np.zeros(0, LAYOUTS[name]), 0
+        if ring.head == self._tails[name]:  # mostly, for the rings of status and events
+            return ring.records[:0], 0
         records, self._tails[name], lost = ring.read(self._tails[name], limit)
         return records, lost
 

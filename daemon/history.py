@@ -57,6 +57,7 @@ def runs(samples: NDArray[Any], longest: int) -> list[NDArray[Any]]:
     """The samples cut where a number is missing and after at most `longest`."""
     if not samples.size:
         return []
-    seq = samples["seq"]
-    pieces = np.split(samples, np.flatnonzero(np.diff(seq) != 1) + 1)
+    seq, pieces = samples["seq"], [samples]
+    if seq[-1] - seq[0] != seq.size - 1:
+        pieces = np.split(samples, np.flatnonzero(np.diff(seq) != 1) + 1)
     return [p[i : i + longest] for p in pieces for i in range(0, p.size, longest)]

@@ -9,7 +9,9 @@ import gzip
 import hashlib
 import itertools
 import os
+import struct
 import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -144,7 +146,10 @@ def _read_npz(path: Path) -> Table:
     try:
         with np.load(path, allow_pickle=False) as data:
             arrays = {key: data[key] for key in data.files}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except (
+        OSError, ValueError, KeyError, EOFError, RuntimeError, OverflowError, MemoryError,
+        struct.error, zlib.error, zipfile.BadZipFile,
+    ) as error:  # fmt: skip
         raise BadRecording(f"{path}: not an .npz file that can be read: {error}") from None
     notes = {k[1:]: str(v) for k, v in arrays.items() if k.startswith("#")}
     return Table(_columns(path, {k: v for k, v in arrays.items() if k[0] != "#"}), notes)

@@ -100,11 +100,19 @@ def _tls(directory: Path, side: str) -> dict[str, Any]:
     }
 
 
-def _names(passwords: Path) -> list[str]:
+def _secret(path: Path, what: str) -> str:
+    """The text of a file that nobody else may read."""
+    _readable(path, what, private=True)
+    try:
+        return path.read_text("utf-8")
+    except UnicodeDecodeError:
+        raise BadInput(f"{what}: {path} is not UTF-8 text") from None
+
+
+def names(passwords: Path) -> list[str]:
     """The users in a file of name:password lines."""
-    _readable(passwords, "bus.auth.passwords", private=True)
-    names = []
-    for number, line in enumerate(passwords.read_text("utf-8").splitlines(), 1):
+    found = []
+    for number, line in enumerate(_secret(passwords, "bus.auth.passwords").splitlines(), 1):
         name, colon, password = line.partition(":")
         if not line.strip():
             continue
@@ -112,8 +120,8 @@ def _names(passwords: Path) -> list[str]:
             raise BadInput(
                 f"{passwords}: line {number} must be name:password with 8 characters or more"
             )
-        names.append(name)
-    return names
+        found.append(name)
+    return found
 
 
 def server_settings(
@@ -134,7 +142,7 @@ def server_settings(
     if len(set(people)) < len(people):
         raise BadInput("bus.auth: a name stands twice; an operator may observe anyway")
     if passwords:
-        missing = sorted(set(people) - set(_names(Path(passwords))))
+        missing = sorted(set(people) - set(names(Path(passwords))))
         if missing:
             raise BadInput(f"bus.auth: {', '.join(missing)}: no password in {passwords}")
         user = "transport/auth/usrpwd"
@@ -161,8 +169,7 @@ def client_settings(credentials: str) -> dict[str, Any]:
     path = Path(credentials)
     if path.is_dir():
         return _tls(path, "connect")
-    _readable(path, "credentials", private=True)
-    name, colon, password = path.read_text("utf-8").strip().partition(":")
+    name, colon, password = _secret(path, "credentials").strip().partition(":")
     if not colon or not name or not password or "\n" in password:
         raise BadInput(f"{path}: must hold one line name:password")
     user = "transport/auth/usrpwd"

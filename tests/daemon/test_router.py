@@ -108,6 +108,20 @@ def test_clients_find_and_command_controllers_through_a_router(
             bench.close()
 
 
+@pytest.mark.timeout(300)  # nine processes start; on a busy machine that takes its time
+def test_nothing_is_lost_between_three_daemons_and_five_subscribers() -> None:
+    """The benchmark for 20 and 50, made small (`dehyst run`, real loops on the simulated stage)."""
+    from tests.benchmarks import scale
+
+    result = scale.run(3, 5, 4.0)
+    assert result.samples > 5 * 100
+    assert (result.lost, result.bad, result.overwritten) == (0, 0, 0)
+    assert result.told >= 3
+    assert result.untold == 0
+    assert result.put > 30
+    assert (result.lost_commands, result.unanswered) == (0, 0)
+
+
 class Lab:
     """The controller stage-01 behind a secured router, with certificates of `dehyst keys`."""
 

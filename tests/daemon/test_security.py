@@ -183,6 +183,8 @@ def test_what_does_not_fit_is_refused_with_the_reason(tmp_path: Path) -> None:
     refused("tls/HOST", passwords="", certificates=str(tmp_path))
     passwords.write_text("alice:short\n")
     refused("8 characters")
+    passwords.write_bytes(b"alice:\xff\xff\xff\xff\xff\xff\xff\xff\n")
+    refused("not UTF-8")
     path = tmp_path / "two"
     path.write_text("a:b\nc:d\n")
     path.chmod(0o600)
