@@ -197,18 +197,26 @@ def _held(rec: Recording, model: Floats, cut: int) -> str:
 def faults() -> None:
     """Damaged and poor recordings: a good model or one clear sentence."""
     truth = shipped("paper-eq12").hysteresis
+    drives = {
+        "recording": cases.two_sines(),
+        "triangle": cases.triangle(7.5),
+        "sweep": cases.sweep(3.0, 7.0),
+        "four sines": cases.four_sines(),
+    }
+    print(f"Against the truth, nm rms: {', '.join(drives)}")
     for name, rec in identify_faults.recordings(truth):
-        start = time.process_time()
         try:
             found = identify([rec])
         except DehystError as error:
-            print(f"{name:24} {error}")
+            print(f"{name:20} {error}")
             continue
-        u, h = cases.two_sines(), found.model.hysteresis
-        y = simulate(truth, u, cases.T_S)
-        against = cases.rms(np.abs(simulate(h, u, cases.T_S)) - np.abs(y)) * NM
-        print(f"{name:24} {against:6.1f} nm against the truth, "
-              f"{time.process_time() - start:.1f} s; {'; '.join(found.notes)[:150]}")  # fmt: skip
+        h = found.model.hysteresis
+        errors = [
+            cases.rms(np.abs(simulate(h, u, cases.T_S)) - np.abs(simulate(truth, u, cases.T_S)))
+            for u in drives.values()
+        ]
+        print(f"{name:20} " + " ".join(f"{NM * e:5.1f}" for e in errors)
+              + f"  {'; '.join(found.notes)[:150]}")  # fmt: skip
 
 
 def main() -> None:
