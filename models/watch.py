@@ -5,7 +5,8 @@ that warms up. That part of the misfit repeats itself, and the watch learns it w
 residual (measured - predicted) is explained by a linear baseline
 
     e_k = w' phi_k + noise
-    phi = (1, p, p^2, newest steps of x, x - play_r(x), p (x - play_r(x)), p - lowpass_tau(p))
+    phi = (1, p, p^2, newest steps of x, p times them, x - play_r(x), p (x - play_r(x)),
+           and what is left of p, p^2 and x when lowpass_tau is taken off)
 
 with x the drive and p the predicted displacement, both as shares of their range. The weights w
 are followed by a Kalman filter that forgets slowly (West & Harrison, Bayesian Forecasting and
@@ -20,7 +21,8 @@ that the model states, against floors that are learned for each class of motion:
     fit       power of the residual itself, without baseline, over what the model states
 
 Each has a threshold, a multiple of the most that was seen so far in order, so that a run to which
-the model fits less well is not reported for that; it is wider in the first minutes. health is
+the model fits less well is not reported for that; it is wider in the first minutes, and the
+multiple falls with the time that was seen. health is
 the largest figure over its threshold: below 1 in order, above 1 `mismatch`, until all are below
 CLEAR again. Nothing is learned while it is raised. Pure: no clock, no files.
 """
@@ -40,6 +42,7 @@ SHORTEST_S = 3  # a large misfit is seen in so many seconds
 DELAY_S = 12  # what is newer than this does not lift its own threshold
 FORGET_S = 7200.0
 FIRST_S, WIDE_S = 20.0, 200.0  # how fast the thresholds of the beginning narrow
+SURE_S, SURE = 6000.0, 1.3  # the longer the most was seen, the less is it multiplied: down to this
 CLEAR = 0.6
 # (least of all, share of the most seen in order, least at the beginning)
 LEVELS = {
@@ -66,7 +69,8 @@ class _Level:
     def threshold(self) -> float:
         first = self.first * math.exp(-self.seen_s / FIRST_S)
         wide = self.wide * math.exp(-self.seen_s / WIDE_S)
-        return min(max(self.least + self.margin * self.most, wide) + first, self.first)
+        margin = SURE + (self.margin - SURE) * math.exp(-self.seen_s / SURE_S)
+        return min(max(self.least + margin * self.most, wide) + first, self.first)
 
     def see(self, figure: float, raised: bool) -> None:
         """One second's figure; it counts when it is old enough and nothing was raised since."""
@@ -102,7 +106,7 @@ class Watch:
         prior = np.full(k.N_FEATURES, misfit**2)
         prior[0] = (0.05 * stroke / self.noise) ** 2  # where the sensor's zero lies is free
         self._prior, self._w, self._cov = prior, np.zeros(k.N_FEATURES), np.diag(prior)
-        self._z, self._low = np.zeros(k.PLAYS.size), np.zeros(k.TAUS_S.size)
+        self._z, self._low = np.zeros(k.PLAYS.size), np.zeros(k.N_LOW)
         self._steps = np.zeros(k.STEPS)
         self._floors = np.full((3, k.N_CLASSES), misfit**2)
         self._weights = np.full((3, k.N_CLASSES), 0.25)

@@ -21,8 +21,11 @@ SLOW_HZ, FAST_HZ = 500.0, 2000.0  # highest rates of the filter and of the short
 
 PLAYS = np.array([0.01, 0.03, 0.06, 0.10, 0.16, 0.25, 0.35])  # thresholds
 TAUS_S = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0])
+SQUARE_TAUS_S = np.array([0.03, 0.3, 3.0, 30.0, 300.0])  # the same for p^2 and for the drive
+N_LOW = TAUS_S.size + 2 * SQUARE_TAUS_S.size
 STEPS = 4  # newest steps of the drive: what is late, and what rings
-N_FEATURES = 3 + STEPS + 2 * PLAYS.size + TAUS_S.size
+SLOPES = 2  # of them also times the position: a volt moves the stage further in the middle
+N_FEATURES = 3 + STEPS + SLOPES + 2 * PLAYS.size + N_LOW
 
 # Classes of motion: speed [ranges / s] and change of speed [ranges / s^2], each held for a moment.
 SPEEDS, SPEED_HELD_S = np.array([0.003, 0.03, 0.1, 0.3, 1.0, 3.0]), 0.1
@@ -73,6 +76,9 @@ def _features(
     for j in range(STEPS):
         phi[k] = 50.0 * steps[j]
         k += 1
+    for j in range(SLOPES):
+        phi[k] = 100.0 * steps[j] * (p - 0.5)
+        k += 1
     for j in range(PLAYS.size):
         z[j] = max(x - PLAYS[j], min(x + PLAYS[j], z[j]))
         phi[k], phi[k + 1] = x - z[j], 2.0 * (p - 0.5) * (x - z[j])
@@ -83,6 +89,12 @@ def _features(
         phi[k] = p - low[j]
         creep += low[j]
         k += 1
+    for j in range(SQUARE_TAUS_S.size):
+        share, at = -math.expm1(-dt / SQUARE_TAUS_S[j]), TAUS_S.size + 2 * j
+        low[at] += share * (phi[2] - low[at])
+        low[at + 1] += share * (x - low[at + 1])
+        phi[k], phi[k + 1] = phi[2] - low[at], x - low[at + 1]
+        k += 2
     return creep
 
 
@@ -163,7 +175,9 @@ def run(
         if now[FILLED] == 0.0:
             now[FILLED] = 1.0
             now[P_BEFORE], now[X_BEFORE], now[X_MEAN] = p, x, x
-            low[:] = p
+            low[: TAUS_S.size] = p
+            for j in range(TAUS_S.size, N_LOW, 2):
+                low[j], low[j + 1] = 2.0 * (p - 0.5) ** 2, x
         step = x - now[X_BEFORE]
         jerk = abs(step - now[STEP_BEFORE]) / (dt * dt)
         speed = abs(p - now[P_BEFORE]) / dt
