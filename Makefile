@@ -4,8 +4,9 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 ROUND ?= ../shared/concealed/round-1
+FUZZ_S ?= 600
 
-.PHONY: demo test check kernels lint types contracts concealed proof clean
+.PHONY: demo test check kernels lint types contracts concealed proof fuzz clean
 
 demo: kernels
 	$(BIN)/dehyst demo
@@ -34,6 +35,10 @@ concealed: $(READY)
 
 proof: $(READY)
 	$(BIN)/python tests/benchmarks/proof.py
+
+fuzz: $(READY)
+	-$(BIN)/python -m pip install --quiet atheris
+	$(BIN)/python -m tests.fuzz --for $(FUZZ_S)
 
 $(READY): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "dehyst needs Python 3.11 or later")'

@@ -71,6 +71,7 @@ SMOOTH = 0.7  # weight of the second difference at 1 ms nodes, times the squared
 STIFF_END, STIFF_POWER = 400.0, 6  # smoothness grows by 1 + STIFF_END (j / P)^STIFF_POWER
 MOST_DAMPING = 7.0  # times the squared slope
 FORGET_WINDOWS = 20.0  # memory of the guard
+STANDS = 4.0  # nodes for which a promise is taken to hold: it looks further ahead than that
 FIRST_SWEEPS = 8  # for a plan that starts from nothing
 
 
@@ -205,10 +206,13 @@ def propose(
     if phase == 0.0 or not whole:
         state[LOST] = guard.missed(weights, c, fixed, state, plays[REAL], plays[SHADOW_PLAYS])
     share = guard.BUDGET if state[STATIC_LEFT] == 0.0 else guard.RETURN * guard.BUDGET
-    if phase == 0.0 and whole:
-        state[PROMISED] = guard.promises(
-            weights, c, knots, fixed, state, plays, work, share, targets, late
-        )
+    if not whole:
+        state[PROMISED] = 0.0
+    elif phase == 0.0 and state[PROMISED] > 1.0:
+        state[PROMISED] -= 1.0
+    elif phase == 0.0:
+        kept = guard.promises(weights, c, knots, fixed, state, plays, work, share, targets, late)
+        state[PROMISED] = max(min(STANDS, work.shape[1] // guard.LOOKS), 1.0) if kept else 0.0
     shadow = guard.static(
         weights, c, knots, fixed, plays[SHADOW_PLAYS], state[SHADOW], state[TARGET_NOW]
     )
