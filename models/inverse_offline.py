@@ -6,6 +6,7 @@ with the exact Jacobian. In the exact one an operator that stands still keeps th
 sample in which it last moved, dH_i(t)/du = 1 there and 0 elsewhere; the sweeps are blind to that.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,7 @@ from dehyst.models.plan import SPRING, evaluate, sweep
 SMOOTH = 0.01  # weight of the second difference at 1 ms, times the squared slope dy/du
 SWEEPS, REFINEMENTS = 150, 40
 SETTLED = 1e-4  # relative gain of a round below which nothing more is tried
+ARRIVED = 3.0  # times the noise: within this of the target the approach is over
 EXACT_SAMPLES = 200_000  # longer trajectories are not refined
 
 
@@ -31,7 +33,7 @@ EXACT_SAMPLES = 200_000  # longer trajectories are not refined
 class Inverted:
     """drive, predicted displacement, predicted reading: (N,); flags: (N,) int64 bits as in
     dehyst.models.compensator; mode: how the drive was made; rms: of the predicted error where no
-    flag says that the target cannot be reached."""
+    flag says that the target cannot be reached, once the approach is over; NaN: nowhere."""
 
     drive: Floats
     predicted: Floats
@@ -246,7 +248,7 @@ def invert_streamed(
         comp.applied(state, drive[i])
         y[i], reading[i] = state.result[compensate.PREDICTED], state.result[compensate.READING]
     mode = ("hold", "static", "causal", "preview")[int(np.argmax(modes))]
-    return Inverted(drive, y, reading, flags, mode, _rms(y - target, flags))
+    return Inverted(drive, y, reading, flags, mode, _rms(y - target, flags, comp.noise))
 
 
 def invert_trajectory(
@@ -281,7 +283,7 @@ def invert_trajectory(
     for name, inside in drives.items():
         drive = comp.command(inside, at)
         y, reading = _replayed(comp, at, drive, target, channels)
-        rms = _rms(y - target, unreachable)
+        rms = _rms(y - target, unreachable, noise)
         worth = _capped(y - target, noise)
         if worth < least:
             least = worth
@@ -298,7 +300,9 @@ def _capped(error: Floats, noise: float) -> float:
     return float(np.mean(np.minimum(error**2, (0.2 * noise) ** 2)))
 
 
-def _rms(error: Floats, flags: NDArray[np.int64]) -> float:
+def _rms(error: Floats, flags: NDArray[np.int64], noise: float) -> float:
     inside = (flags & (compensate.BEYOND_DRIVE | compensate.BEYOND_SATURATION)) == 0
-    chosen = error[inside] if np.any(inside) else error
-    return float(np.sqrt(np.mean(chosen**2))) if chosen.size else 0.0
+    arrived = inside & (np.abs(error) <= ARRIVED * noise)
+    if np.any(arrived):  # the approach from where the stage rests is no error of the inverse
+        inside[: int(np.argmax(arrived))] = False
+    return float(np.sqrt(np.mean(error[inside] ** 2))) if np.any(inside) else math.nan

@@ -2,10 +2,12 @@
 
 import argparse
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 
+from dehyst.daemon.checks import reach
 from dehyst.daemon.csvtable import read_table
 from dehyst.daemon.files import load_model
 from dehyst.daemon.recordings import read_trajectory, write_recording
@@ -152,7 +154,7 @@ def _report(
     summary = {
         "mode": result.mode,
         "reason": compensator.reason,
-        "rms": result.rms,
+        "rms": result.rms if math.isfinite(result.rms) else None,
         "unit": model.displacement_unit,
         "latency_s": latency,
         "monotone_price": compensator.price,
@@ -164,7 +166,14 @@ def _report(
         return
     unit = model.displacement_unit
     print(f"{args.output}: {result.drive.size} samples, {result.mode} ({compensator.reason})")
-    print(f"predicted error {result.rms:.3g} {unit} rms where the target can be reached")
+    if math.isfinite(result.rms):
+        print(
+            f"predicted error {result.rms:.3g} {unit} rms where the target can be reached, after "
+            "the approach from rest"
+        )
+    else:
+        low, high = reach(model, compensator.low, compensator.high)
+        print(f"no target can be reached: the stage goes from {low:.3g} to {high:.3g} {unit}")
     if compensator.price:
         print(f"nearest monotone model: {compensator.price:.3g} {unit} rms from this one")
     for name, count in flagged.items():
