@@ -190,7 +190,8 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
     """How far back the history reaches now."""
     restarts_of_core: int
     health: float = 0.0
-    """Misfit over what is expected at most: below 1 the stage behaves as its model."""
+    """Misfit over what is expected at most: below 1 the stage behaves as its model; below 0 the
+    watch is still learning, -0.4: 40 % of the first motion is still to be seen."""
     mismatch: Name = ""
     """Why it does not: a figure of dehyst.models.watch, or "stuck"; "" while it does."""
 

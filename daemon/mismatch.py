@@ -44,7 +44,8 @@ Tell = Callable[[int, str, str], None]
 class MismatchWatch:
     """Judges telemetry. `add` is called by the publisher, `run` is its thread.
 
-    health, mismatch, figure: what the status says; the figure is "" while nothing is wrong."""
+    health, mismatch, figure: what the status says; the figure is "" while nothing is wrong, health
+    is below 0 while the watch still learns."""
 
     def __init__(self, config: Config, history: History, tell: Tell) -> None:
         self._config, self._history, self._tell = config, history, tell

@@ -20,11 +20,14 @@ that the model states, against floors that are learned for each class of motion:
     short     power of differences over half a millisecond: noise, fast ringing
     fit       power of the residual itself, without baseline, over what the model states
 
-Each has a threshold, a multiple of the most that was seen so far in order, so that a run to which
-the model fits less well is not reported for that; it is wider in the first minutes, and the
-multiple falls with the time that was seen. health is
-the largest figure over its threshold: below 1 in order, above 1 `mismatch`, until all are below
-CLEAR again. Nothing is learned while it is raised. Pure: no clock, no files.
+For LEARN_S of motion (seconds in which the stage moves, or has just moved) it only learns; but for
+a `fit` far out, nothing is reported. From then on each figure has a threshold: what it exceeds
+once in RETURN blocks of BLOCK_S, from a Gumbel distribution with the mean and scatter of the
+blocks' largest values in order (Coles, An Introduction to Statistical Modeling of Extreme Values,
+ch. 3), and no less than MARGIN times the largest of all; a little is added. health is the largest
+figure over its threshold: below 1 in order, two seconds above 1 `mismatch`, until all are below
+CLEAR again; below 0 while it still learns. No threshold learns while it is raised, and after the
+first EARLY_S of motion the baseline does not either. Pure: no clock, no files.
 """
 
 import math
@@ -40,47 +43,60 @@ from dehyst.models.recording import Bools
 WINDOW_S = 8
 SHORTEST_S = 3  # a large misfit is seen in so many seconds
 DELAY_S = 12  # what is newer than this does not lift its own threshold
-FORGET_S = 7200.0
-FIRST_S, WIDE_S = 20.0, 200.0  # how fast the thresholds of the beginning narrow
-SURE_S, SURE = 6000.0, 1.3  # the longer the most was seen, the less is it multiplied: down to this
-CLEAR = 0.6
-# (least of all, share of the most seen in order, least at the beginning)
-LEVELS = {
-    "gain": (0.3, 2.5, 2.0),
-    "offset": (0.6, 3.0, 5.0),
-    "whole": (0.0, 1.9, 3.0),
-    "ringing": (0.0, 1.8, 2.2),
-    "short": (0.0, 1.9, 2.2),
-    "fit": (40.0, 0.0, 0.0),
-}
+LEARN_S, SETTLED_S = 400, 100  # of motion, before the first flag; before scatter is learned
+EARLY_S = 1000  # of motion: so long the baseline learns, slowly, even while a flag is raised
+MOTION, MOVED_S = 0.002, 10  # rms motion [ranges] that counts, and for how long it does
+BLOCK_S, MEMORY_S = 20, 3600.0  # of motion
+RETURN = 5e4  # blocks of motion, some days
+FEW = 5.0  # blocks: the fewer were seen, the wider the threshold
+LEAST_SCATTER, MARGIN = 0.04, 1.25  # of the mean; times the largest
+CLEAR = 0.9
+SUDDEN = 3.0  # thresholds that the newest seconds must exceed
+# figure: what is added to its threshold; less is of no interest
+FIGURES = {"gain": 0.2, "offset": 0.4, "whole": 0.1, "ringing": 0.1, "short": 0.1}
+FIT = 40.0
 STUCK_S, STUCK_MOVE = 1.0, 10.0  # the same reading so long while the model moved by so many noises
 
 
 class _Level:
-    """Threshold of one figure: a multiple of the most seen, wider at the beginning."""
+    """Threshold of one figure: what it hardly ever exceeds while the stage is in order."""
 
-    def __init__(self, least: float, margin: float, wide: float, first: float) -> None:
-        self.least, self.margin, self.wide, self.first = least, margin, wide, first
-        self.most = 0.0
-        self.seen_s = 0.0
-        self.waiting: deque[float] = deque()
+    def __init__(self, least: float) -> None:
+        self.least = least
+        self.mean = self.square = self.most = self._largest = 0.0
+        self.blocks = self._filled = 0
+        self._waiting: deque[float] = deque()
 
     @property
     def threshold(self) -> float:
-        first = self.first * math.exp(-self.seen_s / FIRST_S)
-        wide = self.wide * math.exp(-self.seen_s / WIDE_S)
-        margin = SURE + (self.margin - SURE) * math.exp(-self.seen_s / SURE_S)
-        return min(max(self.least + margin * self.most, wide) + first, self.first)
+        if not self.blocks:
+            return math.inf
+        scatter = max(math.sqrt(self.square), LEAST_SCATTER * self.mean)
+        rare = math.sqrt(6.0) / math.pi * (math.log(RETURN) - np.euler_gamma)
+        quantile = self.mean + rare * (1.0 + FEW / self.blocks) * scatter
+        return self.least + max(quantile, MARGIN * self.most)
 
-    def see(self, figure: float, raised: bool) -> None:
-        """One second's figure; it counts when it is old enough and nothing was raised since."""
-        if raised:
-            self.waiting.clear()
+    def see(self, figure: float) -> None:
+        """One second's figure in order; it counts when it is old enough."""
+        self._waiting.append(figure)
+        if len(self._waiting) <= DELAY_S:
             return
-        self.waiting.append(figure)
-        if len(self.waiting) > DELAY_S:
-            self.seen_s += 1.0
-            self.most = max(self.most * math.exp(-1.0 / FORGET_S), self.waiting.popleft())
+        figure = self._waiting.popleft()
+        memory_s = min(max(BLOCK_S * self.blocks, SETTLED_S), MEMORY_S)
+        self.most = max(self.most * math.exp(-1.0 / memory_s), figure)
+        self._largest = max(self._largest, figure)
+        self._filled += 1
+        if self._filled == BLOCK_S:
+            self.blocks += 1
+            share = max(2.0 / (self.blocks + 1.0), BLOCK_S / MEMORY_S)  # the first count little
+            off = self._largest - self.mean
+            self.mean += share * off
+            self.square = (1.0 - share) * (self.square + share * off * off)
+            self._largest, self._filled = 0.0, 0
+
+    def forget_newest(self) -> None:
+        """What waits was perhaps not in order."""
+        self._waiting.clear()
 
 
 class Watch:
@@ -117,11 +133,10 @@ class Watch:
         self._phi, self._gain = np.zeros(k.N_FEATURES), np.zeros(k.N_FEATURES)
         self._blocks: deque[Floats] = deque(maxlen=WINDOW_S)
         self._misfit2 = misfit**2
-        first = {"gain": 9.0 * misfit**2, "offset": 9.0 * misfit**2, "fit": 40.0}
-        self._levels = {n: _Level(*numbers, first.get(n, 20.0)) for n, numbers in LEVELS.items()}
-        self.figures: dict[str, float] = dict.fromkeys(LEVELS, 0.0)
+        self._levels = {name: _Level(least) for name, least in FIGURES.items()}
+        self.figures: dict[str, float] = dict.fromkeys((*FIGURES, "fit"), 0.0)
         self.mismatch = False
-        self.seconds = self._poor_s = 0
+        self.seconds = self.motion_s = self._poor_s = self._moved_s = 0
 
     def update(self, drive: Floats, predicted: Floats, measured: Floats, good: Bools) -> bool:
         """A batch of samples: (n,) drive in force at each reading [drive unit], what the model
@@ -144,19 +159,31 @@ class Watch:
         return judged
 
     @property
+    def learning(self) -> float:
+        """Share of the first motion that is still to be seen; 0: it has learned enough."""
+        return max(0.0, 1.0 - self.motion_s / LEARN_S)
+
+    @property
     def health(self) -> float:
-        """Largest figure over its threshold: below 1 in order."""
-        return float(max(self.figures[n] / lv.threshold for n, lv in self._levels.items()))
+        """Largest figure over its threshold: below 1 in order. Below 0: still learning, and minus
+        the share of the learning that is left."""
+        worst = self._over(self.figures)
+        return -self.learning if self.learning and worst <= 1.0 else worst
 
     @property
     def thresholds(self) -> dict[str, float]:
         """The figures' thresholds now."""
-        return {name: level.threshold for name, level in self._levels.items()}
+        now = {name: level.threshold for name, level in self._levels.items()}
+        return {**(dict.fromkeys(now, math.inf) if self.learning else now), "fit": FIT}
 
     @property
     def cause(self) -> str:
         """The figure that is largest over its threshold."""
-        return max(LEVELS, key=lambda n: self.figures[n] / self._levels[n].threshold)
+        limits = self.thresholds
+        return max(limits, key=lambda name: self.figures[name] / limits[name])
+
+    def _over(self, figures: dict[str, float]) -> float:
+        return float(max(figures[name] / limit for name, limit in self.thresholds.items()))
 
     @property
     def stuck_s(self) -> float:
@@ -167,34 +194,48 @@ class Watch:
         return still_s if still_s >= STUCK_S and moved > STUCK_MOVE * self.noise else 0.0
 
     def _judge(self) -> None:
-        self._blocks.append(self._block.copy())
+        block = self._block.copy()
+        self._blocks.append(block)
         self._block[:] = 0.0
         self._now[k.BLOCK_S] -= 1.0
         self.seconds += 1
+        self._moved_s = 0 if _motion(block) > MOTION else self._moved_s + 1
+        moving = self._moved_s < MOVED_S and block[k.B_N] > 0.0
+        self.motion_s += moving
         blocks = list(self._blocks)
-        long = _figures(blocks, self._misfit2)
-        short = _figures(blocks[-SHORTEST_S:], self._misfit2)
-        self.figures = long
+        self.figures = _figures(blocks, self._misfit2)
         if len(blocks) < SHORTEST_S:
             return
         # a large misfit need not wait for the long window
-        health = self.health
-        sudden = max(short[n] / (3.0 * lv.threshold) for n, lv in self._levels.items())
-        self._poor_s = self._poor_s + 1 if health > 1.0 else 0
-        if self._poor_s >= 2 or sudden > 1.0:
+        health, newest = (
+            self._over(self.figures),
+            self._over(_figures(blocks[-SHORTEST_S:], self._misfit2)),
+        )
+        self._poor_s = self._poor_s + 1 if health > 1.0 or newest > SUDDEN else 0
+        if self._poor_s >= 2:
             self.mismatch = True
-        elif health < CLEAR and max(short[n] / lv.threshold for n, lv in self._levels.items()) < 1:
+        elif health < CLEAR and newest < 1.0:
             self.mismatch = False
         for name, level in self._levels.items():
-            level.see(long[name], self.mismatch)
-        self._now[k.LEARN] = 0.0 if self.mismatch else 1.0 / (1.0 + max(0.0, 4.0 * health - 2.0))
+            if self.mismatch:
+                level.forget_newest()
+            elif moving and self.motion_s > SETTLED_S:
+                level.see(self.figures[name])
+        goes_on = not self.mismatch or self.motion_s < EARLY_S
+        self._now[k.LEARN] = goes_on / (1.0 + max(0.0, 4.0 * health - 2.0))
+
+
+def _motion(s: Floats) -> float:
+    """Standard deviation of the displacement in the sums of a second [ranges]."""
+    weight = max(s[k.B_W], 1e-12)
+    return math.sqrt(max(0.0, s[k.B_PP] / weight - (s[k.B_P] / weight) ** 2))
 
 
 def _figures(blocks: list[Floats], misfit2: float) -> dict[str, float]:
     """Figures of the sums of some seconds."""
     s = np.sum(blocks, axis=0)
     if s[k.B_N] < 1.0:
-        return dict.fromkeys(LEVELS, 0.0)
+        return dict.fromkeys((*FIGURES, "fit"), 0.0)
     weight, mean = s[k.B_W], s[k.B_E] / s[k.B_W]
     ways = np.array([s[k.B_P], s[k.B_C]])
     square = np.array([[s[k.B_PP], s[k.B_PC]], [s[k.B_PC], s[k.B_CC]]])

@@ -19,7 +19,7 @@ FLOOR_S = 300.0  # memory of a class' floor
 LARGEST = 25.0  # one sample counts for no more than five standard deviations
 SLOW_HZ, FAST_HZ = 500.0, 2000.0  # highest rates of the filter and of the short-lag differences
 
-PLAYS = np.array([0.01, 0.03, 0.06, 0.10, 0.16, 0.25, 0.35])  # thresholds
+PLAYS = np.array([0.005, 0.01, 0.02, 0.035, 0.055, 0.08, 0.11, 0.15, 0.2, 0.26, 0.33, 0.42])
 TAUS_S = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0])
 SQUARE_TAUS_S = np.array([0.03, 0.3, 3.0, 30.0, 300.0])  # the same for p^2 and for the drive
 N_LOW = TAUS_S.size + 2 * SQUARE_TAUS_S.size
@@ -28,7 +28,7 @@ SLOPES = 2  # of them also times the position: a volt moves the stage further in
 N_FEATURES = 3 + STEPS + SLOPES + 2 * PLAYS.size + N_LOW
 
 # Classes of motion: speed [ranges / s] and change of speed [ranges / s^2], each held for a moment.
-SPEEDS, SPEED_HELD_S = np.array([0.003, 0.03, 0.1, 0.3, 1.0, 3.0]), 0.1
+SPEEDS, SPEED_HELD_S = np.array([0.003, 0.03, *np.geomspace(0.1, 12.8, 15)]), 0.1
 JERKS, JERK_HELD_S = np.array([4.0, 40.0, 120.0, 400.0, 1200.0]), 0.05
 N_CLASSES = (SPEEDS.size + 1) * (JERKS.size + 1)
 WHOLE, RINGING, SHORT = range(3)  # rows of floors and weights
@@ -98,6 +98,15 @@ def _features(
     return creep
 
 
+@njit(cache=True, nogil=True, fastmath=True)
+def _along(a: Floats, b: Floats) -> float:
+    """Inner product, in any order."""
+    s = 0.0
+    for j in range(a.size):
+        s += a[j] * b[j]
+    return s
+
+
 @njit(cache=True, nogil=True)
 def _filter(
     e: float, base: float, prior: Floats, w: Floats, cov: Floats, phi: Floats, gain: Floats,
@@ -107,9 +116,10 @@ def _filter(
     g = learn * min(1.0, 3.0 / math.sqrt(max(e * e / (base + v), 1e-12)))
     bound = base * max(1.0, TOGETHER_S / dt) + v
     for i in range(phi.size):
-        w[i] += g * gain[i] / bound * e
+        share = g * gain[i] / bound
+        w[i] += share * e
         for j in range(phi.size):
-            cov[i, j] -= g * gain[i] * gain[j] / bound
+            cov[i, j] -= share * gain[j]
     # a random walk of this size is followed with a time constant of ZERO_S
     cov[0, 0] += learn * dt * max(dt, TOGETHER_S) / (ZERO_S * ZERO_S)
 
@@ -129,11 +139,8 @@ def _mean_sample(
     v = 0.0
     for i in range(phi.size):
         e -= w[i] * phi[i]
-        s = 0.0
-        for j in range(phi.size):
-            s += cov[i, j] * phi[j]
-        gain[i] = s
-        v += s * phi[i]
+        gain[i] = _along(cov[i], phi)
+        v += gain[i] * phi[i]
     base = _floor(floors, weights, WHOLE, at, prior[1])
     learn = now[LEARN]
     now[E_SMOOTH] += -math.expm1(-dt / SMOOTH_S) * (e - now[E_SMOOTH])

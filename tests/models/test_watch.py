@@ -12,7 +12,7 @@ from dehyst.models.model import Model
 from dehyst.models.recording import Recording
 from dehyst.models.watch import Watch
 
-RATE, LEARNED_S, BAR_S, NOISE_UM = 200.0, 300, 10, 0.02
+RATE, LEARNED_S, BAR_S, NOISE_UM = 200.0, 500, 10, 0.02
 
 
 def stirring(seconds: float) -> np.ndarray:
@@ -126,6 +126,21 @@ def test_the_flag_ends_when_the_stage_is_in_order_again(run: Run, learned: Watch
         run.feed(watch, second, second + 1)
         ended.append(not watch.mismatch)
     assert ended[-1]
+
+
+def test_it_says_that_it_still_learns_until_it_has_seen_enough_motion(
+    run: Run, learned: Watch
+) -> None:
+    watch = Watch(run.model, 1 / RATE)
+    assert run.feed(watch, 0, 40) == -1
+    assert watch.health == pytest.approx(-(1 - 40 / 400), abs=0.01)
+    at_rest = Watch(run.model, 1 / RATE)
+    still, good = np.zeros(round(60 * RATE)), np.ones(round(60 * RATE), np.bool_)
+    noise = NOISE_UM * np.random.default_rng(0).standard_normal(still.size)
+    at_rest.update(still, still, noise, good)
+    assert at_rest.health < -0.96  # rest teaches nothing
+    assert learned.learning == 0.0
+    assert 0.0 < learned.health < 1.0
 
 
 def test_another_stage_is_flagged_from_the_first(run: Run) -> None:
