@@ -200,7 +200,7 @@ class Watch:
         self._now[k.BLOCK_S] -= 1.0
         self.seconds += 1
         self._moved_s = 0 if _motion(block) > MOTION else self._moved_s + 1
-        moving = self._moved_s < MOVED_S and block[k.B_N] > 0.0
+        moving = bool(self._moved_s < MOVED_S and block[k.B_N] > 0.0)
         self.motion_s += moving
         blocks = list(self._blocks)
         self.figures = _figures(blocks, self._misfit2)

@@ -134,6 +134,7 @@ def test_it_says_that_it_still_learns_until_it_has_seen_enough_motion(
     watch = Watch(run.model, 1 / RATE)
     assert run.feed(watch, 0, 40) == -1
     assert watch.health == pytest.approx(-(1 - 40 / 400), abs=0.01)
+    assert type(watch.health) is float  # it goes into a message
     at_rest = Watch(run.model, 1 / RATE)
     still, good = np.zeros(round(60 * RATE)), np.ones(round(60 * RATE), np.bool_)
     noise = NOISE_UM * np.random.default_rng(0).standard_normal(still.size)
