@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 CHUNK_S = 0.25
 LEAD_S = 3.0
 PATIENCE_S = 10.0
+WORDS_NS = 500_000_000  # that the reason of an end may come after the end
 RENEW_S = 1.0
 
 
@@ -79,6 +80,7 @@ class _Player:
         self.due_ns = self.heard_ns = clock.monotonic_ns()
         self.silent_since_ns = 0
         self.refused = ""
+        self.ended_ns = 0
         self.stream, self.feed = client.stream(), client.feed()
         self.before = client.status()
         if not self.before.core_alive or self.before.period_ns <= 0:
@@ -187,7 +189,10 @@ class _Player:
         if status.trajectory not in (self.number, self.before.trajectory):
             return "another trajectory took its place"
         if status.trajectory == self.number and status.state != "running" and status.core_alive:
-            return self.why(status)
+            self.ended_ns = self.ended_ns or now_ns
+            said = any(event.code == status.state for event in list(self.feed.events))
+            # the reason travels on a topic of its own and may come a little later
+            return self.why(status) if said or now_ns - self.ended_ns > WORDS_NS else None
         if status.run != self.before.run:
             return "the loop was started anew"
         return None

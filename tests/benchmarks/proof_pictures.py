@@ -78,7 +78,7 @@ def _detection(single: list[Row], path: Path) -> Path:
     ax.set_ylim(0, 108)
     ax.set_xlabel("what the effect leaves after the best refit of the rich base / noise")
     ax.set_ylabel("cases / %")
-    ax.legend(frameon=False, loc="upper left")
+    ax.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return _save(figure, path)
 
 
@@ -137,5 +137,5 @@ def _loop(closed: list[dict[str, Any]], floor_nm: float, path: Path) -> Path:
     ax.set_yscale("log")
     ax.set_xticks(x, [r["effect"].replace(" of the ", "\nof the ") for r in closed])
     ax.set_ylabel("rms tracking error / nm")
-    ax.legend(frameon=False)
+    ax.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=9)
     return _save(figure, path)
