@@ -110,6 +110,7 @@ def stopped(rig: Rig, name: str) -> Iterator[None]:
 def stop_core(rig: Rig, seconds: float = 5.0) -> str:
     """SIGSTOP of the loop's process"""
     with stopped(rig, "core"):
+        time.sleep(0.2)  # a command that was on its way arrives
         before = rig.bench_order()["output_v"]
         time.sleep(seconds)
         assert rig.bench_order()["output_v"] == before
