@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.bus import BusError
 from dehyst.daemon.lease import new_number
-from dehyst.daemon.messages import MAX_POINTS, Status
+from dehyst.daemon.messages import MAX_POINTS, Event, Status
 from dehyst.daemon.tracking import Tracking
 from dehyst.models.errors import BadInput, DehystError
 
@@ -190,16 +190,20 @@ class _Player:
             return "another trajectory took its place"
         if status.trajectory == self.number and status.state != "running" and status.core_alive:
             self.ended_ns = self.ended_ns or now_ns
-            said = any(event.code == status.state for event in list(self.feed.events))
+            said = any(event.code == status.state for event in self.told())
             # the reason travels on a topic of its own and may come a little later
             return self.why(status) if said or now_ns - self.ended_ns > WORDS_NS else None
         if status.run != self.before.run:
             return "the loop was started anew"
         return None
 
+    def told(self) -> list[Event]:
+        """Events since the trajectory was begun."""
+        return [event for event in list(self.feed.events) if event.time_ns > self.before.time_ns]
+
     def why(self, status: Status) -> str:
         """The daemon's own words for the end, as far as they came."""
-        texts = [event.text for event in list(self.feed.events)[-3:]]
+        texts = [event.text for event in self.told()[-3:]]
         said = f" ({'; '.join(texts)})" if texts else ""
         return f"the daemon went to the state {status.state}{said}"
 

@@ -10,6 +10,7 @@ slew, RC and everything behind them are the stage's.
 
 import dataclasses
 import json
+import os
 import threading
 import time
 from array import array
@@ -54,19 +55,24 @@ class History:
         self.true_um = array("d")
 
     def save(self, path: Path) -> None:
-        """.npz: time_ns, volts (output); reading_ns, reading_um, true_um. .csv: the output."""
-        if path.suffix == ".csv":
-            rows = zip(self.output_ns, self.output_v, strict=True)
-            path.write_text("time_ns,volts\n" + "".join(f"{t},{v:.9g}\n" for t, v in rows))
-            return
-        np.savez(
-            path,
-            time_ns=np.array(self.output_ns),
-            volts=np.array(self.output_v),
-            reading_ns=np.array(self.reading_ns),
-            reading_um=np.array(self.reading_um),
-            true_um=np.array(self.true_um),
-        )
+        """.npz: time_ns, volts (output); reading_ns, reading_um, true_um. .csv: the output. The
+        file appears complete or not at all."""
+        part = path.with_name(path.name + ".part")
+        with part.open("wb") as file:
+            if path.suffix == ".csv":
+                rows = zip(self.output_ns, self.output_v, strict=True)
+                text = "time_ns,volts\n" + "".join(f"{t},{v:.9g}\n" for t, v in rows)
+                file.write(text.encode())
+            else:
+                np.savez(
+                    file,
+                    time_ns=np.array(self.output_ns),
+                    volts=np.array(self.output_v),
+                    reading_ns=np.array(self.reading_ns),
+                    reading_um=np.array(self.reading_um),
+                    true_um=np.array(self.true_um),
+                )
+        os.replace(part, path)
 
 
 class Bench:

@@ -113,7 +113,7 @@ class Problem:
         """
         picks, count = [], 0
         known = [np.abs(lone_deviation(e)) for e in residuals]
-        middle = np.concatenate([sample(k)[~np.isnan(sample(k))] for k in known])
+        middle = np.concatenate([some[~np.isnan(some)] for some in map(sample, known)])
         chances = np.log(max(USUAL, sum(k.size for k in known))) / np.log(USUAL)
         limit = SPIKE * np.sqrt(chances) * 1.4826 * float(np.median(middle)) if middle.size else 0.0
         for pick, off, one in zip(self.picks, known, self.rows, strict=True):

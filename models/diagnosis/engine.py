@@ -88,13 +88,14 @@ def held_drive(problem: Problem, null: Fitted, sigma: float) -> Problem | None:
     shifted = replace(data, u=ahead, early=True)
     if shifted.span <= 0:
         return None
-    light = Problem(shifted, rich_base(shifted)).light(SEARCH_ROWS)
+    whole = Problem(shifted, rich_base(shifted))
+    light = whole.light(SEARCH_ROWS)
     fit = light.solve([])
     before = excess(problem, null, sigma)
     fall = before - excess(light, fit, sigma)
     if fall < max(EARLY_SHARE * before, (EARLY_SIZE * sigma) ** 2):
         return None
-    return Problem(shifted, rich_base(shifted))
+    return whole
 
 
 def _search(

@@ -9,7 +9,7 @@ def peaks(data: Data, residual: Floats, count: int = 2) -> list[float]:
     """Frequencies where the residual's smoothed spectrum stands out most, per bin."""
     best: list[tuple[float, float]] = []
     for p in np.unique(data.part):
-        e = residual[(data.part == p)]
+        e = residual[data.part == p]
         if e.size < 512:
             continue
         spectrum = np.abs(np.fft.rfft((e - e.mean()) * np.hanning(e.size))) ** 2

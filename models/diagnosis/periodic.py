@@ -5,7 +5,6 @@ import numpy as np
 from dehyst.models.diagnosis.data import Floats
 
 REPEATS = 0.03  # rms of drive minus drive one period before, over the drive's rms
-
 REACH = 2  # samples to either side
 
 

@@ -77,13 +77,18 @@ def steady(seconds: float, seed: int) -> np.ndarray:
     return np.asarray((7.0 + 2.0 * _sines(t)) * np.minimum(1.0, t))
 
 
+def _place(rng: np.random.Generator) -> tuple[float, float]:
+    """Centre and size of a motion between 1.5 and 13.5 um."""
+    centre = rng.uniform(5, 10)
+    return centre, rng.uniform(0.7, min(centre - 1.5, 13.5 - centre))
+
+
 def sines(seconds: float, seed: int) -> np.ndarray:
     """Another frequency, size and centre every 20 s [um]."""
     rng, parts = np.random.default_rng(seed), []
     t = np.arange(round(20 * RATE)) / RATE
     for _ in range(int(seconds / 20) + 1):
-        centre = rng.uniform(5, 10)
-        size = rng.uniform(0.7, min(centre - 1.5, 13.5 - centre))
+        centre, size = _place(rng)
         rate_hz = np.exp(rng.uniform(np.log(0.1), np.log(5.0)))
         parts.append(centre + size * np.sin(2 * np.pi * rate_hz * t))
     return _joined(parts, seconds)
@@ -102,8 +107,7 @@ def scans(seconds: float, seed: int) -> np.ndarray:
     rng, parts = np.random.default_rng(seed), []
     t = np.arange(round(30 * RATE)) / RATE
     for _ in range(int(seconds / 30) + 1):
-        centre = rng.uniform(5, 10)
-        size = rng.uniform(0.7, min(centre - 1.5, 13.5 - centre))
+        centre, size = _place(rng)
         rate_hz = np.exp(rng.uniform(np.log(0.05), np.log(3.0)))
         parts.append(centre + size * (4 * np.abs((rate_hz * t) % 1 - 0.5) - 1))
     return _joined(parts, seconds)

@@ -13,9 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dehyst.daemon import messages
+from dehyst.daemon.bus import BusError
 from dehyst.daemon.client import Client
 from dehyst.daemon.config import Config, load_config
 from dehyst.daemon.corelink import LAYOUTS
+from dehyst.daemon.feed import TelemetryStream
 from dehyst.daemon.records import STATUS, Command, Flag, State
 from dehyst.daemon.ring import Ring
 
@@ -259,3 +262,34 @@ class Bench:
             self.gateway.wait(10.0)
         if self.has_loop:
             self.loop.close()
+
+
+def observer_only_hears(operator: Client, observer: Client) -> tuple[TelemetryStream, set[float]]:
+    """The operator commands; the observer sees it, asks, and is refused what commands: its stream
+    and the targets heard so far."""
+    wait_until("the loop is seen", lambda: operator.status().core_alive)
+    feed, stream = observer.feed(), observer.stream()
+    assert observer.model().displacement_unit == "um"
+    operator.send(3.0)
+    operator.put(4.0)
+    targets: set[float] = set()
+
+    def told() -> bool:
+        targets.update(stream.read(0.1)["target"].tolist())
+        return 4.0 in targets and feed.status is not None
+
+    wait_until("the observer hears of it", told)
+    assert observer.history(0.2).size > 10
+    observer.patience_s = 0.0
+    for action in (lambda: observer.send(5.0), observer.stop, observer.take_over):
+        with pytest.raises(BusError, match="let these credentials"):
+            action()
+    return stream, targets
+
+
+def forged_setpoint(operator: Client) -> messages.Setpoint:
+    """A set-point under the operator's lease, as if it had been overheard."""
+    return messages.Setpoint(
+        client=operator.client, lease=operator._lease, sequence=99, sent_ns=time.monotonic_ns(),
+        value=9.0, unit="um",
+    )  # fmt: skip

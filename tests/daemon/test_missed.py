@@ -21,7 +21,7 @@ HOG = """
 import os, sys, time
 os.sched_setaffinity(0, {int(sys.argv[1])})
 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(95))
-for _ in range(8):
+for _ in range(16):
     end = time.monotonic() + 0.02
     while time.monotonic() < end:
         pass
@@ -79,7 +79,7 @@ def test_a_higher_priority_and_a_stopped_process_are_named(tmp_path: Path, engin
         assert hog.returncode == 0
         preempted = rings.read("telemetry")[before:]
         before += preempted.size
-        for _ in range(5):
+        for _ in range(8):
             process.send_signal(signal.SIGSTOP)
             time.sleep(0.04)
             process.send_signal(signal.SIGCONT)
@@ -89,9 +89,9 @@ def test_a_higher_priority_and_a_stopped_process_are_named(tmp_path: Path, engin
             lambda: s if (s := rings.last("status"))["missed_by"][MissCause.SUSPENDED] else None
         )
     long = preempted["actual_ns"] - preempted["scheduled_ns"] > 10_000_000
-    assert long.sum() >= 2  # of 8; a busy machine may delay a hog past its turn
+    assert long.sum() >= 4  # of 16; a busy machine may delay a hog past its turn
     assert (preempted["cause"][long] == MissCause.PREEMPTED).mean() > 0.6
     long = suspended["actual_ns"] - suspended["scheduled_ns"] > 25_000_000
-    assert long.sum() >= 2
+    assert long.sum() >= 3
     assert (suspended["cause"][long] == MissCause.SUSPENDED).mean() > 0.6
     assert status["missed"] == status["missed_by"].sum()

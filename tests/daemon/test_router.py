@@ -9,9 +9,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from tests.daemon.gatewaybench import ROOT, Bench, free_port, wait_until
+from tests.daemon.gatewaybench import (
+    ROOT,
+    Bench,
+    forged_setpoint,
+    free_port,
+    observer_only_hears,
+    wait_until,
+)
 
-from dehyst.daemon import messages, topics, wire
+from dehyst.daemon import topics, wire
 from dehyst.daemon.bus import Bus, BusError
 from dehyst.daemon.client import Client, daemons
 from dehyst.daemon.config import load_config, parse_config
@@ -160,28 +167,8 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
 
 def test_a_router_that_asks_for_certificates_enforces_the_roles(lab: Lab) -> None:
     operator, observer = lab.client("alice"), lab.client("bob")
-    wait_until("the loop is seen", lambda: operator.status().core_alive)
-    feed, stream = observer.feed(), observer.stream()
-    operator.send(3.0)
-    operator.put(4.0)
-    targets: set[float] = set()
-
-    def told() -> bool:
-        targets.update(stream.read(0.1)["target"].tolist())
-        return 4.0 in targets and feed.status is not None
-
-    wait_until("the observer hears of it", told)
-    assert observer.model().displacement_unit == "um"
-    assert observer.history(0.2).size > 10
-
-    observer.patience_s = 0.0
-    for action in (lambda: observer.send(5.0), observer.stop, observer.take_over):
-        with pytest.raises(BusError, match="let these credentials"):
-            action()
-    forged = messages.Setpoint(
-        client=operator.client, lease=operator._lease, sequence=99, sent_ns=time.monotonic_ns(),
-        value=9.0, unit="um",
-    )  # fmt: skip
+    stream, targets = observer_only_hears(operator, observer)
+    forged = forged_setpoint(operator)
     batch = wire.encode(wire.batch(stream.read(0.5)[:1], 12345, "um", 0))
     others = operator.stream()
     with lab.session("keys/stage-02") as neighbour, lab.session("keys/carol") as nobody:

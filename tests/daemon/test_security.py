@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.daemon.gatewaybench import Bench, wait_until
+from tests.daemon.gatewaybench import Bench, forged_setpoint, observer_only_hears, wait_until
 
-from dehyst.daemon import messages, topics, wire
+from dehyst.daemon import topics, wire
 from dehyst.daemon.bus import Bus, BusError
 from dehyst.daemon.client import Client, Refusal
 from dehyst.daemon.config import parse_config
@@ -66,32 +66,10 @@ def secured(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Secured]
 
 def test_operator_commands_observer_sees_nobody_else_connects(secured: Secured) -> None:
     operator, observer = secured.client("alice"), secured.client("bob")
-    wait_until("the loop is seen", lambda: operator.status().core_alive)
-    feed, stream = observer.feed(), observer.stream()
+    stream, targets = observer_only_hears(operator, observer)
     assert observer.config().name == "bench"
-    assert observer.model().displacement_unit == "um"
-
-    operator.send(3.0)
-    operator.put(4.0)
-    targets: set[float] = set()
-
-    def told() -> bool:
-        targets.update(stream.read(0.1)["target"].tolist())
-        return 4.0 in targets and feed.status is not None
-
-    wait_until("the observer hears of it", told)
-    assert observer.history(0.2).size > 10
-
-    observer.patience_s = 0.0
-    for action in (lambda: observer.send(5.0), observer.stop, observer.take_over):
-        with pytest.raises(BusError, match="let these credentials"):
-            action()
     # the observer has overheard nothing that helps, and puts anyway: set-points and telemetry
-    lease = operator._lease
-    forged = messages.Setpoint(
-        client=operator.client, lease=lease, sequence=99, sent_ns=time.monotonic_ns(),
-        value=9.0, unit="um",
-    )  # fmt: skip
+    forged = forged_setpoint(operator)
     key = observer.keys.pubsub("setpoint_um", "1")
     observer.bus.sender(key, topics.SETPOINT).put(wire.encode(forged))
     other = operator.stream()

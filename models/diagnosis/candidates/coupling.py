@@ -114,7 +114,7 @@ class CoupledMode(Coupling):
         self.key = f"coupledmode-{channel}"
         self.title = f"Coupling from {channel} through a mode"
         self.confused_with = ("resonance",)
-        self._rate = rate = 1.0 / data.period
+        rate = 1.0 / data.period
         self.parameters = (
             Parameter("frequency_hz", "Hz", 1e-3 * rate, 0.5 * rate, sure=1.5e-3),
             Parameter("damping", "1", 5e-4, 0.3, sure=0.02),
