@@ -1,7 +1,8 @@
 """Coupling from another channel through a mode of the stage.
 
-    y = x + gain q,  q'' + 2 z w q' + w^2 q = w^2 (channel - reference)
+    y = x + gain q + quadrature q' / w,  q'' + 2 z w q' + w^2 q = w^2 (channel - reference)
 
+The quadrature is what a delay of the channel, or damping that is not proportional, adds to a mode.
 Exact for a channel that runs in straight lines between the samples, for any damping z.
 """
 
@@ -17,12 +18,13 @@ CODE = 20
 
 @njit(cache=True, nogil=True)
 def step(p: Floats, s: Floats, x: float, t: float, dt: float, ch: float) -> float:
-    """p: [frequency, damping, 1, gain, reference]; s: state of the mode (8), started."""
+    """p: [frequency, damping, 1, gain, reference, quadrature / w]; s: state of the mode (8),
+    started."""
     c = ch - p[4]
     if s[8] == 0.0:
         s[0] = s[2] = c
         s[8] = 1.0
-    return x + p[3] * resonance.step(p[:3], s[:8], c, t, dt, 0.0)
+    return x + p[3] * resonance.step(p[:3], s[:8], c, t, dt, 0.0) + p[5] * s[1]
 
 
 @njit(cache=True, nogil=True)
@@ -35,7 +37,8 @@ def run(p: Floats, s: Floats, x: Floats, t: Floats, ch: Floats, y: Floats) -> No
 
 def _pack(values: Values, dt: float) -> Floats:
     mode = [values["frequency"][0], values["damping"][0], 1.0]
-    return np.array([*mode, values["gain"][0], values["reference"][0]])
+    per_speed = values["quadrature"][0] / (2.0 * np.pi * mode[0])
+    return np.array([*mode, values["gain"][0], values["reference"][0], per_speed])
 
 
 def _start(p: Floats, s: Floats, x: float) -> None:
@@ -50,6 +53,15 @@ KIND = Kind(
         Param("frequency_hz", "frequency", "Hz", 1e-3, 1e6, "natural frequency"),
         Param("damping", "damping", "", 1e-6, 10.0, "damping ratio"),
         Param("gain_{y}_per_unit", "gain", "/unit", -1e6, 1e6, "gain per unit of the channel"),
+        Param(
+            "quadrature_{y}_per_unit",
+            "quadrature",
+            "/unit",
+            -1e6,
+            1e6,
+            "gain per unit of the channel, of the mode's velocity over w",
+            default=(0.0,),
+        ),
         Param("reference", "reference", "", -1e9, 1e9, "channel at rest", default=(0.0,)),
     ),
     code=CODE,

@@ -5,6 +5,7 @@ everything else was refitted.
 """
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,10 +27,12 @@ SURE_SHARE = 0.45
 SURE_SPREAD = 0.2
 FREE_SIZE = 0.12  # the same for causes beside the drive
 WEAK = 0.1  # screened gain, as a part of the best, below which a candidate is not refitted
+PART_SHARE = 0.02  # of the excess, that one more part (a mode) of a chosen effect must take
 FEW_TURNS = 3  # with fewer turns of the drive nothing that it causes can be told from the loop
 RIVAL = 0.7  # part of the first pick's gain, from which another first pick is tried too
 FINEST = 1e-4  # of the displacement's range: no base is better than this
 TIE = 0.12  # noise rms: a simpler cause that leaves no more than this beside the best is taken
+THREADS = 2  # candidates tried side by side: each holds a design of all samples
 BUDGET = 240  # full solutions after which the search stops adding effects
 PRICE = 16.0  # of one parameter, in noise variances; includes the number of candidates tried
 
@@ -172,24 +175,27 @@ def _round(
     pool = [
         c for c in everything if c.key not in have and not c.refines and _next_of_its_kind(c, have)
     ]
-    scored = []
     look = Screen(problem, current)
-    for c in pool:
-        starts = look.starts(c)
-        if starts and starts[0][0] > n * (0.5 * least_size(c) * sigma) ** 2:
-            scored.append((starts[0][0], c, starts))
-    scored.sort(key=lambda s: -s[0])
-    scored = [s for s in scored if s[0] > WEAK * scored[0][0]]
-    trials = []
-    for k, (_, c, starts) in enumerate(scored[:SHORTLIST]):
-        say(f"trying {c.key}", min(0.85, 0.1 + 0.15 * number + 0.15 * k / SHORTLIST))
-        fit = problem.refit([*current.effects, Effect(c, starts[0][1])], start=current)
+
+    def tried(c: Candidate, start: Sequence[float]) -> Trial:
+        fit = problem.refit([*current.effects, Effect(c, tuple(start))], start=current)
         count = sum(len(e.theta) for e in fit.effects) - sum(len(e.theta) for e in current.effects)
         columns = fit.design.shape[1] - current.design.shape[1]
         price = PRICE * sigma**2 * max(count + columns, 1)
-        trials.append(Trial(c, fit, current.sse - fit.sse, price))
-    trials.sort(key=lambda t: -t.worth)
-    return trials
+        return Trial(c, fit, current.sse - fit.sse, price)
+
+    with ThreadPoolExecutor(THREADS) as threads:
+        scored = []
+        for c, starts in zip(pool, threads.map(look.starts, pool), strict=True):
+            if starts and starts[0][0] > n * (0.5 * least_size(c) * sigma) ** 2:
+                scored.append((*starts[0], c))
+        scored.sort(key=lambda s: -s[0])
+        short = [(c, start) for gain, start, c in scored[:SHORTLIST] if gain > WEAK * scored[0][0]]
+        trials = []
+        for k, trial in enumerate(threads.map(tried, *zip(*short, strict=True)) if short else ()):
+            say(f"tried {trial.candidate.key}", min(0.85, 0.1 + 0.15 * (number + k / SHORTLIST)))
+            trials.append(trial)
+    return sorted(trials, key=lambda t: -t.worth)
 
 
 def _choice(state: Search, judged: Sequence[Trial]) -> Trial | None:
@@ -262,8 +268,22 @@ def _sure(state: Search, trial: Trial, left: float) -> bool:
 def refine(
     problem: Problem, sigma: float, fit: Fitted, chosen: Candidate, everything: Sequence[Candidate]
 ) -> Fitted:
-    """The fit with a finer form of the chosen physics, where that pays."""
+    """The fit with a finer form of the chosen physics, and with more parts of it, where that
+    pays."""
     n = int(problem.data.rows.sum())
+    while True:
+        effect = effect_of(fit, chosen.key)
+        theta = chosen.grown(effect.theta, problem.data, fit.residual(problem.data))
+        rest = [e for e in fit.effects if e is not effect]
+        trial = problem.refit([*rest, Effect(chosen, theta)], start=fit) if theta else fit
+        least = n * max((FREE_SIZE * sigma) ** 2, PART_SHARE * excess(problem, fit, sigma))
+        if fit.sse - trial.sse <= max(least, PRICE * sigma**2 * (len(theta) - len(effect.theta))):
+            break
+        part = effect_of(trial, chosen.key)
+        amplitudes = trial.amplitudes[trial.effects.index(part)]
+        if on_bound(part) or chosen.implausible(part.theta, amplitudes, problem.data):
+            break
+        fit = trial
     for finer in everything:
         if finer.refines != chosen.key:
             continue

@@ -9,6 +9,8 @@ at fixed weights, projected off the columns).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from threading import Lock
+from typing import Any
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -18,6 +20,7 @@ from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Par
 from dehyst.models.diagnosis.data import Bools, Data, Floats
 
 RIDGE = 1e-9  # of the additive columns' mean square: against exact collinearity only
+SHARED_PARTS = 24  # arrays of all samples, that simulations at the same weights keep
 BOUND_MARGIN = 0.02  # of the (log) range: closer to a bound counts as on it
 
 
@@ -88,6 +91,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         self.solved = 0  # full solutions so far
+        self._counting = Lock()  # fits run side by side
         count = len(self.data.names)
         self.offset_columns = (self.data.rec[:, None] == np.arange(count)[None, :]).astype(float)
         self.row_index = np.flatnonzero(self.data.rows)
@@ -121,7 +125,8 @@ class Problem:
         output: hysteresis' output (N,) of an earlier fit, for columns that depend on it; None:
         the reading stands in. rows: (N,) counted rows instead of all.
         """
-        self.solved += 1
+        with self._counting:
+            self.solved += 1
         data = self.data
         effects = in_order(effects)
         v = drive_behind(data, effects)
@@ -157,16 +162,36 @@ class Problem:
             at += block.shape[1]
         return Fitted(effects, weights, w[:k], tuple(amplitudes), prediction, sse, cov, x)
 
-    def simulate(self, fitted: Fitted, effects: Sequence[Effect], output: Floats) -> Floats:
-        """Prediction (N,) at other nonlinear parameters and the same weights."""
+    def simulate(
+        self,
+        fitted: Fitted,
+        effects: Sequence[Effect],
+        output: Floats,
+        known: dict[Any, Floats] | None = None,
+    ) -> Floats:
+        """Prediction (N,) at other nonlinear parameters and the same weights.
+
+        known: parts that calls with the same weights and output may share; filled here.
+        """
         data = self.data
-        v = drive_behind(data, effects)
-        h = self.base.combine(v, data.starts, fitted.weights)
+        known = {} if known is None else known
+        while len(known) > SHARED_PARTS:
+            known.pop(next(iter(known)))
+        way = tuple(e for e in effects if e.candidate.mode == "drive")
+        if way not in known:
+            known[way] = drive_behind(data, way)
+        v = known[way]
+        if (way, "base") not in known:
+            known[way, "base"] = self.base.combine(v, data.starts, fitted.weights)
+        h = known[way, "base"]
         y = behind_output(data, effects, h[:, None])[:, 0] + self.offset_columns @ fitted.offsets
         context = Context(v, output)
         for e, a in zip(effects, fitted.amplitudes, strict=True):
-            if e.candidate.mode == "columns":
-                y = y + e.candidate.columns(data, context, e.theta) @ a
+            if e.candidate.mode != "columns":
+                continue
+            if (way, e) not in known:
+                known[way, e] = e.candidate.columns(data, context, e.theta) @ a
+            y = y + known[way, e]
         return y
 
     def output_of(self, fitted: Fitted) -> Floats:
@@ -230,8 +255,9 @@ class Problem:
         residual = self.counted(self.data.y - fitted.prediction)
         sse = float(residual @ residual)
         first, damping, improved = sse, 1e-3, False
+        known: dict[Any, Floats] = {}
         for _ in range(steps):
-            p, jac = self.jacobian(replace(here, effects=effects), out)
+            p, jac = self.jacobian(replace(here, effects=effects), out, known)
             projected = project(jac)
             a, g = projected.T @ projected, projected.T @ residual
             diag = np.diag(np.maximum(np.diag(a), 1e-9 * max(float(np.diag(a).max()), 1e-30)))
@@ -239,7 +265,7 @@ class Problem:
             for _ in range(4):
                 move = np.clip(np.linalg.solve(a + damping * diag, g), -reach, reach)
                 trial = moved(effects, p, move)
-                error = self.data.y - self.simulate(here, trial, out)
+                error = self.data.y - self.simulate(here, trial, out, known)
                 error = project(error[:, None])[:, 0]
                 trial_sse = float(error @ error)
                 if trial_sse < sse:
@@ -252,10 +278,13 @@ class Problem:
                 break
         return effects if improved else None
 
-    def jacobian(self, fitted: Fitted, output: Floats) -> tuple[Floats, Floats]:
+    def jacobian(
+        self, fitted: Fitted, output: Floats, known: dict[Any, Floats] | None = None
+    ) -> tuple[Floats, Floats]:
         """Internal parameters (p,) and derivative (N, p) of the prediction at fixed weights."""
         p = internal(fitted.effects)
-        here = self.simulate(fitted, fitted.effects, output)
+        known = {} if known is None else known
+        here = self.simulate(fitted, fitted.effects, output, known)
         jac = np.empty((self.data.n, p.size))
         for i in range(p.size):
             step = np.zeros(p.size)
@@ -268,7 +297,7 @@ class Problem:
             if abs(actual) < 1e-9:
                 jac[:, i] = 0.0
                 continue
-            jac[:, i] = (self.simulate(fitted, there, output) - here) / actual
+            jac[:, i] = (self.simulate(fitted, there, output, known) - here) / actual
         return p, jac
 
 

@@ -112,16 +112,34 @@ def second_order(x: Floats, omega: Floats, damping: float, starts: Bools) -> Flo
     omega: (N,) w * dt for each sample (constant inside a recording). Starts settled.
     """
     out = np.empty_like(x)
+    _second_order(x, omega, damping, starts, out, np.empty((0, 0)))
+    return out
+
+
+@njit(cache=True, nogil=True)
+def mode(x: Floats, omega: Floats, damping: float, starts: Bools) -> Floats:
+    """(N, 2): the same of one input x (N,), and its rate over w."""
+    out, rate = np.empty((x.size, 1)), np.empty((x.size, 1))
+    _second_order(x.reshape(-1, 1), omega, damping, starts, out, rate)
+    return np.concatenate((out, rate), axis=1)
+
+
+@njit(cache=True, nogil=True)
+def _second_order(
+    x: Floats, omega: Floats, damping: float, starts: Bools, out: Floats, rates: Floats
+) -> None:
     m = x.shape[1]
     p = np.zeros(m)  # deviation of the mass from the input, d = y - x
-    v = np.zeros(m)  # its velocity times dt
-    a11 = a12 = a21 = a22 = 0.0
+    v = np.zeros(m)  # velocity of the mass times dt
+    a11 = a12 = a21 = a22 = behind = 0.0
     last = -1.0
     for t in range(x.shape[0]):
         if starts[t]:
             p[:] = 0.0
             v[:] = 0.0
             out[t] = x[t]
+            if rates.size > 0:
+                rates[t] = 0.0
             continue
         w = omega[t]
         if w != last:
@@ -140,17 +158,19 @@ def second_order(x: Floats, omega: Floats, damping: float, starts: Bools) -> Flo
             a12 = e * s
             a21 = -e * w * w * s
             a22 = e * (c - damping * w * s)
+            behind = 2.0 * damping / w
             last = w
         for j in range(m):
             # the input's slope over this step: y relative to the ramp x[t-1] + slope * time
             slope = x[t, j] - x[t - 1, j]
-            lag = 2.0 * damping / w * slope  # steady deviation behind a ramp is -lag
+            lag = behind * slope  # steady deviation behind a ramp is -lag
             q = p[j] + lag
             rate = v[j] - slope
             p[j] = a11 * q + a12 * rate - lag
             v[j] = a21 * q + a22 * rate + slope
             out[t, j] = x[t, j] + p[j]
-    return out
+            if rates.size > 0:
+                rates[t, j] = v[j] / w
 
 
 @njit(cache=True, nogil=True)

@@ -1,8 +1,8 @@
 """A candidate's promise from each of its starts, cheaply: its first-order effect with the whole
 base refitted (projection off every fitted column), without nonlinear refits."""
 
-from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -20,6 +20,8 @@ class Screen:
         self.problem, self.current = problem, current
         self.rows = problem.row_index
         self.output = problem.output_of(current)
+        self.known: dict[Any, Floats] = {}
+        problem.simulate(current, current.effects, self.output, self.known)
         self.drive = drive_behind(problem.data, current.effects)
         self._design = np.ascontiguousarray(current.design[self.rows])
         gram = self._design.T @ self._design
@@ -50,18 +52,28 @@ class Screen:
         if c.mode == "columns":
             return c.columns(data, Context(self.drive, self.output), effect.theta)
         effects = in_order([*self.current.effects, effect])
-        change = _with(self.problem, self.current, effects, self.output) - self.current.prediction
-        return change[:, None]
+        parts = {
+            e.candidate.key: a
+            for e, a in zip(self.current.effects, self.current.amplitudes, strict=True)
+        }
+        amplitudes = tuple(parts.get(e.candidate.key, np.zeros(0)) for e in effects)
+        with_it = replace(self.current, amplitudes=amplitudes)
+        there = self.problem.simulate(with_it, effects, self.output, dict(self.known))
+        return (there - self.current.prediction)[:, None]
 
     def starts(self, candidate: Candidate) -> list[tuple[float, tuple[float, ...]]]:
         """(estimated fall of the sum of squares, start) for every start, best first.
 
         Only the right sign counts: a delay that would have to be negative gains nothing.
         """
+        starts = [tuple(s) for s in candidate.starts(self.problem.data, self.residual)]
+        if not starts:
+            return []
+        parts = [self.contribution(Effect(candidate, theta)) for theta in starts]
+        ends = np.cumsum([part.shape[1] for part in parts])[:-1]
+        projected = np.split(self.projected(np.concatenate(parts, axis=1)), ends, axis=1)
         scores = []
-        for start in candidate.starts(self.problem.data, self.residual):
-            theta = tuple(start)
-            x = self.projected(self.contribution(Effect(candidate, theta)))
+        for theta, x in zip(starts, projected, strict=True):
             a, g = x.T @ x, x.T @ self.r
             if candidate.mode == "columns":
                 gain = float(g @ np.linalg.pinv(a, rcond=1e-10, hermitian=True) @ g)
@@ -71,10 +83,3 @@ class Screen:
                     theta = candidate.scaled(theta, float(g[0] / a[0, 0]))
             scores.append((gain, theta))
         return sorted(scores, key=lambda s: -s[0] * candidate.likely(s[1]))
-
-
-def _with(problem: Problem, current: Fitted, effects: Sequence[Effect], out: Floats) -> Floats:
-    """Prediction with the current weights and one more effect (its additive part absent)."""
-    known = {e.candidate.key: a for e, a in zip(current.effects, current.amplitudes, strict=True)}
-    amplitudes = tuple(known.get(e.candidate.key, np.zeros(0)) for e in effects)
-    return problem.simulate(replace(current, amplitudes=amplitudes), effects, out)

@@ -83,7 +83,8 @@ def test_candidate_does_what_its_blocks_do(data: Data, key: str, theta: tuple[fl
     [
         ("coupling-u2_v", (), (0.3,)),
         ("coupling2-u2_v", (0.004,), (0.3, -0.1, 0.2, 0.05, -0.02)),
-        ("coupledmode-u2_v", (40.0, 0.03), (0.3,)),
+        ("coupledmode-u2_v", (40.0, 0.03), (0.3, 0.1)),
+        ("coupledmode-u2_v", (40.0, 0.03, 90.0, 0.2), (0.3, 0.0, -0.2, 0.05)),
         ("drift-temp_c", (), (0.2, 0.03)),
         ("drift2-temp_c", (0.5,), (0.2, 0.03)),
         ("sensor", (2.5,), (0.02, -0.03)),

@@ -94,3 +94,20 @@ def test_coupling_through_a_mode_is_named_with_its_frequency() -> None:
     assert first.name == "coupling"
     assert first.parameters["frequency_hz"].value == pytest.approx(80.0, rel=0.01)
     assert first.parameters["gain_um_per_unit"].value == pytest.approx(0.02, rel=0.1)
+
+
+def test_coupling_through_several_modes_behind_a_delay_is_one_finding() -> None:
+    t = np.arange(8000) * DT
+    u = 5 + multisine(t.size, 2)
+    other = np.random.default_rng(4).standard_normal(t.size)
+    late = np.interp(t - 0.7 * DT, t, other)
+    y = 1.1 * u + noise(t.size)
+    for f, gain in ((60.0, 0.02), (97.0, -0.03)):
+        w = 2 * np.pi * f
+        y += gain * signal.lsim(([w * w], [1.0, 0.04 * w, w * w]), late, t)[1]
+    diagnosis = diagnose([Recording(t, u, y, channels={"u2_v": other})])
+    assert {f.name for f in diagnosis.findings} == {"coupling"}
+    found = diagnosis.findings[0].parameters
+    modes = sorted(v.value for k, v in found.items() if k.startswith("frequency"))
+    assert modes == pytest.approx([60.0, 97.0], rel=0.01)
+    assert diagnosis.rms["heldout_augmented"] < 1.1 * diagnosis.noise

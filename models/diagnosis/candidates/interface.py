@@ -101,8 +101,12 @@ class Candidate:
         """Start from the fitted theta of the candidate that this one refines."""
         return tuple(theta)
 
+    def grown(self, theta: Sequence[float], data: Data, residual: Floats) -> tuple[float, ...]:
+        """theta with one more part of its kind (a mode) that the residual asks for, or ()."""
+        return ()
+
     def params_at(self, theta: Sequence[float]) -> tuple[Parameter, ...]:
-        """Parameters that belong to a theta (lines may have any number)."""
+        """Parameters that belong to a theta (lines and modes may have any number)."""
         return self.parameters
 
     def drive(self, data: Data, v: Floats, theta: Sequence[float]) -> Floats:
