@@ -31,6 +31,7 @@ MEANS = {
     "gain": "it moves by another amount, or creeps in another way",
     "offset": "its zero has moved",
     "whole": "it moves in another way",
+    "all": "it moves in another way, or its zero has moved",
     "ringing": "it rings, or something shakes it",
     "short": "its reading is noisier",
     "fit": "the model fits far worse than it states",

@@ -5,7 +5,8 @@ that warms up. That part of the misfit repeats itself, and the watch learns it w
 residual (measured - predicted) is explained by a linear baseline
 
     e_k = w' phi_k + noise
-    phi = (1, p, p^2, newest steps of x, p times them, x - play_r(x), p (x - play_r(x)),
+    phi = (1, p, p^2, the part of p that comes from the model's own rate terms,
+           newest steps of x, p times them, x - play_r(x), p (x - play_r(x)),
            and what is left of p, p^2 and x when lowpass_tau is taken off)
 
 with x the drive and p the predicted displacement, both as shares of their range. The weights w
@@ -16,18 +17,20 @@ that the model states, against floors that are learned for each class of motion:
     gain      power along the displacement and along what creep makes of it
     offset    square of the mean: drift, a shifted zero
     whole     all power but the mean's
+    all       and with the mean's
     ringing   power of what changes within SMOOTH_S: resonance, hum
     short     power of differences over half a millisecond: noise, fast ringing
     fit       power of the residual itself, without baseline, over what the model states
 
 For LEARN_S of motion (seconds in which the stage moves, or has just moved) it only learns; but for
 a `fit` far out, nothing is reported. From then on each figure has a threshold: what it exceeds
-once in RETURN blocks of BLOCK_S, from a Gumbel distribution with the mean and scatter of the
-blocks' largest values in order (Coles, An Introduction to Statistical Modeling of Extreme Values,
-ch. 3), and no less than MARGIN times the largest of all; a little is added. health is the largest
-figure over its threshold: below 1 in order, two seconds above 1 `mismatch`, until all are below
-CLEAR again; below 0 while it still learns. No threshold learns while it is raised, and after the
-first EARLY_S of motion the baseline does not either. Pure: no clock, no files.
+once in RETURN blocks of BLOCK_S, from a Gumbel distribution through the quartiles of the blocks'
+largest values in order (Coles, An Introduction to Statistical Modeling of Extreme Values, ch. 3),
+and no less than MARGIN times the largest of all, nor than what is of interest; more while few
+blocks were seen. health is the largest figure over its threshold: below 1 in order, above 1
+`mismatch`, until all are below CLEAR again; below 0 while it still learns. No threshold learns
+while it is raised, and after the first EARLY_S of motion the baseline does not either, but for its
+zero. Where the drive has never been before, the zero may shift. Pure: no clock, no files.
 """
 
 import math
@@ -36,7 +39,7 @@ from collections import deque
 import numpy as np
 
 from dehyst.models import watch_kernel as k
-from dehyst.models.forward import simulate
+from dehyst.models.forward import initial_plays, simulate
 from dehyst.models.model import Floats, Model
 from dehyst.models.recording import Bools
 
@@ -46,15 +49,18 @@ DELAY_S = 12  # what is newer than this does not lift its own threshold
 LEARN_S, SETTLED_S = 400, 100  # of motion, before the first flag; before scatter is learned
 EARLY_S = 1000  # of motion: so long the baseline learns, slowly, even while a flag is raised
 MOTION, MOVED_S = 0.002, 10  # rms motion [ranges] that counts, and for how long it does
-BLOCK_S, MEMORY_S = 20, 3600.0  # of motion
-RETURN = 5e4  # blocks of motion, some days
-FEW = 5.0  # blocks: the fewer were seen, the wider the threshold
-LEAST_SCATTER, MARGIN = 0.04, 1.25  # of the mean; times the largest
+BLOCK_S, BLOCKS = 20, 180  # of motion
+RETURN = 2e3  # blocks of motion, half a day
+FEW = 4.0  # blocks: the fewer were seen, the wider the threshold
+LEAST_SPREAD, MARGIN = 0.05, 1.3  # of the quartiles, over the median; times the largest
+QUARTILES = math.log(math.log(4.0) / math.log(4.0 / 3.0))  # their distance in a Gumbel distribution
 CLEAR = 0.9
-SUDDEN = 3.0  # thresholds that the newest seconds must exceed
-# figure: what is added to its threshold; less is of no interest
-FIGURES = {"gain": 0.2, "offset": 0.4, "whole": 0.1, "ringing": 0.1, "short": 0.1}
+SUDDEN = 2.0  # thresholds that the newest seconds must exceed
+# figure: its least threshold. In order `whole`, `ringing` and `short` are about 1; what adds twice
+# the noise adds 4 to `all`.
+FIGURES = {"gain": 0.7, "offset": 2.1, "whole": 1.6, "all": 2.5, "ringing": 1.6, "short": 1.9}
 FIT = 40.0
+PRIOR = 0.1  # of the model's misfit: variance that each feature may explain
 STUCK_S, STUCK_MOVE = 1.0, 10.0  # the same reading so long while the model moved by so many noises
 
 
@@ -62,37 +68,31 @@ class _Level:
     """Threshold of one figure: what it hardly ever exceeds while the stage is in order."""
 
     def __init__(self, least: float) -> None:
-        self.least = least
-        self.mean = self.square = self.most = self._largest = 0.0
-        self.blocks = self._filled = 0
+        self.least, self.threshold = least, math.inf
+        self._largest: deque[float] = deque(maxlen=BLOCKS)  # of each block
+        self._block: list[float] = []
         self._waiting: deque[float] = deque()
-
-    @property
-    def threshold(self) -> float:
-        if not self.blocks:
-            return math.inf
-        scatter = max(math.sqrt(self.square), LEAST_SCATTER * self.mean)
-        rare = math.sqrt(6.0) / math.pi * (math.log(RETURN) - np.euler_gamma)
-        quantile = self.mean + rare * (1.0 + FEW / self.blocks) * scatter
-        return self.least + max(quantile, MARGIN * self.most)
 
     def see(self, figure: float) -> None:
         """One second's figure in order; it counts when it is old enough."""
         self._waiting.append(figure)
         if len(self._waiting) <= DELAY_S:
             return
-        figure = self._waiting.popleft()
-        memory_s = min(max(BLOCK_S * self.blocks, SETTLED_S), MEMORY_S)
-        self.most = max(self.most * math.exp(-1.0 / memory_s), figure)
-        self._largest = max(self._largest, figure)
-        self._filled += 1
-        if self._filled == BLOCK_S:
-            self.blocks += 1
-            share = max(2.0 / (self.blocks + 1.0), BLOCK_S / MEMORY_S)  # the first count little
-            off = self._largest - self.mean
-            self.mean += share * off
-            self.square = (1.0 - share) * (self.square + share * off * off)
-            self._largest, self._filled = 0.0, 0
+        self._block.append(self._waiting.popleft())
+        if len(self._block) == BLOCK_S:
+            self._largest.append(max(self._block))
+            self._block = []
+            self._learn()
+
+    def _learn(self) -> None:
+        found = np.array(self._largest)
+        if found.size < BLOCKS:  # the first were seen while the baseline was still found
+            found = found[found.size // 3 :]
+        low, middle, high = np.quantile(found, (0.25, 0.5, 0.75))
+        scale = max(high - low, LEAST_SPREAD * middle) / QUARTILES
+        rare = middle + scale * (math.log(RETURN) + math.log(math.log(2.0)))
+        enough = max(self.least, rare, MARGIN * float(found.max()))
+        self.threshold = enough * (1.0 + FEW / found.size)
 
     def forget_newest(self) -> None:
         """What waits was perhaps not in order."""
@@ -119,16 +119,21 @@ class Watch:
         )
         self._every = max(1, round(1.0 / (period_s * k.SLOW_HZ)))
         self._lag = max(1, round(1.0 / (period_s * k.FAST_HZ)))
-        prior = np.full(k.N_FEATURES, misfit**2)
+        prior = np.full(k.N_FEATURES, PRIOR * misfit**2)
         prior[0] = (0.05 * stroke / self.noise) ** 2  # where the sensor's zero lies is free
-        self._prior, self._w, self._cov = prior, np.zeros(k.N_FEATURES), np.diag(prior)
+        prior[3] = 1.0  # the model's rate terms: right, or not there
+        self._w, self._cov = np.zeros(k.N_FEATURES), np.diag(prior)
+        h = model.hysteresis
+        used = slice(0, 0 if h.static else h.n)
+        self._hysteresis = (h.r[used], h.b[used], h.k[used], h.c, np.array([h.u_offset]))
+        self._plays = initial_plays(h)[used]
         self._z, self._low = np.zeros(k.PLAYS.size), np.zeros(k.N_LOW)
         self._steps = np.zeros(k.STEPS)
         self._floors = np.full((3, k.N_CLASSES), misfit**2)
         self._weights = np.full((3, k.N_CLASSES), 0.25)
         self._past = np.full(self._lag + 1, np.nan)
         self._now = np.zeros(k.N_NOW)
-        self._now[k.LEARN] = 1.0
+        self._now[k.LEARN], self._now[k.MEMORY_S] = 1.0, k.FIRST_FLOOR_S
         self._block = np.zeros(k.N_BLOCK)
         self._phi, self._gain = np.zeros(k.N_FEATURES), np.zeros(k.N_FEATURES)
         self._blocks: deque[Floats] = deque(maxlen=WINDOW_S)
@@ -136,7 +141,7 @@ class Watch:
         self._levels = {name: _Level(least) for name, least in FIGURES.items()}
         self.figures: dict[str, float] = dict.fromkeys((*FIGURES, "fit"), 0.0)
         self.mismatch = False
-        self.seconds = self.motion_s = self._poor_s = self._moved_s = 0
+        self.seconds = self.motion_s = self._moved_s = 0
 
     def update(self, drive: Floats, predicted: Floats, measured: Floats, good: Bools) -> bool:
         """A batch of samples: (n,) drive in force at each reading [drive unit], what the model
@@ -148,9 +153,10 @@ class Watch:
         judged = False
         while drive.size:
             taken = k.run(
-                drive, predicted, measured, self._scale, self._every, self._lag, self.period_s,
-                self._prior, self._w, self._cov, self._z, self._low, self._steps, self._floors,
-                self._weights, self._past, self._now, self._block, self._phi, self._gain,
+                drive, predicted, measured, self._scale, self._hysteresis, self._plays, self._every,
+                self._lag, self.period_s, self._misfit2, self._w, self._cov, self._z, self._low,
+                self._steps, self._floors, self._weights, self._past, self._now, self._block,
+                self._phi, self._gain,
             )  # fmt: skip
             drive, predicted, measured = drive[taken:], predicted[taken:], measured[taken:]
             if self._now[k.BLOCK_S] >= 1.0:
@@ -211,8 +217,7 @@ class Watch:
             self._over(self.figures),
             self._over(_figures(blocks[-SHORTEST_S:], self._misfit2)),
         )
-        self._poor_s = self._poor_s + 1 if health > 1.0 or newest > SUDDEN else 0
-        if self._poor_s >= 2:
+        if health > 1.0 or newest > SUDDEN:
             self.mismatch = True
         elif health < CLEAR and newest < 1.0:
             self.mismatch = False
@@ -222,6 +227,8 @@ class Watch:
             elif moving and self.motion_s > SETTLED_S:
                 level.see(self.figures[name])
         goes_on = not self.mismatch or self.motion_s < EARLY_S
+        if self.motion_s > SETTLED_S:
+            self._now[k.MEMORY_S] = k.FLOOR_S
         self._now[k.LEARN] = goes_on / (1.0 + max(0.0, 4.0 * health - 2.0))
 
 
@@ -247,6 +254,7 @@ def _figures(blocks: list[Floats], misfit2: float) -> dict[str, float]:
         "gain": max(0.0, float(explained)) / count,
         "offset": float(mean**2) * weight / count,
         "whole": max(0.0, float(s[k.B_WHOLE] - mean**2 * weight) / count),
+        "all": float(s[k.B_WHOLE] / count),
         "ringing": float(s[k.B_RINGING] / count),
         "short": float(s[k.B_SHORT] / max(s[k.B_NSHORT], 1.0)),
         "fit": float(s[k.B_RAW2] / count - (s[k.B_RAW] / count) ** 2) / misfit2,

@@ -9,13 +9,18 @@ import math
 import numpy as np
 from numba import njit
 
+from dehyst.models.forward import polynomial
 from dehyst.models.model import Floats
+from dehyst.models.play import play_step
+
+Parts = tuple[Floats, Floats, Floats, Floats, Floats]
 
 ZERO_S = 120.0  # how fast the baseline follows a drifting zero; the rest is averaged for ever
+BEYOND = 300.0  # noises per range: where the drive has never been, the zero may shift by so much
 TOGETHER_S = 0.02  # misfit hangs together in time: so long a stretch says as much as one sample
 SMOOTH_S = 0.1  # slower than this is not ringing
-TRUST_S = 2.0  # of a class of motion: before, the model's own figures count
-FLOOR_S = 300.0  # memory of a class' floor
+TRUST_S = 0.3  # of a class of motion: before, the model's own figures count
+FLOOR_S, FIRST_FLOOR_S = 300.0, 5.0  # memory of a class' floor; while the baseline is found
 LARGEST = 25.0  # one sample counts for no more than five standard deviations
 SLOW_HZ, FAST_HZ = 500.0, 2000.0  # highest rates of the filter and of the short-lag differences
 
@@ -25,7 +30,7 @@ SQUARE_TAUS_S = np.array([0.03, 0.3, 3.0, 30.0, 300.0])  # the same for p^2 and 
 N_LOW = TAUS_S.size + 2 * SQUARE_TAUS_S.size
 STEPS = 4  # newest steps of the drive: what is late, and what rings
 SLOPES = 2  # of them also times the position: a volt moves the stage further in the middle
-N_FEATURES = 3 + STEPS + SLOPES + 2 * PLAYS.size + N_LOW
+N_FEATURES = 4 + STEPS + SLOPES + 2 * PLAYS.size + N_LOW
 
 # Classes of motion: speed [ranges / s] and change of speed [ranges / s^2], each held for a moment.
 SPEEDS, SPEED_HELD_S = np.array([0.003, 0.03, *np.geomspace(0.1, 12.8, 15)]), 0.1
@@ -36,8 +41,9 @@ WHOLE, RINGING, SHORT = range(3)  # rows of floors and weights
 # Places in `now`.
 (
     FILLED, X_BEFORE, P_BEFORE, STEP_BEFORE, SPEED, JERK, COUNT, SUM_X, SUM_P, SUM_E, KNOWN, CLASS,
-    X_MEAN, E_SMOOTH, BLOCK_S, LAST_Y, STILL_S, STILL_LOW, STILL_HIGH, LEARN, N_NOW,
-) = range(21)  # fmt: skip
+    X_MEAN, E_SMOOTH, BLOCK_S, LAST_Y, STILL_S, STILL_LOW, STILL_HIGH, LEARN, SUM_RATE,
+    MEMORY_S, LOWEST, HIGHEST, N_NOW,
+) = range(25)  # fmt: skip
 # Places in the sums of one second.
 (
     B_W, B_P, B_C, B_E, B_PP, B_PC, B_CC, B_PE, B_CE, B_N, B_WHOLE, B_RINGING, B_NSHORT, B_SHORT,
@@ -54,25 +60,45 @@ def _floor(floors: Floats, weights: Floats, row: int, at: int, misfit2: float) -
 
 @njit(cache=True, nogil=True)
 def _learn(
-    floors: Floats, weights: Floats, row: int, at: int, square: float, learn: float, dt: float
-) -> None:
+    floors: Floats, weights: Floats, row: int, at: int, square: float, learn: float, dt: float,
+    memory_s: float,
+) -> None:  # fmt: skip
     """Follow the mean square of a class; lone large values count little."""
-    weights[row, at] = min(weights[row, at] + learn * dt, FLOOR_S)
+    weights[row, at] = min(weights[row, at] + learn * dt, memory_s)
     share = min(1.0, learn * dt / max(weights[row, at], dt))
     floors[row, at] += share * (min(square, 9.0 * floors[row, at]) - floors[row, at])
 
 
+@njit(cache=True, nogil=True, fastmath=True)
+def _along(a: Floats, b: Floats) -> float:
+    """Inner product, in any order."""
+    s = 0.0
+    for j in range(a.size):
+        s += a[j] * b[j]
+    return s
+
+
+@njit(cache=True, nogil=True)
+def _rate_part(hysteresis: Parts, h: Floats, drive: float, rate: float) -> float:
+    """How much of the model's displacement comes from its rate terms; h is advanced in place."""
+    r, b, k, c, offset = hysteresis
+    play_step(r, h, drive - offset[0])
+    still = _along(b, h)
+    return polynomial(c, still + rate * _along(k, h)) - polynomial(c, still)
+
+
 @njit(cache=True, nogil=True)
 def _features(
-    x: float, p: float, dt: float, z: Floats, low: Floats, steps: Floats, now: Floats, phi: Floats
-) -> float:
+    x: float, p: float, rate: float, dt: float, z: Floats, low: Floats, steps: Floats,
+    now: Floats, phi: Floats,
+) -> float:  # fmt: skip
     """Fill phi; returns the creep direction."""
-    phi[0], phi[1], phi[2] = 1.0, p - 0.5, 2.0 * (p - 0.5) ** 2
+    phi[0], phi[1], phi[2], phi[3] = 1.0, p - 0.5, 2.0 * (p - 0.5) ** 2, rate
     for j in range(STEPS - 1, 0, -1):
         steps[j] = steps[j - 1]
     steps[0] = x - now[X_MEAN]
     now[X_MEAN] = x
-    k = 3
+    k = 4
     for j in range(STEPS):
         phi[k] = 50.0 * steps[j]
         k += 1
@@ -98,18 +124,9 @@ def _features(
     return creep
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def _along(a: Floats, b: Floats) -> float:
-    """Inner product, in any order."""
-    s = 0.0
-    for j in range(a.size):
-        s += a[j] * b[j]
-    return s
-
-
 @njit(cache=True, nogil=True)
 def _filter(
-    e: float, base: float, prior: Floats, w: Floats, cov: Floats, phi: Floats, gain: Floats,
+    e: float, base: float, w: Floats, cov: Floats, phi: Floats, gain: Floats,
     dt: float, learn: float, v: float,
 ) -> None:  # fmt: skip
     """Take one residual (already without the baseline) into the weights."""
@@ -126,12 +143,16 @@ def _filter(
 
 @njit(cache=True, nogil=True)
 def _mean_sample(
-    x: float, p: float, e: float, at: int, dt: float, prior: Floats, w: Floats, cov: Floats,
-    z: Floats, low: Floats, steps: Floats, floors: Floats, weights: Floats, now: Floats,
-    block: Floats, phi: Floats, gain: Floats,
+    x: float, p: float, rate: float, e: float, at: int, dt: float, misfit2: float, w: Floats,
+    cov: Floats, z: Floats, low: Floats, steps: Floats, floors: Floats, weights: Floats,
+    now: Floats, block: Floats, phi: Floats, gain: Floats,
 ) -> None:  # fmt: skip
     """One sample of the slow part."""
-    creep = _features(x, p, dt, z, low, steps, now, phi)
+    creep = _features(x, p, rate, dt, z, low, steps, now, phi)
+    beyond = max(0.0, x - now[HIGHEST], now[LOWEST] - x)
+    if beyond > 0.0:
+        cov[0, 0] += (BEYOND * beyond) ** 2
+        now[LOWEST], now[HIGHEST] = min(now[LOWEST], x), max(now[HIGHEST], x)
     if not math.isfinite(e):
         return
     block[B_RAW] += e
@@ -141,7 +162,7 @@ def _mean_sample(
         e -= w[i] * phi[i]
         gain[i] = _along(cov[i], phi)
         v += gain[i] * phi[i]
-    base = _floor(floors, weights, WHOLE, at, prior[1])
+    base = _floor(floors, weights, WHOLE, at, misfit2)
     learn = now[LEARN]
     now[E_SMOOTH] += -math.expm1(-dt / SMOOTH_S) * (e - now[E_SMOOTH])
     ringing = (e - now[E_SMOOTH]) ** 2
@@ -157,24 +178,27 @@ def _mean_sample(
     block[B_CE] += c * creep * e
     block[B_N] += 1.0
     block[B_WHOLE] += min(e * e * c, LARGEST)
-    block[B_RINGING] += min(ringing / (_floor(floors, weights, RINGING, at, prior[1]) + v), LARGEST)
+    block[B_RINGING] += min(ringing / (_floor(floors, weights, RINGING, at, misfit2) + v), LARGEST)
     if learn > 0.0:
-        _learn(floors, weights, RINGING, at, ringing, learn, dt)
-        _learn(floors, weights, WHOLE, at, e * e, learn, dt)
-        _filter(e, base, prior, w, cov, phi, gain, dt, learn, v)
+        _learn(floors, weights, RINGING, at, ringing, learn, dt, now[MEMORY_S])
+        _learn(floors, weights, WHOLE, at, e * e, learn, dt, now[MEMORY_S])
+        _filter(e, base, w, cov, phi, gain, dt, learn, v)
+    else:  # a zero that has moved is told, and then taken for the zero
+        w[0] += dt / ZERO_S * e
 
 
 @njit(cache=True, nogil=True)
 def run(
-    drive: Floats, predicted: Floats, measured: Floats, scale: Floats, every: int, lag: int,
-    dt: float, prior: Floats, w: Floats, cov: Floats, z: Floats, low: Floats, steps: Floats,
-    floors: Floats, weights: Floats, past: Floats, now: Floats, block: Floats, phi: Floats,
-    gain: Floats,
+    drive: Floats, predicted: Floats, measured: Floats, scale: Floats, hysteresis: Parts,
+    plays: Floats, every: int, lag: int, dt: float, misfit2: float, w: Floats, cov: Floats,
+    z: Floats, low: Floats, steps: Floats, floors: Floats, weights: Floats, past: Floats,
+    now: Floats, block: Floats, phi: Floats, gain: Floats,
 ) -> int:  # fmt: skip
     """Samples until the sums of one second are complete, or the batch ends; how many were taken.
 
     measured: NaN where there is no fresh reading. scale: (drive low, range, predicted low, range,
-    noise). The second is complete when now[BLOCK_S] >= 1.
+    noise). hysteresis: the model's (r, b, k, c, u_offset), without thresholds where it has no
+    rate terms; plays: its operators. The second is complete when now[BLOCK_S] >= 1.
     """
     for i in range(drive.size):
         x, p = (drive[i] - scale[0]) / scale[1], (predicted[i] - scale[2]) / scale[3]
@@ -182,10 +206,15 @@ def run(
         if now[FILLED] == 0.0:
             now[FILLED] = 1.0
             now[P_BEFORE], now[X_BEFORE], now[X_MEAN] = p, x, x
+            now[LOWEST] = now[HIGHEST] = x
             low[: TAUS_S.size] = p
             for j in range(TAUS_S.size, N_LOW, 2):
                 low[j], low[j + 1] = 2.0 * (p - 0.5) ** 2, x
         step = x - now[X_BEFORE]
+        rate_part = 0.0
+        if plays.size:
+            rate_part = _rate_part(hysteresis, plays, drive[i], step * scale[1] / dt) / scale[4]
+            now[SUM_RATE] += rate_part
         jerk = abs(step - now[STEP_BEFORE]) / (dt * dt)
         speed = abs(p - now[P_BEFORE]) / dt
         now[X_BEFORE], now[STEP_BEFORE], now[P_BEFORE] = x, step, p
@@ -195,14 +224,14 @@ def run(
         at += np.searchsorted(JERKS, now[JERK])
         place = int(now[COUNT]) % past.size
         before = past[(place - lag) % past.size]
-        past[place] = e
+        past[place] = e - w[3] * rate_part
         if math.isfinite(e) and math.isfinite(before):
-            square = 0.5 * (e - before) ** 2
-            share = square / _floor(floors, weights, SHORT, at, prior[1])
+            square = 0.5 * (past[place] - before) ** 2
+            share = square / _floor(floors, weights, SHORT, at, misfit2)
             block[B_SHORT] += min(share, LARGEST)
             block[B_NSHORT] += 1.0
             if now[LEARN] > 0.0:
-                _learn(floors, weights, SHORT, at, square, now[LEARN], dt)
+                _learn(floors, weights, SHORT, at, square, now[LEARN], dt, now[MEMORY_S])
         now[COUNT] += 1.0
         now[SUM_X] += x
         now[SUM_P] += p
@@ -213,10 +242,11 @@ def run(
         if int(now[COUNT]) % every == 0:
             mean = now[SUM_E] / now[KNOWN] if now[KNOWN] > 0.0 else math.nan
             _mean_sample(
-                now[SUM_X] / every, now[SUM_P] / every, mean, int(now[CLASS]), dt * every, prior,
-                w, cov, z, low, steps, floors, weights, now, block, phi, gain,
+                now[SUM_X] / every, now[SUM_P] / every, now[SUM_RATE] / every, mean,
+                int(now[CLASS]), dt * every, misfit2, w, cov, z, low, steps, floors, weights, now,
+                block, phi, gain,
             )  # fmt: skip
-            now[SUM_X] = now[SUM_P] = now[SUM_E] = now[KNOWN] = now[CLASS] = 0.0
+            now[SUM_X] = now[SUM_P] = now[SUM_E] = now[KNOWN] = now[CLASS] = now[SUM_RATE] = 0.0
         if measured[i] == now[LAST_Y]:
             now[STILL_S] += dt
             now[STILL_LOW] = min(now[STILL_LOW], p)
