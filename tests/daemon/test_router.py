@@ -56,6 +56,12 @@ def behind(folder: Path, name: str, address: str, auth: str = "") -> Bench:
     return bench
 
 
+def wait_for(name: str, address: str, credentials: str = "") -> None:
+    """Until a controller is seen through the router: a process takes its time to start."""
+    with Bus.connect([address], 20.0, client_settings(credentials)) as bus:
+        wait_until(f"{name} is found", lambda: name in daemons(bus), 60.0)
+
+
 def listening(pid: int) -> list[str]:
     """Local addresses on which a process listens."""
     inodes = set()
@@ -76,8 +82,8 @@ def test_clients_find_and_command_controllers_through_a_router(
             benches += [behind(tmp_path / n, n, address) for n in ("stage-01", "stage-02")]
             first = benches[0].gateway
             assert first is not None
-            with Bus.connect([address]) as bus:
-                wait_until("both are found", lambda: daemons(bus) == ["stage-01", "stage-02"])
+            for name in ("stage-01", "stage-02"):
+                wait_for(name, address)
             assert listening(first.pid) == []
             with pytest.raises(BusError, match="stage-01, stage-02; name one"):
                 Client(connect=address)
@@ -130,13 +136,14 @@ def test_nothing_is_lost_between_three_daemons_and_five_subscribers() -> None:
 
 
 class Lab:
-    """The controller stage-01 behind a secured router, with certificates of `dehyst keys`."""
+    """The controller stage-01 behind a secured router. Credentials are in keys/NAME."""
 
     def __init__(self, folder: Path, address: str) -> None:
         self.folder, self.address = folder, address
         self.keys = Keys("dehyst", "stage-01")
         auth = f', auth = {{credentials = "{folder}/keys/stage-01"}}'
         self.bench = behind(folder / "bench", "stage-01", address, auth)
+        wait_for("stage-01", address, f"{folder}/keys/alice")
 
     def session(self, name: str) -> Bus:
         """Bare session with somebody's credentials."""
@@ -149,15 +156,36 @@ class Lab:
         return client
 
 
-@pytest.fixture
-def lab(tmp_path: Path) -> Iterator[Lab]:
-    address = f"tls/127.0.0.1:{free_port()}"
-    names = ["stage-01", "stage-02", "alice", "bob", "carol"]
-    made = [x for name in names for x in ("--client", name)]
+NAMES = ["stage-01", "stage-02", "alice", "bob", "carol"]
+
+
+def certificates(folder: Path) -> None:
+    """Those of `dehyst keys`; others/alice comes from somebody else."""
+    made = [x for name in NAMES for x in ("--client", name)]
     host = ["--controller", "router", "--host", "127.0.0.1"]
-    assert main(["keys", str(tmp_path / "keys"), *host, *made]) == 0
-    assert main(["keys", str(tmp_path / "others"), "--client", "alice"]) == 0
-    with router(tmp_path, "router-secured.json5", address):
+    assert main(["keys", str(folder / "keys"), *host, *made]) == 0
+    assert main(["keys", str(folder / "others"), "--client", "alice"]) == 0
+
+
+def passwords(folder: Path) -> None:
+    """Files of name:password lines; others/alice has another one."""
+    lines = {name: f"{name}:the word of {name}\n" for name in NAMES}
+    files = {f"keys/{name}": line for name, line in lines.items()}
+    files |= {"keys/passwords": "".join(lines.values()), "others/alice": "alice:a mere guess\n"}
+    for name, text in files.items():
+        path = folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+        path.chmod(0o600)
+
+
+@pytest.fixture(params=["certificates", "passwords"])
+def lab(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Lab]:
+    by_certificate = request.param == "certificates"
+    (certificates if by_certificate else passwords)(tmp_path)
+    address = f"{'tls' if by_certificate else 'tcp'}/127.0.0.1:{free_port()}"
+    name = "router-secured.json5" if by_certificate else "router-passwords.json5"
+    with router(tmp_path, name, address):
         lab = Lab(tmp_path, address)
         try:
             yield lab
@@ -165,7 +193,7 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
             lab.bench.close()
 
 
-def test_a_router_that_asks_for_certificates_enforces_the_roles(lab: Lab) -> None:
+def test_a_router_that_asks_for_credentials_enforces_the_roles(lab: Lab) -> None:
     operator, observer = lab.client("alice"), lab.client("bob")
     stream, targets = observer_only_hears(operator, observer)
     forged = forged_setpoint(operator)
@@ -177,7 +205,7 @@ def test_a_router_that_asks_for_certificates_enforces_the_roles(lab: Lab) -> Non
             key = lab.keys.pubsub("setpoint_um", "1")
             bus.sender(key, topics.SETPOINT).put(wire.encode(forged))
             bus.sender(lab.keys.pubsub("telemetry"), topics.TELEMETRY).put(batch)
-        for bus in (neighbour, nobody):  # with a certificate, but without a role here
+        for bus in (neighbour, nobody):  # with credentials, but without a role here
             bus.listen(lab.keys.pubsub("telemetry"), lambda key, _: heard.append(key))
             assert daemons(bus) == []
             for method in ("status", "command"):
@@ -251,6 +279,7 @@ def test_the_daemon_gives_a_password_to_a_router(tmp_path: Path) -> None:
         credentials = f', auth = {{credentials = "{tmp_path}/mine"}}'
         bench = behind(tmp_path / "bench", "stage-01", address, credentials)
         try:
+            wait_for("stage-01", address, str(tmp_path / "bob"))
             with Client("stage-01", address, credentials=str(tmp_path / "bob")) as client:
                 wait_until("the loop is seen", lambda: client.status().core_alive)
             with pytest.raises(BusError, match="credentials"):
