@@ -203,6 +203,7 @@ class Admission:
         self._check_lease(now_ns, command.client, command.lease)
         if command.sequence <= self.lease.sequence:
             raise Refused("old", f"set-point {command.sequence} came after {self.lease.sequence}")
+        self.lease.keep(now_ns)
         self._check_age(now_ns, command.sent_ns)
         self._check_values(np.array([command.value]), command.unit, command.allow_unreachable)
         self.lease.sequence = command.sequence

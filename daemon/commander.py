@@ -20,6 +20,8 @@ from dehyst.daemon.topics import REJECTION, subject
 
 log = logging.getLogger(__name__)
 WAITING_PUTS = 1024
+CROWD = 64
+"""When more set-points than this wait, only the newest of each sender is looked at."""
 WAITING_QUESTIONS = 256
 REJECTIONS_NS = 100_000_000
 LONGEST_REFUSALS = 64
@@ -30,7 +32,7 @@ class Commander:
 
     def __init__(self, bus: Bus, keys: Keys, link: CoreLink, admission: Admission) -> None:
         self._link, self._admission = link, admission
-        self._puts: deque[bytes] = deque(maxlen=WAITING_PUTS)
+        self._puts: deque[tuple[str, bytes]] = deque(maxlen=WAITING_PUTS)
         self._questions: SimpleQueue[Asked] = SimpleQueue()
         self._work = threading.Event()
         self._flooded = 0
@@ -38,11 +40,11 @@ class Commander:
         self._told_ns = 0
         self._rejections = bus.sender(keys.pubsub(subject(REJECTION)), REJECTION)
 
-    def put(self, _key: str, payload: bytes) -> None:
+    def put(self, key: str, payload: bytes) -> None:
         """Store a set-point. Where too many wait, the oldest goes: the newest is what counts."""
         if len(self._puts) == WAITING_PUTS:
             self._flooded += 1
-        self._puts.append(payload)
+        self._puts.append((key, payload))
         self._work.set()
 
     def ask(self, asked: Asked) -> None:
@@ -74,12 +76,22 @@ class Commander:
         return True
 
     def _take_one(self) -> bool:
+        if len(self._puts) > CROWD:
+            self._thin_out()
         try:
-            payload = self._puts.popleft()
+            _, payload = self._puts.popleft()
         except IndexError:
             return False
         self._decide(payload, only_setpoints=True)
         return True
+
+    def _thin_out(self) -> None:
+        """Of what waits, keep the newest of each sender."""
+        waiting = [self._puts.popleft() for _ in range(len(self._puts))]
+        newest = dict(waiting)
+        self._flooded += len(waiting) - len(newest)
+        for payload in newest.values():
+            self._decide(payload, only_setpoints=True)
 
     def _decide(self, payload: bytes, only_setpoints: bool = False) -> Reply:
         now_ns = clock.monotonic_ns()

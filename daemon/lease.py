@@ -66,6 +66,10 @@ class Lease:
         self._offset_ns = min(self._offset_ns + drift, now_ns - sent_ns)
         self._offset_at_ns = now_ns
 
+    def keep(self, now_ns: int) -> None:
+        """The holder was heard, but its command was not good: it is there all the same."""
+        self._seen_ns = now_ns
+
     def age_ns(self, now_ns: int, sent_ns: int) -> int:
         """How much longer than the quickest message this one was on its way; negative: it
         claims to come from the future."""

@@ -138,7 +138,10 @@ class Supervisor:
                 if child.process is None and now >= child.again_ns and not self._ending:
                     if child is self.core and self._unsafe:
                         self._safe()
-                    child.start()
+                    if child is self.core and self._unsafe:  # the amplifier is still away
+                        child.again_ns = clock.monotonic_ns() + round(RESTART_S * 1e9)
+                    else:
+                        child.start()
 
     def _end_hanging(self) -> None:
         """Kill a process that stands still, as systemd's watchdog does; it is started again."""

@@ -10,13 +10,20 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from tests.daemon import chaos_commands, chaos_pairs
 from tests.daemon import chaos_faults as faults
 from tests.daemon.chaos_rig import SLEW, Rig
 
 from dehyst.daemon.benchconfig import simulated_model
 from dehyst.daemon.files import save_model
 
-RAMP = (*faults.PROCESSES, *faults.DEVICES, *faults.HOST, *faults.COMMANDS)
+RAMP = (
+    *faults.PROCESSES,
+    *faults.DEVICES,
+    *faults.HOST,
+    *chaos_commands.COMMANDS,
+    *chaos_pairs.PAIRS,
+)
 HOLD = (faults.kill_core_hold, faults.unplug_hold)
 
 
@@ -33,8 +40,8 @@ def series(chosen: tuple[Callable[..., str], ...], on_fault: str, model: Path) -
             recording = Path(folder) / "whole.csv"
             rig.record(recording)
             for fault in chosen:
-                if fault in faults.NEEDS_MOUNT and not faults.can_mount():
-                    print(f"| {fault.__doc__} | skipped: needs the right to mount | | | |")
+                if reason := faults.why_not(fault):
+                    print(f"| {fault.__doc__} | skipped: {reason} | | | |")
                     continue
                 try:
                     o = faults.inflict(rig, fault, recording)

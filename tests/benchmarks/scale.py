@@ -15,6 +15,7 @@ example: python -m tests.benchmarks.scale --daemons 20 --subscribers 50 --for 60
 """
 
 import argparse
+import math
 import multiprocessing
 import os
 import signal
@@ -32,7 +33,7 @@ from typing import Any
 import numpy as np
 from tests.daemon.gatewaybench import ROOT, free_port
 
-from dehyst.daemon import wire
+from dehyst.daemon import realtime, wire
 from dehyst.daemon.benchconfig import simulated_model
 from dehyst.daemon.bus import Bus, BusError
 from dehyst.daemon.client import Client, daemons
@@ -43,7 +44,7 @@ from dehyst.daemon.messages import Event, Status, TelemetryBatch
 EXAMPLES = ROOT / "docs" / "examples"
 EVERYTHING = 10  # every tenth subscriber hears all controllers
 SESSIONS = 17  # a process
-EDGE_NS = 1_000_000_000  # what came so close to the beginning or end need not have come to all
+LATEST_S = 3.0  # what one subscriber heard before the end may come to the others so much later
 START_S = 600.0
 CONFIG = """
 name = "{name}"
@@ -97,6 +98,7 @@ class Heard:
 
 def subscribers(address: str, hears: dict[int, str], begin: Any, stop: Any, results: Any) -> None:
     """A process with several sessions. hears: subscriber's number: controller's name or "*"."""
+    realtime.die_with_parent(signal.SIGKILL)
     waiting: deque[tuple[int, int, str, bytes]] = deque()
     heard: dict[tuple[int, str], Heard] = {}
     buses = []
@@ -112,10 +114,10 @@ def subscribers(address: str, hears: dict[int, str], begin: Any, stop: Any, resu
         buses.append(bus)
     results.put(os.getpid())
     begin.wait()
-    waiting.clear()
-    ended = False
-    while not ended or waiting:
-        ended = stop.is_set()
+    end_s = math.inf
+    while time.monotonic() < end_s:
+        if end_s == math.inf and stop.is_set():
+            end_s = time.monotonic() + LATEST_S
         while waiting:
             arrived_ns, number, key, payload = waiting.popleft()
             parsed = keys.parse(key)
@@ -228,6 +230,11 @@ class Result:
     start_s: float
 
 
+def end_with_us() -> None:
+    """For a child: it ends when this process does, however that ends."""
+    realtime.die_with_parent(signal.SIGTERM)
+
+
 class Lab:
     """Router, controllers and subscribers of one run, as processes."""
 
@@ -238,6 +245,7 @@ class Lab:
         self.router = subprocess.Popen(
             [sys.executable, EXAMPLES / "router.py", EXAMPLES / "router.json5", endpoints],
             stdout=subprocess.DEVNULL,
+            preexec_fn=end_with_us,
         )
         self.daemons: list[subprocess.Popen[bytes]] = []
         save_model(simulated_model(), folder / "model.toml")
@@ -261,8 +269,11 @@ class Lab:
         command = [sys.executable, "-P", "-m", "dehyst.daemon.main", "run", "--config", config]
         with open(self.folder / f"{name}.log", "wb") as log:
             self.daemons.append(
-                subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
-            )
+                subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                    preexec_fn=end_with_us,
+                )
+            )  # fmt: skip
 
     def _wait(self, bus: Bus, started: int) -> None:
         """Until all but two of these controllers run."""
@@ -332,13 +343,13 @@ def run(
             time.sleep(1.0)
             before = {name: cpu_s(pids) for name, pids in parts.items()}
             begin.set()
-            begun, begun_ns = time.monotonic(), time.monotonic_ns() + 2 * EDGE_NS
+            begun, begun_ns = time.monotonic(), time.monotonic_ns()
             time.sleep(seconds)
             spent = time.monotonic() - begun
             cpu = {name: (cpu_s(p) - before[name]) / spent for name, p in parts.items()}
             memory = {name: memory_mb(pids) for name, pids in parts.items()}
             lost_commands = mover.end()
-            ended_ns = time.monotonic_ns() - EDGE_NS
+            ended_ns = time.monotonic_ns()
             stop.set()
             accounts: dict[tuple[int, str], Heard] = {}
             for _ in workers:
@@ -373,7 +384,8 @@ def compare(
     accounts: dict[tuple[int, str], Heard], begun_ns: int, ended_ns: int
 ) -> tuple[int, int]:
     """(how often statuses and events should have been heard, how often somebody missed one): all
-    subscribers of a controller against each other; what first came at a time between these."""
+    subscribers of a controller against each other; what first came at a time between these, and
+    after the first that the subscriber itself heard."""
     told = untold = 0
     by_name: dict[str, list[Heard]] = defaultdict(list)
     for (_, name), heard in accounts.items():
@@ -383,9 +395,11 @@ def compare(
         for heard in group:
             for what, arrived_ns in heard.told.items():
                 first[what] = min(arrived_ns, first.get(what, arrived_ns))
-        due = {what for what, at in first.items() if begun_ns < at < ended_ns}
-        told += len(due) * len(group)
-        untold += sum(len(due - heard.told.keys()) for heard in group)
+        for heard in group:
+            since_ns = max(begun_ns, min(heard.told.values(), default=begun_ns))
+            due = {what for what, at in first.items() if since_ns < at < ended_ns}
+            told += len(due)
+            untold += len(due - heard.told.keys())
     return told, untold
 
 

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.daemon.processes import as_hardware
 
 from dehyst.daemon.client import Client
 from dehyst.daemon.feed import Feed, TelemetryStream
@@ -181,6 +182,7 @@ class Rig:
         self.bench = self.start(
             "emulate", "--dir", str(self.folder / "bench"), "--log", str(self.log), name="bench"
         )
+        as_hardware(self.bench)
         line = until(lambda: self.words("bench").strip(), 60.0, "the bench")
         ports: dict[str, str] = json.loads(line.splitlines()[-1])
         return ports
@@ -276,6 +278,11 @@ class Rig:
         """Newest sample, None where there is none."""
         assert self.listener is not None
         return self.listener.samples[-1][-1] if self.listener.samples else None
+
+    def target(self) -> float:
+        """Target of the newest sample."""
+        last = self.last()
+        return float("nan") if last is None else float(last["target"])
 
     def until_event(self, text: str, seconds: float = 20.0) -> None:
         """Wait until an event with this text was heard."""

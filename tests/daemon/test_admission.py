@@ -128,6 +128,17 @@ def test_only_ascending_sequences_pass(sequence: list[int]) -> None:
         newest = max(newest, number)
 
 
+def test_who_is_late_is_there_all_the_same(gate: Gate) -> None:
+    """A link so full that everything comes late: refused, but nobody else takes the lease."""
+    gate.request(1, "acquire")
+    for sequence in range(1, 6):
+        gate.now += 2 * S
+        assert gate.setpoint(sequence, sent_ns=gate.sent(1, ago_s=2.5)).code == "late"
+    assert gate.request(2, "acquire").code == "lease-taken"
+    gate.now += round(3.1 * S)
+    assert gate.request(2, "acquire").ok
+
+
 def test_late_setpoints_are_refused_whatever_the_clients_clock_says(gate: Gate) -> None:
     assert gate.setpoint(0, sent_ns=gate.sent(1, ago_s=1.9)).ok
     assert gate.setpoint(1, sent_ns=gate.sent(1, ago_s=2.1)).code == "late"

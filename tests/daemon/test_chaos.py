@@ -8,14 +8,20 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from tests.daemon import chaos_commands, chaos_pairs
 from tests.daemon import chaos_faults as faults
 from tests.daemon.chaos_rig import Rig
 
 from dehyst.daemon.benchconfig import simulated_model
 from dehyst.daemon.files import save_model
 
-STOPS = (faults.stop_core, faults.stop_gateway, faults.stop_client)
-ALL = (*faults.DEVICES, *faults.COMMANDS, *faults.HOST, *faults.PROCESSES)
+LONG = (
+    faults.stop_core, faults.stop_gateway, faults.stop_client, chaos_commands.flood,
+    chaos_commands.stranger_floods,
+)  # fmt: skip
+ALL = (
+    *faults.DEVICES, *chaos_commands.COMMANDS, *faults.HOST, *faults.PROCESSES, *chaos_pairs.PAIRS,
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +46,8 @@ def recording(rig: Rig) -> Path:
 
 @pytest.mark.parametrize("fault", ALL, ids=lambda fault: fault.__name__)
 def test_fault(rig: Rig, recording: Path, fault: Callable[..., str]) -> None:
-    if fault in faults.NEEDS_MOUNT and not faults.can_mount():
-        pytest.skip("needs the right to mount a small disk")
-    options = {"seconds": faults.SHORT_S} if fault in STOPS else {}
+    if reason := faults.why_not(fault):
+        pytest.skip(reason)
+    options = {"seconds": faults.SHORT_S} if fault in LONG else {}
     outcome = faults.inflict(rig, fault, recording, **options)
     assert outcome.rows > 0

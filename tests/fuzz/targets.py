@@ -186,6 +186,11 @@ def npz(data: bytes) -> bool:
     return _tables(_file("a.npz", data))
 
 
+def mat(data: bytes) -> bool:
+    """The same as MATLAB's."""
+    return _tables(_file("a.mat", data))
+
+
 def model(data: bytes) -> bool:
     """A model file, as the loop loads it: read, prepared, one step."""
     try:
@@ -278,6 +283,15 @@ def _archive(name: str) -> bytes:
     return path.read_bytes()
 
 
+def _matlab(**options: Any) -> bytes:
+    from scipy.io import savemat
+
+    path = FOLDER / "seed.mat"
+    columns = {"t_s": np.arange(3.0), "u_v": np.ones(3), "y_um": np.arange(3, dtype="i2")}
+    savemat(path, columns, **options)
+    return path.read_bytes()
+
+
 def targets() -> dict[str, Target]:
     """All of them, by name."""
     plain = _messages()
@@ -330,6 +344,9 @@ def targets() -> dict[str, Target]:
         "csv": Target(csv, TEXT, (*numbers, b",", b"\n", b"#", b"t_s", b"u_v", b"y_um", b"\0")),
         "csv.gz": Target(gz, (_archive("seed.csv.gz"),)),
         "npz": Target(npz, (_archive("seed.npz"),), (b"'<f8'", b"'|O'", b"PK", b"(3,)")),
+        "mat": Target(
+            mat, (_matlab(), _matlab(do_compression=True), _matlab(format="4")), (b"\x0e\0\0\0",)
+        ),
         "model": Target(model, models, toml),
         "config": Target(config, (CONFIG,), toml),
         "passwords": Target(
