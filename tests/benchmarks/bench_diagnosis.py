@@ -22,8 +22,10 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks import proof_stages
-from tests.benchmarks.proof_tables import tables
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, as the command line does
+
+from tests.benchmarks import proof_stages  # noqa: E402
+from tests.benchmarks.proof_tables import tables  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTIAL = 20  # rows after which tables of what is there are printed
@@ -153,7 +155,6 @@ def default_folder() -> Path:
 
 
 def main() -> None:
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--seeds", default="1000-1059", help="1000-1059,1070")
     parser.add_argument("--cases", type=int, help="only the first N of the seeds")
