@@ -24,8 +24,8 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, as the command line does
 
-from tests.benchmarks import proof_stages  # noqa: E402
-from tests.benchmarks.proof_tables import tables  # noqa: E402
+from tests.benchmarks import proof_stages
+from tests.benchmarks.proof_tables import tables
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTIAL = 20  # rows after which tables of what is there are printed
