@@ -213,7 +213,10 @@ class Core:
             desk.stepper.events.append(f"model reloaded: {compensator.reason}")
             desk.reload(compensator, state, plan.origin)
             self.model = model
-            self._tell_model(model)
+            try:
+                self._tell_model(model)
+            except DehystError as error:
+                desk.stepper.events.append(f"clients still see the old model: {error}")
 
     def _tell_model(self, model: Model) -> None:
         """Leave the model that the loop really uses where the gateway finds it."""

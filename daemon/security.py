@@ -6,8 +6,9 @@ roles need. Observers: telemetry, status, events, model, configuration, history.
 same, and commands. These rules hold in the daemon's process.
 
 Behind a router all clients come over one link, on which the daemon cannot tell them apart. Then
-the router asks for credentials and enforces the roles (docs/examples/router-secured.json5), and
-the daemon has credentials of its own and listens on nothing.
+the router asks for credentials and enforces the roles (docs/examples/router-secured.json5 by
+certificate, router-passwords.json5 by user name), and the daemon has credentials of its own and
+listens on nothing.
 """
 
 import ipaddress

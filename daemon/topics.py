@@ -2,7 +2,9 @@
 
 Telemetry is reliable on the wire but never waits for a slow subscriber: a subscriber that does
 not read loses batches on its own link, sees that from the sequence numbers, and can ask for the
-missing samples (`history`). Commands go first: they are small and have the highest priority.
+missing samples (`history`). Status and events are few and never dropped: a subscriber that does
+not take them for two seconds loses its link. Commands go first: they are small and have the
+highest priority.
 """
 
 from dataclasses import dataclass
@@ -34,8 +36,8 @@ SETPOINT = Topic(
 TELEMETRY = Topic(
     "telemetry", messages.TelemetryBatch, "every telemetry.batch_s", 1, False, "DATA", False
 )
-STATUS = Topic("status", messages.Status, "1 Hz and at changes", 0, False, "DATA_HIGH", False)
-EVENT = Topic("event", messages.Event, "when it happens", 0, False, "DATA_HIGH", True)
+STATUS = Topic("status", messages.Status, "1 Hz and at changes", 0, True, "DATA_HIGH", False)
+EVENT = Topic("event", messages.Event, "when it happens", 0, True, "DATA_HIGH", True)
 REJECTION = Topic("rejection", messages.Rejection, "at most 10 Hz", 0, False, "DATA_LOW", False)
 
 TOPICS = (SETPOINT, TELEMETRY, STATUS, EVENT, REJECTION)

@@ -39,7 +39,7 @@ from dehyst.daemon.bus import Bus, BusError
 from dehyst.daemon.client import Client, daemons
 from dehyst.daemon.files import save_model
 from dehyst.daemon.keys import Keys
-from dehyst.daemon.messages import Event, Status, TelemetryBatch
+from dehyst.daemon.messages import Command, Event, Reply, Status, TelemetryBatch
 
 EXAMPLES = ROOT / "docs" / "examples"
 EVERYTHING = 10  # every tenth subscriber hears all controllers
@@ -153,22 +153,32 @@ def memory_mb(pids: Iterable[int]) -> float:
     return total / 1024
 
 
+class Counted(Client):
+    """A client that counts the commands that it asks."""
+
+    asked = 0
+
+    def _ask(self, command: Command, timeout_s: float = 3.0) -> Reply:
+        self.asked += 1
+        return super()._ask(command, timeout_s)
+
+
 class Mover:
     """Gives every controller set-points in turn, some asked and some put, and counts."""
 
     def __init__(self, address: str, names: list[str]) -> None:
-        self.clients = [Client(name, address, label="mover") for name in names]
+        self.clients = [Counted(name, address, label="mover") for name in names]
         self.put = self.asked = self.unanswered = 0
         self._stop = threading.Event()
         self._before = {c.name: 0 for c in self.clients}
-        self._sent = {c.name: 0 for c in self.clients}
+        self._put = {c.name: 0 for c in self.clients}
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def start(self) -> None:
         """Begin to move."""
         for client in self.clients:
             client.acquire()
-            self._before[client.name] = client.status().gateway.commands
+            self._before[client.name] = client.status().gateway.commands - client.asked
         self._thread.start()
 
     def _run(self) -> None:
@@ -184,7 +194,7 @@ class Mover:
                     else:
                         client.put(value)
                         self.put += 1
-                    self._sent[client.name] += 1
+                        self._put[client.name] += 1
                 except BusError:
                     self.unanswered += 1
             turn += 1
@@ -198,7 +208,8 @@ class Mover:
         lost = 0
         for client in self.clients:
             now = client.status().gateway.commands
-            lost += self._sent[client.name] - (now - self._before[client.name])
+            sent = client.asked + self._put[client.name]
+            lost += sent - (now - self._before[client.name])
             client.close()
         return lost
 

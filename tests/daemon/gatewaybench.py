@@ -33,7 +33,7 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def wait_until(what: str, check: Callable[[], bool], timeout_s: float = 20.0) -> None:
+def wait_until(what: str, check: Callable[[], bool], timeout_s: float = 60.0) -> None:
     """Poll until true; the test fails after timeout_s."""
     end = time.monotonic() + timeout_s
     while not check():

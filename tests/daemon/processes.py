@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -68,7 +68,7 @@ def as_hardware(process: "subprocess.Popen[Any]") -> None:
         os.setpriority(os.PRIO_PROCESS, process.pid, -15)
 
 
-def until(condition: Any, seconds: float = 30.0, what: str = "") -> Any:
+def until(condition: Any, seconds: float = 60.0, what: str = "") -> Any:
     """Poll until the condition's value is true, and return it."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
@@ -165,6 +165,21 @@ class Rings:
     def events(self) -> str:
         """All event texts."""
         return "\n".join(r["text"].decode() for r in self.read("event"))
+
+    def drive(self, value: float, done: Callable[[Any], bool], seconds: float = 60.0) -> Any:
+        """Give this set-point again and again, before it goes stale, until the newest sample is as
+        wanted; that sample."""
+
+        def there() -> Any:
+            nonlocal given
+            if time.monotonic() - given > 0.3:
+                given = time.monotonic()
+                self.command(Command.SETPOINT, value)
+            last = self.last()
+            return last if last is not None and done(last) else None
+
+        given = 0.0
+        return until(there, seconds, f"{value} is followed")
 
     def command(self, kind: Command, value: float = 0.0) -> None:
         """Give one command as the gateway would."""

@@ -120,6 +120,8 @@ def test_idle_states_are_bounded_while_the_process_lives() -> None:
 
     code = "from dehyst.daemon.realtime import stay_awake; print(stay_awake()); input()"
     before = now()
+    if before == 0:
+        pytest.skip("another process keeps the CPUs awake")
     process = subprocess.Popen(
         [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
@@ -127,4 +129,5 @@ def test_idle_states_are_bounded_while_the_process_lives() -> None:
     assert process.stdout.readline() == "True\n"
     during = now()
     process.communicate("\n", timeout=30)
-    assert (during, now()) == (0, before)
+    assert during == 0
+    assert now() in (before, 0)  # 0: another process began meanwhile

@@ -53,7 +53,9 @@ def test_play_watched_and_recorded(bench: Bench, tmp_path: Path) -> None:
     trajectory(path, 2.0, 8.0)
     recorder = start("record", "-o", str(rec), bench=bench)
     wait_until("it records", lambda: rec.exists() and rec.stat().st_size > 2000)
-    watcher = start("watch", "--for", "2", bench=bench)
+    watcher = start("watch", "--for", "4", bench=bench)
+    assert watcher.stdout is not None
+    assert watcher.stdout.readline()  # it watches before the trajectory begins
     code, out, err = run("play", str(path), "--json", bench=bench)
     result = json.loads(out)
     assert (code, err) == (0, "")

@@ -197,7 +197,7 @@ def test_a_router_that_asks_for_credentials_enforces_the_roles(lab: Lab) -> None
     operator, observer = lab.client("alice"), lab.client("bob")
     stream, targets = observer_only_hears(operator, observer)
     forged = forged_setpoint(operator)
-    batch = wire.encode(wire.batch(stream.read(0.5)[:1], 12345, "um", 0))
+    batch = wire.encode(wire.batch(stream.read(20.0)[:1], 12345, "um", 0))
     others = operator.stream()
     with lab.session("keys/stage-02") as neighbour, lab.session("keys/carol") as nobody:
         heard: list[str] = []

@@ -74,7 +74,7 @@ def test_operator_commands_observer_sees_nobody_else_connects(secured: Secured) 
     observer.bus.sender(key, topics.SETPOINT).put(wire.encode(forged))
     other = operator.stream()
     fake = observer.keys.pubsub("telemetry")
-    batch = wire.batch(stream.read(0.5)[:1], 12345, "um", 0)
+    batch = wire.batch(stream.read(20.0)[:1], 12345, "um", 0)
     observer.bus.sender(fake, topics.TELEMETRY).put(wire.encode(batch))
     end = time.monotonic() + 1.0
     while time.monotonic() < end:
