@@ -14,7 +14,7 @@ from dehyst.models.rows import Rows
 
 SIZES = (1.0, 0.8, 0.6, 0.4)  # of the drive range
 SIZES_STATIC = (1.0, 0.7, 0.5, 0.3)  # where the rate does not matter
-PACES = (0.02, 0.05, 0.3, 0.65, 1.0, 1.25)  # of the largest rate
+PACES = (0.02, 0.05, 0.08, 0.4, 0.8, 1.2)  # of the largest rate
 CYCLES = 8
 SAMPLES = 60  # a cycle
 

@@ -158,13 +158,16 @@ def _search(problem: Problem, options: Options, progress: Callable[[str], None])
         best = pick_shape(tried)
     _require_following(problem, best)
     while True:
-        shape, offset = best.shape, best.offset
+        offset = best.offset
         progress("choosing the thresholds")
-        choice = choose_thresholds(problem, best, options.order)
+        choice = choose_thresholds(problem, best, options.order, wanted)
+        shape = choice.shape
         progress(f"fitting {choice.r.size} operators to all rows")
-        params, free = _fit_all(problem, choice, shape, offset)
+        params, free = _fit_all(problem, choice, offset)
         turns = problem.margin(choice.r, shape, params, offset) < LEAST_SATURATION
         if not turns or not options.monotone or shape.powers == (0,):
+            if shape != best.shape:
+                notes.append(f"with invertible weights {shape.name} fits better and was taken")
             if choice.costly:
                 notes.append(
                     "the data want an output that runs back right after a reversal, which no "
@@ -176,6 +179,7 @@ def _search(problem: Problem, options: Options, progress: Callable[[str], None])
                 )
             return _Found(problem, offset, shape, choice, params, free, tried, notes)
         notes.append(f"{shape.name}: would turn over within reach and was not taken")
+        wanted = [s for s in wanted if len(s.powers) < len(shape.powers)]
         same = [c for c in tried if (c.shape.rate, c.offset) == (shape.rate, offset)]
         fewer = [c for c in same if len(c.shape.powers) < len(shape.powers)]
         if not fewer:  # the user fixed the saturation: a straight line takes its place
@@ -270,14 +274,15 @@ def _require_following(problem: Problem, best: Candidate) -> None:
         )
 
 
-def _fit_all(problem: Problem, choice: Choice, shape: Shape, offset: float) -> tuple[Params, Bools]:
+def _fit_all(problem: Problem, choice: Choice, offset: float) -> tuple[Params, Bools]:
     """Fit to all rows (of very many: to a part, by chance): the parameters, and which are free of
     their bound."""
-    r, pull = choice.r, choice.pull
+    shape, r, pull = choice.shape, choice.r, choice.pull
     if pull is not None:
         some = [a | b for a, b in zip(*split(problem, ROWS_FINEST), strict=True)]
-        loose = fit_finest(problem, some, choice.finest[0], shape, offset, choice.finest[1])
-        pull = make_pull(problem, choice.finest[0], shape, offset, loose.params)
+        fine, free_shape, start = choice.finest
+        loose = fit_finest(problem, some, fine, free_shape, offset, start)
+        pull = make_pull(problem, fine, free_shape, offset, loose.params)
     picks = thinned(problem.picks, min(ROWS_FITTED, MOST_HELD // r.size))
     count = sum(int(np.count_nonzero(pick)) for pick in picks)
     blocks = [*problem.blocks(picks, r, offset), *pull_blocks(problem, pull, r, offset, count)]

@@ -30,7 +30,7 @@ ROUGHLY = 1e-4  # relative fall of the misfit at which a comparison is good enou
 ROWS = 12_000
 PARTS, HELD = 5, (1, 4)  # five parts in time, the second and the last held out
 FEW_CYCLES, SHORT_PARTS = 6.0, 5  # with fewer cycles, five times as many parts, alike
-PULL_WEIGHT = 0.6  # of the generic drive, against all rows
+PULL_WEIGHT = 0.8  # of the generic drive, against all rows
 PULL_PRICE = 1.06  # held-out rms that the pull may cost, against the plain bounded fit
 ODD = ((0,), (0, 3), (0, 3, 5), (0, 3, 5, 7))
 FULL = ((0, 2), (0, 2, 3), (0, 2, 3, 4), (0, 2, 3, 4, 5))
@@ -148,17 +148,18 @@ def pick_shape(tried: list[Candidate]) -> Candidate:
 
 @dataclass(frozen=True)
 class Choice:
-    """Thresholds (n,), parameters fitted on the training rows, their held-out rms, the held-out
-    rms of every order; pull: the generic drive with the displacements that the fit without bounds
-    gives for it, where the bounds cost something (costly) or little is shown; finest: that fit's
-    thresholds and parameters."""
+    """Shape, thresholds (n,), parameters fitted on the training rows, their held-out rms, the
+    held-out rms of every order; pull: the generic drive with the displacements that the fit without
+    bounds gives for it, where the bounds cost something (costly) or little is shown; finest: that
+    fit's thresholds and parameters."""
 
+    shape: Shape
     r: Floats
     params: Params
     held_rms: float
     orders: tuple[tuple[int, float], ...]
     pull: Rows | None
-    finest: tuple[Floats, Params]
+    finest: tuple[Floats, Shape, Params]
     costly: bool
 
 
@@ -198,8 +199,45 @@ def pull_blocks(
     return [replace(block, weight=weight) for block in alone.blocks(alone.picks, r, offset)]
 
 
-def choose_thresholds(problem: Problem, candidate: Candidate, order: int | None) -> Choice:
-    """The thresholds that the data support for a structure, or the best `order` of them."""
+def _bent(
+    problem: Problem,
+    wanted: Sequence[Shape],
+    start: Params,
+    r: Floats,
+    offset: float,
+    train: list[Block],
+    held: list[Block],
+) -> tuple[Shape, Solution]:
+    """The saturation chosen anew under the bounds, on given thresholds r: further powers of z take
+    up a part of what the bounds forbid, though the fit without bounds has no use for them.
+
+    wanted: structures, that fit's first; of the others those with at most one degree more, as high
+    degrees err much beyond the range.
+    """
+    first, prior = wanted[0], prior_for(problem, r)
+    ladder: list[Candidate] = []
+    for shape in wanted:
+        more = set(first.powers) < set(shape.powers) and shape.rate == first.rate
+        if ladder and not (more and max(shape.powers) <= max(first.powers) + 1):
+            continue
+        begin = _from_below(ladder, shape) or start
+        low = lower_bounds(begin, problem.least)
+        found = solve(lambda: train, shape, begin, low, prior, tolerance=ROUGHLY)
+        score = normal(held, shape, found.params)
+        good = problem.margin(r, shape, found.params, offset) >= LEAST_SATURATION
+        rms = float(np.sqrt(score.misfit / max(1, score.count)))
+        ladder.append(Candidate(shape, offset, rms, good, found))
+    best = pick_shape(ladder)
+    return best.shape, best.solution
+
+
+def choose_thresholds(
+    problem: Problem, candidate: Candidate, order: int | None, wanted: Sequence[Shape] = ()
+) -> Choice:
+    """The thresholds that the data support for a structure, or the best `order` of them.
+
+    wanted: structures that may take its place where the bounds cost something.
+    """
     shape, offset = candidate.shape, candidate.offset
     finest = max(FINEST_GRID, order or 0)
     r = cubic_thresholds(finest, problem.span)
@@ -229,12 +267,16 @@ def choose_thresholds(problem: Problem, candidate: Candidate, order: int | None)
     best: Grid = choose(grids, order, TOLERANCE)
     few = r[list(best.kept)]
     like = start_params(few.size, shape, problem.slope, len(problem.rows), shape.rate)
-    blocks = problem.blocks(train, few, offset)
-    blocks += pull_blocks(problem, pull, few, offset, sum(b.y.size for b in blocks))
-    low = lower_bounds(like, problem.least)
-    found = solve(
-        lambda: blocks, shape, Params.unpacked(best.p, like), low, prior_for(problem, few)
+    start = Params.unpacked(best.p, like)
+    train_blocks, held_blocks = (problem.blocks(p, few, offset) for p in (train, held))
+    counts = [sum(b.y.size for b in blocks) for blocks in (train_blocks, held_blocks)]
+    fitted, scored = (
+        blocks + pull_blocks(problem, pull, few, offset, count)
+        for blocks, count in zip((train_blocks, held_blocks), counts, strict=True)
     )
-    score = normal(problem.blocks(held, few, offset), shape, found.params)
+    others = wanted if costly else ()
+    shape, found = _bent(problem, [shape, *others], start, few, offset, fitted, scored)
+    score = normal(held_blocks, shape, found.params)
     held_rms = float(np.sqrt(score.misfit / max(1, score.count)))
-    return Choice(few, found.params, held_rms, orders, pull, (r, loose.params), costly)
+    finest_fit = (r, candidate.shape, loose.params)
+    return Choice(shape, few, found.params, held_rms, orders, pull, finest_fit, costly)
