@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from dehyst.models.errors import BadRecording
 from dehyst.models.glitches import sample
@@ -130,6 +131,16 @@ def _rates(t: Floats, u: Floats) -> Floats:
     return np.where(dt <= 2.5 * typical_step(t), np.diff(u) / dt, 0.0)
 
 
+def loop_sizes(u: Floats) -> NDArray[np.int64]:
+    """(4,) number of travels between turns of a drive (N,) in each class of loop sizes."""
+    span = float(np.ptp(u))
+    return _classes(_travels(u, 0.01 * span) / span)
+
+
+def _classes(sizes: Floats) -> NDArray[np.int64]:
+    return np.histogram(sizes, bins=np.array(SIZE_EDGES))[0]
+
+
 def _missing(
     sizes: Floats, covered: float, cycles: float, steps: float, rate_max: float, unit: str
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -144,7 +155,7 @@ def _missing(
             f"only {steps:.0f} samples for one way through the range; sample faster or drive "
             "slower to see small loops"
         )
-    found = np.histogram(sizes, bins=np.array(SIZE_EDGES))[0] > 0
+    found = _classes(sizes) > 0
     if int(found.sum()) < ENOUGH_SIZES:
         names = ["small (2 to 15 %)", "15 to 40 %", "40 to 70 %", "full (70 % and more)"]
         without = [name for name, has in zip(names, found, strict=True) if not has]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dehyst.models.coverage import ENOUGH_SIZES, loop_sizes
 from dehyst.models.errors import BadInput
 from dehyst.models.recording import Floats
 
@@ -123,9 +124,10 @@ def _search(
     body_s: float,
     seed: int,
 ) -> tuple[Floats, Floats]:
-    """(cycles, shares of the half range) of the sines, the most even of many tried."""
+    """(cycles, shares of the half range) of the sines, the most even of many tried, if possible
+    of those whose loops have enough sizes."""
     rng = np.random.default_rng(seed)
-    best, found = -1.0, None
+    best, found = (0, -1.0), None
     for _ in range(TRIALS):
         inner = rng.uniform(np.log(slowest), np.log(fastest), sines - 1)
         cycles = np.unique(np.append(np.round(np.exp(inner)), float(fastest)))
@@ -136,9 +138,9 @@ def _search(
         shares /= shares.sum()
         if slew is not None and 2 * np.pi * half * float(shares @ cycles) / body_s > slew:
             continue
-        even = _evenness(cycles, shares)
-        if even > best:
-            best, found = even, (cycles, shares)
+        score = min(_sizes(cycles, shares), ENOUGH_SIZES), _evenness(cycles, shares)
+        if score > best:
+            best, found = score, (cycles, shares)
     if found is None:
         raise BadInput(
             f"slew: {slew:g} per second is too slow for this range and band; "
@@ -147,6 +149,12 @@ def _search(
             else "band: no set of sines fits; lengthen the drive or widen the band"
         )
     return found
+
+
+def _sizes(cycles: Floats, shares: Floats) -> int:
+    """How many classes of loop sizes occur."""
+    u = -np.cos(np.outer(2.0 * np.pi * np.arange(COARSE) / COARSE, cycles)) @ shares
+    return int(np.count_nonzero(loop_sizes(u)))
 
 
 def _evenness(cycles: Floats, shares: Floats) -> float:

@@ -48,6 +48,18 @@ def test_drive_covers_range_and_rates_evenly() -> None:
     assert speeds.min() > 0.02 * speeds.sum()
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "band", "duration", "sampling"),
+    [(0, 100, 5, 20, 200), (0, 10, 20, 10, 1000), (-20, 130, 1, 60, 100), (0, 75, 2, 30, 100)],
+)
+def test_a_designed_drive_passes_the_check(
+    low: float, high: float, band: float, duration: float, sampling: float
+) -> None:
+    drive = design(low, high, band, duration, sampling)
+    found = coverage([Recording(drive.t_s, drive.u)])
+    assert (found.missing, found.missing_rate) == ((), ())
+
+
 def test_slew_limit_is_kept() -> None:
     free, slow = design(0, 10, 10, 20, 1000), design(0, 10, 10, 20, 1000, slew_per_s=80.0)
     assert slow.rate_max <= 80.0 < free.rate_max
