@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.csvtable import LARGEST, Table, line_of_row, read_table
+from dehyst.daemon.matfile import read_mat
 from dehyst.models.errors import BadRecording
 from dehyst.models.modelfile import UNIT_NAMES
 from dehyst.models.recording import Floats, Recording, Trajectory, first_not_increasing
@@ -156,13 +157,7 @@ def _read_npz(path: Path) -> Table:
 
 
 def _read_mat(path: Path) -> Table:
-    from scipy.io import loadmat  # only who reads MATLAB files waits for it
-
-    try:
-        arrays = loadmat(path, squeeze_me=True)
-    except Exception as error:  # damage ends in scipy as it may: ZeroDivisionError was seen
-        raise BadRecording(f"{path}: not a MATLAB file that can be read: {error}") from None
-    return Table(_columns(path, {k: v for k, v in arrays.items() if not k.startswith("__")}), {})
+    return Table(_columns(path, read_mat(path)), {})
 
 
 def _columns(path: Path, arrays: Mapping[str, Any]) -> dict[str, Floats]:
@@ -170,7 +165,7 @@ def _columns(path: Path, arrays: Mapping[str, Any]) -> dict[str, Floats]:
     for key, values in arrays.items():
         try:
             columns[key] = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, MemoryError):
             raise BadRecording(f"{path.name}: {key} does not hold numbers") from None
         if np.any(np.abs(columns[key][np.isfinite(columns[key])]) > LARGEST):
             raise BadRecording(f"{path.name}: {key} holds numbers beyond any measurement")

@@ -124,6 +124,16 @@ def test_matlab_file(tmp_path: Path) -> None:
     assert rec.drive.tolist() == [0, 1, 2, 3, 4]
 
 
+def test_a_matlab_file_that_crashes_its_reader_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    savemat(path, {"t_s": np.arange(3.0), "u_v": np.ones(3), "y_um": np.arange(3, dtype="i2")})
+    damaged = bytearray(path.read_bytes())
+    damaged[336] = 255  # scipy's loadmat ends with a segmentation fault
+    path.write_bytes(damaged)
+    with pytest.raises(BadRecording, match="not a MATLAB file that can be read"):
+        read_recording(path)
+
+
 def test_blocks_join_without_seam(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
     t, u = np.arange(3000.0), rng.standard_normal(3000)
