@@ -174,6 +174,8 @@ def one_target(name: str, seconds: float, o: argparse.Namespace, folder: Path) -
     result: dict[str, Any] = json.loads(told.read_text()) if told.exists() else {"findings": {}}
     if process.returncode != 0:
         result["findings"][f"process ended with {process.returncode}"] = said[-500:]
+    elif not result.get("inputs"):
+        result["findings"]["nothing was tried"] = said[-500:]
     return result
 
 
