@@ -1,9 +1,11 @@
 """The cascade one sample at a time: forward along the applied drive, and targets undone.
 
-Blocks are packed into arrays once: `table` (n_blocks, 7) int64 with code, place and where each
-block's parameters, state and channel lie; `params`, `states`: one flat array each.
+A block whose channel is NaN (not measured) is passed over. Blocks are packed into arrays once:
+`table` (n_blocks, 7) int64 with code, place and where each block's parameters, state and channel
+lie; `params`, `states`: one flat array each.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -153,9 +155,9 @@ def advance(
     table: Ints, params: Floats, states: Floats, channels: Floats, weights: Floats, c: Floats,
     u_offset: float, h: Floats, u: float, v_before: float, t: float, dt: float, out: Floats,
 ) -> None:  # fmt: skip
-    """The whole model over one sample. out (5,): drive at the hysteresis, what blocks that
-    `undo` passes over add to it, stage displacement, reading, displacement of the hysteresis
-    alone. h (n,) and states are advanced."""
+    """The whole model over one sample. out (5,): drive at the hysteresis, what blocks beside it
+    add, stage displacement, reading, displacement of the hysteresis alone. h (n,) and states are
+    advanced."""
     v = u
     for i in range(table.shape[0]):
         if table[i, 1] == 0:
@@ -179,19 +181,29 @@ def advance(
         for i in range(table.shape[0]):
             if table[i, 1] == place:
                 ch = channels[table[i, 6]] if table[i, 6] >= 0 else 0.0
-                before = y
+                if math.isnan(ch):
+                    continue
                 y = _block_step(
                     table[i, 0], params[table[i, 2] : table[i, 3]],
                     states[table[i, 4] : table[i, 5]], y, t, dt, ch,
                 )  # fmt: skip
-                if place == 2 and (
-                    table[i, 0] == slow_drift.CODE
-                    or table[i, 0] == coupled_memory.CODE
-                    or table[i, 0] == coupled_mode.CODE
-                    or table[i, 0] == friction.CODE
-                ):
-                    out[1] += y - before
         out[place] = y
+
+
+@njit(cache=True, nogil=True)
+def beside(
+    table: Ints, params: Floats, states: Floats, scratch: Floats, dt: float, v: Floats, out: Floats
+) -> None:  # fmt: skip
+    """What the blocks beside the hysteresis add along the drives v (m,) at the hysteresis, spaced
+    by dt, from the states of the present; into out (m,). scratch: as long as states."""
+    out[:] = 0.0
+    for i in range(table.shape[0]):
+        if table[i, 1] == 1:
+            s = scratch[table[i, 4] : table[i, 5]]
+            s[:] = states[table[i, 4] : table[i, 5]]
+            p = params[table[i, 2] : table[i, 3]]
+            for j in range(v.size):
+                out[j] += _block_step(table[i, 0], p, s, v[j], 0.0, dt, 0.0)
 
 
 @njit(cache=True, nogil=True)
@@ -208,6 +220,26 @@ def _lead(seq: Floats, first: float, second: float) -> None:
         else:
             seq[i] = now + first * (now - before)
         before = now
+
+
+@njit(cache=True, nogil=True)
+def _undo_step(code: int, p: Floats, s: Floats, y: float, dt: float, ch: float) -> float:
+    """Input of a block with memory whose next output is y; s is advanced by it. The channel is
+    taken to stand still."""
+    if code == creep.CODE:
+        x = creep.solve(p, s, y, dt)
+        creep.step(p, s, x, 0.0, dt, 0.0)
+        return x
+    if code == friction.CODE:
+        x = friction.solve(p, s, y, dt)
+        friction.step(p, s, x, 0.0, dt, 0.0)
+        return x
+    if code == slow_drift.CODE:
+        slow_drift.step(p, s, 0.0, 0.0, dt, ch)
+        return slow_drift.solve(p, s, y)
+    if code == coupled_memory.CODE:
+        return y - coupled_memory.step(p, s, 0.0, 0.0, dt, ch)
+    return y - coupled_mode.step(p, s, 0.0, 0.0, dt, ch)
 
 
 @njit(cache=True, nogil=True)
@@ -229,6 +261,8 @@ def undo(
         code = table[b, 0]
         p = params[table[b, 2] : table[b, 3]]
         ch = channels[table[b, 6]] if table[b, 6] >= 0 else 0.0
+        if math.isnan(ch):
+            continue
         if code == lag.CODE:
             _lead(seq, p[0] / step_s, 0.0)
         elif code == resonance.CODE:
@@ -236,14 +270,19 @@ def undo(
             a1, share = 2.0 * p[1] / w, p[2]
             a2 = share * share * a1 * a1 - share * (a1 * a1 - 1.0 / (w * w))
             _lead(seq, share * a1 / step_s, a2 / (step_s * step_s))
-        elif code == creep.CODE:
+        elif (
+            code == creep.CODE
+            or code == friction.CODE
+            or code == slow_drift.CODE
+            or code == coupled_memory.CODE
+            or code == coupled_mode.CODE
+        ):
             s = scratch[table[b, 4] : table[b, 5]]
             s[:] = states[table[b, 4] : table[b, 5]]
             first = seq[past]
             for i in range(past, n):
                 dt = first_s if i == past else step_s
-                seq[i] = creep.solve(p, s, seq[i], dt)
-                creep.step(p, s, seq[i], 0.0, dt, 0.0)
+                seq[i] = _undo_step(code, p, s, seq[i], dt, ch)
             for i in range(past):
                 seq[i] += seq[past] - first
         elif code == drift.CODE:

@@ -12,12 +12,13 @@ from numba import njit
 from dehyst.models import inverse_guard as guard
 from dehyst.models import inverse_places as places
 from dehyst.models import inverse_preview as pv
-from dehyst.models.cascade_step import Ints, advance, lead_drive, undo
+from dehyst.models.cascade_step import Ints, advance, beside, lead_drive, undo
 from dehyst.models.inverse_causal import extend
 from dehyst.models.inverse_static import inverse_step
 from dehyst.models.model import Floats
 
 SEEN_MARGIN = 0.25  # of the range of the targets so far, by which a continuation may leave it
+SECANTS = 12
 PAST = 3  # nodes before the first one, for derivatives
 HOLD, STATIC, CAUSAL, PREVIEW = range(4)
 DRIVE, PREDICTED, READING, MODE, FLAGS = range(5)
@@ -25,8 +26,9 @@ BEYOND_SATURATION, BEYOND_DRIVE, SLEW, STARVED, BAD_TARGET, OUTSIDE = 1, 2, 4, 8
 
 # Places in `setting`.
 (
-    PLANNED, LATE, STAGE_BLOCKS, VALID_LOW, VALID_HIGH, VALID_RATE, NODES_WANTED, N_SETTING,
-) = range(8)  # fmt: skip
+    PLANNED, LATE, STAGE_BLOCKS, BLOCKS_BESIDE, VALID_LOW, VALID_HIGH, VALID_RATE, NODES_WANTED,
+    N_SETTING,
+) = range(9)  # fmt: skip
 # Places in `inner`: ring position and fill of past targets, drive at the hysteresis, what blocks
 # beside it add, time, command applied last, range of the targets seen.
 RING_AT, RING_FILL, V, BESIDE, TIME, COMMAND, SEEN_LOW, SEEN_HIGH, N_INNER = range(9)
@@ -66,8 +68,8 @@ def _between(window: Floats, valid: int, ring: Floats, inner: Floats, at: float)
 @njit(cache=True, nogil=True)
 def _gather(
     setting: Floats, fixed: Floats, table: Ints, params: Floats, states: Floats, scratch: Floats,
-    channels: Floats, inner: Floats, ring: Floats, window: Floats, valid: int, work: Floats,
-    seq: Floats, y: Floats,
+    channels: Floats, state: Floats, inner: Floats, ring: Floats, window: Floats, valid: int,
+    work: Floats, seq: Floats, y: Floats,
 ) -> int:  # fmt: skip
     """Node targets, undone to the hysteresis, into work[TARGET]; returns how many are known."""
     per_node, late = int(fixed[places.PER_NODE]), setting[LATE]
@@ -94,8 +96,53 @@ def _gather(
         undo(table, params, states, scratch, channels, PAST, step_s, step_s, seq)
     target = work[places.TARGET]
     for j in range(n):
-        target[j] = seq[PAST + j] - inner[BESIDE]
+        target[j] = seq[PAST + j]
+    if setting[BLOCKS_BESIDE] > 0.0:
+        # Along the plan of the node before, which will change but little.
+        ahead, add = work[places.TRIAL], work[places.ROWS]
+        ahead[:] = state[places.LAST]
+        if state[places.VALID] > 0.0:
+            ahead[: n - 1] = work[places.PLAN, 1:]
+            ahead[n - 1] = ahead[n - 2]
+        step_s = fixed[places.PERIOD] * per_node
+        beside(table, params, states, scratch, step_s, ahead, add)
+        target -= add
     return known
+
+
+@njit(cache=True, nogil=True)
+def _aside(
+    weights: Floats, c: Floats, knots: Floats, fixed: Floats, setting: Floats, table: Ints,
+    params: Floats, state: Floats, plays: Floats, states: Floats, scratch: Floats, inner: Floats,
+    y: float, spare: Floats,
+) -> float:  # fmt: skip
+    """What the blocks beside the hysteresis will add when the static inverse makes the rest of the
+    displacement y: by secants, as near as can be. spare: (2,) overwritten."""
+    if setting[BLOCKS_BESIDE] == 0.0 or not math.isfinite(y):
+        return inner[BESIDE]
+    v, add = spare[:1], spare[1:2]
+    guess, before, off_before = inner[BESIDE], 0.0, math.nan
+    best, least = guess, math.inf
+    for _ in range(SECANTS):
+        v[0], _ = inverse_step(
+            weights[0], weights[3], c, knots, fixed[places.Y_FIRST], fixed[places.Y_LAST],
+            fixed[places.U_OFFSET], fixed[places.LOW], fixed[places.HIGH], plays[places.REAL],
+            state[places.LAST], y - guess,
+        )  # fmt: skip
+        beside(table, params, states, scratch, fixed[places.PERIOD], v, add)
+        off = add[0] - guess
+        if not abs(off) < least:
+            if abs(off) > 2.0 * least:
+                break
+        else:
+            best, least = guess, abs(off)
+        if least <= 1e-3 * fixed[places.NOISE]:
+            break
+        turn = off_before - off
+        move = off if not abs(turn) > 0.0 else off * (guess - before) / turn
+        before, off_before = guess, off
+        guess += move
+    return best
 
 
 @njit(cache=True, nogil=True)
@@ -103,7 +150,7 @@ def _present(
     setting: Floats, fixed: Floats, table: Ints, params: Floats, states: Floats, scratch: Floats,
     channels: Floats, inner: Floats, ring: Floats, window: Floats, valid: int, seq: Floats,
 ) -> float:  # fmt: skip
-    """The present target, undone to the hysteresis."""
+    """The present target, undone to the hysteresis and what stands beside it."""
     late = setting[LATE]
     if setting[STAGE_BLOCKS] > 0.0:
         three = seq[:3]
@@ -113,8 +160,8 @@ def _present(
             three[2] = 2.0 * three[1] - three[0]
         period = fixed[places.PERIOD]
         undo(table, params, states, scratch, channels, 1, period, period, three)
-        return three[1] - inner[BESIDE]
-    return _between(window, valid, ring, inner, late) - inner[BESIDE]
+        return three[1]
+    return _between(window, valid, ring, inner, late)
 
 
 @njit(cache=True, nogil=True)
@@ -147,13 +194,17 @@ def step(
             setting, fixed, table, params, states, scratch, channels, inner, ring, window, valid,
             seq,
         )  # fmt: skip
+        now -= _aside(
+            weights, c, knots, fixed, setting, table, params, state, plays, states, scratch, inner,
+            now, y[:2],
+        )  # fmt: skip
         state[places.TARGET_NOW] = now
         wanted = setting[NODES_WANTED]
         if setting[PLANNED] > 0.0:
             if state[places.PHASE] == 0.0:
                 known = _gather(
-                    setting, fixed, table, params, states, scratch, channels, inner, ring, window,
-                    valid, work, seq, y,
+                    setting, fixed, table, params, states, scratch, channels, state, inner, ring,
+                    window, valid, work, seq, y,
                 )  # fmt: skip
                 state[places.NODES] = known
             v, static_made = pv.propose(

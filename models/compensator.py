@@ -206,11 +206,13 @@ class Compensator:
         fixed[[places.LOW, places.HIGH, places.RATE]] = self.low, self.high, self.rate
         fixed[[places.PERIOD, places.PER_NODE]] = period_s, per_node
         fixed[[places.NOISE, places.SLOPE, places.SWEEPS]] = noise, self.slope, SWEEPS
+        fixed[places.PRICE] = self.price
         self._fixed = fixed
         v = model.validity
         setting = np.zeros(compensate.N_SETTING)
         setting[[compensate.PLANNED, compensate.LATE]] = planned, late
         setting[compensate.STAGE_BLOCKS] = np.any(self._packed.table[:, PLACE] == AT_STAGE)
+        setting[compensate.BLOCKS_BESIDE] = self._packed.beside
         setting[[compensate.VALID_LOW, compensate.VALID_HIGH]] = v.drive_min, v.drive_max
         setting[compensate.VALID_RATE] = v.rate_max if v.rate_max and not h.static else math.inf
         setting[compensate.NODES_WANTED] = wanted
@@ -248,7 +250,7 @@ class Compensator:
             numbers=numbers, plays=plays, work=work, blocks=blocks, scratch=blocks.copy(),
             inner=inner, ring=np.zeros(4 * self._per_node + 8),
             seq=np.zeros(compensate.PAST + max(self._nodes, 1)), y=np.zeros(5),
-            result=np.zeros(5), channels=np.zeros(len(self.channels)),
+            result=np.zeros(5), channels=np.full(len(self.channels), np.nan),
         )  # fmt: skip
         self.applied(state, drive_now)
         return state

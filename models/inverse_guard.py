@@ -1,20 +1,24 @@
 """What keeps the preview and causal inverse from ever being worse than the static inverse.
 
 A shadow model is driven by the static inverse all the time; the squared errors of both are summed
-over some windows. The plan's drive is taken only while
+over some windows. What the plan may cost is what keeps
 
-    real + what is known to come + the way back <= (sqrt(shadow + what is known to come) + noise)^2
+    real + the way back <= (sqrt(shadow) + noise)^2
 
-holds, noise being BUDGET times the noise's norm over the same time. With a whole window of known
-targets, both paths are run ahead sample by sample (`promises`): a plan may then lose for a while
-what it gains within the window. Without them only the present sample is known. The way back
-(`way_back`) is what it may cost to become the static inverse again from where the plan has led:
-the offset taken back at the rate term's lag, or at what the slew rate leaves, an error at rest
-that lasts, and memory that the ends of the range will not wipe out. Where the condition fails,
-the static inverse takes over without a kick (`back`) and stays until there is budget again.
+noise being BUDGET times the noise's norm over the same time. With a whole window of known targets
+both paths are run ahead sample by sample (`promises`): a plan may then lose for a while what it
+gains within the window, and must have gained it by the time that was first promised; otherwise the
+static inverse takes over. Without them the drive is on a `leash`: it may be as far from where the
+static inverse would have it (`back`) as the way back can be paid for, should it begin now. So the
+plan gains a little at first, and with what it has gained it may go further.
 
-The bound is exact for the targets in the window and for what the model predicts. Beyond the
-window the cost of the way back is an estimate: targets can be made that exceed it.
+The way back is what it may cost to become the static inverse again: the offset taken back at the
+rate term's lag, or at what the slew rate leaves, an error at rest that lasts, and memory that will
+not be wiped out (`forgets`, `missed`). Where the weights are so far from monotone that the nearest
+monotone model is off by more than the noise, it cannot be told, and the leash has no length.
+
+The bound is exact for the targets in the window and for what the model predicts. Beyond the window
+the cost of the way back is an estimate: targets can be made that exceed it.
 """
 
 import math
@@ -24,16 +28,20 @@ from numba import njit
 from dehyst.models.forward import polynomial
 from dehyst.models.inverse_places import (
     AHEAD,
+    BEEN_HIGH,
+    BEEN_LOW,
     HIGH,
     HIGHEST,
     LAST,
     LOST,
     LOW,
     LOWEST,
+    MOVED,
     NOISE,
     PER_NODE,
     PERIOD,
     PLAN,
+    PRICE,
     RATE,
     REAL,
     SCRATCH,
@@ -46,7 +54,9 @@ from dehyst.models.inverse_places import (
     SUM_TIME,
     TARGET,
     TARGET_NOW,
+    TRUST,
     U_OFFSET,
+    WORST,
     X_0,
     Y_FIRST,
     Y_LAST,
@@ -61,9 +71,13 @@ END_SHARE = 0.25  # of the time that targets may be beyond the reach
 LOSABLE = 0.3  # part of the noise that this may cost
 LEAST_CLOSING = 0.05  # of the slew rate, by which the way back closes at least
 LOOKS = 4  # places along the plan at which the way back may be counted
+LOSABLE_MEMORY = 0.5  # part of the noise
+KICK = 0.05  # windows: a shorter error of the static inverse counts less
+WORST_LASTS = 5.0  # windows: memory of the static inverse's worst error and of its speed
 DWELL = 0.1  # windows that the static inverse stays at least
 OUTWARD, HALVINGS = 12, 20  # steps of the search for a drive at rest
 AT_REST = 0.05  # of the noise: near enough to stand still
+BY_SHADOW, BY_ITSELF, BY_REST = 0.0, 1.0, 2.0  # how `back` found the static inverse's drive
 HOLD_SLIDE_S = 2e-3  # time constant of the way to where a hold rests
 
 
@@ -98,6 +112,63 @@ def way_back(
     ):  # fmt: skip
         return math.inf
     return cost
+
+
+@njit(cache=True, nogil=True)
+def leash(
+    weights: Floats, c: Floats, fixed: Floats, state: Floats, plays: Floats, home: float,
+    lag: float, other: float, window: float,
+) -> float:  # fmt: skip
+    """How far the drive may be from `home`, where the static inverse would have it from here.
+
+    The way back from an offset d of the displacement costs up to 2 d at first, dying out with the
+    rate term's lag, on top of an error as large as the static inverse's worst one of late; where a
+    jump takes several samples at the slew rate, it comes later, too. other: the static error now.
+    """
+    if fixed[PRICE] > fixed[NOISE]:
+        return 0.0  # the way back cannot be told
+    e = polynomial(c, still(weights, plays[REAL], home - fixed[U_OFFSET])) - state[TARGET_NOW]
+    v = state[SHADOW] - fixed[U_OFFSET]
+    rest = polynomial(c, still(weights, plays[SHADOW_PLAYS], v)) - state[TARGET_NOW]
+    noise = RETURN * BUDGET * fixed[NOISE]
+    budget = (math.sqrt(state[SUM_SHADOW]) + noise * math.sqrt(state[SUM_TIME])) ** 2
+    budget -= state[SUM_REAL] + other * other + window * max(e * e - rest * rest, 0.0)
+    if not budget > 0.0:
+        return 0.0
+    worst, travel = state[WORST], fixed[RATE] * fixed[PERIOD]
+    late = worst / (fixed[SLOPE] * travel) if travel < fixed[HIGH] - fixed[LOW] else 0.0
+    square, linear = 2.0 * lag + late, worst * (4.0 * lag + late)
+    if not square > 0.0:
+        return fixed[HIGH] - fixed[LOW]
+    d = (math.sqrt(linear * linear + 4.0 * square * budget) - linear) / (2.0 * square)
+    return d / fixed[SLOPE]
+
+
+@njit(cache=True, nogil=True)
+def forgets(
+    weights: Floats, c: Floats, fixed: Floats, state: Floats, plays: Floats, u: float
+) -> bool:  # fmt: skip
+    """Whether the drive u would leave memory that the shadow does not have, that may never be
+    wiped out, and that costs more than a part of the noise: an end of the range at which the
+    displacement goes less far, or a rate term that is larger."""
+    h, hs = plays[SCRATCH], plays[SHADOW_PLAYS]
+    h[:] = plays[REAL]
+    move(weights, h, u - fixed[U_OFFSET])
+    rising = fixed[Y_LAST] > fixed[Y_FIRST]
+    for upper in (False, True):
+        end = (fixed[HIGH] if upper else fixed[LOW]) - fixed[U_OFFSET]
+        less = polynomial(c, still(weights, hs, end)) - polynomial(c, still(weights, h, end))
+        if (less if upper == rising else -less) > LOSABLE_MEMORY * fixed[NOISE]:
+            return True
+    # What the shadow's own motion would wipe out is none.
+    move(weights, h, state[BEEN_LOW] - fixed[U_OFFSET])
+    move(weights, h, state[BEEN_HIGH] - fixed[U_OFFSET])
+    more = rate_lag(weights, c, fixed, h, state[SHADOW])
+    h[:] = hs
+    move(weights, h, state[BEEN_LOW] - fixed[U_OFFSET])
+    move(weights, h, state[BEEN_HIGH] - fixed[U_OFFSET])
+    more -= rate_lag(weights, c, fixed, h, state[SHADOW])
+    return more * fixed[SLOPE] * math.sqrt(state[MOVED]) > LOSABLE_MEMORY * fixed[NOISE]
 
 
 @njit(cache=True, nogil=True)
@@ -172,10 +243,10 @@ def _line(window: Floats, at: float) -> float:
 @njit(cache=True, nogil=True)
 def promises(
     weights: Floats, c: Floats, knots: Floats, fixed: Floats, state: Floats, plays: Floats,
-    work: Floats, share: float, window: Floats, late: float,
-) -> bool:  # fmt: skip
-    """Whether the plan, followed over the window or a part of it, keeps within the budget, the
-    way back from there to the static inverse included. window, late: targets from the present
+    work: Floats, share: float, window: Floats, late: float, due: float,
+) -> float:  # fmt: skip
+    """After how many nodes of the plan, `due` at most, it will be within the budget, the way back
+    from there to the static inverse included; 0: never. window, late: targets from the present
     sample on, and where in them the drive of that sample acts."""
     x, target = work[PLAN], work[TARGET]
     h, hs = plays[SCRATCH], plays[AHEAD]
@@ -212,12 +283,14 @@ def promises(
             other += e * e
             at += 1.0
         x_0, slope_0 = x[j], slope_1
-        if (j + 1) % look == 0:
+        if j + 1.0 > due or work[TRUST, j] != 1.0:
+            break
+        if (j + 1) % look == 0 or j + 1.0 == due:
             back = way_back(weights, c, knots, fixed, state, h, u, hs, v, moved, e, y, n * per_node)
             time = state[SUM_TIME] + (j + 1.0) * per_node
             if allowed(real + back, other, time, fixed, share):
-                return True
-    return False
+                return j + 1.0
+    return 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -241,12 +314,14 @@ def error(weights: Floats, c: Floats, fixed: Floats, state: Floats, h: Floats, l
 
 
 @njit(cache=True, nogil=True)
-def standing(weights: Floats, c: Floats, fixed: Floats, h: Floats, u: float, y: float) -> float:
-    """Drive near u at which the stage would stand at y, weights monotone or not: outward from u
-    until y is passed, then bisection. h (n,) is left as it is."""
+def standing(
+    weights: Floats, c: Floats, fixed: Floats, h: Floats, u: float, y: float, near: float
+) -> float:  # fmt: skip
+    """Drive near u at which the stage would stand at y, weights monotone or not: u itself if that
+    is `near` enough; outward from u until y is passed, then bisection. h (n,) is left as it is."""
     rising = 1.0 if fixed[Y_LAST] > fixed[Y_FIRST] else -1.0
     e = rising * (polynomial(c, still(weights, h, u - fixed[U_OFFSET])) - y)
-    if abs(e) < AT_REST * fixed[NOISE]:
+    if abs(e) < near:
         return u
     sign = 1.0 if e > 0.0 else -1.0
     inside, outside, reach = u, u, abs(e) / fixed[SLOPE]
@@ -269,31 +344,32 @@ def standing(weights: Floats, c: Floats, fixed: Floats, h: Floats, u: float, y: 
 
 @njit(cache=True, nogil=True)
 def back(
-    weights: Floats, c: Floats, knots: Floats, fixed: Floats, state: Floats, plays: Floats,
-    good: float,
-) -> float:  # fmt: skip
-    """The shadow's drive where it moves the stage as it moves the shadow, so that both become the
-    same; otherwise the static inverse from where the stage is, put right by the model where its
-    static error is above `good` by more than the noise (weights not monotone)."""
+    weights: Floats, c: Floats, knots: Floats, fixed: Floats, state: Floats, plays: Floats
+) -> tuple[float, float]:  # fmt: skip
+    """Where the static inverse would have the drive: the shadow's drive if that serves this stage,
+    so that both become the same; otherwise the static inverse from where the stage is, put right by
+    the model where it is worse than the shadow's by more than the noise (weights not monotone).
+    Returns which of them, too."""
     last, target = state[LAST], state[TARGET_NOW]
     v = state[SHADOW] - fixed[U_OFFSET]
-    there = polynomial(c, still(weights, plays[SHADOW_PLAYS], v))
-    if abs(polynomial(c, still(weights, plays[REAL], v)) - there) < 0.5 * BUDGET * fixed[NOISE]:
-        return state[SHADOW]
+    good = abs(polynomial(c, still(weights, plays[SHADOW_PLAYS], v)) - target)
+    good += 0.5 * BUDGET * fixed[NOISE]
+    if abs(polynomial(c, still(weights, plays[REAL], v)) - target) <= good:
+        return state[SHADOW], BY_SHADOW
     u = static(weights, c, knots, fixed, plays[REAL], last, target)
     if abs(u - last) > 0.999 * fixed[RATE] * fixed[PERIOD]:
-        return u
-    e = polynomial(c, still(weights, plays[REAL], u - fixed[U_OFFSET])) - target
-    if abs(e) <= good + BUDGET * fixed[NOISE]:
-        return u
-    return standing(weights, c, fixed, plays[REAL], u, target)
+        return u, BY_ITSELF
+    if abs(polynomial(c, still(weights, plays[REAL], u - fixed[U_OFFSET])) - target) <= good:
+        return u, BY_ITSELF
+    return standing(weights, c, fixed, plays[REAL], last, target, good), BY_REST
 
 
 @njit(cache=True, nogil=True)
 def rest(weights: Floats, c: Floats, fixed: Floats, state: Floats, plays: Floats) -> float:
     """Drive of a hold: on the way to where the stage stands as the static inverse would have it."""
     y = polynomial(c, still(weights, plays[SHADOW_PLAYS], state[SHADOW] - fixed[U_OFFSET]))
-    gap = standing(weights, c, fixed, plays[REAL], state[LAST], y) - state[LAST]
+    near = AT_REST * fixed[NOISE]
+    gap = standing(weights, c, fixed, plays[REAL], state[LAST], y, near) - state[LAST]
     step = gap * (1.0 - math.exp(-fixed[PERIOD] / HOLD_SLIDE_S))
     if abs(gap) < 1e-5 * (fixed[HIGH] - fixed[LOW]):
         step = gap

@@ -21,14 +21,21 @@ from numba import njit
 from dehyst.models import inverse_guard as guard
 from dehyst.models.inverse_places import (
     BANDS,
+    BEEN_HIGH,
+    BEEN_LOW,
     BOUNDS,
     DAMPING,
+    DUE,
+    GAP,
     HIGH,
     HIGHEST,
+    HOW,
     LAST,
     LOST,
     LOW,
     LOWEST,
+    MEAN,
+    MOVED,
     NODES,
     NOISE,
     PER_NODE,
@@ -57,6 +64,7 @@ from dehyst.models.inverse_places import (
     TRUST,
     U_OFFSET,
     VALID,
+    WORST,
     X_0,
     X_BEFORE,
     Y_FIRST,
@@ -197,9 +205,14 @@ def propose(
     # The guard: what would the static inverse have done, and what will this drive do?
     window = work.shape[1] * per_node
     keep = 1.0 - 1.0 / (FORGET_WINDOWS * window)
-    whole = work[TRUST, work.shape[1] - 1] == 1.0
-    newest = work[TARGET, work.shape[1] - 1] if whole else state[TARGET_NOW]
+    enough = work.shape[1] // guard.LOOKS  # known nodes for a promise
+    whole = work[TRUST, enough] == 1.0
+    furthest = work.shape[1] - 1
+    if work[TRUST, furthest] != 1.0:
+        furthest = enough
+    newest = work[TARGET, furthest] if whole else state[TARGET_NOW]
     if state[SUM_TIME] == 0.0:
+        state[BEEN_LOW], state[BEEN_HIGH] = last, last
         state[LOWEST], state[HIGHEST] = newest, newest
     state[LOWEST] = min(state[LOWEST], newest, state[TARGET_NOW])
     state[HIGHEST] = max(state[HIGHEST], newest, state[TARGET_NOW])
@@ -207,45 +220,75 @@ def propose(
         state[LOST] = guard.missed(weights, c, fixed, state, plays[REAL], plays[SHADOW_PLAYS])
     share = guard.BUDGET if state[STATIC_LEFT] == 0.0 else guard.RETURN * guard.BUDGET
     if not whole:
-        state[PROMISED] = 0.0
-    elif phase == 0.0 and state[PROMISED] > 1.0:
-        state[PROMISED] -= 1.0
+        state[PROMISED], state[DUE] = 0.0, math.inf
     elif phase == 0.0:
-        kept = guard.promises(weights, c, knots, fixed, state, plays, work, share, targets, late)
-        state[PROMISED] = max(min(STANDS, work.shape[1] // guard.LOOKS), 1.0) if kept else 0.0
+        # A debt must be paid back when that was first promised: a plan that is made anew at each
+        # node could put it off for ever. After a broken promise no other for a window.
+        state[PROMISED] -= 1.0
+        state[DUE] -= 1.0
+        if state[DUE] < -work.shape[1] or guard.allowed(
+            state[SUM_REAL], state[SUM_SHADOW], state[SUM_TIME], fixed, guard.BUDGET
+        ):
+            state[DUE] = math.inf
+        if not state[PROMISED] > 0.0:
+            state[PROMISED] = 0.0
+            due = guard.promises(
+                weights, c, knots, fixed, state, plays, work, share, targets, late, state[DUE]
+            )
+            if due > 0.0:
+                state[PROMISED] = max(min(STANDS, work.shape[1] // guard.LOOKS), 1.0)
+                if state[STATIC_LEFT] == 0.0:  # it is followed
+                    state[DUE] = min(state[DUE], due)
     shadow = guard.static(
         weights, c, knots, fixed, plays[SHADOW_PLAYS], state[SHADOW], state[TARGET_NOW]
     )
     other = guard.error(weights, c, fixed, state, plays[SHADOW_PLAYS], state[SHADOW], shadow)
     moved = shadow - state[SHADOW]
     state[SHADOW] = shadow
+    fade = 1.0 / (guard.WORST_LASTS * window)
+    state[MEAN] += (abs(other) - state[MEAN]) / max(guard.KICK * window, 1.0)
+    state[WORST] = max(state[MEAN], state[WORST] * (1.0 - fade))
+    state[MOVED] += (moved * moved - state[MOVED]) * fade
+    state[BEEN_LOW] = min(shadow, state[BEEN_LOW] + (shadow - state[BEEN_LOW]) * fade)
+    state[BEEN_HIGH] = max(shadow, state[BEEN_HIGH] + (shadow - state[BEEN_HIGH]) * fade)
     state[SUM_SHADOW] = keep * state[SUM_SHADOW] + other * other
     state[SUM_TIME] = keep * state[SUM_TIME] + 1.0
     state[SUM_REAL] *= keep
     if whole:
-        good = state[PROMISED] > 0.0
-    else:
+        if state[PROMISED] == 0.0:
+            state[STATIC_LEFT] = math.ceil(guard.DWELL * window)
+        elif state[STATIC_LEFT] > 0.0:
+            state[STATIC_LEFT] -= 1.0
+    if whole and state[STATIC_LEFT] == 0.0:
+        state[HOW] = guard.BY_SHADOW
+        return u, False
+    home, how = guard.back(weights, c, knots, fixed, state, plays)
+    lag = guard.rate_lag(weights, c, fixed, plays[REAL], last)
+    # The offset so far; it is given up at the rate term's lag, or it would be a kick.
+    before = last + moved - home
+    if how == guard.BY_ITSELF and state[HOW] == guard.BY_ITSELF:
+        before = state[GAP]
+    state[HOW] = how
+    kept = before * lag / (1.0 + lag)
+    plan, gap = u, kept
+    if not whole:
+        most = guard.leash(weights, c, fixed, state, plays, home, lag, other, window)
+        most = max(most, abs(kept))
+        gap = min(max(plan - home, -most), most)
+        change = max(most, abs(before)) / (1.0 + lag)
+        gap = min(max(gap, before - change), before + change)
         plays[SCRATCH] = plays[REAL]
-        error = guard.error(weights, c, fixed, state, plays[SCRATCH], last, u)
-        back = guard.way_back(
-            weights, c, knots, fixed, state, plays[SCRATCH], u, plays[SHADOW_PLAYS], shadow,
-            moved, other, state[TARGET_NOW], window,
-        )  # fmt: skip
-        good = guard.allowed(
-            state[SUM_REAL] + error * error + back, state[SUM_SHADOW], state[SUM_TIME], fixed, share
-        )
-    if not good:
-        state[STATIC_LEFT] = math.ceil(guard.DWELL * window)
-    elif state[STATIC_LEFT] > 0.0:
-        state[STATIC_LEFT] -= 1.0
-    if state[STATIC_LEFT] > 0.0:
-        # What is not the shadow's own movement takes the rate term's lag, or it would be a kick.
-        lag = guard.rate_lag(weights, c, fixed, plays[REAL], last)
-        back = guard.back(weights, c, knots, fixed, state, plays, abs(other))
-        u = last + moved + (back - last - moved) / (1.0 + lag)
-        u = min(max(u, last - travel), last + travel)
-        return min(max(u, fixed[LOW]), fixed[HIGH]), True
-    return u, False
+        e = guard.error(weights, c, fixed, state, plays[SCRATCH], last, home + gap)
+        if guard.forgets(weights, c, fixed, state, plays, home + gap) or not guard.allowed(
+            state[SUM_REAL] + e * e, state[SUM_SHADOW], state[SUM_TIME], fixed, guard.BUDGET
+        ):
+            gap = kept
+        if home <= fixed[LOW] or home >= fixed[HIGH]:
+            gap = kept  # the nearest that can be reached
+    u = min(max(home + gap, last - travel), last + travel)
+    u = min(max(u, fixed[LOW]), fixed[HIGH])
+    state[GAP] = u - home
+    return u, abs(gap) < 0.5 * abs(plan - home)
 
 
 def smoothness(nodes: int, node_s: float, slope: float) -> Floats:

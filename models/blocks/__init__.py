@@ -4,6 +4,20 @@
 
 Blocks of one place act in the order in which the model lists them. The drive compensates what
 moves the stage (drive and stage blocks); what only the sensor does is never compensated.
+
+    clip, slew                          narrow the limits of the drive
+    delay                               takes the targets that much later (preview)
+    lag                                 drive: the command leads; stage: the targets lead
+    resonance                           the targets lead by their first two derivatives
+    polynomial, drift, coupling         the inverse function
+    creep, friction, slow_drift,
+    coupled_memory, coupled_mode        solved sample by sample along the window
+    shape, memory, one_sided, rate      what they add along the planned drive is subtracted, at
+                                        the present sample by secants
+    hum, trend                          belong to one recording: never
+    ripple                              belongs to the sensor: never
+
+Ahead of the present sample a channel is taken to stand still.
 """
 
 from dehyst.models.blocks import (

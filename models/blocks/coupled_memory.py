@@ -81,7 +81,6 @@ KIND = Kind(
     size=lambda p, dt: 3 + (p.size - 3) // 2,
     start=_start,
     causal=True,
-    invertible=False,
     channel=True,
     check=_check,
 )

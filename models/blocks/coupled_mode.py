@@ -71,6 +71,5 @@ KIND = Kind(
     size=lambda p, dt: 9,
     start=_start,
     causal=True,
-    invertible=False,
     channel=True,
 )

@@ -12,6 +12,7 @@ from dehyst.models.blocks.kind import Kind, Param, pack_in_order
 from dehyst.models.model import Floats
 
 CODE = 15
+SETTLED = 1e-6  # part of the friction
 
 
 @njit(cache=True, nogil=True)
@@ -24,6 +25,43 @@ def step(p: Floats, s: Floats, x: float, t: float, dt: float, ch: float) -> floa
         s[1] = sign + (s[1] - sign) * math.exp(-abs(dx) / p[0])
     speed = dx / dt / p[1] if dt > 0.0 else 0.0
     return x - (p[2] + p[3] * math.exp(-speed * speed)) * s[1]
+
+
+@njit(cache=True, nogil=True)
+def _output(p: Floats, s: Floats, x: float, dt: float) -> float:
+    """What `step` gives, s left as it is."""
+    dx, z = x - s[0], s[1]
+    if dx != 0.0:
+        sign = 1.0 if dx > 0.0 else -1.0
+        z = sign + (z - sign) * math.exp(-abs(dx) / p[0])
+    speed = dx / dt / p[1] if dt > 0.0 else 0.0
+    return x - (p[2] + p[3] * math.exp(-speed * speed)) * z
+
+
+@njit(cache=True, nogil=True)
+def solve(p: Floats, s: Floats, y: float, dt: float) -> float:
+    """Input x that makes the next output y, from the state before; s is left as it is. There
+    always is one within the largest friction of y; regula falsi (Illinois)."""
+    most = abs(p[2]) + abs(p[3])
+    low, high = y - most, y + most
+    at_low, at_high = _output(p, s, low, dt) - y, _output(p, s, high, dt) - y
+    side, x = 0, y
+    for _ in range(60):
+        if not at_low < at_high:
+            break
+        x = (low * at_high - high * at_low) / (at_high - at_low)
+        e = _output(p, s, x, dt) - y
+        if abs(e) <= SETTLED * most:
+            break
+        if e > 0.0:
+            high, at_high = x, e
+            at_low *= 0.5 if side > 0 else 1.0
+            side = 1
+        else:
+            low, at_low = x, e
+            at_high *= 0.5 if side < 0 else 1.0
+            side = -1
+    return x
 
 
 @njit(cache=True, nogil=True)
@@ -55,5 +93,4 @@ KIND = Kind(
     size=lambda p, dt: 2,
     start=_start,
     causal=True,
-    invertible=False,
 )

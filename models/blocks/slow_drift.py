@@ -26,6 +26,12 @@ def step(p: Floats, s: Floats, x: float, t: float, dt: float, ch: float) -> floa
 
 
 @njit(cache=True, nogil=True)
+def solve(p: Floats, s: Floats, y: float) -> float:
+    """Input x that makes the output y, with the stage as warm as s says."""
+    return (y - p[1] * s[1]) / max(1.0 + p[0] * s[1], 0.1)
+
+
+@njit(cache=True, nogil=True)
 def run(p: Floats, s: Floats, x: Floats, t: Floats, ch: Floats, y: Floats) -> None:
     """The whole record: y (N,) for x (N,) at times t (N,)."""
     for i in range(x.size):
@@ -50,6 +56,5 @@ KIND = Kind(
     size=lambda p, dt: 3,
     start=settled_nothing,
     causal=True,
-    invertible=False,
     channel=True,
 )

@@ -7,8 +7,9 @@ dependence and a lag of the amplifier. The model is identified from the stage's 
 "linear" is a straight line through that recording. The stage does not creep here and its loops are
 symmetric: creep moves its zero by half a micrometre within the run, alike in all modes, and what
 the model cannot represent would hide what tells the modes apart.
-`dehyst play` streams sines; the error is that of the reading against the target one sample
-before, which it answers. Offline, Compensator and Stage.run do the same without a daemon.
+`dehyst play` streams sines; the error is that of the reading against the target in the same record,
+for which the voltage one period before was made. Offline, Compensator and Stage.run do the same
+without a daemon.
 Exit status 1 unless preview is clearly better than linear and static in the daemon, and every two
 modes that clearly differ offline differ the same way.
 """
@@ -22,6 +23,7 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -229,7 +231,7 @@ def played(folder: Path, address: str, seconds: float) -> list[float]:
     samples = samples[(samples["seq"] > first) & np.isfinite(samples["target"])]
     # The trajectory is what comes after the approach.
     samples = samples[-target.size :]
-    return rms_nm(samples["measured"][1:] - samples["target"][:-1], judged)
+    return rms_nm(samples["measured"] - samples["target"], judged)
 
 
 def alike(within: dict[str, float], without: dict[str, float]) -> bool:
@@ -240,6 +242,15 @@ def alike(within: dict[str, float], without: dict[str, float]) -> bool:
     return best and all(
         within[a] > within[b] for a in within for b in within if without[a] > CLEARLY * without[b]
     )
+
+
+def ranking(errors: dict[str, float]) -> str:
+    """The modes from the smallest error on; = where two neighbours do not clearly differ."""
+    order = sorted(errors, key=lambda mode: errors[mode])
+    words = order[:1]
+    for best, mode in pairwise(order):
+        words += ["<" if errors[mode] > CLEARLY * errors[best] else "=", mode]
+    return " ".join(words)
 
 
 def main() -> int:
@@ -265,10 +276,12 @@ def main() -> int:
           + "  same ranking")  # fmt: skip
     agree = True
     for k, (f, size) in enumerate(SINES):
-        order = alike({m: within[m][k] for m in modes}, {m: without[m][k] for m in modes})
+        here, there = {m: within[m][k] for m in modes}, {m: without[m][k] for m in modes}
+        order = alike(here, there)
         agree = agree and order
         cells = "".join(f"{within[m][k]:17.0f}{without[m][k]:9.0f}" for m in modes)
         print(f"{f:3g} Hz, {size:g} um p-p  {cells}  {'yes' if order else 'no'}")
+        print(f"    daemon: {ranking(here)};  offline: {ranking(there)}")
     return 0 if agree else 1
 
 
