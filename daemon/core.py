@@ -125,6 +125,7 @@ class Core:
             f"ready: {compensator.mode} inverse ({compensator.reason}), "
             + ("compiled loop" if isinstance(runner, Engine) else "Python loop")
         )
+        stepper.events.extend(unmeasured(compensator))
         if isinstance(runner, Loop):
             desk.obtained = self._enter()
             stepper.events.extend(desk.obtained.advice)
@@ -211,6 +212,7 @@ class Core:
                 desk.stepper.events.append(f"reload refused, the old model stays: {error}")
                 return
             desk.stepper.events.append(f"model reloaded: {compensator.reason}")
+            desk.stepper.events.extend(unmeasured(compensator))
             desk.reload(compensator, state, plan.origin)
             self.model = model
             try:
@@ -234,6 +236,12 @@ class Core:
             self._reach_range = reach(self.model, *drive_range(self.config, self.model))
         zero = self.desk.stepper.origin
         return self._reach_range[0] - zero, self._reach_range[1] - zero
+
+
+def unmeasured(compensator: Compensator) -> list[str]:
+    """What to tell of a model whose blocks follow channels that the daemon does not measure."""
+    names = ", ".join(compensator.channels)
+    return [f"not measured here, so not compensated: {names}"] if names else []
 
 
 def run_core(config: Config) -> None:

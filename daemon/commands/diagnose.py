@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -19,6 +20,8 @@ from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model, Provenance
 from dehyst.models.recording import Recording
+
+THREADS = 2  # candidates tried at once: each needs a design of all samples
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -50,8 +53,8 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise BadInput(f"{args.output}: cannot be made: {error.strerror or error}") from None
     console = Console(stderr=True)
-    with _progress(console) as say:
-        diagnosis = diagnose(recordings, model, say)
+    with _progress(console) as say, ThreadPoolExecutor(THREADS) as threads:
+        diagnosis = diagnose(recordings, model, say, threads.map)
     said = json.dumps(diagnosis.to_dict(), indent=2, allow_nan=False)
     _write(args.output / "diagnosis.json", said + "\n")
     save_model(with_provenance(diagnosis.model, recordings), args.output / "model.toml")

@@ -5,7 +5,6 @@ everything else was refitted.
 """
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,7 +31,6 @@ FEW_TURNS = 3  # with fewer turns of the drive nothing that it causes can be tol
 RIVAL = 0.7  # part of the first pick's gain, from which another first pick is tried too
 FINEST = 1e-4  # of the displacement's range: no base is better than this
 TIE = 0.12  # noise rms: a simpler cause that leaves no more than this beside the best is taken
-THREADS = 2  # candidates tried side by side: each holds a design of all samples
 BUDGET = 240  # full solutions after which the search stops adding effects
 PRICE = 16.0  # of one parameter, in noise variances; includes the number of candidates tried
 
@@ -184,17 +182,16 @@ def _round(
         price = PRICE * sigma**2 * max(count + columns, 1)
         return Trial(c, fit, current.sse - fit.sse, price)
 
-    with ThreadPoolExecutor(THREADS) as threads:
-        scored = []
-        for c, starts in zip(pool, threads.map(look.starts, pool), strict=True):
-            if starts and starts[0][0] > n * (0.5 * least_size(c) * sigma) ** 2:
-                scored.append((*starts[0], c))
-        scored.sort(key=lambda s: -s[0])
-        short = [(c, start) for gain, start, c in scored[:SHORTLIST] if gain > WEAK * scored[0][0]]
-        trials = []
-        for k, trial in enumerate(threads.map(tried, *zip(*short, strict=True)) if short else ()):
-            say(f"tried {trial.candidate.key}", min(0.85, 0.1 + 0.15 * (number + k / SHORTLIST)))
-            trials.append(trial)
+    scored = []
+    for c, starts in zip(pool, problem.several(look.starts, pool), strict=True):
+        if starts and starts[0][0] > n * (0.5 * least_size(c) * sigma) ** 2:
+            scored.append((*starts[0], c))
+    scored.sort(key=lambda s: -s[0])
+    short = [(c, start) for gain, start, c in scored[:SHORTLIST] if gain > WEAK * scored[0][0]]
+    trials = []
+    for k, trial in enumerate(problem.several(tried, *zip(*short, strict=True)) if short else ()):
+        say(f"tried {trial.candidate.key}", min(0.85, 0.1 + 0.15 * (number + k / SHORTLIST)))
+        trials.append(trial)
     return sorted(trials, key=lambda t: -t.worth)
 
 

@@ -1,6 +1,6 @@
 """The diagnosis from recordings to verdict. See the steps in the package's text."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -37,18 +37,22 @@ Progress = Callable[[str, float], None]
 
 
 def diagnose(
-    recordings: Sequence[Recording], model: Model | None = None, progress: Progress | None = None
+    recordings: Sequence[Recording],
+    model: Model | None = None,
+    progress: Progress | None = None,
+    several: Callable[..., Iterable[Any]] = map,
 ) -> Diagnosis:
     """Find the physics that the model of one stage leaves out.
 
     recordings: of one stage, with displacement. model: the model in use; None: the base is
-    identified here. progress(text, fraction) is called now and then.
+    identified here. progress(text, fraction) is called now and then. several: how candidates are
+    tried: `map`, or the map of a pool of threads, of which each needs a design of all samples.
     Raises BadRecording where the recordings cannot be diagnosed.
     """
     say = progress or (lambda text, fraction: None)
     say("preparing", 0.0)
     data = prepare(recordings)
-    problem = Problem(data, rich_base(data))
+    problem = Problem(data, rich_base(data), several)
     null = problem.solve([])
     sigma = noise_rms(data, null.residual(data))
     say("base fitted", 0.1)
@@ -60,7 +64,7 @@ def diagnose(
     in_sample = null.sse / int(data.rows.sum())
     if by_blocks(problem, null).mean_square > DOUBT**2 * in_sample:
         # too rich for what was recorded: does a compact base with effects foretell better?
-        plain = Problem(data, compact_base(data))
+        plain = replace(problem, base=compact_base(data))
         other = _search(plain, sigma, plain.solve([]), say, share=COMPACT_SHARE)
         rich_error = by_blocks(problem, found.accepted).mean_square
         if by_blocks(plain, other.accepted).mean_square < rich_error:
@@ -88,7 +92,7 @@ def held_drive(problem: Problem, null: Fitted, sigma: float) -> Problem | None:
     shifted = replace(data, u=ahead, early=True)
     if shifted.span <= 0:
         return None
-    whole = Problem(shifted, rich_base(shifted))
+    whole = replace(problem, data=shifted, base=rich_base(shifted))
     light = whole.light(SEARCH_ROWS)
     fit = light.solve([])
     before = excess(problem, null, sigma)

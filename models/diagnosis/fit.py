@@ -7,9 +7,8 @@ the projected residual (Golub and Pereyra 1973, in Kaufman's 1975 approximation:
 at fixed weights, projected off the columns).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -84,18 +83,26 @@ def behind_output(data: Data, effects: Sequence[Effect], x: Floats) -> Floats:
 
 @dataclass
 class Problem:
-    """Data and base of one diagnosis, with what the fits share."""
+    """Data and base of one diagnosis, with what the fits share.
+
+    several: how independent fits are run: `map`, or an executor's for some at once.
+    """
 
     data: Data
     base: Base
+    several: Callable[..., Iterable[Any]] = map
 
     def __post_init__(self) -> None:
-        self.solved = 0  # full solutions so far
-        self._counting = Lock()  # fits run side by side
+        self._solutions: list[int] = []  # width of each; appending is safe where fits run at once
         count = len(self.data.names)
         self.offset_columns = (self.data.rec[:, None] == np.arange(count)[None, :]).astype(float)
         self.row_index = np.flatnonzero(self.data.rows)
         self.all_rows = bool(self.data.rows.all())
+
+    @property
+    def solved(self) -> int:
+        """Full solutions so far."""
+        return len(self._solutions)
 
     def light(self, most: int) -> "Problem":
         """The same problem with at most about `most` rows counted, evenly taken; every operator
@@ -103,7 +110,7 @@ class Problem:
         every = max(1, int(self.row_index.size // most))
         rows = np.zeros(self.data.n, dtype=bool)
         rows[self.row_index[::every]] = True
-        return self if every == 1 else Problem(replace(self.data, rows=rows), self.base)
+        return self if every == 1 else replace(self, data=replace(self.data, rows=rows))
 
     def penalty(self, size: int) -> Floats:
         """Ridge of each of a design's columns, as a part of its mean square."""
@@ -125,8 +132,6 @@ class Problem:
         output: hysteresis' output (N,) of an earlier fit, for columns that depend on it; None:
         the reading stands in. rows: (N,) counted rows instead of all.
         """
-        with self._counting:
-            self.solved += 1
         data = self.data
         effects = in_order(effects)
         v = drive_behind(data, effects)
@@ -139,6 +144,7 @@ class Problem:
             for e in effects
         ]
         x = np.concatenate([self.offset_columns, columns, *extra], axis=1)
+        self._solutions.append(x.shape[1])
         used = data.rows if rows is None else rows
         xr, yr = (x, data.y) if used.all() else (x[used], data.y[used])
         gram, moment = xr.T @ xr, xr.T @ yr

@@ -3,6 +3,7 @@
 import signal
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 from tests.daemon.processes import SLEW, EmulatedBench, Rings, core, dehyst, simulated_config, until
 
 from dehyst.daemon.benchconfig import simulated_model
-from dehyst.daemon.files import save_model
+from dehyst.daemon.files import load_model, save_model
 from dehyst.daemon.records import Command, Flag, MissCause, State
+from dehyst.models.model import Block
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +108,11 @@ def test_reload_swaps_a_good_model_and_refuses_a_broken_one(
         own.write_text(good)
         process.send_signal(signal.SIGHUP)
         until(lambda: "model reloaded" in rings.events(), 20, "reload")
+        gain = {"gain_um_per_unit": 0.01, "reference": 0.0}
+        coupled = Block("coupling", "stage", gain, "u2_v")
+        save_model(replace(load_model(own), blocks=(coupled,)), own)
+        process.send_signal(signal.SIGHUP)
+        until(lambda: "not compensated: u2_v" in rings.events(), 20, "what is not measured")
         rings.command(Command.SETPOINT, 9.0)
         time.sleep(0.5)
         assert process.poll() is None
