@@ -228,7 +228,8 @@ def _flooded(
     heard = (_of(after) - _of(before)) / seconds * 1e-3
     return (
         f"{offered:.0f} kHz offered for {seconds:g} s by {processes} processes, "
-        f"{heard:.0f} kHz read; {missed} deadlines missed by the loop, memory grew by {max(0.0, grown):.0f} MB"
+        f"{heard:.0f} kHz read; {missed} deadlines missed by the loop, "
+        f"memory grew by {max(0.0, grown):.0f} MB"
     )
 
 
