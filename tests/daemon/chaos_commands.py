@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tests.daemon.chaos_rig import ROOT, Rig, until
@@ -73,24 +74,23 @@ def bad_setpoints(rig: Rig) -> str:
         ahead = _like(good, sequence=1000)
         sender.put(wire.encode(ahead))
         until(lambda: rig.target() == 6.5, 10.0, "the good one is followed")
-        cases = {
-            "out of order": ("old", wire.encode(_like(ahead, sequence=999, value=9.0))),
-            "repeated": ("old", wire.encode(_like(ahead, value=9.0))),
-            "from the past": (
-                "late", wire.encode(_like(good, sequence=10**6, sent_ns=monotonic_ns() - 10**10))
-            ),
-            "NaN": ("not-finite", wire.encode(_like(good, sequence=10**6, value=float("nan")))),
-            "out of range": ("unreachable", wire.encode(_like(good, sequence=10**6, value=1e4))),
-            "other unit": ("unit", wire.encode(_like(good, sequence=10**6, unit="furlong"))),
-            "other lease": ("no-lease", wire.encode(_like(good, sequence=10**6, lease=12345))),
-            "other schema": (
-                "bad-message",
-                wire.encode(good).replace(b"dehyst.setpoint", b"dehyst.setpoing"),
-            ),
-        }  # fmt: skip
-        for name, (code, payload) in cases.items():
+        cases: dict[str, tuple[str, dict[str, Any]]] = {
+            "out of order": ("old", {"sequence": 999, "value": 9.0}),
+            "repeated": ("old", {"sequence": 1000, "value": 9.0}),
+            "from the past": ("late", {"sent_ns": monotonic_ns() - 10**10}),
+            "NaN": ("not-finite", {"value": float("nan")}),
+            "out of range": ("unreachable", {"value": 1e4}),
+            "other unit": ("unit", {"unit": "furlong"}),
+            "other lease": ("no-lease", {"lease": 12345}),
+            "other schema": ("bad-message", {}),
+        }
+        for name, (code, changes) in cases.items():
             client.renew()
             rig.mark_fault()
+            fresh = {"sequence": 10**6, "sent_ns": monotonic_ns()}
+            payload = wire.encode(_like(good, **{**fresh, **changes}))
+            if name == "other schema":
+                payload = payload.replace(b"dehyst.setpoint", b"dehyst.setpoing")
             sender.put(payload)
             until(lambda c=code: c in rig.refusals(), 10.0, f"{name}: refusal {code}")
             _none_followed(rig)
