@@ -66,8 +66,9 @@ def test_one_kilohertz_on_the_simulated_stage(tmp_path: Path, model: Path, engin
     skipped = int((steps // 1_000_000 - 1).sum())
     assert skipped <= int((records["flags"] & Flag.MISSED > 0).sum() * 1_000_000)
     assert status["missed"] == status["missed_by"].sum()
-    # a machine shared with other programs: the strict figure is the benchmark's
-    assert own_misses(status) <= 0.1 * status["samples"]
+    own = own_misses(status)
+    if status["missed"] - own <= 0.1 * status["samples"]:  # else others had the machine
+        assert own <= 0.02 * status["samples"]
     followed = records[records["target"] == 9.0]
     assert followed.size > 700  # a set-point holds for a second; some samples may be missed
     error = followed["measured"][500:] - 9.0
