@@ -262,25 +262,31 @@ def _sure(state: Search, trial: Trial, left: float) -> bool:
     return steady.spread < SURE_SPREAD and steady.wrong == 0.0
 
 
+def _grown(problem: Problem, sigma: float, fit: Fitted, chosen: Candidate) -> Fitted:
+    """The fit with more parts (modes) of the chosen physics, as long as they pay."""
+    n = int(problem.data.rows.sum())
+    effect = effect_of(fit, chosen.key)
+    while theta := chosen.grown(effect.theta, problem.data, fit.residual(problem.data)):
+        rest = [e for e in fit.effects if e is not effect]
+        trial = problem.refit([*rest, Effect(chosen, theta)], start=fit)
+        more = effect_of(trial, chosen.key)
+        least = n * max((FREE_SIZE * sigma) ** 2, PART_SHARE * excess(problem, fit, sigma))
+        price = PRICE * sigma**2 * (len(theta) - len(effect.theta))
+        if fit.sse - trial.sse <= max(least, price) or on_bound(more):
+            break
+        amplitudes = trial.amplitudes[trial.effects.index(more)]
+        if chosen.implausible(more.theta, amplitudes, problem.data):
+            break
+        fit, effect = trial, more
+    return fit
+
+
 def refine(
     problem: Problem, sigma: float, fit: Fitted, chosen: Candidate, everything: Sequence[Candidate]
 ) -> Fitted:
-    """The fit with a finer form of the chosen physics, and with more parts of it, where that
-    pays."""
+    """The fit with more parts of the chosen physics, or a finer form of it, where that pays."""
     n = int(problem.data.rows.sum())
-    while True:
-        effect = effect_of(fit, chosen.key)
-        theta = chosen.grown(effect.theta, problem.data, fit.residual(problem.data))
-        rest = [e for e in fit.effects if e is not effect]
-        trial = problem.refit([*rest, Effect(chosen, theta)], start=fit) if theta else fit
-        least = n * max((FREE_SIZE * sigma) ** 2, PART_SHARE * excess(problem, fit, sigma))
-        if fit.sse - trial.sse <= max(least, PRICE * sigma**2 * (len(theta) - len(effect.theta))):
-            break
-        part = effect_of(trial, chosen.key)
-        amplitudes = trial.amplitudes[trial.effects.index(part)]
-        if on_bound(part) or chosen.implausible(part.theta, amplitudes, problem.data):
-            break
-        fit = trial
+    fit = _grown(problem, sigma, fit, chosen)
     for finer in everything:
         if finer.refines != chosen.key:
             continue
