@@ -79,6 +79,18 @@ class SensorConfig(DeviceConfig, frozen=True):
     """Added to the scaled reading: the model's displacement where the sensor reads 0."""
 
 
+class ChannelConfig(DeviceConfig, frozen=True):
+    """[channels.NAME]: a further sensor that blocks of the model follow, such as a temperature;
+    NAME is the channel's in the model."""
+
+    scale: float = 1.0
+    """The model's channel unit per sensor unit."""
+    zero: float = 0.0
+    """Added to the scaled reading."""
+    every_s: Annotated[float, Meta(ge=0.01, le=3600)] = 1.0
+    """How often it is read, beside the loop."""
+
+
 class LimitsConfig(_Strict, frozen=True):
     """[limits], in actuator volts. Held by the daemon on top of the unit's own limits."""
 
@@ -187,6 +199,7 @@ class Config(_Strict, frozen=True):
     sensor: SensorConfig
     limits: LimitsConfig
     loop: LoopConfig = LoopConfig()
+    channels: dict[str, ChannelConfig] = {}
     safe: SafeConfig = SafeConfig()
     setpoint: SetpointConfig = SetpointConfig()
     inverse: InverseConfig = InverseConfig()

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock, notify, realtime
+from dehyst.daemon.channels import Channels
 from dehyst.daemon.checks import (
     REPLAY_SAMPLES,
     check_limits,
@@ -103,6 +104,8 @@ class Core:
         past = past_output(config, float(actuator.output()))
         volts = float(past[-1])
         stepper = Stepper(plan, compensator, volts)
+        channels = Channels(config.channels, stepper.measured, stepper.events.append)
+        channels.start()
         stepper.use(compensator, self._led(compensator, past))
         rings = {
             name: Ring.create(config.directory / f"{name}.ring", dtype, size)
@@ -125,7 +128,7 @@ class Core:
             f"ready: {compensator.mode} inverse ({compensator.reason}), "
             + ("compiled loop" if isinstance(runner, Engine) else "Python loop")
         )
-        stepper.events.extend(unmeasured(compensator))
+        stepper.events.extend(unmeasured(compensator, config))
         if isinstance(runner, Loop):
             desk.obtained = self._enter()
             stepper.events.extend(desk.obtained.advice)
@@ -138,6 +141,7 @@ class Core:
         finally:
             notify.send("STOPPING=1")
             witness.close()
+            channels.close()
 
     def _enter(self) -> realtime.Obtained:
         """The calling thread becomes the loop's."""
@@ -212,7 +216,7 @@ class Core:
                 desk.stepper.events.append(f"reload refused, the old model stays: {error}")
                 return
             desk.stepper.events.append(f"model reloaded: {compensator.reason}")
-            desk.stepper.events.extend(unmeasured(compensator))
+            desk.stepper.events.extend(unmeasured(compensator, self.config))
             desk.reload(compensator, state, plan.origin)
             self.model = model
             try:
@@ -238,9 +242,9 @@ class Core:
         return self._reach_range[0] - zero, self._reach_range[1] - zero
 
 
-def unmeasured(compensator: Compensator) -> list[str]:
+def unmeasured(compensator: Compensator, config: Config) -> list[str]:
     """What to tell of a model whose blocks follow channels that the daemon does not measure."""
-    names = ", ".join(compensator.channels)
+    names = ", ".join(name for name in compensator.channels if name not in config.channels)
     return [f"not measured here, so not compensated: {names}"] if names else []
 
 

@@ -8,7 +8,6 @@ recorded runs are replayed in the tests. Targets and displacements count from th
 voltages are the actuator's.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -124,6 +123,7 @@ class Stepper:
         self._numbers = plan.numbers()
         self._notes = np.zeros(NOTES, NOTE_T)
         self._told = 0
+        self._channels: dict[str, float] = {}
         self._commands = np.zeros(COMMANDS_PER_SAMPLE, COMMAND)
         self.table = Addresses(controls.N_TABLE)
         for place, array in (
@@ -148,10 +148,11 @@ class Stepper:
         self.control["inverse"] = self._inverse.address
         self.control["predicted"] = float(inverse.result[comp.READING]) - self.plan.origin
 
-    @staticmethod
-    def prepared(compensator: Compensator, inverse: CompensatorState) -> Addresses:
-        """An inverse ready to be taken, channels unknown; it lives as long as it is kept."""
-        inverse.channels[:] = NAN
+    def prepared(self, compensator: Compensator, inverse: CompensatorState) -> Addresses:
+        """An inverse ready to be taken, channels as measured last; it lives as long as it is
+        kept."""
+        for i, name in enumerate(compensator.channels):
+            inverse.channels[i] = self._channels.get(name, NAN)
         return inverse_table(compensator, inverse)
 
     # -- requests from outside the sample's journey -------------------------------------------
@@ -191,23 +192,27 @@ class Stepper:
         now_ns: int,
         measured: float,
         commands: NDArray[Any],
-        channels: Mapping[str, float] | None = None,
     ) -> NDArray[Any]:
         """Take one sample at the grid point now_ns; returns the (1,) record.
 
         measured: sensor reading as model displacement, NaN where invalid; commands: COMMAND
-        records that arrived; channels: further measured channels by name.
+        records that arrived.
         """
         if commands.size > self._commands.size:
             self._commands = np.zeros(commands.size, COMMAND)
             self.table.put(controls.COMMANDS, self._commands)
         if commands.size:
             self._commands[: commands.size] = commands
-        for i, name in enumerate(self.compensator.channels):
-            self.inverse.channels[i] = NAN if channels is None else channels.get(name, NAN)
         step_kernel.step(self.table.words, now_ns, measured, commands.size)
         self.tell()
         return self.record
+
+    def measured(self, name: str, value: float) -> None:
+        """A further channel of the model was read, from any thread; it stands until the next."""
+        self._channels[name] = value
+        for i, known in enumerate(self.compensator.channels):
+            if known == name:
+                self.inverse.channels[i] = value
 
     def written(self, volts: float) -> None:
         """The output now stands at `volts`; the model follows what was really applied."""

@@ -30,14 +30,18 @@ from dehyst.models.inverse_places import (
     AHEAD,
     BEEN_HIGH,
     BEEN_LOW,
+    GAP,
     HIGH,
     HIGHEST,
+    LAG,
     LAST,
+    LATER,
     LOST,
     LOW,
     LOWEST,
     MOVED,
     NOISE,
+    PEAK,
     PER_NODE,
     PERIOD,
     PLAN,
@@ -46,6 +50,7 @@ from dehyst.models.inverse_places import (
     REAL,
     SCRATCH,
     SHADOW,
+    SHADOW_LATER,
     SHADOW_PLAYS,
     SLOPE,
     SLOPE_0,
@@ -70,12 +75,20 @@ RETURN = 0.5  # part of that budget within which the plan comes back
 END_SHARE = 0.25  # of the time that targets may be beyond the reach
 LOSABLE = 0.3  # part of the noise that this may cost
 LEAST_CLOSING = 0.05  # of the slew rate, by which the way back closes at least
+ABSURD = 0.5  # of the stroke: static errors beyond which the saturation is not known
+AT_SLEW = 0.9  # of the slew rate, rms: the static inverse drives at it nearly all the time
+TYPICALLY = 1.5  # times the rms of the static inverse's steps are taken to be gone
+RETURNS = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the offset that the rate term's lag leaves
+GENTLE, HALVES = 3.0, 6  # a return that kicks by more than so many offsets takes half the step
 LOOKS = 4  # places along the plan at which the way back may be counted
 LOSABLE_MEMORY = 0.5  # part of the noise
+RARE = 0.1  # part of the range that the static inverse has driven in, at either end
 KICK = 0.05  # windows: a shorter error of the static inverse counts less
 WORST_LASTS = 5.0  # windows: memory of the static inverse's worst error and of its speed
-DWELL = 0.1  # windows that the static inverse stays at least
+DWELL, LONGEST = 0.1, 12.8  # windows that the static inverse stays: doubles while it loses
 OUTWARD, HALVINGS = 12, 20  # steps of the search for a drive at rest
+SURPRISE = 2.0  # times the static inverse's worst error of late
+PAST = 2.0  # offsets further on, where the memory of the small operators is compared
 AT_REST = 0.05  # of the noise: near enough to stand still
 BY_SHADOW, BY_ITSELF, BY_REST = 0.0, 1.0, 2.0  # how `back` found the static inverse's drive
 HOLD_SLIDE_S = 2e-3  # time constant of the way to where a hold rests
@@ -117,15 +130,23 @@ def way_back(
 @njit(cache=True, nogil=True)
 def leash(
     weights: Floats, c: Floats, fixed: Floats, state: Floats, plays: Floats, home: float,
-    lag: float, other: float, window: float,
+    other: float, window: float,
 ) -> float:  # fmt: skip
     """How far the drive may be from `home`, where the static inverse would have it from here.
 
     The way back from an offset d of the displacement costs up to 2 d at first, dying out with the
-    rate term's lag, on top of an error as large as the static inverse's worst one of late; where a
-    jump takes several samples at the slew rate, it comes later, too. other: the static error now.
+    rate term's largest lag of late, on top of an error as large as the static inverse's worst one
+    of late; where a jump takes several samples at what its motion leaves of the slew rate, it comes
+    later, too. other: the static error now.
     """
-    if fixed[PRICE] > fixed[NOISE]:
+    lag, worst = state[LAG], max(state[WORST], abs(other))
+    travel, span = fixed[RATE] * fixed[PERIOD], fixed[HIGH] - fixed[LOW]
+    closing = travel - TYPICALLY * math.sqrt(state[MOVED])
+    if (
+        fixed[PRICE] > fixed[NOISE]
+        or state[PEAK] > ABSURD * fixed[SLOPE] * span
+        or closing < LEAST_CLOSING * travel
+    ):
         return 0.0  # the way back cannot be told
     e = polynomial(c, still(weights, plays[REAL], home - fixed[U_OFFSET])) - state[TARGET_NOW]
     v = state[SHADOW] - fixed[U_OFFSET]
@@ -135,11 +156,10 @@ def leash(
     budget -= state[SUM_REAL] + other * other + window * max(e * e - rest * rest, 0.0)
     if not budget > 0.0:
         return 0.0
-    worst, travel = state[WORST], fixed[RATE] * fixed[PERIOD]
-    late = worst / (fixed[SLOPE] * travel) if travel < fixed[HIGH] - fixed[LOW] else 0.0
+    late = worst / (fixed[SLOPE] * closing) if closing < span else 0.0
     square, linear = 2.0 * lag + late, worst * (4.0 * lag + late)
     if not square > 0.0:
-        return fixed[HIGH] - fixed[LOW]
+        return span
     d = (math.sqrt(linear * linear + 4.0 * square * budget) - linear) / (2.0 * square)
     return d / fixed[SLOPE]
 
@@ -160,15 +180,29 @@ def forgets(
         less = polynomial(c, still(weights, hs, end)) - polynomial(c, still(weights, h, end))
         if (less if upper == rising else -less) > LOSABLE_MEMORY * fixed[NOISE]:
             return True
-    # What the shadow's own motion would wipe out is none.
-    move(weights, h, state[BEEN_LOW] - fixed[U_OFFSET])
-    move(weights, h, state[BEEN_HIGH] - fixed[U_OFFSET])
-    more = rate_lag(weights, c, fixed, h, state[SHADOW])
-    h[:] = hs
-    move(weights, h, state[BEEN_LOW] - fixed[U_OFFSET])
-    move(weights, h, state[BEEN_HIGH] - fixed[U_OFFSET])
-    more -= rate_lag(weights, c, fixed, h, state[SHADOW])
-    return more * fixed[SLOPE] * math.sqrt(state[MOVED]) > LOSABLE_MEMORY * fixed[NOISE]
+    return remembered(weights, c, fixed, state, plays, h, hs) > LOSABLE_MEMORY * fixed[NOISE]
+
+
+@njit(cache=True, nogil=True)
+def remembered(
+    weights: Floats, c: Floats, fixed: Floats, state: Floats, plays: Floats, h: Floats, hs: Floats
+) -> float:  # fmt: skip
+    """Error that plays h (n,) add to that with hs (n,) by a larger rate term, at the typical speed.
+
+    What the static inverse's motion of late would wipe out is left out, but for its rarest
+    extremes."""
+    rare = RARE * (state[BEEN_HIGH] - state[BEEN_LOW])
+    low, high = state[BEEN_LOW] + rare, state[BEEN_HIGH] - rare
+    later, other = plays[LATER], plays[SHADOW_LATER]
+    later[:], other[:] = h, hs
+    for end in (low, high):
+        move(weights, later, end - fixed[U_OFFSET])
+        move(weights, other, end - fixed[U_OFFSET])
+    more = 0.0
+    for u in (high, state[SHADOW], low):
+        here = rate_lag(weights, c, fixed, later, u) - rate_lag(weights, c, fixed, other, u)
+        more = max(more, here)
+    return more * fixed[SLOPE] * math.sqrt(state[MOVED])
 
 
 @njit(cache=True, nogil=True)
@@ -255,7 +289,7 @@ def promises(
     per_node, period = fixed[PER_NODE], fixed[PERIOD]
     travel = fixed[RATE] * period
     u, v, real, other = state[LAST], state[SHADOW], state[SUM_REAL], state[SUM_SHADOW]
-    x_0, slope_0, e, y, moved = state[X_0], state[SLOPE_0], 0.0, 0.0, 0.0
+    x_0, slope_0, e, y, moved, steps = state[X_0], state[SLOPE_0], 0.0, 0.0, 0.0, 0.0
     at = late
     undone = target[0] - _line(window, at + per_node - 1.0)
     look = max(n // LOOKS, 1)
@@ -278,6 +312,7 @@ def promises(
             )  # fmt: skip
             v = min(max(v, before - travel), before + travel)
             moved = v - before
+            steps += moved * moved
             z, kh = move(weights, hs, v - fixed[U_OFFSET])
             e = polynomial(c, z + kh * moved / period) - y
             other += e * e
@@ -287,8 +322,10 @@ def promises(
             break
         if (j + 1) % look == 0 or j + 1.0 == due:
             back = way_back(weights, c, knots, fixed, state, h, u, hs, v, moved, e, y, n * per_node)
-            time = state[SUM_TIME] + (j + 1.0) * per_node
-            if allowed(real + back, other, time, fixed, share):
+            ahead = (j + 1.0) * per_node
+            past = min(state[SUM_TIME], WORST_LASTS * n * per_node)
+            at_slew = past * state[MOVED] + steps > (past + ahead) * (AT_SLEW * travel) ** 2
+            if not at_slew and allowed(real + back, other, state[SUM_TIME] + ahead, fixed, share):
                 return j + 1.0
     return 0.0
 
@@ -311,6 +348,30 @@ def error(weights: Floats, c: Floats, fixed: Floats, state: Floats, h: Floats, l
     """Error at the present target when the drive goes from `last` to u; advances h (n,)."""
     z, kh = move(weights, h, u - fixed[U_OFFSET])
     return polynomial(c, z + kh * (u - last) / fixed[PERIOD]) - state[TARGET_NOW]
+
+
+@njit(cache=True, nogil=True)
+def returning(
+    weights: Floats, c: Floats, fixed: Floats, state: Floats, plays: Floats, home: float,
+    before: float, kept: float, other: float,
+) -> float:  # fmt: skip
+    """The offset from `home` on the way back from `before`: `kept`, or less where that is nearer to
+    the target, or more where that is a kick. other: the static inverse's error, without its sign.
+    """
+    h, gap, least = plays[SCRATCH], kept, math.inf
+    for part in RETURNS:
+        h[:] = plays[REAL]
+        e = abs(error(weights, c, fixed, state, h, state[LAST], home + part * kept))
+        if e < least:
+            gap, least = part * kept, e
+    most = other + GENTLE * fixed[SLOPE] * abs(before) + fixed[NOISE]
+    for _ in range(HALVES):
+        if least < most:
+            break
+        gap = 0.5 * (gap + before)
+        h[:] = plays[REAL]
+        least = abs(error(weights, c, fixed, state, h, state[LAST], home + gap))
+    return gap
 
 
 @njit(cache=True, nogil=True)
@@ -344,7 +405,8 @@ def standing(
 
 @njit(cache=True, nogil=True)
 def back(
-    weights: Floats, c: Floats, knots: Floats, fixed: Floats, state: Floats, plays: Floats
+    weights: Floats, c: Floats, knots: Floats, fixed: Floats, state: Floats, plays: Floats,
+    moved: float,
 ) -> tuple[float, float]:  # fmt: skip
     """Where the static inverse would have the drive: the shadow's drive if that serves this stage,
     so that both become the same; otherwise the static inverse from where the stage is, put right by
@@ -356,11 +418,20 @@ def back(
     good += 0.5 * BUDGET * fixed[NOISE]
     if abs(polynomial(c, still(weights, plays[REAL], v)) - target) <= good:
         return state[SHADOW], BY_SHADOW
-    u = static(weights, c, knots, fixed, plays[REAL], last, target)
-    if abs(u - last) > 0.999 * fixed[RATE] * fixed[PERIOD]:
-        return u, BY_ITSELF
+    # Further on, past what the small operators of both remember of the last reversals?
+    ahead = v + math.copysign(PAST * abs(last - state[SHADOW]), moved)
+    ahead = min(max(ahead, fixed[LOW] - fixed[U_OFFSET]), fixed[HIGH] - fixed[U_OFFSET])
+    left = polynomial(c, still(weights, plays[REAL], ahead))
+    left -= polynomial(c, still(weights, plays[SHADOW_PLAYS], ahead))
+    if abs(left) <= 0.5 * BUDGET * fixed[NOISE]:
+        return state[SHADOW], BY_SHADOW
+    u, _ = inverse_step(
+        weights[0], weights[3], c, knots, fixed[Y_FIRST], fixed[Y_LAST], fixed[U_OFFSET],
+        fixed[LOW], fixed[HIGH], plays[REAL], last, target,
+    )  # fmt: skip
     if abs(polynomial(c, still(weights, plays[REAL], u - fixed[U_OFFSET])) - target) <= good:
-        return u, BY_ITSELF
+        before, travel = last - state[GAP], fixed[RATE] * fixed[PERIOD]
+        return min(max(u, before - travel), before + travel), BY_ITSELF
     return standing(weights, c, fixed, plays[REAL], last, target, good), BY_REST
 
 

@@ -231,17 +231,18 @@ def invert_streamed(
     comp: Compensator, target: Floats, channels: Floats | None = None, start: float | None = None
 ) -> Inverted:
     """Exactly what the daemon would do with this compensator: each sample sees
-    `comp.window_samples` targets from its own on. Arguments as for `invert_trajectory`."""
+    `comp.window_samples` targets from its own on; the last one holds after the end. Arguments as
+    for `invert_trajectory`."""
     target = np.ascontiguousarray(target, np.float64)
-    n = target.size
+    n, width = target.size, comp.window_samples
+    held = np.append(target, np.full(width, target[-1]))
     channels = np.zeros((n, len(comp.channels))) if channels is None else channels
     at = min(max(0.0, comp.low), comp.high) if start is None else start
     state = comp.init(at)
     drive, y, reading = np.empty(n), np.empty(n), np.empty(n)
     flags, modes = np.zeros(n, np.int64), np.zeros(4, np.int64)
     for i in range(n):
-        window = target[i : i + comp.window_samples]
-        comp.step(state, window, window.size, channels[i])
+        comp.step(state, held[i : i + width], width, channels[i])
         drive[i] = state.result[compensate.DRIVE]
         flags[i] = int(state.result[compensate.FLAGS])
         modes[int(state.result[compensate.MODE])] += 1

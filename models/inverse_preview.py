@@ -30,6 +30,7 @@ from dehyst.models.inverse_places import (
     HIGH,
     HIGHEST,
     HOW,
+    LAG,
     LAST,
     LOST,
     LOW,
@@ -38,6 +39,8 @@ from dehyst.models.inverse_places import (
     MOVED,
     NODES,
     NOISE,
+    PATIENCE,
+    PEAK,
     PER_NODE,
     PERIOD,
     PHASE,
@@ -230,7 +233,12 @@ def propose(
             state[SUM_REAL], state[SUM_SHADOW], state[SUM_TIME], fixed, guard.BUDGET
         ):
             state[DUE] = math.inf
-        if not state[PROMISED] > 0.0:
+        surprising = False
+        if state[PROMISED] > 0.0:  # of the plans before, that this one need not be like
+            plays[SCRATCH] = plays[REAL]
+            e = guard.error(weights, c, fixed, state, plays[SCRATCH], last, u)
+            surprising = abs(e) > guard.SURPRISE * (state[WORST] + fixed[NOISE])
+        if surprising or not state[PROMISED] > 0.0:
             state[PROMISED] = 0.0
             due = guard.promises(
                 weights, c, knots, fixed, state, plays, work, share, targets, late, state[DUE]
@@ -248,7 +256,8 @@ def propose(
     fade = 1.0 / (guard.WORST_LASTS * window)
     state[MEAN] += (abs(other) - state[MEAN]) / max(guard.KICK * window, 1.0)
     state[WORST] = max(state[MEAN], state[WORST] * (1.0 - fade))
-    state[MOVED] += (moved * moved - state[MOVED]) * fade
+    state[PEAK] = max(abs(other), state[PEAK] * (1.0 - fade))
+    state[MOVED] += (moved * moved - state[MOVED]) * max(fade, 1.0 / (state[SUM_TIME] + 1.0))
     state[BEEN_LOW] = min(shadow, state[BEEN_LOW] + (shadow - state[BEEN_LOW]) * fade)
     state[BEEN_HIGH] = max(shadow, state[BEEN_HIGH] + (shadow - state[BEEN_HIGH]) * fade)
     state[SUM_SHADOW] = keep * state[SUM_SHADOW] + other * other
@@ -256,14 +265,19 @@ def propose(
     state[SUM_REAL] *= keep
     if whole:
         if state[PROMISED] == 0.0:
-            state[STATIC_LEFT] = math.ceil(guard.DWELL * window)
+            if state[STATIC_LEFT] == 0.0:  # a promise was broken
+                losing = state[SUM_REAL] > state[SUM_SHADOW]
+                state[PATIENCE] = min(2.0 * state[PATIENCE], guard.LONGEST) if losing else 0.0
+                state[PATIENCE] = max(state[PATIENCE], guard.DWELL)
+            state[STATIC_LEFT] = math.ceil(state[PATIENCE] * window)
         elif state[STATIC_LEFT] > 0.0:
             state[STATIC_LEFT] -= 1.0
     if whole and state[STATIC_LEFT] == 0.0:
         state[HOW] = guard.BY_SHADOW
         return u, False
-    home, how = guard.back(weights, c, knots, fixed, state, plays)
+    home, how = guard.back(weights, c, knots, fixed, state, plays, moved)
     lag = guard.rate_lag(weights, c, fixed, plays[REAL], last)
+    state[LAG] = max(lag, state[LAG] * (1.0 - fade))
     # The offset so far; it is given up at the rate term's lag, or it would be a kick.
     before = last + moved - home
     if how == guard.BY_ITSELF and state[HOW] == guard.BY_ITSELF:
@@ -272,7 +286,7 @@ def propose(
     kept = before * lag / (1.0 + lag)
     plan, gap = u, kept
     if not whole:
-        most = guard.leash(weights, c, fixed, state, plays, home, lag, other, window)
+        most = guard.leash(weights, c, fixed, state, plays, home, other, window)
         most = max(most, abs(kept))
         gap = min(max(plan - home, -most), most)
         change = max(most, abs(before)) / (1.0 + lag)
@@ -285,6 +299,8 @@ def propose(
             gap = kept
         if home <= fixed[LOW] or home >= fixed[HIGH]:
             gap = kept  # the nearest that can be reached
+    if gap == kept:
+        gap = guard.returning(weights, c, fixed, state, plays, home, before, kept, abs(other))
     u = min(max(home + gap, last - travel), last + travel)
     u = min(max(u, fixed[LOW]), fixed[HIGH])
     state[GAP] = u - home

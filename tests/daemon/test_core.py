@@ -140,7 +140,7 @@ def test_serial_bench_at_200_hz_unplug_and_back(bench: EmulatedBench, model: Pat
 
 
 def test_kill_9_then_safe_then_restart_without_a_jump(bench: EmulatedBench, model: Path) -> None:
-    rings, config = Rings(bench.folder), bench.config(200.0, model)
+    rings, config = Rings(bench.folder), bench.config(100.0, model)
     with core(config) as process:
         rings.drive(9.0, lambda last: last["volts"] > 60.0)
         process.send_signal(signal.SIGKILL)

@@ -59,6 +59,7 @@ def test_tracking_on_the_papers_rate_dependent_plant(
 
 WORST_KNOWN = (  # each has once been worse than the static inverse by more than the noise
     935, 1134, 1857, 1898, 2062, 2173, 3056, 3099, 3132, 3176, 3192, 3277, 3278, 3507, 3629,
+    5283, 6066, 6423, 30035, 30986, 31774, 33552, 34839, 35451, 89516,
 )  # fmt: skip
 
 
