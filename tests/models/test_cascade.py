@@ -74,6 +74,19 @@ BLOCKS = {
             "scale_v": 10.0,
         },
     ),
+    "rate": Block(
+        "rate",
+        "stage",
+        {
+            "thresholds_v": (0.3, 1.0, 2.5),
+            "widening": (0.05, 0.04, 0.03),
+            "slopes": (0.004, 0.003, 0.002),
+            "power": 0.4,
+            "smoothing_s": 0.01,
+            "scale_v": 5.0,
+            "center_v": 5.0,
+        },
+    ),
     "memory": Block(
         "memory",
         "stage",
