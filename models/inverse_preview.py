@@ -83,6 +83,7 @@ STIFF_END, STIFF_POWER = 400.0, 6  # smoothness grows by 1 + STIFF_END (j / P)^S
 MOST_DAMPING = 7.0  # times the squared slope
 FORGET_WINDOWS = 20.0  # memory of the guard
 STANDS = 4.0  # nodes for which a promise is taken to hold: it looks further ahead than that
+ENOUGH = 0.97  # of the cost is left after a sweep: the next one would gain little
 FIRST_SWEEPS = 8  # for a plan that starts from nothing
 
 
@@ -158,8 +159,13 @@ def improve(
         )  # fmt: skip
         if new_error + new_rough < error + rough:
             x[:] = trial
+            done = new_error + new_rough > ENOUGH * (error + rough)
             error, rough = new_error, new_rough
             state[DAMPING] = max(0.3 * state[DAMPING], 1e-9 * most)
+            if done:
+                break
+        elif ENOUGH * (new_error + new_rough) < error + rough:
+            break  # as good as it was: there is nothing left to gain
         else:
             state[DAMPING] = min(4.0 * state[DAMPING], most)
             if attempt < sweeps - 1:

@@ -26,12 +26,12 @@ def slope(c: Floats, z: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _solve(c: Floats, y: float, lo: float, hi: float, rising: bool) -> float:
-    """z in [lo, hi] with polynomial(c, z) = y; Newton steps, halved where they leave the bracket.
+def _solve(c: Floats, y: float, z: float, lo: float, hi: float, rising: bool) -> float:
+    """z in [lo, hi] with polynomial(c, z) = y, from a guess at it; Newton steps, halved where they
+    leave the bracket.
 
     Ends when the bracket or the step is down to the last bits of z.
     """
-    z = 0.5 * (lo + hi)
     for _ in range(100):
         error = polynomial(c, z) - y
         if error == 0.0:
@@ -68,7 +68,8 @@ def unsaturate(c: Floats, z_knots: Floats, y_first: float, y_last: float, y: flo
         return (y - c[0]) / c[1]
     j = min(int(position), last - 1)
     a, b = z_knots[j], z_knots[j + 1]
-    return _solve(c, y, min(a, b), max(a, b), (b > a) == (y_last > y_first))
+    guess = a + (position - j) * (b - a)
+    return _solve(c, y, guess, min(a, b), max(a, b), (b > a) == (y_last > y_first))
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,8 @@ def branch(c: Floats, z_low: float, z_high: float) -> Branch:
     a, b = max(pieces, key=lambda p: p[1] - p[0])
     y_a, y_b = polynomial(c, a), polynomial(c, b)
     levels = np.linspace(y_a, y_b, KNOTS)
-    knots = np.array([_solve(c, y, a, b, y_b > y_a) for y in levels])
+    middle = 0.5 * (a + b)
+    knots = np.array([_solve(c, y, middle, a, b, y_b > y_a) for y in levels])
     knots[0], knots[-1] = a, b
     whole = b - a >= (z_high - z_low) * (1 - 1e-12)
     return Branch(np.asarray(c, np.float64), np.maximum.accumulate(knots), y_a, y_b, whole)
