@@ -83,7 +83,7 @@ STIFF_END, STIFF_POWER = 400.0, 6  # smoothness grows by 1 + STIFF_END (j / P)^S
 MOST_DAMPING = 7.0  # times the squared slope
 FORGET_WINDOWS = 20.0  # memory of the guard
 STANDS = 4.0  # nodes for which a promise is taken to hold: it looks further ahead than that
-ENOUGH = 0.97  # of the cost is left after a sweep: the next one would gain little
+WORTH = 0.03  # of the cost, or of the noise's: a sweep that gains less is the last
 FIRST_SWEEPS = 8  # for a plan that starts from nothing
 
 
@@ -147,6 +147,9 @@ def improve(
         smooth, bounds, rows,
     )  # fmt: skip
     most = MOST_DAMPING * fixed[SLOPE] ** 2
+    known = 0.0
+    for j in range(n):
+        known += trust[j]
     for attempt in range(sweeps):
         sweep(x, x_0, x_before, trust, smooth, bounds, state[DAMPING], rows, bands)
         for j in range(n):
@@ -157,25 +160,22 @@ def improve(
             weights, c, fixed[U_OFFSET], trial, x_0, x_before, h_0, h, period, half, target,
             trust, smooth, bounds, rows,
         )  # fmt: skip
-        if new_error + new_rough < error + rough:
+        gain = error + rough - new_error - new_rough
+        little = WORTH * min(error + rough, known * fixed[NOISE] ** 2)
+        if gain > 0.0:
             x[:] = trial
-            done = new_error + new_rough > ENOUGH * (error + rough)
             error, rough = new_error, new_rough
             state[DAMPING] = max(0.3 * state[DAMPING], 1e-9 * most)
-            if done:
-                break
-        elif ENOUGH * (new_error + new_rough) < error + rough:
-            break  # as good as it was: there is nothing left to gain
-        else:
-            state[DAMPING] = min(4.0 * state[DAMPING], most)
-            if attempt < sweeps - 1:
-                evaluate(
-                    weights, c, fixed[U_OFFSET], x, x_0, x_before, h_0, h, period, half, target,
-                    trust, smooth, bounds, rows,
-                )  # fmt: skip
-    known = 0.0
-    for j in range(n):
-        known += trust[j]
+        if abs(gain) < little:
+            break  # the next one would gain no more
+        if gain > 0.0:
+            continue
+        state[DAMPING] = min(4.0 * state[DAMPING], most)
+        if attempt < sweeps - 1:
+            evaluate(
+                weights, c, fixed[U_OFFSET], x, x_0, x_before, h_0, h, period, half, target,
+                trust, smooth, bounds, rows,
+            )  # fmt: skip
     if not error <= known * fixed[NOISE] ** 2:
         h[:] = h_0
         _rollout(weights, c, knots, fixed, x_0, h, target, travel, trial)

@@ -121,9 +121,9 @@ def test_reload_swaps_a_good_model_and_refuses_a_broken_one(
     assert np.abs(np.diff(volts)).max() <= SLEW / 500 * (1 + 1e-9)
 
 
-def test_serial_bench_at_200_hz_unplug_and_back(bench: EmulatedBench, model: Path) -> None:
+def test_serial_bench_unplug_and_back(bench: EmulatedBench, model: Path) -> None:
     rings = Rings(bench.folder)
-    with core(bench.config(200.0, model)):
+    with core(bench.config(100.0, model)):
         rings.drive(9.0, lambda last: last["volts"] > 60.0)
         bench.control(fault="unplug", device="mdt693b", for_s=1.5)
         rings.command(Command.SETPOINT, 4.0)
