@@ -20,7 +20,7 @@ from dehyst.models.modelfile import shipped
 from dehyst.models.monotone import nearest_monotone
 
 Floats = NDArray[np.float64]
-REPEATS = 7
+REPEATS = 25
 
 
 def _best(work: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
