@@ -6,13 +6,17 @@ READY := $(VENV)/.ready
 ROUND ?= ../shared/concealed/round-1
 FUZZ_S ?= 600
 
-.PHONY: demo test check kernels lint types contracts concealed proof fuzz clean
+.PHONY: demo test quick check kernels lint types contracts concealed proof fuzz mutate clean
 
 demo: kernels
-	$(BIN)/dehyst demo
+	$(BIN)/dehyst demo --force
 
+# quick: what starts no process; see tests/parts.py
 test: kernels
-	$(BIN)/python -m pytest
+	$(BIN)/python -m tests.parts
+
+quick: kernels
+	$(BIN)/python -m tests.parts quick
 
 check: lint types contracts test
 
@@ -34,11 +38,15 @@ concealed: $(READY)
 	$(BIN)/python tests/concealed/make_answers.py $(ROUND)
 
 proof: $(READY)
-	$(BIN)/python tests/benchmarks/proof.py
+	$(BIN)/python tests/benchmarks/models/proof.py
 
 fuzz: $(READY)
 	-$(BIN)/python -m pip install --quiet atheris
 	$(BIN)/python -m tests.fuzz --for $(FUZZ_S)
+
+# an hour or more; ONLY="--room gate" for a part of it
+mutate: kernels
+	$(BIN)/python -m tests.mutations $(ONLY)
 
 $(READY): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "dehyst needs Python 3.11 or later")'

@@ -1,0 +1,1 @@
+"""The service on the stage controller and its command line."""

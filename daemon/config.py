@@ -8,16 +8,18 @@ what a file means.
 import os
 import re
 import tempfile
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
-from dehyst.daemon.security import check_open, check_routers
+from dehyst.daemon.bus.security import check_open, check_routers
+from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.models.errors import BadInput
+from dehyst.models.toml_text import parse_toml
 
+LARGEST_BYTES = 1 << 18
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,62}$")]
@@ -135,6 +137,8 @@ class InverseConfig(_Strict, frozen=True):
     """[inverse]"""
 
     mode: Literal["auto", "static", "causal", "preview"] = "auto"
+    """"auto": preview where the model needs it and preview_s gives it targets ahead, else static;
+    "causal" extrapolates instead, without the guarantees of the others."""
     preview_s: Annotated[float, Meta(ge=0, le=1)] = 0.1
 
 
@@ -207,8 +211,8 @@ class Config(_Strict, frozen=True):
     telemetry: TelemetryConfig = TelemetryConfig()
     watch: WatchConfig = WatchConfig()
     run_dir: str = ""
-    """Directory of the memory-mapped rings; default: $RUNTIME_DIRECTORY, $XDG_RUNTIME_DIR or the
-    temporary directory, with `dehyst-NAME` in it."""
+    """Directory of the memory-mapped rings, the user's own; default: `dehyst-NAME` in
+    $RUNTIME_DIRECTORY or $XDG_RUNTIME_DIR, else `dehyst-USER-NAME` in the temporary directory."""
 
     @property
     def period_ns(self) -> int:
@@ -216,20 +220,29 @@ class Config(_Strict, frozen=True):
         return round(1e9 / self.loop.rate_hz)
 
     @property
+    def longest_ramp_s(self) -> float:
+        """How long the output may take to its safe voltage at the configured rate."""
+        limits, safe = self.limits, self.safe
+        way_v = max(limits.max_v - safe.voltage_v, safe.voltage_v - limits.min_v)
+        return way_v / safe.ramp_v_per_s
+
+    @property
     def directory(self) -> Path:
         """Where core and gateway meet."""
         if self.run_dir:
             return Path(self.run_dir)
         base = os.environ.get("RUNTIME_DIRECTORY") or os.environ.get("XDG_RUNTIME_DIR")
-        return Path(base or tempfile.gettempdir()) / f"dehyst-{self.name}"
+        if base:
+            return Path(base) / f"dehyst-{self.name}"
+        return Path(tempfile.gettempdir()) / f"dehyst-{os.geteuid()}-{self.name}"
 
 
 def parse_config(text: str, where: str = "configuration") -> Config:
     """Config from TOML text. Raises BadInput naming the key."""
     try:
-        data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise BadInput(f"{where}: not a TOML file: {error}") from None
+        data = parse_toml(text)
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from None
     try:
         config = msgspec.convert(data, Config, strict=True)
     except msgspec.ValidationError as error:
@@ -266,8 +279,8 @@ def load_config(path: str | Path) -> Config:
     """Config from a file; the model's path is resolved relative to the file."""
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(path, LARGEST_BYTES)
+    except NotReadable as error:
         raise BadInput(f"{path}: cannot be read: {error}") from None
     config = parse_config(text, str(path))
     model = path.parent / config.model.file

@@ -11,8 +11,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from dehyst import __version__
-from dehyst.daemon import kernelcache
-from dehyst.models.errors import DehystError
+from dehyst.daemon.bus.printable import printable
+from dehyst.daemon.tools import kernel_cache
+from dehyst.models.errors import DehystError, NotNow
 
 # name: help line. Modules are imported when they are used: numba and zenoh take their time.
 COMMANDS = {
@@ -72,21 +73,25 @@ def build_parser(command: str | None = None) -> argparse.ArgumentParser:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one command; 0 success, 1 a finding, 2 bad usage or input (one line on stderr)."""
+    """Run one command; 0 success, 1 a finding or not possible now, 2 bad usage or input, said in
+    one line on stderr."""
     arguments = sys.argv[1:] if argv is None else argv
     command = next((a for a in arguments if a in COMMANDS), None)
-    kernelcache.drop_stale()
-    args = build_parser(command).parse_args(arguments)
+    said_by = f"dehyst {command}" if command else "dehyst"
     try:
+        for complaint in kernel_cache.protect():
+            print(f"dehyst: {complaint}", file=sys.stderr)
+        kernel_cache.drop_stale()
+        args = build_parser(command).parse_args(arguments)
         return int(args.run(args) or 0)
     except DehystError as error:
-        print(f"dehyst {args.command}: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
+        print(f"{said_by}: {printable(' '.join(str(error).split()))}", file=sys.stderr)
+        return 1 if isinstance(error, NotNow) else 2
     except BrokenPipeError:  # the reader of our output has gone, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:
-        print(f"dehyst {args.command}: interrupted", file=sys.stderr)
+        print(f"{said_by}: interrupted", file=sys.stderr)
         return 130
 
 

@@ -1,0 +1,1 @@
+"""Amplifiers and sensors behind two small interfaces."""

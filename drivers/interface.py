@@ -14,8 +14,8 @@ block longer than the driver's own time-out. A driver never clips: a value outsi
 [spec.minimum, spec.maximum] raises OutOfRange and leaves the output as it was. After DeviceGone,
 `reconnect()` restores the link without moving the output, or raises again.
 
-A driver whose device can be called without Python may add `direct()`, see dehyst.drivers.direct:
-the compiled loop then uses it.
+A driver whose device can be called without Python may add `direct()`, see
+dehyst.drivers.direct_calls: the compiled loop then uses it.
 """
 
 from collections.abc import Mapping

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 
 from dehyst.drivers.interface import Actuator, DriverConfigError, Sensor
+from dehyst.drivers.settings import Key, Settings, list_keys
 
 ACTUATORS = "dehyst.actuators"
 SENSORS = "dehyst.sensors"
@@ -43,6 +44,25 @@ def list_plugins() -> list[Plugin]:
     """Every driver of both kinds, by kind and name, the broken ones with their error. Loads
     all of them."""
     return [_describe(group, point) for group in KINDS for point in _points(group)]
+
+
+def find_plugins(name: str) -> list[Plugin]:
+    """The drivers of this name, actuator and sensor. Raises DriverConfigError when there are
+    none (it lists those that exist)."""
+    found = [p for p in list_plugins() if p.name == name]
+    if not found:
+        names = sorted({point.name for group in KINDS for point in _points(group)})
+        raise DriverConfigError(f"there is no driver {name!r}; there are: {', '.join(names)}")
+    return found
+
+
+def list_settings(plugin: Plugin) -> list[Key] | None:
+    """A driver's settings; None where it is broken or does not declare them (`settings_type`)."""
+    group = next(group for group, kind in KINDS.items() if kind == plugin.kind)
+    points = [p for p in _points(group) if (p.name, p.value) == (plugin.name, plugin.where)]
+    found, _ = _try(group, points[0])
+    kind = getattr(found, "settings_type", None)
+    return list_keys(kind) if isinstance(kind, type) and issubclass(kind, Settings) else None
 
 
 def load_actuator(name: str) -> type[Actuator]:

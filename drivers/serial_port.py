@@ -14,6 +14,7 @@ import termios  # its error is not an OSError
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import serial
 from serial.tools import list_ports
@@ -155,7 +156,21 @@ def _why_not_open(path: str, error: Exception) -> str:
     if number in (errno.EACCES, errno.EPERM):
         return f"no permission to open {path}: add your user to the group that owns it (dialout?)"
     if number in (errno.EBUSY, errno.EAGAIN):
-        return f"{path} is in use by another program: only one may hold the amplifier"
+        return f"{path} is in use by {_holder(path)}: only one may hold the amplifier"
     if number in (errno.ENOTTY, errno.EINVAL) or "Could not configure" in str(error):
         return f"{path} is not a serial port"
     return f"{path} cannot be opened: {error}"
+
+
+def _holder(path: str) -> str:
+    """Who has locked a port, as far as the kernel tells us."""
+    with contextlib.suppress(OSError, ValueError):
+        port = os.stat(path)
+        inode = f"{os.major(port.st_dev):02x}:{os.minor(port.st_dev):02x}:{port.st_ino}"
+        for line in Path("/proc/locks").read_text("ascii").splitlines():
+            words = line.split()
+            if inode in words and "FLOCK" in words:
+                pid = int(words[4])
+                arguments = Path(f"/proc/{pid}/cmdline").read_bytes().decode("utf-8", "replace")
+                return f"process {pid} ({' '.join(arguments.split(chr(0))).strip()})"
+    return "another program"

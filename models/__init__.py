@@ -1,0 +1,1 @@
+"""Pure computation: the model of a piezo stage, its identification, inverse and diagnosis."""

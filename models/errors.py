@@ -4,6 +4,7 @@ DehystError
 ├── BadInput            a file, key, value or argument is wrong (the command line exits with 2)
 │   ├── BadModel        a model file or its numbers
 │   └── BadRecording    a recording or trajectory
+├── NotNow              nothing is wrong with the input: a full disk, a busy port (exits with 1)
 ├── NotInvertible       the model cannot be inverted as it stands
 └── DriverError         see dehyst.drivers.interface, where its branches are drawn
 """
@@ -23,6 +24,10 @@ class BadModel(BadInput):
 
 class BadRecording(BadInput):
     """A recording or trajectory that is damaged or does not hold what the task needs."""
+
+
+class NotNow(DehystError):
+    """What was asked cannot be done at present; the same may work later."""
 
 
 class NotInvertible(DehystError):

@@ -113,7 +113,7 @@ class Provenance:
 class Block:
     """One further piece of physics in the cascade.
 
-    kind: a name in dehyst.models.blocks.REGISTRY; place: "drive" (between command and
+    kind: a name in dehyst.models.physics.KINDS; place: "drive" (between command and
     hysteresis), "stage" (moves the stage) or "sensor" (acts on the reading alone, and is never
     compensated); params: numbers, each key with its unit (`delay_s`, `gain_per_decade`);
     channel: the further recording channel that it reads, or "".

@@ -7,17 +7,19 @@ key named.
 """
 
 import math
-import tomllib
 from collections.abc import Callable
 from importlib import resources
 from typing import Any
 
 import tomli_w
 
-from dehyst.models.errors import BadModel
+from dehyst.models.errors import BadInput, BadModel
 from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance, Validity
+from dehyst.models.toml_text import parse_toml
 
 FORMAT = 1
+MOST_NUMBERS, MOST_BLOCKS = 1000, 64
+"""In one list, in one model: more than any identification finds, few enough for a loop."""
 UNIT_NAMES = ("v", "um", "nm", "counts", "mrad", "urad")
 SHIPPED = ("paper-eq11", "paper-eq12")
 
@@ -72,8 +74,8 @@ def _not_negative(value: Any, name: str) -> float:
 def _numbers(value: Any, name: str) -> list[float]:
     if not isinstance(value, list) or not value:
         raise BadModel(f"{name}: a list of numbers is needed")
-    if len(value) > 10_000:
-        raise BadModel(f"{name}: more than 10000 entries")
+    if len(value) > MOST_NUMBERS:
+        raise BadModel(f"{name}: {len(value)} entries; at most {MOST_NUMBERS} are read")
     return [_number(v, f"{name}[{i}]") for i, v in enumerate(value)]
 
 
@@ -103,9 +105,9 @@ def _any(value: Any, name: str) -> Any:
 def loads(text: str) -> Model:
     """Model from TOML text. Raises BadModel naming the key that is wrong."""
     try:
-        data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise BadModel(f"not a TOML file: {error}") from None
+        data = parse_toml(text)
+    except BadInput as error:
+        raise BadModel(str(error)) from None
     top = _Table(data, "")
     version = top.get("format", _number)
     if version != FORMAT:
@@ -182,10 +184,12 @@ def _provenance(table: _Table) -> Provenance:
 
 
 def _blocks(raw: Any, drive: str, disp: str) -> tuple[Block, ...]:
-    from dehyst.models.blocks import check_block  # the registry imports Block from here's sibling
+    from dehyst.models.physics import check_block  # the registry imports Block from here's sibling
 
     if not isinstance(raw, list):
         raise BadModel("blocks: a list of tables ([[blocks]]) is needed")
+    if len(raw) > MOST_BLOCKS:
+        raise BadModel(f"blocks: {len(raw)} of them; a model has at most {MOST_BLOCKS}")
     out = []
     for i, entry in enumerate(raw):
         table = _Table(entry, f"blocks[{i}]")

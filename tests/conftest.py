@@ -6,14 +6,45 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+from tests.rigs import starts
 
-from dehyst.daemon import kernelcache
+from dehyst.daemon.tools import kernel_cache
 
 ROOT = Path(__file__).resolve().parent.parent
-kernelcache.drop_stale()
+if "PYTEST_XDIST_WORKER" not in os.environ:  # its workers come after it
+    kernel_cache.drop_stale()
+starts.watch()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what starts a process, and keep together what shares a rig of its module."""
+    for item in items:
+        name = item.cls.__name__ if getattr(item, "cls", None) else item.originalname  # type: ignore[attr-defined]
+        if starts.starts_something(item.path, name) or item.get_closest_marker("timing"):
+            item.add_marker("processes")
+        rigs = item._fixtureinfo.name2fixturedefs.values()  # type: ignore[attr-defined]
+        grouped = item.get_closest_marker("xdist_group")
+        if not grouped and any(d[-1].scope == "module" and d[-1].baseid for d in rigs):
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
+    """The fixtures of a quick test start nothing."""
+    with nullcontext() if item.get_closest_marker("processes") else starts.guard():
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """And it does not start anything itself."""
+    with nullcontext() if item.get_closest_marker("processes") else starts.guard():
+        return (yield)
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,1 @@
+"""The commands of `dehyst`, one file for each, thin."""

@@ -4,8 +4,9 @@ import argparse
 import os
 import signal
 
-from dehyst.daemon import realtime
 from dehyst.daemon.config import load_config
+from dehyst.daemon.loop import realtime
+from dehyst.daemon.rings import run_folder
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -16,7 +17,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     if os.environ.get("DEHYST_SUPERVISED"):
         realtime.die_with_parent(signal.SIGTERM)
-    from dehyst.daemon.core import run_core
+    from dehyst.daemon.service.requests import Requests
 
-    run_core(load_config(args.config))
-    return 0
+    requests = Requests()
+    config = load_config(args.config)
+    with run_folder.at_work(config.directory, run_folder.OUTPUT, "core", args.config):
+        from dehyst.daemon.loop.process import run_core
+
+        return run_core(config, requests.serve)

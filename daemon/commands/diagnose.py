@@ -14,8 +14,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from dehyst import __version__
-from dehyst.daemon.files import load_model, save_model, write_text
-from dehyst.daemon.recordings import read_recording
+from dehyst.daemon.files.models import load_model, save_model, write_text
+from dehyst.daemon.files.outputs import check_outputs
+from dehyst.daemon.files.recordings import read_recording
 from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model, Provenance
@@ -46,6 +47,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose and write the three files; 1 when something was left out."""
+    results = [args.output / name for name in ("diagnosis.json", "model.toml", "report.html")]
+    check_outputs(results, [*args.recordings, args.model], force=False)
     recordings = _read(args.recordings)
     model = load_model(args.model) if args.model else None
     try:
@@ -58,9 +61,9 @@ def run(args: argparse.Namespace) -> int:
     said = json.dumps(diagnosis.to_dict(), indent=2, allow_nan=False)
     _write(args.output / "diagnosis.json", said + "\n")
     save_model(with_provenance(diagnosis.model, recordings), args.output / "model.toml")
-    from dehyst.daemon.report_diagnosis import page  # matplotlib takes its time
+    from dehyst.daemon.report.diagnosis import report_diagnosis  # matplotlib takes its time
 
-    _write(args.output / "report.html", page(diagnosis, [r.name for r in recordings]))
+    _write(args.output / "report.html", report_diagnosis(diagnosis, [r.name for r in recordings]))
     print(said if args.json else summary(diagnosis, args.output))
     return 1 if diagnosis.found_something else 0
 

@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import dataclasses
 import os
 import signal
 import sys
@@ -11,11 +10,16 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from dehyst.daemon import realtime
-from dehyst.drivers.bench import Bench, BenchSettings, covering_gauge, ready_line, run_bench
-from dehyst.drivers.mdt693b_dialects import DIALECTS
-from dehyst.drivers.mdt693b_unit import Mdt693bKnobs
-from dehyst.drivers.stage_settings import StageSettings
+from msgspec import structs
+
+from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.loop import realtime
+from dehyst.drivers.emulated.bench import Bench, BenchSettings, covering_gauge
+from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
+from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
+from dehyst.drivers.emulated.process import ready_line, run_bench
+from dehyst.drivers.settings import read_settings
+from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.models.errors import BadInput
 
 LATENCY_S = 0.0015
@@ -87,6 +91,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--log", metavar="FILE", help="write the history of the output voltage (.npz or .csv)"
     )
+    add_force(parser)
 
 
 def stage_settings(pairs: list[str]) -> StageSettings:
@@ -100,11 +105,12 @@ def stage_settings(pairs: list[str]) -> StageSettings:
             raise BadInput(f"--stage {pair}: write KEY=NUMBER") from None
         if not sign:
             raise BadInput(f"--stage {pair}: write KEY=NUMBER")
-    return StageSettings.from_mapping(table)
+    return read_settings(StageSettings, table)
 
 
 def run(args: argparse.Namespace) -> int:
     """Serve until SIGTERM or SIGINT."""
+    check_outputs([args.log], [], args.force)
     if os.environ.get("DEHYST_SUPERVISED"):
         realtime.die_with_parent(signal.SIGTERM)
     for name, low, high in (
@@ -119,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
     if args.max_travel_um is not None:
         if not 0 < args.max_travel_um <= 6500:
             raise BadInput("--max-travel-um must be above 0 and at most 6500")
-        gauge = dataclasses.replace(gauge, max_travel_um=args.max_travel_um)
+        gauge = structs.replace(gauge, max_travel_um=args.max_travel_um)
     amplifier = Mdt693bKnobs(
         dialect=args.dialect,
         limit_v=args.limit_v,

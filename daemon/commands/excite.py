@@ -2,15 +2,22 @@
 
 import argparse
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from dehyst.daemon import separation
-from dehyst.daemon.recordings import read_recording, write_recording
-from dehyst.models.coverage import Coverage, coverage
+from dehyst.daemon.files.models import load_model
+from dehyst.daemon.files.outputs import add_force, check_outputs, whole_file
+from dehyst.daemon.files.recordings import read_recording, write_recording
+from dehyst.models.drive_design.coverage import Coverage, measure_coverage
+from dehyst.models.drive_design.excitation import SINES, Excitation, design
+from dehyst.models.drive_design.separation import EFFECTS, Experiment, separate
+from dehyst.models.drive_design.waveforms import Limits
 from dehyst.models.errors import BadInput
-from dehyst.models.excitation import SINES, Excitation, design
+from dehyst.models.model import Model
 from dehyst.models.recording import Recording
+
+SECONDS, SPANS_PER_S = 20.0, 200.0  # of --separate, where the user says nothing
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -39,15 +46,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="DRIVE.csv")
     parser.add_argument("--check", nargs="+", type=Path, metavar="REC",
                         help="judge these recordings together instead")  # fmt: skip
-    separation.add_arguments(parser)
+    parser.add_argument(
+        "--separate",
+        nargs=2,
+        metavar=("A", "B"),
+        help=f"design the drive that tells effect A from B: {', '.join(EFFECTS)}",
+    )
+    parser.add_argument("--model", metavar="MODEL.toml", help="the stage's model, for --separate")
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="what is covered")
+    add_force(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
     """Design or check; 1 when a check finds something missing."""
+    check_outputs([args.output, args.picture], [*(args.check or []), args.model], args.force)
     if args.separate:
-        return separation.write_separation(args)
+        return _separate(args)
     return _check(args) if args.check else _design(args)
 
 
@@ -62,7 +77,7 @@ def _design(args: argparse.Namespace) -> int:
     drive = design(low, high, args.band, args.duration, args.sampling, sines=args.sines,
                    slew_per_s=args.slew)  # fmt: skip
     write_recording(args.output, drive.t_s, {f"u_{args.unit}": drive.u}, _notes(drive, args.unit))
-    covered = coverage([Recording(drive.t_s, drive.u, drive_unit=args.unit)])
+    covered = measure_coverage([Recording(drive.t_s, drive.u, drive_unit=args.unit)])
     _picture(covered, args.unit, args.picture)
     sines = [{"amplitude": a, "frequency_hz": f}
              for a, f in zip(drive.amplitudes, drive.frequencies_hz, strict=True)]  # fmt: skip
@@ -89,7 +104,7 @@ def _notes(drive: Excitation, unit: str) -> dict[str, str]:
 
 def _check(args: argparse.Namespace) -> int:
     recordings = [read_recording(path) for path in args.check]
-    covered = coverage(recordings)
+    covered = measure_coverage(recordings)
     unit = recordings[0].drive_unit
     _picture(covered, unit, args.picture)
     missing = [*covered.missing, *covered.missing_rate]
@@ -128,9 +143,66 @@ def _facts(covered: Coverage) -> dict[str, Any]:
 def _picture(covered: Coverage, unit: str, path: Path | None) -> None:
     if path is None:
         return
-    from dehyst.daemon.report_identify_pictures import coverage as draw  # matplotlib is slow
+    from dehyst.daemon.report import coverage as covers  # matplotlib takes its time
+    from dehyst.daemon.report.plotting import draw_side_by_side
 
+    draws = (
+        partial(covers.draw_drive_and_rate, covered, unit),
+        partial(covers.draw_loop_sizes, covered),
+    )
     try:
-        path.write_bytes(draw(covered, unit))
+        with whole_file(path) as file:
+            file.write(draw_side_by_side(draws, (1.2, 1.0)))
     except OSError as error:
         raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _separate(args: argparse.Namespace) -> int:
+    """Design, write the drive (`t_s`, `u_<unit>`), say what it is worth on stdout.
+
+    Range and unit come from --range and --unit, else from the model. Raises BadInput on unknown
+    names or limits that leave nothing.
+    """
+    a, b = args.separate
+    model = load_model(args.model) if args.model else None
+    if args.output is None:
+        raise BadInput("--output missing; --separate needs -o DRIVE.csv")
+    if args.range is None and model is None:
+        raise BadInput("--range missing; --separate needs the drive's range or --model")
+    valid = model.validity if model else None
+    low, high = args.range or (valid.drive_min, valid.drive_max)  # type: ignore[union-attr]
+    if not args.sampling > 0:
+        raise BadInput(f"--sampling: must be greater than 0, not {args.sampling:g}")
+    rate = args.slew or SPANS_PER_S * (high - low)
+    limits = Limits(low, high, rate, 1.0 / args.sampling, args.duration or SECONDS)
+    experiment = separate(a, b, limits, model)
+    unit = model.drive_unit if model else args.unit
+    notes = {"made_by": "dehyst excite", "purpose": f"separate {a} from {b}"}
+    notes["waveform"] = experiment.chosen.waveform.name
+    write_recording(args.output, experiment.t_s, {f"u_{unit}": experiment.drive}, notes)
+    if args.json:
+        print(json.dumps(_separation_facts(args, experiment, model), indent=2, allow_nan=False))
+        return 0
+    print(experiment.says)
+    print(
+        f"{args.output}: {experiment.t_s.size} samples, {limits.seconds:g} s, {low:g} to {high:g} "
+        f"{unit}, at most {rate:g} {unit}/s"
+    )
+    return 0
+
+
+def _separation_facts(
+    args: argparse.Namespace, experiment: Experiment, model: Model | None
+) -> dict[str, object]:
+    a, b = args.separate
+    return {
+        "output": str(args.output),
+        "separate": [a, b],
+        "waveform": experiment.chosen.waveform.name,
+        "says": experiment.says,
+        "unit": model.displacement_unit if model else "um",
+        "tried": [
+            {"waveform": s.waveform.name, f"left_{a}": s.left_a, f"left_{b}": s.left_b}
+            for s in experiment.tried
+        ],
+    }

@@ -5,7 +5,8 @@ import logging
 import os
 import signal
 
-from dehyst.daemon import realtime
+from dehyst.daemon.loop import realtime
+from dehyst.daemon.rings import run_folder
 
 EPILOG = """It may be started before or after `dehyst core`, and restarted at any time: the loop
 does not notice. Ends on SIGTERM.
@@ -25,7 +26,10 @@ def run(args: argparse.Namespace) -> int:
     if os.environ.get("DEHYST_SUPERVISED"):
         realtime.die_with_parent(signal.SIGTERM)
     from dehyst.daemon.config import load_config
-    from dehyst.daemon.gateway import run_gateway
 
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
-    return run_gateway(load_config(args.config))
+    config = load_config(args.config)
+    with run_folder.at_work(config.directory, run_folder.NETWORK, "gateway", args.config):
+        from dehyst.daemon.gateway.process import run_gateway
+
+        return run_gateway(config)

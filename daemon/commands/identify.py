@@ -2,25 +2,24 @@
 
 import argparse
 import json
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
 from dehyst import __version__
-from dehyst.daemon.files import save_model, write_text
-from dehyst.daemon.recordings import read_recording
-from dehyst.models.coverage import Coverage, coverage
+from dehyst.daemon import clock
+from dehyst.daemon.files.models import save_model, write_text
+from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.tools.identification_summary import summary, words
+from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.errors import BadInput
 from dehyst.models.identify import Identification, Options, identify
 from dehyst.models.recording import Recording
-
-Z95 = 1.96
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -47,6 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with or without even powers in the saturation (a loop that is not symmetric)",
     )
     parser.add_argument("--report", type=Path, metavar="DIR", help="write DIR/report.html")
+    add_force(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON on stdout")
 
 
@@ -55,14 +55,14 @@ def run(args: argparse.Namespace) -> int:
     rate = True if args.rate else False if args.static else None
     options = Options(args.order, rate, args.saturation, args.bias)
     _check_places(args)
-    started = time.monotonic()
+    started_ns = clock.monotonic_ns()
     with working() as say:
         recordings = []
         for path in args.recordings:
             say(f"reading {path.name}")
             recordings.append(read_recording(path, need_displacement=True))
         result = identify(recordings, options, say)
-        seconds = time.monotonic() - started
+        seconds = (clock.monotonic_ns() - started_ns) / clock.NS
         model = replace(
             result.model,
             provenance=replace(
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
             ),
         )
         save_model(model, args.output)
-        covered = coverage(recordings)
+        covered = measure_coverage(recordings)
         report = None
         if args.report:
             say("writing the report")
@@ -80,13 +80,15 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(summary(result, covered, args.output, seconds, report), indent=2))
     else:
-        print(_words(result, covered, args.output, report))
+        print(words(result, covered, args.output, report))
     return 0
 
 
 def _check_places(args: argparse.Namespace) -> None:
     if not args.output.resolve().parent.is_dir():
         raise BadInput(f"{args.output}: the folder does not exist")
+    report = args.report / "report.html" if args.report else None
+    check_outputs([args.output, report], args.recordings, args.force)
 
 
 @contextmanager
@@ -103,115 +105,13 @@ def working() -> Iterator[Callable[[str], None]]:
 def _write_report(
     result: Identification, recordings: list[Recording], covered: Coverage, args: argparse.Namespace
 ) -> Path:
-    from dehyst.daemon.report_identify import page  # matplotlib takes its time
+    # matplotlib takes its time
+    from dehyst.daemon.report.identification import report_identification
 
     path: Path = args.report / "report.html"
     try:
         args.report.mkdir(parents=True, exist_ok=True)
-        write_text(path, page(result, recordings, covered, args.output.name))
+        write_text(path, report_identification(result, recordings, covered, args.output.name))
     except OSError as error:
         raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
     return path
-
-
-def _missing(result: Identification, covered: Coverage) -> list[str]:
-    return [*covered.missing, *(covered.missing_rate if result.shape.rate else ())]
-
-
-def summary(
-    result: Identification, covered: Coverage, output: Path, seconds: float, report: Path | None
-) -> dict[str, Any]:
-    """The result for machines."""
-    fit, v = result.model.fit, result.model.validity
-    return {
-        "model": str(output),
-        "report": str(report) if report else None,
-        "structure": result.shape.name,
-        "static": not result.shape.rate,
-        "order": result.model.hysteresis.n,
-        "saturation": max((1, *result.shape.powers)),
-        "bias": result.shape.even,
-        "unit": result.model.displacement_unit,
-        "rms": fit.rms,
-        "holdout_rms": fit.holdout_rms,
-        "noise_rms": fit.noise_rms,
-        "validity": {
-            "drive_min": v.drive_min,
-            "drive_max": v.drive_max,
-            "rate_max": v.rate_max,
-            "band_hz": v.band_hz,
-            "period_s": v.period_s,
-            "drive_unit": result.model.drive_unit,
-        },
-        "tried": [
-            {
-                "structure": c.shape.name,
-                "drive_offset": c.offset,
-                "holdout_rms": c.held_rms,
-                "invertible": c.invertible,
-            }
-            for c in result.tried
-        ],
-        "orders": [{"order": n, "holdout_rms": rms} for n, rms in result.orders],
-        "parameters": intervals(result),
-        "notes": list(result.notes),
-        "missing": _missing(result, covered),
-        "seconds": round(seconds, 3),
-    }
-
-
-def intervals(result: Identification) -> dict[str, Any]:
-    """Every number that the data determine, with its 95 % interval, by threshold and by power.
-
-    slopes: dz/du after each operator has joined in, at the rates +rate_max and -rate_max (static:
-    one for all rates); low and high are null where a slope stands on its bound.
-    """
-    h, n = result.model.hysteresis, result.model.hysteresis.n
-    names = ("at_rate_max", "at_minus_rate_max") if result.shape.rate else ("at_all_rates",)
-    slopes, errors, bound = result.params.slopes, result.errors.slopes, result.at_bound
-    return {
-        "slopes": [
-            {"threshold": float(h.r[i])}
-            | {
-                name: _interval(slopes[i + j * n], errors[i + j * n], bool(bound[i + j * n]))
-                for j, name in enumerate(names)
-            }
-            for i in range(n)
-        ],
-        "saturation": [
-            {"power": power} | _interval(h.c[power], error)
-            for power, error in zip(result.shape.powers, result.errors.c, strict=True)
-        ],
-        "offsets": [
-            {"recording": i + 2} | _interval(value, error)
-            for i, (value, error) in enumerate(
-                zip(result.params.shifts, result.errors.shifts, strict=True)
-            )
-        ],
-    }
-
-
-def _interval(value: float, error: float, on_bound: bool = False) -> dict[str, Any]:
-    value, half = float(value), Z95 * float(error)
-    low, high = (None, None) if on_bound else (value - half, value + half)
-    return {"value": value, "low": low, "high": high}
-
-
-def _words(result: Identification, covered: Coverage, output: Path, report: Path | None) -> str:
-    from dehyst.daemon.verdict import verdict
-
-    fit, unit, v = result.model.fit, result.model.displacement_unit, result.model.validity
-    drive = result.model.drive_unit
-    n = result.model.hysteresis.n
-    lines = [
-        f"{output}: {result.shape.name}, {n} operator{'s' if n > 1 else ''}",
-        f"fit {fit.rms:.4g} {unit} rms, held out {fit.holdout_rms:.4g}, noise {fit.noise_rms:.4g}",
-        verdict(result),
-        f"valid from {v.drive_min:.4g} to {v.drive_max:.4g} {drive}"
-        + (f", up to {v.rate_max:.4g} {drive}/s" if v.rate_max else ""),
-    ]
-    lines += [f"note: {note}" for note in result.notes]
-    lines += [f"missing: {text}" for text in _missing(result, covered)]
-    if report:
-        lines.append(f"report: {report}")
-    return "\n".join(lines)

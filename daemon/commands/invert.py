@@ -7,15 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from dehyst.daemon.checks import reach
-from dehyst.daemon.csvtable import read_table
-from dehyst.daemon.files import load_model
-from dehyst.daemon.recordings import read_trajectory, write_recording
-from dehyst.models.compensator import FLAG_NAMES, Compensator
-from dehyst.models.errors import BadInput, BadRecording
-from dehyst.models.inverse_offline import Inverted, invert_streamed, invert_trajectory
-from dehyst.models.model import Floats, Model
-from dehyst.models.recording import Trajectory
+from dehyst.daemon.files.models import load_model
+from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.files.recordings import read_trajectory, write_recording
+from dehyst.daemon.loop.reach import displacement_range
+from dehyst.daemon.tools.trajectories import channels_along, spaced_evenly, target_in_unit
+from dehyst.models.inverse.compensator import FLAG_NAMES, Compensator
+from dehyst.models.inverse.offline import Inverted, invert_streamed, invert_trajectory
+from dehyst.models.model import Model
 
 EPILOG = """\
 Writes t_s, target, the drive, what the model predicts, and flags (a sum of:
@@ -27,8 +26,6 @@ exit status: 0; 1 when part of the trajectory cannot be reached (flag 1 or 2).
 example: dehyst invert paper-eq12 trajectory.csv -o drive.csv
          dehyst invert stage.toml trajectory.csv -o drive.csv --preview 0.05 --slew 200
 """
-EVEN = 1e-3  # largest deviation of a time step from the mean one, as a part of it
-UM = {"um": 1.0, "nm": 1e-3}
 UNREACHABLE = 3
 
 
@@ -61,15 +58,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="resample the trajectory to this period (default: its own, which must be even)",
     )
+    add_force(parser)
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
     """Invert and write the drive."""
+    check_outputs([args.output], [args.model, args.trajectory], args.force)
     model = load_model(args.model)
     trajectory = read_trajectory(args.trajectory)
-    target = _in_unit(trajectory, model)
-    t_s, target, period = _even(trajectory, target, args.period)
+    target = target_in_unit(trajectory, model)
+    t_s, target, period = spaced_evenly(trajectory, target, args.period)
     v = model.validity
     compensator = Compensator(
         model,
@@ -80,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         args.mode if args.preview is not None else "auto",
         0.1 if args.preview is None else args.preview,
     )
-    channels = _channels(args.trajectory, compensator, trajectory.t_s, t_s)
+    channels = channels_along(args.trajectory, compensator, trajectory.t_s, t_s)
     invert = invert_trajectory if args.preview is None else invert_streamed
     result = invert(compensator, target, channels, args.start)
     disp = model.displacement_unit
@@ -97,52 +96,6 @@ def run(args: argparse.Namespace) -> int:
     )
     _report(args, model, compensator, result)
     return 1 if np.any(result.flags & UNREACHABLE) else 0
-
-
-def _in_unit(trajectory: Trajectory, model: Model) -> Floats:
-    unit, wanted = trajectory.unit, model.displacement_unit
-    if unit == wanted:
-        return trajectory.target
-    if unit in UM and wanted in UM:
-        return trajectory.target * (UM[unit] / UM[wanted])
-    raise BadRecording(
-        f"{trajectory.name}: targets in {unit}, the model's displacement is in {wanted}; "
-        f"a column target_{wanted} is needed"
-    )
-
-
-def _even(
-    trajectory: Trajectory, target: Floats, period: float | None
-) -> tuple[Floats, Floats, float]:
-    """Times and targets spaced evenly, and the period."""
-    t_s = trajectory.t_s
-    if period is not None:
-        if not period > 0:
-            raise BadInput(f"--period: must be greater than 0, not {period:g}")
-        even = t_s[0] + np.arange(int((t_s[-1] - t_s[0]) / period + 1.5)) * period
-        return even, np.interp(even, t_s, target), period
-    if t_s.size < 2:
-        raise BadRecording(f"{trajectory.name}: one sample has no period; give --period")
-    steps = np.diff(t_s)
-    mean = float(np.median(steps))
-    row = int(np.argmax(np.abs(steps - mean)))
-    if abs(steps[row] - mean) > EVEN * mean:
-        raise BadRecording(
-            f"{trajectory.name}: the time step after {t_s[row]:g} s is {steps[row]:g} s, "
-            f"elsewhere {mean:g} s; give --period to resample"
-        )
-    return t_s, target, float((t_s[-1] - t_s[0]) / (t_s.size - 1))
-
-
-def _channels(path: Path, compensator: Compensator, t_file: Floats, t_s: Floats) -> Floats | None:
-    """(N, number of channels) values of the model's further channels, from the trajectory."""
-    if not compensator.channels:
-        return None
-    columns = read_table(path).columns
-    for name in compensator.channels:
-        if name not in columns:
-            raise BadRecording(f"{path.name}: the model needs the column {name}; it is missing")
-    return np.stack([np.interp(t_s, t_file, columns[n]) for n in compensator.channels], axis=1)
 
 
 def _report(
@@ -172,7 +125,7 @@ def _report(
             "the approach from rest"
         )
     else:
-        low, high = reach(model, compensator.low, compensator.high)
+        low, high = displacement_range(model, compensator.low, compensator.high)
         print(f"no target can be reached: the stage goes from {low:.3g} to {high:.3g} {unit}")
     if compensator.price:
         print(f"nearest monotone model: {compensator.price:.3g} {unit} rms from this one")

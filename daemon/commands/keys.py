@@ -6,6 +6,7 @@ from pathlib import Path
 
 from dehyst.models.errors import BadInput
 
+MOST_DAYS = 36_500
 EPILOG = """DIR/authority holds the authority's key: keep it off the controller. DIR/NAME of each
 certificate holds ca.pem, certificate.pem and key.pem. Call it again with the same DIR to add
 clients. On the controller, in the configuration:
@@ -42,14 +43,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make what was asked for; print what was made."""
-    from dehyst.daemon.certificates import Authority
+    from dehyst.daemon.bus.certificates import Authority
 
     if not args.controller and not args.client:
         raise BadInput("nothing to make: give --controller or --client")
     if bool(args.controller) != bool(args.host):
         raise BadInput("--controller and --host belong together: the addresses go into it")
-    if args.days < 1:
-        raise BadInput("--days: 1 is the least")
+    if not 1 <= args.days <= MOST_DAYS:
+        raise BadInput(f"--days: from 1 to {MOST_DAYS}, not {args.days}")
+    for host in args.host:
+        if not re.fullmatch(r"[A-Za-z0-9.:_-]{1,253}", host):
+            raise BadInput(
+                f"--host {host!r}: an address or a name of a-z, 0-9, . and -; write a name with "
+                "other letters as its xn-- form"
+            )
     names = [*args.client, *([args.controller] if args.controller else [])]
     for name in names:
         if not re.fullmatch(r"[a-z0-9][a-z0-9._-]{0,62}", name) or name == "authority":

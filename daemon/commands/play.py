@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dehyst.daemon.remote import add_connection, connect, print_json, say
+from dehyst.daemon.client.connection import add_connection, connect, print_json, say
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
-    from dehyst.daemon.messages import Status
-    from dehyst.daemon.player import Played
+    from dehyst.daemon.bus.messages import Status
+    from dehyst.daemon.client.player import Played
 
 EPILOG = """The file has the columns t_s and target_um (or the daemon's own unit); further columns
 are ignored. Targets count from the daemon's set-point origin. The trajectory is checked against
@@ -52,8 +52,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Check, stream, wait for the end, report."""
-    from dehyst.daemon.progress import progress_bar
-    from dehyst.daemon.recordings import read_trajectory
+    from dehyst.daemon.files.recordings import read_trajectory
+    from dehyst.daemon.terminal.progress import progress_bar
 
     trajectory = read_trajectory(args.trajectory, min_rows=2, column=args.column)
     with connect(args, "play") as client:

@@ -6,12 +6,13 @@ from contextlib import closing
 from typing import Any
 
 from dehyst import __version__
-from dehyst.daemon.files import write_text
-from dehyst.daemon.progress import progress_bar
-from dehyst.drivers import mdt693b_probe
+from dehyst.daemon.files.models import write_text
+from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.drivers.call_times import CallTimes
-from dehyst.drivers.mdt693b_codec import Dialect
-from dehyst.drivers.mdt693b_settings import Mdt693bConfig, find_port
+from dehyst.drivers.mdt693b import probe
+from dehyst.drivers.mdt693b.codec import Dialect
+from dehyst.drivers.mdt693b.settings import Mdt693bConfig, find_port
 from dehyst.drivers.serial_port import SerialPort
 from dehyst.models.errors import BadInput
 
@@ -40,22 +41,24 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sets", type=float, metavar="V", help="also time sets, at the set-point V"
     )
+    add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
     """Record, interpret, time, report."""
+    check_outputs([args.output], [], args.force)
     config = Mdt693bConfig(port=args.port, baud=args.baud)
     with closing(SerialPort(find_port(config), config.baud)) as port:
         with progress_bar("queries") as progress:
-            exchanges = mdt693b_probe.record(port, progress)
-        finding = mdt693b_probe.interpret(exchanges)
+            exchanges = probe.record(port, progress)
+        finding = probe.interpret(exchanges)
         timings: dict[str, Any] = {}
         if finding.dialect:
-            dialect = Dialect(finding.dialect)
-            timings["query"] = _figures(mdt693b_probe.time_queries(port, dialect, TIMED))
+            dialect = Dialect.named(finding.dialect)
+            timings["query"] = _figures(probe.time_queries(port, dialect, TIMED))
             if args.sets is not None:
-                times = mdt693b_probe.time_sets(port, dialect, args.sets, TIMED)
+                times = probe.time_sets(port, dialect, args.sets, TIMED)
                 timings["set"] = _figures(times)
     fixture = {
         "format": 1,
@@ -88,9 +91,9 @@ def _figures(times: CallTimes) -> dict[str, float]:
 
 def _report(
     path: str,
-    finding: mdt693b_probe.Finding,
+    finding: probe.Finding,
     timings: dict[str, Any],
-    exchanges: list[mdt693b_probe.Exchange],
+    exchanges: list[probe.Exchange],
 ) -> list[str]:
     if not finding.dialect:
         raw = b"".join(exchange.reply for exchange in exchanges)

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dehyst import __version__
-from dehyst.daemon.records import Flag
-from dehyst.daemon.remote import add_connection, connect, print_json, say
+from dehyst.daemon.client.connection import add_connection, connect, print_json, say
+from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.rings.records import Flag
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
-    from dehyst.daemon.messages import Status
+    from dehyst.daemon.bus.messages import Status
 
 LATE_S = 10.0
 EPILOG = """Columns: t_s, the drive in the model's unit (u_v), the measured displacement (y_um), the
@@ -38,6 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="setpoint",
         help="zero of the displacements (default: setpoint)",
     )
+    add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     add_connection(parser)
 
@@ -45,10 +47,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Record until --for, SIGINT or SIGTERM."""
     from dehyst.daemon import clock
-    from dehyst.daemon.recorder import Recorder
+    from dehyst.daemon.files.recorder import Recorder
 
     if args.seconds is not None and not args.seconds > 0:
         raise BadInput("--for: must be greater than 0")
+    check_outputs([args.output], [args.credentials], args.force)
     ending: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: ending.append(number))
@@ -59,7 +62,12 @@ def run(args: argparse.Namespace) -> int:
         units = (status.drive_unit, status.unit)
         stream = client.stream()
         with Recorder(
-            args.output, config.actuator.gain, units, origin, notes(status, args.frame)
+            args.output,
+            config.actuator.gain,
+            units,
+            origin,
+            notes(status, args.frame),
+            replace=args.force,
         ) as file:
             begun_ns = heard_ns = clock.monotonic_ns()
             done = quiet = late = False

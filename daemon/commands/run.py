@@ -7,9 +7,12 @@ from pathlib import Path
 
 import msgspec
 
+from dehyst.daemon.bus.security import check_open
 from dehyst.daemon.config import Config, load_config
+from dehyst.daemon.rings import run_folder
 from dehyst.models.errors import BadInput
 
+NAME, LISTEN = "bench", "tcp/127.0.0.1:7447"
 DESCRIPTION = """\
 The daemon in the foreground: the loop's process, the network's process, and their restarts.
 
@@ -17,6 +20,9 @@ Without --config it runs on the simulated stage, behind an emulated MDT693B and 
 terminals that the real serial drivers talk to.
 
 SIGTERM or Ctrl-C ends it in the state that [safe] names; SIGHUP loads the model file again."""
+
+UNIT_STOP_S, SPARE_S = 90.0, 20.0
+"""TimeoutStopSec= of systemd/dehyst.service; what devices may need beyond a ramp's own time."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -27,13 +33,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "they mean, move nothing",
     )  # fmt: skip
     parser.add_argument(
-        "--listen", default="tcp/127.0.0.1:7447", help="without --config: where clients connect"
+        "--listen",
+        metavar="ADDRESS",
+        help=f"without --config: where clients connect (default: {LISTEN})",
     )
     parser.add_argument(
         "--model", metavar="MODEL.toml", help="without --config: this model, on a simulated stage "
         "that is scaled to it",
     )  # fmt: skip
-    parser.add_argument("--name", default="bench", help="without --config: the daemon's name")
+    parser.add_argument("--name", help=f"without --config: the daemon's name (default: {NAME})")
     parser.epilog = (
         "examples: dehyst run\n          dehyst run --model stage.toml\n          "
         "dehyst run --config /etc/dehyst/stage.toml"
@@ -48,14 +56,17 @@ def say(text: str) -> None:
 def run(args: argparse.Namespace) -> int:
     if args.check:
         return check(args.check)
-    if args.config and args.model:
-        raise BadInput("--model goes without --config; a configuration names its model itself")
-    from dehyst.daemon.supervisor import Bench, Supervisor
+    for option in ("model", "name", "listen"):
+        if args.config and getattr(args, option):
+            raise BadInput(f"--{option} goes without --config: the configuration says it itself")
+    from dehyst.daemon.service.supervisor import Bench
 
     if args.config:
-        return Supervisor(load_config(args.config), args.config, say).run()
-    from dehyst.daemon.benchconfig import Imitation, simulated_model, write_bench
-    from dehyst.daemon.files import load_model
+        return supervise(args.config)
+    from dehyst.daemon.files.models import load_model
+
+    check_open([args.listen or LISTEN], authenticated=False)
+    from dehyst.daemon.tools.bench_config import Imitation, simulated_model, write_bench
 
     model = load_model(args.model) if args.model else simulated_model()
     imitation = Imitation.of(model) if args.model else Imitation()
@@ -65,21 +76,36 @@ def run(args: argparse.Namespace) -> int:
         say("no --config: an emulated MDT693B and KSG101 with a simulated stage behind")
         bench = Bench(directory, list(imitation.stage))
         try:
-            path = write_bench(directory, bench.ports, args.name, args.listen, model, imitation)
+            path = write_bench(
+                directory, bench.ports, args.name or NAME, args.listen or LISTEN, model, imitation
+            )
             say(f"configuration and model in {directory}; try `dehyst watch` in another terminal")
-            return Supervisor(load_config(path), path, say).run()
+            return supervise(path)
         finally:
             bench.close()
 
 
+def supervise(path: Path) -> int:
+    """Core and gateway of a configuration, until a signal."""
+    from dehyst.daemon.service.supervisor import Supervisor
+
+    config = load_config(path)
+    with run_folder.at_work(config.directory, run_folder.SUPERVISOR, "run", path):
+        return Supervisor(config, path, say).run()
+
+
 def check(path: Path) -> int:
     """Print what a configuration means."""
-    from dehyst.daemon.checks import drive_range, origin, reach
-    from dehyst.daemon.files import load_model
+    from dehyst.daemon.files.models import load_model
+    from dehyst.daemon.gateway.process import security_of
+    from dehyst.daemon.loop.checks import check_unopened
+    from dehyst.daemon.loop.reach import displacement_range, drive_range, origin
 
     config: Config = load_config(path)
+    check_unopened(config)
+    security_of(config)
     model = load_model(config.model.file)
-    low, high = reach(model, *drive_range(config, model))
+    low, high = displacement_range(model, *drive_range(config, model))
     zero = origin(config.setpoint.origin, low, high)
     print(msgspec.json.format(msgspec.json.encode(config), indent=2).decode())
     unit = model.displacement_unit
@@ -88,4 +114,13 @@ def check(path: Path) -> int:
         f"the model's {zero:.4g} {unit}; {config.loop.rate_hz:g} Hz; rings in {config.directory}",
         file=sys.stderr,
     )
+    if config.longest_ramp_s > UNIT_STOP_S - SPARE_S and config.safe.on_stop == "ramp":
+        print(
+            f"{path}: to its safe voltage the output may take {config.longest_ramp_s:.0f} s, more "
+            f"than TimeoutStopSec={UNIT_STOP_S:.0f} of dehyst.service leaves. systemd waits as "
+            "long as the daemon asks it to while it ramps; whatever else may end it (another "
+            f"unit, docker stop) must allow {config.longest_ramp_s + SPARE_S:.0f} s, or "
+            "safe.ramp_v_per_s be larger",
+            file=sys.stderr,
+        )
     return 0

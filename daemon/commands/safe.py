@@ -2,8 +2,11 @@
 
 import argparse
 import sys
+from contextlib import ExitStack
 
 from dehyst.daemon.config import load_config
+from dehyst.daemon.rings import run_folder
+from dehyst.models.errors import DehystError
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -16,8 +19,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from dehyst.daemon.safe import make_safe
+    from dehyst.daemon.service.safe_state import make_safe
 
-    volts = make_safe(load_config(args.config))
+    config = load_config(args.config)
+    with ExitStack() as held:
+        try:
+            held.enter_context(
+                run_folder.at_work(config.directory, run_folder.OUTPUT, "safe", args.config)
+            )
+        except run_folder.InUse:
+            raise
+        except DehystError as error:  # no folder, however bad, keeps the output from its safe state
+            print(f"dehyst safe: {error}; going on without it", file=sys.stderr)
+        volts = make_safe(config)
     print(f"output at {volts:.3f} V", file=sys.stderr)
     return 0

@@ -2,8 +2,12 @@
 
 import argparse
 import math
+from typing import TYPE_CHECKING
 
-from dehyst.daemon.remote import add_connection, connect, print_json, say
+from dehyst.daemon.client.connection import add_connection, connect, print_json, say
+
+if TYPE_CHECKING:
+    from dehyst.daemon.bus.messages import Status
 
 EPILOG = """A set-point is held for `setpoint.stale_s` of the daemon's configuration (2 s by
 default); then the daemon holds and ramps to its safe voltage. --for keeps the stage there by
@@ -41,9 +45,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _finite(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not math.isfinite(value):
-        raise argparse.ArgumentTypeError("a finite number is needed")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a finite number; write it without a unit (targets are in the "
+            "daemon's displacement unit, times in seconds)"
+        )
     return value
 
 
@@ -70,12 +80,21 @@ def run(args: argparse.Namespace) -> int:
         if args.json:
             print_json({"target": args.target, "unit": client.unit, "reply": reply})
         else:
-            where = f"{args.target:g} {client.unit}"
+            where = going_to(args.target, client.status())
             stale_s = config.setpoint.stale_s
-            say(f"{client.name}: going to {where}, held for {args.seconds or stale_s:g} s")
+            say(f"{client.name}: {where}, held for {args.seconds or stale_s:g} s")
         end_ns = clock.monotonic_ns() + round((args.seconds or 0.0) * clock.NS)
         pause_s = min(config.setpoint.stale_s, config.setpoint.lease_s) / 4
         while (left_s := (end_ns - clock.monotonic_ns()) / clock.NS) > 0:
             clock.sleep_s(min(pause_s, left_s))
             client.send(args.target, args.allow_unreachable)
     return 0
+
+
+def going_to(target: float, status: "Status") -> str:
+    """Where the stage goes, in words."""
+    low, high, unit = status.reach_min, status.reach_max, status.unit
+    nearest = min(max(target, low), high)
+    if nearest == target or math.isnan(nearest):
+        return f"going to {target:g} {unit}"
+    return f"{target:g} {unit} cannot be reached: going to {nearest:.6g} {unit}, the nearest"

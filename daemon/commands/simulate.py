@@ -4,12 +4,10 @@ import argparse
 import json
 from pathlib import Path
 
-import numpy as np
-
-from dehyst.daemon.files import load_model
-from dehyst.daemon.recordings import read_recording, write_recording
-from dehyst.models.cascade import channels_of, simulate
-from dehyst.models.errors import BadInput
+from dehyst.daemon.files.models import load_model
+from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.files.recordings import read_recording, write_recording
+from dehyst.daemon.tools.prediction import outside_validity, predict, rms_error
 from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
 
@@ -25,11 +23,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL.toml", help="a file, or a shipped model by name")
     parser.add_argument("recording", type=Path, metavar="REC.csv")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv")
+    add_force(parser)
     parser.add_argument("--json", action="store_true", help="what was done as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
     """Simulate and write; 0."""
+    check_outputs([args.output], [args.model, args.recording], args.force)
     model = load_model(args.model)
     recording = read_recording(args.recording, min_rows=1)
     y = predict(model, recording)
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     )
     outside = outside_validity(model, recording)
     unit = model.displacement_unit
-    error = _error(recording, y, unit)
+    error = rms_error(recording, y, unit)
     if args.json:
         print(json.dumps({"output": str(args.output), "rows": recording.size, "unit": unit,
                           "outside": outside, "rms": error}, indent=2))  # fmt: skip
@@ -52,45 +52,6 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def predict(model: Model, recording: Recording) -> Floats:
-    """(N,) displacement by the model. NaN where the drive or a channel that it reads is missing.
-
-    The plays pass over missing rows; nothing is filled in. Raises BadInput on other units or
-    missing channels.
-    """
-    if model.drive_unit != recording.drive_unit:
-        raise BadInput(
-            f"{recording.name}: the drive is in {recording.drive_unit}, the model's in "
-            f"{model.drive_unit}"
-        )
-    needed = channels_of(model)
-    absent = [name for name in needed if name not in recording.channels]
-    if absent:
-        raise BadInput(
-            f"{recording.name}: the model reads the channel {absent[0]}, which is absent"
-        )
-    known = ~recording.missing_drive
-    for name in needed:
-        known &= ~np.isnan(recording.channels[name])
-    if not known.any():
-        raise BadInput(f"{recording.name}: no row has all that the model reads")
-    channels = {name: recording.channels[name][known] for name in needed}
-    out = np.full(recording.size, np.nan)
-    out[known] = simulate(model, recording.t_s[known], recording.drive[known], channels)
-    return out
-
-
-def outside_validity(model: Model, recording: Recording) -> dict[str, float]:
-    """Share of the rows that leave the model's drive range and its rate range."""
-    v, u = model.validity, recording.drive
-    margin = 1e-6 * (v.drive_max - v.drive_min)
-    with np.errstate(invalid="ignore"):
-        drive = (u < v.drive_min - margin) | (u > v.drive_max + margin)
-        rate = np.abs(np.diff(u)) / np.diff(recording.t_s)
-        fast = rate > v.rate_max * (1 + 1e-6) if v.rate_max else np.zeros(1, dtype=bool)
-    return {"drive": float(np.mean(drive)), "rate": float(np.mean(fast)) if fast.size else 0.0}
-
-
 def _columns(model: Model, recording: Recording, y: Floats) -> dict[str, Floats]:
     columns = {recording.drive_column: recording.drive}
     if recording.displacement is not None:
@@ -98,11 +59,3 @@ def _columns(model: Model, recording: Recording, y: Floats) -> dict[str, Floats]
     columns |= recording.channels
     columns[f"y_model_{model.displacement_unit}"] = y
     return columns
-
-
-def _error(recording: Recording, y: Floats, unit: str) -> float | None:
-    if recording.displacement is None or recording.displacement_unit != unit:
-        return None
-    error = recording.displacement - y
-    known = error[~np.isnan(error)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else None

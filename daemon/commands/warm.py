@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from dehyst.daemon.progress import progress_bar
+from dehyst.daemon.terminal.progress import progress_bar
 
 EPILOG = """\
 Kernels are compiled once and kept on disk. A start without them takes a minute longer; the
@@ -20,12 +20,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run everything that is compiled, briefly, on the simulated stage."""
-    from dehyst.daemon.benchconfig import simulated_model
-    from dehyst.daemon.latency import Setup, measure
+    from dehyst.daemon.tools.bench_config import simulated_model
+    from dehyst.daemon.tools.latency import Setup, measure
+    from dehyst.models.physics import KINDS
 
     if not sys.stderr.isatty():
         print("dehyst warm: compiling kernels, once; about a minute", file=sys.stderr)
     with progress_bar("compiling kernels, once") as progress:
+        for kind in KINDS.values():
+            kind.compile()
         simulated_model()
         progress(0.3)
         for i, engine in enumerate(("compiled", "python")):

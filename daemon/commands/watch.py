@@ -3,7 +3,14 @@
 import argparse
 import sys
 
-from dehyst.daemon.remote import add_connection, connect, print_json, say
+from dehyst.daemon.client.connection import (
+    add_connection,
+    address_of,
+    connect,
+    print_json,
+    print_json_line,
+    say,
+)
 
 EPILOG = """On a terminal: target, measured and error as plots, state, deadlines, devices, events;
 Ctrl-C leaves. In a pipe: one line a second, events as they come. --json: one JSON status a second.
@@ -33,12 +40,14 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.live import Live
 
-    from dehyst.daemon import clock, view
+    from dehyst.daemon import clock
+    from dehyst.daemon.bus.printable import printable
+    from dehyst.daemon.terminal import view
 
     with connect(args, "watch") as client:
         feed, stream = client.feed(), client.stream()
         feed.status = client.status()
-        window = view.Window(args.window, feed.status.period_ns)
+        window = view.RecentTelemetry(args.window, feed.status.period_ns)
         begun_ns = shown_ns = clock.monotonic_ns()
         console = Console()
         live = None
@@ -58,11 +67,11 @@ def run(args: argparse.Namespace) -> int:
                         refresh=True,
                     )
                 elif args.json:
-                    print_json(feed.status)
+                    print_json_line(feed.status)
                 else:
                     while feed.events:
                         event = feed.events.popleft()
-                        print(f"event    {event.code}: {event.text}")
+                        print(printable(f"event    {event.code}: {event.text}"))
                     print(view.line(feed.status, window, stream.lost))
                 sys.stdout.flush()
         except KeyboardInterrupt:
@@ -75,21 +84,23 @@ def run(args: argparse.Namespace) -> int:
 
 def list_all(args: argparse.Namespace) -> int:
     """Who is there, at a daemon or through a router: 1 where nobody is."""
-    from dehyst.daemon import wire
-    from dehyst.daemon.bus import Bus, BusError
-    from dehyst.daemon.client import daemons
-    from dehyst.daemon.keys import Keys
-    from dehyst.daemon.messages import Status
-    from dehyst.daemon.security import client_settings
+    from dehyst.daemon.bus import encoding
+    from dehyst.daemon.bus.keys import Keys
+    from dehyst.daemon.bus.messages import Status
+    from dehyst.daemon.bus.printable import printable
+    from dehyst.daemon.bus.security import client_settings
+    from dehyst.daemon.bus.session import Bus, BusError
+    from dehyst.daemon.client.client import daemons
 
-    with Bus.connect([args.connect], security=client_settings(args.credentials)) as bus:
+    where, credentials = address_of(args)
+    with Bus.connect([where], security=client_settings(credentials)) as bus:
         names = daemons(bus, args.base)
         found: dict[str, Status | None] = {}
         for name in names:
             try:
                 answer = next(bus.ask(Keys(args.base, name).rpc("status"), timeout_s=1.0))
-                found[name] = wire.decode(Status, answer)
-            except (BusError, wire.BadMessage):
+                found[name] = encoding.decode(Status, answer)
+            except (BusError, encoding.BadMessage):
                 found[name] = None  # it has just gone, or may not be asked
     if args.json:
         print_json(found)
@@ -100,11 +111,12 @@ def list_all(args: argparse.Namespace) -> int:
             continue
         state = status.state if status.core_alive else "no loop"
         lost = status.gateway.samples_lost
-        print(
+        row = (
             f"{name:20s} {state:9s} {1e9 / status.period_ns:g} Hz  reach {status.reach_min:.4g} "
             f"to {status.reach_max:.4g} {status.unit}  missed {status.missed}  lost {lost}  "
             f"commanded by {status.gateway.lease_label or 'nobody'}"
         )
+        print(printable(row))
     if not names:
-        say(f"no controller with keys below {args.base}/ is to be seen at {args.connect}")
+        say(f"no controller with keys below {args.base}/ is to be seen at {where}")
     return 0 if names else 1

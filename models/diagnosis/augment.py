@@ -10,11 +10,11 @@ from math import comb
 import numpy as np
 from scipy.optimize import nnls
 
-from dehyst.models.cascade import SHAPES
-from dehyst.models.diagnosis.data import Floats
-from dehyst.models.diagnosis.fit import Fitted, Problem, behind_output, drive_behind
-from dehyst.models.diagnosis.kernels import plays
+from dehyst.models.diagnosis.effects import behind_output, drive_behind
+from dehyst.models.diagnosis.fit import Fitted, Problem
 from dehyst.models.model import Block, Hysteresis, Model, Validity
+from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays
+from dehyst.models.signals.filters import plays
 
 
 def compact(problem: Problem, fitted: Fitted) -> Hysteresis:
@@ -48,7 +48,7 @@ def augmented(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> Model
     for effect, amplitudes in zip(fitted.effects, fitted.amplitudes, strict=True):
         blocks.extend(effect.candidate.blocks(effect.theta, amplitudes, data))
     rank = {"drive": 0, "stage": 1, "sensor": 2}
-    blocks.sort(key=lambda b: 0.5 if b.kind in SHAPES else rank[b.place])
+    blocks.sort(key=lambda b: 0.5 if KINDS[b.kind].beside else rank[b.place])
     rate = np.abs(np.diff(data.u)) / data.dt[1:]
     rate = rate[~data.starts[1:]]
     validity = Validity(
@@ -76,35 +76,17 @@ def _shape(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> tuple[Bl
         for k in range(power + 1):
             e[k] += comb(power, k) * (-1.0) ** (power - k) * powers[power - 1]
     e[1] -= hysteresis.b * half
-    params: dict[str, float | tuple[float, ...]] = {
-        f"thresholds_{problem.data.drive_unit}": _tuple(base.thresholds * base.span),
-        **{f"weights_{k}": _tuple(e[k]) for k in range(1, 6)},
-        f"scale_{problem.data.drive_unit}": half,
-        f"center_{problem.data.drive_unit}": base.low,
-    }
-    return Block("shape", "stage", params), float(np.sum(e[0]))
+    scale = DriveScale(base.low, half, problem.data.drive_unit)
+    return curved_plays(base.thresholds * base.span, e[1:], scale), float(np.sum(e[0]))
 
 
 def _memory(problem: Problem, fitted: Fitted) -> Block:
     """The Dahl columns and the high powers of the rich base; their order is the base's."""
-    base, unit = problem.base, problem.data.drive_unit
+    base = problem.base
     m = base.lengths.size
     w = base.full(fitted.weights)[5 * base.thresholds.size :]
-    z, zx, zz, zxx, zzz = (w[k * m : (k + 1) * m] for k in range(5))
-    params: dict[str, float | tuple[float, ...]] = {
-        f"lengths_{unit}": _tuple(base.lengths * base.span),
-        "weights_1": _tuple(z),
-        "weights_2": _tuple(zx),
-        "weights_3": _tuple(zxx),
-        "weights_4": _tuple(zz),
-        "weights_5": _tuple(zzz),
-        "power_4": float(w[5 * m]),
-        "power_5": float(w[5 * m + 1]),
-        f"scale_{unit}": 0.5 * base.span,
-        f"center_{unit}": base.low + 0.5 * base.span,
-    }
-    return Block("memory", "stage", params)
-
-
-def _tuple(x: Floats) -> tuple[float, ...]:
-    return tuple(float(v) for v in x)
+    z, zx, zz, zxx, zzz = w[: 5 * m].reshape(5, m)
+    half = 0.5 * base.span
+    scale = DriveScale(base.low + half, half, problem.data.drive_unit)
+    weights = np.stack([z, zx, zxx, zz, zzz])
+    return bent_loops(base.lengths * base.span, weights, w[5 * m : 5 * m + 2], scale)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from dehyst.models.diagnosis.data import Bools, Data, Floats, Ints
-from dehyst.models.diagnosis.kernels import dahl, plays
+from dehyst.models.signals.filters import dahl, plays
+from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
 # fractions of the drive's range
 THRESHOLDS = np.array([0, 0.01, 0.025, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.37, 0.45, 0.55])

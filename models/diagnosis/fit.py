@@ -15,25 +15,19 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from dehyst.models.diagnosis.base import Base
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context, Parameter
-from dehyst.models.diagnosis.data import Bools, Data, Floats
+from dehyst.models.diagnosis.effects import (
+    Effect,
+    behind_output,
+    drive_behind,
+    in_order,
+    internal,
+    moved,
+)
+from dehyst.models.physics.candidate import Context
+from dehyst.models.signals.joined import Bools, Data, Floats
 
 RIDGE = 1e-9  # of the additive columns' mean square: against exact collinearity only
 SHARED_PARTS = 24  # arrays of all samples, that simulations at the same weights keep
-BOUND_MARGIN = 0.02  # of the (log) range: closer to a bound counts as on it
-
-
-@dataclass(frozen=True)
-class Effect:
-    """A candidate with the values of its nonlinear parameters."""
-
-    candidate: Candidate
-    theta: tuple[float, ...] = ()
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Parameters of theta."""
-        return self.candidate.params_at(self.theta)
 
 
 @dataclass(frozen=True)
@@ -57,28 +51,6 @@ class Fitted:
     def effect_names(self) -> tuple[str, ...]:
         """Keys of the effects."""
         return tuple(e.candidate.key for e in self.effects)
-
-
-def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Effects in their place of the cascade."""
-    return tuple(sorted(effects, key=lambda e: e.candidate.order))
-
-
-def drive_behind(data: Data, effects: Sequence[Effect]) -> Floats:
-    """Drive (N,) that reaches the hysteresis."""
-    v = data.u
-    for e in effects:
-        if e.candidate.mode == "drive":
-            v = e.candidate.drive(data, v, e.theta)
-    return v
-
-
-def behind_output(data: Data, effects: Sequence[Effect], x: Floats) -> Floats:
-    """Columns (N, k) behind the effects that act on the hysteresis' output."""
-    for e in effects:
-        if e.candidate.mode == "output":
-            x = e.candidate.output(data, x, e.theta)
-    return x
 
 
 @dataclass
@@ -305,40 +277,3 @@ class Problem:
                 continue
             jac[:, i] = (self.simulate(fitted, there, output, known) - here) / actual
         return p, jac
-
-
-def internal(effects: Sequence[Effect]) -> Floats:
-    """Nonlinear parameters of all effects, logarithms where they are searched so, else scaled
-    by their range so that a step of one is large."""
-    out = []
-    for e in effects:
-        for p, v in zip(e.parameters, e.theta, strict=True):
-            out.append(np.log(v) if p.log else (v - p.low) / (p.high - p.low))
-    return np.array(out, dtype=float)
-
-
-def moved(effects: Sequence[Effect], p: Floats, step: Floats) -> tuple[Effect, ...]:
-    """Effects with their internal parameters p moved by step, held in their bounds."""
-    out, i = [], 0
-    for e in effects:
-        theta = []
-        for par in e.parameters:
-            value = p[i] + step[i]
-            value = float(np.exp(value)) if par.log else par.low + value * (par.high - par.low)
-            theta.append(min(max(value, par.low), par.high))
-            i += 1
-        out.append(replace(e, theta=tuple(theta)))
-    return tuple(out)
-
-
-def on_bound(effect: Effect) -> list[str]:
-    """Keys of parameters that stand on a bound: not identified."""
-    out = []
-    for p, v in zip(effect.parameters, effect.theta, strict=True):
-        if p.log:
-            at = np.log(v / p.low) / np.log(p.high / p.low)
-        else:
-            at = (v - p.low) / (p.high - p.low)
-        if not BOUND_MARGIN < at < 1 - BOUND_MARGIN:
-            out.append(p.key)
-    return out

@@ -1,17 +1,23 @@
 """95 % intervals of the parameters of a joint fit.
 
-White noise alone would give intervals far too narrow when the base leaves an error of its own,
-so the spread between time blocks counts: the delete-one-block jackknife (B. Efron, C. Stein,
-Ann. Stat. 9, 1981), in its one-step Gauss-Newton form. The wider of the two holds.
+White noise alone would give intervals far too narrow when the base leaves an error of its own, so
+the spread between time blocks counts too: the sandwich of the blocks' scores, each freed of what
+the fit has taken from its own residual, the base's part included (R. Bell, D. McCaffrey, Survey
+Methodology 28, 2002, "bias reduced linearisation"), with Student's t for so many blocks. The wider
+of the two holds.
 """
 
 import numpy as np
+from scipy.special import stdtrit
 
-from dehyst.models.diagnosis.data import Floats
-from dehyst.models.diagnosis.fit import Effect, Fitted, Problem, internal, moved
+from dehyst.models.diagnosis.effects import Effect, internal, moved
+from dehyst.models.diagnosis.fit import Fitted, Problem
 from dehyst.models.diagnosis.result import Value
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.signals.joined import Floats
 
-WIDTH = 2.5  # Student's t for about a dozen blocks is 2.2; the jackknife's own error adds
+LARGEST_LEVERAGE = 0.99
+"""Where one block alone tells a parameter, so much of it is taken for told by that block."""
 
 
 def intervals(problem: Problem, fitted: Fitted, sigma: float) -> list[dict[str, Value]]:
@@ -65,7 +71,7 @@ def _values(fitted: Fitted, index: int, p: Floats, cov: Floats) -> dict[str, Val
     out = {}
     for key, (value, unit) in best.items():
         g = np.array(gradient[key])
-        half = WIDTH * float(np.sqrt(max(g @ cov @ g, 0.0)))
+        half = TUNING.interval_width * float(np.sqrt(max(g @ cov @ g, 0.0)))
         half = max(half, sure.get(key, 0.0) * (1.0 if log[key] else abs(value)))
         if log[key]:
             half = min(half, 20.0)
@@ -87,29 +93,28 @@ def _covariance(problem: Problem, fitted: Fitted, sigma: float) -> Floats:
     nuisance = len(data.names) + problem.base.width
     base, extra = fitted.design[:, :nuisance], fitted.design[:, nuisance:]
     _, jac = problem.jacobian(fitted, problem.output_of(fitted))
-    x = problem.counted(np.concatenate([jac, extra], axis=1))
-    b = problem.counted(base)
-    gram = b.T @ b
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
-    normed = gram / np.outer(scale, scale) + np.diag(problem.penalty(nuisance))
-    x = x - b @ (np.linalg.solve(normed, (b.T @ x) / scale[:, None]) / scale[:, None])
+    x = problem.counted(np.concatenate([base, jac, extra], axis=1))
     residual = problem.counted(data.y - fitted.prediction)
     unit = np.sqrt(np.maximum(np.sum(x**2, axis=0), 1e-30))
     x = x / unit
-    a = x.T @ x + 1e-10 * np.eye(x.shape[1])
-    inverse = np.linalg.pinv(a, hermitian=True, rcond=1e-12)
-    white = inverse * sigma**2
+    ridge = np.full(x.shape[1], 1e-10)
+    ridge[:nuisance] = problem.penalty(nuisance)
+    values, vectors = np.linalg.eigh(x.T @ x + np.diag(ridge))
+    whitened = vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
+    own = whitened[nuisance:]
+    white = sigma**2 * own @ own.T
     block = data.block[data.rows]
-    ids = np.unique(block)
     moves = []
-    for k in ids:
+    for k in np.unique(block):
         here = block == k
-        xb = x[here]
-        moves.append(np.linalg.pinv(a - xb.T @ xb, hermitian=True, rcond=1e-8) @ (
-            xb.T @ residual[here]
-        ))  # fmt: skip
-    m = np.array(moves)
-    jack = (ids.size - 1) / ids.size * (m.T @ m)
-    wide = np.maximum(np.sqrt(np.diag(jack) / np.maximum(np.diag(white), 1e-300)), 1.0)
+        z = x[here] @ whitened
+        leverage, along = np.linalg.eigh(z.T @ z)
+        left = np.sqrt(1.0 - np.minimum(leverage, LARGEST_LEVERAGE))
+        moves.append(own @ (along @ ((along.T @ (z.T @ residual[here])) / left)))
+    blocks = np.array(moves)
+    between = blocks.T @ blocks
+    student = float(stdtrit(max(len(moves) - 1, 1), 0.975)) / TUNING.interval_width
+    wide = student * np.sqrt(np.diag(between) / np.maximum(np.diag(white), 1e-300))
+    wide = np.maximum(wide, 1.0)
     cov = white * np.outer(wide, wide)
-    return cov / np.outer(unit, unit)
+    return cov / np.outer(unit[nuisance:], unit[nuisance:])

@@ -7,12 +7,13 @@ recordings at all, and the limit says so.
 
 import numpy as np
 
-from dehyst.models.diagnosis.candidates import library
-from dehyst.models.diagnosis.candidates.interface import Candidate
-from dehyst.models.diagnosis.decide import DRIVEN_SHARE, Search, excess, least_size
-from dehyst.models.diagnosis.fit import Effect
+from dehyst.models.diagnosis.effects import Effect
+from dehyst.models.diagnosis.judge import Search, excess, least_size
 from dehyst.models.diagnosis.result import Limit
 from dehyst.models.diagnosis.screen import Screen
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics import library
+from dehyst.models.physics.candidate import Candidate
 
 CANNOT = "the drive of these recordings cannot show it"
 
@@ -29,7 +30,7 @@ def limits(found: Search) -> list[Limit]:
             continue
         least = (least_size(c) * sigma) ** 2
         if c.driven:
-            least = max(least, DRIVEN_SHARE * left)
+            least = max(least, TUNING.driven_share * left)
         limit = _limit(look, c, float(np.sqrt(least)))
         if limit is None:
             continue

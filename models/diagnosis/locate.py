@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from dehyst.models.diagnosis.data import Bools, Data, Floats, Ints
+from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
 TABLES = ("time", "band", "drive", "direction", "rate", "since_turn", "in_hold", "channels")
 
@@ -68,9 +68,11 @@ def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
     hold = time_in_hold(data)
     if np.any(hold > 0):
         out["in_hold"] = table(
-            hold, np.geomspace(data.period, max(float(hold.max()), 2 * data.period), 13), "s",
+            hold,
+            np.geomspace(data.period, max(float(hold.max()), 2 * data.period), 13),
+            "s",
             hold > 0,
-        )  # fmt: skip
+        )
     out["band"] = _bands(data, e, sigma)
     out["channels"] = {
         name: _correlation(c, e, data) for name, c in {"drive": data.u, **data.channels}.items()

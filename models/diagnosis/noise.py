@@ -7,8 +7,8 @@ sampling rate are rejected by medians over time and over frequency.
 
 import numpy as np
 
-from dehyst.models.diagnosis.data import Data, Floats
-from dehyst.models.diagnosis.periodic import period_samples
+from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.periodic import period_samples
 
 SEGMENT = 256
 

@@ -5,15 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from dehyst.models.diagnosis.data import Bools, Floats
 from dehyst.models.model import Model
+from dehyst.models.signals.joined import Bools, Floats
 
 FORMAT = 1
 VERDICTS = ("clean", "explained", "partly", "unknown")
-NAMES = (
-    "creep", "resonance", "delay", "lag", "slew", "clip", "drift", "hum", "coupling",
-    "asymmetry", "friction", "sensor", "rate", "unknown",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from dehyst.models.diagnosis.candidates.interface import Candidate, Context
-from dehyst.models.diagnosis.data import Floats
-from dehyst.models.diagnosis.fit import Effect, Fitted, Problem, drive_behind, in_order
+from dehyst.models.diagnosis.effects import Effect, drive_behind, in_order
+from dehyst.models.diagnosis.fit import Fitted, Problem
+from dehyst.models.physics.candidate import Candidate, Context
+from dehyst.models.signals.joined import Floats
 
 
 class Screen:

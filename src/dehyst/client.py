@@ -1,8 +1,8 @@
-"""The client class for users' own programs: see dehyst.daemon.client."""
+"""The client class for users' own programs: see dehyst.daemon.client.client."""
 
-from dehyst.daemon.bus import BusError
-from dehyst.daemon.client import Client, Refusal, daemons
-from dehyst.daemon.player import Played
-from dehyst.daemon.records import Flag, State
+from dehyst.daemon.bus.session import BusError
+from dehyst.daemon.client.client import Client, Refusal, daemons
+from dehyst.daemon.client.player import Played
+from dehyst.daemon.rings.records import Flag, State
 
 __all__ = ["BusError", "Client", "Flag", "Played", "Refusal", "State", "daemons"]

@@ -20,8 +20,8 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, as the command line does
 
-from dehyst.daemon.recordings import read_recording
-from dehyst.models.cascade import simulate
+from dehyst.daemon.files.recordings import read_recording
+from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.recording import Recording
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.daemon.gatewaybench import Bench
+from tests.rigs.gateway_bench import Bench
 
 
 @pytest.fixture

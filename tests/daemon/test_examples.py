@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from tests.daemon.gatewaybench import ROOT, Bench
+from tests.rigs.gateway_bench import ROOT, Bench
 
 PROGRAMS = [
     (["setpoint_client.py"], "measured"),

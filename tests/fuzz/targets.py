@@ -14,27 +14,28 @@ from typing import Any
 
 import numpy as np
 
-from dehyst.daemon import messages, recordings, security, wire
-from dehyst.daemon.admission import Admission
+from dehyst.daemon.bus import encoding, messages, security
+from dehyst.daemon.bus.keys import Keys
+from dehyst.daemon.bus.messages import Chunk, HistoryRequest, Request, Setpoint
+from dehyst.daemon.client.telemetry import TelemetryStream
 from dehyst.daemon.config import parse_config
-from dehyst.daemon.feed import TelemetryStream
-from dehyst.daemon.files import load_model
-from dehyst.daemon.keys import Keys
-from dehyst.daemon.lease import Lease
-from dehyst.daemon.messages import Chunk, HistoryRequest, Request, Setpoint
-from dehyst.daemon.records import TELEMETRY, Command, State
-from dehyst.drivers.apt_codec import Decoder, encode
-from dehyst.drivers.mdt693b_codec import (
+from dehyst.daemon.files import recordings
+from dehyst.daemon.files.models import load_model
+from dehyst.daemon.gateway.admission import Admission
+from dehyst.daemon.gateway.lease import Lease
+from dehyst.daemon.rings.records import TELEMETRY, Command, State
+from dehyst.drivers.ksg101.codec import Decoder, encode
+from dehyst.drivers.mdt693b.codec import (
     Ack,
     Dialect,
     Mdt693bCodec,
     detect_dialect,
     late_replies,
 )
-from dehyst.drivers.mdt693b_forms import FORMS, form_of
+from dehyst.drivers.mdt693b.replies import FORMS, form_of
 from dehyst.models import modelfile
-from dehyst.models.compensator import DRIVE, Compensator
 from dehyst.models.errors import BadInput, DehystError
+from dehyst.models.inverse.compensator import Compensator
 
 NOW_NS = 1_000_000_000_000
 REACH = (-5.0, 5.0)
@@ -57,14 +58,14 @@ def command(data: bytes) -> bool:
     lease = Lease(10**9, lambda: 7)
     lease.acquire(NOW_NS, 1, "fuzz", NOW_NS)
     gate = Admission("um", 10.0, 2.0, lease)
-    gate.core.alive, gate.core.state, gate.core.reach = True, State.READY, REACH
+    gate.core.alive, gate.core.state, gate.core.reachable = True, State.READY, REACH
     gate.core.period_ns, gate.core.status_ns = 1_000_000, NOW_NS
     try:
-        message = wire.decode_command(data)
-    except wire.BadMessage:
+        message = encoding.decode_command(data)
+    except encoding.BadMessage:
         return False
     reply, records = gate.handle(NOW_NS, message, 65536)
-    wire.decode(messages.Reply, wire.encode(reply))
+    encoding.decode(messages.Reply, encoding.encode(reply))
     assert reply.ok or not records.size
     moves = records[np.isin(records["kind"], (Command.SETPOINT, Command.POINT))]
     assert np.all(np.isfinite(moves["value"]))
@@ -86,10 +87,10 @@ def answer(data: bytes) -> bool:
     if not data:
         return False
     try:
-        message = wire.decode(KINDS[data[0] % len(KINDS)], data[1:])
+        message = encoding.decode(KINDS[data[0] % len(KINDS)], data[1:])
         if isinstance(message, messages.TelemetryBatch):
-            assert wire.samples(message).size == message.count
-    except wire.BadMessage:
+            assert encoding.samples(message).size == message.count
+    except encoding.BadMessage:
         return False
     return True
 
@@ -206,7 +207,7 @@ def model(data: bytes) -> bool:
         compensator.step(state, window, 64, np.zeros(0))
     except (DehystError, ValueError, ArithmeticError):  # as a reload refuses it
         return False
-    drive = float(state.result[DRIVE])
+    drive = state.drive
     assert limits[0] - 1e-6 <= drive <= limits[1] + 1e-6 or np.isnan(drive)
     return True
 
@@ -235,7 +236,7 @@ def passwords(data: bytes) -> bool:
 
 @cache
 def _messages() -> tuple[bytes, ...]:
-    batch = wire.batch(np.zeros(3, TELEMETRY), 5, "um", 0)
+    batch = encoding.batch(np.zeros(3, TELEMETRY), 5, "um", 0)
     offsets, values = np.arange(4, dtype="<i8") * 2_000_000, np.linspace(0, 1, 4).astype("<f8")
     common: dict[str, Any] = {"client": 1, "lease": 7, "sent_ns": NOW_NS}
     made = (
@@ -252,7 +253,7 @@ def _messages() -> tuple[bytes, ...]:
         batch,
         HistoryRequest(seconds=3.0),
     )  # fmt: skip
-    return tuple(wire.encode(m) for m in made)
+    return tuple(encoding.encode(m) for m in made)
 
 
 TEXT = (

@@ -7,8 +7,8 @@ docs/real-recordings.md tells how.
 import numpy as np
 import pytest
 
-from dehyst.daemon.recordings import read_recording
-from dehyst.models.cascade import channels_of, simulate
+from dehyst.daemon.files.recordings import read_recording
+from dehyst.models.cascade.simulate import channels_of, simulate
 from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.recording import Recording
 

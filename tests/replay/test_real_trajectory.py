@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dehyst.daemon.checks import origin, reach
 from dehyst.daemon.config import parse_config
-from dehyst.daemon.recordings import read_recording, read_trajectory
-from dehyst.daemon.records import COMMAND, Command, Flag, State
-from dehyst.daemon.step import Plan, Stepper
-from dehyst.models.compensator import Compensator
+from dehyst.daemon.files.recordings import read_recording, read_trajectory
+from dehyst.daemon.loop.reach import displacement_range, origin
+from dehyst.daemon.loop.settings import LoopSettings
+from dehyst.daemon.loop.step import Stepper
+from dehyst.daemon.rings.records import COMMAND, Command, Flag, State
 from dehyst.models.identify import Options, identify
+from dehyst.models.inverse.compensator import Compensator
 
 CONFIG = """
 name = "stack"
@@ -36,11 +37,11 @@ def test_the_target_of_a_real_experiment_is_followed_to_its_end(data_dir: Path) 
     recording = read_recording(data_dir / "recordings" / "stack-1hz.csv")
     model = identify([recording], Options(rate=False)).model
     config = parse_config(CONFIG)
-    low, high = reach(model, model.validity.drive_min, model.validity.drive_max)
+    low, high = displacement_range(model, model.validity.drive_min, model.validity.drive_max)
     zero = origin("auto", low, high)
     assert zero == pytest.approx(0.5 * (low + high))  # this sensor's zero is far away: -98 um
     compensator = Compensator(model, 0.005, 0.0, 150 / 41.667, 4000 / 41.667, mode="static")
-    stepper = Stepper(Plan.from_config(config, zero, 0.0, 150.0), compensator, 0.0)
+    stepper = Stepper(LoopSettings.from_config(config, zero, 0.0, 150.0), compensator, 0.0)
     trajectory = read_trajectory(data_dir / "recordings" / "stack-am.csv")
     points = np.zeros(trajectory.t_s.size, COMMAND)
     points["kind"], points["trajectory"] = Command.POINT, 1
@@ -52,7 +53,7 @@ def test_the_target_of_a_real_experiment_is_followed_to_its_end(data_dir: Path) 
         now += 5_000_000
         sent = points[200 * (len(rows) // 200) : 200 * (len(rows) // 200 + 1)]
         record = stepper.step(now, 0.0, sent if len(rows) % 200 == 0 else points[:0])
-        stepper.written(float(record["volts"][0]))
+        stepper.follow_output(float(record["volts"][0]))
         rows.append(record.copy())
     done = np.concatenate(rows)
     assert stepper.trajectory_done

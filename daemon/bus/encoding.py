@@ -1,0 +1,108 @@
+"""Messages to bytes and back: msgpack for the bytes, msgspec for the checks, strict both ways.
+
+A field that is missing, unknown, of another type or out of bounds, a payload that is too long,
+and anything that is not msgpack at all is BadMessage with the reason. Nothing is ever unpickled,
+and no length that a message claims is believed before it was checked.
+
+Samples travel in batches, one `bin` field a column: raw little-endian numbers, times as int64
+nanoseconds. Any language with a msgpack reader can take them apart.
+"""
+
+from typing import Any, TypeVar
+
+import msgpack
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon.bus.messages import (
+    Chunk,
+    Command,
+    TelemetryBatch,
+)
+from dehyst.daemon.rings.records import TELEMETRY
+from dehyst.models.errors import BadInput
+
+MAX_COMMAND_BYTES = 1 << 20
+"""Longest payload that the gateway decodes."""
+MAX_BATCH_BYTES = 8 << 20
+"""Longest payload that a client decodes."""
+ENCODING = "application/msgpack"
+
+T = TypeVar("T")
+
+
+class BadMessage(BadInput):
+    """A payload that is not a message of this version; the text says what is wrong with it."""
+
+
+def encode(message: msgspec.Struct) -> bytes:
+    """The payload of a message."""
+    plain = msgspec.to_builtins(message, builtin_types=(bytes,))
+    return bytes(msgpack.packb(plain, use_bin_type=True))
+
+
+def _decode(kind: Any, payload: bytes, limit: int) -> Any:
+    if len(payload) > limit:
+        raise BadMessage(f"{len(payload)} bytes; a message has at most {limit}")
+    try:
+        plain = msgpack.unpackb(payload, raw=False, strict_map_key=True)
+        return msgspec.convert(plain, kind, strict=True, builtin_types=(bytes,))
+    except (
+        msgspec.MsgspecError, msgpack.UnpackException, ValueError, RecursionError, OverflowError,
+        TypeError,
+    ) as error:  # fmt: skip
+        raise BadMessage(f"not a message of this version of dehyst: {error}"[:400]) from None
+
+
+def decode_command(payload: bytes) -> Command:
+    """Setpoint, Chunk or Request. Raises BadMessage."""
+    command: Command = _decode(Command, payload, MAX_COMMAND_BYTES)
+    if isinstance(command, Chunk):
+        points(command)
+    return command
+
+
+def decode(kind: type[T], payload: bytes) -> T:
+    """A message of one class. Raises BadMessage."""
+    message: T = _decode(kind, payload, MAX_BATCH_BYTES)
+    return message
+
+
+def points(chunk: Chunk) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """(offset_ns, value) of a chunk, both (n,). Raises BadMessage where they do not match."""
+    size = len(chunk.value)
+    if size != len(chunk.offset_ns) or size % 8 or not size:
+        raise BadMessage("offset_ns and value must hold the same number of 8-byte numbers")
+    return np.frombuffer(chunk.offset_ns, "<i8"), np.frombuffer(chunk.value, "<f8")
+
+
+_COLUMNS = [name for name in TELEMETRY.names or () if name != "seq"]
+
+
+def batch(samples: NDArray[Any], run: int, unit: str, wall_offset_ns: int) -> TelemetryBatch:
+    """A batch of TELEMETRY records whose sequence numbers follow one another."""
+    columns: dict[str, Any] = {
+        name: np.ascontiguousarray(samples[name]).tobytes() for name in _COLUMNS
+    }
+    first = int(samples["seq"][0]) if samples.size else 0
+    return TelemetryBatch(
+        run=run,
+        unit=unit,
+        wall_offset_ns=wall_offset_ns,
+        first_seq=first,
+        count=samples.size,
+        **columns,
+    )
+
+
+def samples(message: TelemetryBatch) -> NDArray[Any]:
+    """(count,) TELEMETRY records. Raises BadMessage where a column has another length."""
+    out = np.empty(message.count, TELEMETRY)
+    out["seq"] = np.arange(message.first_seq, message.first_seq + message.count)
+    for name in _COLUMNS:
+        column, dtype = getattr(message, name), TELEMETRY[name]
+        if len(column) != message.count * dtype.itemsize:
+            raise BadMessage(f"column {name} does not hold {message.count} numbers")
+        out[name] = np.frombuffer(column, dtype)
+    return out

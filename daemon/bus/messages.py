@@ -1,0 +1,204 @@
+"""The messages on the bus, as classes. dehyst.daemon.bus.encoding turns them into bytes and back.
+
+Every message is one map whose `schema` names its class and whose `version` is 1. Displacements
+are in the model's unit (named in the message) and count from the set-point origin; voltages are
+the actuator's; times `_ns` are the controller's CLOCK_MONOTONIC unless said otherwise.
+"""
+
+import secrets
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from dehyst.daemon.rings.status import Id, LoopStatus, Name, Unit, Version
+
+MAX_POINTS = 16_384
+"""Most points in one trajectory chunk."""
+MAX_SAMPLES = 65_536
+"""Most samples in one telemetry batch."""
+
+Seq = Annotated[int, Meta(ge=0, le=2**62)]
+Text = Annotated[str, Meta(max_length=500)]
+Column = Annotated[bytes, Meta(max_length=8 * MAX_SAMPLES)]
+Points = Annotated[bytes, Meta(max_length=8 * MAX_POINTS)]
+
+
+def new_number() -> int:
+    """A random number of 62 bits, never 0: of a client, a lease, a trajectory."""
+    return secrets.randbits(62) | 1
+
+
+class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Base of all messages."""
+
+
+class Setpoint(Message, tag_field="schema", tag="dehyst.setpoint", frozen=True, kw_only=True):
+    """One set-point: go to `value` now and stay."""
+
+    version: Version = 1
+    client: Id
+    lease: Id
+    """The number that the daemon gave out with the lease; proves that this is not a replay."""
+    sequence: Id
+    """Ascending in each lease; an older or repeated one is refused."""
+    sent_ns: int
+    """The sender's own monotonic clock."""
+    value: float
+    unit: Unit
+    allow_unreachable: bool = False
+    """True: drive to the nearest reachable point and flag it, instead of refusing."""
+
+
+class Chunk(Message, tag_field="schema", tag="dehyst.trajectory", frozen=True, kw_only=True):
+    """The next points of a timed trajectory."""
+
+    version: Version = 1
+    client: Id
+    lease: Id
+    trajectory: Id
+    index: Id
+    """0, 1, 2 ... without gaps; 0 begins the trajectory."""
+    sent_ns: int
+    unit: Unit
+    offset_ns: Points
+    """int64 little-endian: time since the trajectory's start, strictly increasing."""
+    value: Points
+    """float64 little-endian: target of each point."""
+    last: bool = False
+    allow_unreachable: bool = False
+
+
+Action = Literal["acquire", "take-over", "renew", "give-up", "stop", "release", "clear"]
+
+
+class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw_only=True):
+    """Lease: acquire, take-over, renew, give-up. Motion: stop (hold, then ramp to the safe
+    voltage), release (ramp now), clear (forget what is queued of `trajectory`)."""
+
+    version: Version = 1
+    client: Id
+    lease: Id = 0
+    sent_ns: int
+    action: Action
+    trajectory: Id = 0
+    label: Name = ""
+    """Who this is, for the other client that is told so."""
+
+
+class HistoryRequest(Message, tag_field="schema", tag="dehyst.history", frozen=True, kw_only=True):
+    """Samples first_seq <= seq < end_seq; or, with seconds > 0, the last so many seconds."""
+
+    version: Version = 1
+    first_seq: Seq = 0
+    end_seq: Seq = 2**62
+    seconds: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
+    run: Id = 0
+    """Run of the loop that the sequence numbers belong to; 0: whichever is current."""
+
+
+class Reply(Message, tag_field="schema", tag="dehyst.reply", frozen=True, kw_only=True):
+    """Answer to a command."""
+
+    version: Version = 1
+    ok: bool
+    code: Name = "ok"
+    """Short reason: see dehyst.daemon.gateway.admission.CODES."""
+    text: Text = ""
+    """The same in words."""
+    lease: Id = 0
+    """Number to put into every command; 0: the sender has no lease."""
+    lease_s: float = 0.0
+    """The lease ends so long after the last command or renewal."""
+    queue_s: float = 0.0
+    """Trajectory that is still ahead, an upper bound."""
+    telemetry_seq: int = -1
+    """Newest sample when the command was passed on."""
+
+
+class Rejection(Message, tag_field="schema", tag="dehyst.rejection", frozen=True, kw_only=True):
+    """Commands that were refused, told to everybody; `count` since the last such message."""
+
+    version: Version = 1
+    time_ns: int
+    client: Id
+    code: Name
+    text: Text
+    count: int
+
+
+class Event(Message, tag_field="schema", tag="dehyst.event", frozen=True, kw_only=True):
+    """What happened, in words. level: 1 information, 2 warning, 3 error."""
+
+    version: Version = 1
+    time_ns: int
+    wall_ns: int
+    level: int
+    code: Name
+    text: Text
+
+
+class TelemetryBatch(
+    Message, tag_field="schema", tag="dehyst.telemetry", frozen=True, kw_only=True
+):
+    """`count` samples with the sequence numbers first_seq, first_seq + 1 ... Columns as in
+    dehyst.daemon.rings.records.TELEMETRY; displacements in `unit`, voltages in V."""
+
+    version: Version = 1
+    run: Id
+    """Another number: the loop was started anew and counts from 0 again."""
+    unit: Unit
+    wall_offset_ns: int
+    """Wall clock minus the monotonic clock of the times here."""
+    first_seq: Seq
+    count: Annotated[int, Meta(ge=0, le=MAX_SAMPLES)]
+    scheduled_ns: Column
+    actual_ns: Column
+    target: Column
+    measured: Column
+    predicted: Column
+    volts_raw: Column
+    volts: Column
+    flags: Column
+    state: Column
+    mode: Column
+    cause: Column
+    io_us: Column
+    exec_us: Column
+
+
+class GatewayStatus(Message, frozen=True, kw_only=True):
+    """What the gateway itself has to say."""
+
+    pid: int
+    uptime_s: float
+    samples_published: int
+    samples_lost: int
+    """Overwritten in the ring before the gateway read them."""
+    commands: int
+    rejected: dict[str, int]
+    """Refused commands by code."""
+    lease_client: Id
+    lease_label: Name
+    lease_left_s: float
+    history_s: float
+    """How far back the history reaches now."""
+    restarts_of_core: int
+    links: int = 0
+    """Clients and routers that are connected now."""
+    links_ended: int = 0
+    """Connections that have ended: by the other side, its silence, or because it did not read."""
+    health: float = 0.0
+    """Misfit over what is expected at most: below 1 the stage behaves as its model; below 0 the
+    watch is still learning, -0.4: 40 % of the first motion is still to be seen."""
+    mismatch: Name = ""
+    """Why it does not: a figure of dehyst.models.mismatch.monitor, or "stuck"; "" while it does."""
+
+
+class Status(LoopStatus, tag_field="schema", tag="dehyst.status", frozen=True, kw_only=True):
+    """State of the loop, 1 Hz and at every change: the rows of dehyst.daemon.rings.status."""
+
+    gateway: GatewayStatus
+
+
+Command = Setpoint | Chunk | Request

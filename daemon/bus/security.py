@@ -1,0 +1,242 @@
+"""Who may connect and what each may do, as settings of the daemon's own zenoh session.
+
+Loopback only: no authentication is asked for. Beyond loopback it must be configured ([bus.auth]):
+either user and password, or certificates (mutual TLS). Everything is denied but what the two
+roles need. Observers: telemetry, status, events, model, configuration, history. Operators: the
+same, and commands. These rules hold in the daemon's process.
+
+Behind a router all clients come over one link, on which the daemon cannot tell them apart. Then
+the router asks for credentials and enforces the roles (docs/examples/router-secured.json5 by
+certificate, router-passwords.json5 by user name), and the daemon has credentials of its own and
+listens on nothing.
+"""
+
+import ipaddress
+import os
+import secrets
+import stat
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from dehyst.daemon.bus.keys import Keys
+from dehyst.daemon.input_file import NotReadable, read_text
+from dehyst.models.errors import BadInput
+
+CA, CERTIFICATE, KEY = "ca.pem", "certificate.pem", "key.pem"
+LARGEST_BYTES = 1 << 20
+PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
+PUBLISHED = ("telemetry", "status", "event", "rejection")
+QUESTIONS = ("status", "model", "configuration", "history")
+
+
+def check_address(endpoint: str, what: str) -> None:
+    """BadInput where this is no address that a session could use."""
+    protocol, slash, rest = endpoint.partition("/")
+    address = rest.partition("?")[0].partition("#")[0]
+    if slash and protocol.startswith("unix") and address:
+        return
+    host, _, port = address.rpartition(":")
+    good = protocol in PROTOCOLS and host and port.isascii() and port.isdigit()
+    if not good or len(port) > 5 or not 0 < int(port) < 65536:
+        raise BadInput(
+            f"{what}: {endpoint[:80]!r} is no address; write PROTOCOL/HOST:PORT, such as "
+            f"tcp/127.0.0.1:7447 (protocols: {', '.join(PROTOCOLS)})"
+        )
+
+
+def is_loopback(endpoint: str) -> bool:
+    """True for a zenoh endpoint that only this machine can reach."""
+    protocol, _, address = endpoint.partition("/")
+    if protocol.startswith("unix"):
+        return True
+    host = address.partition("?")[0].partition("#")[0].rpartition(":")[0].strip("[]")
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def check_open(listen: Sequence[str], authenticated: bool) -> None:
+    """BadInput where the daemon would listen beyond loopback without authentication."""
+    for endpoint in listen:
+        check_address(endpoint, "bus.listen")
+        if not authenticated and not is_loopback(endpoint):
+            raise BadInput(
+                f"bus.listen: {endpoint} can be reached from the network and [bus.auth] is not "
+                "configured: anybody could move the stage. Configure it (`dehyst keys` makes "
+                "certificates), or listen on 127.0.0.1"
+            )
+
+
+def check_routers(listen: Sequence[str], connect: Sequence[str], auth: Any) -> None:
+    """BadInput where the way through a router would leave out the authentication. auth: an
+    AuthConfig or None."""
+    credentials = auth is not None and auth.credentials
+    for endpoint in connect:
+        check_address(endpoint, "bus.connect")
+        if not credentials and not is_loopback(endpoint):
+            raise BadInput(
+                f"bus.connect: {endpoint} is on the network and bus.auth.credentials is not given: "
+                "anybody at that router could move the stage"
+            )
+    if credentials and not connect:
+        raise BadInput("bus.auth.credentials: are for the routers in bus.connect; name them")
+    if credentials and listen:
+        raise BadInput(
+            "bus.auth.credentials: behind a router that enforces the roles the daemon itself "
+            "listens on nothing: set bus.listen = []"
+        )
+    roles = auth is not None and (auth.operators or auth.observers)
+    if roles and connect:
+        raise BadInput(
+            "bus.auth: the clients of a router cannot be told apart here: name operators and "
+            "observers in the router's configuration, and bus.auth.credentials here"
+        )
+    if not listen and not connect:
+        raise BadInput("bus: neither `listen` nor `connect`: nobody could reach the daemon")
+
+
+def _readable(path: Path, what: str, private: bool = False) -> str:
+    try:
+        read_text(path, LARGEST_BYTES)
+        mode = os.stat(path).st_mode
+    except NotReadable as error:
+        raise BadInput(f"{what}: {path} cannot be read: {error}") from None
+    if private and mode & (stat.S_IRWXO | stat.S_IWGRP):
+        raise BadInput(f"{what}: {path} can be read by everybody; chmod 600 {path}")
+    return str(path)
+
+
+def _tls(directory: Path, side: str) -> dict[str, Any]:
+    tls = "transport/link/tls"
+    return {
+        f"{tls}/root_ca_certificate": _readable(directory / CA, "certificates"),
+        f"{tls}/{side}_certificate": _readable(directory / CERTIFICATE, "certificates"),
+        f"{tls}/{side}_private_key": _readable(directory / KEY, "certificates", private=True),
+        f"{tls}/enable_mtls": True,
+        f"{tls}/close_link_on_expiration": True,
+    }
+
+
+def _secret(path: Path, what: str) -> str:
+    """The text of a file that nobody else may read."""
+    return Path(_readable(path, what, private=True)).read_text("utf-8")
+
+
+def names(passwords: Path) -> list[str]:
+    """The users in a file of name:password lines."""
+    found = []
+    for number, line in enumerate(_secret(passwords, "bus.auth.passwords").splitlines(), 1):
+        name, colon, password = line.partition(":")
+        if not line.strip():
+            continue
+        if not (name and colon and len(password) >= 8):
+            raise BadInput(
+                f"{passwords}: line {number} must be name:password with 8 characters or more"
+            )
+        found.append(name)
+    return found
+
+
+def server_settings(
+    keys: Keys,
+    listen: Sequence[str],
+    operators: Sequence[str],
+    observers: Sequence[str],
+    passwords: str,
+    certificates: str,
+) -> dict[str, Any]:
+    """zenoh settings of a daemon that asks for authentication. Raises BadInput where a file is
+    missing, readable for everybody, or does not fit the roles."""
+    people = [*operators, *observers]
+    if bool(passwords) == bool(certificates):
+        raise BadInput("bus.auth: give either `passwords` or `certificates`")
+    if not people:
+        raise BadInput("bus.auth: name the operators and observers; nobody could connect")
+    if len(set(people)) < len(people):
+        raise BadInput("bus.auth: a name stands twice; an operator may observe anyway")
+    if passwords:
+        missing = sorted(set(people) - set(names(Path(passwords))))
+        if missing:
+            raise BadInput(f"bus.auth: {', '.join(missing)}: no password in {passwords}")
+        user = "transport/auth/usrpwd"
+        settings: dict[str, Any] = {
+            f"{user}/user": keys.name,
+            f"{user}/password": secrets.token_urlsafe(32),  # ours is asked for by nobody
+            f"{user}/dictionary_file": passwords,
+        }
+        subject = "usernames"
+    else:
+        plain = [e for e in listen if not e.startswith(("tls/", "quic/"))]
+        if plain:
+            raise BadInput(f"bus.listen: {plain[0]}: certificates need an address tls/HOST:PORT")
+        settings = _tls(Path(certificates), "listen")
+        subject = "cert_common_names"
+    return settings | {"access_control": _access(keys, subject, operators, observers)}
+
+
+def client_settings(credentials: str) -> dict[str, Any]:
+    """zenoh settings of a client: a directory with ca.pem, certificate.pem and key.pem, or a file
+    with one line name:password; "": none. Raises BadInput where they cannot be used."""
+    if not credentials:
+        return {}
+    path = Path(credentials)
+    if path.is_dir():
+        return _tls(path, "connect")
+    name, colon, password = _secret(path, "credentials").strip().partition(":")
+    if not colon or not name or not password or "\n" in password:
+        raise BadInput(f"{path}: must hold one line name:password")
+    user = "transport/auth/usrpwd"
+    return {f"{user}/user": name, f"{user}/password": password}
+
+
+def _access(
+    keys: Keys, subject: str, operators: Sequence[str], observers: Sequence[str]
+) -> dict[str, Any]:
+    """Rules by role; `ingress` is what comes to the daemon, `egress` what it lets out."""
+    everyone = Keys(keys.base, "*")
+    published = [keys.pubsub(name) for name in PUBLISHED]
+    asked = [keys.rpc(name) for name in QUESTIONS]
+    setpoints, command = [keys.setpoints()], [keys.rpc("command")]
+    observing = {
+        "publish": (["put"], "egress", published),
+        "subscribe": (["declare_subscriber"], "ingress", published),
+        "ask": (["query"], "ingress", asked),
+        "answer": (["declare_queryable", "reply"], "egress", asked),
+        "token": (["liveliness_token"], "egress", [keys.alive()]),
+        "find": (
+            ["liveliness_query", "declare_liveliness_subscriber"],
+            "ingress",
+            [everyone.alive(), keys.alive()],
+        ),
+    }
+    operating = {
+        "put-setpoint": (["put"], "ingress", setpoints),
+        "take-setpoint": (["declare_subscriber"], "egress", setpoints),
+        "command": (["query"], "ingress", command),
+        "answer-command": (["declare_queryable", "reply"], "egress", command),
+    }
+    roles = {"operators": list(operators), "observers": list(observers)}
+    roles = {role: names for role, names in roles.items() if names}
+    policies = [{"rules": list(observing), "subjects": list(roles)}]
+    if operators:
+        policies.append({"rules": list(operating), "subjects": ["operators"]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [
+            {
+                "id": name,
+                "permission": "allow",
+                "messages": messages,
+                "flows": [flow],
+                "key_exprs": key_exprs,
+            }
+            for name, (messages, flow, key_exprs) in (observing | operating).items()
+        ],
+        "subjects": [{"id": role, subject: names} for role, names in roles.items()],
+        "policies": policies,
+    }

@@ -1,0 +1,30 @@
+"""What zenoh does not set on the daemon's sockets."""
+
+import os
+import resource
+import socket
+from contextlib import suppress
+
+MOST_FILES = 65_536
+
+
+def allow_open_files() -> None:
+    """As many connections as the system lets us have, not the 1024 of an ordinary login."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
+    if soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+
+
+def end_unread_connections(after_ms: int) -> None:
+    """Have the kernel end a connection whose other side has taken nothing for so long.
+
+    zenoh writes to a link without a limit of time, and closing such a link waits for the write:
+    a few of them hold up its threads, and with them everybody. Connections inherit the limit from
+    the listening socket (TCP_USER_TIMEOUT, tcp(7)).
+    """
+    for name in os.listdir("/proc/self/fd"):
+        with suppress(OSError), socket.socket(fileno=os.dup(int(name))) as one:
+            inet = one.family in (socket.AF_INET, socket.AF_INET6)
+            if inet and one.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+                one.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, after_ms)

@@ -1,0 +1,1 @@
+"""What remote programs talk to a daemon with: client, player, telemetry."""

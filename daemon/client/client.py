@@ -1,0 +1,359 @@
+"""The client: what the remote commands and users' own programs talk to a daemon with.
+
+    from dehyst.client import Client
+
+    with Client() as stage:
+        stage.send(4.0)                  # micrometres from the set-point origin
+        for samples in stage.telemetry():
+            print(samples["measured"][-1])
+
+Displacements are in the model's unit (`status().unit`, um on most stages). A Client is used by
+one thread. Commanding takes the daemon's lease by itself; `take_over()` takes it from another.
+"""
+
+import logging
+import os
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.bus import encoding
+from dehyst.daemon.bus.keys import Keys
+from dehyst.daemon.bus.messages import (
+    Action,
+    Chunk,
+    Command,
+    HistoryRequest,
+    Reply,
+    Request,
+    Setpoint,
+    Status,
+    TelemetryBatch,
+    new_number,
+)
+from dehyst.daemon.bus.security import client_settings
+from dehyst.daemon.bus.session import Bus, BusError, Nobody
+from dehyst.daemon.bus.topics import SETPOINT, subject
+from dehyst.daemon.client.player import LEAD_S, Played, play
+from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
+from dehyst.daemon.config import Config, parse_config
+from dehyst.daemon.rings.records import TELEMETRY
+from dehyst.models.errors import BadInput, DehystError
+from dehyst.models.model import Model
+from dehyst.models.modelfile import loads
+
+log = logging.getLogger(__name__)
+DEFAULT = "tcp/127.0.0.1:7447"
+ADDRESS, CREDENTIALS = "DEHYST_CONNECT", "DEHYST_CREDENTIALS"
+"""What the environment may say instead of the defaults."""
+TIMEOUT_S = 3.0
+FIND_S = 5.0
+PATIENCE_S = 2.0
+
+
+class Refusal(DehystError):
+    """The daemon refused a command. code: see dehyst.daemon.gateway.admission.CODES."""
+
+    def __init__(self, code: str, text: str) -> None:
+        how = "; take_over() or --take-over does" if code == "lease-taken" else ""
+        super().__init__(f"the daemon refuses: {text}{how} [{code}]")
+        self.code = code
+
+
+class Client:
+    """A connection to one daemon.
+
+    name: the controller's name; None: the only one that answers. connect: zenoh address, or
+    several; None: $DEHYST_CONNECT, else this machine's daemon. label: who this is, for others who
+    want to command. credentials: a directory with ca.pem, certificate.pem and key.pem, or a file
+    with one line name:password; None: $DEHYST_CREDENTIALS. Raises BusError where nobody is there,
+    or where there are several and no name was given.
+    """
+
+    def __init__(
+        self,
+        name: str | None = None,
+        connect: str | Sequence[str] | None = None,
+        base: str = "dehyst",
+        label: str = "",
+        credentials: str | None = None,
+    ) -> None:
+        connect = os.environ.get(ADDRESS, DEFAULT) if connect is None else connect
+        credentials = os.environ.get(CREDENTIALS, "") if credentials is None else credentials
+        self.addresses = [connect] if isinstance(connect, str) else list(connect)
+        self.label = (label or f"client {os.getpid()} on {socket.gethostname()}")[:64]
+        self.client = new_number()
+        self.patience_s = PATIENCE_S
+        self._lease = self._sequence = 0
+        self._senders: dict[str, Any] = {}
+        self._unit = ""
+        self.bus = Bus.connect(self.addresses, security=client_settings(credentials))
+        try:
+            self.keys = Keys(base, self._find(base, name))
+        except BaseException:
+            self.bus.close()
+            raise
+
+    def _find(self, base: str, name: str | None) -> str:
+        """The daemon's name; one that is just starting is waited for."""
+        deadline_ns = clock.monotonic_ns() + round(FIND_S * 1e9)
+        passed_over: set[str] = set()
+        while True:
+            names = daemons(self.bus, base, passed_over)
+            if name is None and len(names) == 1:
+                return names[0]
+            if name is not None and name in names:
+                return name
+            if clock.monotonic_ns() > deadline_ns or len(names) > 1:
+                break
+            clock.sleep_s(0.05)
+        where = ", ".join(self.addresses)
+        if not names:
+            raise BusError(
+                f"something listens at {where}, but no daemon with keys below {base}/ answers; it "
+                "may not let these credentials see it"
+            )
+        if name is None:
+            raise BusError(f"several daemons answer at {where}: {', '.join(names)}; name one")
+        raise BusError(f"no daemon {name} at {where}; there are: {', '.join(names)}")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give up the lease and end the connection. Safe to call twice."""
+        if self._lease:
+            self.patience_s = 0.0
+            try:
+                self._ask(self._request("give-up"), timeout_s=0.5)
+            except DehystError as error:
+                log.debug("the lease runs out by itself: %s", error)
+            self._lease = 0
+        self.bus.close()
+
+    # -- questions ------------------------------------------------------------------------------
+
+    @property
+    def name(self) -> str:
+        """The daemon's name."""
+        return self.keys.name
+
+    @property
+    def unit(self) -> str:
+        """The daemon's displacement unit."""
+        self._unit = self._unit or self.status().unit
+        return self._unit
+
+    def status(self) -> Status:
+        """The daemon's present status. Raises BusError where nobody answers."""
+        status: Status = encoding.decode(Status, self._one("status"))
+        return status
+
+    def model(self) -> Model:
+        """The model that the daemon runs."""
+        return loads(self._one("model").decode("utf-8"))
+
+    def config(self) -> Config:
+        """The configuration that the daemon runs, defaults included."""
+        text = self._one("configuration").decode("utf-8")
+        return parse_config(text, "the daemon's configuration")
+
+    def history(
+        self, seconds: float = 0.0, first_seq: int = 0, end_seq: int = 2**62, run: int = 0
+    ) -> NDArray[Any]:
+        """Samples that the daemon still has, as (n,) TELEMETRY records, ascending: the last so
+        many seconds, or first_seq <= seq < end_seq. Fewer where they are not kept any more."""
+        question = HistoryRequest(first_seq=first_seq, end_seq=end_seq, seconds=seconds, run=run)
+        answers = self.bus.ask(self.keys.rpc("history"), encoding.encode(question), 10.0, long=True)
+        parts = [encoding.samples(encoding.decode(TelemetryBatch, answer)) for answer in answers]
+        samples = np.concatenate(parts) if parts else np.zeros(0, TELEMETRY)
+        samples.sort(order="seq")
+        return samples
+
+    def stream(self) -> TelemetryStream:
+        """A telemetry stream: `read()` what has arrived, `lost`, `run`."""
+        return TelemetryStream(self.bus, self.keys, self.history)
+
+    def telemetry(self) -> Iterator[NDArray[Any]]:
+        """Batches of every sample from now on, as (n,) TELEMETRY records. Samples that did not
+        arrive are fetched from the daemon's history; what is gone is a gap in `seq`."""
+        stream = self.stream()
+        while True:
+            samples = stream.read(1.0)
+            if samples.size:
+                yield samples
+
+    def feed(self) -> StatusFeed:
+        """What the daemon tells: newest status, events, refusals."""
+        return StatusFeed(self.bus, self.keys)
+
+    # -- commands -------------------------------------------------------------------------------
+
+    def acquire(self) -> None:
+        """Take the command lease. Raises Refusal where another client holds it."""
+        self._take("acquire")
+
+    def take_over(self) -> None:
+        """Take the command lease from whoever holds it."""
+        self._take("take-over")
+
+    def renew(self) -> None:
+        """Keep the lease without a command."""
+        self._command(lambda: self._request("renew"))
+
+    def send(self, value: float, allow_unreachable: bool = False) -> Reply:
+        """Go to `value` and wait for the daemon's word. Raises Refusal with the reason.
+
+        A single set-point holds for `setpoint.stale_s` of the daemon's configuration; send it
+        again before that to stay.
+        """
+        return self._command(lambda: self._setpoint(value, allow_unreachable))
+
+    def put(self, value: float, allow_unreachable: bool = False) -> None:
+        """Go to `value`, fire and forget: for loops that send hundreds a second. A refusal is
+        only seen in `feed().rejections`. The lease is taken at the first call."""
+        if not self._lease:
+            self.acquire()
+        if "setpoint" not in self._senders:
+            key = self.keys.pubsub(subject(SETPOINT, self.unit), str(self.client))
+            self._senders["setpoint"] = self.bus.sender(key, SETPOINT)
+        self._senders["setpoint"].put(encoding.encode(self._setpoint(value, allow_unreachable)))
+
+    def chunk(
+        self,
+        trajectory: int,
+        index: int,
+        offset_ns: NDArray[np.int64],
+        value: NDArray[np.float64],
+        last: bool,
+        allow_unreachable: bool = False,
+    ) -> Reply:
+        """Send the next points of a trajectory. Raises Refusal."""
+        return self._command(
+            lambda: Chunk(
+                client=self.client,
+                lease=self._lease,
+                trajectory=trajectory,
+                index=index,
+                sent_ns=clock.monotonic_ns(),
+                unit=self.unit,
+                offset_ns=np.asarray(offset_ns, "<i8").tobytes(),
+                value=np.asarray(value, "<f8").tobytes(),
+                last=last,
+                allow_unreachable=allow_unreachable,
+            )
+        )
+
+    def play(
+        self,
+        t_s: ArrayLike,
+        value: ArrayLike,
+        allow_unreachable: bool = False,
+        progress: Callable[[float, float], None] | None = None,
+        on_samples: Callable[[NDArray[Any]], None] | None = None,
+        lead_s: float = LEAD_S,
+    ) -> Played:
+        """Stream a trajectory, (n,) times [s] and (n,) targets, and wait for its end.
+
+        progress(played_s, total_s) is called several times a second; on_samples gets the
+        telemetry; lead_s of trajectory are kept ahead. Raises Refusal, or BusError where the
+        daemon is gone for longer than what was sent ahead lasts. An interrupt stops the motion
+        and is raised again.
+        """
+        return play(self, t_s, value, allow_unreachable, progress, on_samples, lead_s)
+
+    def stop(self) -> None:
+        """Drop all targets: the output holds, then ramps to the safe voltage. Needs no lease."""
+        self._tell(self._request("stop"))
+
+    def release(self) -> None:
+        """Drop all targets and ramp to the safe voltage now. Needs no lease."""
+        self._tell(self._request("release"))
+
+    # -- parts ----------------------------------------------------------------------------------
+
+    def _one(self, method: str, payload: bytes = b"", timeout_s: float = TIMEOUT_S) -> bytes:
+        """One answer; a gateway that is just starting again is waited for."""
+        deadline_ns = clock.monotonic_ns() + round(self.patience_s * 1e9)
+        while True:
+            try:
+                return next(iter(self.bus.ask(self.keys.rpc(method), payload, timeout_s)))
+            except Nobody:
+                if clock.monotonic_ns() > deadline_ns:
+                    raise
+            clock.sleep_s(0.05)
+
+    def _ask(self, command: Command, timeout_s: float = TIMEOUT_S) -> Reply:
+        answer = self._one("command", encoding.encode(command), timeout_s)
+        reply: Reply = encoding.decode(Reply, answer)
+        return reply
+
+    def _tell(self, command: Command) -> Reply:
+        reply = self._ask(command)
+        if not reply.ok:
+            raise Refusal(reply.code, reply.text)
+        return reply
+
+    def _command(self, make: Callable[[], Command]) -> Reply:
+        """Send a command under the lease; where the gateway was restarted, take it anew once."""
+        if not self._lease:
+            self.acquire()
+        reply = self._ask(make())
+        if not reply.ok and reply.code == "no-lease":
+            self.acquire()
+            reply = self._ask(make())
+        if not reply.ok:
+            raise Refusal(reply.code, reply.text)
+        return reply
+
+    def _take(self, action: Action) -> None:
+        self._lease = 0
+        self._lease = self._tell(self._request(action)).lease
+
+    def _request(self, action: Action) -> Request:
+        return Request(
+            client=self.client,
+            lease=self._lease,
+            sent_ns=clock.monotonic_ns(),
+            action=action,
+            label=self.label,
+        )
+
+    def _setpoint(self, value: float, allow_unreachable: bool) -> Setpoint:
+        self._sequence += 1
+        return Setpoint(
+            client=self.client,
+            lease=self._lease,
+            sequence=self._sequence,
+            sent_ns=clock.monotonic_ns(),
+            value=float(value),
+            unit=self.unit,
+            allow_unreachable=allow_unreachable,
+        )
+
+
+def daemons(bus: Bus, base: str = "dehyst", passed_over: set[str] | None = None) -> list[str]:
+    """Names of the daemons that are there. What announces itself under a key that no daemon has is
+    passed over, and named in the log unless it is in `passed_over` already."""
+    keys, known, found = Keys(base, "*"), set() if passed_over is None else passed_over, []
+    for key in bus.alive(keys.alive()):
+        try:
+            found.append(keys.parse(key).name)
+        except BadInput as error:
+            if key not in known:
+                log.warning("passed over, it is no daemon of ours: %s", error)
+            known.add(key)
+    return sorted(found)

@@ -1,0 +1,70 @@
+"""What the remote commands share: how to reach a daemon, and how to print results."""
+
+import argparse
+import getpass
+import os
+import re
+import socket
+import sys
+from typing import Any
+
+import msgspec
+
+from dehyst.daemon.bus.printable import printable
+from dehyst.daemon.client.client import ADDRESS, CREDENTIALS, DEFAULT, Client
+
+
+def add_connection(parser: argparse.ArgumentParser) -> None:
+    """--connect, --name and --base."""
+    group = parser.add_argument_group("connection")
+    group.add_argument(
+        "--connect",
+        metavar="ADDRESS",
+        help="zenoh address of the daemon or of a router (default: $DEHYST_CONNECT, else "
+        f"{DEFAULT})",
+    )
+    group.add_argument(
+        "--credentials",
+        metavar="PATH",
+        help="directory with ca.pem, certificate.pem and key.pem, or a file with name:password "
+        "(default: $DEHYST_CREDENTIALS)",
+    )
+    group.add_argument("--name", help="the controller's name, where several answer")
+    group.add_argument(
+        "--base", default="dehyst", help="first chunks of the keys (default: dehyst)"
+    )
+
+
+def address_of(args: argparse.Namespace) -> tuple[str, str]:
+    """(address, credentials) as given, else as the environment says, else the defaults."""
+    where = args.connect or os.environ.get(ADDRESS, DEFAULT)
+    given = args.credentials
+    return where, os.environ.get(CREDENTIALS, "") if given is None else given
+
+
+def connect(args: argparse.Namespace, what: str) -> Client:
+    """The client of one command. `what` tells others who commands. Raises BusError."""
+    try:
+        user = getpass.getuser()
+    except (OSError, KeyError):
+        user = f"user {os.getuid()}"
+    label = f"dehyst {what} of {user} on {socket.gethostname()}, process {os.getpid()}"
+    return Client(args.name, args.connect, args.base, label, args.credentials)
+
+
+def print_json(value: Any) -> None:
+    """One JSON value on stdout; NaN becomes null."""
+    print_json_line(value, indent=2)
+
+
+def print_json_line(value: Any, indent: int = -1) -> None:
+    """One JSON value on one line of stdout."""
+    text = msgspec.json.format(msgspec.json.encode(value), indent=indent).decode()
+    # JSON escapes what is below a space; a terminal also obeys these
+    text = re.sub("[\x7f-\x9f]", lambda mark: f"\\u{ord(mark.group()):04x}", text)
+    sys.stdout.write(text + "\n")
+
+
+def say(text: str) -> None:
+    """A line for the user, on stderr: stdout belongs to results."""
+    print(printable(text), file=sys.stderr, flush=True)

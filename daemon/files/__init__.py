@@ -1,0 +1,2 @@
+"""Files on disk: recordings, trajectories, models. Read with the file named in every error, written
+whole."""

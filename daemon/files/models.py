@@ -1,0 +1,44 @@
+"""Model files on disk: read with the file named in every error, written whole or not at all."""
+
+from pathlib import Path
+
+from dehyst.daemon.files.outputs import whole_file
+from dehyst.daemon.input_file import NotReadable, read_text
+from dehyst.models.errors import BadModel
+from dehyst.models.model import Model
+from dehyst.models.modelfile import SHIPPED, dumps, loads, shipped
+
+LARGEST_BYTES = 2 << 20
+
+
+def load_model(path: str | Path) -> Model:
+    """The model in a TOML file, or a shipped one by name ("paper-eq12").
+
+    A file of that name wins over the shipped model. Raises BadModel naming file and key.
+    """
+    path = Path(path)
+    if str(path) in SHIPPED and not path.exists():
+        return shipped(str(path))
+    try:
+        text = read_text(path, LARGEST_BYTES)
+    except NotReadable as error:
+        hint = f"; shipped models: {', '.join(SHIPPED)}" if not path.exists() else ""
+        raise BadModel(f"{path}: cannot be read: {error}{hint}") from None
+    try:
+        return loads(text)
+    except BadModel as error:
+        raise BadModel(f"{path}: {error}") from None
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write text so that the file appears complete or not at all. Raises OSError."""
+    with whole_file(path) as file:
+        file.write(text.encode("utf-8"))
+
+
+def save_model(model: Model, path: str | Path) -> None:
+    """Write a model as TOML, atomically. Raises BadModel when the place cannot be written."""
+    try:
+        write_text(path, dumps(model))
+    except OSError as error:
+        raise BadModel(f"{path}: cannot be written: {error.strerror or error}") from None

@@ -1,0 +1,91 @@
+"""Where results go: nothing of the user's is lost.
+
+An output never replaces an input, by whatever name or link; an existing recording is replaced only
+where the user said so; what is not an ordinary file is not written to. A file appears complete or
+not at all: it is written under a name of its own, flushed to the disk, and then renamed.
+"""
+
+import argparse
+import os
+import secrets
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from dehyst.models.errors import BadInput
+
+RECORDINGS = (".csv", ".csv.gz", ".npz", ".mat", ".mcap")
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """--force."""
+    parser.add_argument(
+        "--force", action="store_true", help="replace an existing recording (never an input)"
+    )
+
+
+def check_outputs(
+    outputs: Iterable[str | Path | None], inputs: Iterable[str | Path | None], force: bool
+) -> None:
+    """BadInput where writing would lose something. None among the paths: not given."""
+    read = [Path(path) for path in inputs if path]
+    written: list[Path] = []
+    for output in outputs:
+        if not output:
+            continue
+        path = Path(output)
+        for other in read:
+            if _same(path, other):
+                raise BadInput(f"{path}: is an input ({other}); choose another name for the output")
+        if any(_same(path, other) for other in written):
+            raise BadInput(f"{path}: two outputs would go to this file; choose two names")
+        check_place(path)
+        if not force and path.exists() and path.name.endswith(RECORDINGS):
+            raise BadInput(f"{path}: exists already; choose another name, or --force replaces it")
+        written.append(path)
+
+
+def check_place(path: Path) -> None:
+    """BadInput where a file cannot go there: no such folder, a folder, a device."""
+    if path.exists() and not path.is_file():
+        raise BadInput(f"{path}: cannot be written: it is not an ordinary file")
+
+
+def _same(path: Path, other: Path) -> bool:
+    try:
+        return os.path.samefile(path, other)
+    except OSError:  # one of them is not there yet
+        return path.resolve() == other.resolve()
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[BinaryIO]:
+    """A file to write bytes into that takes its name when it is complete. Raises OSError; nothing
+    is left behind then."""
+    path = Path(path)
+    check_place(path)
+    part = path.with_name(f".{path.name[:200]}.{secrets.token_hex(6)}.part")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+    handle = os.open(part, flags, 0o666)
+    try:
+        with open(handle, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+        _sync_folder(path.parent)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def _sync_folder(folder: Path) -> None:
+    """The new name survives a power cut too."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(handle)
+    except OSError:
+        pass  # some network file systems cannot
+    finally:
+        os.close(handle)

@@ -1,0 +1,1 @@
+"""The process with the network: admission, lease, publisher, history, mismatch watch."""

@@ -1,0 +1,327 @@
+"""What of the clients' commands reaches the loop. Pure: times come in, records go out.
+
+A command that is not admitted is answered with a code and the reason in words, and counted. The
+checks, in this order: is the loop there and in a state that follows commands; lease; order and
+age; unit; finite; within reach; room in the queue. Nothing is clipped or mended here.
+"""
+
+from collections import Counter, deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon.bus import encoding
+from dehyst.daemon.bus.messages import Chunk, Command, Reply, Request, Setpoint
+from dehyst.daemon.gateway.lease import Lease
+from dehyst.daemon.rings.records import COMMAND, State
+from dehyst.daemon.rings.records import Command as Kind
+
+CODES = {
+    "ok": "done",
+    "duplicate": "this chunk was taken before; nothing happened",
+    "bad-message": "not a message of this version",
+    "no-core": "the loop does not run",
+    "state": "the loop follows no commands in its present state",
+    "no-lease": "the sender holds no lease, or an older one",
+    "lease-taken": "another client commands",
+    "old": "older than the newest set-point, or a repeated one",
+    "late": "too long on its way",
+    "unit": "another unit than the daemon's",
+    "not-finite": "NaN or infinite",
+    "unreachable": "outside the reachable range",
+    "order": "a chunk or time stamp out of order",
+    "dense": "points closer than the loop's period",
+    "over": "this trajectory has ended or was withdrawn",
+    "queue-full": "more trajectory ahead than the daemon accepts",
+    "flood": "more commands than the daemon reads",
+}
+NOTHING: NDArray[np.void] = np.zeros(0, COMMAND)
+REACH_SLACK = 1e-9
+RESERVED = 64
+"""Room in the command ring that trajectories leave for a stop."""
+LATEST_OFFSET_NS = 10**18
+
+
+class Refused(Exception):
+    """A command that is not admitted. code: in CODES; the text is for the client."""
+
+    def __init__(self, code: str, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+@dataclass
+class CoreView:
+    """What the gateway knows of the loop."""
+
+    alive: bool = False
+    state: State = State.START
+    reachable: tuple[float, float] = (float("nan"), float("nan"))
+    queue_s: float = 0.0
+    status_ns: int = 0
+    trajectory: int = 0
+    trajectory_done: bool = True
+    period_ns: int = 1_000_000
+    telemetry_seq: int = -1
+
+
+@dataclass
+class _Trajectory:
+    number: int = 0
+    client: int = 0
+    next_index: int = -1  # -1: not known, this gateway started in its midst
+    end_ns: int = -1  # offset of the newest point passed on
+    over: str = ""  # why nothing further is taken
+
+
+class Admission:
+    """The gate. unit: the model's displacement unit; queue_s: most trajectory ahead;
+    stale_s: set-points that were longer on their way are refused."""
+
+    def __init__(self, unit: str, queue_s: float, stale_s: float, lease: Lease) -> None:
+        self.unit, self.queue_s, self.stale_s, self.lease = unit, queue_s, stale_s, lease
+        self.core = CoreView()
+        self.rejected: Counter[str] = Counter()
+        self.commands = 0
+        self._trajectory = _Trajectory()
+        self._passed: deque[tuple[int, float]] = deque()  # (when, seconds of trajectory)
+        self._room = 0
+
+    def resume(self, newest: NDArray[np.void]) -> None:
+        """Learn from the (0,) or (1,) newest POINT record in the ring what a gateway before this
+        one has passed on."""
+        if newest.size:
+            point = newest[-1]
+            self._trajectory = _Trajectory(
+                number=int(point["trajectory"]),
+                client=int(point["client"]),
+                end_ns=int(point["offset_ns"]),
+                over="it is complete" if point["last"] else "",
+            )
+
+    def loop_says(self, trajectory: int, running: bool) -> None:
+        """The loop's own word on the trajectory that it has; one that it has left (it ran dry,
+        a fault) is not taken up again."""
+        if trajectory == self._trajectory.number and not running:
+            self._trajectory.over = self._trajectory.over or "the loop follows it no longer"
+
+    def queue_ahead_s(self, now_ns: int) -> float:
+        """Trajectory ahead of the loop, an upper bound: its own last word plus what was passed
+        on since."""
+        core = self.core
+        while self._passed and self._passed[0][0] < core.status_ns - 2 * core.period_ns:
+            self._passed.popleft()
+        drained = (now_ns - core.status_ns) * 1e-9 if core.state is State.RUNNING else 0.0
+        return max(0.0, core.queue_s - drained) + sum(s for _, s in self._passed)
+
+    def handle(self, now_ns: int, command: Command, room: int) -> tuple[Reply, NDArray[np.void]]:
+        """(answer, COMMAND records for the loop). room: records that its ring can take."""
+        self.commands += 1
+        self._room = room
+        try:
+            if isinstance(command, Setpoint):
+                records, code = self._setpoint(now_ns, command), "ok"
+            elif isinstance(command, Chunk):
+                records, code = self._chunk(now_ns, command)
+            else:
+                records, code = self._request(now_ns, command), "ok"
+        except Refused as refused:
+            return self.refuse(now_ns, refused.code, str(refused)), NOTHING
+        holder = self.lease.check(now_ns, command.client, self.lease.lease)
+        return (
+            Reply(
+                ok=True,
+                code=code,
+                lease=self.lease.lease if holder and isinstance(command, Request) else 0,
+                lease_s=self.lease.length_ns * 1e-9,
+                queue_s=self.queue_ahead_s(now_ns),
+                telemetry_seq=self.core.telemetry_seq,
+            ),
+            records,
+        )
+
+    def refuse(self, now_ns: int, code: str, text: str) -> Reply:
+        """Count a refusal and say why."""
+        self.rejected[code] += 1
+        return Reply(ok=False, code=code, text=text[:500], queue_s=self.queue_ahead_s(now_ns))
+
+    def _check_core(self, records: int = 1) -> None:
+        if not self.core.alive:
+            raise Refused("no-core", "the loop's process does not run")
+        if records > self._room - RESERVED * (records > 1):
+            raise Refused("queue-full", "the loop does not take commands at present")
+
+    def _check_state(self, records: int = 1) -> None:
+        self._check_core(records)
+        if self.core.state in (State.START, State.FAULT, State.STOPPING):
+            raise Refused(
+                "state",
+                f"in the state {self.core.state.name.lower()} the daemon follows no commands",
+            )
+
+    def _check_lease(self, now_ns: int, client: int, lease: int) -> None:
+        if self.lease.check(now_ns, client, lease):
+            return
+        if self.lease.held(now_ns) and client != self.lease.client:
+            raise Refused("lease-taken", self._taken(now_ns))
+        raise Refused("no-lease", "no lease, or one that has ended: acquire one first")
+
+    def _taken(self, now_ns: int) -> str:
+        who = self.lease.label or f"client {self.lease.client}"
+        return (
+            f"{who} commands this daemon (its lease ends {self.lease.left_s(now_ns):.1f} s after "
+            "its last command); take over explicitly, or wait"
+        )
+
+    def _check_age(self, now_ns: int, sent_ns: int) -> None:
+        age_s = self.lease.age_ns(now_ns, sent_ns) * 1e-9
+        if age_s > self.stale_s:
+            raise Refused("late", f"sent {age_s:.1f} s ago; at most {self.stale_s:g} s are allowed")
+        if age_s < -1.0:
+            raise Refused("late", f"sent {-age_s:.1f} s in the future by the sender's own clock")
+
+    def _check_values(
+        self, values: NDArray[np.float64], unit: str, allow_unreachable: bool
+    ) -> None:
+        if unit != self.unit:
+            raise Refused("unit", f"the targets are in {unit!r}; this daemon takes {self.unit!r}")
+        if not np.all(np.isfinite(values)):
+            raise Refused("not-finite", "a target is NaN or infinite")
+        low, high = self.core.reachable
+        least, most = float(values.min()), float(values.max())
+        inside = low - REACH_SLACK <= least and most <= high + REACH_SLACK
+        if not inside and not allow_unreachable:
+            wrong = least if least < low - REACH_SLACK else most
+            raise Refused(
+                "unreachable",
+                f"{wrong:g} {self.unit} cannot be reached: the range is {low:g} to {high:g}",
+            )
+
+    def _setpoint(self, now_ns: int, command: Setpoint) -> NDArray[np.void]:
+        self._check_state()
+        self._check_lease(now_ns, command.client, command.lease)
+        if command.sequence <= self.lease.sequence:
+            raise Refused("old", f"set-point {command.sequence} came after {self.lease.sequence}")
+        self.lease.keep(now_ns)
+        self._check_age(now_ns, command.sent_ns)
+        self._check_values(np.array([command.value]), command.unit, command.allow_unreachable)
+        self.lease.sequence = command.sequence
+        self.lease.heard(now_ns, command.sent_ns)
+        self._end_trajectory("a set-point replaced it")
+        return _records(Kind.SETPOINT, command.client, value=np.array([command.value]))
+
+    def _chunk(self, now_ns: int, command: Chunk) -> tuple[NDArray[np.void], str]:
+        offsets, values = encoding.points(command)
+        self._check_state(offsets.size + 1)
+        self._check_lease(now_ns, command.client, command.lease)
+        self._check_age(now_ns, command.sent_ns)
+        now = self._continued(command)
+        if now.next_index >= 0 and command.index < now.next_index:
+            self.lease.heard(now_ns, command.sent_ns)
+            return NOTHING, "duplicate"
+        if now.over:
+            raise Refused("over", f"trajectory {command.trajectory}: {now.over}")
+        if now.next_index >= 0 and command.index != now.next_index:
+            raise Refused("order", f"chunk {command.index} came where {now.next_index} is due")
+        if offsets[0] < 0 or offsets[-1] > LATEST_OFFSET_NS or np.any(offsets[1:] <= offsets[:-1]):
+            raise Refused("order", "the times of a chunk must be positive and strictly increase")
+        if now.next_index < 0:  # what a gateway before this one has passed on is not sent twice
+            fresh = offsets > now.end_ns
+            offsets, values = offsets[fresh], values[fresh]
+            if not offsets.size:
+                now.next_index = command.index + 1
+                return NOTHING, "duplicate"
+        elif now.end_ns >= 0 and offsets[0] <= now.end_ns:
+            raise Refused("order", "the chunk begins before the one before it ended")
+        self._check_values(values, command.unit, command.allow_unreachable)
+        span_ns = int(offsets[-1]) - (now.end_ns if now.end_ns >= 0 else int(offsets[0]))
+        gaps = offsets.size - (now.end_ns < 0)
+        if span_ns < 0.7 * gaps * self.core.period_ns:
+            raise Refused(
+                "dense",
+                f"the points are {span_ns / max(gaps, 1) * 1e-6:.3g} ms apart, the loop's period "
+                f"is {self.core.period_ns * 1e-6:.3g} ms; send fewer",
+            )
+        ahead_s = 0.0 if command.index == 0 else self.queue_ahead_s(now_ns)
+        if ahead_s + span_ns * 1e-9 > self.queue_s:
+            raise Refused(
+                "queue-full",
+                f"{ahead_s:.2f} s are ahead already, at most {self.queue_s:g} s are accepted; "
+                "send this chunk later",
+            )
+        if command.index == 0:
+            self._passed.clear()
+            self.core.queue_s = 0.0
+        self._trajectory = now
+        now.next_index, now.end_ns = command.index + 1, int(offsets[-1])
+        now.over = "it is complete" if command.last else ""
+        self._passed.append((now_ns, span_ns * 1e-9))
+        self.lease.heard(now_ns, command.sent_ns)
+        records = _records(Kind.POINT, command.client, command.trajectory, values, offsets)
+        records["last"][-1] = command.last
+        return records, "ok"
+
+    def _continued(self, command: Chunk) -> _Trajectory:
+        """The state of the command's trajectory; a new one where chunk 0 begins it."""
+        now = self._trajectory
+        if command.trajectory == 0:
+            raise Refused("order", "0 is not a trajectory's number")
+        if now.number == command.trajectory and now.client == command.client:
+            return now
+        if command.index == 0:
+            return _Trajectory(command.trajectory, command.client, 0)
+        raise Refused(
+            "over", f"trajectory {command.trajectory} is not the one being played; begin at chunk 0"
+        )
+
+    def _end_trajectory(self, why: str) -> None:
+        self._trajectory.over = self._trajectory.over or why
+        self._passed.clear()
+
+    def _request(self, now_ns: int, command: Request) -> NDArray[np.void]:
+        action, client, lease = command.action, command.client, self.lease
+        if client == 0:
+            raise Refused("no-lease", "0 is not a client's number")
+        if action in ("acquire", "take-over"):
+            before = lease.client if lease.held(now_ns) else 0
+            taken = lease.acquire(
+                now_ns, client, command.label, command.sent_ns, action == "take-over"
+            )
+            if not taken:
+                raise Refused("lease-taken", self._taken(now_ns))
+            if before not in (0, client):
+                self._end_trajectory("another client took over")
+            return NOTHING
+        if action in ("stop", "release"):  # whoever may command at all may always stop
+            self._check_core()
+            self._end_trajectory("it was stopped")
+            if lease.check(now_ns, client, command.lease):
+                lease.heard(now_ns, command.sent_ns)
+            return _records(Kind.STOP_MOTION if action == "stop" else Kind.RELEASE, client)
+        self._check_lease(now_ns, client, command.lease)
+        lease.heard(now_ns, command.sent_ns)
+        if action == "give-up":
+            lease.give_up()
+        elif action == "clear":
+            self._check_core()
+            if command.trajectory == self._trajectory.number:
+                self._end_trajectory("its client withdrew it")
+            return _records(Kind.CLEAR, client, command.trajectory)
+        return NOTHING
+
+
+def _records(
+    kind: Kind,
+    client: int,
+    trajectory: int = 0,
+    value: NDArray[np.float64] | None = None,
+    offset_ns: NDArray[np.int64] | None = None,
+) -> NDArray[np.void]:
+    out = np.zeros(1 if value is None else value.size, COMMAND)
+    out["kind"], out["client"], out["trajectory"] = kind, client, trajectory
+    if value is not None:
+        out["value"] = value
+    if offset_ns is not None:
+        out["offset_ns"] = offset_ns
+    return out

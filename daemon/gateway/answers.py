@@ -1,0 +1,111 @@
+"""Answers the longer questions: status, model, configuration, history. Threads of their own, one
+for the history: a slow asker keeps nobody waiting who commands, or who asks for less."""
+
+import logging
+import threading
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import msgspec
+import tomli_w
+
+from dehyst.daemon import clock
+from dehyst.daemon.bus import encoding
+from dehyst.daemon.bus.messages import HistoryRequest
+from dehyst.daemon.bus.session import Asked
+from dehyst.daemon.config import Config
+from dehyst.daemon.files.models import load_model
+from dehyst.daemon.gateway.history import runs
+from dehyst.daemon.gateway.publisher import LONGEST_BATCH, Publisher
+from dehyst.models.errors import DehystError, NotNow
+from dehyst.models.modelfile import dumps
+
+log = logging.getLogger(__name__)
+WAITING = 256
+COPIED = 65_536
+TOML = "application/toml"
+
+
+def config_text(config: Config) -> str:
+    """The configuration in force, defaults included, as TOML."""
+    return tomli_w.dumps(_without_none(msgspec.to_builtins(config)))
+
+
+def _without_none(value: Any) -> Any:
+    """TOML has no null: a key that is not set is left out."""
+    if isinstance(value, dict):
+        return {k: _without_none(v) for k, v in value.items() if v is not None}
+    return value
+
+
+class Answers:
+    """`ask` is called from zenoh's threads, `run` is its own thread."""
+
+    def __init__(self, config: Config, publisher: Publisher) -> None:
+        self._config, self._publisher = config, publisher
+        self._questions: SimpleQueue[Asked] = SimpleQueue()
+
+    def ask(self, asked: Asked) -> None:
+        """Store a question; where too many wait it gets no answer."""
+        if self._questions.qsize() < WAITING:
+            self._questions.put(asked)
+        else:
+            asked.done()
+
+    def run(self, stop: threading.Event) -> None:
+        """Until `stop`."""
+        while not stop.is_set():
+            try:
+                asked = self._questions.get(timeout=0.1)
+            except Empty:
+                continue
+            try:
+                self._answer(asked)
+            except DehystError as error:
+                asked.refuse(str(error))
+            except Exception:
+                log.exception("a question could not be answered: %s", asked.key)
+                asked.refuse("an error in the daemon; its log has the details")
+            finally:
+                asked.done()
+                del asked  # an asker waits for as long as the question is held
+
+    def _answer(self, asked: Asked) -> None:
+        now_ns = clock.monotonic_ns()
+        method = asked.key.rsplit("/", 1)[-1]
+        if method == "status":
+            asked.reply(encoding.encode(self._publisher.status(now_ns)))
+        elif method == "model":
+            asked.reply(self._model_text().encode(), TOML)
+        elif method == "configuration":
+            asked.reply(config_text(self._config).encode(), TOML)
+        elif method == "history":
+            self._history(asked, clock.wall_ns() - now_ns)
+        else:
+            asked.refuse(f"no such method: {method}")
+
+    def _model_text(self) -> str:
+        """The model that the loop runs: its own copy, no other."""
+        path = self._publisher.model_path
+        if path is None:
+            raise NotNow("the loop does not run yet: which model it uses is not known")
+        return dumps(load_model(path))
+
+    def _history(self, asked: Asked, wall_offset_ns: int) -> None:
+        try:
+            question = encoding.decode(HistoryRequest, asked.payload)
+        except encoding.BadMessage as error:
+            asked.refuse(str(error))
+            return
+        history = self._publisher.history
+        first, end = question.first_seq, question.end_seq
+        if question.run not in (0, history.run):
+            end = first  # that run is over and its samples are gone
+        if question.seconds:
+            first = max(first, history.end - round(question.seconds / self._config.period_ns * 1e9))
+        first, end = max(first, history.first), min(end, history.end)
+        for start in range(first, max(end, first + 1), COPIED):
+            samples = history.get(start, min(end, start + COPIED))
+            for piece in runs(samples, LONGEST_BATCH) or [samples]:
+                batch = encoding.batch(piece, history.run, self._publisher.unit, wall_offset_ns)
+                asked.reply(encoding.encode(batch))

@@ -1,0 +1,171 @@
+"""The mismatch watch in the gateway: feeds dehyst.models.mismatch.monitor with telemetry, keeps
+what it saw.
+
+A thread of its own, so that neither a compile nor a slow disk holds up telemetry. When the stage
+stops behaving as its model, the samples around that moment go into a recording, and an event
+names it and the command that explains it.
+"""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.config import Config
+from dehyst.daemon.files.models import load_model
+from dehyst.daemon.gateway.history import TelemetryHistory
+from dehyst.daemon.rings.records import Flag, State
+from dehyst.models.errors import BadModel, DehystError
+from dehyst.models.mismatch.monitor import MismatchMonitor
+
+log = logging.getLogger(__name__)
+WAITING_BATCHES = 4096
+UNUSABLE = Flag.SENSOR_HELD | Flag.SENSOR_INVALID
+MEANS = {
+    "gain": "it moves by another amount, or creeps in another way",
+    "offset": "its zero has moved",
+    "whole": "it moves in another way",
+    "all": "it moves in another way, or its zero has moved",
+    "ringing": "it rings, or something shakes it",
+    "short": "its reading is noisier",
+    "fit": "the model fits far worse than it states",
+}
+STUCK = "stuck"
+
+Tell = Callable[[int, str, str], None]
+"""(level, code, text): an event."""
+
+
+class MismatchWatch:
+    """Judges telemetry. `add` is called by the publisher, `run` is its thread.
+
+    health, mismatch, figure: what the status says; the figure is "" while nothing is wrong, health
+    is below 0 while the watch still learns."""
+
+    def __init__(self, config: Config, history: TelemetryHistory, tell: Tell) -> None:
+        self._config, self._history, self._tell = config, history, tell
+        self._batches: deque[tuple[int, NDArray[Any], float]] = deque(maxlen=WAITING_BATCHES)
+        self._watch: MismatchMonitor | None = None
+        self.model_path: Path | None = None
+        self._model_used: Path | None = None
+        self._run = 0
+        self._before: Any = None
+        self._keep_at: int | None = None  # sequence number at which the recording is complete
+        self._stuck = False
+        self.health, self.mismatch, self.figure = 0.0, False, ""
+
+    @property
+    def directory(self) -> Path:
+        """Where recordings are kept."""
+        chosen = self._config.watch.directory
+        return Path(chosen) if chosen else self._config.directory / "mismatch"
+
+    def add(self, run: int, samples: NDArray[Any], origin: float) -> None:
+        """Samples of one run of the loop; marks them where the stage does not follow its model."""
+        if self.mismatch:
+            samples["flags"] |= int(Flag.MISMATCH)
+        if self._config.watch.enabled:
+            self._batches.append((run, samples.copy(), origin))
+
+    def run(self, stop: threading.Event) -> None:
+        """Until `stop`."""
+        while not stop.wait(0.1):
+            while self._batches and not stop.is_set():
+                try:
+                    self._take(*self._batches.popleft())
+                except DehystError as error:
+                    log.warning("mismatch watch: %s", error)
+
+    def _take(self, run: int, samples: NDArray[Any], origin: float) -> None:
+        if run != self._run or self._watch is None:
+            self._begin(run)
+        watch = self._watch
+        assert watch is not None
+        volts = samples["volts"]
+        first = self._before if self._before is not None else samples[0]
+        seq = np.concatenate([[first["seq"]], samples["seq"]])
+        drive = np.concatenate([[first["volts"]], volts[:-1]]) / self._config.actuator.gain
+        self._before = samples[-1].copy()
+        good = (
+            np.isfinite(samples["measured"])
+            & (samples["flags"] & int(UNUSABLE) == 0)
+            & (samples["state"] != State.FAULT)
+            & (np.diff(seq) == 1)
+        )
+        judged = watch.update(
+            drive, samples["predicted"] + origin, samples["measured"] + origin, good
+        )
+        if judged:
+            self._judged(watch, int(samples["seq"][-1]))
+        if self._keep_at is not None and int(samples["seq"][-1]) >= self._keep_at:
+            self._keep_at = None
+            self._keep(origin, int(samples["seq"][-1]))
+
+    def _begin(self, run: int) -> None:
+        """Another run of the loop, or another model: what was learned does not count any more."""
+        path = self._model_used = self.model_path
+        if path is None:
+            raise BadModel("the loop has not said yet which model it runs")
+        self._watch = MismatchMonitor(load_model(path), self._config.period_ns * 1e-9)
+        self._run, self._before, self._keep_at = run, None, None
+        self.health, self.mismatch, self.figure, self._stuck = 0.0, False, "", False
+
+    def _judged(self, watch: MismatchMonitor, seq: int) -> None:
+        if self.model_path != self._model_used:
+            self._watch = None
+            return
+        stuck_s = watch.stuck_s
+        self.health = watch.health
+        wrong = watch.mismatch or stuck_s > 0.0
+        self.figure = (STUCK if stuck_s else watch.cause) if wrong else ""
+        if stuck_s and not self._stuck:
+            self._tell(2, "sensor", f"the reading has not changed for {stuck_s:.1f} s although the "
+                       "stage was moved: is the sensor stuck?")  # fmt: skip
+        self._stuck = stuck_s > 0.0
+        if wrong and not self.mismatch:
+            rate_hz = 1e9 / self._config.period_ns
+            self._keep_at = seq + round(self._config.watch.after_s * rate_hz)
+            why = MEANS.get(self.figure, "its reading stands still")
+            self._tell(
+                2, "mismatch", f"the stage does not behave as its model: {why} (health "
+                f"{self.health:.2f}, above 1 is out of order, by the figure {self.figure!r})",
+            )  # fmt: skip
+        elif self.mismatch and not wrong:
+            self._tell(1, "mismatch", "the stage behaves as its model again")
+        self.mismatch = wrong
+
+    def _keep(self, origin: float, end: int) -> None:
+        """Write what the history has from before to after the moment."""
+        from dehyst.daemon.files.recorder import Recorder
+
+        chosen, config = self._config.watch, self._config
+        rate_hz = 1e9 / config.period_ns
+        count = round((chosen.before_s + chosen.after_s) * rate_hz)
+        samples = self._history.get(end + 1 - count, end + 1)
+        now = datetime.fromtimestamp(clock.wall_ns() * 1e-9, UTC)
+        path = self.directory / f"mismatch-{now:%Y%m%d-%H%M%S}.csv"
+        try:
+            self.directory.mkdir(parents=True, exist_ok=True)
+            old = sorted(self.directory.glob("mismatch-*.csv"))
+            for file in old[: max(0, len(old) + 1 - chosen.keep)]:
+                file.unlink(missing_ok=True)
+            assert self._model_used is not None
+            model = load_model(self._model_used)
+            units = (model.drive_unit, model.displacement_unit)
+            notes = {"kept by": f"the mismatch watch of {config.name}", "figure": self.figure}
+            with Recorder(path, config.actuator.gain, units, origin, notes) as recorder:
+                recorder.add(samples)
+        except (OSError, DehystError) as error:
+            self._tell(3, "mismatch", f"the recording around the mismatch is not kept: {error}")
+            return
+        self._tell(
+            2, "mismatch", f"recording kept; to learn more: dehyst diagnose {path} --model "
+            f"{config.model.file} -o {path.with_suffix('')}",
+        )  # fmt: skip

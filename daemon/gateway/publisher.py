@@ -1,0 +1,233 @@
+"""From the rings to the bus: telemetry, status, events; and the history that clients may ask for.
+
+`tick` is called every `telemetry.batch_s` by one thread. Everything that was read is published;
+what the ring had overwritten before is counted, never hidden.
+"""
+
+import os
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+
+from dehyst import __version__
+from dehyst.daemon import clock
+from dehyst.daemon.bus import encoding
+from dehyst.daemon.bus.keys import Keys
+from dehyst.daemon.bus.messages import Event, GatewayStatus, Status
+from dehyst.daemon.bus.session import Bus
+from dehyst.daemon.bus.topics import EVENT, TELEMETRY, subject
+from dehyst.daemon.bus.topics import STATUS as STATUS_TOPIC
+from dehyst.daemon.config import Config
+from dehyst.daemon.gateway.admission import Admission
+from dehyst.daemon.gateway.core_rings import CoreRings
+from dehyst.daemon.gateway.history import TelemetryHistory, runs
+from dehyst.daemon.gateway.mismatch import MismatchWatch
+from dehyst.daemon.rings.records import State, model_file, name_of
+from dehyst.daemon.rings.status import STATUS, message_values
+
+SILENT_NS = 2_500_000_000
+"""A core that wrote nothing for so long is taken for dead or hanging."""
+LONGEST_BATCH = 4096
+
+
+class Publisher:
+    """Publishes one core's rings. What it says of unit, reach and model is that core's word."""
+
+    def __init__(
+        self,
+        config: Config,
+        bus: Bus,
+        keys: Keys,
+        rings: CoreRings,
+        admission: Admission,
+        started_ns: int,
+    ) -> None:
+        self._config, self._rings, self._admission = config, rings, admission
+        self._telemetry = bus.sender(keys.pubsub(subject(TELEMETRY)), TELEMETRY)
+        self._status = bus.sender(keys.pubsub(subject(STATUS_TOPIC)), STATUS_TOPIC)
+        self._events = bus.sender(keys.pubsub(subject(EVENT)), EVENT)
+        self._links = bus.watch_links()
+        self.history = TelemetryHistory(round(config.telemetry.history_s * config.loop.rate_hz) + 1)
+        self._record: Any = np.zeros(1, STATUS)[0]
+        self._started_ns = self._heard_ns = self._said_ns = started_ns
+        self._published = self._lost = self._cores = 0
+        self._waiting: SimpleQueue[tuple[int, str, str]] = SimpleQueue()
+        self.mismatch_watch = MismatchWatch(
+            config, self.history, lambda level, code, text: self._waiting.put((level, code, text))
+        )
+
+    def tick(self, now_ns: int) -> None:
+        """Read the rings once and publish what is new."""
+        core = self._admission.core
+        if self._rings.refresh():
+            self._attached(now_ns)
+        heard = self._pass_telemetry() | self._pass_status(now_ns)
+        self._pass_events()
+        if heard:
+            self._heard_ns = now_ns
+        alive = self._rings.attached and self._cores > 0 and now_ns - self._heard_ns < SILENT_NS
+        if alive != core.alive:
+            core.alive = alive
+            self._tell(
+                now_ns,
+                1 if alive else 2,
+                "core",
+                "the loop's process is there"
+                if alive
+                else "the loop's process says nothing: ended, killed or hanging",
+            )
+            self._say(now_ns)
+        elif now_ns - self._said_ns >= 1.2 * clock.NS:
+            self._say(now_ns)
+
+    @property
+    def unit(self) -> str:
+        """The displacement unit of the core's model; "" before there was a core."""
+        return bytes(self._record["unit"]).decode("utf-8", "replace")
+
+    @property
+    def model_path(self) -> Path | None:
+        """The file of the model that the core runs; None before there was a core."""
+        digest = bytes(self._record["model"]).decode("utf-8", "replace")
+        return model_file(self._config.directory, digest) if digest else None
+
+    def status(self, now_ns: int) -> Status:
+        """The present status, also for those who ask."""
+        return status_message(
+            self._record,
+            self._config.name,
+            self.history.run,
+            self._admission.core.alive,
+            self._own_status(now_ns),
+        )
+
+    def _own_status(self, now_ns: int) -> GatewayStatus:
+        lease, history = self._admission.lease, self.history
+        held = lease.held(now_ns)
+        links, links_ended = self._links()
+        return GatewayStatus(
+            pid=os.getpid(),
+            uptime_s=(now_ns - self._started_ns) * 1e-9,
+            samples_published=self._published,
+            samples_lost=self._lost,
+            commands=self._admission.commands,
+            rejected=dict(self._admission.rejected),
+            lease_client=lease.client if held else 0,
+            lease_label=lease.label if held else "",
+            lease_left_s=lease.left_s(now_ns),
+            history_s=(history.end - history.first) * self._config.period_ns * 1e-9,
+            links=links,
+            links_ended=links_ended,
+            restarts_of_core=max(0, self._cores - 1),
+            health=self.mismatch_watch.health,
+            mismatch=self.mismatch_watch.figure,
+        )
+
+    def _attached(self, now_ns: int) -> None:
+        """A core, perhaps a new one. Its past fills the history; publishing goes on where the
+        ring says that the gateway before this one had stopped."""
+        rings = self._rings
+        self._cores += rings.run != self.history.run
+        self._heard_ns = now_ns - SILENT_NS  # rings may be left over from a core that has died
+        self.history.restart(rings.run)
+        self.history.add(rings.before("telemetry", self.history.capacity))
+        self._admission.resume(rings.newest_point())
+        last = rings.newest_status()
+        if last.size:
+            self._take_status(last[-1])
+
+    def _pass_telemetry(self) -> bool:
+        samples, lost = self._rings.read("telemetry")
+        self._lost += lost
+        if not samples.size:
+            return False
+        wall_offset_ns = clock.wall_ns() - clock.monotonic_ns()
+        unit = self.unit
+        self.mismatch_watch.add(self.history.run, samples, float(self._record["origin"]))
+        for piece in runs(samples, LONGEST_BATCH):
+            message = encoding.batch(piece, self.history.run, unit, wall_offset_ns)
+            self._telemetry.put(encoding.encode(message))
+        self._rings.taken("telemetry")
+        self.history.add(samples)
+        self._published += samples.size
+        core = self._admission.core
+        core.telemetry_seq = int(samples["seq"][-1])
+        core.state = State(int(samples["state"][-1]))
+        return True
+
+    def _pass_status(self, now_ns: int) -> bool:
+        records, _ = self._rings.read("status")
+        if not records.size:
+            return False
+        self._rings.taken("status")
+        for record in records[-8:]:  # each change of state is told, also within one tick
+            self._take_status(record)
+            self._say(now_ns)
+        return True
+
+    def _take_status(self, record: Any) -> None:
+        self._record, core = record, self._admission.core
+        self._admission.unit = self.unit
+        self.mismatch_watch.model_path = self.model_path
+        core.state = State(int(record["state"]))
+        core.reachable = (float(record["reach_min"]), float(record["reach_max"]))
+        core.period_ns = int(record["period_ns"])
+        core.trajectory = int(record["trajectory"])
+        core.trajectory_done = bool(record["trajectory_done"])
+        core.queue_s, core.status_ns = float(record["queue_s"]), int(record["time_ns"])
+        self._admission.loop_says(core.trajectory, core.state is State.RUNNING)
+
+    def _pass_events(self) -> None:
+        records, _ = self._rings.read("event")
+        for record in records:
+            self._events.put(encoding.encode(event_message(record)))
+        if records.size:
+            self._rings.taken("event")
+        while not self._waiting.empty():
+            self._tell(clock.monotonic_ns(), *self._waiting.get())
+
+    def _tell(self, now_ns: int, level: int, code: str, text: str) -> None:
+        """An event of the gateway's own."""
+        event = Event(time_ns=now_ns, wall_ns=clock.wall_ns(), level=level, code=code, text=text)
+        self._events.put(encoding.encode(event))
+
+    def _say(self, now_ns: int) -> None:
+        self._said_ns = now_ns
+        self._status.put(encoding.encode(self.status(now_ns)))
+
+    def summary(self) -> str:
+        """One line for systemctl status."""
+        core = self._admission.core
+        state = name_of(State, core.state) if core.alive else "no loop"
+        return f"{state}, {self._published} samples published, {self._lost} lost"
+
+
+def event_message(record: Any) -> Event:
+    """One EVENT record."""
+    return Event(
+        time_ns=int(record["time_ns"]),
+        wall_ns=int(record["wall_ns"]),
+        level=int(record["level"]),
+        code=bytes(record["code"]).decode("utf-8", "replace"),
+        text=bytes(record["text"]).decode("utf-8", "replace"),
+    )
+
+
+def status_message(
+    record: Any,
+    name: str,
+    run: int,
+    alive: bool,
+    gateway: GatewayStatus,
+) -> Status:
+    """One STATUS record and what the gateway knows."""
+    return Status(
+        name=name,
+        software=__version__,
+        core_alive=alive,
+        run=run,
+        gateway=gateway,
+        **message_values(record),
+    )

@@ -1,0 +1,90 @@
+"""Further measured channels, such as a temperature, read beside the loop.
+
+What a model's blocks need of them changes slowly: one thread reads each channel once in a while
+and leaves the value where the inverse finds it. A channel that fails keeps its last value, so that
+the output does not jump, and says so; it is tried again at every reading.
+"""
+
+import math
+import threading
+from collections.abc import Callable, Mapping
+
+from dehyst.daemon import clock
+from dehyst.daemon.config import ChannelConfig
+from dehyst.daemon.loop import realtime
+from dehyst.drivers.interface import DriverError, Sensor
+from dehyst.drivers.registry import load_sensor
+
+
+class Channels:
+    """The sensors of [channels.NAME], open. Raises DriverError where one cannot be opened.
+
+    measured: called with the name and the value of each valid reading; tell: with what went wrong
+    or right again, in words.
+    """
+
+    def __init__(
+        self,
+        configs: Mapping[str, ChannelConfig],
+        measured: Callable[[str, float], None],
+        tell: Callable[[str], None],
+    ) -> None:
+        self._configs, self._measured, self._tell = configs, measured, tell
+        self._sensors: dict[str, Sensor] = {}
+        self._said: dict[str, str] = {}
+        self._known: set[str] = set()
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="channels", daemon=True)
+        try:
+            for name, config in configs.items():
+                sensor = load_sensor(config.driver).from_settings(config.settings)
+                sensor.open()
+                self._sensors[name] = sensor
+        except BaseException:
+            self.close()
+            raise
+
+    def start(self) -> None:
+        """Read each channel once, then go on beside the loop."""
+        for name in self._sensors:
+            self.read(name)
+        if self._sensors:
+            self._thread.start()
+
+    def read(self, name: str) -> None:
+        """One reading; a failure is told once, until it is another or over."""
+        config, sensor = self._configs[name], self._sensors[name]
+        try:
+            if self._said.get(name):
+                sensor.reconnect()
+            value = sensor.read() * config.scale + config.zero
+            wrong = "" if math.isfinite(value) else "no valid reading"
+        except DriverError as error:
+            wrong = f"{type(error).__name__}: {error}"
+        if not wrong:
+            self._measured(name, value)
+            self._known.add(name)
+        if wrong != self._said.get(name, ""):
+            until_then = "its last value stays" if name in self._known else "not compensated"
+            self._tell(f"channel {name}: {wrong}; {until_then}" if wrong
+                       else f"channel {name}: back")  # fmt: skip
+            self._said[name] = wrong
+
+    def _run(self) -> None:
+        realtime.leave_realtime()
+        every = {name: config.every_s for name, config in self._configs.items()}
+        due = {name: clock.monotonic_ns() * 1e-9 + s for name, s in every.items()}
+        while True:
+            name = min(due, key=lambda n: due[n])
+            if self._end.wait(max(due[name] - clock.monotonic_ns() * 1e-9, 0.0)):
+                return
+            self.read(name)
+            due[name] = clock.monotonic_ns() * 1e-9 + every[name]
+
+    def close(self) -> None:
+        """Stop reading and release the sensors."""
+        self._end.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=5.0)
+        for sensor in self._sensors.values():
+            sensor.close()

@@ -1,0 +1,153 @@
+"""Commands and the passing of time as kernels: set-points, trajectory points, requests, staleness.
+
+The first part of a sample, see dehyst.daemon.loop.step_kernel.
+"""
+
+import math
+from typing import Any
+
+from numba import njit
+
+from dehyst.daemon.loop import records_in_memory as at
+from dehyst.daemon.loop import targets
+from dehyst.daemon.loop.records_in_memory import NAN, Note, Table, happens, note, queue_of, takes
+from dehyst.daemon.loop.states import Event
+from dehyst.daemon.rings.records import Command, State
+from dehyst.drivers.direct_calls import floats_at, whole_at
+from dehyst.models.inverse.state import inverse_at
+
+# walls against nonsense that passed the gateway; what is reachable is the inverse's to say
+LARGEST_TARGET = 1e6
+LONGEST_OFFSET_NS = 10**9 * 86_400 * 365
+
+# enumerations as plain integers, which compile in less time
+READY, RUNNING = int(State.READY), int(State.RUNNING)
+TARGET, HALT, RELEASE = int(Event.TARGET), int(Event.HALT), int(Event.RELEASE)
+STALE = int(Event.STALE)
+SETPOINT, POINT, CLEAR = int(Command.SETPOINT), int(Command.POINT), int(Command.CLEAR)
+STOP_MOTION, GIVE_BACK = int(Command.STOP_MOTION), int(Command.RELEASE)
+BAD_VALUE, WITHDRAWN, STOPPED = int(Note.BAD_VALUE), int(Note.WITHDRAWN), int(Note.STOPPED)
+RELEASED, POINT_FULL = int(Note.RELEASED), int(Note.POINT_FULL)
+POINT_LATE, RUN_DRY, NO_SETPOINT = int(Note.POINT_LATE), int(Note.RUN_DRY), int(Note.NO_SETPOINT)
+
+
+@njit(cache=True, nogil=True)
+def admit(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
+    """Take one COMMAND record."""
+    kind, value = command.kind, command.value
+    if not takes(c, TARGET):
+        return  # the gateway has refused these with words; late ones are dropped here
+    if not abs(value) <= LARGEST_TARGET or not abs(command.offset_ns) <= LONGEST_OFFSET_NS:
+        note(table, c, BAD_VALUE, value)
+    elif kind == SETPOINT:
+        _setpoint(table, c, p, now_ns, value)
+    elif kind == POINT:
+        _point(table, c, p, now_ns, command)
+    elif kind == CLEAR:
+        if command.trajectory == queue_of(table).id:
+            _hold(table, c, now_ns, WITHDRAWN, p.hold_ns)
+    elif kind == STOP_MOTION:
+        _hold(table, c, now_ns, STOPPED, p.hold_ns)
+    elif kind == GIVE_BACK:
+        _release(table, c, p, now_ns)
+
+
+@njit(cache=True, nogil=True)
+def _position(c: Any, p: Any) -> float:
+    """Where the model says the stage is now."""
+    return inverse_at(c.inverse).result[0].predicted - p.origin
+
+
+@njit(cache=True, nogil=True)
+def _setpoint(table: Table, c: Any, p: Any, now_ns: int, value: float) -> None:
+    q = queue_of(table)
+    moving = c.state == RUNNING
+    c.target_ns = now_ns
+    if moving and q.count == 0:
+        c.target = value
+        return
+    start = c.target if moving and not math.isnan(c.target) else _position(c, p)
+    _approach(table, c, p, now_ns, start, value, 0, False)
+    q.complete = 1
+    c.target = value
+    happens(c, TARGET, now_ns)
+
+
+@njit(cache=True, nogil=True)
+def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
+    q = queue_of(table)
+    c.target_ns = now_ns
+    value, offset_ns, last = command.value, command.offset_ns, command.last != 0
+    if command.trajectory != q.id or q.count == 0:
+        moving = c.state == RUNNING and not math.isnan(c.target)
+        start = c.target if moving else _position(c, p)
+        _approach(table, c, p, now_ns, start, value, offset_ns, last)
+        q.id = command.trajectory
+        c.trajectory, c.trajectory_done = command.trajectory, 0
+        happens(c, TARGET, now_ns)
+        return
+    times = whole_at(table, at.TIMES)
+    if not targets.append(q, times, floats_at(table, at.VALUES), offset_ns, value, last):
+        full = q.count == times.size
+        note(table, c, POINT_FULL if full else POINT_LATE, offset_ns * 1e-9)
+
+
+@njit(cache=True, nogil=True)
+def _approach(
+    table: Table, c: Any, p: Any, now_ns: int, start: float, value: float, offset_ns: int,
+    last: bool,
+) -> None:  # fmt: skip
+    """Queue the way from `start` to a trajectory's first point at the approach speed."""
+    q, times, values = queue_of(table), whole_at(table, at.TIMES), floats_at(table, at.VALUES)
+    way_ns = max(p.period_ns, round(abs(value - start) / p.approach_um_per_s * 1e9))
+    targets.clear(q)
+    q.start_ns = now_ns + way_ns - offset_ns
+    targets.append(q, times, values, offset_ns - way_ns, start, False)
+    targets.append(q, times, values, offset_ns, value, last)
+    c.approach_until_ns = now_ns + way_ns
+
+
+@njit(cache=True, nogil=True)
+def _hold(table: Table, c: Any, now_ns: int, why: int, hold_ns: int) -> None:
+    if happens(c, HALT, now_ns):
+        note(table, c, why, 0.0)
+        targets.clear(queue_of(table))
+        c.hold_ns = hold_ns
+
+
+@njit(cache=True, nogil=True)
+def _release(table: Table, c: Any, p: Any, now_ns: int) -> None:
+    if c.state == READY and c.volts == p.safe_v:
+        return  # it is where it is to go
+    if c.state != READY:
+        note(table, c, RELEASED, 0.0)
+    happens(c, RELEASE, now_ns)
+    targets.clear(queue_of(table))
+    c.hold_ns = 0
+
+
+@njit(cache=True, nogil=True)
+def age(table: Table, c: Any, p: Any, now_ns: int) -> None:
+    """Trajectories that end or run dry, set-points that go stale."""
+    if c.state != RUNNING:
+        return
+    q, times, values = queue_of(table), whole_at(table, at.TIMES), floats_at(table, at.VALUES)
+    if targets.finished(q, times, now_ns):
+        end = targets.end_ns(q, times)
+        c.target = values[(q.first + q.count - 1) % values.size]
+        c.target_ns = max(c.target_ns, end)
+        if q.id != 0:
+            c.trajectory_done = 1
+        targets.clear(q)
+    starved = targets.starved(q, times, now_ns)
+    if starved and c.starved == 0:
+        c.target_ns = now_ns
+        note(table, c, RUN_DRY, 0.0)
+    elif c.starved != 0 and not starved and q.count > 0:
+        c.bump = NAN
+    c.starved = 1 if starved else 0
+    if (starved or q.count == 0) and now_ns - c.target_ns > p.stale_ns:
+        note(table, c, NO_SETPOINT, p.stale_ns * 1e-9)
+        targets.clear(q)
+        c.hold_ns = p.hold_ns
+        happens(c, STALE, now_ns)

@@ -1,0 +1,126 @@
+"""What the kernel offers a loop with deadlines: priority, locked memory, idle states, timer slack.
+
+Every call reports what was really obtained; none of them raises where a privilege is missing,
+because the daemon must also run for a user who has none (and then says so in its status).
+"""
+
+import ctypes
+import functools
+import gc
+import os
+import struct
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+_PR_SET_PDEATHSIG, _PR_SET_TIMERSLACK = 1, 29
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
+IDLE_LATENCY, AWAKE_FROM_HZ = "/dev/cpu_dma_latency", 1000.0
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+@dataclass(frozen=True)
+class Obtained:
+    """What the process got of what it asked for."""
+
+    fifo: bool
+    priority: int
+    locked: bool
+    cpus: tuple[int, ...]
+    advice: tuple[str, ...] = ()
+    awake: bool = False
+
+
+def leave_realtime() -> None:
+    """Ordinary scheduling for the calling thread, which may have inherited the loop's priority."""
+    if hasattr(os, "SCHED_OTHER"):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def enter_realtime(priority: int, cpu: int, rate_hz: float) -> Obtained:
+    """FIFO scheduling at `priority` (0: leave), pin to `cpu` (-1: leave), lock memory, gc off.
+
+    For the calling thread and threads that it makes later. A loop with priority and a rate from
+    AWAKE_FROM_HZ on also keeps the CPUs out of idle states that take long to leave.
+    """
+    advice = []
+    if cpu >= 0:
+        try:
+            os.sched_setaffinity(0, {cpu})
+        except OSError as error:
+            advice.append(f"loop.cpu = {cpu} refused: {error.strerror}")
+    fifo = False
+    if priority > 0:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+            fifo = True
+        except OSError:
+            advice.append(
+                "no FIFO scheduling: give the user LimitRTPRIO=80 (the systemd unit does) or "
+                "`ulimit -r 80`; the loop runs at ordinary priority"
+            )
+    finest_timer()
+    locked = _libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0
+    if not locked:
+        advice.append("memory not locked: LimitMEMLOCK=infinity (the systemd unit sets it)")
+    wanted = priority > 0 and rate_hz >= AWAKE_FROM_HZ
+    awake = wanted and stay_awake()
+    if wanted and not awake:
+        advice.append(
+            f"idle states not bounded: {IDLE_LATENCY} is not writable (the udev rule opens it to "
+            "the daemon's group); wake-ups may take some 100 us longer"
+        )
+    # other threads give way within 50 us instead of 5 ms
+    sys.setswitchinterval(5e-5)
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    return Obtained(
+        fifo, priority if fifo else 0, locked, tuple(sorted(os.sched_getaffinity(0))),
+        tuple(advice), awake,
+    )  # fmt: skip
+
+
+@functools.cache
+def stay_awake() -> bool:
+    """Ask the kernel for idle states without exit latency; the wish lasts as long as the process.
+
+    The file must stay open for that (Linux, Documentation/power/pm_qos_interface.rst).
+    """
+    try:
+        file = os.open(IDLE_LATENCY, os.O_WRONLY | os.O_CLOEXEC)
+        os.write(file, struct.pack("=i", 0))
+    except OSError:
+        return False
+    return True
+
+
+def finest_timer() -> None:
+    """Wake this thread at the nanosecond that it asks for; ordinary threads get 50 us of slack."""
+    _libc.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
+
+
+@contextmanager
+def raised(priority: int) -> Iterator[None]:
+    """FIFO scheduling at `priority` for the calling thread while the block lasts, where allowed;
+    0: leave it."""
+    if priority == 0:
+        yield
+        return
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (OSError, ValueError):
+        yield
+        return
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *before)
+
+
+def die_with_parent(signal_number: int) -> None:
+    """Ask the kernel to send this process `signal_number` when its parent dies."""
+    _libc.prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal_number), 0, 0, 0)

@@ -1,0 +1,236 @@
+"""What the loop's kernels work on: its numbers as records, its arrays by place.
+
+One table of addresses (dehyst.models.addresses) stands for a controller, one for the inverse that
+it uses (dehyst.models.inverse.state). Both loops, the Python one and the compiled one, and the
+tests hand these tables to the same kernels: dehyst.daemon.loop.step_kernel and
+dehyst.daemon.loop.sample.
+
+Kernels hand records on as `c` (CONTROL_T), `p` (SETTINGS_T), `q` (QUEUE_T),
+`m` (METER_T).
+"""
+
+import math
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numba import carray, njit, types
+from numpy.typing import NDArray
+
+from dehyst.daemon.loop import targets
+from dehyst.daemon.loop.settings import SETTINGS_T
+from dehyst.daemon.loop.states import NEXT, NOTHING
+from dehyst.daemon.loop.targets import QUEUE_T
+from dehyst.daemon.rings.records import COMMAND, TELEMETRY, MissCause
+from dehyst.drivers.direct_calls import pointer
+
+Table = NDArray[np.int64]
+NAN = math.nan
+
+CONTROL_T = np.dtype(
+    [
+        ("volts", "<f8"),  # the output as last written
+        ("wrote_ns", "<i8"),  # when that was, by the clock and not by the grid; 0: not yet
+        ("move_ns", "<i8"),  # time that the next voltage may take for its way, at most a period
+        ("bump", "<f8"),  # what is left of the jump that a reload would have made; NaN: take it
+        ("predicted", "<f8"),  # the model's next reading, from the origin
+        ("target", "<f8"),  # newest target, from the origin; NaN: none
+        ("target_ns", "<i8"),  # when it was last confirmed by a client
+        ("since_ns", "<i8"),  # when the present state began
+        ("hold_ns", "<i8"),
+        ("approach_until_ns", "<i8"),
+        ("stop_by_ns", "<i8"),  # the latest end of STOPPING
+        ("step_ns", "<i8"),  # grid point of the newest sample; 0: none yet
+        ("state", "<i8"),
+        ("starved", "<i8"),
+        ("pending", "<i8"),  # the inverse has proposed a drive that is not applied yet
+        ("trajectory", "<u8"),
+        ("trajectory_done", "<i8"),
+        ("inverse", "<i8"),  # address of the inverse's table
+        ("notes", "<i8"),  # how many notes were made
+    ]
+)
+
+METER_T = np.dtype(
+    [
+        ("scheduled_ns", "<i8"),  # the deadline that is waited for or being served
+        ("begun_ns", "<i8"),  # when its voltage was made
+        ("samples", "<i8"),
+        ("missed", "<i8"),
+        ("tail", "<i8"),  # of the command ring
+        ("measured", "<f8"),  # last reading as model displacement
+        ("scale", "<f8"),
+        ("zero", "<f8"),
+        ("sensor_every", "<i8"),
+        ("spin_ns", "<i8"),
+        # the thread's counters after the sample before
+        ("major_faults", "<i8"),
+        ("minor_faults", "<i8"),
+        ("switches", "<i8"),
+        ("waited_ns", "<i8"),  # time that the thread was ready and had no CPU
+        ("cpu", "<i8"),  # where it ran
+        ("schedstat", "<i8"),  # open file of the thread's /proc schedstat; -1: none
+        # requests to the loop, taken at its next sample
+        ("stop", "<i8"),
+        ("swap", "<i8"),  # address of another inverse's table
+        ("swap_origin", "<f8"),
+        ("actuator_back", "<i8"),
+        ("back_v", "<f8"),
+        # devices: 1 usable, 0 down; the code that brought it down
+        ("actuator_ok", "<i8"),
+        ("sensor_ok", "<i8"),
+        ("doubtful", "<i8"),  # 1: its own report contradicts it, nothing is to be written
+        ("actuator_code", "<i8"),
+        ("sensor_code", "<i8"),
+        # C functions of the devices, for the compiled loop
+        ("write", "<i8"),
+        ("write_context", "<i8"),
+        ("read", "<i8"),
+        ("read_context", "<i8"),
+    ]
+)
+
+NOTE_T = np.dtype([("code", "<i8"), ("value", "<f8")])
+NOTES = 64
+COMMANDS_PER_SAMPLE = 512
+CAUSES = len(MissCause)
+
+# Places in the controller's table.
+(
+    SETTINGS, CONTROL, QUEUE, TIMES, VALUES, NOTE_RING, COMMANDS, RECORD,
+    METER, MISSED_BY, WAKE, WAKE_MOST, EXEC, EXEC_MOST, IO, IO_MOST,
+    COMMAND_WORDS, COMMAND_RING, COMMAND_DATA, COMMAND_CHECKS,
+    TELEMETRY_WORDS, TELEMETRY_RING, TELEMETRY_DATA, TELEMETRY_CHECKS, WITNESS, CLOCK,
+    BUFFER, N_TABLE,
+) = range(28)  # fmt: skip
+
+
+class Note(IntEnum):
+    """What happened in a sample, as a code with one number; Python makes words of it."""
+
+    BAD_VALUE = 1
+    WITHDRAWN = 2
+    STOPPED = 3
+    RELEASED = 4
+    POINT_FULL = 5
+    POINT_LATE = 6
+    RUN_DRY = 7
+    NO_SETPOINT = 8
+    COMMANDS_LOST = 9
+    STOP_FAILED = 10
+    RELOADED = 11
+    STOOD_STILL = 12
+    COMMANDS_DAMAGED = 13
+
+
+TEXTS = {
+    Note.BAD_VALUE: "set-point {:g} dropped: not a number a stage can follow",
+    Note.WITHDRAWN: "trajectory withdrawn by its client",
+    Note.STOPPED: "stopped by a client",
+    Note.RELEASED: "released by a client: ramping to the safe voltage",
+    Note.POINT_FULL: "trajectory point at {:.3f} s dropped: the queue is full",
+    Note.POINT_LATE: "trajectory point at {:.3f} s dropped: its time is not after the last",
+    Note.RUN_DRY: "the trajectory has run dry: holding its last target",
+    Note.NO_SETPOINT: "no set-point for {:g} s: holding, then to the safe voltage",
+    Note.COMMANDS_LOST: "{:.0f} commands overwritten before the loop took them",
+    Note.STOP_FAILED: "ending although the output stands at {:g} V: it does not reach its safe "
+    "voltage",
+    Note.STOOD_STILL: "the loop stood still for {:.2f} s; it glides to the target now",
+    Note.COMMANDS_DAMAGED: "{:.0f} damaged commands dropped",
+    Note.RELOADED: "the new model is in use, set-point 0 is its {:.6g}",
+}
+
+
+def words(code: int, value: float) -> str:
+    """A note as a sentence."""
+    return TEXTS[Note(code)].format(value)
+
+
+@njit(cache=True, nogil=True)
+def control_of(table: Table) -> Any:
+    """The CONTROL_T record."""
+    return carray(pointer(table[3 * CONTROL]), (1,), CONTROL_T)[0]
+
+
+@njit(cache=True, nogil=True)
+def settings_of(table: Table) -> Any:
+    """The SETTINGS_T record."""
+    return carray(pointer(table[3 * SETTINGS]), (1,), SETTINGS_T)[0]
+
+
+@njit(cache=True, nogil=True)
+def queue_of(table: Table) -> Any:
+    """The QUEUE_T record."""
+    return carray(pointer(table[3 * QUEUE]), (1,), QUEUE_T)[0]
+
+
+@njit(cache=True, nogil=True)
+def record_of(table: Table) -> Any:
+    """The sample's TELEMETRY record."""
+    return carray(pointer(table[3 * RECORD]), (1,), TELEMETRY)[0]
+
+
+@njit(cache=True, nogil=True)
+def commands_of(table: Table) -> Any:
+    """The (n,) COMMAND records of this sample."""
+    return carray(pointer(table[3 * COMMANDS]), (table[3 * COMMANDS + 1],), COMMAND)
+
+
+@njit(cache=True, nogil=True)
+def note(table: Table, c: Any, code: int, value: float) -> None:
+    """Say what happened; the oldest of many notes are lost."""
+    notes = carray(pointer(table[3 * NOTE_RING]), (table[3 * NOTE_RING + 1],), NOTE_T)
+    slot = notes[c.notes % notes.size]
+    slot.code, slot.value = code, value
+    c.notes += 1
+
+
+@njit(cache=True, nogil=True)
+def meter_of(table: Table) -> Any:
+    """The METER_T record."""
+    return carray(pointer(table[3 * METER]), (1,), METER_T)[0]
+
+
+@njit(cache=True, nogil=True)
+def ring_of(table: Table) -> Any:
+    """The telemetry ring's records."""
+    shape = (table[3 * TELEMETRY_RING + 1],)
+    return carray(pointer(table[3 * TELEMETRY_RING]), shape, TELEMETRY)
+
+
+@njit(cache=True, nogil=True)
+def command_ring_of(table: Table) -> Any:
+    """The command ring's records."""
+    shape = (table[3 * COMMAND_RING + 1],)
+    return carray(pointer(table[3 * COMMAND_RING]), shape, COMMAND)
+
+
+@njit(cache=True, nogil=True)
+def bytes_at(table: Table, place: int) -> NDArray[np.uint8]:
+    """The (n, m) bytes at a place."""
+    shape = (table[3 * place + 1], table[3 * place + 2])
+    return carray(pointer(table[3 * place]), shape, types.uint8)
+
+
+@njit(cache=True, nogil=True)
+def takes(c: Any, event: int) -> bool:
+    """Whether the present state takes this event at all."""
+    return bool(NEXT[c.state, event] != NOTHING)
+
+
+@njit(cache=True, nogil=True)
+def happens(c: Any, event: int, now_ns: int) -> bool:
+    """An event of dehyst.daemon.loop.states: True where it began another state."""
+    after = NEXT[c.state, event]
+    if after == NOTHING or after == c.state:
+        return False
+    c.state, c.since_ns = after, now_ns
+    c.bump = 0.0
+    return True
+
+
+@njit(cache=True, nogil=True)
+def drop_targets(c: Any, q: Any) -> None:
+    """Forget trajectory and set-point."""
+    targets.clear(q)
+    c.target = NAN

@@ -1,0 +1,183 @@
+"""What surrounds the step in a sample, for both loops: requests and commands before it,
+deadlines, causes, histograms and the telemetry ring after it.
+
+    begin -> (voltage to write, or NaN) -> the caller writes -> finish
+"""
+
+from typing import Any
+
+from numba import njit
+
+from dehyst.daemon.loop import deadlines, systemcalls
+from dehyst.daemon.loop import records_in_memory as at
+from dehyst.daemon.loop.histogram import count
+from dehyst.daemon.loop.records_in_memory import (
+    NAN,
+    Note,
+    Table,
+    bytes_at,
+    command_ring_of,
+    commands_of,
+    control_of,
+    meter_of,
+    note,
+    record_of,
+    ring_of,
+    settings_of,
+)
+from dehyst.daemon.loop.step_kernel import fault, follow_output, recover, step, stop, swap
+from dehyst.daemon.loop.witness import excuse
+from dehyst.daemon.rings.layout import FARTHEST, HEAD, TAIL
+from dehyst.daemon.rings.records import Flag, MissCause, State
+from dehyst.daemon.rings.ring import digest, load, store
+from dehyst.drivers.direct_calls import floats_at, whole_at, whole_grid_at
+
+READY, FAULT = int(State.READY), int(State.FAULT)
+MISSED, WRITE_FAILED = int(Flag.MISSED), int(Flag.WRITE_FAILED)
+COMMANDS_LOST, RELOADED = int(Note.COMMANDS_LOST), int(Note.RELOADED)
+COMMANDS_DAMAGED = int(Note.COMMANDS_DAMAGED)
+PAGE_FAULT, PREEMPTED = int(MissCause.PAGE_FAULT), int(MissCause.PREEMPTED)
+DRIVER_IO, COMPUTE = int(MissCause.DRIVER_IO), int(MissCause.COMPUTE)
+LATE_WAKE = int(MissCause.LATE_WAKE)
+NOT_WRITTEN, WRITTEN, REFUSED = 0, 1, 2
+
+
+@njit(cache=True, nogil=True)
+def begin(table: Table, clock_ns: int) -> float:
+    """Take requests and commands, step; the voltage to write, NaN where none is to be written.
+
+    The reading has been put into the meter before. clock_ns: the time now, which may be late: the
+    slew limit holds by the clock, so a sample that follows a late one closely moves less.
+    """
+    m, c, r, p = meter_of(table), control_of(table), record_of(table), settings_of(table)
+    now_ns = m.scheduled_ns
+    m.begun_ns = clock_ns
+    since_ns = clock_ns - c.wrote_ns if c.wrote_ns != 0 else p.period_ns
+    c.move_ns = min(max(since_ns, 0), p.period_ns)
+    if m.stop != 0:
+        stop(table, now_ns)
+    if m.swap != 0:
+        swap(table, m.swap, m.swap_origin)
+        follow_output(table, c.volts)
+        note(table, c, RELOADED, m.swap_origin)
+        m.swap = 0
+    if m.actuator_back != 0:
+        recover(table, now_ns, m.back_v)
+        m.actuator_ok, m.actuator_back = 1, 0
+    step(table, now_ns, m.measured, _take(table, m, c))
+    if c.state == FAULT or m.actuator_ok == 0 or m.doubtful != 0:
+        r.volts = c.volts
+        return NAN
+    if c.state == READY and r.volts == c.volts:
+        return NAN  # nobody commands: the bus to the amplifier stays quiet
+    return r.volts
+
+
+@njit(cache=True, nogil=True)
+def _take(table: Table, m: Any, c: Any) -> int:
+    """Copy new commands from their ring: how many."""
+    if table[3 * at.COMMAND_WORDS] == 0:
+        return 0
+    words = whole_at(table, at.COMMAND_WORDS)
+    head = load(words, HEAD)
+    if head == m.tail:
+        return 0
+    ring, out = command_ring_of(table), commands_of(table)
+    data, checks = bytes_at(table, at.COMMAND_DATA), whole_at(table, at.COMMAND_CHECKS)
+    if not 0 <= head - m.tail < FARTHEST:  # overwritten: the gateway counts on from what was taken
+        note(table, c, COMMANDS_DAMAGED, 1.0)
+        store(words, HEAD, m.tail)
+        return 0
+    start = max(m.tail, head - ring.size)
+    end = min(head, start + out.size)
+    taken = 0
+    for number in range(start, end):
+        place = number % ring.size
+        out[taken] = ring[place]
+        # judged after the copy: one that was overwritten meanwhile is another number
+        if checks[place] == digest(data[place], number):
+            taken += 1
+    if start > m.tail:
+        note(table, c, COMMANDS_LOST, float(start - m.tail))
+    if taken < end - start:
+        note(table, c, COMMANDS_DAMAGED, float(end - start - taken))
+    m.tail = end
+    store(words, TAIL, end)
+    return taken
+
+
+@njit(cache=True, nogil=True)
+def finish(table: Table, wrote: int, flags: int, woke_ns: int, finished_ns: int, io_ns: int) -> int:
+    """Close the sample: model, record, deadline, ring. Returns how many deadlines were missed."""
+    m, c, p, r = meter_of(table), control_of(table), settings_of(table), record_of(table)
+    scheduled_ns = m.scheduled_ns
+    if wrote == REFUSED:
+        fault(table, scheduled_ns)
+        r.volts = c.volts
+        flags |= WRITE_FAILED
+    if wrote != NOT_WRITTEN:
+        # the output changed between the two: a call that took long counts from its end
+        c.wrote_ns = max(m.begun_ns, finished_ns - p.period_ns)
+    follow_output(table, r.volts)
+    r.seq, r.scheduled_ns, r.actual_ns = m.samples, scheduled_ns, woke_ns
+    r.io_us, r.exec_us = io_ns * 1e-3, (finished_ns - woke_ns) * 1e-3
+    late_ns = max(0, woke_ns - scheduled_ns)
+    count(whole_at(table, at.WAKE), floats_at(table, at.WAKE_MOST), late_ns * 1e-3)
+    count(whole_at(table, at.EXEC), floats_at(table, at.EXEC_MOST), r.exec_us)
+    count(whole_at(table, at.IO), floats_at(table, at.IO_MOST), r.io_us)
+    m.samples += 1
+    missed, m.scheduled_ns = deadlines.close(scheduled_ns, p.period_ns, finished_ns)
+    buffer = whole_at(table, at.BUFFER)
+    major, minor, _, switches = systemcalls.usage(buffer)
+    waited = systemcalls.waited_ns(buffer, m.schedstat)
+    r.cause, cpu = 0, systemcalls.cpu()
+    if missed > 0:
+        m.missed += missed
+        flags |= MISSED
+        cause = _cause(
+            table, scheduled_ns, woke_ns, finished_ns, io_ns, major - m.major_faults,
+            minor - m.minor_faults, switches - m.switches, waited - m.waited_ns, cpu,
+        )  # fmt: skip
+        whole_at(table, at.MISSED_BY)[cause] += missed
+        r.cause = cause
+    m.major_faults, m.minor_faults, m.switches, m.waited_ns = major, minor, switches, waited
+    m.cpu = cpu
+    r.flags |= flags
+    if table[3 * at.TELEMETRY_WORDS] != 0:
+        words, ring = whole_at(table, at.TELEMETRY_WORDS), ring_of(table)
+        data, checks = bytes_at(table, at.TELEMETRY_DATA), whole_at(table, at.TELEMETRY_CHECKS)
+        head = m.samples - 1  # by its own count, whatever became of the file's
+        place = head % ring.size
+        ring[place] = r
+        checks[place] = digest(data[place], head)
+        store(words, HEAD, head + 1)
+    return missed
+
+
+@njit(cache=True, nogil=True)
+def _cause(
+    table: Table, scheduled_ns: int, woke_ns: int, finished_ns: int, io_ns: int, major: int,
+    minor: int, switches: int, waited_ns: int, cpu: int,
+) -> int:  # fmt: skip
+    """Why a deadline was missed: the largest part of the time that has a known reason."""
+    took_ns = finished_ns - scheduled_ns
+    cause, excused_ns = 0, 0
+    if table[3 * at.WITNESS] != 0:
+        logs = whole_grid_at(table, at.WITNESS)
+        cause, excused_ns = excuse(logs, cpu, scheduled_ns, finished_ns)
+        # the timer was set on the CPU that the loop went to sleep on
+        before = meter_of(table).cpu
+        if cause == 0 and before != cpu:
+            cause, excused_ns = excuse(logs, before, scheduled_ns, finished_ns)
+    if 2 * io_ns >= took_ns and 2 * excused_ns < io_ns:
+        return DRIVER_IO
+    if cause != 0:
+        return cause
+    if major > 0:
+        return PAGE_FAULT
+    # ready and without a CPU; a switch alone may have been the witness, which is brief
+    if 4 * waited_ns >= took_ns or (waited_ns == 0 and switches > 0):
+        return PREEMPTED
+    if 2 * (woke_ns - scheduled_ns) >= took_ns:
+        return LATE_WAKE
+    return PAGE_FAULT if minor > 0 else COMPUTE

@@ -1,0 +1,68 @@
+"""The settings of a run of the loop, one row a setting: the only place that lists them.
+
+From the rows of LoopSettings comes the record that the kernels read (SETTINGS_T, in the kernels
+`p`). To add a setting: a key with its default and bounds in dehyst.daemon.config, a row and its
+value here, and the kernel that heeds it.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon.config import Config
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """From configuration, model and device limits; volts at the actuator."""
+
+    period_ns: int
+    gain: float  # actuator volts per drive unit
+    min_v: float
+    max_v: float
+    slew_v: float  # per period
+    safe_v: float
+    ramp_v: float  # per period
+    ramp_on_stop: int
+    ramp_on_fault: int
+    stale_ns: int
+    hold_ns: int
+    approach_um_per_s: float
+    queue_points: int
+    origin: float  # model displacement at set-point 0
+
+    @classmethod
+    def from_config(
+        cls, config: Config, origin: float, min_v: float, max_v: float
+    ) -> "LoopSettings":
+        """min_v, max_v: the tighter of the configured limits and the unit's own."""
+        return cls(
+            period_ns=config.period_ns,
+            gain=config.actuator.gain,
+            min_v=min_v,
+            max_v=max_v,
+            slew_v=config.limits.slew_v_per_s * config.period_ns * 1e-9,
+            safe_v=min(max(config.safe.voltage_v, min_v), max_v),
+            ramp_v=config.safe.ramp_v_per_s * config.period_ns * 1e-9,
+            ramp_on_stop=config.safe.on_stop == "ramp",
+            ramp_on_fault=config.safe.on_fault == "ramp",
+            stale_ns=round(config.setpoint.stale_s * 1e9),
+            hold_ns=round(config.setpoint.hold_s * 1e9),
+            approach_um_per_s=config.setpoint.approach_um_per_s,
+            queue_points=max(65536, round(1.5 * config.setpoint.queue_s * config.loop.rate_hz)),
+            origin=origin,
+        )
+
+    def record(self) -> NDArray[Any]:
+        """The same as the kernels read it: a (1,) SETTINGS_T array."""
+        record = np.zeros(1, SETTINGS_T)
+        for name in SETTINGS_T.names or ():
+            record[name] = getattr(self, name)
+        return record
+
+
+SETTINGS_T = np.dtype(
+    [(row.name, "<i8" if row.type is int else "<f8") for row in fields(LoopSettings)]
+)

@@ -1,0 +1,66 @@
+"""The loop's states and what leads from one to another: one table, read by the kernels of both
+loops, by the documentation (docs/loop-states.md) and by an exhaustive test.
+
+A cell names the state that follows. "-": the event is taken and the state stays; "x": nothing
+happens at all. Events of one sample come in this order: end, recovered, commands, stale, arrived.
+
+    target   a set-point or a point of a trajectory
+    halt     a client stops the motion, or withdraws the trajectory that is played
+    release  a client gives the stage back: to the safe voltage now
+    stale    no target for setpoint.stale_s
+    arrived  the output has come to its safe voltage
+    fault    a device failed, or contradicts what was written
+    ramp     the devices are back, safe.on_fault = "ramp"
+    stay     the devices are back, safe.on_fault = "hold"
+    end      the process is asked to end
+"""
+
+from enum import IntEnum, auto
+
+import numpy as np
+
+from dehyst.daemon.rings.records import State
+
+TABLE = """
+          target   halt     release  stale    arrived  fault    ramp     stay     end
+start     x        x        x        x        x        fault    x        x        stopping
+ready     running  -        holding  x        x        fault    x        x        stopping
+running   -        holding  holding  holding  x        fault    x        x        stopping
+holding   running  -        -        x        ready    fault    x        x        stopping
+fault     x        x        x        x        x        -        holding  ready    stopping
+stopping  x        x        x        x        x        x        x        x        -
+"""
+
+
+class Event(IntEnum):
+    """The columns of the table."""
+
+    TARGET = 0
+    HALT = auto()
+    RELEASE = auto()
+    STALE = auto()
+    ARRIVED = auto()
+    FAULT = auto()
+    RAMP = auto()
+    STAY = auto()
+    END = auto()
+
+
+NOTHING = -1
+
+
+def _parse(table: str) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+    head, *rows = (line.split() for line in table.strip().splitlines())
+    if [Event[name.upper()] for name in head] != list(Event):
+        raise ValueError("the table's columns are not the events in their order")
+    found = np.full((len(State), len(Event)), NOTHING)
+    for name, *cells in rows:
+        state = State[name.upper()]
+        for event, cell in zip(Event, cells, strict=True):
+            if cell != "x":
+                found[state, event] = state if cell == "-" else State[cell.upper()]
+    return found
+
+
+NEXT = _parse(TABLE)
+"""(states, events) -> the state that follows, NOTHING where the event is not taken."""

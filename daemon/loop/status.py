@@ -1,0 +1,198 @@
+"""The loop's monitor: its meter and histograms, its status and its events; requests to it.
+
+Both loops share it. The kernels count and note; here Python makes records and words of that,
+once a second, at every change of state, and when something happened.
+"""
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.loop import realtime, records_in_memory
+from dehyst.daemon.loop.deadlines import next_ns
+from dehyst.daemon.loop.devices import DeviceLink
+from dehyst.daemon.loop.histogram import Histogram
+from dehyst.daemon.loop.records_in_memory import CAUSES, CONTROL_T, METER_T
+from dehyst.daemon.loop.step import Stepper
+from dehyst.daemon.loop.witness import Witness
+from dehyst.daemon.rings.records import EVENT, State
+from dehyst.daemon.rings.ring import Ring
+from dehyst.daemon.rings.status import STATUS
+from dehyst.models.inverse.compensator import Compensator, CompensatorState
+
+PLACE = {name: i for i, name in enumerate(METER_T.names or ())}
+_STATE = (CONTROL_T.names or ()).index("state")
+_NOTES = (CONTROL_T.names or ()).index("notes")
+
+
+class LoopMonitor:
+    """One controller's meter, by name of METER_T: `monitor.numbers[PLACE["missed"]]`.
+
+    numbers, floats: the meter's fields as Python integers or floats, the same memory.
+    sensor_every: the sensor is read at every n-th sample; scale, zero: from its unit to the
+    model's. fill_status: adds to a STATUS record what only the core knows.
+    """
+
+    def __init__(
+        self,
+        stepper: Stepper,
+        actuator: DeviceLink,
+        sensor: DeviceLink,
+        rings: dict[str, Ring],
+        scale: float = 1.0,
+        zero: float = 0.0,
+        sensor_every: int = 1,
+        spin_ns: int = 0,
+        fill_status: Callable[[NDArray[Any]], None] = lambda _: None,
+    ) -> None:
+        self.stepper, self.actuator, self.sensor = stepper, actuator, sensor
+        self.obtained = realtime.Obtained(False, 0, False, ())
+        self.wake, self.exec, self.io = Histogram(), Histogram(), Histogram()
+        self.missed_by = np.zeros(CAUSES, np.int64)
+        self.meter = np.zeros(1, METER_T)
+        self.numbers: Any = memoryview(self.meter.view(np.int64))  # type: ignore[arg-type]
+        self.floats: Any = memoryview(self.meter.view(np.float64))  # type: ignore[arg-type]
+        self._control: Any = memoryview(stepper.control.view(np.int64))  # type: ignore[arg-type]
+        self._rings, self._fill_status = rings, fill_status
+        self._status, self._event = np.zeros(1, STATUS), np.zeros(1, EVENT)
+        self._status_ns, self._last_state, self._notes = 0, int(State.START), 0
+        self._next: tuple[Any, ...] | None = None
+        m = self.meter
+        m["measured"], m["schedstat"] = np.nan, -1
+        m["scale"], m["zero"] = scale, zero
+        m["sensor_every"], m["spin_ns"] = sensor_every, spin_ns
+        m["actuator_ok"] = m["sensor_ok"] = 1
+        m["tail"] = rings["command"].head
+        places = {
+            records_in_memory.METER: self.meter,
+            records_in_memory.MISSED_BY: self.missed_by,
+            records_in_memory.WAKE: self.wake.bins,
+            records_in_memory.WAKE_MOST: self.wake.extreme,
+            records_in_memory.EXEC: self.exec.bins,
+            records_in_memory.EXEC_MOST: self.exec.extreme,
+            records_in_memory.IO: self.io.bins,
+            records_in_memory.IO_MOST: self.io.extreme,
+            records_in_memory.COMMAND_WORDS: rings["command"].words,
+            records_in_memory.COMMAND_RING: rings["command"].records,
+            records_in_memory.COMMAND_DATA: rings["command"].data,
+            records_in_memory.COMMAND_CHECKS: rings["command"].checks,
+            records_in_memory.TELEMETRY_WORDS: rings["telemetry"].words,
+            records_in_memory.TELEMETRY_RING: rings["telemetry"].records,
+            records_in_memory.TELEMETRY_DATA: rings["telemetry"].data,
+            records_in_memory.TELEMETRY_CHECKS: rings["telemetry"].checks,
+            records_in_memory.BUFFER: np.zeros(32, np.int64),
+        }
+        for place, array in places.items():
+            stepper.table.put(place, array)
+
+    @property
+    def samples(self) -> int:
+        """Samples so far."""
+        return int(self.numbers[PLACE["samples"]])
+
+    @property
+    def missed(self) -> int:
+        """Deadlines missed so far."""
+        return int(self.numbers[PLACE["missed"]])
+
+    # -- requests ---------------------------------------------------------------------------------
+
+    def use_witness(self, witness: Witness) -> None:
+        """Let this witness excuse late samples; the loop takes its deadlines' grid from it."""
+        self.numbers[PLACE["scheduled_ns"]] = witness.grid_ns
+        self.stepper.table.put(records_in_memory.WITNESS, witness.logs)
+
+    def begin(self, now_ns: int) -> None:
+        """Put the first deadline behind now_ns; nothing where the loop has already run."""
+        period_ns = self.stepper.settings.period_ns
+        if self.samples == 0:
+            grid_ns = self.numbers[PLACE["scheduled_ns"]] or now_ns
+            self.numbers[PLACE["scheduled_ns"]] = next_ns(grid_ns, now_ns, period_ns)
+
+    def stop(self) -> None:
+        """End: the output goes to its configured state first. From any thread or signal handler."""
+        self.numbers[PLACE["stop"]] = 1
+
+    def reload(self, compensator: Compensator, inverse: CompensatorState, origin: float) -> None:
+        """Let the loop take another model at its next sample. From any thread."""
+        for _ in range(1000):  # one that came just before
+            if self.numbers[PLACE["swap"]] == 0:
+                break
+            clock.sleep_s(0.001)
+        self._settle_reload()
+        self.stepper.fill_channels(compensator, inverse)
+        self._next = (compensator, inverse)
+        self.floats[PLACE["swap_origin"]] = origin
+        self.numbers[PLACE["swap"]] = inverse.address
+
+    def _settle_reload(self) -> None:
+        """The old model is kept until the loop has let go of it."""
+        if self._next is not None and self.numbers[PLACE["swap"]] == 0:
+            self.stepper.taken(*self._next)
+            self._next = None
+
+    # -- what the loop says -----------------------------------------------------------------------
+
+    def attend(self, now_ns: int) -> None:
+        """Publish what is due: cheap when nothing is."""
+        if self._control[_NOTES] != self._notes:
+            self._notes = self._control[_NOTES]
+            self.stepper.tell()
+            self._settle_reload()
+        for link in (self.actuator, self.sensor):
+            if link.news:
+                self.stepper.events.extend(link.news)
+                link.news.clear()
+        if self._control[_STATE] != self._last_state or now_ns - self._status_ns >= clock.NS:
+            self.publish_status(now_ns)
+        if self.stepper.events:
+            self._publish_events(now_ns)
+
+    def publish_status(self, now_ns: int) -> None:
+        """One STATUS record; the histograms start again."""
+        stepper = self.stepper
+        self._status_ns, self._last_state = now_ns, self._control[_STATE]
+        row = self._status[0]
+        row["time_ns"], row["wall_ns"] = now_ns, clock.wall_ns()
+        row["state"], row["mode"] = self._last_state, stepper.record[0]["mode"]
+        row["policy"], row["priority"] = self.obtained.fifo, self.obtained.priority
+        row["samples"], row["missed"] = self.samples, self.missed
+        row["missed_by"][: self.missed_by.size] = self.missed_by
+        for name, histogram in (("wake_us", self.wake), ("exec_us", self.exec), ("io_us", self.io)):
+            row[name] = histogram.summary()
+            histogram.clear()
+        row["actuator_ok"] = self.actuator.ok and not self.numbers[PLACE["doubtful"]]
+        row["sensor_ok"] = self.sensor.ok
+        row["actuator_errors"], row["sensor_errors"] = self.actuator.errors, self.sensor.errors
+        row["volts"] = stepper.volts
+        row["queue_s"] = stepper.queue.ahead_s(now_ns)
+        row["trajectory"], row["trajectory_done"] = stepper.trajectory, stepper.trajectory_done
+        row["origin"], row["period_ns"] = stepper.origin, stepper.settings.period_ns
+        row["pid"] = os.getpid()
+        self._fill_status(self._status)
+        self._mend()
+        self._rings["status"].push(row)
+
+    def _mend(self) -> None:
+        """Look whether the rings are whole still: a reader that attaches later relies on them."""
+        for name, ring in self._rings.items():
+            try:
+                if not ring.mend():
+                    self.stepper.events.append(f"{name}.ring was damaged; it is whole again")
+            except OSError as error:
+                self.stepper.events.append(f"{name}.ring cannot be mended: {error.strerror}")
+        self._rings["command"].taken(self.numbers[PLACE["tail"]])
+
+    def _publish_events(self, now_ns: int) -> None:
+        wall_ns, state = clock.wall_ns(), State(self._control[_STATE])
+        event = self._event
+        for text in self.stepper.events:
+            event["time_ns"], event["wall_ns"] = now_ns, wall_ns
+            event["level"] = 2 if state is State.FAULT else 1
+            event["code"], event["text"] = state.name.lower(), text.encode()[:400]
+            self._rings["event"].push(event[0])
+        self.stepper.events.clear()

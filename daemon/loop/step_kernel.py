@@ -1,0 +1,223 @@
+"""One sample of the controller as a kernel: inputs in, record out. No clock, device or bus.
+
+    admit commands -> age -> state -> target window -> inverse -> bump, range, slew -> record
+
+Both loops and the tests call `step` and `follow_output` here; there is no second copy of the rules.
+Everything it works on lies in two tables of addresses (dehyst.daemon.loop.records_in_memory).
+"""
+
+import math
+from typing import Any
+
+from numba import njit
+
+from dehyst.daemon.loop import records_in_memory as at
+from dehyst.daemon.loop import targets
+from dehyst.daemon.loop.command_kernels import admit, age
+from dehyst.daemon.loop.records_in_memory import (
+    NAN,
+    Note,
+    Table,
+    commands_of,
+    control_of,
+    drop_targets,
+    happens,
+    note,
+    queue_of,
+    record_of,
+    settings_of,
+)
+from dehyst.daemon.loop.states import Event
+from dehyst.daemon.rings.records import Flag, Mode, State
+from dehyst.drivers.direct_calls import floats_at, whole_at
+from dehyst.models.inverse import sample
+from dehyst.models.inverse.state import inverse_at
+
+STOP_GRACE_NS = 5_000_000_000  # beyond the ramp's own time
+
+# enumerations as plain integers, which compile in less time
+READY, RUNNING = int(State.READY), int(State.RUNNING)
+HOLDING, STOPPING = int(State.HOLDING), int(State.STOPPING)
+END, FAULT, ARRIVED = int(Event.END), int(Event.FAULT), int(Event.ARRIVED)
+RAMP, STAY = int(Event.RAMP), int(Event.STAY)
+MODE_NONE, MODE_HOLD = int(Mode.NONE), int(Mode.HOLD)
+UNREACHABLE, SLEW, RANGE = int(Flag.UNREACHABLE), int(Flag.SLEW), int(Flag.RANGE)
+INVALID, OUTSIDE = int(Flag.SENSOR_INVALID), int(Flag.OUTSIDE_VALIDITY)
+FALLBACK, APPROACH = int(Flag.FALLBACK), int(Flag.APPROACH)
+STOP_FAILED, STOOD_STILL = int(Note.STOP_FAILED), int(Note.STOOD_STILL)
+STILL_NS = 100_000_000  # a loop that stood still for longer glides to where the target has gone
+BEYOND = sample.BEYOND_SATURATION | sample.BEYOND_DRIVE | sample.BAD_TARGET
+
+
+@njit(cache=True, nogil=True)
+def stop(table: Table, now_ns: int) -> None:
+    """Begin to end: the output goes to its configured state."""
+    c, p = control_of(table), settings_of(table)
+    if happens(c, END, now_ns):
+        ramps = abs(p.safe_v - c.volts) / p.ramp_v
+        c.stop_by_ns = now_ns + int(ramps * p.period_ns) + STOP_GRACE_NS
+
+
+@njit(cache=True, nogil=True)
+def stopped(table: Table, now_ns: int) -> bool:
+    """True when the output has reached its state at the end of the daemon, or cannot."""
+    c, p = control_of(table), settings_of(table)
+    if c.state != STOPPING:
+        return False
+    if p.ramp_on_stop == 0 or c.volts == p.safe_v:
+        return True
+    if now_ns > c.stop_by_ns:
+        note(table, c, STOP_FAILED, c.volts)
+        return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def fault(table: Table, now_ns: int) -> None:
+    """A device failed: drop targets, no further voltage until `recover`."""
+    c = control_of(table)
+    if happens(c, FAULT, now_ns):
+        drop_targets(c, queue_of(table))
+
+
+@njit(cache=True, nogil=True)
+def recover(table: Table, now_ns: int, volts: float) -> None:
+    """The devices are back and the output stands at `volts`."""
+    c, p = control_of(table), settings_of(table)
+    follow_output(table, volts)
+    if happens(c, RAMP if p.ramp_on_fault != 0 else STAY, now_ns):
+        c.hold_ns = 0 if p.ramp_on_fault != 0 else p.hold_ns
+
+
+@njit(cache=True, nogil=True)
+def swap(table: Table, inverse: int, origin: float) -> None:
+    """Another model, its state already led along the past drive; the output does not jump."""
+    c, p = control_of(table), settings_of(table)
+    c.inverse, c.pending = inverse, 0
+    p.origin = origin
+    c.bump = NAN  # taken from the first voltage of the new model
+
+
+@njit(cache=True, nogil=True)
+def step(table: Table, now_ns: int, measured: float, n_commands: int) -> None:
+    """Take one sample at the grid point now_ns: fills the record, moves nothing.
+
+    measured: sensor reading as model displacement, NaN where invalid; the first n_commands of
+    the COMMANDS array are admitted.
+    """
+    c, p, r = control_of(table), settings_of(table), record_of(table)
+    flags, mode = 0, MODE_HOLD
+    still_ns = now_ns - c.step_ns if c.step_ns != 0 else 0
+    if still_ns > max(STILL_NS, 3 * p.period_ns):
+        note(table, c, STOOD_STILL, still_ns * 1e-9)
+        c.bump = NAN
+    c.step_ns = now_ns
+    for i in range(n_commands):
+        admit(table, c, p, now_ns, commands_of(table)[i])
+    age(table, c, p, now_ns)
+    wanted, target = c.volts, NAN
+    if c.state == RUNNING:
+        wanted, mode, flags = _follow(table, c, p, now_ns)
+        target = c.target
+    elif c.state == HOLDING:
+        target = c.target
+        if now_ns - c.since_ns >= c.hold_ns:
+            target = NAN
+            wanted = _ramp(c, p)
+            if wanted == p.safe_v and c.volts == p.safe_v:
+                drop_targets(c, queue_of(table))
+                happens(c, ARRIVED, now_ns)
+    elif c.state == STOPPING and p.ramp_on_stop != 0:
+        wanted = _ramp(c, p)
+    elif c.state == READY:
+        mode = MODE_NONE
+    volts, limited = _limit(c, p, wanted)
+    flags |= limited
+    if math.isnan(measured):
+        flags |= INVALID
+    r.target, r.measured = target, measured - p.origin
+    r.predicted = c.predicted
+    r.volts_raw, r.volts = wanted, volts
+    r.flags, r.state, r.mode = flags, c.state, mode
+
+
+@njit(cache=True, nogil=True)
+def follow_output(table: Table, volts: float) -> None:
+    """The output now stands at `volts`; the model follows what was really applied."""
+    c, p = control_of(table), settings_of(table)
+    c.volts = volts
+    c.predicted = _applied(c, volts / p.gain) - p.origin
+
+
+@njit(cache=True, nogil=True)
+def _applied(c: Any, drive: float) -> float:
+    """Lead the model by one sample at a drive: its next reading."""
+    inverse = inverse_at(c.inverse)
+    sample.applied(inverse, drive, c.pending != 0)
+    c.pending = 0
+    return inverse.result[0].reading
+
+
+@njit(cache=True, nogil=True)
+def _follow(table: Table, c: Any, p: Any, now_ns: int) -> tuple[float, int, int]:
+    """The inverse's voltage for the present target, its mode, and flags."""
+    q, inverse = queue_of(table), inverse_at(c.inverse)
+    window, result = inverse.targets, inverse.result[0]
+    flags, known = 0, 1
+    if q.count > 0:
+        known = targets.window(
+            q, whole_at(table, at.TIMES), floats_at(table, at.VALUES), now_ns, p.period_ns, window
+        )
+        if known > 0:
+            c.target = window[0]
+        if now_ns < c.approach_until_ns:
+            flags |= APPROACH
+    if q.count == 0 or known < 2:
+        window[:] = c.target
+        if q.count > 0:
+            flags |= FALLBACK
+        known = 2
+    window += p.origin
+    if c.pending != 0:
+        _applied(c, result.drive)
+    # the voltage written now is judged by the next reading, one period on
+    sample.step(inverse, window[1:], known - 1)
+    c.pending = 1
+    volts, bits = result.drive * p.gain, result.flags
+    if c.bump != 0.0:
+        # held back by its own slew limit, the inverse does not show how far the way is
+        if math.isnan(c.bump) or bits & sample.SLEW:
+            c.bump = c.volts - volts
+        c.bump -= min(max(c.bump, -p.ramp_v), p.ramp_v)
+    if bits & BEYOND:
+        flags |= UNREACHABLE
+    if bits & sample.SLEW:
+        flags |= SLEW
+    if bits & sample.STARVED:
+        flags |= FALLBACK
+    if bits & sample.OUTSIDE:
+        flags |= OUTSIDE
+    mode = result.mode
+    return volts + c.bump, MODE_HOLD if mode == sample.HOLD else mode, flags
+
+
+@njit(cache=True, nogil=True)
+def _ramp(c: Any, p: Any) -> float:
+    """One step from the present output towards the safe voltage."""
+    return c.volts + min(max(p.safe_v - c.volts, -p.ramp_v), p.ramp_v)
+
+
+@njit(cache=True, nogil=True)
+def _limit(c: Any, p: Any, wanted: float) -> tuple[float, int]:
+    """Range and slew: the last wall before the amplifier."""
+    flags = 0
+    if not math.isfinite(wanted):
+        return c.volts, RANGE
+    volts = min(max(wanted, p.min_v), p.max_v)
+    if volts != wanted:
+        flags |= RANGE
+    most = p.slew_v * (c.move_ns / p.period_ns)
+    limited = min(max(volts, c.volts - most), c.volts + most)
+    if limited != volts:
+        flags |= SLEW
+    return limited, flags

@@ -1,0 +1,119 @@
+"""System calls for compiled code: clock, absolute sleep, counters of the thread. No interpreter.
+
+The functions are reached by name (numba's ExternalFunction), so that kernels which use them can
+be cached on disk. `buffer` is an integer array of at least 32 words that belongs to the caller.
+"""
+
+import os
+import threading
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit, types
+
+from dehyst.daemon import clock
+from dehyst.drivers.direct_calls import Words
+
+NS = 1_000_000_000
+_RUSAGE_THREAD = 1
+_MINOR, _MAJOR, _VOLUNTARY, _INVOLUNTARY = 8, 9, 16, 17  # words of struct rusage
+TEXT = 18  # words of the buffer from here on hold text
+_TEXT_BYTES = 8 * 14
+
+_nanosleep = types.ExternalFunction(
+    "clock_nanosleep", types.int32(types.int32, types.int32, types.uintp, types.uintp)
+)
+_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.uintp))
+_getrusage = types.ExternalFunction("getrusage", types.int32(types.int32, types.uintp))
+_pread = types.ExternalFunction(
+    "pread", types.int64(types.int32, types.uintp, types.uint64, types.int64)
+)
+_getcpu = types.ExternalFunction("sched_getcpu", types.int32())
+
+
+@njit(cache=True, nogil=True)
+def monotonic_ns(buffer: Words) -> int:
+    """CLOCK_MONOTONIC."""
+    _gettime(1, buffer.ctypes.data)
+    return buffer[0] * NS + buffer[1]
+
+
+@njit(cache=True, nogil=True)
+def sleep_until_ns(buffer: Words, deadline_ns: int) -> None:
+    """Sleep until CLOCK_MONOTONIC reaches the deadline, or a signal comes."""
+    buffer[0], buffer[1] = deadline_ns // NS, deadline_ns % NS
+    _nanosleep(1, 1, buffer.ctypes.data, 0)
+
+
+def sleeper() -> Callable[[int], int]:
+    """A function for one thread that sleeps until CLOCK_MONOTONIC reaches its argument, or a signal
+    comes, and returns the time."""
+    buffer = np.zeros(32, np.int64)
+
+    def sleep_until(deadline_ns: int) -> int:
+        sleep_until_ns(buffer, deadline_ns)
+        return clock.monotonic_ns()
+
+    return sleep_until
+
+
+@njit(cache=True, nogil=True)
+def usage(buffer: Words) -> tuple[int, int, int, int]:
+    """(major faults, minor faults, voluntary, involuntary switches) of this thread."""
+    _getrusage(_RUSAGE_THREAD, buffer.ctypes.data)
+    return buffer[_MAJOR], buffer[_MINOR], buffer[_VOLUNTARY], buffer[_INVOLUNTARY]
+
+
+@njit(cache=True, nogil=True)
+def number_in(buffer: Words, file: int, column: int) -> int:
+    """The n-th number in a /proc file's first line (words count as columns); -1: unreadable."""
+    if file < 0:
+        return -1
+    size = _pread(file, buffer[TEXT:].ctypes.data, _TEXT_BYTES, 0)
+    value, at, inside = -1, -1, False
+    for i in range(size):
+        byte = (buffer[TEXT + i // 8] >> (8 * (i % 8))) & 255
+        if byte == 10:
+            break
+        if byte == 32:
+            inside = False
+            continue
+        if not inside:
+            inside = True
+            at += 1
+            if at > column:
+                break
+            value = 0 if at == column else -1
+        if at == column and 48 <= byte <= 57:
+            value = 10 * value + byte - 48
+    return value
+
+
+@njit(cache=True, nogil=True)
+def waited_ns(buffer: Words, schedstat: int) -> int:
+    """How long this thread was ready to run and had no CPU, so far; 0 where it cannot be told."""
+    return max(0, number_in(buffer, schedstat, 1))
+
+
+@njit(cache=True, nogil=True)
+def cpu() -> int:
+    """The CPU that this thread runs on."""
+    return _getcpu()
+
+
+def open_schedstat() -> int:
+    """The calling thread's schedstat, open; -1 where the kernel has none."""
+    try:
+        return os.open(
+            f"/proc/self/task/{threading.get_native_id()}/schedstat", os.O_RDONLY | os.O_CLOEXEC
+        )
+    except OSError:
+        return -1
+
+
+def open_stat() -> int:
+    """/proc/stat, open; -1 where there is none. Column 8 of its first line is the steal time."""
+    try:
+        return os.open("/proc/stat", os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return -1

@@ -1,0 +1,153 @@
+"""The report of a diagnosis: what stands in it, in which order. A technician can read it."""
+
+from collections.abc import Mapping
+from functools import partial
+
+from dehyst.daemon.report import diagnosis_pictures as pictures
+from dehyst.daemon.report.diagnosis_pictures import choose_scale
+from dehyst.daemon.report.page import Page
+from dehyst.daemon.report.plotting import rms
+from dehyst.daemon.report.units import spell_unit
+from dehyst.models.diagnosis import Diagnosis, Finding, Value
+
+VERDICTS = {
+    "clean": "Nothing was left out that these recordings could show.",
+    "explained": "What the hysteresis model left out was found and modelled.",
+    "partly": "Part of what was left out was found and modelled; something else remains.",
+    "unknown": "Something acts here that no entry of the library explains.",
+}
+MODELS = (
+    "hysteresis model alone", "hysteresis of any shape, held out", "augmented model, held out"
+)  # fmt: skip
+MOST_VIEWS = 4
+
+
+def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:
+    """The page as text. names: the recordings' file names."""
+    out = Page(f"Diagnosis: {diagnosis.verdict}")
+    out.add_text(VERDICTS[diagnosis.verdict], "lead")
+    out.add_text(f"Recordings: {', '.join(names)}", "soft")
+    _cards(out, diagnosis)
+    if diagnosis.findings:
+        out.add_heading("What was left out")
+        for finding in diagnosis.findings:
+            _finding(out, finding)
+    if diagnosis.next_experiment:
+        out.add_heading("Next experiment")
+        out.add_text(diagnosis.next_experiment)
+    out.add_heading("Before and after")
+    out.add_text(
+        "Every sample is predicted by a fit that did not see its stretch of the recording.", "soft"
+    )
+    for view in diagnosis.views[:MOST_VIEWS]:
+        if len(diagnosis.views) > 1:
+            out.add_subheading(view.name)
+        out.add_pictures(
+            partial(pictures.draw_model_error, diagnosis, view),
+            partial(pictures.draw_close_look, diagnosis, view),
+        )
+    out.add_heading("Where the misfit sits")
+    out.add_text(
+        "Rms error where the recording was at that time, drive, rate and so on. Orange above green "
+        "is what the hysteresis model alone misses, blue above green what the augmented model "
+        "still misses.",
+        "soft",
+    )
+    out.add_pictures(*pictures.list_places(diagnosis))
+    out.add_heading("What remains against the noise")
+    out.add_pictures(partial(pictures.draw_error_spectrum, diagnosis))
+    _limits(out, diagnosis)
+    _errors_by_recording(out, diagnosis)
+    if diagnosis.notes:
+        out.add_heading("Notes")
+        out.add_bullets(diagnosis.notes)
+    return out.to_html()
+
+
+def _cards(out: Page, diagnosis: Diagnosis) -> None:
+    k, unit = choose_scale(diagnosis)
+    figures = [("noise of the recording", diagnosis.noise)]
+    for key, label in (
+        ("base", "error, hysteresis model alone"),
+        ("heldout_base", "held-out error, hysteresis of any shape"),
+        ("heldout_augmented", "held-out error, augmented model"),
+    ):
+        value = _overall(diagnosis, diagnosis.rms.get(key))
+        if value is not None:
+            figures.append((label, value))
+    out.add_cards([(label, f"{k * value:.3g} {unit}") for label, value in figures])
+
+
+def _overall(diagnosis: Diagnosis, error: float | Mapping[str, float] | None) -> float | None:
+    """One rms from a number, or from one number a recording."""
+    if not isinstance(error, Mapping):
+        return None if error is None else float(error)
+    sizes = {v.name: v.t_s.size for v in diagnosis.views}
+    total = sum(sizes.get(name, 1) for name in error)
+    return float((sum(sizes.get(name, 1) * r**2 for name, r in error.items()) / total) ** 0.5)
+
+
+def _finding(out: Page, finding: Finding) -> None:
+    known = finding.name != "unknown"
+    with out.open_box(warn=not known):
+        out.add_subheading(finding.title or finding.name)
+        out.add_text(finding.says)
+        if known:
+            out.add_share(finding.share)
+            percent = 100 * min(max(finding.share, 0.0), 1.0)
+            out.add_text(
+                f"takes {percent:.0f} % of the explainable misfit (held out); acts on the "
+                f"{finding.place}",
+                "soft",
+            )
+        if finding.ambiguous_with:
+            out.add_text(
+                f"These recordings cannot tell it from: {', '.join(finding.ambiguous_with)}."
+            )
+        if finding.parameters:
+            out.add_table(
+                ["parameter", "value", "95 % interval"],
+                [_parameter(key, value) for key, value in finding.parameters.items()],
+            )
+        if finding.equation:
+            out.add_text(f"{finding.equation} ({finding.source})", "soft")
+
+
+def _parameter(key: str, value: Value) -> list[str]:
+    """Its name without the unit, which stands behind the value."""
+    unit = "" if value.unit == "1" else f" {spell_unit(value.unit)}"
+    tail = "_" + value.unit.lower().replace("/", "_per_")
+    name = (key.removesuffix(tail) if unit else key).replace("_", " ")
+    return [name, f"{value.value:.4g}{unit}", f"{value.low:.4g} to {value.high:.4g}{unit}"]
+
+
+def _limits(out: Page, diagnosis: Diagnosis) -> None:
+    if not diagnosis.would_have_seen:
+        return
+    out.add_heading("What would have been seen")
+    out.add_text(
+        "Effects that were not found, and the size from which these recordings would have shown "
+        "them.",
+        "soft",
+    )
+    rows = []
+    for limit in diagnosis.would_have_seen:
+        seen = "cannot be seen with this drive"
+        if limit.value is not None:
+            unit = "" if limit.unit == "1" else f" {spell_unit(limit.unit)}"
+            seen = f"{limit.side} {limit.value:.3g}{unit}"
+        rows.append([limit.name, seen, limit.why if limit.why != limit.name else ""])
+    head = ["effect", "would have been seen", "why"]
+    said = 3 if any(row[2] for row in rows) else 2
+    out.add_table(head[:said], [row[:said] for row in rows])
+
+
+def _errors_by_recording(out: Page, diagnosis: Diagnosis) -> None:
+    k, unit = choose_scale(diagnosis)
+    out.add_heading("Errors by recording")
+    rows = []
+    for view in diagnosis.views:
+        models = (view.base, view.shape, view.augmented)
+        errors = [k * rms((view.displacement - y)[view.held_out]) for y in models]
+        rows.append([view.name, *(f"{error:.3g} {unit}" for error in errors)])
+    out.add_table(["recording", *MODELS], rows)

@@ -1,0 +1,200 @@
+"""Pictures of a diagnosis. Each draws on given axes and returns what it shows.
+
+To add one: write its function here and name it in diagnosis.py; a further place where the misfit
+may sit is one more line in `list_places`.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from dehyst.daemon.report.plotting import (
+    BEFORE,
+    MEASURED,
+    MODEL,
+    NOISE,
+    Draw,
+    add_legend,
+    draw_noise_band,
+    draw_trace,
+    estimate_density,
+    limit_to,
+    rms,
+    white_density,
+)
+from dehyst.daemon.report.units import pick_unit, spell_unit
+from dehyst.models.diagnosis import Diagnosis, View
+from dehyst.models.recording import Bools, Floats
+
+MODELS = (
+    ("base", BEFORE, "hysteresis model alone"),
+    ("augmented", MODEL, "augmented model"),
+)
+STILL = 1e-3  # share of the drive's range within 20 ms below which the drive holds
+FEW = 50  # samples that a place must have
+
+
+def choose_scale(diagnosis: Diagnosis) -> tuple[float, str]:
+    """Factor and unit in which the errors of this diagnosis are shown."""
+    error = max(rms(v.displacement - v.base) for v in diagnosis.views)
+    return pick_unit(diagnosis.unit, max(error, diagnosis.noise))
+
+
+def draw_model_error(diagnosis: Diagnosis, view: View, axes: Axes) -> str:
+    """The error of one recording before and after."""
+    k, unit = choose_scale(diagnosis)
+    said = []
+    for (name, color, label), when in zip(MODELS, ("before", "after"), strict=True):
+        error = k * (view.displacement - getattr(view, name))
+        draw_trace(axes, view.t_s, error, color, label)
+        said.append(f"{rms(error[view.held_out]):.3g} {unit} {when}")
+    draw_noise_band(axes, k * diagnosis.noise)
+    limit_to(axes, k * (view.displacement - view.base))
+    axes.set(xlabel="time, s", ylabel=f"measured - model, {unit}",
+             title=f"error {', '.join(said)}")  # fmt: skip
+    add_legend(axes)
+    return f"Error of {view.name} over time: {', '.join(said)}."
+
+
+def draw_close_look(diagnosis: Diagnosis, view: View, axes: Axes) -> str:
+    """The stretch of 2 % in which the augmented model gains most."""
+    gain = (view.displacement - view.base) ** 2 - (view.displacement - view.augmented) ** 2
+    width = max(60, min(gain.size // 50, 1500))
+    sums = np.convolve(np.where(np.isfinite(gain), gain, 0.0), np.ones(width), "valid")
+    start = int(np.argmax(sums)) if sums.size else 0
+    part = slice(start, start + width)
+    axes.plot(view.t_s[part], view.displacement[part], ".", color=MEASURED, ms=3, label="measured")
+    for name, color, label in MODELS:
+        axes.plot(view.t_s[part], getattr(view, name)[part], color=color, lw=1.4, label=label)
+    axes.set(xlabel="time, s", ylabel=f"displacement, {diagnosis.unit}",
+             title="where it helps most")  # fmt: skip
+    add_legend(axes)
+    return f"Measured and both models of {view.name}, where the augmented model helps most."
+
+
+def draw_error_spectrum(diagnosis: Diagnosis, axes: Axes) -> str:
+    """Amplitude density of the errors against the noise, recordings of one period together."""
+    k, unit = choose_scale(diagnosis)
+    longest = max(diagnosis.views, key=lambda v: v.t_s.size)
+    period_s = _period_s(longest)
+    alike = [
+        v
+        for v in diagnosis.views
+        if 4 * v.t_s.size >= longest.t_s.size and abs(_period_s(v) / period_s - 1) < 0.01
+    ]
+    for name, color, label in MODELS:
+        errors = [k * (v.displacement - getattr(v, name)) for v in alike]
+        axes.loglog(*estimate_density(errors, period_s), color=color, lw=1.4, label=label)
+    axes.axhline(white_density(k * diagnosis.noise, period_s), color=NOISE, lw=2, alpha=0.7,
+                 label="noise, if white")  # fmt: skip
+    axes.set(xlabel="frequency, Hz", ylabel=f"error, {unit}/√Hz", title="spectrum of the errors")
+    add_legend(axes)
+    return "Spectrum of the errors before and after, against white noise."
+
+
+def list_places(diagnosis: Diagnosis) -> list[Draw]:
+    """Rms of the error by time, drive and direction, rate, time since the turn and in holds."""
+    views, volts = diagnosis.views, spell_unit(diagnosis.drive_unit)
+    drive = np.concatenate([v.drive for v in views])
+    span = float(np.ptp(drive)) or 1.0
+    rate = np.concatenate([np.abs(np.gradient(v.drive, v.t_s)) for v in views])
+    since = np.concatenate([_since_turn(v) for v in views])
+    held = np.concatenate([_in_hold(v, span) for v in views])
+    rising = np.concatenate([_last_direction(v) for v in views]) > 0
+    time = _one_clock(views)
+    top = float(np.quantile(rate, 0.9999)) or 1.0
+    by_time = np.linspace(0, time[-1], 31)
+    by_drive = np.linspace(drive.min(), drive.max(), 16)
+    by_rate = np.geomspace(max(top * 1e-4, 1e-9), top, 16)
+    always = np.ones(drive.size, bool)
+    return [
+        partial(_draw_place, diagnosis, place, edges, label, where)
+        for place, edges, label, where in (
+            (time, by_time, "time, all recordings, s", always),
+            (drive, by_drive, f"drive, moving up, {volts}", rising),
+            (drive, by_drive, f"drive, moving down, {volts}", ~rising),
+            (rate, by_rate, f"rate, {volts}/s", always),
+            (since, _log_edges(since), "time since the last turn, s", always),
+            (held, _log_edges(held), "time in a hold, s", held > 0),
+        )
+    ]
+
+
+def _draw_place(
+    diagnosis: Diagnosis, place: Floats, edges: Floats, label: str, where: Bools, axes: Axes
+) -> str:
+    """Steps of the held-out rms in each bin for the models, and the noise."""
+    k, unit = choose_scale(diagnosis)
+    held_out = np.concatenate([v.held_out for v in diagnosis.views])
+    ok = np.isfinite(place) & where & held_out
+    axes.set(xlabel=label, title=f"by {label.rsplit(', ', 1)[0]}")
+    if edges.size < 2 or ok.sum() < FEW:
+        axes.text(0.5, 0.5, "these recordings\nhave none", ha="center", va="center",
+                  transform=axes.transAxes)  # fmt: skip
+        axes.set(xticks=[], yticks=[])
+        return f"Rms error by {label}: these recordings have none."
+    index = np.digitize(place[ok], edges) - 1
+    for name, color, text in MODELS:
+        error = np.concatenate([v.displacement - getattr(v, name) for v in diagnosis.views])[ok]
+        steps = k * _rms_in(index, error, edges.size - 1)
+        axes.stairs(steps, edges, color=color, lw=2, label=text, baseline=None)
+    axes.axhline(k * diagnosis.noise, color=NOISE, lw=2, alpha=0.7, label="noise")
+    if edges[0] > 0 and edges[-1] / edges[0] > 50:
+        axes.set_xscale("log")
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel(f"rms error, {unit}")
+    add_legend(axes)
+    return f"Rms error by {label}, before and after, against the noise."
+
+
+def _rms_in(index: np.ndarray, error: Floats, count: int) -> Floats:
+    ok = (index >= 0) & (index < count) & np.isfinite(error)
+    number = np.bincount(index[ok], minlength=count)
+    power = np.bincount(index[ok], error[ok] ** 2, minlength=count)
+    return np.where(number >= 8, np.sqrt(power / np.maximum(number, 1)), np.nan)
+
+
+def _log_edges(x: Floats) -> Floats:
+    good = x[np.isfinite(x) & (x > 0)]
+    if good.size < FEW:
+        return np.zeros(0)
+    return np.geomspace(max(good.min(), good.max() * 1e-5), good.max() * 1.0001, 16)
+
+
+def _period_s(view: View) -> float:
+    return float(np.median(np.diff(view.t_s)))
+
+
+def _one_clock(views: tuple[View, ...]) -> Floats:
+    """Times [s], one recording after the other."""
+    clock, edge = [], 0.0
+    for v in views:
+        clock.append(v.t_s - v.t_s[0] + edge)
+        edge += float(v.t_s[-1] - v.t_s[0])
+    return np.concatenate(clock)
+
+
+def _last_direction(view: View) -> Floats:
+    return _carried(np.sign(np.diff(view.drive, prepend=view.drive[0])), lambda s: s != 0)
+
+
+def _carried(x: Floats, good: Callable[[Floats], np.ndarray]) -> Floats:
+    """Every sample holds the last good value before it."""
+    at = np.where(good(x), np.arange(x.size), 0)
+    return np.asarray(x[np.maximum.accumulate(at)])
+
+
+def _since_turn(view: View) -> Floats:
+    direction = _last_direction(view)
+    turn = np.r_[True, np.diff(direction) != 0]
+    start = np.maximum.accumulate(np.where(turn, np.arange(turn.size), 0))
+    return view.t_s - view.t_s[start] + _period_s(view)
+
+
+def _in_hold(view: View, span: float) -> Floats:
+    """Time since the drive came to rest; 0 where it moves."""
+    moves = np.abs(np.diff(view.drive, prepend=view.drive[0])) > STILL * span / 20
+    start = np.maximum.accumulate(np.where(moves, np.arange(moves.size), 0))
+    return np.where(moves, 0.0, view.t_s - view.t_s[start])

@@ -1,0 +1,182 @@
+"""Pictures of an identification. Each draws on given axes and returns what it shows.
+
+To add one: write its function here and name it in identification.py.
+"""
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from dehyst.daemon.report.plotting import (
+    DOWN,
+    MEASURED,
+    MODEL,
+    NOISE,
+    UNUSED,
+    UP,
+    add_legend,
+    draw_noise_band,
+    draw_trace,
+    estimate_density,
+    limit_to,
+    rms,
+    thin_rows,
+    white_density,
+)
+from dehyst.daemon.report.units import pick_unit, spell_unit
+from dehyst.models.identify import Identification
+from dehyst.models.recording import Floats, Recording
+
+CYCLES_SHOWN = 3
+BINS = 30
+
+
+def draw_few_cycles(result: Identification, recording: Recording, number: int, axes: Axes) -> str:
+    """Measured and model over the last few cycles that were fitted."""
+    part = _last_cycles(recording, result, number)
+    y = _measured(recording)
+    t, m, w = thin_rows(recording.t_s[part], y[part], (y - result.residuals[number])[part])
+    axes.plot(t, m, ".", color=MEASURED, ms=2.5, label="measured")
+    axes.plot(t, w, color=MODEL, lw=1.2, label="model")
+    add_legend(axes, 0.18)
+    axes.set(xlabel="time, s", ylabel=f"displacement, {recording.displacement_unit}",
+             title="a few cycles")  # fmt: skip
+    return "Measured displacement and the model's over a few cycles."
+
+
+def draw_hysteresis_loop(
+    result: Identification, recording: Recording, number: int, axes: Axes
+) -> str:
+    """The same cycles over the drive."""
+    part = _last_cycles(recording, result, number)
+    y = _measured(recording)
+    u, m, w = thin_rows(recording.drive[part], y[part], (y - result.residuals[number])[part])
+    axes.plot(u, m, ".", color=MEASURED, ms=2.5, label="measured")
+    axes.plot(u, w, color=MODEL, lw=1.2, label="model")
+    axes.legend(loc="upper left")
+    axes.set(xlabel=f"drive, {spell_unit(recording.drive_unit)}", title="the same over the drive",
+             ylabel=f"displacement, {recording.displacement_unit}")  # fmt: skip
+    return "The hysteresis loop: measured displacement and the model's over the drive."
+
+
+def draw_residual_over_time(
+    result: Identification, recording: Recording, number: int, axes: Axes
+) -> str:
+    """What the model leaves, the rows that were not fitted in grey."""
+    e, noise, unit = _error(result, recording, number)
+    used = result.used[number]
+    for rows, color, label in ((~used, UNUSED, "not fitted"), (used, MODEL, "fitted")):
+        if rows.any():
+            draw_trace(axes, recording.t_s, np.where(rows, e, np.nan), color, label)
+    draw_noise_band(axes, noise)
+    limit_to(axes, e[used])
+    axes.set(xlabel="time, s", ylabel=f"measured - model, {unit}", title="residual over time")
+    add_legend(axes)
+    return (f"Residual over time: {rms(e[used]):.3g} {unit} rms on fitted rows, "
+            f"noise {noise:.3g} {unit}.")  # fmt: skip
+
+
+def draw_residual_over_drive(
+    result: Identification, recording: Recording, number: int, axes: Axes
+) -> str:
+    """What the model leaves by drive and direction; the mean of each as a line."""
+    e, _, unit = _error(result, recording, number)
+    used, drive = result.used[number], recording.drive
+    step = np.gradient(np.nan_to_num(drive, nan=0.0))
+    for way, color, label in ((step > 0, UP, "drive rising"), (step < 0, DOWN, "drive falling")):
+        at = used & way
+        if not at.any():
+            continue
+        u, shown = thin_rows(drive[at], e[at])
+        axes.plot(u, shown, ".", color=color, ms=1.5, alpha=0.35)
+        if at.sum() > 200:
+            axes.plot(*_means(drive[at], e[at]), color=color, lw=2, label=label)
+    limit_to(axes, e[used])
+    axes.set(xlabel=f"drive, {spell_unit(recording.drive_unit)}", title="residual over the drive",
+             ylabel=f"measured - model, {unit}")  # fmt: skip
+    if axes.get_legend_handles_labels()[0]:
+        add_legend(axes, 0.18)
+    return "Residual over the drive, rising and falling apart; lines are means."
+
+
+def draw_residual_spectrum(
+    result: Identification, recording: Recording, number: int, axes: Axes
+) -> str:
+    """What the model leaves by frequency, against white noise of the estimated size."""
+    e, noise, unit = _error(result, recording, number)
+    f, density = estimate_density([e], recording.period_s)
+    axes.loglog(f, density, color=MODEL, lw=1.4, label="residual")
+    axes.axhline(white_density(noise, recording.period_s), color=NOISE, lw=2, alpha=0.7,
+                 label="noise, if white")  # fmt: skip
+    axes.set(xlabel="frequency, Hz", ylabel=f"{unit}/√Hz", title="spectrum of the residual")
+    add_legend(axes, 0.18)
+    return "Spectrum of the residual against white noise of the estimated size."
+
+
+def draw_orders(result: Identification, axes: Axes) -> str:
+    """Held-out error against the number of operators."""
+    count, held_out = np.array(result.orders).T
+    scale, unit = pick_unit(result.model.displacement_unit, float(np.min(held_out)))
+    chosen = result.model.hysteresis.n
+    axes.plot(count, held_out * scale, "o-", ms=3, color=MODEL)
+    axes.axvline(chosen, color=MEASURED, lw=1.5, ls="--")
+    axes.set_ylim(0, min(float(held_out.max()), 3 * float(held_out.min())) * scale)
+    axes.set(xlabel="operators", ylabel=f"rms, {unit}",
+             title=f"held out, by number of operators (chosen: {chosen})")  # fmt: skip
+    return f"Held-out error by the number of operators; {chosen} were chosen."
+
+
+def draw_slopes(result: Identification, axes: Axes) -> str:
+    """Slopes after a reversal with their 95 % intervals."""
+    h = result.model.hysteresis
+    n, rate = h.n, result.model.validity.rate_max
+    parts = [("", slice(0, n), MODEL)]
+    if result.shape.rate:
+        at = f"{rate:.3g} {spell_unit(result.model.drive_unit)}/s"
+        parts = [(f"at +{at}", slice(0, n), UP), (f"at -{at}", slice(n, 2 * n), DOWN)]
+    for label, part, color in parts:
+        slope, error = result.params.slopes[part], 1.96 * result.errors.slopes[part]
+        axes.errorbar(h.r, slope, error, fmt="o-", ms=4, color=color, capsize=3, lw=1, label=label)
+    smallest = float(h.r[h.r > 0].min()) if np.any(h.r > 0) else 1.0
+    axes.set_xscale("symlog", linthresh=10 ** np.ceil(np.log10(smallest)))
+    top = float(np.max(result.params.slopes))
+    axes.set_ylim(-0.05 * top, 1.4 * top)
+    axes.set(xlabel=f"threshold, {spell_unit(result.model.drive_unit)}", ylabel="slope dz/du",
+             title="slope after a reversal, by threshold passed")  # fmt: skip
+    if result.shape.rate:
+        axes.legend()
+    return "Slope after a reversal by the threshold passed, with 95 % intervals."
+
+
+def _measured(recording: Recording) -> Floats:
+    return recording.drive if recording.displacement is None else recording.displacement
+
+
+def _error(result: Identification, recording: Recording, number: int) -> tuple[Floats, float, str]:
+    """(residual (M,), noise rms, unit), all in the unit in which they are shown."""
+    residual = result.residuals[number]
+    scale, unit = pick_unit(recording.displacement_unit, rms(residual))
+    return residual * scale, result.noise_rms * scale, unit
+
+
+def _means(drive: Floats, error: Floats) -> tuple[Floats, Floats]:
+    """(middles, means) of the error in bins that hold equally many samples."""
+    edges = np.quantile(drive, np.linspace(0, 1, BINS + 1))
+    index = np.clip(np.searchsorted(edges, drive) - 1, 0, BINS - 1)
+    good = np.isfinite(error)
+    count = np.bincount(index[good], minlength=BINS)
+    total = np.bincount(index[good], error[good], minlength=BINS)
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return 0.5 * (edges[1:] + edges[:-1]), mean
+
+
+def _last_cycles(recording: Recording, result: Identification, number: int) -> slice:
+    """Rows of the last few cycles that were fitted; a cycle by the strongest line of the drive."""
+    at: NDArray[np.intp] = np.flatnonzero(result.used[number])
+    if at.size < 16:
+        return slice(0, recording.size)
+    u = np.nan_to_num(recording.drive[at[0] : at[-1] + 1], nan=float(np.nanmean(recording.drive)))
+    power = np.abs(np.fft.rfft(u - u.mean()))
+    power[0] = 0.0
+    cycle = u.size / max(1, int(np.argmax(power)))
+    return slice(max(int(at[0]), int(at[-1] - CYCLES_SHOWN * cycle)), int(at[-1]) + 1)

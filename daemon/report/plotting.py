@@ -1,0 +1,154 @@
+"""One look for every picture. matplotlib without a display and without global state.
+
+A picture is a function that draws on the axes it is given and returns, in one sentence, what is to
+be seen: the text for those who cannot see it. The same function serves a report, where each picture
+stands alone and a telephone shows it legibly, and a file, where several stand side by side.
+"""
+
+import io
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from scipy.signal import welch
+
+from dehyst.models.recording import Floats
+
+Draw = Callable[[Axes], str]
+
+# One colour, one meaning. Distinct to the colour-blind (Okabe and Ito).
+MEASURED = "#333333"
+MODEL = "#0072b2"  # the model that the picture is about: identified, augmented, compensating
+BEFORE = "#d55e00"  # what it is compared with: the model before, the linear gain
+NOISE = "#009e73"
+UP, DOWN = "#a0569b", "#c28a00"  # drive rising, drive falling
+UNUSED = "#9a9a9a"
+
+STYLE: Any = {
+    "font.size": 10,
+    "axes.titlesize": 10.5,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "figure.facecolor": "white",
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+}
+SIZE = (4.8, 3.2)  # inches: letters stay legible where this is as wide as a telephone
+DPI = 160
+MOST_POINTS = 4000
+
+
+def draw_picture(draw: Draw) -> tuple[bytes, str]:
+    """(PNG, what it shows) of one picture."""
+    with mpl.rc_context(STYLE):
+        fig, (axes,) = _figure(1, SIZE)
+        shows = draw(axes)
+        return _png(fig, DPI), shows
+
+
+def draw_side_by_side(draws: Sequence[Draw], widths: Sequence[float]) -> bytes:
+    """PNG of several pictures in a row. widths: relative widths."""
+    with mpl.rc_context(STYLE):
+        fig, panels = _figure(len(draws), (4.2 * len(draws), 3.8), widths)
+        for draw, axes in zip(draws, panels, strict=True):
+            draw(axes)
+        return _png(fig, 110)
+
+
+def _figure(
+    columns: int, size: tuple[float, float], widths: Sequence[float] | None = None
+) -> tuple[Figure, Any]:
+    fig = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(fig)
+    return fig, np.ravel(fig.subplots(1, columns, squeeze=False, width_ratios=widths))
+
+
+def _png(fig: Figure, dpi: int) -> bytes:
+    """Without anything that changes from run to run."""
+    out = io.BytesIO()
+    fig.savefig(out, format="png", dpi=dpi, metadata={"Software": ""})
+    return out.getvalue()
+
+
+def draw_trace(axes: Axes, t_s: Floats, values: Floats, color: str, label: str) -> None:
+    """A curve over time; a long one as the band between its extremes, so that no peak is lost.
+
+    t_s, values (M,); where values are NaN nothing is drawn.
+    """
+    if values.size <= MOST_POINTS:
+        axes.plot(t_s, values, color=color, lw=0.8, label=label)
+        return
+    each = -(-values.size // (MOST_POINTS // 4))
+    cut = (values.size // each) * each
+    blocks = values[:cut].reshape(-1, each)
+    low, high = np.fmin.reduce(blocks, 1), np.fmax.reduce(blocks, 1)
+    axes.fill_between(t_s[:cut:each], low, high, color=color, lw=0.4, label=label)
+
+
+def thin_rows(*columns: Any) -> list[Any]:
+    """Every k-th row, at most MOST_POINTS of them."""
+    step = 1 + columns[0].size // MOST_POINTS
+    return [c[::step] for c in columns]
+
+
+def rms(error: Floats) -> float:
+    """Of an error (M,), NaN left out; 0 where nothing is left."""
+    good = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(good**2))) if good.size else 0.0
+
+
+def draw_noise_band(axes: Axes, noise: float) -> None:
+    """The band of two standard deviations of the noise around zero."""
+    axes.axhspan(-2 * noise, 2 * noise, color=NOISE, alpha=0.35, lw=0, zorder=3,
+                 label="noise, two sigma")  # fmt: skip
+
+
+def limit_to(axes: Axes, error: Floats) -> None:
+    """Show all but the largest thousandth of an error (M,)."""
+    good = np.abs(error[np.isfinite(error)])
+    top = float(np.quantile(good, 0.999)) if good.size else 0.0
+    if top > 0:
+        axes.set_ylim(-1.2 * top, 1.2 * top)
+
+
+def estimate_density(errors: Sequence[Floats], period_s: float) -> tuple[Floats, Floats]:
+    """(frequencies in Hz, amplitude density in unit/sqrt(Hz)) of errors (M_i,), their mean power.
+
+    Welch's method; means over 24 bands a decade, so that lines stay and grass goes. NaN counts as
+    zero.
+    """
+    size = min(8192, *(e.size for e in errors))
+    power = []
+    for error in errors:
+        known = np.where(np.isfinite(error), error, 0.0)
+        f, p = welch(known, 1 / period_s, nperseg=size, detrend="constant")
+        power.append(p[1:])
+    mean, f = np.mean(power, axis=0), f[1:]
+    _, index, count = np.unique(
+        np.round(24 * np.log10(f)).astype(int), return_inverse=True, return_counts=True
+    )
+    return np.bincount(index, f) / count, np.sqrt(np.bincount(index, mean) / count)
+
+
+def add_legend(axes: Axes, share: float = 0.3) -> None:
+    """A legend in a share of the height that is added above the curves."""
+    low, high = axes.get_ylim()
+    if axes.get_yscale() == "log":
+        axes.set_ylim(low, high * (high / low) ** share)
+    else:
+        axes.set_ylim(low, high + share * (high - low))
+    axes.legend(loc="upper left", ncols=2)
+
+
+def white_density(noise: float, period_s: float) -> float:
+    """Amplitude density of white noise of this rms [unit/sqrt(Hz)]."""
+    return float(noise * np.sqrt(2 * period_s))

@@ -1,0 +1,1 @@
+"""What the processes share: records, and the rings that carry them."""

@@ -1,0 +1,59 @@
+"""How a ring lies in its file: a header of 64-bit words, a check for each record, the records.
+
+    words   (16,) int64      magic, layout, capacity, record size, head, tail, run, writer's pid
+    checks  (capacity,)      a digest of each record and its number
+    records (capacity,)      of one numpy dtype
+
+Record number n lies in place n modulo capacity. A record counts only with its check, so that one
+that was damaged, half written or overwritten meanwhile is noticed by every reader.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAGIC = 0x6465687973743032  # "dehyst02"
+HEADER_WORDS = 16
+MAGIC_AT, LAYOUT_AT, CAPACITY_AT, ITEM_AT, HEAD, TAIL, RUN, PID = range(8)
+MOST_RECORDS = 1 << 24
+PRIME, BASIS = 1099511628211, 14695981039346656037  # FNV-1a (Fowler, Noll, Vo), 64 bits
+FARTHEST = 1 << 48
+"""A head further from a reader than this is damage and not haste."""
+
+
+def layout_of(dtype: np.dtype[Any]) -> int:
+    """A number that changes with the record's layout."""
+    value = 1469598103934665603
+    for byte in repr(dtype.descr).encode():
+        value = ((value ^ byte) * PRIME) & 0x7FFFFFFFFFFFFFFF
+    return value
+
+
+def size_of(dtype: np.dtype[Any], capacity: int) -> int:
+    """Bytes of a ring's file."""
+    return 8 * HEADER_WORDS + capacity * (8 + dtype.itemsize)
+
+
+def what_is_wrong(words: NDArray[np.int64], size: int, dtype: np.dtype[Any]) -> str:
+    """Why a file of this header (16,) and size is no ring of these records; "": it is one."""
+    if words.size < HEADER_WORDS or words[MAGIC_AT] != MAGIC:
+        return "not a ring of this version of dehyst"
+    if words[LAYOUT_AT] != layout_of(dtype) or words[ITEM_AT] != dtype.itemsize:
+        return "a ring of another version of dehyst"
+    capacity = int(words[CAPACITY_AT])
+    if not 0 < capacity <= MOST_RECORDS or size != size_of(dtype, capacity):
+        return "a damaged ring"
+    return ""
+
+
+def digests(records: NDArray[Any], numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The checks (n,) of records (n,) with these numbers (n,); dehyst.daemon.rings.ring.digest
+    is the same for one record, compiled."""
+    data = records.view(np.uint8).reshape(records.size, records.dtype.itemsize)
+    value = np.uint64(BASIS) ^ numbers.astype(np.uint64)
+    prime = np.uint64(PRIME)
+    value = value * prime
+    for column in data.T:
+        value = (value ^ column) * prime
+    return value.view(np.int64)

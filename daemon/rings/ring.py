@@ -1,0 +1,282 @@
+"""Memory-mapped rings between the loop's process and the network's process.
+
+One file a ring (see dehyst.daemon.rings.layout). One process writes, one reads; neither ever waits
+for the other. The writer publishes by storing the record and its check first and the head
+afterwards, with a full fence between (needed on aarch64, free on x86-64). A reader that is slower
+than the ring is long loses the oldest records, is told how many, and never sees a torn one: each
+record is looked at with its check after it was copied.
+
+A plain file is mapped, not multiprocessing.SharedMemory: up to Python 3.12 the latter unlinks
+the segment when the *attaching* process exits.
+"""
+
+import mmap
+import os
+import secrets
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit, types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from dehyst.daemon.rings.layout import (
+    BASIS,
+    CAPACITY_AT,
+    FARTHEST,
+    HEAD,
+    HEADER_WORDS,
+    ITEM_AT,
+    LAYOUT_AT,
+    MAGIC,
+    MAGIC_AT,
+    PID,
+    PRIME,
+    RUN,
+    TAIL,
+    layout_of,
+    size_of,
+    what_is_wrong,
+)
+from dehyst.models.errors import BadInput, NotNow
+
+FIXED = (MAGIC_AT, LAYOUT_AT, CAPACITY_AT, ITEM_AT, RUN, PID)
+_BASIS, _PRIME = np.uint64(BASIS), np.uint64(PRIME)
+
+
+@intrinsic
+def _fence(typingctx: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        builder.fence("seq_cst")
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
+@njit(cache=True, nogil=True)
+def store(words: NDArray[np.int64], index: int, value: int) -> None:
+    """Write a header word so that everything written before it is seen before it."""
+    _fence()
+    words[index] = value
+    _fence()
+
+
+@njit(cache=True, nogil=True)
+def load(words: NDArray[np.int64], index: int) -> int:
+    """Read a header word anew."""
+    _fence()
+    value = words[index]
+    _fence()
+    return value
+
+
+@njit(cache=True, nogil=True)
+def digest(data: NDArray[np.uint8], number: int) -> int:
+    """The check of a record (its bytes) with its number: FNV-1a."""
+    value = (_BASIS ^ np.uint64(number)) * _PRIME
+    for byte in data:
+        value = (value ^ np.uint64(byte)) * _PRIME
+    return np.int64(value)  # type: ignore[return-value]
+
+
+@njit(cache=True, nogil=True)
+def _seal(data: NDArray[np.uint8], checks: NDArray[np.int64], first: int, count: int) -> None:
+    """Put the checks of `count` records that were just stored beside them."""
+    for number in range(first, first + count):
+        place = number % checks.size
+        checks[place] = digest(data[place], number)
+
+
+@njit(cache=True, nogil=True)
+def _whole(
+    data: NDArray[np.uint8], checks: NDArray[np.int64], first: int, whole: NDArray[np.bool_]
+) -> None:
+    """Which of the records from `first` on still agree with their checks."""
+    for i in range(whole.size):
+        place = (first + i) % checks.size
+        whole[i] = checks[place] == digest(data[place], first + i)
+
+
+class Ring:
+    """A ring in a file. `create` makes and owns it, `attach` opens an existing one.
+
+    words: the header as (16,) int64; records: (capacity,) structured array; checks: (capacity,)
+    int64; data: the records as (capacity, record size) bytes; all of them memory-mapped. run:
+    number of the writer's run. damaged: records that this reader has dropped because their check
+    did not agree.
+    """
+
+    def __init__(
+        self, path: Path, mapping: mmap.mmap, dtype: np.dtype[Any], file: int, capacity: int
+    ) -> None:
+        self.path, self._mapping, self._file = path, mapping, file
+        self.words: NDArray[np.int64] = np.frombuffer(mapping, np.int64, HEADER_WORDS)
+        self.capacity, start = capacity, 8 * HEADER_WORDS
+        self.checks: NDArray[np.int64] = np.frombuffer(mapping, np.int64, capacity, offset=start)
+        self.records: NDArray[Any] = np.frombuffer(
+            mapping, dtype, capacity, offset=start + 8 * capacity
+        )
+        self.data = self.records.view(np.uint8).reshape(capacity, dtype.itemsize)
+        self._header = self.words[list(FIXED)].copy()
+        self._inode = os.fstat(file).st_ino if file >= 0 else 0
+        self.run = int(self.words[RUN])
+        self.damaged = 0
+        head = int(self.words[HEAD])
+        # a writer goes by its own count: what others may do to the file's is put right with it
+        self._written = head if 0 <= head < FARTHEST else 0
+
+    @classmethod
+    def create(cls, path: Path, dtype: np.dtype[Any], capacity: int, run: int = 1) -> "Ring":
+        """Make a new ring file of `capacity` records, replacing an old one atomically.
+
+        run: the same number for all rings of one writer, another one each time that it starts. A
+        process that still maps the old file keeps it; it sees by `stale()` that it must attach
+        again. Raises NotNow where there is no room for it.
+        """
+        size = size_of(dtype, capacity)
+        fresh = path.with_name(f"{path.name}.{secrets.token_hex(8)}.new")
+        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+        try:
+            file = os.open(fresh, flags, 0o600)
+        except OSError as error:
+            raise NotNow(f"{path}: cannot be made: {error.strerror}") from None
+        try:
+            # written out, not sparse: a full tmpfs fails here and not as SIGBUS in the loop
+            with open(file, "wb", closefd=False) as out:
+                out.write(bytes(size))
+            mapping = mmap.mmap(file, size)
+            words = np.frombuffer(mapping, np.int64, HEADER_WORDS)
+            words[LAYOUT_AT], words[CAPACITY_AT] = layout_of(dtype), capacity
+            words[ITEM_AT], words[RUN], words[PID] = dtype.itemsize, run, os.getpid()
+            # every page mapped and writable now, or the loop would fault at each new one
+            np.frombuffer(mapping, np.uint8, size)[:: mmap.PAGESIZE] |= 0
+            store(words, MAGIC_AT, MAGIC)
+            os.replace(fresh, path)
+        except OSError as error:
+            os.close(file)
+            fresh.unlink(missing_ok=True)
+            raise NotNow(
+                f"{path}: no ring can be made: {error.strerror}; make room, or set run_dir to a "
+                "folder with room"
+            ) from None
+        return cls(path, mapping, dtype, file, capacity)
+
+    @classmethod
+    def scratch(cls, dtype: np.dtype[Any], capacity: int) -> "Ring":
+        """A ring without a file, for one process."""
+        return cls(Path(), mmap.mmap(-1, size_of(dtype, capacity)), dtype, -1, capacity)
+
+    @classmethod
+    def attach(cls, path: Path, dtype: np.dtype[Any]) -> "Ring":
+        """Map an existing ring. Raises BadInput where it is missing, damaged or another's."""
+        try:
+            file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
+        except OSError as error:
+            raise BadInput(f"{path}: no ring to attach to: {error.strerror}") from None
+        try:
+            found = os.fstat(file)
+            words = np.frombuffer(os.pread(file, 8 * HEADER_WORDS, 0), np.uint8)
+            header = words[: words.size // 8 * 8].view(np.int64)
+            wrong = what_is_wrong(header, found.st_size, dtype)
+            if found.st_uid != os.geteuid():
+                wrong = f"it belongs to user {found.st_uid}"
+            if wrong:
+                raise BadInput(f"{path}: {wrong}; restart both processes")
+            mapping = mmap.mmap(file, found.st_size)
+        except (OSError, ValueError) as error:
+            os.close(file)
+            raise BadInput(f"{path}: no ring to attach to: {error}") from None
+        except BadInput:
+            os.close(file)
+            raise
+        return cls(path, mapping, dtype, file, int(header[CAPACITY_AT]))
+
+    def stale(self) -> bool:
+        """True when the file at `path` is no longer the one that is mapped."""
+        try:
+            return os.stat(self.path).st_ino != self._inode
+        except OSError:
+            return True
+
+    def mend(self) -> bool:
+        """The writer's look at its own ring: False where the file was cut short or its header
+        overwritten; then both are as they were, and what the file had lost is empty."""
+        size = size_of(self.records.dtype, self.capacity)
+        if self._file < 0:
+            return True
+        whole = os.fstat(self._file).st_size == size
+        if not whole:
+            os.ftruncate(self._file, size)
+        if not whole or not np.array_equal(self.words[list(FIXED)], self._header):
+            self.words[list(FIXED)] = self._header
+            whole = False
+        return whole
+
+    @property
+    def head(self) -> int:
+        """Number of records written since the ring was made."""
+        return int(load(self.words, HEAD))
+
+    @property
+    def tail(self) -> int:
+        """How far the reader has read (see `taken`); survives the reader."""
+        head, tail = self.head, int(load(self.words, TAIL))
+        return tail if 0 <= head - tail < FARTHEST else head - self.capacity
+
+    @property
+    def free(self) -> int:
+        """Records that can be pushed before the reader would lose one (see `taken`)."""
+        return max(0, self.capacity - (self.head - self.tail))
+
+    def push(self, record: Any) -> None:
+        """Write one record. Never waits; the oldest is overwritten."""
+        head = self._written
+        self.records[head % self.capacity] = record
+        _seal(self.data, self.checks, head, 1)
+        self._written += 1
+        store(self.words, HEAD, self._written)
+
+    def push_many(self, records: NDArray[Any]) -> None:
+        """Write up to `capacity` records and publish them at once."""
+        head = self._written
+        first = min(records.size, self.capacity - head % self.capacity)
+        start = head % self.capacity
+        self.records[start : start + first] = records[:first]
+        self.records[: records.size - first] = records[first:]
+        _seal(self.data, self.checks, head, records.size)
+        self._written += records.size
+        store(self.words, HEAD, self._written)
+
+    def read(self, tail: int, limit: int | None = None) -> tuple[NDArray[Any], int, int]:
+        """Records from number `tail` on: (copies, next tail, number lost before or among them)."""
+        head = self.head
+        if not 0 <= head - tail < FARTHEST:  # the head was overwritten: begin where it is now
+            self.damaged += 1
+            return self.records[:0].copy(), head, 0
+        start = max(tail, head - self.capacity)
+        stop = head if limit is None else min(head, start + limit)
+        out = self.records[np.arange(start, stop) % self.capacity]
+        # judged after the copy: one that the writer has overwritten meanwhile is another number
+        whole = np.empty(out.size, np.bool_)
+        _whole(self.data, self.checks, start, whole)
+        if not whole.all():
+            overwritten = max(0, min(self.head - self.capacity + 1 - start, out.size))
+            self.damaged += int(np.count_nonzero(~whole[overwritten:]))
+            out = out[whole]
+        return out, stop, stop - tail - out.size
+
+    def taken(self, tail: int) -> None:
+        """The reader says how far it has read, for the writer's `free`."""
+        store(self.words, TAIL, tail)
+
+    def close(self) -> None:
+        """Drop the mapping; the file stays for the other side."""
+        del self.words, self.records, self.checks, self.data
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+        try:
+            self._mapping.close()
+        except BufferError:  # somebody still holds an array on it; the process's end frees it
+            return

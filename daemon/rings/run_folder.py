@@ -1,0 +1,93 @@
+"""The folder in which the processes of one daemon meet, and who is at work in it.
+
+The folder is its user's own and nobody else can write into it, or the start is refused: whoever
+can lay a file there could have the daemon overwrite another one, or speak to the loop. Each role
+(the supervisor, the process that drives the output, the one that serves the network) is held by
+one process at a time, by a lock of the kernel that ends with its process, however that ends.
+"""
+
+import errno
+import fcntl
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from dehyst.models.errors import BadInput, NotNow
+
+SUPERVISOR, OUTPUT, NETWORK = "supervisor", "output", "network"
+"""The roles. OUTPUT: `dehyst core` and `dehyst safe`."""
+OWN = os.O_NOFOLLOW | os.O_CLOEXEC
+LONGEST_NOTE = 4096
+
+
+class InUse(BadInput):
+    """Another process has the role."""
+
+
+def prepare(folder: Path) -> None:
+    """Make the folder (mode 0700) where there is none; BadInput where it is not safe to use."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found, around = os.lstat(folder), os.stat(folder.parent)
+        reason = _why_not(found) or _why_not_in(around)
+        if not reason and stat.S_IMODE(found.st_mode) != 0o700:
+            os.chmod(folder, 0o700)  # others could read it, nobody could write into it
+    except OSError as error:
+        reason = f"it cannot be made: {error.strerror}"
+    if reason:
+        raise BadInput(
+            f"run folder {folder}: {reason}; remove it, or set run_dir to a folder of your own"
+        )
+
+
+def _why_not(found: os.stat_result) -> str:
+    """Why this folder is not to be used; "": it may be."""
+    if not stat.S_ISDIR(found.st_mode):
+        return "it is a link or a file, not a folder"
+    if found.st_uid != os.geteuid():
+        return f"it belongs to user {found.st_uid}, not to you (user {os.geteuid()})"
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return "others may write into it"
+    return ""
+
+
+def _why_not_in(around: os.stat_result) -> str:
+    """Why no folder in this one is safe: others could put their own in its place."""
+    shared = around.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not around.st_mode & stat.S_ISVTX
+    if shared or around.st_uid not in (0, os.geteuid()):
+        return "others may exchange it, by what they may do to the folder that it lies in"
+    return ""
+
+
+@contextmanager
+def at_work(folder: Path, role: str, command: str, config: Path | str) -> Iterator[None]:
+    """Hold a role in the folder while the block lasts. InUse names the process that holds it by
+    the command that it runs and its configuration."""
+    prepare(folder)
+    path = folder / f"{role}.lock"
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT | OWN, 0o600)
+    except OSError as error:
+        kind = NotNow if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EMFILE) else BadInput
+        raise kind(f"{path}: cannot be opened: {error.strerror}") from None
+    try:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.pread(file, LONGEST_NOTE, 0).decode("utf-8", "replace").strip()
+            raise InUse(
+                f"{folder} is in use by {holder or 'another process'}: one daemon of a name and "
+                "run folder at a time; end that one, or give this one another name"
+            ) from None
+        note = f"process {os.getpid()} (dehyst {command} of {os.path.abspath(config)})\n"
+        try:
+            os.ftruncate(file, 0)
+            os.pwrite(file, note.encode()[:LONGEST_NOTE], 0)
+        except OSError:  # a full disk: the lock holds all the same, only without a name
+            os.ftruncate(file, 0)
+        yield
+    finally:
+        os.close(file)

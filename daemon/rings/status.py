@@ -1,0 +1,192 @@
+"""The loop's status, one row a field: the only place that lists them.
+
+From the rows of LoopStatus come the STATUS record in the ring, the status message on the bus
+(dehyst.daemon.bus.messages.Status), and what `dehyst watch` shows and prints as JSON. To add a
+field, add a row here and fill it where it is measured: dehyst.daemon.loop.status, or, for what only
+the composition of the process knows, dehyst.daemon.loop.process.
+
+Rows without a column are the gateway's to fill. Displacements are in the model's unit and count
+from the set-point origin; voltages are the actuator's; times `_ns` are the controller's
+CLOCK_MONOTONIC unless said otherwise.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Annotated, Any, Literal, get_type_hints
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from dehyst.daemon.rings.records import MissCause, Mode, State, name_of
+
+Id = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+Name = Annotated[str, Meta(max_length=64)]
+Unit = Annotated[str, Meta(max_length=16)]
+Version = Literal[1]
+
+View = Callable[[Any], str]
+"""Words for one cell of the live view, from the whole status."""
+
+
+class Timing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Microseconds over the last window."""
+
+    p50: float
+    p99: float
+    p999: float
+    max: float
+
+
+@dataclass(frozen=True)
+class Column:
+    """A row's part of the record. dtype, size: of the record's field (size 0: one number); read:
+    from there to the message's value; view: what the live view shows, None: nothing."""
+
+    dtype: str
+    read: Callable[[Any], Any]
+    size: int = 0
+    view: View | None = None
+
+
+def _name(kind: type[IntEnum]) -> Callable[[Any], str]:
+    return lambda value: name_of(kind, int(value))
+
+
+def _timing(values: Any) -> Timing:
+    p50, p99, p999, most = (float(v) for v in values)
+    return Timing(p50=p50, p99=p99, p999=p999, max=most)
+
+
+def _causes(counts: Any) -> dict[str, int]:
+    return {name_of(MissCause, i): int(n) for i, n in enumerate(counts) if int(n) > 0}
+
+
+def _finite(value: Any) -> float:
+    number = float(value)
+    return number if math.isfinite(number) else 0.0
+
+
+def _text(value: Any) -> str:
+    return bytes(value).decode("utf-8", "replace")
+
+
+def _device(name: str) -> View:
+    def words(s: Any) -> str:
+        ok, errors = getattr(s, f"{name}_ok"), getattr(s, f"{name}_errors")
+        return f"{name} {'ok' if ok else 'FAILED'}, {errors} errors"
+
+    return words
+
+
+def _p99(name: str, field: str) -> View:
+    return lambda s: f"{name} p99 {getattr(s, field).p99:.0f} us"
+
+
+def counts(by_name: dict[str, int]) -> str:
+    """Counters as words."""
+    return ", ".join(f"{name} {n}" for name, n in by_name.items()) or "none"
+
+
+class LoopStatus(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The rows."""
+
+    version: Version = 1
+    name: Name
+    software: Name
+    core_alive: bool
+    """False: the loop's process has said nothing for 2.5 s; the rest is its last word."""
+    run: Id
+    """Number of the loop's run; another one: it was started anew and counts from 0 again."""
+    unit: Annotated[Unit, Column("S16", _text)]
+    """Of displacements: that of the model which this run uses."""
+    drive_unit: Annotated[Unit, Column("S16", _text)]
+    time_ns: Annotated[int, Column("<i8", int)]
+    wall_ns: Annotated[int, Column("<i8", int)]
+    """Wall clock at time_ns."""
+    state: Annotated[Name, Column("u1", _name(State))]
+    policy: Annotated[Name, Column("u1", lambda fifo: "fifo" if fifo else "other")]
+    """Scheduling policy obtained."""
+    priority: Annotated[int, Column("u1", int, view=lambda s: f"{s.policy} {s.priority}")]
+    mode: Annotated[Name, Column("u1", _name(Mode))]
+    """Of the inverse."""
+    samples: Annotated[
+        int, Column("<i8", int, view=lambda s: f"samples {s.samples}, missed {s.missed}")
+    ]
+    missed: Annotated[int, Column("<i8", int)]
+    """Deadlines missed: sample started a period or more late, or skipped."""
+    missed_by: Annotated[
+        dict[str, int],
+        Column("<i8", _causes, len(MissCause), lambda s: f"by cause: {counts(s.missed_by)}"),
+    ]
+    wake_us: Annotated[
+        Timing,
+        Column(
+            "<f4",
+            _timing,
+            4,
+            lambda s: (
+                f"wake-up p50 {s.wake_us.p50:.0f} us, p99 {s.wake_us.p99:.0f}, "
+                f"max {s.wake_us.max:.0f}"
+            ),
+        ),
+    ]
+    """Lateness of the wake-up over the last window."""
+    exec_us: Annotated[Timing, Column("<f4", _timing, 4, _p99("step", "exec_us"))]
+    """Wake-up to end of write."""
+    io_us: Annotated[Timing, Column("<f4", _timing, 4, _p99("I/O", "io_us"))]
+    """Time spent in driver calls."""
+    actuator_ok: Annotated[bool, Column("u1", bool, view=_device("actuator"))]
+    sensor_ok: Annotated[bool, Column("u1", bool, view=_device("sensor"))]
+    actuator_errors: Annotated[int, Column("<i8", int)]
+    sensor_errors: Annotated[int, Column("<i8", int)]
+    volts: Annotated[float, Column("<f8", float)]
+    queue_s: Annotated[float, Column("<f8", _finite)]
+    """Trajectory still ahead."""
+    trajectory: Annotated[Id, Column("<u8", lambda number: int(number) & (2**63 - 1))]
+    """The trajectory being played or played last; 0: none."""
+    trajectory_done: Annotated[bool, Column("u1", bool)]
+    origin: Annotated[float, Column("<f8", float)]
+    """Model displacement at set-point 0."""
+    reach_min: Annotated[float, Column("<f8", float)]
+    """Reachable set-points."""
+    reach_max: Annotated[
+        float,
+        Column(
+            "<f8", float, view=lambda s: f"reach {s.reach_min:.4g} to {s.reach_max:.4g} {s.unit}"
+        ),
+    ]
+    latency_s: Annotated[float, Column("<f8", _finite)]
+    """Of the inverse (preview window)."""
+    period_ns: Annotated[int, Column("<i8", int, view=lambda s: f"{1e9 / s.period_ns:g} Hz")]
+    pid: Annotated[int, Column("<i8", int)]
+
+
+def _columns() -> dict[str, Column]:
+    hints = get_type_hints(LoopStatus, include_extras=True)
+    found = {}
+    for name, hint in hints.items():
+        for extra in getattr(hint, "__metadata__", ()):
+            if isinstance(extra, Column):
+                found[name] = extra
+    return found
+
+
+COLUMNS = _columns()
+STATUS = np.dtype(
+    [(n, c.dtype, (c.size,)) if c.size else (n, c.dtype) for n, c in COLUMNS.items()]
+    + [("model", "S16")]
+)
+"""model, for the gateway alone: digest of the model that the loop runs, see records.model_file."""
+
+
+def message_values(record: Any) -> dict[str, Any]:
+    """The message's values by field name, from one STATUS record."""
+    return {name: column.read(record[name]) for name, column in COLUMNS.items()}
+
+
+def cells(status: LoopStatus) -> list[str]:
+    """What the live view shows of a status, one text a cell."""
+    return [c.view(status) for c in COLUMNS.values() if c.view is not None]

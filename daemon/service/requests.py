@@ -1,0 +1,54 @@
+"""Signals to the loop's process: its first act is to take them, its last to have served them.
+
+SIGTERM and SIGINT: end, as safe.on_stop says; before the loop runs they end the process at once,
+nothing has moved yet. SIGHUP: load the model file again, in one thread, one at a time: of many that
+come meanwhile the last one counts, and the next is served a while later, so that a storm of them
+takes no more of the machine than a few.
+"""
+
+import signal
+import threading
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from dehyst.daemon import clock
+from dehyst.daemon.loop import realtime
+
+REST_S = 1.0
+NOT_MOVED = 0
+
+
+class Requests:
+    """Takes the signals from when it is made; `serve` says what is to be done about them."""
+
+    def __init__(self, rest_s: float = REST_S) -> None:
+        self._stop: Callable[[], None] | None = None
+        self._reloads: SimpleQueue[None] = SimpleQueue()  # its put may be called in a handler
+        self._rest_s = rest_s
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._on_stop)
+        signal.signal(signal.SIGHUP, lambda *_: self._reloads.put(None))
+
+    def serve(self, stop: Callable[[], None], reload: Callable[[], None]) -> None:
+        """The loop runs: stop() is called in the handler, reload() in a thread of its own."""
+        self._stop = stop
+        thread = threading.Thread(target=self._run, args=(reload,), name="reload", daemon=True)
+        thread.start()
+
+    def _on_stop(self, *_: Any) -> None:
+        if self._stop is None:
+            raise SystemExit(NOT_MOVED)
+        self._stop()
+
+    def _run(self, reload: Callable[[], None]) -> None:
+        realtime.leave_realtime()
+        while True:
+            self._reloads.get()
+            while True:
+                try:
+                    self._reloads.get_nowait()
+                except Empty:
+                    break
+            reload()
+            clock.sleep_s(self._rest_s)

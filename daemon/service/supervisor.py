@@ -1,0 +1,316 @@
+"""`dehyst run`: core and gateway as child processes, and on the simulated stage the bench too.
+
+What systemd does with the shipped units, for a terminal. What becomes of the core is a table of
+states (dehyst.daemon.service.life); here its events are seen and its states entered. The gateway
+is started again when it dies, with growing pauses where it cannot begin. SIGTERM and SIGINT end the
+core first (it ramps, as long as that takes), then the rest. SIGHUP goes to the core.
+"""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from dehyst.daemon import clock, notify
+from dehyst.daemon.config import Config
+from dehyst.daemon.rings.records import EVENT
+from dehyst.daemon.rings.ring_file import RingFile
+from dehyst.daemon.service.heartbeat import Heartbeat
+from dehyst.daemon.service.life import NEXT, Event, Life
+from dehyst.models.errors import BadInput, DehystError
+
+# -P: a folder called dehyst where the user stands must not be taken for the package
+DEHYST = (sys.executable, "-P", "-m", "dehyst.daemon.main")
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
+SPARE_S = 20.0  # beyond a ramp's own time: devices that are slow to answer, a busy machine
+BENCH_READY_S = 240.0  # with a cold cache the kernels are compiled first
+LOOK_S = 0.25
+
+
+class Child:
+    """One child process, started again after it dies; the pauses grow until it has worked."""
+
+    def __init__(self, name: str, arguments: list[str]) -> None:
+        self.name, self.arguments = name, arguments
+        self.process: subprocess.Popen[bytes] | None = None
+        self.pause_s, self.due_ns = FIRST_PAUSE_S, 0
+
+    def start(self) -> None:
+        """Start it now."""
+        self.process = subprocess.Popen(
+            [*DEHYST, *self.arguments],
+            stdin=subprocess.DEVNULL,
+            env={**os.environ, "DEHYST_SUPERVISED": "1"},
+            start_new_session=True,  # a Ctrl-C at the terminal reaches the supervisor alone
+        )
+
+    def died(self, worked: bool) -> int | None:
+        """Its exit code, once, when it is no longer running; worked: it was of use before."""
+        code = None if self.process is None else self.process.poll()
+        if code is not None:
+            self.process = None
+            self.pause_s = FIRST_PAUSE_S if worked else min(2 * self.pause_s, LONGEST_PAUSE_S)
+            self.due_ns = clock.monotonic_ns() + round(self.pause_s * clock.NS)
+        return code
+
+    @property
+    def due(self) -> bool:
+        """True when it is to be started again."""
+        return self.process is None and clock.monotonic_ns() >= self.due_ns
+
+    def signal(self, number: int) -> None:
+        """Pass a signal on."""
+        if self.process is not None and self.process.poll() is None:
+            self.process.send_signal(number)
+
+    def kill(self) -> None:
+        """End it at once."""
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait(5.0)
+
+
+class Supervisor:
+    """Runs core and gateway for one configuration file."""
+
+    def __init__(self, config: Config, path: Path, say: Callable[[str], None]) -> None:
+        self.config, self.path, self.say = config, path, say
+        option = ["--config", str(path)]
+        self.core = Child("core", ["core", *option])
+        self.gateway = Child("gateway", ["gateway", *option])
+        self.safe = Child("safe", ["safe", *option])
+        self.life, self.code = Life.WAITING, 0
+        self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        self._end_asked = self._reload_asked = False
+        self._heartbeat = Heartbeat(config.directory)
+        self._events: RingFile | None = None
+        self._told = self._pid = 0
+        self._entered_ns = 0
+        self._ever = self._ready = False
+        self._gateway_worked = False
+
+    def run(self) -> int:
+        """Until a signal; 0, 1 where the output had to be made safe by force, 2 where the core
+        refuses to start."""
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._on_end)
+        signal.signal(signal.SIGHUP, self._on_reload)
+        signal.signal(signal.SIGCHLD, lambda *_: self._wake())
+        try:
+            self._enter(Life.STARTING)
+            self._start_gateway()
+            while self.life is not Life.OVER:
+                self._sleep(LOOK_S)
+                self._look()
+        finally:  # whatever happened, nothing that drives the stage is left behind
+            self._end(self.core, self._patience_s)
+            self._tell_events()
+            self._end(self.gateway, 10.0)
+        return self.code
+
+    # -- events ---------------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        """See what has happened; each event leads to the state that the table says."""
+        self._heartbeat.look(clock.monotonic_ns())
+        self._tell_events()
+        beats = self._heartbeat.core.moves
+        if beats and self.core.process is not None:
+            self._ever = True
+            self._happens(Event.SAMPLE)
+        if self._reload_asked and self.life is Life.BEATING:  # a core that starts would die of it
+            self._reload_asked = False
+            self.core.signal(signal.SIGHUP)
+        code = self.core.died(beats)
+        if code is not None:
+            self._tell_events()
+            self._core_died(code)
+        code = self.safe.died(True)
+        if code is not None:
+            self._happens(Event.FAILED if code else Event.SAVED)
+        if self._still():
+            self._happens(Event.STILL)
+        if self._end_asked:
+            self._end_asked = False
+            self._happens(Event.END)
+        self._look_at_gateway()
+        if self.core.due:
+            self._happens(Event.DUE)
+
+    def _core_died(self, code: int) -> None:
+        if code == 2 and not self._ever:
+            self.code = 2  # it has said why on stderr
+            self._happens(Event.REFUSED)
+        elif code == 0:
+            self._happens(Event.WELL)
+        else:
+            self.say(f"core ended with code {code}: bringing the output to its safe state")
+            self._happens(Event.DIED)
+
+    def _still(self) -> bool:
+        """True when what runs has had its time."""
+        if self.life in (Life.STARTING, Life.BEATING):
+            return self._heartbeat.core.hangs
+        if self.life in (Life.ENDING, Life.SAVING, Life.LAST):
+            return clock.monotonic_ns() - self._entered_ns > self._patience_s * clock.NS
+        return False
+
+    @property
+    def _patience_s(self) -> float:
+        return self.config.longest_ramp_s + SPARE_S
+
+    # -- states ---------------------------------------------------------------------------------
+
+    def _happens(self, event: Event) -> None:
+        before, after = self.life, NEXT[self.life, event]
+        if after is before:
+            return
+        if event is Event.STILL:
+            stuck = self.core if self.core.process is not None else self.safe
+            self.say(f"{stuck.name} hangs; killing it")
+            stuck.kill()
+            stuck.died(False)
+        if after is Life.LAST and before is Life.SAVING:  # it runs already, and is the last thing
+            self.life = after
+            return
+        if before is Life.LAST and event is not Event.SAVED:
+            self.say("ending although the output could not be brought to its safe state")
+        self._enter(after)
+
+    def _enter(self, life: Life) -> None:
+        self.life, self._entered_ns = life, clock.monotonic_ns()
+        if life is Life.STARTING:
+            self.core.start()
+            assert self.core.process is not None
+            self._pid = self.core.process.pid
+            self._heartbeat.core_started(self._pid)
+            self._ready = False
+        elif life is Life.ENDING:
+            self.say("ending: the output goes to its configured state")
+            self.core.signal(signal.SIGTERM)
+        elif life in (Life.SAVING, Life.LAST):
+            if life is Life.LAST:
+                self.code = 1
+            self.safe.start()
+        elif life is Life.UNSAFE:
+            self.say("the output could not be brought to its safe state; trying again")
+            self.core.due_ns = clock.monotonic_ns() + round(self.core.pause_s * clock.NS)
+
+    # -- gateway --------------------------------------------------------------------------------
+
+    def _start_gateway(self) -> None:
+        self.gateway.start()
+        self._heartbeat.gateway_started()
+        self._ready = False
+
+    def _look_at_gateway(self) -> None:
+        watched = self._heartbeat.gateway
+        if watched.hangs and self.gateway.process is not None:
+            self.say("gateway hangs; killing it")
+            self.gateway.kill()
+        code = self.gateway.died(watched.moves)
+        if code is not None:
+            self.say(
+                f"not ready: gateway ended with code {code}; clients cannot reach this daemon; "
+                f"next try in {self.gateway.pause_s:g} s"
+            )
+            notify.send("STATUS=not ready: the gateway does not run")
+        if self.gateway.due and self.life not in (Life.ENDING, Life.LAST, Life.OVER):
+            self._start_gateway()
+        if not self._ready and watched.moves and self.life is Life.BEATING:
+            self._ready = True
+            where = ", ".join((*self.config.bus.listen, *self.config.bus.connect))
+            self.say(f"ready: clients reach {self.config.name} at {where}")
+            notify.send("STATUS=ready")
+
+    # -- the rest -------------------------------------------------------------------------------
+
+    def _end(self, child: Child, timeout_s: float) -> None:
+        """SIGTERM and wait; SIGKILL after the time-out."""
+        if child.process is None:
+            return
+        child.signal(signal.SIGTERM)
+        try:
+            child.process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            self.say(f"{child.name} does not end; killing it")
+            child.kill()
+            self.code = self.code or 1
+
+    def _tell_events(self) -> None:
+        """Say what this run of the loop has to say, and when that was."""
+        try:
+            if self._events is None or self._events.stale():
+                if self._events is not None:
+                    self._events.close()
+                self._events, self._told = None, 0
+                self._events = RingFile(self.config.directory / "event.ring", EVENT)
+            if self._events.pid != self._pid or self._events.place()[0] == self._told:
+                return
+            records, self._told = self._events.read(self._told)
+        except BadInput:
+            return  # no loop yet, or its ring is damaged, which it mends itself
+        for record in records:
+            when = datetime.fromtimestamp(int(record["wall_ns"]) * 1e-9)
+            self.say(f"{when:%H:%M:%S} {bytes(record['text']).decode('utf-8', 'replace')}")
+
+    def _on_end(self, *_: Any) -> None:
+        self._end_asked = True
+        self._wake()
+
+    def _on_reload(self, *_: Any) -> None:
+        self._reload_asked = True
+        self._wake()
+
+    def _wake(self) -> None:
+        try:
+            os.write(self._wake_write, b"!")
+        except BlockingIOError:
+            return  # a wake-up is already waiting
+
+    def _sleep(self, seconds: float) -> None:
+        select.select([self._wake_read], [], [], seconds)
+        try:
+            os.read(self._wake_read, 4096)
+        except BlockingIOError:
+            return
+
+
+class Bench:
+    """The emulated bench as a child process: an MDT693B and a KSG101 on pseudo terminals."""
+
+    def __init__(self, directory: Path, arguments: list[str]) -> None:
+        self.process = subprocess.Popen(
+            [
+                *DEHYST, "emulate", "--dir", str(directory), *arguments,
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            env={**os.environ, "DEHYST_SUPERVISED": "1"},
+            start_new_session=True,
+        )  # fmt: skip
+        assert self.process.stdout is not None
+        ready, _, _ = select.select([self.process.stdout], [], [], BENCH_READY_S)
+        line = self.process.stdout.readline() if ready else b""
+        try:
+            self.ports: dict[str, str] = json.loads(line)
+        except ValueError:
+            self.close()
+            raise DehystError("the emulated bench did not start; try `dehyst emulate`") from None
+
+    def close(self) -> None:
+        """End it."""
+        self.process.terminate()
+        try:
+            self.process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait(5.0)
+        if self.process.stdout is not None:
+            self.process.stdout.close()

@@ -1,0 +1,129 @@
+"""A configuration for the emulated bench, and a first model of its stage.
+
+What `dehyst run` without --config and `dehyst demo` start from: an MDT693B and a KSG101 emulated
+on pseudo terminals, with the simulated stage behind them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dehyst.daemon.files.models import save_model, write_text
+from dehyst.drivers.simulated.stage import Stage
+from dehyst.models.errors import BadModel
+from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.identify import identify
+from dehyst.models.model import Model
+from dehyst.models.recording import Floats, Recording
+
+RATE_HZ = 200.0  # what an MDT693B sustains over serial
+FULL_SCALE_V = 150.0
+
+TEMPLATE = """\
+# The emulated bench: an MDT693B and a KSG101 on pseudo terminals, a simulated stage behind.
+name = "{name}"
+run_dir = "{directory}"
+
+[model]
+file = "model.toml"
+
+[loop]
+rate_hz = {rate_hz}
+
+[actuator]
+driver = "mdt693b"
+gain = {gain}
+[actuator.settings]
+port = "{actuator}"
+
+[sensor]
+driver = "ksg101"
+zero = {zero}
+[sensor.settings]
+port = "{sensor}"
+
+[limits]
+min_v = 0.0
+max_v = {full_scale_v}
+slew_v_per_s = 4000.0
+
+[bus]
+listen = ["{listen}"]
+"""
+
+
+def exploring_drive(rate_hz: float = RATE_HZ, seconds: float = 12.0) -> tuple[Floats, Floats]:
+    """(t_s, volts): a sine whose amplitude shrinks and grows, from 0 V and back to it."""
+    t_s = np.arange(round(rate_hz * seconds)) / rate_hz
+    phase = 2 * np.pi * t_s
+    envelope = np.interp(t_s / seconds, [0.0, 0.2, 0.6, 1.0], [1.0, 1.0, 0.15, 1.0])
+    volts = 0.5 * FULL_SCALE_V * (1.0 - envelope * np.cos(phase))
+    fade = np.minimum(1.0, np.minimum(t_s, t_s[-1] - t_s) / 0.25)
+    return t_s, volts * fade
+
+
+def simulated_model() -> Model:
+    """A model of the default simulated stage, identified from its own simulated recording."""
+    t_s, volts = exploring_drive()
+    _, reading = Stage().run(t_s, volts)
+    held = np.concatenate([[0.0], volts[:-1]])  # a reading belongs to the voltage before it
+    recording = Recording(t_s=t_s, drive=held, displacement=reading, name="simulated stage")
+    return identify([recording]).model
+
+
+@dataclass(frozen=True)
+class Imitation:
+    """The simulated stage scaled to a model: so that any model can be tried without its stage.
+
+    gain: amplifier volts per drive unit; zero: the model's displacement of the unloaded stage;
+    stage: options for `dehyst emulate`.
+    """
+
+    gain: float = 1.0
+    zero: float = 0.0
+    stage: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, model: Model) -> "Imitation":
+        """Full scale at the end of the model's drive range, the stroke that of the model."""
+        valid = model.validity
+        if valid.drive_max <= 0:
+            raise BadModel(
+                f"the model's drive ends at {valid.drive_max:g} {model.drive_unit}; the emulated "
+                f"amplifier gives 0 to {FULL_SCALE_V:g} V"
+            )
+        drives = np.linspace(0.0, valid.drive_max, 1001)
+        y = simulate(model.hysteresis, drives, 1e9)
+        return cls(
+            FULL_SCALE_V / valid.drive_max,
+            float(y[0]),
+            ("--stage", f"stroke_um={y[-1] - y[0]:.6g}"),
+        )
+
+
+def write_bench(
+    directory: Path,
+    ports: Mapping[str, str],
+    name: str,
+    listen: str,
+    model: Model | None,
+    imitation: Imitation = Imitation(),
+) -> Path:
+    """Write config.toml (and model.toml where a model is given) into directory; the config's path.
+
+    ports: {"mdt693b": path, "ksg101": path}, as `dehyst emulate` prints them.
+    """
+    config = directory / "config.toml"
+    if model is not None:
+        save_model(model, directory / "model.toml")
+    write_text(
+        config,
+        TEMPLATE.format(
+            name=name, directory=directory, rate_hz=RATE_HZ, full_scale_v=FULL_SCALE_V,
+            actuator=ports["mdt693b"], sensor=ports["ksg101"], listen=listen,
+            gain=imitation.gain, zero=imitation.zero,
+        ),
+    )  # fmt: skip
+    return config

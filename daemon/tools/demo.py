@@ -1,0 +1,228 @@
+"""The story that `dehyst demo` tells: a user's own steps, with the user's own commands."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.config import load_config
+from dehyst.daemon.files.models import load_model, save_model
+from dehyst.daemon.files.outputs import whole_file
+from dehyst.daemon.files.recordings import read_recording, write_recording
+from dehyst.daemon.service.supervisor import DEHYST, Bench
+from dehyst.daemon.tools.acquire import acquire
+from dehyst.daemon.tools.bench_config import FULL_SCALE_V, RATE_HZ, exploring_drive, write_bench
+from dehyst.models.errors import DehystError
+from dehyst.models.model import Hysteresis, Model, Validity
+from dehyst.models.recording import Recording
+
+CYCLES = 6
+STROKE_SHARE = 0.94  # of the reachable range; the rest is margin at both ends
+MOST_LATE = 0.02
+"""With more late samples the tracking errors are the machine's, not the model's."""
+OUTPUTS = ("recording.csv", "trajectory.csv", "track-linear.csv", "track-compensated.csv",
+           "model.toml", "demo.png")  # fmt: skip
+START_S = 240.0  # with a cold cache the kernels are compiled first
+
+
+def free_port() -> int:
+    """A TCP port on the loopback that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Demo:
+    """One run. folder: scratch; output: what the user keeps."""
+
+    def __init__(self, folder: Path, output: Path, say: Callable[[str], None]) -> None:
+        self.folder, self.output, self.say = folder, output, say
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.rate_hz = RATE_HZ
+        self.stroke_um = 0.0
+        self.late_share = 0.0  # of the samples of the worse run
+        self.tracks: dict[str, Recording] = {}
+        self._children: list[subprocess.Popen[bytes]] = []
+        say("1. an emulated MDT693B and KSG101, with a simulated stage behind")
+        self._bench = Bench(folder, [])
+        self._config = write_bench(folder, self._bench.ports, "demo", self.endpoint, None)
+
+    def excite_and_record(self, progress: Callable[[float], None]) -> None:
+        """Drive the stage open loop through the serial drivers."""
+        t_s, volts = exploring_drive()
+        self.say(f"2. exercise it, drive it open loop for {t_s[-1]:.0f} s over serial, and record")
+        recording, ended = acquire(load_config(self._config), t_s, volts, "v", progress=progress)
+        if ended:
+            raise DehystError(f"the recording ended early: {ended}")
+        assert recording.displacement is not None
+        write_recording(
+            self.output / "recording.csv",
+            recording.t_s,
+            {"u_v": recording.drive, "y_um": recording.displacement},
+            {"source": "dehyst demo, simulated stage"},
+        )
+
+    def identify(self) -> None:
+        """`dehyst identify`, and a straight line through the same recording."""
+        self.say("3. identify a model from that recording")
+        path = self.output / "recording.csv"
+        self._dehyst("identify", str(path), "-o", str(self.output / "model.toml"), "--json")
+        recording = read_recording(path)
+        assert recording.displacement is not None
+        good = ~(recording.missing_drive | recording.missing_displacement)
+        gain, offset = np.polyfit(recording.drive[good], recording.displacement[good], 1)
+        self._linear = Model(
+            Hysteresis(r=np.zeros(1), b=np.ones(1), c=np.array([offset, gain])),
+            Validity(0.0, FULL_SCALE_V),
+        )
+
+    def track(self) -> dict[str, float]:
+        """Run the daemon, play a sine with each model; rms tracking errors by name [um]."""
+        model = load_model(self.output / "model.toml")
+        from dehyst.daemon.loop.reach import displacement_range, drive_range
+
+        save_model(self._linear, self.folder / "model.toml")
+        low, high = displacement_range(model, *drive_range(load_config(self._config), model))
+        middle, half = 0.5 * (low + high), 0.5 * (high - low) * STROKE_SHARE
+        self.stroke_um = 2 * half
+        t_s = np.arange(round(CYCLES * self.rate_hz) + 1) / self.rate_hz
+        trajectory = self.output / "trajectory.csv"
+        write_recording(trajectory, t_s, {"target_um": middle - half * np.cos(2 * np.pi * t_s)}, {})
+        self.say("4. run the daemon with a linear gain; a client streams a 1 Hz sine to it")
+        core = self._start("core", "--config", str(self._config))
+        self._start("gateway", "--config", str(self._config))
+        self._ready()
+        results = {"linear gain": self._play("linear", trajectory)}
+        self.say("5. give it the identified model (SIGHUP), and play the same again")
+        save_model(model, self.folder / "model.toml")
+        core.send_signal(signal.SIGHUP)
+        clock.sleep_s(1.0)
+        results["compensated"] = self._play("compensated", trajectory)
+        return results
+
+    def _ready(self) -> None:
+        """Wait until the daemon answers and its loop runs."""
+        end_ns = clock.monotonic_ns() + round(START_S * clock.NS)
+        while clock.monotonic_ns() < end_ns:
+            try:
+                with Client(connect=self.endpoint) as client:
+                    while not client.status().core_alive and clock.monotonic_ns() < end_ns:
+                        clock.sleep_s(0.2)
+                    return
+            except DehystError:
+                clock.sleep_s(0.2)
+        raise DehystError(f"the daemon did not start within {START_S:g} s")
+
+    def _play(self, name: str, trajectory: Path) -> float:
+        """Stream the trajectory from a separate process while another records; rms error [um]."""
+        path = self.output / f"track-{name}.csv"
+        to = ("--connect", self.endpoint)
+        recorder = self._start("record", *to, "-o", str(path), "--force")
+        played = self._dehyst("play", str(trajectory), *to, "--allow-unreachable", "--json")
+        self.late_share = max(
+            self.late_share, played["missed_deadlines"] / max(1, played["expected_samples"])
+        )
+        recorder.send_signal(signal.SIGINT)
+        recorder.wait(20.0)
+        recording = read_recording(path)
+        self.tracks[name] = recording
+        target = recording.channels["target_um"]
+        return rms_error(recording, sine_part(recording.t_s, target))
+
+    def _start(self, *arguments: str) -> subprocess.Popen[bytes]:
+        child = subprocess.Popen(
+            [*DEHYST, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            env={**os.environ, "DEHYST_SUPERVISED": "1"},
+        )
+        self._children.append(child)
+        return child
+
+    def _dehyst(self, *arguments: str) -> Any:
+        """Run a command and return its JSON."""
+        done = subprocess.run(
+            [*DEHYST, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            check=False,
+            timeout=120.0,
+        )
+        if done.returncode not in (0, 1):
+            raise DehystError(f"`dehyst {arguments[0]}` ended with code {done.returncode}")
+        return json.loads(done.stdout)
+
+    def close(self) -> None:
+        """End everything that was started, the bench last."""
+        for child in reversed(self._children):
+            if child.poll() is None:
+                child.terminate()
+        for child in self._children:
+            try:
+                child.wait(30.0)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait(5.0)
+        self._bench.close()
+
+
+def sine_part(t_s: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Samples of the sine after its first period: without approach, and without the end's hold."""
+    moving = np.abs(np.gradient(np.nan_to_num(target), t_s)) > 1e-9
+    if not moving.any():
+        raise DehystError("the daemon did not follow the trajectory")
+    last = float(t_s[np.flatnonzero(moving)[-1]])
+    return (t_s > last - (CYCLES - 1.0)) & (t_s < last)
+
+
+def rms_error(recording: Recording, part: NDArray[np.bool_]) -> float:
+    """rms of measured minus target over a part [um]."""
+    assert recording.displacement is not None
+    error = (recording.displacement - recording.channels["target_um"])[part]
+    return float(np.sqrt(np.nanmean(error**2)))
+
+
+def judge(linear: float, compensated: float, late_share: float) -> tuple[bool, str]:
+    """(whether compensation made the rms error smaller, what a person should know of that)."""
+    better = compensated < linear
+    if late_share > MOST_LATE:
+        return better, (
+            f"this machine was too busy to judge: {100 * late_share:.0f} % of the samples missed "
+            "their deadline; run it again with less beside it"
+        )
+    if better:
+        return True, f"compensation makes the error {linear / compensated:.1f} times smaller"
+    return False, f"compensation did not make the error smaller ({compensated / linear:.1f} times)"
+
+
+def draw(demo: Demo, path: Path) -> None:
+    """Target, measured and error over time, and the loop target to measured, as a PNG file."""
+    from dehyst.daemon.report import tracking
+    from dehyst.daemon.report.plotting import draw_side_by_side
+
+    def track(name: str, label: str) -> tracking.Track:
+        recording = demo.tracks[name]
+        assert recording.displacement is not None
+        target = recording.channels["target_um"]
+        part = sine_part(recording.t_s, target)
+        t_s = recording.t_s[part] - recording.t_s[part][0]
+        return tracking.Track(label, t_s, target[part], recording.displacement[part])
+
+    before, after = track("linear", "linear gain"), track("compensated", "compensated")
+    draws = (
+        partial(tracking.draw_displacements, before, after, "1 Hz sine over the full stroke"),
+        partial(tracking.draw_tracking_error, before, after),
+        partial(tracking.draw_measured_over_target, before, after),
+    )
+    with whole_file(path) as file:
+        file.write(draw_side_by_side(draws, (1.5, 1.5, 1.0)))

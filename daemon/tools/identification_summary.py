@@ -1,0 +1,112 @@
+"""The result of `dehyst identify`, for machines and for people."""
+
+from pathlib import Path
+from typing import Any
+
+from dehyst.daemon.report.verdict import verdict
+from dehyst.models.drive_design.coverage import Coverage
+from dehyst.models.identify import Identification
+
+Z95 = 1.96  # standard deviations of a 95 % interval
+
+
+def _missing(result: Identification, covered: Coverage) -> list[str]:
+    return [*covered.missing, *(covered.missing_rate if result.shape.rate else ())]
+
+
+def summary(
+    result: Identification, covered: Coverage, output: Path, seconds: float, report: Path | None
+) -> dict[str, Any]:
+    """The result for machines."""
+    fit, v = result.model.fit, result.model.validity
+    return {
+        "model": str(output),
+        "report": str(report) if report else None,
+        "structure": result.shape.name,
+        "static": not result.shape.rate,
+        "order": result.model.hysteresis.n,
+        "saturation": max((1, *result.shape.powers)),
+        "bias": result.shape.even,
+        "unit": result.model.displacement_unit,
+        "rms": fit.rms,
+        "holdout_rms": fit.holdout_rms,
+        "noise_rms": fit.noise_rms,
+        "validity": {
+            "drive_min": v.drive_min,
+            "drive_max": v.drive_max,
+            "rate_max": v.rate_max,
+            "band_hz": v.band_hz,
+            "period_s": v.period_s,
+            "drive_unit": result.model.drive_unit,
+        },
+        "tried": [
+            {
+                "structure": c.shape.name,
+                "drive_offset": c.offset,
+                "holdout_rms": c.held_rms,
+                "invertible": c.invertible,
+            }
+            for c in result.tried
+        ],
+        "orders": [{"order": n, "holdout_rms": rms} for n, rms in result.orders],
+        "parameters": intervals(result),
+        "notes": list(result.notes),
+        "missing": _missing(result, covered),
+        "seconds": round(seconds, 3),
+    }
+
+
+def intervals(result: Identification) -> dict[str, Any]:
+    """Every number that the data determine, with its 95 % interval, by threshold and by power.
+
+    slopes: dz/du after each operator has joined in, at the rates +rate_max and -rate_max (static:
+    one for all rates); low and high are null where a slope stands on its bound.
+    """
+    h, n = result.model.hysteresis, result.model.hysteresis.n
+    names = ("at_rate_max", "at_minus_rate_max") if result.shape.rate else ("at_all_rates",)
+    slopes, errors, bound = result.params.slopes, result.errors.slopes, result.at_bound
+    return {
+        "slopes": [
+            {"threshold": float(h.r[i])}
+            | {
+                name: _interval(slopes[i + j * n], errors[i + j * n], bool(bound[i + j * n]))
+                for j, name in enumerate(names)
+            }
+            for i in range(n)
+        ],
+        "saturation": [
+            {"power": power} | _interval(h.c[power], error)
+            for power, error in zip(result.shape.powers, result.errors.c, strict=True)
+        ],
+        "offsets": [
+            {"recording": i + 2} | _interval(value, error)
+            for i, (value, error) in enumerate(
+                zip(result.params.shifts, result.errors.shifts, strict=True)
+            )
+        ],
+    }
+
+
+def _interval(value: float, error: float, on_bound: bool = False) -> dict[str, Any]:
+    value, half = float(value), Z95 * float(error)
+    low, high = (None, None) if on_bound else (value - half, value + half)
+    return {"value": value, "low": low, "high": high}
+
+
+def words(result: Identification, covered: Coverage, output: Path, report: Path | None) -> str:
+    """The result for people."""
+    fit, unit, v = result.model.fit, result.model.displacement_unit, result.model.validity
+    drive = result.model.drive_unit
+    n = result.model.hysteresis.n
+    lines = [
+        f"{output}: {result.shape.name}, {n} operator{'s' if n > 1 else ''}",
+        f"fit {fit.rms:.4g} {unit} rms, held out {fit.holdout_rms:.4g}, noise {fit.noise_rms:.4g}",
+        verdict(result),
+        f"valid from {v.drive_min:.4g} to {v.drive_max:.4g} {drive}"
+        + (f", up to {v.rate_max:.4g} {drive}/s" if v.rate_max else ""),
+    ]
+    lines += [f"note: {note}" for note in result.notes]
+    lines += [f"missing: {text}" for text in _missing(result, covered)]
+    if report:
+        lines.append(f"report: {report}")
+    return "\n".join(lines)

@@ -1,0 +1,134 @@
+"""Compiled kernels on disk that are older than what went into them are thrown away.
+
+numba keeps a kernel's machine code as long as the kernel's own file is unchanged. A kernel that
+calls another file's kernel, or reads a constant or a record layout from there, would stay as it
+was when that file changes. `drop_stale` follows the imports and removes what is out of date.
+
+A cached kernel is a pickle: whoever can write one has code run by all who load it. So the services
+load kernels that were written at installation, by another user, and that they cannot write
+themselves ($NUMBA_CACHE_DIR, see systemd/). `protect` looks at what is there, takes only what
+nobody but its owner could have written, and puts it, as links, into a folder of this process
+alone; what must be compiled anew goes there too. Both are called before any kernel is loaded.
+"""
+
+import atexit
+import os
+import re
+import shutil
+import stat
+import tempfile
+from functools import cache
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parents[2]
+ROOMS = ("models", "drivers", "daemon")
+_FROM = re.compile(r"^from dehyst\.([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
+
+
+def _sources() -> dict[str, Path]:
+    """Files by module name without "dehyst."."""
+    found = {}
+    for room in ROOMS:
+        for path in sorted((PACKAGE / room).rglob("*.py")):
+            parts = path.relative_to(PACKAGE).with_suffix("").parts
+            parts = parts[:-1] if parts[-1] == "__init__" else parts
+            found[".".join(parts)] = path
+    return found
+
+
+def _imports(text: str, known: dict[str, Path]) -> set[str]:
+    """Modules of this package that a file's text imports."""
+    found = set()
+    for module, names in _FROM.findall(text):
+        found.add(module)
+        found |= {f"{module}.{name}" for name in re.findall(r"\w+", names)}
+    return {name for name in found if name in known}
+
+
+def newest_ns() -> dict[str, int]:
+    """By file name without ending: when it, or what it imports directly or not, last changed."""
+    files = _sources()
+    texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()}
+    needs = {name: _imports(text, files) for name, text in texts.items()}
+    changed = {name: path.stat().st_mtime_ns for name, path in files.items()}
+
+    @cache
+    def reached_from(name: str) -> frozenset[str]:
+        seen, todo = {name}, [name]
+        while todo:
+            for other in needs[todo.pop()] - seen:
+                seen.add(other)
+                todo.append(other)
+        return frozenset(seen)
+
+    newest: dict[str, int] = {}
+    for name, path in files.items():
+        last = max(changed[other] for other in reached_from(name))
+        newest[path.stem] = max(last, newest.get(path.stem, 0))
+    return newest
+
+
+def protect() -> list[str]:
+    """Where $NUMBA_CACHE_DIR is not this user's own and closed to others: a private view of it, and
+    what was left out, for the user."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if not given:
+        return []
+    root = Path(given).resolve()
+    view = Path(tempfile.mkdtemp(prefix="dehyst-kernels-"))
+    try:
+        root.mkdir(mode=0o755, parents=True, exist_ok=True)
+        left = _view(root, view)
+        own = root.stat().st_uid == os.geteuid()
+    except OSError as error:
+        own, left = False, [(root, f"{error.strerror}; each start compiles the kernels anew")]
+    if own and not left:
+        shutil.rmtree(view)
+        return []
+    atexit.register(shutil.rmtree, view, ignore_errors=True)
+    os.environ["NUMBA_CACHE_DIR"] = str(view)
+    return [f"{path}: not loaded, {why}" for path, why in left]
+
+
+def _open_to_others(path: Path) -> bool:
+    return bool(path.stat().st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+
+
+def _view(root: Path, view: Path) -> list[tuple[Path, str]]:
+    """Link what can be trusted below `root` into `view`; what cannot, and why."""
+    owner = root.stat().st_uid
+    if owner not in (0, os.geteuid()):
+        return [(root, f"it belongs to user {owner}")]
+    if _open_to_others(root):
+        return [(root, "others may write into it")]
+    left = []
+    for path in sorted(root.rglob("*")):
+        found, place = path.lstat(), view / path.relative_to(root)
+        if not place.parent.is_dir():
+            continue  # its folder was left out
+        if found.st_uid != owner:
+            left.append((path, f"it belongs to user {found.st_uid}"))
+        elif stat.S_ISLNK(found.st_mode) or _open_to_others(path):
+            left.append((path, "others may have written it"))
+        elif stat.S_ISDIR(found.st_mode):
+            place.mkdir()
+        else:
+            place.symlink_to(path)
+    return left
+
+
+def drop_stale() -> int:
+    """Remove index files of out-of-date kernels; how many there were."""
+    own = os.environ.get("NUMBA_CACHE_DIR")
+    roots = [Path(own)] if own else [PACKAGE / room for room in ROOMS]
+    newest: dict[str, int] = {}
+    dropped = 0
+    for index in (path for root in roots for path in root.rglob("*.nbi")):
+        newest = newest or newest_ns()
+        try:
+            if index.stat().st_mtime_ns < newest.get(index.name.partition(".")[0], 0):
+                index.unlink()
+                dropped += 1
+        except OSError:
+            continue  # another process was faster, or the cache is not ours to clean
+    return dropped

@@ -1,0 +1,227 @@
+"""The self-test behind `dehyst latency`: the daemon's own loop on the simulated stage, with a
+witness beside it, and the devices' calls timed on their own.
+"""
+
+import os
+import tempfile
+import threading
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dehyst.daemon import clock
+from dehyst.daemon.config import Config, parse_config
+from dehyst.daemon.loop import realtime
+from dehyst.daemon.loop.compiled_loop import CompiledLoop, spin_ns, warm_up
+from dehyst.daemon.loop.devices import DeviceLink
+from dehyst.daemon.loop.histogram import Histogram
+from dehyst.daemon.loop.python_loop import PythonLoop
+from dehyst.daemon.loop.settings import LoopSettings
+from dehyst.daemon.loop.status import LoopMonitor
+from dehyst.daemon.loop.step import Stepper
+from dehyst.daemon.loop.witness import Witness
+from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, Command, MissCause
+from dehyst.daemon.rings.ring import Ring
+from dehyst.daemon.rings.status import STATUS
+from dehyst.daemon.service.supervisor import Bench
+from dehyst.drivers.interface import Actuator, Sensor
+from dehyst.drivers.registry import load_actuator, load_sensor
+from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor
+from dehyst.models.inverse.compensator import Compensator
+from dehyst.models.model import Hysteresis, Model, Validity
+
+STALLS = (MissCause.STALL, MissCause.STEAL, MissCause.SUSPENDED, MissCause.PREEMPTED)
+IO_S = 2.0  # how long each device is timed
+TOLERATED = 1e-4  # share of deadlines that may be missed
+FULL_SCALE_V, STROKE_UM = 150.0, 17.0
+
+CONFIG = """
+name = "latency"
+model = {{file = "none"}}
+actuator = {{driver = "simulated"}}
+sensor = {{driver = "simulated"}}
+limits = {{min_v = 0.0, max_v = 150.0, slew_v_per_s = 20000.0}}
+loop = {{rate_hz = {rate}}}
+setpoint = {{stale_s = 3600.0, approach_um_per_s = 200.0}}
+"""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is asked for. engine: "compiled" or "python"; spin_us: None: by the rate."""
+
+    rate_hz: float = 1000.0
+    seconds: float = 30.0
+    engine: str = "compiled"
+    priority: int = 80
+    cpu: int = -1
+    spin_us: float | None = None
+
+
+@dataclass
+class Outcome:
+    """What was measured. Durations in microseconds."""
+
+    setup: Setup
+    samples: int = 0
+    missed: int = 0
+    missed_by: dict[str, int] = field(default_factory=dict)
+    wake: Histogram = field(default_factory=Histogram)
+    execution: Histogram = field(default_factory=Histogram)
+    io: dict[str, Histogram] = field(default_factory=dict)
+    obtained: realtime.Obtained = field(
+        default_factory=lambda: realtime.Obtained(False, 0, False, ())
+    )
+    stalls: list[tuple[int, int, MissCause]] = field(default_factory=list)
+    stall_threshold_us: float = 0.0
+    stall_count: int = 0  # `stalls` holds the newest ones only
+
+    @property
+    def excused(self) -> int:
+        """Missed deadlines that the witness explains."""
+        names = {cause.name.lower() for cause in STALLS}
+        return sum(n for name, n in self.missed_by.items() if name in names)
+
+    @property
+    def io_us(self) -> float:
+        """What the device calls of one sample take, at 99 %."""
+        return sum(h.quantile(0.99) for h in self.io.values())
+
+    @property
+    def held(self) -> bool:
+        """True when the rate was held, whoever is to blame where it was not, and leaves the
+        device calls their time."""
+        fits = self.io_us + self.execution.quantile(0.999) < 1e6 / self.setup.rate_hz
+        return self.samples > 0 and self.missed <= TOLERATED * self.samples and fits
+
+
+def _model() -> Model:
+    r = FULL_SCALE_V * (np.arange(16) / 16) ** 1.5 / 2
+    b = np.r_[0.09, np.full(15, 0.002)]
+    return Model(Hysteresis(r=r, b=b, c=np.array([0.0, 1.0])), Validity(0.0, FULL_SCALE_V))
+
+
+def _sine(setup: Setup) -> np.ndarray:
+    """A trajectory for the whole run: so that the inverse has its work."""
+    step_s = max(0.02, setup.seconds / 30_000)
+    t_s = np.arange(0.0, setup.seconds + 5.0, step_s)
+    points = np.zeros(t_s.size, COMMAND)
+    points["kind"], points["trajectory"] = Command.POINT, 1
+    points["offset_ns"] = np.round(t_s * 1e9)
+    points["value"] = 0.3 * STROKE_UM * (1.0 - np.cos(2 * np.pi * t_s))
+    return points
+
+
+def _monitor(
+    setup: Setup, devices: tuple[DeviceLink, DeviceLink], rings: dict[str, Ring]
+) -> LoopMonitor:
+    period_s = 1.0 / setup.rate_hz
+    config = parse_config(CONFIG.format(rate=float(setup.rate_hz)))
+    inverse = Compensator(_model(), period_s, 0.0, FULL_SCALE_V, 20_000.0)
+    stepper = Stepper(LoopSettings.from_config(config, 0.0, 0.0, FULL_SCALE_V), inverse, 0.0)
+    return LoopMonitor(stepper, *devices, rings, spin_ns=spin_ns(setup.spin_us, setup.rate_hz))
+
+
+def _rings(commands: int) -> dict[str, Ring]:
+    sizes = {"telemetry": 4096, "status": 16, "event": 64, "command": commands}
+    kinds = {"telemetry": TELEMETRY, "status": STATUS, "event": EVENT, "command": COMMAND}
+    return {name: Ring.scratch(kinds[name], size) for name, size in sizes.items()}
+
+
+def measure(setup: Setup) -> Outcome:
+    """Run the loop on the simulated stage in this process; takes setup.seconds.
+
+    The process keeps its priority and locked memory afterwards.
+    """
+    name: dict[str, Any] = {"stage": "latency"}
+    actuator, sensor = SimulatedActuator.from_settings(name), SimulatedSensor.from_settings(name)
+    actuator.open()
+    sensor.open()
+    links = DeviceLink("actuator", actuator), DeviceLink("sensor", sensor)
+    compiled = setup.engine == "compiled"
+    warm_up(_monitor(setup, links, _rings(16)), compiled)
+    rings = _rings(32768)
+    monitor = _monitor(setup, links, rings)
+    rings["command"].push_many(_sine(setup))
+    cpus = (setup.cpu,) if setup.cpu >= 0 else tuple(sorted(os.sched_getaffinity(0)))[:8]
+    witness = Witness(
+        monitor.stepper.settings.period_ns, cpus, setup.priority, clock.monotonic_ns()
+    )
+    monitor.use_witness(witness)
+
+    def enter() -> realtime.Obtained:
+        return realtime.enter_realtime(setup.priority, setup.cpu, setup.rate_hz)
+
+    def loop() -> None:
+        monitor.obtained = enter()
+        PythonLoop(monitor).run(samples)
+
+    samples = max(1, round(setup.seconds * setup.rate_hz))
+    try:
+        if compiled:
+            CompiledLoop(monitor, enter).run(samples)
+        else:  # a thread of its own: the caller keeps its priority
+            thread = threading.Thread(target=loop, name="loop")
+            thread.start()
+            thread.join()
+    finally:
+        witness.close()
+    causes = {MissCause(i).name.lower(): int(n) for i, n in enumerate(monitor.missed_by) if n}
+    return Outcome(
+        setup, monitor.samples, monitor.missed, causes, monitor.wake.whole(), monitor.exec.whole(),
+        {}, monitor.obtained, witness.seen(), witness.threshold_ns * 1e-3,
+        witness.count,
+    )  # fmt: skip
+
+
+def time_sensor(sensor: Sensor, seconds: float, most: int = 2000) -> Histogram:
+    """Durations of readings; moves nothing."""
+    histogram, end_ns = Histogram(), clock.monotonic_ns() + round(seconds * clock.NS)
+    for _ in range(most):
+        before_ns = clock.monotonic_ns()
+        sensor.read()
+        after_ns = clock.monotonic_ns()
+        histogram.add((after_ns - before_ns) * 1e-3)
+        if after_ns > end_ns:
+            break
+    return histogram
+
+
+def time_actuator(actuator: Actuator, seconds: float, most: int = 2000) -> Histogram:
+    """Durations of writes of the voltage that is there already: for emulated units only."""
+    histogram, end_ns = Histogram(), clock.monotonic_ns() + round(seconds * clock.NS)
+    volts = actuator.output()
+    for _ in range(most):
+        before_ns = clock.monotonic_ns()
+        actuator.write(volts)
+        after_ns = clock.monotonic_ns()
+        histogram.add((after_ns - before_ns) * 1e-3)
+        if after_ns > end_ns:
+            break
+    return histogram
+
+
+def time_devices(config: Config | None) -> dict[str, Histogram]:
+    """Durations of the calls of the configured sensor, or of the emulated units; by name."""
+    if config is not None:
+        sensor = load_sensor(config.sensor.driver).from_settings(config.sensor.settings)
+        with closing(sensor):
+            sensor.open()
+            return {f"read {config.sensor.driver}": time_sensor(sensor, IO_S)}
+    with tempfile.TemporaryDirectory(prefix="dehyst-") as folder:
+        bench = Bench(Path(folder), [])
+        try:
+            gauge = load_sensor("ksg101").from_settings({"port": bench.ports["ksg101"]})
+            amplifier = load_actuator("mdt693b").from_settings({"port": bench.ports["mdt693b"]})
+            with closing(gauge), closing(amplifier):
+                gauge.open()
+                amplifier.open()
+                return {
+                    "read emulated KSG101": time_sensor(gauge, IO_S),
+                    "write emulated MDT693B": time_actuator(amplifier, IO_S),
+                }
+        finally:
+            bench.close()

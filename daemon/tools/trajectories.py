@@ -1,0 +1,72 @@
+"""A trajectory file as the inverse takes it: in the model's unit, evenly spaced, with channels."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from dehyst.daemon.files.csv_table import read_table
+from dehyst.models.errors import BadInput, BadRecording
+from dehyst.models.inverse.compensator import Compensator
+from dehyst.models.model import Floats, Model
+from dehyst.models.recording import Trajectory
+
+EVEN = 1e-3  # largest deviation of a time step from the mean one, as a part of it
+SHORTEST_S, MOST_SAMPLES = 1e-6, 20_000_000
+UM = {"um": 1.0, "nm": 1e-3}
+
+
+def target_in_unit(trajectory: Trajectory, model: Model) -> Floats:
+    """Targets in the model's displacement unit. Raises BadRecording where that cannot be."""
+    unit, wanted = trajectory.unit, model.displacement_unit
+    if unit == wanted:
+        return trajectory.target
+    if unit in UM and wanted in UM:
+        return trajectory.target * (UM[unit] / UM[wanted])
+    raise BadRecording(
+        f"{trajectory.name}: targets in {unit}, the model's displacement is in {wanted}; "
+        f"a column target_{wanted} is needed"
+    )
+
+
+def spaced_evenly(
+    trajectory: Trajectory, target: Floats, period: float | None
+) -> tuple[Floats, Floats, float]:
+    """Times and targets spaced evenly, and the period."""
+    t_s = trajectory.t_s
+    if period is not None:
+        if not SHORTEST_S <= period < math.inf:
+            raise BadInput(f"--period: must be at least {SHORTEST_S:g} s, not {period:g}")
+        if (t_s[-1] - t_s[0]) / period > MOST_SAMPLES:
+            raise BadInput(f"--period {period:g}: makes more than {MOST_SAMPLES} samples")
+        even = t_s[0] + np.arange(int((t_s[-1] - t_s[0]) / period + 1.5)) * period
+        return even, np.interp(even, t_s, target), period
+    if t_s.size < 2:
+        raise BadRecording(f"{trajectory.name}: one sample has no period; give --period")
+    steps = np.diff(t_s)
+    mean = float(np.median(steps))
+    if mean < SHORTEST_S:
+        raise BadRecording(
+            f"{trajectory.name}: t_s steps by {mean:g} s; at least {SHORTEST_S:g} s are needed "
+            "(is the time in seconds?)"
+        )
+    row = int(np.argmax(np.abs(steps - mean)))
+    if abs(steps[row] - mean) > EVEN * mean:
+        raise BadRecording(
+            f"{trajectory.name}: the time step after {t_s[row]:g} s is {steps[row]:g} s, "
+            f"elsewhere {mean:g} s; give --period to resample"
+        )
+    return t_s, target, float((t_s[-1] - t_s[0]) / (t_s.size - 1))
+
+
+def channels_along(
+    path: Path, compensator: Compensator, t_file: Floats, t_s: Floats
+) -> Floats | None:
+    """(N, number of channels) values of the model's further channels, from the trajectory."""
+    if not compensator.channels:
+        return None
+    columns = read_table(path).columns
+    for name in compensator.channels:
+        if name not in columns:
+            raise BadRecording(f"{path.name}: the model needs the column {name}; it is missing")
+    return np.stack([np.interp(t_s, t_file, columns[n]) for n in compensator.channels], axis=1)

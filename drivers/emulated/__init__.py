@@ -1,0 +1,1 @@
+"""Emulated units on pseudo terminals, with the simulated stage behind them."""

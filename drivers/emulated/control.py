@@ -1,0 +1,253 @@
+"""The control socket of the emulated bench: faults and changes on demand, as JSON.
+
+Each datagram is one object with one or more of these keys:
+
+    {"fault": "unplug", "device": "mdt693b" | "ksg101" | "both", "for_s": 2, "dialect": "1.05"}
+    {"fault": "stall", "device": ..., "for_s": 2}       the host's writes block
+    {"fault": "stuck" | "nan" | "range" | "late", "for_s": 2, "late_s": 0.02}   the gauge's readings
+    {"amplifier": {"hang": true}, "for_s": 2}           fields of Mdt693bFaults
+    {"gauge": {"mute": true}, "for_s": 2}               fields of Ksg101Faults
+    {"stage": {"creep_gain_per_decade": 0.05}, "jump": false}    settings of the stage
+    {"inputs": {"temperature_k": 3.0, "ext_v": 0.5, "other_v": 40.0}}
+    {"clear": true}      a healthy bench again (the stage's settings stay)
+    {"save": true}       write the log now
+
+Without for_s a fault stays until it is cleared; an amplifier that is unplugged with a dialect has
+that firmware when it is plugged in again. With "reply_to" (path of the sender's own
+datagram socket) the answer goes there: {"ok": true, "state": {...}} or {"ok": false, "error": ...}.
+"""
+
+import contextlib
+import functools
+import json
+import math
+import os
+import socket
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta, structs
+
+from dehyst.drivers.emulated.bench import Bench
+from dehyst.drivers.emulated.ksg101_knobs import Ksg101Faults
+from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
+from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bFaults
+from dehyst.drivers.interface import DeviceTimeout, DriverConfigError, DriverError
+from dehyst.drivers.settings import Settings, read_settings, read_values
+from dehyst.drivers.simulated.stage import FAULTS as READING_FAULTS
+
+DEVICES = ("mdt693b", "ksg101")
+
+
+class Inputs(Settings, frozen=True):
+    """What acts on the stage besides the amplifier."""
+
+    driver = "inputs of the bench"
+
+    ext_v: Annotated[float, Meta(description="at the amplifier's EXT input")] | None = None
+    other_v: Annotated[float, Meta(description="voltage of the other axis")] | None = None
+    temperature_k: Annotated[float, Meta(description="above the start")] | None = None
+
+
+class Order(Settings, frozen=True):
+    """One datagram; see the module."""
+
+    driver = "control of the bench"
+
+    fault: (
+        Annotated[
+            Literal["unplug", "stall", "stuck", "nan", "range", "late"],
+            Meta(description="of a port (the first two), or of the gauge's readings"),
+        ]
+        | None
+    ) = None
+    device: Annotated[Literal["mdt693b", "ksg101", "both"], Meta(description="whose port")] = (
+        "mdt693b"
+    )
+    for_s: (
+        Annotated[float, Meta(ge=0, description="how long; left out: until it is cleared")] | None
+    ) = None
+    dialect: Annotated[str, Meta(description="firmware after an unplug")] | None = None
+    late_s: Annotated[float, Meta(ge=0, description="delay of the fault late")] = 0.02
+    amplifier: Annotated[dict[str, Any], Meta(description="fields of Mdt693bFaults")] | None = None
+    gauge: Annotated[dict[str, Any], Meta(description="fields of Ksg101Faults")] | None = None
+    stage: Annotated[dict[str, Any], Meta(description="settings of the stage")] | None = None
+    jump: Annotated[bool, Meta(description="a new gain moves the stage at once")] = False
+    inputs: Annotated[dict[str, Any], Meta(description="fields of Inputs")] | None = None
+    clear: Annotated[bool, Meta(description="a healthy bench again, before the rest")] = False
+    save: Annotated[bool, Meta(description="write the log now")] = False
+    reply_to: Annotated[str, Meta(description="socket of the sender")] | None = None
+
+    def check(self) -> None:
+        """The dialect must be one of the table."""
+        if self.dialect is not None and self.dialect not in DIALECTS:
+            raise self.wrong("dialect", f"one of {', '.join(DIALECTS)}")
+
+
+class Control:
+    """The bench's end of the socket; `take` runs in the serving thread."""
+
+    def __init__(self, bench: Bench, log_path: Path | None = None) -> None:
+        self._bench = bench
+        self._log_path = log_path
+        self._timers: list[threading.Timer] = []
+        self._path = bench.directory / "control"
+        with contextlib.suppress(FileNotFoundError):
+            self._path.unlink()
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(self._path))
+
+    def fileno(self) -> int:
+        """For the serving loop."""
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        """Take the socket away."""
+        for timer in self._timers:
+            timer.cancel()
+        self._socket.close()
+        self._path.unlink(missing_ok=True)
+
+    def take(self, data: bytes) -> None:
+        """One datagram."""
+        reply_to = None
+        try:
+            command = json.loads(data)
+            if not isinstance(command, dict):
+                raise DriverConfigError("a control message is a JSON object")
+            reply_to = command.get("reply_to")
+            self._carry_out(read_settings(Order, command))
+            answer: dict[str, Any] = {"ok": True, "state": self._state()}
+        except (DriverError, ValueError, TypeError) as error:
+            answer = {"ok": False, "error": str(error)}
+        if isinstance(reply_to, str):
+            with contextlib.suppress(OSError):  # the asker has gone
+                self._socket.sendto(json.dumps(answer).encode(), reply_to)
+
+    def _state(self) -> dict[str, Any]:
+        bench = self._bench
+        bench.follow()
+        unit = bench.amplifier.unit
+        return {
+            "plugged": {"mdt693b": bench.amplifier.plugged, "ksg101": bench.gauge.plugged},
+            "output_v": unit.output_v(bench.settings.axis),
+            "drive_v": bench.stage.drive_v,
+            "displacement_um": bench.stage.displacement_um,
+            "sets": unit.sets_done,
+            "readings": bench.gauge_unit.readings_done,
+        }
+
+    def _carry_out(self, order: Order) -> None:
+        bench = self._bench
+        if order.clear:
+            self._clear()
+        if order.stage:
+            bench.follow()
+            bench.stage.change(jump=order.jump, **order.stage)
+        if order.inputs:
+            self._inputs(order.inputs)
+        if order.amplifier:
+            table = dict(order.amplifier)
+            for name in ("before_reply", "after_reply"):
+                if name in table:
+                    table[name] = str(table[name]).encode("latin-1")
+            changes = read_values(Mdt693bFaults, table)
+            bench.amplifier.fault(**changes)
+            back = {name: getattr(Mdt693bFaults(), name) for name in changes}
+            self._later(order.for_s, lambda: bench.amplifier.fault(**back))
+        if order.gauge:
+            self._gauge_fault(read_values(Ksg101Faults, order.gauge), order.for_s)
+        if order.fault is not None:
+            self._fault(order, order.fault)
+        if order.save:
+            if self._log_path is None or bench.log is None:
+                raise DriverConfigError("the bench was started without a log")
+            bench.log.save(self._log_path)
+
+    def _fault(self, order: Order, kind: str) -> None:
+        bench, for_s = self._bench, order.for_s
+        if kind == "late":
+            self._gauge_fault({"delay_s": order.late_s}, for_s)
+            return
+        if kind in READING_FAULTS:
+            bench.follow()
+            bench.stage.fault(kind, math.inf if for_s is None else for_s)
+            return
+        for name, server in zip(DEVICES, bench.servers, strict=True):
+            if order.device not in (name, "both"):
+                continue
+            if kind == "unplug":
+                server.unplug()
+                if order.dialect is not None and server is bench.amplifier:
+                    bench.amplifier.unit.set_dialect(order.dialect)
+                self._later(for_s, server.plug)
+            else:
+                server.stall_writes(True)
+                self._later(for_s, functools.partial(server.stall_writes, False))
+
+    def _gauge_fault(self, changes: dict[str, Any], for_s: float | None) -> None:
+        unit = self._bench.gauge_unit
+        unit.faults = structs.replace(unit.faults, **changes)
+        back = {name: getattr(Ksg101Faults(), name) for name in changes}
+
+        def end() -> None:
+            unit.faults = structs.replace(unit.faults, **back)
+
+        self._later(for_s, lambda: self._bench.gauge.call(end))
+
+    def _inputs(self, inputs: dict[str, Any]) -> None:
+        values = read_values(Inputs, inputs)
+        bench = self._bench
+        if "ext_v" in values:  # the amplifier sums and clips it
+            bench.amplifier.unit.set_ext(bench.settings.axis, values.pop("ext_v"))
+        bench.follow()
+        bench.stage.set_inputs(**values)
+
+    def _clear(self) -> None:
+        for timer in self._timers:
+            timer.cancel()
+        self._timers.clear()
+        bench = self._bench
+        bench.amplifier.clear_faults()
+        bench.gauge.stall_writes(False)
+        bench.gauge_unit.faults = Ksg101Faults()
+        bench.stage.clear_fault()
+        for server in bench.servers:
+            server.plug()
+
+    def _later(self, for_s: float | None, action: Callable[[], None]) -> None:
+        """Do `action` in the serving thread after for_s; never for an endless fault."""
+        if for_s is None:
+            return
+        self._timers = [timer for timer in self._timers if timer.is_alive()]
+        timer = threading.Timer(for_s, action)
+        timer.daemon = True
+        timer.start()
+        self._timers.append(timer)
+
+
+def ask(control: str | Path, command: dict[str, Any], timeout_s: float = 5.0) -> dict[str, Any]:
+    """Send a command to a bench's control socket and return its state.
+
+    Raises DriverConfigError with the bench's words when it refuses, DeviceTimeout when no bench
+    answers.
+    """
+    with (
+        tempfile.TemporaryDirectory(prefix="dehyst-ask-") as folder,
+        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as own,
+    ):
+        path = os.path.join(folder, "s")
+        own.bind(path)
+        own.settimeout(timeout_s)
+        try:
+            own.sendto(json.dumps({**command, "reply_to": path}).encode(), str(control))
+            answer = json.loads(own.recv(65536))
+        except (TimeoutError, FileNotFoundError, ConnectionRefusedError):
+            raise DeviceTimeout(f"no emulated bench answers at {control}") from None
+    if not answer["ok"]:
+        raise DriverConfigError(answer["error"])
+    state: dict[str, Any] = answer["state"]
+    return state

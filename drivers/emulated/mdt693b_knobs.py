@@ -1,0 +1,69 @@
+"""How the emulated MDT693B is built, and the faults that can be switched while it runs."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
+from dehyst.drivers.settings import Settings
+
+DAC_STEP_V = 2.75e-3
+ADC_STEP_V = 3.0e-3
+
+
+class Mdt693bKnobs(Settings, frozen=True):
+    """The unit; the defaults are a plausible one, with about 320 sets/s."""
+
+    driver = "emulated mdt693b"
+
+    dialect: Annotated[str, Meta(description="firmware, a row of the table of dialects")] = "1.10"
+    axes: Annotated[Literal["xyz", "x"], Meta(description='"x" for an MDT694B')] = "xyz"
+    serial_number: Annotated[str, Meta(description="what serial? answers")] = "150226175403"
+    friendly_name: Annotated[str, Meta(description="what friendly? answers")] = "MDT693B"
+    echo: Annotated[bool, Meta(description="echo at power-on")] = True
+    compatibility: Annotated[bool, Meta(description="MDT693A commands at power-on")] = False
+    compatibility_only: Annotated[bool, Meta(description="then no other commands")] = False
+    limit_v: Annotated[Literal[75, 100, 150], Meta(description="the limit switch")] = 150
+    range_error: Annotated[
+        bytes, Meta(description="modern answer to an argument out of range; b'!' may be another")
+    ] = b"CMD_ARG_INVALID"
+    latency_s: Annotated[float, Meta(ge=0, description="end of a command to its reply")] = 0.0026
+    jitter_s: Annotated[
+        float, Meta(ge=0, description="added to the latency, uniform from 0 to this")
+    ] = 0.0003
+    min_period_s: Annotated[float, Meta(ge=0, description="least time between commands")] = 0.0
+    chunk_size: Annotated[int, Meta(ge=0, description="bytes per write of a reply; 0: whole")] = 0
+    chunk_gap_s: Annotated[float, Meta(ge=0, description="time between those writes")] = 0.0
+    readback_offset_v: Annotated[float, Meta(description="of the ADC")] = 0.2
+    readback_noise_v: Annotated[float, Meta(ge=0, description="of the ADC, rms")] = 1.5e-3
+    readback_lag_s: Annotated[float, Meta(ge=0, description="of the ADC, first order")] = 0.1
+    dac_step_v: Annotated[float, Meta(ge=0, description="0: no rounding")] = DAC_STEP_V
+    adc_step_v: Annotated[float, Meta(ge=0, description="0: no rounding")] = ADC_STEP_V
+    start_v: Annotated[float, Meta(description="output recalled at power-on")] = 0.0
+    seed: Annotated[int, Meta(description="of jitter, noise and garbage")] = 0
+
+    def check(self) -> None:
+        """The dialect must be one of the table."""
+        if self.dialect not in DIALECTS:
+            raise self.wrong("dialect", f"one of {', '.join(DIALECTS)}")
+
+
+class Mdt693bFaults(Settings, frozen=True):
+    """Faults while the unit runs; the last five act on the next `count` replies."""
+
+    driver = "emulated mdt693b's faults"
+
+    hang: Annotated[
+        bool, Meta(description="takes bytes and does nothing; what came in meanwhile is lost")
+    ] = False
+    mute: Annotated[bool, Meta(description="does what it is told and answers nothing")] = False
+    lose_sets: Annotated[bool, Meta(description="acknowledges sets without carrying them out")] = (
+        False
+    )
+    readback_error_v: Annotated[float, Meta(description="added to the readback")] = 0.0
+    before_reply: Annotated[bytes, Meta(description="sent before a reply: NUL, LF, stale")] = b""
+    after_reply: Annotated[bytes, Meta(description="sent after a reply")] = b""
+    garbage: Annotated[bool, Meta(description="random printable bytes for a reply")] = False
+    half: Annotated[bool, Meta(description="a reply is cut in half")] = False
+    delay_s: Annotated[float, Meta(ge=0, description="a reply comes this much later")] = 0.0
+    count: Annotated[int, Meta(ge=0, description="how many replies that is done to")] = 0

@@ -1,0 +1,179 @@
+"""The emulated MDT693B as a serial port: the unit of mdt693b_unit behind a pty.
+
+In a program (its outputs drive a plant through `on_output`):
+
+    with Mdt693bEmulator("/tmp/mdt693b", Mdt693bKnobs(dialect="1.05"), on_output=drive) as amp:
+        ...; amp.fault(hang=True); amp.unplug(); amp.plug(dialect="1.10")
+
+As a process of its own, with commands on its standard input, one a line, each answered by one
+line of JSON (`help` lists them):
+
+    python -m dehyst.drivers.emulated.mdt693b_port --link /tmp/mdt693b --dialect 1.05
+"""
+
+import argparse
+import json
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from msgspec import structs
+
+from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
+from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bFaults, Mdt693bKnobs
+from dehyst.drivers.emulated.mdt693b_unit import Mdt693bUnit
+from dehyst.drivers.emulated.pty_device import PtyServer, serve
+
+FAULTS = Mdt693bFaults.__struct_fields__
+
+
+class Mdt693bEmulator(PtyServer):
+    """A PtyServer with an Mdt693bUnit. Everything here may be called from any thread; the plant
+    is told of the output in the serving thread."""
+
+    unit: Mdt693bUnit
+
+    def __init__(
+        self,
+        link_path: str | Path,
+        knobs: Mdt693bKnobs | None = None,
+        on_output: Callable[[str, float, float], None] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__(Mdt693bUnit(knobs, on_output, clock), link_path, clock)
+
+    def fault(self, **changes: Any) -> None:
+        """Switch faults (fields of Mdt693bFaults) while it runs; unknown names raise TypeError."""
+        self.call(lambda: self._set_faults(structs.replace(self.unit.faults, **changes)))
+
+    def clear_faults(self) -> None:
+        """A healthy unit again, and a port that takes bytes."""
+        self.call(lambda: self._set_faults(Mdt693bFaults()))
+        self.stall_writes(False)
+
+    def replug(self, dialect: str | None = None) -> None:
+        """Put the cable back; with `dialect`, the unit has another firmware now."""
+        if dialect is not None:
+            self.call(lambda: self.unit.set_dialect(dialect))
+        self.plug()
+
+    def inject(self, data: bytes) -> None:
+        """Bytes that the unit sends by itself, now."""
+        self.call(lambda: self.unit.inject(data))
+
+    def output_v(self, axis: str = "x") -> float:
+        """The voltage at an output now."""
+        return self.call(lambda: self.unit.output_v(axis))
+
+    def _set_faults(self, faults: Mdt693bFaults) -> None:
+        self.unit.faults = faults
+
+
+class ControlLines:
+    """Commands of the process, one a line: what the user of the emulator types or pipes."""
+
+    def __init__(self, emulator: Mdt693bEmulator, stop: threading.Event) -> None:
+        self._emulator = emulator
+        self._stop = stop
+        self._rest = b""
+
+    def take(self, data: bytes) -> None:
+        """Bytes of standard input; end of input changes nothing."""
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            print(json.dumps(self.answer(line.decode("utf-8", "replace").split())), flush=True)
+
+    def answer(self, words: list[str]) -> dict[str, Any]:
+        """Carry out one command."""
+        emulator = self._emulator
+        match words:
+            case ["unplug"]:
+                emulator.unplug()
+            case ["plug"]:
+                emulator.plug()
+            case ["plug", dialect] if dialect in DIALECTS:
+                emulator.replug(dialect)
+            case ["stall", ("on" | "off") as state]:
+                emulator.stall_writes(state == "on")
+            case ["fault", name, value] if name in FAULTS:
+                default = getattr(Mdt693bFaults(), name)
+                try:
+                    emulator.fault(**{name: _parse(default, value)})
+                except ValueError as error:
+                    return {"ok": False, "error": str(error)}
+            case ["clear"]:
+                emulator.clear_faults()
+            case ["state"]:
+                pass
+            case ["quit"]:
+                self._stop.set()
+            case _:
+                return {
+                    "ok": False,
+                    "error": "commands: unplug, plug [DIALECT], stall on|off, fault NAME VALUE, "
+                    f"clear, state, quit; faults: {', '.join(FAULTS)}",
+                }
+        unit = emulator.unit
+        outputs = {axis: unit.output_v(axis) for axis in unit.knobs.axes}
+        return {
+            "ok": True,
+            "plugged": emulator.plugged,
+            "outputs_v": outputs,
+            "commands": unit.commands_done,
+            "sets": unit.sets_done,
+        }
+
+
+def _parse(default: object, text: str) -> object:
+    """`text` as the type of `default`; bytes in hexadecimal."""
+    if isinstance(default, bool):
+        if text not in ("on", "off"):
+            raise ValueError(f"{text!r} is neither on nor off")
+        return text == "on"
+    if isinstance(default, bytes):
+        return bytes.fromhex(text)
+    return type(default)(text)  # type: ignore[call-arg]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the emulator in the foreground until SIGTERM, SIGINT or `quit`."""
+    parser = argparse.ArgumentParser(
+        prog="python -m dehyst.drivers.emulated.mdt693b_port",
+        description="An emulated MDT693B on a pseudo-terminal.",
+        epilog="example: python -m dehyst.drivers.emulated.mdt693b_port --link /tmp/mdt693b",
+    )
+    plain = Mdt693bKnobs()
+    parser.add_argument("--link", required=True, help="path at which the port appears")
+    parser.add_argument("--dialect", choices=sorted(DIALECTS), default=plain.dialect)
+    parser.add_argument("--limit-v", type=int, choices=(75, 100, 150), default=plain.limit_v)
+    parser.add_argument("--latency-s", type=float, default=plain.latency_s)
+    parser.add_argument("--jitter-s", type=float, default=plain.jitter_s)
+    parser.add_argument("--chunk-size", type=int, default=0, help="bytes per write of a reply")
+    parser.add_argument("--start-v", type=float, default=0.0, help="output at power-on")
+    parser.add_argument("--serial-number", default=plain.serial_number)
+    parser.add_argument("--no-echo", dest="echo", action="store_false")
+    options = vars(parser.parse_args(arguments))
+    emulator = Mdt693bEmulator(options.pop("link"), Mdt693bKnobs(**options))
+    stop = threading.Event()
+
+    def end(number: int, frame: object) -> None:
+        stop.set()
+        emulator.wake()
+
+    signal.signal(signal.SIGTERM, end)
+    signal.signal(signal.SIGINT, end)
+    emulator.plug()
+    print(json.dumps({"ready": emulator.port}), flush=True)
+    try:
+        serve([emulator], stop, [(sys.stdin.fileno(), ControlLines(emulator, stop).take)])
+    finally:
+        emulator.stop()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,5 @@
+"""Thorlabs MDT693B and MDT694B piezo amplifiers over serial: driver, codec, settings, probe."""
+
+from dehyst.drivers.mdt693b.driver import Mdt693b
+
+__all__ = ["Mdt693b"]

@@ -1,0 +1,108 @@
+"""The serial language of the Thorlabs MDT693B / MDT694B, without any port: bytes in, events out.
+
+The unit speaks one of several reply dialects, by firmware: see dialects.py. NUL bytes are dropped
+and LF counts as CR: both are seen on real lines. Where nothing but silence ends a reply, the
+caller reports it by calling `silence()`.
+
+The caller sends one command at a time:
+
+    codec = Mdt693bCodec(Dialect.MODERN)
+    port.write(codec.send("xvoltage=12.500"))
+    for event in codec.receive(port.read()): ...      # Ack
+
+An acknowledgement is never invented: an Ack comes from an acknowledging byte with nothing but
+the echo before it, and one byte gives at most one event.
+"""
+
+from dehyst.drivers.mdt693b.dialects import Dialect
+from dehyst.drivers.mdt693b.exchange import Ack, Data, Event, Exchange, Garbled, Refused
+from dehyst.drivers.mdt693b.replies import form_of
+
+__all__ = (
+    "Ack",
+    "Data",
+    "Dialect",
+    "Event",
+    "Garbled",
+    "Mdt693bCodec",
+    "Refused",
+    "detect_dialect",
+    "late_replies",
+)
+
+TERMINATOR = b"\r"
+
+
+class Mdt693bCodec:
+    """One side of the conversation. dialect: see `detect_dialect`."""
+
+    def __init__(self, dialect: Dialect) -> None:
+        self.dialect = dialect
+        self._exchange = Exchange()
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a reply to the last command is outstanding."""
+        return self._exchange.form is not None
+
+    @property
+    def unparsed(self) -> bytes:
+        """Bytes received that have not made an event yet."""
+        return self._exchange.buffer
+
+    def send(self, command: str, barrier: bool = False) -> bytes:
+        """The bytes of `command`; from now on its reply is expected. What was received and not
+        understood until now is forgotten: look at `unparsed` first.
+
+        barrier: only the answer to this query ends it; acknowledgements and errors before it are
+        late ones of earlier commands (the unit works in order). ValueError when `command` is no
+        query, or one whose answer may be blank: they could not be told from late replies.
+        """
+        form = form_of(command)
+        if barrier and (form.pattern is None or form.blank):
+            raise ValueError(f"{command!r} cannot be a barrier: its answer is not unmistakable")
+        sent = command.encode("ascii")
+        self._exchange.begin(sent, form, barrier)
+        return sent + TERMINATOR
+
+    def receive(self, data: bytes) -> list[Event]:
+        """Events that `data` completes, in order. Bytes behind the reply stay in `unparsed`
+        until silence() or the next send()."""
+        exchange = self._exchange
+        exchange.buffer += _cleaned(data)
+        events: list[Event] = []
+        while exchange.form is not None:
+            found = self.dialect.framing.parse(exchange)
+            if found is None:
+                break
+            events += found
+        return events
+
+    def silence(self) -> list[Event]:
+        """The line has been quiet: whatever is in the buffer is complete, unless it is no more
+        than the echo, behind which the reply is still to come."""
+        exchange, framing = self._exchange, self.dialect.framing
+        if exchange.only_echo:
+            return []
+        events = framing.at_silence(exchange) if exchange.form is not None else []
+        rest = exchange.buffer.strip(framing.padding)
+        exchange.buffer = b""
+        if rest and not events:
+            events.append(Garbled(rest))
+        return events
+
+
+def late_replies(dialect: Dialect, raw: bytes) -> list[Event]:
+    """Acknowledgements and errors in bytes that came in unasked."""
+    return dialect.framing.late(_cleaned(raw))
+
+
+def detect_dialect(reply: bytes) -> Dialect | None:
+    """The dialect, from everything that came back after an empty line; None if it cannot be
+    told. The empty line earns an error: "!" or "CMD_NOT_DEFINED>"."""
+    text = reply.replace(b"\0", b"").strip(b"\r\n")
+    return next((dialect for dialect in Dialect if dialect.framing.recognises(text)), None)
+
+
+def _cleaned(data: bytes) -> bytes:
+    return data.replace(b"\0", b"").replace(b"\n", b"\r")

@@ -1,0 +1,285 @@
+"""Driver of the Thorlabs MDT693B and MDT694B piezo amplifiers on a serial port (USB CDC-ACM).
+
+The unit has no way to ask for its set-point: `xvoltage?` reads an ADC with an offset of about
+0.2 V and a lag of up to 0.25 s. So the set-point is kept here, in software. Right after open()
+it is known only as well as that readback (about 0.3 V), unless the setting `initial_v` gives it.
+No loop is ever closed on the readback.
+
+Commands that move an output by themselves (`restore`) are never sent. The limits of the unit
+(voltage switch, axis minimum and maximum) are read and held: a value outside raises OutOfRange
+before a byte is written.
+"""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, Self, TypeVar
+
+from dehyst.drivers.call_times import CallTimes
+from dehyst.drivers.interface import (
+    DeviceGone,
+    DeviceSpec,
+    DriverConfigError,
+    OutOfRange,
+    ProtocolError,
+)
+from dehyst.drivers.mdt693b.codec import Dialect
+from dehyst.drivers.mdt693b.link import CommandRefused, Mdt693bLink
+from dehyst.drivers.mdt693b.settings import HIGHEST_V, Mdt693bConfig, find_port
+from dehyst.drivers.mdt693b.tuning import TUNING
+from dehyst.drivers.mdt693b.unit_facts import NATIVE, check_serial, learn
+from dehyst.drivers.serial_port import SerialPort
+from dehyst.drivers.settings import read_settings
+
+T = TypeVar("T")
+
+DAC_STEP_V = 2.75e-3
+DECIMALS = 3
+
+
+class Mdt693b:
+    """Thorlabs MDT693B or MDT694B piezo amplifier on a serial port, one axis.
+
+    An Actuator; its settings are those of Mdt693bConfig.
+
+    timing: durations of write(); `spec.latency_s` (median) and `spec.max_rate_hz` (from the
+    75th percentile) are measured at open() with harmless queries and from then on with the
+    sets themselves. stray_bytes: bytes that came in unasked so far.
+    """
+
+    settings_type = Mdt693bConfig
+
+    def __init__(
+        self,
+        config: Mdt693bConfig,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.config = config
+        self.timing = CallTimes()
+        self.spec = DeviceSpec(
+            unit="v",
+            minimum=0.0,
+            maximum=HIGHEST_V if config.max_v is None else config.max_v,
+            resolution=DAC_STEP_V,
+            max_rate_hz=config.rate_hz or TUNING.expected_rate_hz,
+            latency_s=1.0 / (config.rate_hz or TUNING.expected_rate_hz),
+        )
+        self.serial_number: str | None = None
+        self._clock = clock
+        self._sleep = sleep
+        self._link: Mdt693bLink | None = None
+        self._words = NATIVE
+        self._set_v = math.nan  # the last acknowledged set-point
+        self._tried_v: float | None = None  # a set whose fate is not known
+        self._stray_before = 0
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Make a driver from its configuration table; DriverConfigError names a wrong key."""
+        return cls(read_settings(cls.settings_type, settings))
+
+    @property
+    def stray_bytes(self) -> int:
+        return self._stray_before + (self._link.stray_bytes if self._link else 0)
+
+    @property
+    def dialect(self) -> Dialect | None:
+        """The dialect of the unit, None while closed."""
+        return self._link.dialect if self._link else None
+
+    def open(self) -> None:
+        """Connect, find the dialect, read identity and limits, measure the rate. The output does
+        not move. Raises DeviceNotFound, DeviceTimeout, ProtocolError, DriverConfigError."""
+        if self._link is not None:
+            return
+        self._connect()
+        initial_v = self.config.initial_v
+        readback_v = self._or_close(lambda: self._settled_readback(initial_v))
+        if initial_v is not None and abs(initial_v - readback_v) > TUNING.readback_tolerance_v:
+            self.close()
+            raise DriverConfigError(
+                f"setting initial_v is {initial_v:g} V but the unit reads back {readback_v:g} V; "
+                "correct it or leave it out"
+            )
+        self._set_v = self._inside(readback_v) if initial_v is None else initial_v
+        self._tried_v = None
+
+    def write(self, volts: float) -> None:
+        """Set the output to `volts`, rounded to 1 mV; returns when the unit has acknowledged.
+
+        Raises OutOfRange (nothing written); DeviceTimeout when the acknowledgement does not come
+        in time (the set is neither queued nor repeated; output() tells the last one that was
+        acknowledged, and the next call first makes sure that no reply is outstanding);
+        ProtocolError when the unit refuses or answers nonsense; DeviceGone after an unplug.
+        """
+        link = self._opened()
+        volts = self._admit(volts)
+        started_s = self._clock()
+        self._get_in_step(link)
+        self._tried_v = volts
+        try:
+            link.set(self._word("set", volts=volts))
+        except CommandRefused:
+            self._tried_v = None
+            raise
+        self._set_v, self._tried_v = volts, None
+        self.timing.add(self._clock() - started_s)
+        if self.timing.count % TUNING.measured_after == 0:
+            self._update_spec(self.timing)
+
+    def output(self) -> float:
+        """The last acknowledged set-point in V; after open() the readback, good to 0.3 V, or
+        `initial_v`. NaN before open()."""
+        return self._set_v
+
+    def readback(self) -> float:
+        """The voltage in V that the unit's ADC sees: late, with an offset, for slow checks only.
+        Takes a round trip like write()."""
+        link = self._opened()
+        self._get_in_step(link)
+        return float(link.ask(self._word("read")).value)
+
+    def reconnect(self) -> None:
+        """Restore the link after DeviceGone or DeviceTimeout. The dialect is detected anew and
+        the limits are read again; the output does not move. Raises DeviceNotFound when the port
+        now holds a unit with another serial number.
+
+        The set-point stays the last acknowledged one. If a set was under way when the link was
+        lost, the readback decides whether it was carried out; a readback far from both (the unit
+        was switched off, the knob was turned) is taken as the output.
+        """
+        tried_v, was_open = self._tried_v, not math.isnan(self._set_v)
+        self.close()
+        if not was_open:
+            return self.open()
+        self._connect()
+        self._tried_v = None
+        candidates = [self._set_v] if tried_v is None else [self._set_v, tried_v]
+        readback_v = self._or_close(lambda: self._settled_readback(*candidates))
+        nearest_v = min(candidates, key=lambda volts: abs(volts - readback_v))
+        near = abs(nearest_v - readback_v) <= TUNING.readback_tolerance_v
+        self._set_v = nearest_v if near else self._inside(readback_v)
+        return None
+
+    def close(self) -> None:
+        """Give the port back; the output stays where it is. Safe to call twice."""
+        if self._link is not None:
+            self._stray_before += self._link.stray_bytes
+            self._link.close()
+            self._link = None
+
+    # -- inside
+
+    def _connect(self) -> None:
+        """Everything of open() and reconnect() that does not touch the set-point."""
+        config = self.config
+        path = find_port(config, self.serial_number)
+        port = SerialPort(path, config.baud, config.write_timeout_s, clock=self._clock)
+        self._link = link = Mdt693bLink(port, config.timeout_s, config.idle_s, self._clock)
+        self._or_close(link.handshake)
+        self._or_close(lambda: self._learn(link))
+
+    def _learn(self, link: Mdt693bLink) -> None:
+        config = self.config
+        facts = learn(link, config.axis, config.max_v)
+        check_serial(link.port.path, facts.serial_number, config.serial_number, self.serial_number)
+        self.serial_number, self._words = facts.serial_number, facts.words
+        self.spec = replace(
+            self.spec, minimum=facts.minimum_v, maximum=facts.maximum_v, identity=facts.identity
+        )
+        if config.rate_hz is None:
+            self._update_spec(self._timed(link))
+
+    def _timed(self, link: Mdt693bLink) -> CallTimes:
+        """Round trips of readings, the best batch of them."""
+        best, fastest_s = CallTimes(), math.inf
+        for _ in range(TUNING.most_batches):
+            batch = CallTimes()
+            for _ in range(TUNING.batch):
+                started_s = self._clock()
+                link.ask(self._word("read"))
+                batch.add(self._clock() - started_s)
+            fastest_s = min(fastest_s, batch.percentile_s(0.0))
+            typical_s = batch.percentile_s(TUNING.rate_percentile)
+            if not typical_s >= best.percentile_s(TUNING.rate_percentile):
+                best = batch
+            if best.percentile_s(TUNING.rate_percentile) <= TUNING.close_to_fastest * fastest_s:
+                break
+        return best
+
+    def _get_in_step(self, link: Mdt693bLink) -> None:
+        """Before the next command: find out what became of a set that was not acknowledged."""
+        link.get_in_step()
+        tried_v, self._tried_v = self._tried_v, None
+        acks, refusals = link.late.acks, link.late.refusals
+        link.late.clear()
+        if tried_v is not None and acks > 0:
+            self._set_v = tried_v
+        elif tried_v is None and refusals > 0:
+            raise ProtocolError(
+                f"{link.port.path}: the unit refused a command after it had been acknowledged; "
+                "where the output stands is not certain, reconnect to find out"
+            )
+
+    def _update_spec(self, timing: CallTimes) -> None:
+        rate_hz = self.config.rate_hz or 1.0 / timing.percentile_s(TUNING.rate_percentile)
+        self.spec = replace(self.spec, max_rate_hz=rate_hz, latency_s=timing.percentile_s(50.0))
+
+    def _admit(self, volts: float) -> float:
+        """`volts` as it will be written: in range, on the grid of the text, not beyond a limit."""
+        minimum, maximum = self.spec.minimum, self.spec.maximum
+        if not minimum <= volts <= maximum:  # NaN included
+            raise OutOfRange(
+                f"{volts:g} V is outside the {minimum:g} to {maximum:g} V of axis "
+                f"{self.config.axis}; nothing was written"
+            )
+        rounded = round(volts, DECIMALS)
+        step = 10.0**-DECIMALS
+        if rounded > maximum:
+            rounded = math.floor(maximum / step) * step
+        elif rounded < minimum:
+            rounded = math.ceil(minimum / step) * step
+        return rounded + 0.0  # no -0.0
+
+    def _settled_readback(self, *expected: float | None) -> float:
+        """The readback once it stands still, or as soon as it is at one of the expected values."""
+        give_up_s = self._clock() + TUNING.longest_settle_s
+        before_v = math.nan
+        while True:
+            volts = self.readback()
+            near = any(
+                e is not None and abs(volts - e) <= TUNING.readback_tolerance_v for e in expected
+            )
+            if near or abs(volts - before_v) < TUNING.settled_v or self._clock() > give_up_s:
+                return volts
+            before_v = volts
+            self._sleep(TUNING.settle_s)
+
+    def _inside(self, volts: float) -> float:
+        """A readback with its offset, brought into the range that can be written."""
+        inside_v = min(max(volts, self.spec.minimum), self.spec.maximum)
+        if abs(inside_v - volts) > TUNING.readback_tolerance_v:
+            self.close()
+            raise DriverConfigError(
+                f"the output stands at {volts:g} V, outside the {self.spec.minimum:g} to "
+                f"{self.spec.maximum:g} V allowed; bring it there by hand, or change the limits"
+            )
+        return inside_v
+
+    def _word(self, name: str, volts: float = 0.0) -> str:
+        return self._words[name].format(axis=self.config.axis, volts=volts)
+
+    def _opened(self) -> Mdt693bLink:
+        if self._link is None:
+            raise DeviceGone("the MDT693B is not open: call open() or reconnect()")
+        return self._link
+
+    def _or_close(self, job: Callable[[], T]) -> T:
+        """The result of `job`; the port is given back when it fails."""
+        try:
+            return job()
+        except Exception:
+            self.close()
+            raise

@@ -1,0 +1,97 @@
+"""One command and what has come back of its reply so far, and the events that are made of it."""
+
+import re
+from dataclasses import dataclass
+
+from dehyst.drivers.mdt693b.replies import Form
+
+
+@dataclass(frozen=True)
+class Ack:
+    """A command was carried out. late: it belongs to an earlier command than the last sent."""
+
+    late: bool = False
+
+
+@dataclass(frozen=True)
+class Refused:
+    """The unit answered with an error; text is b"!" or what it wrote. late: as in Ack."""
+
+    text: bytes
+    late: bool = False
+
+
+@dataclass(frozen=True)
+class Data:
+    """The answer to a query. payload: what lies between echo and prompt, CR between lines;
+    value: the payload without brackets and padding."""
+
+    payload: bytes
+    value: str
+
+
+@dataclass(frozen=True)
+class Garbled:
+    """Bytes that are no reply to what was sent."""
+
+    raw: bytes
+
+
+Event = Ack | Refused | Data | Garbled
+
+
+class Exchange:
+    """sent: the command without terminator; form: its reply's, None once that is complete;
+    barrier: only the answer to this query ends it; buffer: bytes that made no event yet."""
+
+    def __init__(self) -> None:
+        self.sent = b""
+        self.form: Form | None = None
+        self.barrier = False
+        self.buffer = b""
+
+    def begin(self, sent: bytes, form: Form, barrier: bool) -> None:
+        """A new command; what came before it is forgotten."""
+        self.sent, self.form, self.barrier, self.buffer = sent, form, barrier, b""
+
+    @property
+    def only_echo(self) -> bool:
+        """Whether the reply is still to come behind what may be the echo."""
+        begun = self.buffer.strip(b"\r").lower()
+        return self.form is not None and self.sent.lower().startswith(begun)
+
+    def without_echo(self, text: bytes) -> bytes:
+        """The text behind the echo and the CRs around it."""
+        text = text.lstrip(b"\r")
+        if self.sent and text[: len(self.sent)].lower() == self.sent.lower():
+            text = text[len(self.sent) :]
+        return text.lstrip(b"\r")
+
+    def answers(self, payload: bytes) -> bool:
+        """Whether the payload is what the command calls for."""
+        form = self.form
+        if form is None or form.pattern is None:
+            return form is not None and not payload
+        return form.pattern.fullmatch(payload) is not None and (bool(payload) or form.blank)
+
+    def finish(self, payload: bytes) -> Event:
+        """End the reply with `payload`: an event of the kind that the command calls for."""
+        form, answers = self.form, self.answers(payload)
+        self.form = None
+        if not answers or form is None:
+            return Garbled(payload)
+        if form.pattern is None:
+            return Ack()
+        match = form.pattern.fullmatch(payload)
+        assert match is not None
+        return Data(payload, match.group("value").decode("ascii", "replace").strip())
+
+    def finish_barrier(self, payload: bytes) -> list[Event]:
+        """The barrier's answer stands at the end; before it, late answers and noise."""
+        assert self.form is not None
+        assert self.form.pattern is not None
+        own = re.search(rb"(?:%s)\Z" % self.form.pattern.pattern, payload)
+        if own is None or not self.answers(own.group()):
+            return [Garbled(payload)]
+        earlier = payload[: own.start()].strip(b"\r*")
+        return [*([Garbled(earlier)] if earlier else []), self.finish(own.group())]

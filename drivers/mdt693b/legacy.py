@@ -1,0 +1,79 @@
+"""The reply framing of firmware up to 1.06: acknowledge first; often nothing marks the end.
+
+Some queries put no CR behind the payload, some no "*" before it, some a second "*" after it, and
+nothing marks the end of the several lines of "id?". So a reply ends with its bracket line where
+the query has no trailer (the voltage reads), and otherwise with silence.
+"""
+
+import re
+
+from dehyst.drivers.mdt693b.exchange import Ack, Event, Exchange, Garbled, Refused
+from dehyst.drivers.mdt693b.replies import Ends
+
+
+class Legacy:
+    """A Framing, see dialects.py."""
+
+    name = "legacy"
+    padding = b"\r*"  # CR and a trailing "*" after a finished reply are part of it
+    ends_in_silence = True
+
+    def parse(self, x: Exchange) -> list[Event] | None:
+        """An acknowledgement, or a bracket line; the rest ends with silence."""
+        assert x.form is not None
+        text = x.without_echo(x.buffer)
+        if x.form.ends is Ends.ACK:
+            if not text:
+                return None
+            if text[:1] in (b"*", b"!"):
+                x.form, x.buffer = None, text[1:]
+                return [Ack() if text[:1] == b"*" else Refused(b"!")]
+            return None  # an echo still to come, or garbage: silence() or the time-out tells
+        if x.form.ends is Ends.LINE:
+            line = re.search(rb"\[[^\[\]\r]*\]\r", text)
+            if line is not None:
+                before, payload = text[: line.start()], line.group()[:-1]
+                x.buffer = text[line.end() :]
+                junk = before.strip(b"*!\r")
+                garbled: list[Event] = [Garbled(junk)] if junk else []
+                return [*_late(before, own=1), *garbled, x.finish(payload)]
+        return None
+
+    def at_silence(self, x: Exchange) -> list[Event]:
+        """A payload without an end of its own is complete."""
+        form = x.form
+        assert form is not None
+        text = x.without_echo(x.buffer)
+        if form.ends is Ends.ACK or not text.strip(b"\r"):
+            return []  # nothing, or bytes that do not acknowledge
+        marks = text[: len(text) - len(text.lstrip(b"*!\r"))]
+        payload = text[len(marks) :].strip(b"\r*")
+        x.buffer = b""
+        if not payload and b"!" in marks and not x.barrier:
+            x.form = None
+            return [*_late(marks[: marks.rindex(b"!")], own=0), Refused(b"!")]
+        if not payload and not form.blank:
+            return _late(marks, own=0)
+        events = _late(marks, own=1)
+        return events + (x.finish_barrier(payload) if x.barrier else [x.finish(payload)])
+
+    def late(self, text: bytes) -> list[Event]:
+        """Marks that belong to no bracket line."""
+        return _late(b"".join(re.findall(rb"\*(?!\[)|!", text)), own=0)
+
+    def recognises(self, reply: bytes) -> bool:
+        """Whether this is "!" after an empty line, or another mark at the end."""
+        return reply.endswith((b"!", b"*"))
+
+
+def _late(marks: bytes, own: int) -> list[Event]:
+    """The acknowledgements and errors in `marks`, without the last `own` acknowledgements."""
+    events: list[Event] = []
+    stars = marks.count(b"*")
+    for mark in marks:
+        if mark == ord("*") and stars > own:
+            stars -= 1
+            events.append(Ack(late=True))
+        elif mark == ord("!"):
+            events.append(Refused(b"!", late=True))
+    return events

@@ -1,0 +1,190 @@
+"""Record what a unit really answers: raw bytes and times of harmless queries.
+
+Some of the unit's behaviour is documented nowhere (rate, framing of some replies). A recording of
+a real unit settles it and becomes a test fixture. Only queries are sent, an empty line and two
+words that no unit knows; no setting is changed and no output moves, unless `time_sets` is called
+with the set-point at which the output already stands.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from dehyst.drivers.call_times import CallTimes
+from dehyst.drivers.interface import DeviceTimeout, OutOfRange, ProtocolError
+from dehyst.drivers.mdt693b.codec import (
+    Ack,
+    Data,
+    Dialect,
+    Garbled,
+    Mdt693bCodec,
+    Refused,
+    detect_dialect,
+)
+from dehyst.drivers.mdt693b.link import NO_COMMAND
+from dehyst.drivers.mdt693b.tuning import PROBE_TUNING as TUNING
+from dehyst.drivers.serial_port import SerialPort
+
+QUERIES = (
+    *("", "*IDN?", "id?", "serial?", "friendly?", "echo?", "vlimit?", "intensity?"),
+    *("xvoltage?", "yvoltage?", "zvoltage?", "xyzvoltage?"),
+    *("xmin?", "xmax?", "ymin?", "ymax?", "zmin?", "zmax?", "sysmin?", "sysmax?"),
+    *("msenable?", "msvoltage?", "dacstep?", "cm?", "rotarymode?", "pushdisable?"),
+    *("xr?", "xl?", "xh?", "%", "?"),
+)
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """One command and everything that came back. Times in s from the start of the probe."""
+
+    sent: bytes
+    sent_at_s: float
+    received: tuple[tuple[float, bytes], ...]
+
+    @property
+    def reply(self) -> bytes:
+        """All bytes of the reply."""
+        return b"".join(data for _, data in self.received)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For the fixture file: bytes as Latin-1 text."""
+        return {
+            "sent": self.sent.decode("latin-1"),
+            "sent_at_s": round(self.sent_at_s, 6),
+            "received": [[round(at_s, 6), d.decode("latin-1")] for at_s, d in self.received],
+        }
+
+    @classmethod
+    def from_dict(cls, table: dict[str, Any]) -> "Exchange":
+        """From a fixture file."""
+        received = tuple((float(at_s), d.encode("latin-1")) for at_s, d in table["received"])
+        return cls(table["sent"].encode("latin-1"), float(table["sent_at_s"]), received)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the recorded replies say. dialect: "legacy", "modern" or ""; answers: command ->
+    value, "refused" or "unclear: ..."; the rest is empty where the unit did not tell."""
+
+    dialect: str
+    model: str = ""
+    firmware: str = ""
+    serial_number: str = ""
+    answers: dict[str, str] = field(default_factory=dict)
+
+
+def record(
+    port: SerialPort,
+    progress: Callable[[float], None] = lambda share: None,
+    clock: Callable[[], float] = time.monotonic,
+) -> list[Exchange]:
+    """Send every query and record everything, until each reply has been quiet."""
+    start_s = clock()
+    exchanges = []
+    port.write(NO_COMMAND)  # should half a command wait in the unit, it must not be carried out
+    while port.read_until_deadline(clock() + TUNING.quiet_s):
+        pass
+    for number, query in enumerate(QUERIES):
+        sent = query.encode("ascii") + b"\r"
+        sent_at_s = clock() - start_s
+        port.write(sent)
+        received: list[tuple[float, bytes]] = []
+        while True:
+            wait_s = TUNING.quiet_s if received else TUNING.first_byte_s
+            data = port.read_until_deadline(clock() + wait_s)
+            if not data:
+                break
+            received.append((clock() - start_s, data))
+        exchanges.append(Exchange(sent, sent_at_s, tuple(received)))
+        progress((number + 1) / len(QUERIES))
+        if number == 2 and not any(e.received for e in exchanges):
+            break  # nobody there
+    return exchanges
+
+
+def interpret(exchanges: list[Exchange]) -> Finding:
+    """What the replies say; pure, so that it works on a fixture file as well."""
+    replies = {e.sent.rstrip(b"\r").decode("latin-1"): e.reply for e in exchanges}
+    dialect = detect_dialect(replies.get("", b""))
+    if dialect is None:
+        return Finding("")
+    answers = {query: _answer(dialect, query, reply) for query, reply in replies.items()}
+    lines = answers.get("id?", "").split("\r")
+    model = next((x.split()[1] for x in lines if x.startswith("Model ")), "")
+    firmware = next((x.split()[-1] for x in lines if x.startswith("Firmware ")), "")
+    return Finding(dialect.framing.name, model, firmware, answers.get("serial?", ""), answers)
+
+
+def time_queries(
+    port: SerialPort, dialect: Dialect, count: int, clock: Callable[[], float] = time.monotonic
+) -> CallTimes:
+    """Round trips of `xvoltage?`, one after the other. Raises DeviceTimeout, ProtocolError."""
+    return _time(port, dialect, "xvoltage?", count, Data, clock)
+
+
+def time_sets(
+    port: SerialPort,
+    dialect: Dialect,
+    volts: float,
+    count: int,
+    clock: Callable[[], float] = time.monotonic,
+) -> CallTimes:
+    """Round trips of sets of axis x, all to `volts`, where the output must already stand: raises
+    OutOfRange when the unit reads back something else."""
+    codec = Mdt693bCodec(dialect)
+    reading = _exchange(port, codec, "xvoltage?", clock)
+    if not isinstance(reading, Data):
+        raise ProtocolError(f"{port.path}: xvoltage? was answered with {reading}")
+    if not abs(float(reading.value) - volts) <= TUNING.same_v:
+        raise OutOfRange(
+            f"axis x reads back {reading.value} V, not {volts:g} V; sets are timed only at the "
+            "voltage at which the output stands. Nothing was set"
+        )
+    return _time(port, dialect, f"xvoltage={volts:.3f}", count, Ack, clock)
+
+
+def _time(
+    port: SerialPort,
+    dialect: Dialect,
+    command: str,
+    count: int,
+    wanted: type,
+    clock: Callable[[], float],
+) -> CallTimes:
+    times = CallTimes(kept=count)
+    codec = Mdt693bCodec(dialect)
+    for _ in range(count):
+        started_s = clock()
+        event = _exchange(port, codec, command, clock)
+        times.add(clock() - started_s)
+        if not isinstance(event, wanted):
+            raise ProtocolError(f"{port.path}: {command!r} was answered with {event}")
+    return times
+
+
+def _exchange(
+    port: SerialPort, codec: Mdt693bCodec, command: str, clock: Callable[[], float]
+) -> Ack | Data | Refused | Garbled:
+    port.write(codec.send(command))
+    deadline_s = clock() + TUNING.first_byte_s
+    while True:
+        data = port.read_until_deadline(deadline_s)
+        for event in codec.receive(data) if data else codec.silence():
+            return event
+        if not data:
+            raise DeviceTimeout(
+                f"{port.path}: no answer to {command!r} in {TUNING.first_byte_s:g} s"
+            )
+
+
+def _answer(dialect: Dialect, query: str, reply: bytes) -> str:
+    codec = Mdt693bCodec(dialect)
+    codec.send(query)
+    for event in [*codec.receive(reply), *codec.silence()]:
+        if isinstance(event, Data):
+            return event.value
+        if isinstance(event, Refused):
+            return "refused"
+    return f"unclear: {reply[:60]!r}" if reply else "no answer"

@@ -1,0 +1,85 @@
+"""The settings of the MDT693B driver, and finding its port."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from dehyst.drivers.interface import DeviceNotFound, DriverConfigError
+from dehyst.drivers.serial_port import find_usb_ports, list_serial_ports
+from dehyst.drivers.settings import Settings
+
+USB_IDS = ((0x1313, 0x1003), (0x1313, 0x1004))
+"""Vendor and product of the MDT693B and the MDT694B. Older units sit behind an FTDI converter,
+which many instruments use: for those the port must be given."""
+
+HIGHEST_V = 150.0
+"""The highest position of the limit switch."""
+
+
+class Mdt693bConfig(Settings, frozen=True):
+    """Settings of one driver."""
+
+    driver = "mdt693b"
+
+    port: Annotated[
+        str,
+        Meta(min_length=1, description='path of the serial port; "auto": the one MDT69xB on USB'),
+    ] = "auto"
+    axis: Annotated[Literal["x", "y", "z"], Meta(description="output that drives the stage")] = "x"
+    timeout_s: Annotated[float, Meta(gt=0, description="longest wait for a reply")] = 0.25
+    write_timeout_s: Annotated[
+        float, Meta(gt=0, description="longest time that a write to the port may block")
+    ] = 0.2
+    idle_s: Annotated[
+        float, Meta(gt=0, description="silence that ends a reply of old firmware; below timeout_s")
+    ] = 0.05
+    baud: Annotated[int, Meta(gt=0, description="bits per second of the serial line")] = 115200
+    rate_hz: (
+        Annotated[
+            float, Meta(gt=0, description="highest rate of sets; left out, it is measured at start")
+        ]
+        | None
+    ) = None
+    max_v: (
+        Annotated[float, Meta(gt=0, description="upper limit of the output below the unit's own")]
+        | None
+    ) = None
+    initial_v: (
+        Annotated[
+            float,
+            Meta(
+                ge=0, description="set-point at start, where it is known better than the readback"
+            ),
+        ]
+        | None
+    ) = None
+    serial_number: Annotated[str, Meta(description="accept only this unit")] | None = None
+
+    def check(self) -> None:
+        """Refuse a silence that no reply could wait for, and a set-point out of range."""
+        if self.idle_s >= self.timeout_s:
+            raise self.wrong("idle_s", f"below timeout_s = {self.timeout_s:g}")
+        highest_v = HIGHEST_V if self.max_v is None else self.max_v
+        if self.initial_v is not None and self.initial_v > highest_v:
+            raise self.wrong("initial_v", f"at most {highest_v:g}, the highest output")
+
+
+def find_port(config: Mdt693bConfig, serial_number: str | None = None) -> str:
+    """The path to open. serial_number: that of the unit to find again, if it is known.
+    Raises DeviceNotFound where "auto" finds none, DriverConfigError where it finds several."""
+    if config.port != "auto":
+        return config.port
+    found = find_usb_ports(USB_IDS)
+    wanted = config.serial_number or serial_number
+    if wanted and len(found) > 1:
+        found = [p for p in found if p.serial_number == wanted] or found
+    if not found:
+        seen = ", ".join(p.path for p in list_serial_ports()) or "none"
+        raise DeviceNotFound(
+            f'port = "auto": no MDT693B or MDT694B on USB (serial ports here: {seen}); plug it in '
+            "or give the port by its path"
+        )
+    if len(found) > 1:
+        listed = ", ".join(f"{p.path} ({p.serial_number or 'no serial number'})" for p in found)
+        raise DriverConfigError(f'port = "auto" finds several units: {listed}; choose one')
+    return found[0].path

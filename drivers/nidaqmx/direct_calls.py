@@ -1,0 +1,124 @@
+"""The NI-DAQmx channels as C functions, for the compiled loop.
+
+They call DAQmxWriteAnalogScalarF64 and DAQmxReadAnalogScalarF64 of the vendor's C library on the
+handle of the task that the driver has opened, and do what NidaqmxActuator.write and
+NidaqmxSensor.read do. The context is the record CONTEXT_T of channel.py. Signatures: NIDAQmx.h,
+
+    int32 DAQmxWriteAnalogScalarF64(TaskHandle, bool32 autoStart, float64 timeout, float64, bool32*)
+    int32 DAQmxReadAnalogScalarF64(TaskHandle, float64 timeout, float64 *value, bool32*)
+
+with a result below 0 for an error and above 0 for a warning.
+"""
+
+import ctypes
+import math
+from collections.abc import Callable
+from ctypes.util import find_library
+from typing import Any
+
+from llvmlite import ir
+from numba import carray, cfunc, types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from dehyst.drivers.direct_calls import SIGNATURE, Direct
+from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange
+from dehyst.drivers.nidaqmx.channel import CONTEXT_T, fault_of
+
+CLOSED, NOT_IN_RANGE = 1, 2
+TEXT_BYTES = 2048
+
+_INT, _WORD, _DOUBLE = ir.IntType(32), ir.IntType(64), ir.DoubleType()
+_BYTES = ir.IntType(8).as_pointer()
+
+
+def _call(builder: Any, address: Any, arguments: list[Any]) -> Any:
+    """Call the C function at an address: its int32."""
+    kind = ir.FunctionType(_INT, [argument.type for argument in arguments])
+    return builder.call(builder.inttoptr(address, kind.as_pointer()), arguments)
+
+
+@intrinsic
+def _write_scalar(typing: Any, function: Any, task: Any, timeout_s: Any, volts: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        function, task, timeout_s, volts = arguments
+        handle, nothing = builder.inttoptr(task, _BYTES), ir.Constant(_BYTES, None)
+        auto_start = ir.Constant(_INT, 1)
+        return _call(builder, function, [handle, auto_start, timeout_s, volts, nothing])
+
+    return types.int32(types.int64, types.int64, types.float64, types.float64), codegen
+
+
+@intrinsic
+def _read_scalar(typing: Any, function: Any, task: Any, timeout_s: Any, value_at: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        function, task, timeout_s, value_at = arguments
+        handle, nothing = builder.inttoptr(task, _BYTES), ir.Constant(_BYTES, None)
+        value = builder.inttoptr(value_at, _DOUBLE.as_pointer())
+        return _call(builder, function, [handle, timeout_s, value, nothing])
+
+    return types.int32(types.int64, types.int64, types.float64, types.int64), codegen
+
+
+@cfunc(SIGNATURE, cache=True)
+def write(context, now_ns, value):  # type: ignore[no-untyped-def]
+    """Set the output to value[0], volts at the piezo."""
+    c = carray(context, (1,), CONTEXT_T)[0]
+    volts = value[0]
+    if c.task == 0:
+        return CLOSED
+    if not c.minimum <= volts <= c.maximum:
+        return NOT_IN_RANGE
+    status = _write_scalar(c.function, c.task, c.timeout_s, volts / c.gain)
+    if status < 0:
+        return status
+    c.output_v = volts
+    return 0
+
+
+@cfunc(SIGNATURE, cache=True)
+def read(context, now_ns, value):  # type: ignore[no-untyped-def]
+    """Put one reading [um] into value[0]; NaN where the bridge is out of its range."""
+    c = carray(context, (1,), CONTEXT_T)[0]
+    shown = carray(value, (1,), types.float64)
+    if c.task == 0:
+        return CLOSED
+    status = _read_scalar(c.function, c.task, c.timeout_s, shown.ctypes.data)
+    if status < 0:
+        return status
+    ratio = shown[0]
+    shown[0] = (ratio - c.zero) * c.gain if abs(ratio) <= c.maximum else math.nan
+    return 0
+
+
+def actuator(channel: str, context: NDArray[Any]) -> Direct | None:
+    """The output of an open driver; None where the C library or its task is not here."""
+    return _direct(channel, context, write.address, "DAQmxWriteAnalogScalarF64")
+
+
+def sensor(channel: str, context: NDArray[Any]) -> Direct | None:
+    """The bridge of an open driver; None as in actuator."""
+    return _direct(channel, context, read.address, "DAQmxReadAnalogScalarF64")
+
+
+def _direct(channel: str, context: NDArray[Any], ours: int, theirs: str) -> Direct | None:
+    name = find_library("nidaqmx")
+    if name is None or context["task"][0] == 0:
+        return None
+    library = ctypes.CDLL(name)
+    context["function"] = ctypes.cast(getattr(library, theirs), ctypes.c_void_p).value
+    return Direct(ours, context.ctypes.data, _explain(channel, library), (context, library))
+
+
+def _explain(channel: str, library: ctypes.CDLL) -> Callable[[int], DriverError]:
+    def explain(code: int) -> DriverError:
+        if code == CLOSED:
+            return DeviceGone(f"nidaqmx {channel} is not open")
+        if code == NOT_IN_RANGE:
+            return OutOfRange(f"nidaqmx {channel}: outside its range; nothing was written")
+        text = ctypes.create_string_buffer(TEXT_BYTES)
+        library.DAQmxGetErrorString(ctypes.c_int32(code), text, ctypes.c_uint32(TEXT_BYTES))
+        words = text.value.decode("utf-8", "replace") or "no words for it"
+        return fault_of(channel, code, f"{words} (status code {code})")
+
+    return explain

@@ -1,0 +1,176 @@
+"""Settings of a driver: declared once, read strictly, listed with their meaning.
+
+A driver declares its settings as a class, one line for each key, the unit in its name:
+
+    class MyGaugeSettings(Settings, frozen=True):
+        driver = "mygauge"
+        port: Annotated[str, Meta(description="path of the serial port")]
+        timeout_s: Annotated[float, Meta(gt=0, description="longest wait for a reply")] = 0.1
+
+        def check(self) -> None: ...        # rules between keys: `raise self.wrong("port", ...)`
+
+and makes them with `read_settings(MyGaugeSettings, table)`. Nothing is converted but a whole
+number to a float, no key is ignored, and NaN and infinity are refused everywhere. An object made
+in Python is checked in the same way, so that there are no settings that were never checked.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, TypeVar
+
+import msgspec
+from msgspec import inspect, structs
+
+from dehyst.drivers.interface import DriverConfigError
+
+UNITS = {"s": "s", "v": "V", "mv": "mV", "um": "um", "hz": "Hz", "k": "K", "decade": "decade"}
+UNITS |= {"bits": "bits", "bytes": "bytes"}
+
+Kind = TypeVar("Kind", bound="Settings")
+
+
+class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of all settings. driver: whose they are, in the words of an error message."""
+
+    driver: ClassVar[str] = "driver"
+
+    def __post_init__(self) -> None:
+        """Raise DriverConfigError unless every value is allowed."""
+        for field in structs.fields(type(self)):
+            _checked(type(self), field, getattr(self, field.name))
+        self.check()
+
+    def check(self) -> None:
+        """Rules between several keys; overridden where there are some."""
+
+    def wrong(self, key: str, allowed: str) -> DriverConfigError:
+        """The error for a key that breaks a rule between several; allowed: "below timeout_s"."""
+        return _wrong(type(self), key, getattr(self, key), allowed)
+
+
+class Key(msgspec.Struct, frozen=True):
+    """One setting as it is listed. type: what is allowed, in words; default: None where it has to
+    be given or is left open; unit: "" for none."""
+
+    name: str
+    type: str
+    required: bool
+    default: Any
+    unit: str
+    meaning: str
+
+
+def read_settings(kind: type[Kind], table: Mapping[str, Any]) -> Kind:
+    """Settings from a configuration table. Raises DriverConfigError with one sentence that names
+    the driver, the key, what was given, what is allowed, and the keys that there are."""
+    values = read_values(kind, table)
+    for field in structs.fields(kind):
+        if field.required and field.name not in values:
+            raise DriverConfigError(
+                f"{kind.driver}: the setting {field.name} is missing, it must be "
+                f"{allowed_words(field)}; {_known(kind)}"
+            )
+    return kind(**values)
+
+
+def read_values(kind: type[Settings], table: Mapping[str, Any]) -> dict[str, Any]:
+    """The given keys alone, each checked by itself; errors as in read_settings."""
+    fields = {field.name: field for field in structs.fields(kind)}
+    values = {}
+    for key, value in table.items():
+        if key not in fields:
+            raise DriverConfigError(
+                f"{kind.driver}: unknown setting {key!r} (given: {value!r}); {_known(kind)}"
+            )
+        values[key] = _checked(kind, fields[key], value)
+    return values
+
+
+def list_keys(kind: type[Settings]) -> list[Key]:
+    """Every key in the order in which it was declared."""
+    return [
+        Key(
+            name=field.name,
+            type=allowed_words(field),
+            required=field.required,
+            default=None if field.required else field.default,
+            unit=unit_of(field.name),
+            meaning=_plain_type(field)[1],
+        )
+        for field in structs.fields(kind)
+    ]
+
+
+def unit_of(name: str) -> str:
+    """The unit at the end of a name: "um per V" for scale_um_per_v; "" for none."""
+    words = name.split("_")
+    unit = ""
+    while words and words[-1] in UNITS:
+        unit = UNITS[words.pop()] + (f" {unit}" if unit else "")
+        if not words or words[-1] != "per":
+            break
+        words.pop()
+        unit = f"per {unit}"
+    return unit
+
+
+def allowed_words(field: structs.FieldInfo) -> str:
+    """What a key takes, in words: "a number, above 0 and at most 10"."""
+    return _words(_plain_type(field)[0])
+
+
+def _checked(kind: type[Settings], field: structs.FieldInfo, value: Any) -> Any:
+    if isinstance(value, float):
+        value = float(value)  # numpy's own float is one too
+    try:
+        value = msgspec.convert(value, field.type)
+    except msgspec.ValidationError:
+        raise _wrong(kind, field.name, value, allowed_words(field)) from None
+    if isinstance(value, float) and not math.isfinite(value):
+        raise _wrong(kind, field.name, value, allowed_words(field))
+    return value
+
+
+def _wrong(kind: type[Settings], key: str, value: Any, allowed: str) -> DriverConfigError:
+    return DriverConfigError(f"{kind.driver}: {key} = {value!r} must be {allowed}; {_known(kind)}")
+
+
+def _known(kind: type[Settings]) -> str:
+    return f"known settings: {', '.join(field.name for field in structs.fields(kind))}"
+
+
+def _plain_type(field: structs.FieldInfo) -> tuple[inspect.Type, str]:
+    """The type without "or nothing" and without its description, and the description."""
+    found = inspect.type_info(field.type)
+    if isinstance(found, inspect.UnionType):
+        found = next(t for t in found.types if not isinstance(t, inspect.NoneType))
+    if isinstance(found, inspect.Metadata):
+        return found.type, (found.extra_json_schema or {}).get("description", "")
+    return found, ""
+
+
+def _words(kind: inspect.Type) -> str:
+    match kind:
+        case inspect.BoolType():
+            return "true or false"
+        case inspect.LiteralType(values=values):
+            *first, last = [f'"{v}"' if isinstance(v, str) else str(v) for v in values]
+            return " or ".join([*([", ".join(first)] if first else []), last])
+        case inspect.IntType():
+            return "a whole number" + _range(kind)
+        case inspect.FloatType():
+            return "a number" + _range(kind)
+        case inspect.StrType(min_length=least):
+            return "a text" + (" that is not empty" if least else "")
+        case _:
+            return type(kind).__name__.removesuffix("Type").lower()
+
+
+def _range(kind: inspect.IntType | inspect.FloatType) -> str:
+    if kind.ge is not None and kind.le is not None:
+        return f" from {kind.ge:g} to {kind.le:g}"
+    ends = [f"above {kind.gt:g}"] if kind.gt is not None else []
+    ends += [f"at least {kind.ge:g}"] if kind.ge is not None else []
+    ends += [f"below {kind.lt:g}"] if kind.lt is not None else []
+    ends += [f"at most {kind.le:g}"] if kind.le is not None else []
+    return f", {' and '.join(ends)}" if ends else ""

@@ -1,0 +1,169 @@
+"""A simulated amplifier and a simulated strain gauge in this process, on one simulated stage.
+
+Both drivers are made from settings; those that name the same `stage` share it. Either table may
+hold stage parameters (see settings.py); what both say must agree.
+
+    [actuator.settings]              [sensor.settings]
+    stage = "a"                      stage = "a"
+    stroke_um = 17.4                 sensor_noise_um = 0.02
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from dehyst.drivers.interface import DeviceGone, DeviceSpec, DriverConfigError, OutOfRange
+from dehyst.drivers.settings import read_settings
+from dehyst.drivers.simulated.settings import (
+    SHARED_KEYS,
+    SimulatedActuatorSettings,
+    SimulatedSensorSettings,
+    SimulatedSettings,
+)
+from dehyst.drivers.simulated.shared_stage import SharedStage, shared_stage
+from dehyst.drivers.simulated.stage import Stage, warm_up
+
+if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
+    from dehyst.drivers.direct_calls import Direct
+
+MAX_RATE_HZ = 20_000.0
+LATENCY_S = 1e-5
+
+
+class _Simulated:
+    """What both drivers do: the shared stage, opening and closing."""
+
+    settings_type: ClassVar[type[SimulatedSettings]]
+    spec: DeviceSpec
+
+    def __init__(self, shared: SharedStage, settings: SimulatedSettings) -> None:
+        self.shared = shared
+        self.settings = settings
+        self._open = False
+        self.spec = self._spec()
+
+    def _spec(self) -> DeviceSpec:
+        raise TypeError(f"{type(self).__name__} has no spec")
+
+    @classmethod
+    def from_settings(
+        cls,
+        settings: Mapping[str, Any],
+        clock_ns: Callable[[], int] | None = None,
+        sleep: Callable[[float], None] | None = None,
+    ) -> Self:
+        """Make a driver; DriverConfigError names a wrong key."""
+        checked = read_settings(cls.settings_type, settings)
+        given = {key: getattr(checked, key) for key in settings if key in SHARED_KEYS}
+        return cls(shared_stage(checked.stage, given, clock_ns, sleep), checked)
+
+    def open(self) -> None:
+        """Start using the stage; it stays where it is."""
+        self.shared.require_plug()
+        warm_up()
+        if not self._open:
+            self._open = True
+            self.shared.users += 1
+        self.spec = self._spec()
+        self.shared.follow_clock()
+
+    def reconnect(self) -> None:
+        """After DeviceGone: use the stage again; it stays where it is."""
+        self.open()
+
+    def close(self) -> None:
+        """Stop using the stage; it stays where it is. Safe to call twice."""
+        if self._open:
+            self._open = False
+            self.shared.users -= 1
+
+    def _ready(self) -> Stage:
+        if not self._open:
+            raise DeviceGone(f"the {self.settings.driver} is not open")
+        self.shared.require_plug()
+        self.shared.follow_clock()
+        return self.shared.stage
+
+
+class SimulatedActuator(_Simulated):
+    """The amplifier of a simulated stage."""
+
+    settings_type = SimulatedActuatorSettings
+    settings: SimulatedActuatorSettings
+
+    def _spec(self) -> DeviceSpec:
+        stage = self.shared.settings()
+        low, high = self.settings.min_v, self.settings.max_v
+        high = stage.full_scale_v if high is None else high
+        if not low < high:
+            raise DriverConfigError(f"simulated actuator: min_v = {low} is not below {high}")
+        if low < stage.clip_min_v or high > stage.clip_max_v:
+            raise DriverConfigError(
+                f"simulated actuator: {low} to {high} V is wider than the amplifier's "
+                f"{stage.clip_min_v} to {stage.clip_max_v} V (clip_min_v, clip_max_v)"
+            )
+        return DeviceSpec(
+            unit="v",
+            minimum=low,
+            maximum=high,
+            resolution=stage.dac_step_v,
+            max_rate_hz=MAX_RATE_HZ,
+            latency_s=LATENCY_S,
+            identity=f"simulated amplifier, stage '{self.shared.name}'",
+        )
+
+    def write(self, volts: float) -> None:
+        """Command the output [V]. Raises OutOfRange outside the spec, DeviceGone unplugged."""
+        stage = self._ready()
+        if not self.spec.minimum <= volts <= self.spec.maximum:
+            raise OutOfRange(
+                f"simulated actuator: {volts} V is outside {self.spec.minimum} to "
+                f"{self.spec.maximum} V; nothing was written"
+            )
+        stage.command(volts)
+        if self.shared.period_s:
+            stage.advance(self.shared.period_s)
+
+    def output(self) -> float:
+        """The last command [V]."""
+        return self.shared.stage.command_v
+
+    def direct(self) -> "Direct":
+        """How compiled code writes (dehyst.drivers.direct_calls)."""
+        from dehyst.drivers.simulated import direct_calls
+
+        return direct_calls.actuator(self.shared.context(self.spec.minimum, self.spec.maximum))
+
+
+class SimulatedSensor(_Simulated):
+    """The strain gauge of a simulated stage."""
+
+    settings_type = SimulatedSensorSettings
+
+    def _spec(self) -> DeviceSpec:
+        stage = self.shared.settings()
+        return DeviceSpec(
+            unit="um",
+            minimum=stage.origin_um - stage.stroke_um,
+            maximum=stage.origin_um + 2.0 * stage.stroke_um,
+            resolution=stage.adc_step_um,
+            max_rate_hz=MAX_RATE_HZ,
+            latency_s=LATENCY_S,
+            identity=f"simulated strain gauge, stage '{self.shared.name}'",
+        )
+
+    def read(self) -> float:
+        """One reading [um]; NaN under the fault "nan". The fault "late" sleeps first."""
+        stage = self._ready()
+        if stage.late_s > 0.0:
+            if self.shared.period_s:
+                stage.advance(stage.late_s)
+            else:
+                self.shared.sleep(stage.late_s)
+        return stage.reading_um()
+
+    def direct(self) -> "Direct":
+        """How compiled code reads (dehyst.drivers.direct_calls)."""
+        from dehyst.drivers.simulated import direct_calls
+
+        return direct_calls.sensor(self.shared.context(-math.inf, math.inf))

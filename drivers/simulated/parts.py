@@ -1,0 +1,182 @@
+"""The parts of the simulated stage as compiled kernels; kernels.py runs them in this order.
+
+command -> DAC step -> + gain x EXT -> clip -> amplifier lag -> 60 mA slew -> RC
+        -> hysteresis -> creep -> mechanical mode -> guide friction
+        -> temperature, drift, coupling, hum -> bridge filter -> delay -> noise -> ADC
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dehyst.drivers.simulated.settings import STAGE_KEYS
+
+Floats = NDArray[np.float64]
+Record = Any  # numba reads a (1,) structured array; its scalar has attributes
+
+# seed and hysteresis_width are used up when the stage is built; the rest of the settings, and:
+DERIVED = ("creep_static", "norm", "substep_s", "quiet_s")
+PARAMETERS = tuple(key for key in STAGE_KEYS if key not in ("seed", "hysteresis_width")) + DERIVED
+STATE = (
+    "time_s",
+    "command_v",  # the inputs as they stand: command, EXT, the other axis, the temperature
+    "ext_v",
+    "other_v",
+    "temperature_k",
+    "clipped",  # 1 while the sum of command and EXT is outside the clip
+    "amplifier_v",  # behind the amplifier's lag
+    "source_v",  # behind the slew limit
+    "drive_v",  # at the piezo
+    "rate",  # filtered |drive rate|, ranges per second
+    "slip",  # mechanical, as shares of the stroke: sum of the springs,
+    "strain",  # behind the static map,
+    "creep",  # with creep,
+    "mode",  # the mode's own coordinate
+    "mode_rate",
+    "friction",  # um, behind the guide
+    "shift_um",  # keeps the displacement where it is when settings change
+    "true_um",
+    "bridge_um",  # behind the bridge's filter
+    "pushed_s",  # time of the newest entry of the delay line
+    "spare_normal",
+    "has_spare",
+)
+PARAMETERS_T = np.dtype([(name, np.float64) for name in PARAMETERS])
+STATE_T = np.dtype([(name, np.float64) for name in STATE])
+
+# Relaxations of the creep operator: log-spaced time constants, the first well below 0.1 s.
+CREEP_PER_DECADE = 3
+CREEP_TAUS_S = 10.0 ** np.arange(-2.0, 4.51, 1.0 / CREEP_PER_DECADE)
+RING = 8192  # samples of the delay line
+
+
+@njit(cache=True, nogil=True)
+def rounded(value: float, step: float) -> float:
+    """The nearest multiple of step; step 0: the value itself."""
+    return value if step == 0.0 else step * np.round(value / step)
+
+
+@njit(cache=True, nogil=True)
+def electrical(
+    p: Record, s: Record, command_v: float, h: float, rc_decay: float, amplifier_decay: float
+) -> None:
+    """DAC, EXT, clip, amplifier lag, slew, RC over h seconds: updates s, returns nothing."""
+    wanted = rounded(command_v, p.dac_step_v) + p.ext_gain * s.ext_v
+    limited = min(p.clip_max_v, max(p.clip_min_v, wanted))
+    s.clipped = 1.0 if limited != wanted else 0.0
+    s.amplifier_v = limited + (s.amplifier_v - limited) * amplifier_decay
+    move = s.amplifier_v - s.source_v
+    ramp_s = 0.0
+    if p.slew_v_per_s > 0.0:
+        ramp_s = min(h, abs(move) / p.slew_v_per_s)
+        move = math.copysign(p.slew_v_per_s * ramp_s, move)
+        if ramp_s < h:
+            move = s.amplifier_v - s.source_v
+    start = s.source_v
+    s.source_v = s.amplifier_v if ramp_s < h else start + move
+    tau = p.rc_tau_s
+    if tau == 0.0:
+        s.drive_v = s.source_v
+        return
+    if ramp_s > 0.0:  # the capacitor follows a ramp tau late, then relaxes towards the end of it
+        late = move / ramp_s * tau
+        s.drive_v = s.source_v - late + (s.drive_v - start + late) * math.exp(-ramp_s / tau)
+        rc_decay = math.exp(-(h - ramp_s) / tau)
+    s.drive_v = s.source_v + (s.drive_v - s.source_v) * rc_decay
+
+
+@njit(cache=True, nogil=True)
+def mode_factors(p: Record, h: float) -> tuple[float, float, float, float]:
+    """Transition of the mode's free motion over h seconds: a11, a12, a21, a22."""
+    w = 2.0 * math.pi * p.mode_hz
+    wd = w * math.sqrt(1.0 - p.mode_damping**2)
+    fade = math.exp(-p.mode_damping * w * h)
+    c, sn = math.cos(wd * h), math.sin(wd * h)
+    ratio = p.mode_damping * w / wd
+    return (
+        fade * (c + ratio * sn),
+        fade * sn / wd,
+        -fade * sn * w * w / wd,
+        fade * (c - ratio * sn),
+    )
+
+
+@njit(cache=True, nogil=True)
+def displacement(p: Record, s: Record) -> float:
+    """True displacement [um] from the state as it stands; moves the guide's friction with it."""
+    share = p.mode_share if p.mode_hz > 0.0 else 0.0
+    moved = p.stroke_um * ((1.0 - share) * s.creep + share * s.mode)
+    s.friction = max(moved - p.friction_um, min(moved + p.friction_um, s.friction))
+    warm = s.temperature_k
+    y = p.origin_um + s.friction * (1.0 + p.gain_per_k * warm) + p.expansion_um_per_k * warm
+    y += p.drift_um_per_s * s.time_s + p.coupling_um_per_v * s.other_v
+    if p.hum_um > 0.0:
+        y += p.hum_um * math.sin(2.0 * math.pi * p.hum_hz * s.time_s)
+    return y + s.shift_um
+
+
+@njit(cache=True, nogil=True)
+def creep_sum(p: Record, relax: Floats, strain: float) -> float:
+    """Strain with creep: q [1 + g (c0 + sum_j (s_j / q) / per decade)], 1 at 0.1 s after a step."""
+    total = 0.0
+    for j in range(relax.size):
+        total += relax[j]
+    return strain + p.creep_gain_per_decade * (p.creep_static * strain + total / CREEP_PER_DECADE)
+
+
+@njit(cache=True, nogil=True)
+def delayed(parameters: Record, state: Record, ring: Floats) -> float:
+    """Bridge value [um] sensor_delay_s ago, straight line between the stored ones."""
+    p = parameters[0]
+    s = state[0]
+    if p.sensor_delay_s == 0.0:
+        return s.bridge_um
+    wanted = s.time_s - p.sensor_delay_s
+    count = int(ring[0, RING])
+    later_t, later_y = s.time_s, s.bridge_um
+    for back in range(1, min(count, RING) + 1):
+        at = (count - back) % RING
+        t, y = ring[0, at], ring[1, at]
+        if t <= wanted:
+            if later_t <= t:
+                return y
+            return y + (later_y - y) * (wanted - t) / (later_t - t)
+        later_t, later_y = t, y
+    return later_y
+
+
+@njit(cache=True, nogil=True)
+def uniform(random: NDArray[np.uint64]) -> float:
+    """One number in (0, 1): splitmix64 (Steele, Lea and Flood, OOPSLA 2014); random (1,) uint64."""
+    random[0] += np.uint64(0x9E3779B97F4A7C15)
+    x = random[0]
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    x = x ^ (x >> np.uint64(31))
+    return (float(x >> np.uint64(11)) + 0.5) / 9007199254740992.0
+
+
+@njit(cache=True, nogil=True)
+def reading(parameters: Record, state: Record, ring: Floats, random: NDArray[np.uint64]) -> float:
+    """What the strain-gauge reader shows now [um]: one fresh sample of noise, then the ADC."""
+    p = parameters[0]
+    s = state[0]
+    y = delayed(parameters, state, ring)
+    share = (y - p.origin_um) / p.stroke_um
+    shown = p.sensor_gain * (y + 4.0 * p.sensor_bow * p.stroke_um * share * (1.0 - share))
+    shown += p.sensor_offset_um
+    if p.sensor_noise_um > 0.0:
+        if s.has_spare > 0.0:
+            s.has_spare = 0.0
+            normal = s.spare_normal
+        else:  # Box-Muller gives two
+            radius = math.sqrt(-2.0 * math.log(uniform(random)))
+            angle = 2.0 * math.pi * uniform(random)
+            normal = radius * math.cos(angle)
+            s.spare_normal = radius * math.sin(angle)
+            s.has_spare = 1.0
+        shown += p.sensor_noise_um * normal
+    return rounded(shown, p.adc_step_um)

@@ -1,0 +1,1 @@
+"""The whole model: drive blocks, hysteresis, stage blocks, sensor blocks, forward and undone."""

@@ -1,0 +1,242 @@
+"""The cascade one sample at a time: forward along the applied drive, and targets undone.
+
+A model's blocks are packed once into a `Chain`: one record for each block, that says where its
+parameters and its state lie and at which address its kernels are. A block whose channel is NaN (not
+measured) is passed over.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dehyst.models.cascade.simulate import channels_of
+from dehyst.models.hysteresis.forward import polynomial as saturation
+from dehyst.models.hysteresis.operators import Operators, move
+from dehyst.models.model import Floats, Model
+from dehyst.models.physics import KINDS
+from dehyst.models.physics.address import call_at
+from dehyst.models.physics.kind import Kind, Led, Limited, Shifted, Solved
+
+AT_DRIVE, BESIDE, AT_STAGE, AT_SENSOR = range(4)
+_PLACES = {"drive": AT_DRIVE, "stage": AT_STAGE, "sensor": AT_SENSOR}
+
+BLOCK = np.dtype(
+    [
+        ("place", "i8"),
+        ("step", "i8"),  # address of the forward kernel
+        ("solve", "i8"),  # address of the inverse kernel; 0: none
+        ("memory", "i8"),  # whether the inverse begins with the state of the present
+        ("p_from", "i8"),
+        ("n_p", "i8"),
+        ("s_from", "i8"),
+        ("n_s", "i8"),
+        ("channel", "i8"),  # -1: none
+        ("first_s", "f8"),  # by which the targets lead: of the first derivative,
+        ("second_s2", "f8"),  # and of the second
+    ]
+)
+
+
+class Chain(NamedTuple):
+    """A model's blocks as kernels take them, in this process: addresses hold in no other one.
+
+    blocks: (k,) of BLOCK; params: all their parameters, side by side.
+    """
+
+    blocks: NDArray[np.void]
+    params: Floats
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A model's blocks for the kernels, and what the inverse must know of them."""
+
+    chain: Chain
+    kinds: tuple[Kind, ...]  # of each block
+    state_size: int
+    channels: tuple[str, ...]
+    delay_s: float  # of drive and stage together
+    beside: bool  # whether blocks add to the hysteresis
+    on_stage: bool  # whether blocks stand behind it, on the stage
+    dynamic: tuple[str, ...]  # kinds before the sensor whose inverse wants targets ahead
+    limits: tuple[float, float, float]  # lowest, highest drive, largest rate that blocks leave
+
+    def settle(self, drive: float, displacement: float) -> Floats:
+        """States of blocks that have long seen this drive and displacement."""
+        states = np.zeros(self.state_size)
+        for row, kind in zip(self.chain.blocks, self.kinds, strict=True):
+            p = self.chain.params[row["p_from"] :][: row["n_p"]]
+            s = states[row["s_from"] :][: row["n_s"]]
+            kind.start(p, s, drive if row["place"] in (AT_DRIVE, BESIDE) else displacement)
+        return states
+
+
+def pack(model: Model, period_s: float) -> Packed:
+    """The model's blocks as arrays for a loop of this period."""
+    names = channels_of(model)
+    kinds = tuple(KINDS[block.kind] for block in model.blocks)
+    blocks, params = np.zeros(len(kinds), BLOCK), [np.zeros(0)]
+    p_at = s_at = 0
+    late, low, high, rate = 0.0, -math.inf, math.inf, math.inf
+    for row, block, kind in zip(blocks, model.blocks, kinds, strict=True):
+        values = kind.values(block, model.drive_unit, model.displacement_unit)
+        p, size = kind.numbers(values, period_s)
+        row["place"] = BESIDE if kind.beside else _PLACES[block.place]
+        row["channel"] = names.index(block.channel) if block.channel else -1
+        row["p_from"], row["n_p"], row["s_from"], row["n_s"] = p_at, p.size, s_at, size
+        row["step"] = kind.step.address
+        params.append(p)
+        p_at, s_at = p_at + p.size, s_at + size
+        match kind.inverse:
+            case Solved(solve, memory):
+                row["solve"], row["memory"] = solve.address, memory
+            case Led(lead):
+                row["first_s"], row["second_s2"] = lead(p)
+            case Shifted(seconds) if block.place != "sensor":
+                late += float(seconds(p))
+            case Limited(limits):
+                least, most, fastest = limits(p)
+                low, high, rate = max(low, least), min(high, most), min(rate, fastest)
+    moving = {b.kind for b in model.blocks if b.place != "sensor" and KINDS[b.kind].dynamic}
+    return Packed(
+        chain=Chain(blocks, np.concatenate(params)),
+        kinds=kinds,
+        state_size=s_at,
+        channels=names,
+        delay_s=late,
+        beside=bool(np.any(blocks["place"] == BESIDE)),
+        on_stage=bool(np.any(blocks["place"] == AT_STAGE)),
+        dynamic=tuple(sorted(moving)),
+        limits=(low, high, rate),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _through(
+    kernel: int, b: Any, params: Floats, states: Floats, x: float, t: float, dt: float, ch: float
+) -> float:
+    """One sample through one of a block's kernels; its state is advanced."""
+    p_at, s_at = params.ctypes.data + 8 * b.p_from, states.ctypes.data + 8 * b.s_from
+    return call_at(kernel, p_at, b.n_p, s_at, b.n_s, x, t, dt, ch)
+
+
+@njit(cache=True, nogil=True)
+def advance(
+    chain: Chain,
+    states: Floats,
+    channels: Floats,
+    hysteresis: Operators,
+    plays: Floats,
+    u: float,
+    v_before: float,
+    t: float,
+    dt: float,
+    y: Floats,
+) -> None:
+    """The whole model over one sample, for the command u; v_before: drive at the hysteresis, one
+    sample before. y (5,): drive at the hysteresis, what blocks beside it add, stage displacement,
+    reading, displacement of the hysteresis alone. plays (n,) and states are advanced."""
+    blocks, params = chain.blocks, chain.params
+    v = u
+    for i in range(blocks.size):
+        if blocks[i].place == AT_DRIVE:
+            v = _through(blocks[i].step, blocks[i], params, states, v, t, dt, 0.0)
+    z, kh = move(hysteresis.weights, plays, v - hysteresis.u_offset[0])
+    x = saturation(hysteresis.c, z + kh * (v - v_before) / dt)
+    added = 0.0
+    for i in range(blocks.size):
+        if blocks[i].place == BESIDE:
+            added += _through(blocks[i].step, blocks[i], params, states, v, t, dt, 0.0)
+    y[4] = x
+    x += added
+    y[0], y[1] = v, added
+    for place in (AT_STAGE, AT_SENSOR):
+        for i in range(blocks.size):
+            b = blocks[i]
+            if b.place == place:
+                ch = channels[b.channel] if b.channel >= 0 else 0.0
+                if not math.isnan(ch):
+                    x = _through(b.step, b, params, states, x, t, dt, ch)
+        y[place] = x
+
+
+@njit(cache=True, nogil=True)
+def beside(
+    chain: Chain, states: Floats, scratch: Floats, dt: float, v: Floats, out: Floats
+) -> None:
+    """What the blocks beside the hysteresis add along the drives v (m,) at the hysteresis, spaced
+    by dt, from the states of the present; into out (m,). scratch: as long as states."""
+    out[:] = 0.0
+    for i in range(chain.blocks.size):
+        b = chain.blocks[i]
+        if b.place == BESIDE:
+            scratch[b.s_from : b.s_from + b.n_s] = states[b.s_from : b.s_from + b.n_s]
+            for j in range(v.size):
+                out[j] += _through(b.step, b, chain.params, scratch, v[j], 0.0, dt, 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _lead(seq: Floats, first: float, second: float) -> None:
+    """seq + first * seq' + second * seq'' in units of the spacing, in place, central where it can
+    be; the first entry is left as it is."""
+    n = seq.size
+    before = seq[0]
+    for i in range(1, n):
+        now = seq[i]
+        if i < n - 1:
+            after = seq[i + 1]
+            seq[i] = now + 0.5 * first * (after - before) + second * (after - 2 * now + before)
+        else:
+            seq[i] = now + first * (now - before)
+        before = now
+
+
+@njit(cache=True, nogil=True)
+def undo(
+    chain: Chain,
+    states: Floats,
+    scratch: Floats,
+    channels: Floats,
+    past: int,
+    step_s: float,
+    first_s: float,
+    seq: Floats,
+) -> None:
+    """Turn displacements of the stage into displacements of the hysteresis, in place.
+
+    seq (m,): values spaced by step_s; the first `past` of them have been applied already, and
+    are there for the derivatives alone; seq[past] lies first_s after the last applied sample.
+    states: of the blocks after that sample; scratch: as long, overwritten. The channels are taken
+    to stand still. Delays are not undone here (they shift the window), nor what adds to the
+    hysteresis.
+    """
+    params = chain.params
+    for k in range(chain.blocks.size - 1, -1, -1):
+        b = chain.blocks[k]
+        ch = channels[b.channel] if b.channel >= 0 else 0.0
+        if b.place != AT_STAGE or math.isnan(ch):
+            continue
+        if b.first_s != 0.0 or b.second_s2 != 0.0:
+            _lead(seq, b.first_s / step_s, b.second_s2 / (step_s * step_s))
+        elif b.solve != 0:
+            scratch[b.s_from : b.s_from + b.n_s] = states[b.s_from : b.s_from + b.n_s]
+            begin = past if b.memory else 0
+            first = seq[begin]
+            for i in range(begin, seq.size):
+                dt = first_s if i == begin else step_s
+                seq[i] = _through(b.solve, b, params, scratch, seq[i], 0.0, dt, ch)
+            for i in range(begin):
+                seq[i] += seq[begin] - first
+
+
+@njit(cache=True, nogil=True)
+def lead_drive(chain: Chain, v: float, rate: float) -> float:
+    """Command whose drive blocks (lags) pass on v, while v moves at this rate."""
+    for i in range(chain.blocks.size):
+        if chain.blocks[i].place == AT_DRIVE:
+            v += chain.blocks[i].first_s * rate
+    return v

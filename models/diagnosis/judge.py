@@ -1,0 +1,114 @@
+"""Whether a candidate's joint refit may count: its size, its share, its values, its constancy."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dehyst.models.diagnosis.effects import Effect, on_bound
+from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
+from dehyst.models.diagnosis.fit import Fitted, Problem
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics.candidate import Candidate
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate's best joint refit in one round."""
+
+    candidate: Candidate
+    fit: Fitted
+    gain: float  # fall of the sum of squares
+    price: float
+    constancy: Constancy | None = None
+    refused: str = ""
+    impossible: bool = False  # not even a rival: its values belong to another physics
+
+    @property
+    def worth(self) -> float:
+        """Gain after the price."""
+        return self.gain - self.price
+
+
+@dataclass
+class Search:
+    """Everything the search has learned; `rounds` keeps the trials for the report."""
+
+    problem: Problem
+    sigma: float
+    null: Fitted
+    accepted: Fitted
+    rounds: list[list[Trial]] = field(default_factory=list)
+    counted: int = 0  # rows that the gains of the rounds are summed over
+    share: float = TUNING.driven_share
+    picked: list[str] = field(default_factory=list)  # keys in the order of their acceptance
+
+
+def excess(problem: Problem, fit: Fitted, sigma: float) -> float:
+    """Mean square misfit beyond the noise, >= 0 [displacement unit squared]."""
+    n = int(problem.data.rows.sum())
+    free = n - fit.design.shape[1]
+    return max(0.0, fit.sse / max(free, 1) - sigma**2)
+
+
+def least_size(candidate: Candidate) -> float:
+    """Smallest rms, in noise rms, that a candidate must remove."""
+    if candidate.static or candidate.last:
+        return TUNING.static_size
+    return TUNING.driven_size if candidate.driven else TUNING.free_size
+
+
+def least_power(state: Search, candidate: Candidate, size: float | None = None) -> float:
+    """Mean square that a candidate must remove: by the noise (size: in noise rms), and for causes
+    driven by the drive by the stroke too, whose finest part is the base's own error."""
+    least = (least_size(candidate) if size is None else size) * state.sigma
+    if candidate.driven:
+        least = max(least, TUNING.finest * float(np.ptp(state.problem.data.y)))
+    return least**2
+
+
+def effect_of(fit: Fitted, key: str) -> Effect:
+    """The effect of a fit with this candidate's key."""
+    return next(e for e in fit.effects if e.candidate.key == key)
+
+
+def judge(state: Search, trial: Trial, left: float) -> Trial:
+    """The trial with its constancy and, where it fails, the reason."""
+    problem, sigma = state.problem, state.sigma
+    data = problem.data
+    n = int(data.rows.sum())
+    effect = effect_of(trial.fit, trial.candidate.key)
+    amplitudes = trial.fit.amplitudes[trial.fit.effects.index(effect)]
+    mean_square = trial.gain / n
+    why = trial.candidate.implausible(effect.theta, amplitudes, data)
+    impossible = bool(why) and not trial.candidate.rival_if_implausible
+    steady = None
+    index = trial.candidate.size_index
+    size = effect.parameters[index] if index is not None else None
+    if not why and size and not size.whole and size.key in on_bound(effect):
+        why = "its size stands on a bound: not identified"
+    if trial.worth <= 0:
+        why = why or "not worth its parameters"
+    elif mean_square < least_power(state, trial.candidate) and not is_sure(state, trial, left):
+        why = why or "too small against the noise"
+    elif trial.candidate.driven and mean_square < state.share * left:
+        why = why or "too small a part of the misfit"
+    else:
+        steady = constancy(problem, sigma, *contribution(problem, trial.fit, effect))
+        leaves = excess(problem, trial.fit, sigma)
+        if trial.candidate.last and leaves > max((0.3 * sigma) ** 2, 0.25 * left):
+            why = why or "structure remains that it does not explain"
+        if not why and (steady.wrong > 0.3 or steady.spread > 1.0):
+            why = "not the same everywhere"
+    return replace(trial, constancy=steady, refused=why, impossible=impossible)
+
+
+def is_sure(state: Search, trial: Trial, left: float) -> bool:
+    """Whether a small static cause may count: it takes about half of what there is, and is the
+    same everywhere. Not for those that look through many shapes for the best."""
+    n = int(state.problem.data.rows.sum())
+    least = max(least_power(state, trial.candidate, TUNING.sure_size), TUNING.sure_share * left)
+    if not trial.candidate.static or trial.candidate.many or trial.gain < n * least:
+        return False
+    effect = effect_of(trial.fit, trial.candidate.key)
+    steady = constancy(state.problem, state.sigma, *contribution(state.problem, trial.fit, effect))
+    return steady.spread < TUNING.sure_spread and steady.wrong == 0.0

@@ -1,0 +1,58 @@
+"""Near-ties: what else would explain the same misfit about as well as an accepted effect."""
+
+from dataclasses import dataclass
+
+from dehyst.models.diagnosis.effects import Effect
+from dehyst.models.diagnosis.fit import Fitted
+from dehyst.models.diagnosis.judge import Search, excess
+from dehyst.models.diagnosis.tuning import TUNING
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another candidate in an effect's place, all else refitted; loss: mean square misfit that it
+    leaves more than the effect."""
+
+    key: str
+    name: str
+    place: str
+    loss: float
+
+
+def rivals(found: Search, effect: Effect) -> list[Rival]:
+    """Candidates that do as well in the place of an accepted effect, best first."""
+    final, sigma = found.accepted, found.sigma
+    problem = found.problem.light(found.counted)
+    final = problem.solve(final.effects, problem.output_of(final))
+    n = int(problem.data.rows.sum())
+    rest = [e for e in final.effects if e is not effect]
+    without = problem.solve(rest, problem.output_of(final))
+    gain = (without.sse - final.sse) / n
+    limit = max(
+        (TUNING.rival_noise * sigma) ** 2,
+        TUNING.rival_near * gain,
+        1.5 * excess(problem, final, sigma),
+    )
+    taken = {e.candidate.key for e in final.effects}
+    seen: dict[str, tuple[Effect, Fitted]] = {}
+    for trials in found.rounds:
+        keys = {t.candidate.key for t in trials}
+        if not keys & {effect.candidate.key, effect.candidate.refines}:
+            continue
+        for t in trials:
+            key = t.candidate.key
+            same = key in (effect.candidate.key, effect.candidate.refines)
+            if same or key in taken or key in seen or t.impossible:
+                continue
+            if t.gain / found.counted < 0.6 * gain:
+                continue
+            started = next(e for e in t.fit.effects if e.candidate.key == key)
+            seen[key] = (started, t.fit)
+    out = []
+    for key, (other, _) in seen.items():
+        fit = problem.refit([*rest, other], rounds=4, start=without)
+        loss = (fit.sse - final.sse) / n
+        if loss < limit:
+            c = other.candidate
+            out.append(Rival(key, c.name, c.place, loss))
+    return sorted(out, key=lambda r: r.loss)

@@ -1,0 +1,219 @@
+"""Which candidates are accepted: screen, joint refit, price, tiers, repeat, prune, back-track.
+
+Gains are sums of squares over the counted rows [displacement unit squared], always after
+everything else was refitted.
+"""
+
+from collections.abc import Callable, Sequence
+
+from dehyst.models.diagnosis.effects import Effect, on_bound
+from dehyst.models.diagnosis.fit import Fitted, Problem
+from dehyst.models.diagnosis.judge import (
+    Search,
+    Trial,
+    effect_of,
+    excess,
+    judge,
+    least_size,
+)
+from dehyst.models.diagnosis.prepare import turns
+from dehyst.models.diagnosis.screen import Screen
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics import library
+from dehyst.models.physics.candidate import Candidate
+
+Say = Callable[[str, float], None]
+
+
+def search(
+    problem: Problem, sigma: float, null: Fitted, say: Say, share: float = TUNING.driven_share
+) -> Search:
+    """Accept effects one by one until none pays, then prune.
+
+    share: part of the excess that a cause driven by the drive must take; above the usual one the
+    base is a compact one, and candidates that resemble a hysteresis of another shape stay out.
+    """
+    state = _forward(problem, sigma, null, say, share, forbidden=())
+    first = state.accepted.effects
+    left = excess(problem, state.accepted, sigma)
+    if len(first) >= 2 and state.rounds:
+        # one back-track: a wrong first pick is often repaired by a crowd of others
+        chosen = next(t for t in state.rounds[0] if t.candidate.key in state.picked[:1])
+        rivals = [
+            t
+            for t in state.rounds[0]
+            if t is not chosen and not t.refused and t.gain > TUNING.other_first * chosen.gain
+        ]
+        if rivals and chosen.candidate.driven and problem.solved < 0.5 * TUNING.budget:
+            other = _forward(problem, sigma, null, say, share, forbidden=(chosen.candidate.key,))
+            if better(other, state, left):
+                state = other
+    return state
+
+
+def better(other: Search, state: Search, left: float) -> bool:
+    """Whether another search explains the same with fewer effects, or clearly more."""
+    n = int(state.problem.data.rows.sum())
+    other_left = excess(state.problem, other.accepted, state.sigma)
+    margin = max(0.1 * left, (0.07 * state.sigma) ** 2)
+    if len(other.accepted.effects) < len(state.accepted.effects):
+        return other_left < left + margin
+    if len(other.accepted.effects) == len(state.accepted.effects):
+        return (
+            left - other_left
+        ) * n > TUNING.price * state.sigma**2 and other_left < left - margin
+    return False
+
+
+def _forward(
+    problem: Problem, sigma: float, null: Fitted, say: Say, share: float, forbidden: Sequence[str]
+) -> Search:
+    counted = int(problem.data.rows.sum())
+    strict = share > TUNING.driven_share
+    few = turns(problem.data) < TUNING.few_turns
+    state = Search(problem, sigma, null, null, counted=counted, share=share)
+    everything = [
+        c
+        for c in library(problem.data)
+        if c.key not in forbidden and not (strict and c.static) and not (few and c.driven)
+    ]
+    for number in range(TUNING.max_effects):
+        current = state.accepted
+        if problem.solved > TUNING.budget:
+            break
+        left = excess(problem, current, sigma)
+        trials = _round(problem, sigma, current, everything, say, number)
+        judged = [judge(state, t, left) for t in trials]
+        state.rounds.append(judged)
+        chosen = _choice(state, judged)
+        if chosen is None:
+            break
+        state.picked.append(chosen.candidate.key)
+        fit = refine(problem, sigma, chosen.fit, chosen.candidate, everything)
+        state.accepted = prune(problem, sigma, fit, keep=chosen.candidate.key)
+    return state
+
+
+def _round(
+    problem: Problem,
+    sigma: float,
+    current: Fitted,
+    everything: Sequence[Candidate],
+    say: Say,
+    number: int,
+) -> list[Trial]:
+    n = int(problem.data.rows.sum())
+    # an effect in its finer form stands for the simpler one too
+    have = {k for e in current.effects for k in (e.candidate.key, e.candidate.refines)}
+    pool = [
+        c for c in everything if c.key not in have and not c.refines and _next_of_its_kind(c, have)
+    ]
+    look = Screen(problem, current)
+
+    def tried(c: Candidate, start: Sequence[float]) -> Trial:
+        fit = problem.refit([*current.effects, Effect(c, tuple(start))], start=current)
+        count = sum(len(e.theta) for e in fit.effects) - sum(len(e.theta) for e in current.effects)
+        columns = fit.design.shape[1] - current.design.shape[1]
+        price = TUNING.price * sigma**2 * max(count + columns, 1)
+        return Trial(c, fit, current.sse - fit.sse, price)
+
+    scored = []
+    for c, starts in zip(pool, problem.several(look.starts, pool), strict=True):
+        if starts and starts[0][0] > n * (0.5 * least_size(c) * sigma) ** 2:
+            scored.append((*starts[0], c))
+    scored.sort(key=lambda s: -s[0])
+    short = [
+        (c, start)
+        for gain, start, c in scored[: TUNING.shortlist]
+        if gain > TUNING.weak_gain * scored[0][0]
+    ]
+    trials = []
+    for k, trial in enumerate(problem.several(tried, *zip(*short, strict=True)) if short else ()):
+        say(f"tried {trial.candidate.key}", min(0.85, 0.1 + 0.15 * (number + k / TUNING.shortlist)))
+        trials.append(trial)
+    return sorted(trials, key=lambda t: -t.worth)
+
+
+def _choice(state: Search, judged: Sequence[Trial]) -> Trial | None:
+    """The best trial that is not refused, or a simpler one that does as well."""
+    good = [t for t in judged if not t.refused]
+    if not good:
+        return None
+    best = good[0]
+    n = int(state.problem.data.rows.sum())
+    tie = max(n * (TUNING.tie * state.sigma) ** 2, 0.01 * best.gain)
+    simpler = [t for t in good if t.price < best.price and best.gain - t.gain < tie]
+    return min(simpler, key=lambda t: (t.price, -t.gain)) if simpler else best
+
+
+def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:
+    """Repeatable kinds (modes) come in order: the second only behind the first."""
+    if "-" not in candidate.key or not candidate.repeatable:
+        return True
+    stem, number = candidate.key.rsplit("-", 1)
+    return (stem if number == "2" else f"{stem}-{int(number) - 1}") in have
+
+
+def _grown(problem: Problem, sigma: float, fit: Fitted, chosen: Candidate) -> Fitted:
+    """The fit with more parts (modes) of the chosen physics, as long as they pay."""
+    n = int(problem.data.rows.sum())
+    effect = effect_of(fit, chosen.key)
+    while theta := chosen.grown(effect.theta, problem.data, fit.residual(problem.data)):
+        rest = [e for e in fit.effects if e is not effect]
+        trial = problem.refit([*rest, Effect(chosen, theta)], start=fit)
+        more = effect_of(trial, chosen.key)
+        least = n * max(
+            (TUNING.free_size * sigma) ** 2, TUNING.part_share * excess(problem, fit, sigma)
+        )
+        price = TUNING.price * sigma**2 * (len(theta) - len(effect.theta))
+        if fit.sse - trial.sse <= max(least, price) or on_bound(more):
+            break
+        amplitudes = trial.amplitudes[trial.effects.index(more)]
+        if chosen.implausible(more.theta, amplitudes, problem.data):
+            break
+        fit, effect = trial, more
+    return fit
+
+
+def refine(
+    problem: Problem, sigma: float, fit: Fitted, chosen: Candidate, everything: Sequence[Candidate]
+) -> Fitted:
+    """The fit with more parts of the chosen physics, or a finer form of it, where that pays."""
+    n = int(problem.data.rows.sum())
+    fit = _grown(problem, sigma, fit, chosen)
+    for finer in everything:
+        if finer.refines != chosen.key:
+            continue
+        effect = effect_of(fit, chosen.key)
+        rest = [e for e in fit.effects if e is not effect]
+        theta = finer.refined(effect.theta)
+        trial = problem.refit([*rest, Effect(finer, theta)], start=fit)
+        if fit.sse - trial.sse > max(
+            n * (TUNING.driven_size * sigma) ** 2, TUNING.price * sigma**2
+        ):
+            fit = trial
+    return fit
+
+
+def prune(problem: Problem, sigma: float, fit: Fitted, keep: str = "") -> Fitted:
+    """Without the effects that the others have made needless."""
+    n = int(problem.data.rows.sum())
+    while len(fit.effects) > 1:
+        losses = []
+        out = problem.output_of(fit)
+        for e in fit.effects:
+            if e.candidate.key == keep:
+                continue
+            rest = [o for o in fit.effects if o is not e]
+            losses.append((problem.solve(rest, out).sse - fit.sse, e))
+        if not losses:
+            break
+        loss, weakest = min(losses, key=lambda pair: pair[0])
+        limit = n * (least_size(weakest.candidate) * sigma) ** 2
+        if loss > 4 * limit:
+            break
+        refitted = problem.refit([o for o in fit.effects if o is not weakest], start=fit)
+        if refitted.sse - fit.sse > limit:
+            break
+        fit = refitted
+    return fit

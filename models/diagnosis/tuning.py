@@ -1,0 +1,52 @@
+"""The constants of the diagnosis, set by tests/benchmarks/models/diagnosis.py on its tuning set
+(seeds 1000 to 1059: naming, false alarms, error held out)."""
+
+from typing import NamedTuple
+
+
+class Tuning(NamedTuple):
+    """`size`: rms, in rms of the noise; `share`: part of the power beyond the noise."""
+
+    # the search
+    search_rows: int = 18_000  # counted in it; the last fit, shares and intervals use them all
+    max_effects: int = 5
+    shortlist: int = 5  # candidates that get the full nonlinear refit in each round
+    weak_gain: float = 0.1  # of the best screened gain: what is below is not refitted
+    budget: int = 240  # full solutions after which it adds no more effects
+    price: float = 16.0  # of a parameter, in noise variances; the number of candidates is in it
+    tie: float = 0.12  # a simpler cause that leaves no more than this size beside the best is taken
+    other_first: float = 0.7  # of the first pick's gain: another first pick is tried too
+    few_turns: int = 3  # with fewer turns of the drive nothing that it causes can be told
+    # what a cause must remove
+    driven_share: float = 0.12  # where the drive causes it
+    driven_size: float = 0.17
+    static_size: float = 0.3  # where it resembles a hysteresis of another shape
+    sure_size: float = 0.18  # the same, where it takes much and is the same everywhere:
+    sure_share: float = 0.45
+    sure_spread: float = 0.2
+    free_size: float = 0.12  # where it lies beside the drive
+    part_share: float = 0.02  # for one more part (a mode) of a chosen effect
+    finest: float = 1e-4  # of the displacement's range: no base is better than this
+    compact_share: float = 0.3  # over a compact base
+    compact_doubt: float = 1.5  # held-out over in-sample rms of the rich base: a compact one too
+    early_share: float = 0.4  # for a drive half a sample earlier
+    early_size: float = 0.5
+    # what is worth telling, by held-out samples
+    helps: float = 0.1  # size that an effect must remove
+    helps_share: float = 0.005  # the same as a share of the misfit at first
+    helps_rest: float = 0.03  # and of the misfit left: less is its own scatter
+    beside_driven: float = 0.5  # a second cause of this size is told beside any other,
+    beside_free: float = 0.3  # where it lies beside the drive, of this
+    # near-ties
+    rival_near: float = 0.02  # of the effect's gain: closer than this cannot be told apart
+    rival_noise: float = 0.15  # a difference of a smaller size is none
+    # the verdict
+    structure_left: float = 0.45  # size that counts as structure left over
+    explained_left: float = 0.15  # share of the first that may be left when things are explained
+    fine_structure: float = 2e-4  # of the displacement's range: less is no structure worth a name
+    # intervals
+    interval_width: float = 1.96  # standard deviations of white noise; blocks: Student's t
+    bound_margin: float = 0.02  # of the (log) range: closer to a bound counts as on it
+
+
+TUNING = Tuning()

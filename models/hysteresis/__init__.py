@@ -1,0 +1,2 @@
+"""The paper's equations: play operator, modified Prandtl-Ishlinskii model, saturation,
+monotonicity."""

@@ -1,0 +1,191 @@
+"""Is the model monotone, how far is it from it, and what is the nearest one that is.
+
+After a reversal the operators move one after the other as the drive travels back: operator i
+follows once the travel exceeds 2 r_i. Over the travel from 2 r_j to 2 r_{j+1} the slope dz/du is
+the partial sum P_j = b_0 + ... + b_j (rate-dependent: P_j + Q_j du/dt with Q_j = k_0 + ... + k_j).
+A Prandtl-Ishlinskii model can be inverted when these all have one sign (K. Kuhnen, "Modeling,
+identification and compensation of complex hysteretic nonlinearities", 2003). For rates up to R
+the condition is P_j +- R Q_j >= margin: plain bounds on alpha = P + R Q and beta = P - R Q, in
+which a model with given thresholds and saturation is linear.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dehyst.models.errors import NotInvertible
+from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.play import play_matrix
+from dehyst.models.model import Floats, Hysteresis, Model
+
+MARGIN = 0.05  # least slope of the nearest monotone model, as a part of the full-travel slope
+
+
+@dataclass(frozen=True)
+class Reversal:
+    """Where the output runs the wrong way: over the travel after a reversal from travel_from to
+    travel_to [drive unit], the slope dz/du is `slope` (its right sign is `sign`), at the input
+    rate `rate`; wrong_way: how far the displacement runs back before it turns, at most."""
+
+    operator: int
+    travel_from: float
+    travel_to: float
+    slope: float
+    sign: float
+    rate: float
+    wrong_way: float
+
+    def sentence(self, drive_unit: str, displacement_unit: str) -> str:
+        """What is wrong, for the user."""
+        at = f" at {self.rate:g} {drive_unit}/s" if self.rate else ""
+        return (
+            f"after each reversal the output runs the wrong way until the drive has travelled "
+            f"{self.travel_to:.4g} {drive_unit} back{at} (partial sum {self.operator + 1} of the "
+            f"weights is {self.slope:.4g}), by up to {self.wrong_way:.3g} {displacement_unit}"
+        )
+
+
+def measure_half_range(h: Hysteresis, drive_min: float, drive_max: float) -> float:
+    """Largest |u - u_offset| over the drive range; wider operators never move."""
+    return max(abs(drive_min - h.u_offset), abs(drive_max - h.u_offset))
+
+
+def find_direction(h: Hysteresis, drive_min: float, drive_max: float) -> float:
+    """+1 where z grows with the drive over the full travel, -1 where it falls."""
+    live = h.r < measure_half_range(h, drive_min, drive_max)
+    total = float(np.sum(h.b[live]))
+    return 1.0 if total >= 0.0 else -1.0
+
+
+def _find_steepest(h: Hysteresis, drive_min: float, drive_max: float) -> float:
+    z = z_range(h, drive_min, drive_max)
+    at = np.linspace(*z, 65)
+    return float(np.max(np.abs(np.polynomial.polynomial.polyval(at, _differentiate(h.c)))))
+
+
+def _differentiate(c: Floats) -> Floats:
+    return c[1:] * np.arange(1, c.size)
+
+
+def z_range(h: Hysteresis, drive_min: float, drive_max: float) -> tuple[float, float]:
+    """Lowest and highest z over the major loop of the drive range (static weights)."""
+    ends = np.array([drive_max, drive_min, drive_max, drive_min, drive_max]) - h.u_offset
+    z = play_matrix(h.r, ends, np.zeros(h.n)) @ h.b
+    z = np.concatenate([z, [0.0]])
+    low, high = float(z.min()), float(z.max())
+    pad = 0.5 * (high - low) if high > low else 1.0
+    return low - pad, high + pad
+
+
+def find_wrong_way(
+    h: Hysteresis, drive_min: float, drive_max: float, rate: float = 0.0
+) -> Reversal | None:
+    """The last travel after a reversal over which the slope has the wrong sign, or None.
+
+    rate: input rates from -rate to +rate are considered [drive unit / s].
+    """
+    sign = find_direction(h, drive_min, drive_max)
+    live = h.r < measure_half_range(h, drive_min, drive_max)
+    ends = np.minimum(np.append(h.r[1:], np.inf), measure_half_range(h, drive_min, drive_max))
+    worst: Reversal | None = None
+    for at in sorted({0.0, rate, -rate}, key=abs):
+        slopes = sign * np.cumsum(h.b + h.k * at)
+        width = 2.0 * (ends - h.r) * live
+        bad = np.flatnonzero((slopes <= 0.0) & (width > 0.0))
+        if bad.size == 0:
+            continue
+        path = np.cumsum(np.where(live, slopes * np.maximum(width, 0.0), 0.0))
+        back = max(0.0, -float(path.min()))
+        wrong = back * _find_steepest(h, drive_min, drive_max)
+        j = int(bad[-1])
+        found = Reversal(
+            j, 2.0 * h.r[j], 2.0 * float(ends[j]), sign * float(slopes[j]), sign, at, wrong
+        )
+        if worst is None or found.wrong_way > worst.wrong_way:
+            worst = found
+    return worst
+
+
+def require_monotone(model: Model, rate: float = 0.0) -> None:
+    """Raise NotInvertible, saying at which reversal and by how much, and naming the remedy."""
+    v = model.validity
+    found = find_wrong_way(model.hysteresis, v.drive_min, v.drive_max, rate)
+    if found is not None:
+        price = nearest_monotone(model, rate)[1]
+        says = found.sentence(model.drive_unit, model.displacement_unit)
+        raise NotInvertible(
+            f"the model is not monotone: {says}; the nearest monotone model "
+            f"differs by {price:.3g} {model.displacement_unit} rms over a typical drive"
+        )
+
+
+def make_typical_drive(drive_min: float, drive_max: float, rate: float) -> tuple[Floats, float]:
+    """A drive (N,) over the whole range with nested loops of all sizes, and its period dt [s].
+
+    rate: its largest |du/dt|, reached by the larger loops; 0: taken as one range per second.
+    """
+    span = drive_max - drive_min
+    rate = rate or span
+    phase = np.arange(4000) / 4000.0
+    size = 0.5 * (1.0 + np.cos(2 * np.pi * phase)) * 0.98 + 0.02
+    wave = size * np.cos(2 * np.pi * 20 * phase) * (1 - 0.15 * np.cos(2 * np.pi * 3 * phase))
+    wave += 0.15 * np.cos(2 * np.pi * 3 * phase) * size
+    rise = np.linspace(0.0, 1.0, 200, endpoint=False)
+    u = drive_min + 0.5 * span * np.concatenate([rise * (1 + wave[0]), 1 + wave])
+    u = np.clip(u, drive_min, drive_max)
+    return u, float(np.max(np.abs(np.diff(u))) / rate)
+
+
+def nearest_monotone(model: Model, rate: float = 0.0) -> tuple[Model, float]:
+    """The monotone model nearest to `model`, and its price: their rms difference over a typical
+    drive [displacement unit]. Thresholds, saturation and blocks stay. A model that is monotone
+    already comes back as it is, price 0.
+
+    rate: rates from -rate to +rate must be monotone too, and are part of the drive over which the
+    models are compared; 0: the static weights b alone count, and the slopes k are dropped.
+    """
+    h, v = model.hysteresis, model.validity
+    if rate == 0.0 and not h.static:
+        model = model.with_hysteresis(replace(h, k=np.zeros(h.n)))
+        h = model.hysteresis
+    if find_wrong_way(h, v.drive_min, v.drive_max, rate) is None:
+        return model, 0.0
+    from scipy.optimize import lsq_linear  # half of the daemon's start, and rarely needed
+
+    sign = find_direction(h, v.drive_min, v.drive_max)
+    live = h.r < measure_half_range(h, v.drive_min, v.drive_max)
+    u, dt = make_typical_drive(v.drive_min, v.drive_max, rate)
+    plays = play_matrix(h.r, u - h.u_offset, np.zeros(h.n))
+    rates = np.concatenate([[0.0], np.diff(u)]) / dt
+    z = plays @ h.b + rates * (plays @ h.k)
+    weight = np.abs(np.polynomial.polynomial.polyval(z, _differentiate(h.c)))
+    weight = np.maximum(weight, 1e-3 * weight.max())
+    steps = plays.copy()
+    steps[:, :-1] -= plays[:, 1:]  # column j is multiplied by the partial sum j
+    full = abs(float(np.sum(h.b[live]))) or float(np.max(np.abs(h.b))) or 1.0
+    low = MARGIN * full
+    if rate > 0.0:
+        slow, fast = 0.5 * steps, 0.5 * steps * (rates / rate)[:, None]
+        columns = np.hstack([slow + fast, slow - fast])
+    else:
+        columns = steps
+    columns = sign * columns * weight[:, None]
+    # Thresholds that never move leave empty columns: a faint pull to the old values settles them.
+    old = sign * np.cumsum(h.b)
+    if rate > 0.0:
+        turn = sign * rate * np.cumsum(h.k)
+        old = np.concatenate([old + turn, old - turn])
+    faint = 1e-9 * float(np.linalg.norm(columns)) * np.eye(columns.shape[1])
+    a = np.vstack([columns, faint])
+    b = np.concatenate([z * weight, faint @ np.maximum(old, low)])
+    q, triangle = np.linalg.qr(a)
+    sums = lsq_linear(triangle, q.T @ b, bounds=(low, np.inf), method="bvls").x
+    sums = sign * np.maximum(sums, low)
+    if rate > 0.0:
+        up, down = sums[: h.n], sums[h.n :]
+        p, q_sum = 0.5 * (up + down), 0.5 * (up - down) / rate
+    else:
+        p, q_sum = sums, np.zeros(h.n)
+    near = replace(h, b=np.diff(p, prepend=0.0), k=np.diff(q_sum, prepend=0.0))
+    price = float(np.sqrt(np.mean((simulate(near, u, dt) - simulate(h, u, dt)) ** 2)))
+    return model.with_hysteresis(near), price

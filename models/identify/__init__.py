@@ -1,0 +1,5 @@
+"""Identification: recordings in, an invertible model out, with what it is worth."""
+
+from dehyst.models.identify.identification import Identification, Options, identify
+
+__all__ = ["Identification", "Options", "identify"]

@@ -1,0 +1,270 @@
+"""The equations of a fit, in lots of rows, and their normal equations.
+
+With D_i = H_i - H_{i+1} (the last: H_n) the model is z = sum_i s_i(v) D_i, where s_i is the i-th
+partial sum of the weights at the rate v: the slope dz/du after the (i-1)-th operator has joined
+in. Over rates from -R to R it runs linearly from beta_i to alpha_i,
+
+    s_i(v) = alpha_i (1 + v/R) / 2 + beta_i (1 - v/R) / 2 ,
+
+so that monotonicity over the whole rate range is alpha_i >= eps and beta_i >= eps. The saturation
+is S(z) = z + sum_j c_j z^j: the scale shared by weights and polynomial is fixed by c_1 = 1.
+
+Rows come in lots of bounded size; the Jacobian of one lot is all that is held.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dehyst.models.hysteresis.play import play_step
+from dehyst.models.identify.rows import Rows
+from dehyst.models.recording import Bools, Floats
+
+ROWS_HELD = 8192
+Ints = NDArray[np.int64]
+
+
+class Equations(NamedTuple):
+    """d: (n, M) play differences D_i; pace: (n,) v / R; y: (n,); group: (n,) recording number;
+    weight: how often each of these equations counts."""
+
+    d: Floats
+    pace: Floats
+    y: Floats
+    group: Ints
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Shape:
+    """rate: weights depend on the rate; powers: powers of z beside the first, 0 included."""
+
+    rate: bool
+    powers: tuple[int, ...]
+
+    @property
+    def even(self) -> bool:
+        """True with even powers of z: the loop need not be symmetric."""
+        return any(p and p % 2 == 0 for p in self.powers)
+
+    @property
+    def name(self) -> str:
+        """In words, for people."""
+        kind = "full polynomial" if self.even else "odd polynomial"
+        degree = max((1, *self.powers))
+        saturation = "no saturation" if degree == 1 else f"{kind} of degree {degree}"
+        return f"{'rate-dependent' if self.rate else 'static'}, {saturation}"
+
+
+class Params(NamedTuple):
+    """slopes: (M,) or (2M,) alpha then beta; c: (len(powers),); shifts: (G - 1,) offsets of the
+    further recordings against the first."""
+
+    slopes: Floats
+    c: Floats
+    shifts: Floats
+
+    def packed(self) -> Floats:
+        """All in one array."""
+        return np.concatenate([self.slopes, self.c, self.shifts])
+
+    @staticmethod
+    def unpacked(p: Floats, like: "Params") -> "Params":
+        """The inverse of packed()."""
+        a, b = like.slopes.size, like.slopes.size + like.c.size
+        return Params(p[:a], p[a:b], p[b:])
+
+
+@njit(cache=True, nogil=True)
+def _run_plays(
+    r: Floats, h: Floats, u: Floats, offset: float, pick: Bools, fresh: Bools, out: Floats
+) -> int:
+    """Run the plays over a lot; write D of the picked rows into out; return their number."""
+    count = 0
+    n = r.size
+    for t in range(u.size):
+        if fresh[t]:
+            h[:] = 0.0
+        if np.isnan(u[t]):
+            continue
+        play_step(r, h, u[t] - offset)
+        if pick[t]:
+            for i in range(n - 1):
+                out[count, i] = h[i] - h[i + 1]
+            out[count, n - 1] = h[n - 1]
+            count += 1
+    return count
+
+
+def make_equations(
+    rows: Sequence[Rows],
+    picks: Sequence[Bools],
+    r: Floats,
+    offset: float,
+    rate_max: float,
+    sign: float,
+) -> Iterator[Equations]:
+    """Lots of equations for the picked rows of each recording; the plays see every row."""
+    for number, (one, pick) in enumerate(zip(rows, picks, strict=True)):
+        h = np.zeros(r.size)
+        fresh = np.zeros(one.u.size, dtype=bool)
+        fresh[one.resets] = True
+        for start in range(0, one.u.size, ROWS_HELD):
+            part = slice(start, min(start + ROWS_HELD, one.u.size))
+            out = np.empty((int(np.count_nonzero(pick[part])), r.size))
+            _run_plays(r, h, one.u[part], offset, pick[part], fresh[part], out)
+            if out.shape[0]:
+                at = pick[part]
+                group = np.full(out.shape[0], number, dtype=np.int64)
+                pace = one.rate[part][at] / rate_max if rate_max else np.zeros(out.shape[0])
+                yield Equations(out, pace, sign * one.y[part][at], group)
+
+
+def gather(equations: Iterable[Equations]) -> list[Equations]:
+    """The same equations in fewer lots: those of few rows are joined."""
+    out: list[Equations] = []
+    few: list[Equations] = []
+    size = 0
+    for lot in equations:
+        few.append(lot)
+        size += lot.y.size
+        if size >= ROWS_HELD // 2:
+            out.append(_join(few))
+            few, size = [], 0
+    return [*out, _join(few)] if few else out
+
+
+def _join(equations: list[Equations]) -> Equations:
+    if len(equations) == 1:
+        return equations[0]
+    return Equations(
+        np.concatenate([one.d for one in equations]),
+        np.concatenate([one.pace for one in equations]),
+        np.concatenate([one.y for one in equations]),
+        np.concatenate([one.group for one in equations]),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: Floats) -> None:
+    d, pace, group = lot.d, lot.pace, lot.group
+    slopes, c, shifts = params.slopes, params.c, params.shifts
+    m = d.shape[1]
+    rate = slopes.size == 2 * m
+    for t in range(d.shape[0]):
+        up = 0.5 * (1.0 + pace[t])
+        down = 1.0 - up
+        z = 0.0
+        if rate:
+            for i in range(m):
+                z += (up * slopes[i] + down * slopes[m + i]) * d[t, i]
+        else:
+            for i in range(m):
+                z += slopes[i] * d[t, i]
+        model, gradient = z, 1.0
+        at = slopes.size
+        for j in range(powers.size):
+            p = powers[j]
+            power = 1.0
+            if p > 0:
+                before = z ** (p - 1)
+                power = before * z
+                gradient += c[j] * p * before
+            model += c[j] * power
+            jac[t, at + j] = power
+        at += powers.size
+        for j in range(shifts.size):
+            jac[t, at + j] = 1.0 if group[t] == j + 1 else 0.0
+        if group[t] > 0:
+            model += shifts[group[t] - 1]
+        if rate:
+            for i in range(m):
+                jac[t, i] = gradient * up * d[t, i]
+                jac[t, m + i] = gradient * down * d[t, i]
+        else:
+            for i in range(m):
+                jac[t, i] = gradient * d[t, i]
+        err[t] = lot.y[t] - model
+
+
+def linearise(lot: Equations, shape: Shape, params: Params) -> tuple[Floats, Floats]:
+    """Jacobian (n, p) of the model's output by the packed parameters, and error (n,) y - model."""
+    n = lot.d.shape[0]
+    jac = np.empty((n, params.packed().size))
+    err = np.empty(n)
+    powers = np.array(shape.powers, dtype=np.int64)
+    _linearise(lot, powers, params, jac, err)
+    return jac, err
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations about some parameters p0: with J p0 added to the errors, the sum of
+    squares of other parameters is total - 2 right' p + p' gram p. count: equations."""
+
+    gram: Floats
+    right: Floats
+    total: float
+    count: int
+    misfit: float
+
+    def misfit_at(self, p: Floats) -> float:
+        """Sum of squares at parameters p, as the linearised equations have it."""
+        return max(0.0, self.total + float(np.dot(p, self.gram @ p - 2.0 * self.right)))
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def add_products(jac: Floats, err: Floats, gram: Floats, right: Floats) -> None:
+    """gram (p, p, upper half) += jac' jac and right (p,) += jac' err, for jac (n, p), err (n,).
+
+    In place of a matrix product, because the many threads of a BLAS wait for each other at this
+    size, and take seconds where the machine is busy.
+    """
+    n, p = jac.shape
+    t = 0
+    while t + 8 <= n:
+        for i in range(p):
+            a, b, c, d = jac[t, i], jac[t + 1, i], jac[t + 2, i], jac[t + 3, i]
+            e, f, g, h = jac[t + 4, i], jac[t + 5, i], jac[t + 6, i], jac[t + 7, i]
+            right[i] += a * err[t] + b * err[t + 1] + c * err[t + 2] + d * err[t + 3]
+            right[i] += e * err[t + 4] + f * err[t + 5] + g * err[t + 6] + h * err[t + 7]
+            for j in range(i, p):
+                gram[i, j] += (
+                    a * jac[t, j] + b * jac[t + 1, j] + c * jac[t + 2, j] + d * jac[t + 3, j]
+                    + e * jac[t + 4, j] + f * jac[t + 5, j] + g * jac[t + 6, j] + h * jac[t + 7, j]
+                )  # fmt: skip
+        t += 8
+    while t < n:
+        for i in range(p):
+            right[i] += jac[t, i] * err[t]
+            for j in range(i, p):
+                gram[i, j] += jac[t, i] * jac[t, j]
+        t += 1
+
+
+def fill_lower(upper: Floats) -> Floats:
+    """The whole of a symmetric matrix from its upper half."""
+    return np.triu(upper) + np.triu(upper, 1).T
+
+
+def assemble(equations: Iterable[Equations], shape: Shape, params: Params) -> Normal:
+    """Normal equations of all lots, linearised at params."""
+    p0 = params.packed()
+    gram, right = np.zeros((p0.size, p0.size)), np.zeros(p0.size)
+    misfit, count = 0.0, 0
+    for lot in equations:
+        jac, err = linearise(lot, shape, params)
+        if lot.weight != 1.0:
+            jac *= np.sqrt(lot.weight)
+            err *= np.sqrt(lot.weight)
+        add_products(jac, err, gram, right)
+        misfit += float(np.sum(err * err))
+        count += err.size
+    gram = fill_lower(gram)
+    moved = gram @ p0
+    total = misfit + float(np.sum(p0 * (2.0 * right + moved)))
+    return Normal(gram, right + moved, total, count, misfit)

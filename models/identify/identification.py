@@ -1,0 +1,318 @@
+"""Identification: recordings in, an invertible model out, with what it is worth.
+
+Structure first (dehyst.models.identify.structure, by hold-out on at most some thousand rows), then
+one fit of that structure to all rows (dehyst.models.identify.fit). The parameters of Eq. 6 of Qin
+et al. are all found from one recording; the weights are monotone over the identified rate range by
+their bounds.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dehyst.models.errors import BadInput, BadRecording, NotInvertible
+from dehyst.models.hysteresis.z_range import is_invertible
+from dehyst.models.identify.equations import Params, Shape, make_equations
+from dehyst.models.identify.fit import make_bounds, solve
+from dehyst.models.identify.outliers import thin
+from dehyst.models.identify.rows import Rows, read_rows
+from dehyst.models.identify.setup import FitSetup, set_up
+from dehyst.models.identify.structure import (
+    Candidate,
+    Choice,
+    choose_thresholds,
+    fit_finest,
+    list_shapes,
+    make_first_grid,
+    make_prior,
+    make_pull,
+    make_pull_equations,
+    pick_shape,
+    split,
+    try_shapes,
+)
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.identify.uncertainty import estimate_covariance, estimate_noise, measure_band_hz
+from dehyst.models.model import Fit, Model, Provenance, Validity
+from dehyst.models.recording import Bools, Floats, Recording
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user fixed; None: chosen by hold-out.
+
+    order: play operators (1 to 200); rate: rate-dependent or static; saturation: degree of the
+    polynomial (1 to 9); bias: even powers allowed (True: demanded); monotone: False gives the
+    plain least-squares fit, which in general cannot be inverted (for comparison only).
+    """
+
+    order: int | None = None
+    rate: bool | None = None
+    saturation: int | None = None
+    bias: bool | None = None
+    monotone: bool = True
+
+    def __post_init__(self) -> None:
+        if self.order is not None and not 1 <= self.order <= 200:
+            raise BadInput(f"order: 1 to 200 play operators, not {self.order}")
+        if self.saturation is not None and not 1 <= self.saturation <= 9:
+            raise BadInput(f"saturation: a degree from 1 to 9, not {self.saturation}")
+
+
+@dataclass(frozen=True)
+class Identification:
+    """The model and what it is worth.
+
+    residuals: one (N,) array per recording, y - model, NaN where there is none; used: (N,) rows
+    that were fitted; shape, offset: the structure; params, errors: packed parameters and their
+    standard errors (0: on the bound); tried, orders: what the hold-out compared; notes: what a
+    reader should be told.
+    """
+
+    model: Model
+    residuals: tuple[Floats, ...]
+    used: tuple[Bools, ...]
+    shape: Shape
+    params: Params
+    errors: Params
+    at_bound: Bools
+    tried: tuple[Candidate, ...]
+    orders: tuple[tuple[int, float], ...]
+    noise_rms: float
+    notes: tuple[str, ...] = field(default_factory=tuple)
+
+
+def _keep_quiet(text: str) -> None:
+    """No progress wanted."""
+
+
+def identify(
+    recordings: Sequence[Recording],
+    options: Options | None = None,
+    progress: Callable[[str], None] = _keep_quiet,
+) -> Identification:
+    """Identify one model from one or more recordings of the same stage.
+
+    progress: called with a few words as the work goes on. Raises BadRecording when the recordings
+    cannot carry a model, in one sentence; BadInput when they do not belong together.
+    """
+    options = options or Options()
+    if not recordings:
+        raise BadInput("no recording was given")
+    _require_same_units(recordings)
+    _require_different(recordings)
+    progress("reading the drive")
+    spans = [float(np.nanmax(r.drive) - np.nanmin(r.drive)) for r in recordings if _has_drive(r)]
+    rows = [read_rows(r, max(spans, default=0.0)) for r in recordings]
+    found = _search(set_up(rows, options.monotone), options, progress)
+    if not _start_agrees(found.setup, found.residuals()):
+        setup = set_up(rows, options.monotone, trust_start=False)
+        found = _search(setup, options, progress)
+        found.notes.append("the start does not fit a de-energised stage; it was left out")
+    progress("intervals")
+    return _result(found, recordings)
+
+
+@dataclass
+class _Found:
+    """What the search ends with."""
+
+    setup: FitSetup
+    offset: float
+    shape: Shape
+    choice: Choice
+    params: Params
+    free: Bools
+    tried: list[Candidate]
+    notes: list[str]
+
+    def residuals(self) -> tuple[Floats, ...]:
+        """(N,) y - model of each recording."""
+        return self.setup.residuals(self.choice.r, self.shape, self.params, self.offset)
+
+
+def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) -> _Found:
+    """Structure, outliers, thresholds, and the fit of all rows."""
+    notes = list(setup.notes)
+    wanted = list_shapes(options.rate, options.saturation, options.bias)
+    if setup.rate_max <= 0.0:
+        wanted = [s for s in wanted if not s.rate]
+    tried = try_shapes(setup, wanted, progress)
+    best = pick_shape(tried)
+    for _ in range(3):
+        params = best.solution.params
+        errors = setup.residuals(make_first_grid(setup), best.shape, params, best.offset)
+        setup, count = setup.without_outliers(errors)
+        if count:
+            notes.append(f"{count} lone displacement values far off their neighbours were left out")
+        if count <= 1e-3 * errors[0].size:
+            break
+        tried = try_shapes(setup, wanted, progress)
+        best = pick_shape(tried)
+    _require_following(setup, best)
+    while True:
+        offset = best.offset
+        progress("choosing the thresholds")
+        choice = choose_thresholds(setup, best, options.order, wanted)
+        shape = choice.shape
+        progress(f"fitting {choice.r.size} operators to all rows")
+        params, free = _fit_all(setup, choice, offset)
+        turns = setup.margin(choice.r, shape, params, offset) < TUNING.least_saturation
+        if not turns or not options.monotone or shape.powers == (0,):
+            if shape != best.shape:
+                notes.append(f"with invertible weights {shape.name} fits better and was taken")
+            if choice.costly:
+                notes.append(
+                    "the data want an output that runs back right after a reversal, which no "
+                    "invertible model can give; the nearest invertible model was taken"
+                )
+            if (size := sum(int(np.count_nonzero(p)) for p in setup.picks)) > TUNING.rows_fitted:
+                notes.append(
+                    f"of {size} rows a part, by chance, was fitted; the error is that of all"
+                )
+            return _Found(setup, offset, shape, choice, params, free, tried, notes)
+        notes.append(f"{shape.name}: would turn over within reach and was not taken")
+        wanted = [s for s in wanted if len(s.powers) < len(shape.powers)]
+        same = [c for c in tried if (c.shape.rate, c.offset) == (shape.rate, offset)]
+        fewer = [c for c in same if len(c.shape.powers) < len(shape.powers)]
+        if not fewer:  # the user fixed the saturation: a straight line takes its place
+            flat = Shape(shape.rate, (0,))
+            fewer = try_shapes(setup, [flat], progress)
+        best = pick_shape(fewer)
+
+
+def _result(found: _Found, recordings: Sequence[Recording]) -> Identification:
+    """The model and its worth."""
+    setup, picks = found.setup, found.setup.picks
+    some = thin(picks, TUNING.rows_fitted)
+    count = sum(int(np.count_nonzero(p)) for p in some)
+    cov = estimate_covariance(
+        lambda: make_equations(
+            setup.rows, some, found.choice.r, found.offset, setup.rate_max, setup.sign
+        ),
+        found.shape,
+        found.params,
+        found.free,
+        count,
+    )
+    residuals = found.residuals()
+    noise = float(np.nanmedian([estimate_noise(e) for e in residuals]))
+    power = sum(float(np.sum(e[p] ** 2)) for e, p in zip(residuals, picks, strict=True))
+    size = sum(int(np.count_nonzero(p)) for p in picks)
+    h = setup.hysteresis(found.choice.r, found.shape, found.params, found.offset)
+    rate_max = setup.rate_max if found.shape.rate else 0.0
+    if setup.least is not None and not is_invertible(
+        h, setup.drive_min, setup.drive_max, rate_max
+    ):  # the bounds should see to it; a model that cannot be inverted must never be written
+        raise NotInvertible(
+            f"{setup.rows[0].name}: no invertible model was found; fix a simpler one with "
+            "--static --saturation 1"
+        )
+    model = Model(
+        h,
+        _find_validity(setup, setup.rows),
+        recordings[0].drive_unit,
+        recordings[0].displacement_unit,
+        fit=Fit(float(np.sqrt(power / size)), found.choice.held_rms, noise),
+        provenance=Provenance(
+            source="dehyst identify",
+            recordings=tuple((one.name, one.sha256) for one in recordings),
+        ),
+    )
+    return Identification(
+        model=model,
+        residuals=residuals,
+        used=tuple(picks),
+        shape=found.shape,
+        params=found.params,
+        errors=Params.unpacked(np.sqrt(np.maximum(np.diag(cov), 0.0)), found.params),
+        at_bound=~found.free,
+        tried=tuple(found.tried),
+        orders=found.choice.orders,
+        noise_rms=noise,
+        notes=(*(n for one in setup.rows for n in one.notes), *found.notes),
+    )
+
+
+def _has_drive(recording: Recording) -> bool:
+    return bool(np.any(~recording.missing_drive))
+
+
+def _require_same_units(recordings: Sequence[Recording]) -> None:
+    first = recordings[0]
+    for other in recordings[1:]:
+        if (other.drive_unit, other.displacement_unit) != (
+            first.drive_unit,
+            first.displacement_unit,
+        ):
+            raise BadInput(
+                f"{other.name} is in {other.drive_column}, {other.displacement_column} and "
+                f"{first.name} in {first.drive_column}, {first.displacement_column}; "
+                "one model needs one pair of units"
+            )
+
+
+def _require_different(recordings: Sequence[Recording]) -> None:
+    seen: dict[str, str] = {}
+    for one in recordings:
+        if one.sha256 and one.sha256 in seen:
+            raise BadInput(f"{one.name} holds the same as {seen[one.sha256]}; give it once")
+        seen[one.sha256] = one.name
+
+
+def _require_following(setup: FitSetup, best: Candidate) -> None:
+    """Raise BadRecording when the displacement has little to do with the drive."""
+    some = thin(setup.picks, TUNING.rows_fitted)
+    y = np.concatenate([one.y[p] for one, p in zip(setup.rows, some, strict=True)])
+    explained = 1.0 - best.held_rms**2 / max(float(np.var(y)), 1e-300)
+    if explained < TUNING.least_explained:
+        raise BadRecording(
+            f"{setup.rows[0].name}: the displacement does not follow the drive (a model explains "
+            f"{max(0.0, explained):.0%} of it); check the sensor, its cable and the columns"
+        )
+
+
+def _fit_all(setup: FitSetup, choice: Choice, offset: float) -> tuple[Params, Bools]:
+    """Fit to all rows (of very many: to a part, by chance): the parameters, and which are free of
+    their bound."""
+    shape, r, pull = choice.shape, choice.r, choice.pull
+    if pull is not None:
+        some = [a | b for a, b in zip(*split(setup, TUNING.rows_finest), strict=True)]
+        fine, free_shape, start = choice.finest
+        loose = fit_finest(setup, some, fine, free_shape, offset, start)
+        pull = make_pull(setup, fine, free_shape, offset, loose.params)
+    picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // r.size))
+    count = sum(int(np.count_nonzero(pick)) for pick in picks)
+    equations = [
+        *setup.equations(picks, r, offset),
+        *make_pull_equations(setup, pull, r, offset, count),
+    ]
+    low = make_bounds(choice.params, setup.least)
+    found = solve(lambda: equations, shape, choice.params, low, make_prior(setup, r), steps=6)
+    return found.params, found.free
+
+
+def _start_agrees(setup: FitSetup, errors: Sequence[Floats]) -> bool:
+    """Do the rows that depend on the assumed start state fit as the others do?"""
+    early, late = [np.empty(0)], [np.empty(0)]
+    for one, pick, error in zip(setup.rows, setup.picks, errors, strict=True):
+        early.append(error[pick & ~one.settled])
+        late.append(error[pick & one.settled])
+    first, rest = np.concatenate(early), np.concatenate(late)
+    if first.size == 0 or rest.size == 0:
+        return True
+    size = setup.slope * setup.span  # of the displacement's range
+    bound = max(TUNING.start_factor * float(np.sqrt(np.mean(rest**2))), TUNING.start_share * size)
+    return float(np.sqrt(np.mean(first**2))) <= bound
+
+
+def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
+    bands = [b for one in rows if (b := measure_band_hz(one.u, one.period_s)) is not None]
+    return Validity(
+        drive_min=setup.drive_min,
+        drive_max=setup.drive_max,
+        rate_max=setup.rate_max or None,
+        band_hz=max(bands, default=None),
+        period_s=float(np.median([one.period_s for one in rows])),
+    )

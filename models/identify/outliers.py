@@ -1,0 +1,118 @@
+"""Lone wild values of a signal, and a part of its rows by chance."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Bools, Floats
+
+
+def remove_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
+    """The drive with lone wild values as NaN; a glitch would stay in every operator's memory."""
+    wild = np.zeros(u.size, dtype=bool)
+    for _ in range(2):  # once more: of two glitches side by side one hides the other
+        at = np.flatnonzero(~np.isnan(u) & ~wild)
+        if at.size == 0:
+            return u
+        found = at[_find_glitches(u[at])]
+        wild[found] = True
+        if found.size == 0:
+            break
+    count = int(np.count_nonzero(wild))
+    if count == 0 or count > 0.05 * u.size:
+        return u
+    notes.append(f"{name}: {count} lone drive values far off their neighbours were left out")
+    u = u.copy()
+    u[wild] = np.nan
+    return u
+
+
+def _find_glitches(v: Floats) -> Bools:
+    """(N,) values far off the five around them, which the drive's own steps do not explain.
+
+    Of these the tip of a triangle has a jump of 2 / 3, and a glitch's neighbours a smaller jump.
+    """
+    off = np.abs(measure_deviation(v))
+    some = np.nanquantile(sample(v), [0.02, 0.98])
+    limit = TUNING.lone * 1.4826 * float(np.median(sample(off)))
+    limit = max(limit, TUNING.smallest_glitch * float(np.ptp(some)))
+    jumps = np.abs(measure_jumps(v))
+    largest = np.ones(v.size, dtype=bool)  # of the five around it
+    for step in (1, 2):
+        largest[step:] &= jumps[step:] >= jumps[:-step]
+        largest[:-step] &= jumps[:-step] >= jumps[step:]
+    lone = (jumps > 0.85 * off) & largest
+    return (off > limit) & (lone | (off > TUNING.glitch_steps * _measure_steps(v)))
+
+
+def measure_jumps(x: Floats) -> Floats:
+    """(N,) how far each value is from the cubic through its four neighbours; 0 next to NaN."""
+    out = np.zeros(x.size)
+    if x.size >= 5:
+        around = (4.0 * (x[1:-3] + x[3:-1]) - (x[:-4] + x[4:])) / 6.0
+        out[2:-2] = x[2:-2] - around
+    return np.nan_to_num(out)
+
+
+@njit(cache=True, nogil=True)
+def measure_deviation(x: Floats) -> Floats:
+    """(N,) distance of each value from the median of its five neighbours; NaN stays NaN."""
+    out = np.zeros(x.size)
+    five = np.empty(5)
+    for i in range(x.size):
+        a = min(max(i - 2, 0), x.size - 5) if x.size >= 5 else 0
+        m = 0
+        for j in range(a, min(a + 5, x.size)):
+            if not np.isnan(x[j]):
+                p = m
+                while p > 0 and five[p - 1] > x[j]:
+                    five[p] = five[p - 1]
+                    p -= 1
+                five[p] = x[j]
+                m += 1
+        if np.isnan(x[i]):
+            out[i] = np.nan
+        elif m >= 3:
+            middle = five[m // 2] if m % 2 else 0.5 * (five[m // 2 - 1] + five[m // 2])
+            out[i] = x[i] - middle
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _measure_steps(x: Floats) -> Floats:
+    """(N,) median size of the six steps nearest to each value, less the two that touch it."""
+    out = np.zeros(x.size)
+    six = np.empty(6)
+    for i in range(x.size):
+        m = 0
+        for j in (i - 3, i - 2, i - 1, i + 2, i + 3, i + 4):
+            if 1 <= j < x.size and j != i:
+                step = abs(x[j] - x[j - 1])
+                p = m
+                while p > 0 and six[p - 1] > step:
+                    six[p] = six[p - 1]
+                    p -= 1
+                six[p] = step
+                m += 1
+        if m:
+            out[i] = six[m // 2] if m % 2 else 0.5 * (six[m // 2 - 1] + six[m // 2])
+    return out
+
+
+def sample(x: Floats, limit: int = 200_000) -> Floats:
+    """At most `limit` values of x, by chance: a stride could fall in step with the drive."""
+    if x.size <= limit:
+        return x
+    return x[np.random.default_rng(0).integers(0, x.size, limit)]
+
+
+def thin(picks: Sequence[Bools], limit: int) -> list[Bools]:
+    """At most about `limit` of the picked rows; which of a long recording does not matter."""
+    total = sum(int(np.count_nonzero(p)) for p in picks)
+    if total <= limit:
+        return list(picks)
+    rng = np.random.default_rng(0)
+    share = np.float32(limit / total)
+    return [p & (rng.random(p.size, dtype=np.float32) < share) for p in picks]

@@ -1,0 +1,223 @@
+"""A recording made ready for identification: which rows may stand as equations, and why others not.
+
+Nothing is filled in. A missing drive sample leaves the operators as they are; a missing
+displacement, or a rate across a gap, costs that one equation; after a long gap the memory of the
+stage is unknown again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dehyst.models.errors import BadRecording
+from dehyst.models.identify.outliers import remove_glitches, sample
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Bools, Floats, Recording
+
+
+@dataclass
+class Rows:
+    """One recording's equations.
+
+    u, rate, y: (N,) drive, du/dt over the true time step, displacement; NaN where unknown.
+    use: (N,) rows that may stand as equations. resets: rows where the stage's memory is unknown.
+    settled: (N,) rows at which no operator up to the widest depends on the unknown start.
+    virgin: the start looks de-energised. notes: what a reader should be told.
+    """
+
+    name: str
+    t_s: Floats
+    u: Floats
+    rate: Floats
+    y: Floats
+    use: Bools
+    resets: NDArray[np.intp]
+    settled: Bools
+    virgin: bool
+    period_s: float
+    notes: list[str] = field(default_factory=list)
+
+
+def read_rows(recording: Recording, span: float | None = None) -> Rows:
+    """Rows of one recording. span: drive span over all recordings (default: this one's own).
+
+    Raises BadRecording when nothing can be learned from it, in one sentence with the remedy.
+    """
+    name = recording.name
+    if recording.displacement is None:
+        raise BadRecording(f"{name}: no displacement column (y_um, ...); identification needs one")
+    _require_size(name, recording.size)
+    notes = [text] if (text := recording.defects()) else []
+    u, y, t = recording.drive, recording.displacement, recording.t_s
+    u = remove_glitches(name, u, notes)
+    present = ~np.isnan(u)
+    for column, values in ((recording.drive_column, u), (recording.displacement_column, y)):
+        if np.isnan(values).all():
+            raise BadRecording(f"{name}: {column} holds no numbers, only missing values")
+    _require_size(name, int(np.count_nonzero(present & ~np.isnan(y))))
+    _require_motion(recording, u, y, notes)
+    own = float(np.nanmax(u) - np.nanmin(u))
+    period = recording.period_s
+    if _stamps_jitter(t, u):
+        period = float(t[-1] - t[0]) / (t.size - 1)
+        t = _regularise(t, period)
+        notes.append(f"{name}: the time stamps jitter, the samples do not; taken as regular")
+    rate, resets = _compute_rates(t, u, period)
+    settled = np.zeros(u.size, dtype=bool)
+    _settle(u, resets, 2.0 * 0.5 * (span or own) * 0.9, settled)
+    use = present & ~np.isnan(y) & ~np.isnan(rate)
+    virgin = _looks_virgin(u[present], own)
+    return Rows(name, t, u, rate, y, use, resets, settled, virgin, period, notes)
+
+
+def _require_size(name: str, size: int) -> None:
+    if size < TUNING.fewest_rows:
+        raise BadRecording(
+            f"{name}: {size} usable rows; identification needs at least {TUNING.fewest_rows}, "
+            "better several thousand"
+        )
+
+
+def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]) -> None:
+    name, unit = recording.name, recording.drive_unit
+    low, high = float(np.nanmin(u)), float(np.nanmax(u))
+    if high - low <= 1e-9 * max(1.0, abs(high)):
+        raise BadRecording(
+            f"{name}: the drive stands at {low:.6g} {unit} all the time; nothing can be "
+            "identified; drive the stage through its range (dehyst excite designs a drive)"
+        )
+    if np.nanmax(y) == np.nanmin(y):
+        raise BadRecording(
+            f"{name}: the displacement reads {np.nanmin(y):.6g} {recording.displacement_unit} all "
+            "the time while the drive moves; check the sensor and its cable"
+        )
+    rise, fall = measure_travels(u[~np.isnan(u)])
+    if min(rise, fall) < 0.2 * (high - low):
+        way = "up" if rise > fall else "down"
+        raise BadRecording(
+            f"{name}: the drive only runs {way}; hysteresis shows only where it turns and comes "
+            "back; record at least one full loop (dehyst excite designs a drive)"
+        )
+    if min(rise, fall) < 0.7 * (high - low):
+        notes.append(
+            f"{name}: the drive comes back over only {min(rise, fall) / (high - low):.0%} of its "
+            "range; the rest of the loop is extrapolated"
+        )
+
+
+@njit(cache=True, nogil=True)
+def measure_travels(u: Floats) -> tuple[float, float]:
+    """Largest rise above an earlier value and largest fall below an earlier value."""
+    low = high = u[0]
+    rise = fall = 0.0
+    for i in range(u.size):
+        low, high = min(low, u[i]), max(high, u[i])
+        rise, fall = max(rise, u[i] - low), max(fall, high - u[i])
+    return rise, fall
+
+
+@njit(cache=True, nogil=True)
+def sum_travel(u: Floats, pick: Bools) -> float:
+    """How far the drive goes altogether, over the picked rows."""
+    total, last = 0.0, np.nan
+    for i in range(u.size):
+        if pick[i]:
+            if not np.isnan(last):
+                total += abs(u[i] - last)
+            last = u[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _compute_rates(t: Floats, u: Floats, period: float) -> tuple[Floats, NDArray[np.intp]]:
+    """(N,) rate over each row's own step, NaN after a gap; rows that follow a long gap."""
+    rate = np.full(u.size, np.nan)
+    resets = np.empty(u.size, dtype=np.intp)
+    count = 0
+    last = -1
+    for i in range(u.size):
+        if np.isnan(u[i]):
+            continue
+        if last < 0:
+            rate[i] = 0.0
+            resets[count] = i
+            count += 1
+        else:
+            dt = t[i] - t[last]
+            if dt <= 1.6 * period:
+                rate[i] = (u[i] - u[last]) / dt
+            elif dt > TUNING.long_gap * period:
+                resets[count] = i
+                count += 1
+        last = i
+    return rate, resets[:count].copy()
+
+
+def _stamps_jitter(t: Floats, u: Floats) -> bool:
+    """Is the drive a smoother function of the sample's number than of its time stamp?
+
+    Then the samples were regular and the stamps were late by chance; rates by such stamps would
+    be noise. Only where hardly a sample is missing.
+    """
+    t, u = t[:200_000], u[:200_000]
+    steps = np.diff(t)
+    if float(np.max(steps)) > 3.0 * float(np.median(steps)):
+        return False
+    part = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
+    by_number = np.abs(u[1:-1] - 0.5 * (u[:-2] + u[2:]))
+    by_stamp = np.abs(u[1:-1] - u[:-2] - part * (u[2:] - u[:-2]))
+    known = ~np.isnan(by_number)
+    return bool(np.median(by_number[known]) < TUNING.steadier * np.median(by_stamp[known]))
+
+
+@njit(cache=True, nogil=True)
+def _regularise(t: Floats, period: float) -> Floats:
+    """Regular times whose numbering follows jittering stamps: every step a whole period."""
+    out = np.empty(t.size)
+    out[0] = expected = t[0]
+    number = 0.0
+    for i in range(1, t.size):
+        steps = max(1.0, np.round((t[i] - expected) / period))
+        expected += steps * period
+        expected += 0.01 * (t[i] - expected)  # follows a clock that drifts
+        number += steps
+        out[i] = t[0] + number * period
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _settle(u: Floats, resets: NDArray[np.intp], travel: float, settled: Bools) -> None:
+    """Mark rows whose drive has covered `travel` since the memory was last unknown."""
+    low, high, next_reset = np.inf, -np.inf, 0
+    for i in range(u.size):
+        if next_reset < resets.size and resets[next_reset] == i:
+            low, high = np.inf, -np.inf
+            next_reset += 1
+        if not np.isnan(u[i]):
+            low, high = min(low, u[i]), max(high, u[i])
+        settled[i] = high - low >= travel
+
+
+def _looks_virgin(u: Floats, span: float) -> bool:
+    """The drive starts at zero, and there at rest or at the end of its range."""
+    if abs(u[0]) > TUNING.near_zero * span:
+        return False
+    at_end = min(u[0] - float(u.min()), float(u.max()) - u[0]) <= TUNING.near_zero * span
+    steps = np.abs(np.diff(u[:20000]))
+    at_rest = float(steps[:3].max()) <= 0.1 * float(np.quantile(steps, 0.99))
+    return at_end or at_rest
+
+
+def find_drive_range(rows: Sequence[Rows]) -> tuple[float, float]:
+    """Lowest and highest drive of several recordings."""
+    return min(float(np.nanmin(r.u)) for r in rows), max(float(np.nanmax(r.u)) for r in rows)
+
+
+def find_rate_range(rows: Sequence[Rows]) -> float:
+    """Largest rate that the recordings show more than now and then [drive unit / s]."""
+    rates = np.concatenate([np.abs(sample(r.rate[r.use])) for r in rows])
+    moving = rates[rates > 0]
+    return float(min(moving.max(), 1.5 * np.quantile(moving, 0.99))) if moving.size else 0.0

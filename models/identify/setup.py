@@ -1,0 +1,203 @@
+"""The common setting of all fits to some recordings: rows, ranges, sign, bounds.
+
+From here come the equations, the model that some parameters stand for, and the
+residuals in every row.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dehyst.models.errors import BadRecording
+from dehyst.models.hysteresis.z_range import find_least_slope
+from dehyst.models.identify.equations import (
+    Equations,
+    Params,
+    Shape,
+    gather,
+    linearise,
+    make_equations,
+)
+from dehyst.models.identify.outliers import measure_deviation, measure_jumps, sample, thin
+from dehyst.models.identify.rows import Rows, find_drive_range, find_rate_range
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.model import Hysteresis
+from dehyst.models.recording import Bools, Floats
+
+
+@dataclass(frozen=True)
+class FitSetup:
+    """What all candidates share. picks: rows of each recording that stand as equations; sign: of
+    the displacement by the drive; least: lowest slope allowed or None; slope: the mean slope."""
+
+    rows: Sequence[Rows]
+    picks: Sequence[Bools]
+    drive_min: float
+    drive_max: float
+    rate_max: float
+    sign: float
+    slope: float
+    least: float | None
+    virgin: bool
+    notes: tuple[str, ...] = ()
+    running: float | None = None
+
+    @property
+    def offsets(self) -> tuple[float, ...]:
+        """Drive offsets worth trying: the de-energised state, the middle of the range."""
+        if self.virgin:
+            return (0.0,)
+        middle = 0.5 * (self.drive_min + self.drive_max)
+        near_zero = self.drive_min - 0.25 * self.span <= 0.0 <= self.drive_max + 0.25 * self.span
+        found = (middle, 0.0) if near_zero and middle != 0.0 else (middle,)
+        return found if self.running is None else (*found, self.running)
+
+    @property
+    def span(self) -> float:
+        """Drive range."""
+        return self.drive_max - self.drive_min
+
+    def equations(self, picks: Sequence[Bools], r: Floats, offset: float) -> list[Equations]:
+        """Equations of the picked rows, held in memory."""
+        return gather(make_equations(self.rows, picks, r, offset, self.rate_max, self.sign))
+
+    def hysteresis(self, r: Floats, shape: Shape, params: Params, offset: float) -> Hysteresis:
+        """The model that the parameters stand for."""
+        n = r.size
+        if shape.rate:
+            alpha, beta = params.slopes[:n], params.slopes[n:]
+            p, q = 0.5 * (alpha + beta), 0.5 * (alpha - beta) / self.rate_max
+        else:
+            p, q = params.slopes, np.zeros(n)
+        c = np.zeros(max((1, *shape.powers)) + 1)
+        c[1] = 1.0
+        for power, value in zip(shape.powers, params.c, strict=True):
+            c[power] = value
+        return Hysteresis(
+            r=r, b=np.diff(p, prepend=0.0), k=np.diff(q, prepend=0.0), c=self.sign * c,
+            u_offset=offset,
+        )  # fmt: skip
+
+    def margin(self, r: Floats, shape: Shape, params: Params, offset: float) -> float:
+        """Least slope of the saturation over what the model can reach, relative to its mean."""
+        h = self.hysteresis(r, shape, params, offset)
+        return find_least_slope(
+            h, self.drive_min, self.drive_max, self.rate_max if shape.rate else 0.0
+        )
+
+    def residuals(
+        self, r: Floats, shape: Shape, params: Params, offset: float
+    ) -> tuple[Floats, ...]:
+        """y - model of each recording, (N,), NaN where there is no equation. The shifts of the
+        further recordings are taken off."""
+        every = [one.use for one in self.rows]
+        errors = np.empty(sum(int(np.count_nonzero(use)) for use in every))
+        start = 0
+        for lot in make_equations(self.rows, every, r, offset, self.rate_max, self.sign):
+            stop = start + lot.y.size
+            errors[start:stop] = self.sign * linearise(lot, shape, params)[1]
+            start = stop
+        out, start = [], 0
+        for use in every:
+            stop = start + int(np.count_nonzero(use))
+            error = np.full(use.size, np.nan)
+            error[use] = errors[start:stop]
+            out.append(error)
+            start = stop
+        return tuple(out)
+
+    def without_outliers(self, residuals: Sequence[Floats]) -> tuple["FitSetup", int]:
+        """The same less the rows of lone wild readings, and how many these are.
+
+        Wild is a reading whose residual stands far off its neighbours' while the displacement
+        itself jumps there and back. Misfit is none: there the model jumps, or neither does.
+        """
+        picks, count = [], 0
+        known = [np.abs(measure_deviation(e)) for e in residuals]
+        middle = np.concatenate([some[~np.isnan(some)] for some in map(sample, known)])
+        usual = TUNING.usual_rows
+        chances = np.log(max(usual, sum(k.size for k in known))) / np.log(usual)
+        scatter = 1.4826 * float(np.median(middle)) if middle.size else 0.0
+        limit = TUNING.spike * np.sqrt(chances) * scatter
+        for pick, off, one in zip(self.picks, known, self.rows, strict=True):
+            size = float(np.ptp(np.nanquantile(sample(one.y), [0.02, 0.98])))
+            jumps = (np.abs(measure_jumps(one.y)) > 0.4 * off) | (off > 0.05 * size)
+            with np.errstate(invalid="ignore"):
+                wild = pick & jumps & (off > max(limit, TUNING.smallest_spike * size))
+            number = int(np.count_nonzero(wild))
+            if 0 < number <= TUNING.most_outliers * pick.size:
+                count += number
+                pick = pick & ~wild
+            picks.append(pick)
+        return (replace(self, picks=picks), count) if count else (self, 0)
+
+
+def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> FitSetup:
+    """The setting that some recordings make.
+
+    trust_start: a start that looks de-energised is taken as such; False, or where it does not:
+    rows that depend on the start are left out. Raises BadRecording when too few rows are left.
+    """
+    notes: list[str] = []
+    low, high = find_drive_range(rows)
+    rate_max = find_rate_range(rows)
+    allowed, beyond = [], 0
+    for one in rows:
+        with np.errstate(invalid="ignore"):
+            slow = np.abs(one.rate) <= rate_max * (1 + 1e-9)
+        beyond += int(np.count_nonzero(one.use & ~slow))
+        far = _find_far_outside(one.y)
+        if far.any():
+            notes.append(f"{one.name}: {np.count_nonzero(far)} displacements far outside the rest")
+        allowed.append(one.use & slow & ~far)
+    if beyond:
+        notes.append(f"{beyond} rows with a rate that hardly ever occurs were left out")
+    virgin = all(one.virgin for one in rows) and trust_start
+    picks, running = allowed, None
+    if not virgin:
+        picks = [use & one.settled for use, one in zip(allowed, rows, strict=True)]
+        settled, total = (sum(int(np.count_nonzero(m)) for m in ms) for ms in (picks, allowed))
+        if settled < max(0.3 * total, TUNING.fewest_rows):
+            picks, running = allowed, _find_running_offset(rows[0].u, high - low)
+            notes.append("the drive reaches its full range late; its state at the start is guessed")
+    count = sum(int(np.count_nonzero(p)) for p in picks)
+    if count < TUNING.fewest_rows:
+        raise BadRecording(f"{rows[0].name}: {count} usable rows are too few to identify from")
+    some = thin(picks, TUNING.rows_slope)
+    u = np.concatenate([one.u[p] for one, p in zip(rows, some, strict=True)])
+    y = np.concatenate([one.y[p] for one, p in zip(rows, some, strict=True)])
+    slope = _fit_mean_slope(u, y)
+    if slope < 0:
+        notes.append("the displacement falls where the drive rises; the saturation has the sign")
+    size = max(abs(slope), 1e-12 * float(np.ptp(y)) / (high - low), 1e-300)
+    least = TUNING.least_slope * size if monotone else None
+    sign = -1.0 if slope < 0 else 1.0
+    return FitSetup(
+        rows, picks, low, high, rate_max, sign, size, least, virgin, tuple(notes), running
+    )
+
+
+def _find_running_offset(u: Floats, span: float) -> float:
+    """The offset about which every operator starts as if the drive had come from afar, the way
+    that it goes on at first."""
+    known = u[~np.isnan(u)]
+    away = known[np.argmax(np.abs(known - known[0]) > TUNING.nearby * span)] - known[0]
+    return float(known[0] - np.sign(away) * 0.5 * span)
+
+
+def _find_far_outside(y: Floats) -> Bools:
+    """(N,) readings further outside the usual range than that range is wide; NaN is none."""
+    low, high = np.nanquantile(sample(y), [0.02, 0.98])
+    with np.errstate(invalid="ignore"):
+        return (y < low - (high - low)) | (y > high + (high - low))
+
+
+def _fit_mean_slope(u: Floats, y: Floats) -> float:
+    """Slope of a straight line through (u, y), in which wild values have no say."""
+    du, dy = u - u.mean(), y - np.median(y)
+    inner = np.abs(dy) <= 6.0 * np.median(np.abs(dy))
+    if not inner.any():
+        inner[:] = True
+    power = float(du[inner] @ du[inner])
+    return float(du[inner] @ dy[inner]) / power if power > 0.0 else 0.0

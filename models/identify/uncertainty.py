@@ -1,0 +1,105 @@
+"""How much of a residual is noise, how wide a band a drive has, and honest parameter intervals."""
+
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+from scipy.linalg import eigh
+
+from dehyst.models.identify.equations import (
+    Equations,
+    Params,
+    Shape,
+    add_products,
+    fill_lower,
+    linearise,
+)
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Bools, Floats
+
+LARGEST_LEVERAGE = 0.99
+"""Where one stretch alone tells a parameter, what is left without it is taken for so little."""
+
+
+def estimate_noise(residual: Floats) -> float:
+    """Rms of the part of a residual that changes from sample to sample (white noise: all of it).
+
+    residual: (N,), NaN where unknown. From second differences, var(e[i-1] - 2 e[i] + e[i+1]) = 6
+    var(e) for white noise, with the median so that lone outliers do not count. Noise that a
+    filter has made smooth is underestimated; NaN when fewer than ten triples are known.
+    """
+    second = np.diff(residual, 2)
+    second = second[~np.isnan(second)]
+    if second.size < 10:
+        return float("nan")
+    return 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0)
+
+
+def measure_band_hz(u: Floats, period_s: float, share: float = 0.999) -> float | None:
+    """Frequency below which `share` of the drive's power lies [Hz]; gaps are joined for this."""
+    known = u[~np.isnan(u)]
+    if known.size < 16:
+        return None
+    known = known[: 1 << 18]
+    power = np.abs(np.fft.rfft((known - known.mean()) * np.hanning(known.size))) ** 2
+    if power.sum() <= 0.0:
+        return None
+    at = int(np.searchsorted(np.cumsum(power), share * power.sum()))
+    return float(max(at, 1) / (known.size * period_s))
+
+
+def estimate_covariance(
+    equations: Callable[[], Iterable[Equations]],
+    shape: Shape,
+    params: Params,
+    free: Bools,
+    total: int,
+) -> Floats:
+    """(p, p) covariance of the free parameters, zero for those on their bound.
+
+    The delete-one-stretch jackknife over stretches of time, in its one-step Gauss-Newton form (B.
+    Efron, C. Stein, Ann. Stat. 9, 1981): residuals that hang together in time, noise or misfit,
+    widen the intervals as they should; the formula for white noise would make them too narrow. So
+    does one without the leverage of a stretch, where a parameter rests on a few of them.
+    equations: what gives the lots, which are run through twice; total: number of equations, which
+    sets the stretch length.
+    """
+    at = np.flatnonzero(free)
+    here = np.ix_(at, at)
+    stretch = max(1, total // TUNING.stretches)
+    size = params.packed().size
+    gram = np.zeros((size, size))
+    for part, _ in _sum_stretches(equations(), shape, params, stretch):
+        gram += part
+    scale = np.sqrt(np.maximum(np.diag(gram)[at], 1e-300))
+    values, vectors = eigh(gram[here] / np.outer(scale, scale))
+    white = vectors / np.sqrt(np.maximum(values, 1e-12)) / scale[:, None]
+    moves = []
+    for part, score in _sum_stretches(equations(), shape, params, stretch):
+        leverage, along = eigh(white.T @ part[here] @ white)
+        without = 1.0 - np.minimum(leverage, LARGEST_LEVERAGE)
+        moves.append(white @ (along @ ((along.T @ (white.T @ score[at])) / without)))
+    out = np.zeros((size, size))
+    count = len(moves)
+    out[here] = (count - 1) / max(count, 1) * (np.transpose(moves) @ np.array(moves))
+    return out
+
+
+def _sum_stretches(
+    equations: Iterable[Equations], shape: Shape, params: Params, stretch: int
+) -> Iterator[tuple[Floats, Floats]]:
+    """J'J (p, p) and J'e (p,) of each stretch of so many equations; the last may be shorter."""
+    size = params.packed().size
+    gram, score, filled = np.zeros((size, size)), np.zeros(size), 0
+    for lot in equations:
+        jac, err = linearise(lot, shape, params)
+        start = 0
+        while start < err.size:
+            stop = min(err.size, start + stretch - filled)
+            add_products(jac[start:stop], err[start:stop], gram, score)
+            filled += stop - start
+            start = stop
+            if filled == stretch:
+                yield fill_lower(gram), score
+                gram, score, filled = np.zeros((size, size)), np.zeros(size), 0
+    if filled:
+        yield fill_lower(gram), score

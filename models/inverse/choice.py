@@ -1,0 +1,113 @@
+"""Which mode suits a model, and the limits that it keeps."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from dehyst.models.cascade.step import Packed
+from dehyst.models.errors import BadInput
+from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.model import Model
+
+MODES = ("hold", "static", "causal", "preview")
+RATE_MARGIN = 1.25  # a rate-dependent model is used up to this multiple of its validity's rate
+NOISE_SHARE = 0.004  # of the stroke, where the model states no noise
+TOO_FAR = 0.1  # part of the stroke that the nearest monotone model may differ by
+
+
+class Choice(NamedTuple):
+    """mode: "static", "causal" or "preview"; reason: why, for telemetry; planned: whether a
+    window of drive values is solved for, or the exact static inverse walks."""
+
+    mode: str
+    reason: str
+    planned: bool
+
+
+def choose(
+    model: Model, dynamic: Sequence[str], price: float, mode: str, preview_s: float
+) -> Choice:
+    """Which mode suits the model and the look-ahead that the stream can give.
+
+    dynamic: kinds of its blocks that want targets ahead; price: rms difference of the nearest
+    monotone model; mode: "auto" or the user's wish.
+    """
+    h = model.hysteresis
+    unit = model.displacement_unit
+    low, high = model.validity.drive_min, model.validity.drive_max
+    stroke = abs(signed_slope(model, low, high)) * (high - low)
+    if price > TOO_FAR * stroke:
+        why = f"the weights are so far from monotone ({price:.3g} {unit} rms) that only the"
+        return Choice("static", f"{why} nearest monotone model is of use", False)
+    if not h.static:
+        why = "the model depends on the rate"
+        planned = True
+    elif price > 0.0:
+        why = f"the weights are not monotone (static alone costs {price:.3g} {unit} rms)"
+        planned = True
+    elif dynamic:
+        why = f"the model has {' and '.join(dynamic)}"
+        planned = False
+    else:
+        why, planned = "the model is rate-independent and monotone", False
+        if mode == "auto":
+            return Choice("static", why, False)
+    if mode == "static":
+        return Choice("static", "asked for", False)
+    if mode == "auto":
+        if h.static and not dynamic:
+            return Choice("static", why, False)
+        if preview_s > 0.0:
+            return Choice("preview", f"{why}, targets are known ahead", planned)
+        return Choice("static", f"{why}, no look-ahead", False)
+    return Choice(mode, f"asked for; {why}", planned)
+
+
+def check(
+    period_s: float, low: float, high: float, slew_per_s: float, mode: str, preview_s: float
+) -> None:
+    if not 0 < period_s < math.inf:
+        raise BadInput(f"period_s: must be greater than 0, not {period_s:g}")
+    if not low < high:
+        raise BadInput(f"drive_min: {low:g} must be below drive_max, {high:g}")
+    if not slew_per_s > 0:
+        raise BadInput(f"slew_per_s: must be greater than 0, not {slew_per_s:g}")
+    if not 0 <= preview_s < 60:
+        raise BadInput(f"preview_s: must be from 0 to 60 s, not {preview_s:g}")
+    if mode not in ("auto", *MODES[1:]):
+        raise BadInput(f"mode: one of auto, {', '.join(MODES[1:])} is needed, not {mode!r}")
+
+
+def limits_of(
+    model: Model, packed: Packed, low: float, high: float, rate: float
+) -> tuple[float, float, float]:
+    """Drive range and rate that limits, validity and the blocks leave."""
+    v = model.validity
+    low, high = max(low, v.drive_min), min(high, v.drive_max)
+    least, most, fastest = packed.limits
+    low, high, rate = max(low, least), min(high, most), min(rate, fastest)
+    if v.rate_max and not model.hysteresis.static:
+        rate = min(rate, RATE_MARGIN * v.rate_max)
+    if not low < high:
+        raise BadInput(
+            f"the drive limits leave nothing of the model's range, {v.drive_min:g} to "
+            f"{v.drive_max:g} {model.drive_unit}"
+        )
+    return low, high, rate
+
+
+def signed_slope(model: Model, low: float, high: float) -> float:
+    """Mean slope of the displacement over the drive range; 1 where it has none."""
+    h = model.hysteresis
+    ends = simulate(h, np.array([low, high, low, high]), 1e9)
+    slope = float(ends[3] - ends[2]) / (high - low)
+    return slope if slope != 0.0 and math.isfinite(slope) else 1.0
+
+
+def noise_of(model: Model, slope: float, low: float, high: float) -> float:
+    """The model's noise [displacement unit], or a share of the stroke where it states none."""
+    stroke = slope * (high - low)
+    stated = model.fit.noise_rms or model.fit.rms
+    return max(stated, 1e-6 * stroke) if stated else NOISE_SHARE * stroke

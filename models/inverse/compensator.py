@@ -1,0 +1,275 @@
+"""The compensator: upcoming targets in, drive out, one sample at a time.
+
+One object holds what is fixed (model, mode, limits); one state object holds what changes, in
+arrays made once. `step` proposes a drive, `applied` tells which drive really went out (a limiter
+or a converter's step may have changed it): the model's memory follows the applied drive.
+
+    compensator = Compensator(model, period_s, drive_min, drive_max, slew_per_s)
+    state = compensator.init(drive_now)
+    compensator.step(state, window, n_valid, channels)
+    state.drive ...
+    compensator.applied(state, drive)
+
+Fewer targets than the mode wants: what was known a sample ago is still known, and the plan is
+followed along it; when that is used up the static inverse takes over. A sample of which no target
+is known holds.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.models.addresses import Addresses
+from dehyst.models.cascade.step import lead_drive, pack
+from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.monotone import nearest_monotone
+from dehyst.models.hysteresis.operators import operators
+from dehyst.models.hysteresis.play import play_step
+from dehyst.models.inverse import lookahead, preview, sample
+from dehyst.models.inverse.choice import MODES, check, choose, limits_of, noise_of, signed_slope
+from dehyst.models.inverse.state import FRAME, RESULT, SETTING, STATE, Inverse, Nodes
+from dehyst.models.inverse.static import static_inverse
+from dehyst.models.model import Floats, Model
+
+__all__ = ("CAUSAL", "FLAG_NAMES", "HOLD", "MODES", "PREVIEW", "STATIC", "Compensator")
+
+HOLD, STATIC, CAUSAL, PREVIEW = range(4)
+
+# Bits in the state's flags.
+FLAG_BEYOND_SATURATION = sample.BEYOND_SATURATION
+FLAG_BEYOND_DRIVE = sample.BEYOND_DRIVE
+FLAG_SLEW = sample.SLEW
+FLAG_STARVED = sample.STARVED
+FLAG_BAD_TARGET = sample.BAD_TARGET
+FLAG_OUTSIDE_VALIDITY = sample.OUTSIDE
+FLAG_NAMES = {
+    FLAG_BEYOND_SATURATION: "target beyond the saturation",
+    FLAG_BEYOND_DRIVE: "target beyond the drive range",
+    FLAG_SLEW: "limited by the slew rate",
+    FLAG_STARVED: "fewer targets ahead than the mode wants",
+    FLAG_BAD_TARGET: "target not finite: held",
+    FLAG_OUTSIDE_VALIDITY: "outside the range or rate that the model was identified in",
+}
+
+CAUSAL_WINDOW_S = 0.1
+
+
+class CompensatorState:
+    """What changes from sample to sample. inverse: everything the kernels work on; table: where it
+    lies, for compiled callers; pending: a drive is proposed and not yet applied."""
+
+    def __init__(self, inverse: Inverse) -> None:
+        self.inverse, self.pending = inverse, False
+        self.table = Addresses.of(inverse)
+        self.address = self.table.address
+
+    @property
+    def drive(self) -> float:
+        """The drive proposed, or applied last."""
+        return float(self.inverse.result["drive"][0])
+
+    @property
+    def predicted(self) -> float:
+        """Displacement of the stage that the model expects of that drive."""
+        return float(self.inverse.result["predicted"][0])
+
+    @property
+    def reading(self) -> float:
+        """What the sensor should say then."""
+        return float(self.inverse.result["reading"][0])
+
+    @property
+    def mode(self) -> int:
+        """HOLD, STATIC, CAUSAL or PREVIEW: how the drive was made."""
+        return int(self.inverse.result["mode"][0])
+
+    @property
+    def flags(self) -> int:
+        """Bits FLAG_..."""
+        return int(self.inverse.result["flags"][0])
+
+    @property
+    def channels(self) -> Floats:
+        """(n_channels,) the newest values of the model's further channels; NaN: not measured."""
+        return self.inverse.channels
+
+
+class Compensator:
+    """Inverts a model within a loop of fixed period.
+
+    model: any model; where its weights are not monotone the nearest monotone model is what the
+    static inverse inverts, and `price` is their rms difference [displacement unit]. period_s: the
+    loop's period; drive_min, drive_max, slew_per_s: limits that every proposed drive keeps
+    [drive unit, drive unit / s]; the model's validity narrows them further (`low`, `high`,
+    `rate`). mode: "auto", "static", "causal" or "preview"; preview_s: longest look-ahead.
+    Raises BadInput on bad arguments.
+
+    `mode`, `reason`: what was chosen and why; `latency_s`: by how much targets must be known
+    ahead; `window_samples`: how many targets `step` looks at; `channels`: names of the further
+    channels that `step` needs, in order.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        period_s: float,
+        drive_min: float,
+        drive_max: float,
+        slew_per_s: float,
+        mode: str = "auto",
+        preview_s: float = 0.1,
+    ) -> None:
+        check(period_s, drive_min, drive_max, slew_per_s, mode, preview_s)
+        self.model, self.period_s = model, period_s
+        self._packed = pack(model, period_s)
+        self.channels = self._packed.channels
+        packed = self._packed
+        self.low, self.high, self.rate = limits_of(model, packed, drive_min, drive_max, slew_per_s)
+        monotone, self.price = nearest_monotone(model)
+        self.static = static_inverse(monotone, self.low, self.high)
+        self.mode, self.reason, self.planned = choose(
+            model, packed.dynamic, self.price, mode, preview_s
+        )
+        looks = self.mode == "preview"
+        nodes, per_node, self.window_samples = 4, 1, 2 if looks else 1
+        if self.planned:
+            seconds = preview_s if looks else CAUSAL_WINDOW_S
+            nodes, per_node = preview.nodes_of(seconds, period_s)
+            self.window_samples = nodes * per_node if looks else 1
+        late = packed.delay_s / period_s if looks else 0.0
+        self.window_samples += math.ceil(late)
+        self.latency_s = (self.window_samples - 1) * period_s
+        h = model.hysteresis
+        self.hysteresis = operators(h, self.static.b)
+        slope = signed_slope(model, self.low, self.high)
+        self.slope = abs(slope)
+        self.noise = noise_of(model, self.slope, self.low, self.high)
+        self.delay_s, self.chain = packed.delay_s, packed.chain
+        self.has_stage_blocks = packed.on_stage
+        v = model.validity
+        self._setting = np.zeros(1, SETTING)
+        for name, value in {
+            "rate": self.rate,
+            "period": period_s,
+            "noise": self.noise,
+            "slope": self.slope,
+            "sense": math.copysign(1.0, slope),
+            "late": late,
+            "valid_low": v.drive_min,
+            "valid_high": v.drive_max,
+            "valid_rate": v.rate_max if v.rate_max and not h.static else math.inf,
+            "per_node": per_node,
+            "planned": self.planned,
+            "wanted": self.window_samples if looks else 0,
+            "stage_blocks": self.has_stage_blocks,
+            "beside": packed.beside,
+        }.items():
+            self._setting[name] = value
+        self._nodes, self._per_node = nodes, per_node
+
+    def init(self, drive_now: float, displacement: float | None = None) -> CompensatorState:
+        """State for a stage that stands at drive_now, driven there from de-energised.
+
+        displacement: where the stage is known to be; the plays are led there by the loop that
+        ends at drive_now, where the model allows it.
+        """
+        h = self.model.hysteresis
+        plays, nodes = np.zeros(h.n), self._nodes
+        play_step(h.r, plays, drive_now - h.u_offset)
+        if displacement is not None and math.isfinite(displacement):
+            plays = self._led_to(drive_now, displacement)
+        y = float(simulate(h, np.array([drive_now], np.float64), 1.0, plays)[0])
+        blocks = self._packed.settle(drive_now, y)
+        numbers = np.zeros(1, STATE)
+        for name in ("last", "command", "x_0", "x_before"):
+            numbers[name] = drive_now
+        numbers["target"], numbers["time"] = np.nan, -self.period_s
+        smooth = preview.smoothness(nodes, self._per_node * self.period_s, self.slope)
+        state = CompensatorState(
+            Inverse(
+                hysteresis=self.hysteresis,
+                chain=self.chain,
+                static=self.static.tables,
+                nodes=Nodes(
+                    target=np.zeros(nodes),
+                    trust=np.zeros(nodes),
+                    smooth=smooth,
+                    rows=np.zeros((4, nodes)),
+                    bands=np.zeros((4, nodes)),
+                    frame=np.zeros(1, FRAME),
+                ),
+                setting=self._setting,
+                state=numbers,
+                result=np.zeros(1, RESULT),
+                plays=plays,
+                ahead_plays=np.zeros(h.n),
+                static_plays=np.zeros(h.n),
+                plan=np.zeros(nodes),
+                trial=np.zeros(nodes),
+                blocks=blocks,
+                scratch=blocks.copy(),
+                ahead=np.zeros(self.window_samples),
+                ring=np.zeros(4 * self._per_node + 8),
+                seq=np.zeros(lookahead.PAST + nodes),
+                y=np.zeros(5),
+                channels=np.full(len(self.channels), np.nan),
+                targets=np.zeros(self.window_samples + 1),
+            )
+        )
+        self.applied(state, drive_now)
+        return state
+
+    def step(self, state: CompensatorState, window: Floats, n_valid: int, channels: Floats) -> None:
+        """Propose a drive: see state.drive. window: (P,) targets from the present one on, of
+        which n_valid count; channels: values in the order of `self.channels`."""
+        if state.pending:
+            self.applied(state, state.drive)
+        if state.channels.size:
+            state.channels[:] = channels[: state.channels.size]
+        sample.step_at(state.address, window, n_valid)
+        state.pending = True
+
+    def applied(self, state: CompensatorState, drive: float) -> None:
+        """The drive that really went out; the model's memory follows it. One call is one sample."""
+        sample.applied_at(state.address, drive, state.pending)
+        state.pending = False
+
+    def command(self, inside: Floats, start: float) -> Floats:
+        """Commands (N,) whose drive blocks pass on the drive `inside` (N,), within the limits.
+
+        A delay of the drive is taken to be in the targets already.
+        """
+        rate = np.gradient(inside, self.period_s) if inside.size > 1 else np.zeros(inside.size)
+        out = np.empty(inside.size)
+        now = start
+        travel = self.rate * self.period_s
+        for i in range(inside.size):
+            u = lead_drive(self.chain, inside[i], rate[i])
+            now = min(max(u, now - travel, self.low), now + travel, self.high)
+            out[i] = now
+        return out
+
+    def outside(self, drive: Floats, start: float) -> NDArray[np.bool_]:
+        """(N,) where a drive leaves the range or the rate that the model was identified in."""
+        v = self.model.validity
+        rate = np.abs(np.diff(drive, prepend=start)) / self.period_s
+        fast = rate > float(self._setting["valid_rate"][0]) * (1.0 + 1e-9)
+        return fast | (drive < v.drive_min) | (drive > v.drive_max)
+
+    def _led_to(self, drive: float, displacement: float) -> Floats:
+        """Plays at `drive` whose displacement is the nearest to `displacement` that a single loop
+        from either end of the range reaches."""
+        h = self.model.hysteresis
+        best, plays = math.inf, np.zeros(h.n)
+        for end in np.concatenate(
+            [np.linspace(drive, self.low, 60), np.linspace(drive, self.high, 60)]
+        ):
+            for first in (self.low, self.high):
+                trial = np.zeros(h.n)
+                for u in (first, float(end), drive):
+                    play_step(h.r, trial, u - h.u_offset)
+                y = float(simulate(h, np.array([drive]), 1.0, trial)[0])
+                if abs(y - displacement) < best:
+                    best, plays = abs(y - displacement), trial
+        return plays

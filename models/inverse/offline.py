@@ -1,0 +1,153 @@
+"""The inverse of a whole trajectory, and the daemon's inverse without the daemon.
+
+A whole trajectory is solved as one window: the static inverse, the preview's sweeps to convergence,
+and both refined with the exact Jacobian (dehyst.models.inverse.refine). The preview's own drive is
+one more candidate. The one whose predicted error is least is kept; it is never worse than the
+preview's.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.models.cascade.step import undo
+from dehyst.models.inverse import sample
+from dehyst.models.inverse.compensator import MODES, Compensator, CompensatorState
+from dehyst.models.inverse.refine import refine, swept, within
+from dehyst.models.inverse.tuning import TUNING
+from dehyst.models.model import Floats
+
+ARRIVED = 3.0  # times the noise: within this of the target the approach is over
+EXACT_SAMPLES = 200_000  # longer trajectories are not refined
+UNREACHABLE = sample.BEYOND_DRIVE | sample.BEYOND_SATURATION
+
+
+@dataclass(frozen=True)
+class Inverted:
+    """drive, predicted displacement, predicted reading: (N,); flags: (N,) int64 bits as in
+    dehyst.models.inverse.compensator; mode: how the drive was made; rms: of the predicted error
+    where no flag says that the target cannot be reached, once the approach is over; NaN:
+    nowhere."""
+
+    drive: Floats
+    predicted: Floats
+    reading: Floats
+    flags: NDArray[np.int64]
+    mode: str
+    rms: float
+
+
+def _targets(
+    comp: Compensator, start: CompensatorState, target: Floats, channels: Floats
+) -> Floats:
+    """Displacements of the hysteresis: delays shifted out, stage blocks undone."""
+    late = comp.delay_s / comp.period_s
+    at = np.arange(target.size)
+    seq = np.interp(at + late, at, target) if late else target.copy()
+    if comp.has_stage_blocks:
+        led = np.concatenate([[seq[0]], seq])
+        blocks = start.inverse.blocks
+        undo(comp.chain, blocks, blocks.copy(), channels, 1, comp.period_s, comp.period_s, led)
+        seq = led[1:]
+    return np.ascontiguousarray(seq)
+
+
+def _replayed(
+    comp: Compensator, start: float, drive: Floats, target: Floats, channels: Floats
+) -> tuple[Floats, Floats]:
+    """What the model says of a drive: displacement and reading (N,)."""
+    state = comp.init(start)
+    y, reading = np.empty(drive.size), np.empty(drive.size)
+    for i, u in enumerate(drive.tolist()):
+        if state.channels.size:
+            state.channels[:] = channels[i]
+        comp.applied(state, u)
+        y[i], reading[i] = state.predicted, state.reading
+    return y, reading
+
+
+def invert_streamed(
+    comp: Compensator, target: Floats, channels: Floats | None = None, start: float | None = None
+) -> Inverted:
+    """Exactly what the daemon would do with this compensator: each sample sees
+    `comp.window_samples` targets from its own on; the last one holds after the end. Arguments as
+    for `invert_trajectory`."""
+    target = np.ascontiguousarray(target, np.float64)
+    n, width = target.size, comp.window_samples
+    held = np.append(target, np.full(width, target[-1]))
+    channels = np.zeros((n, len(comp.channels))) if channels is None else channels
+    at = min(max(0.0, comp.low), comp.high) if start is None else start
+    state = comp.init(at)
+    drive, y, reading = np.empty(n), np.empty(n), np.empty(n)
+    flags, modes = np.zeros(n, np.int64), np.zeros(4, np.int64)
+    for i in range(n):
+        comp.step(state, held[i : i + width], width, channels[i])
+        drive[i] = state.drive
+        flags[i] = state.flags
+        modes[state.mode] += 1
+        comp.applied(state, drive[i])
+        y[i], reading[i] = state.predicted, state.reading
+    mode = MODES[int(np.argmax(modes))]
+    error = y - target
+    return Inverted(drive, y, reading, flags, mode, _rms(error, _settled(error, flags, comp)))
+
+
+def invert_trajectory(
+    comp: Compensator, target: Floats, channels: Floats | None = None, start: float | None = None
+) -> Inverted:
+    """Drive (N,) for a whole trajectory (N,), sampled with the compensator's period.
+
+    Not worse than `invert_streamed` with the same compensator, by the model: neither once the
+    approach is over, which is what ranks the candidates, nor with it.
+
+    channels: (N, number of comp.channels) values of the model's further channels; start: drive at
+    which the stage stands before the first sample, None: 0 or the end of the range next to it.
+    """
+    streamed = invert_streamed(comp, target, channels, start)
+    if not comp.planned or target.size < 8:
+        return streamed
+    target = np.ascontiguousarray(target, np.float64)
+    n = target.size
+    channels = np.zeros((n, len(comp.channels))) if channels is None else channels
+    at = min(max(0.0, comp.low), comp.high) if start is None else start
+    state = comp.init(at)
+    first = channels[0] if n else np.zeros(0)
+    goal = _targets(comp, state, target, first)
+    static, _ = comp.static.run(goal, state.inverse.plays, at)
+    static = within(comp, static, at)
+    sweeps = swept(comp, static.copy(), state, goal)
+    drives = {"static": static, "sweeps": sweeps}
+    reachable = (streamed.flags & UNREACHABLE) == 0
+    settled = _settled(streamed.predicted - target, streamed.flags, comp)
+    if n <= EXACT_SAMPLES:
+        drives["exact"] = refine(comp, sweeps, state, goal, 0)
+        approach = int(np.argmax(settled))
+        drives["exact from preview"] = refine(comp, streamed.drive.copy(), state, goal, approach)
+    best, most = streamed, _rms(streamed.predicted - target, reachable)
+    for name, inside in drives.items():
+        drive = comp.command(inside, at)
+        y, reading = _replayed(comp, at, drive, target, channels)
+        rms = _rms(y - target, settled)
+        if rms < best.rms and _rms(y - target, reachable) <= most:
+            fast = np.abs(np.diff(drive, prepend=at)) >= comp.rate * comp.period_s * (1 - 1e-9)
+            flags = np.where(reachable, 0, streamed.flags & UNREACHABLE)
+            flags |= np.where(fast, sample.SLEW, 0)
+            flags |= np.where(comp.outside(drive, at), sample.OUTSIDE, 0)
+            best = Inverted(drive, y, reading, flags, name, rms)
+    return best
+
+
+def _settled(error: Floats, flags: NDArray[np.int64], comp: Compensator) -> NDArray[np.bool_]:
+    """(N,) where the target can be reached, the approach from where the stage rests left out."""
+    inside = (flags & UNREACHABLE) == 0
+    arrived = inside & (np.abs(error) <= ARRIVED * comp.noise)
+    over = int(np.argmax(arrived)) + round(TUNING.settles_s / comp.period_s)
+    if np.any(arrived) and np.any(inside[over:]):
+        inside[:over] = False
+    return inside
+
+
+def _rms(error: Floats, where: NDArray[np.bool_]) -> float:
+    return float(np.sqrt(np.mean(error[where] ** 2))) if np.any(where) else math.nan

@@ -1,0 +1,160 @@
+"""What the inverse's kernels work on, by name: one tuple of arrays made once.
+
+`Inverse` is all of it. Python keeps the tuple; kernels get it from the table of addresses that is
+built from its own fields (dehyst.models.addresses), so that a call from Python costs one array.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.models.addresses import tuple_reader
+from dehyst.models.cascade.step import BLOCK, Chain
+from dehyst.models.hysteresis.operators import Operators
+
+SETTING = np.dtype(
+    [
+        ("rate", "<f8"),  # largest |du/dt|
+        ("period", "<f8"),
+        ("noise", "<f8"),
+        ("slope", "<f8"),  # mean |dy/du|
+        ("sense", "<f8"),  # sign of dy/du
+        ("late", "<f8"),  # delay of drive and stage, in samples
+        ("valid_low", "<f8"),
+        ("valid_high", "<f8"),
+        ("valid_rate", "<f8"),
+        ("per_node", "<i8"),  # samples from node to node of the plan
+        ("planned", "<i8"),  # a plan is made
+        ("wanted", "<i8"),  # targets that the mode wants ahead; 0: none
+        ("stage_blocks", "<i8"),
+        ("beside", "<i8"),  # whether blocks add to the hysteresis
+    ],
+    align=True,
+)
+LIMITS = np.dtype(
+    [
+        ("u_offset", "<f8"),
+        ("y_first", "<f8"),  # displacements at the ends of the saturation's branch
+        ("y_last", "<f8"),
+        ("low", "<f8"),  # drive range
+        ("high", "<f8"),
+    ],
+    align=True,
+)
+STATE = np.dtype(
+    [
+        ("last", "<f8"),  # drive at the hysteresis
+        ("command", "<f8"),  # applied last
+        ("beside", "<f8"),  # what blocks beside the hysteresis add
+        ("time", "<f8"),
+        ("target", "<f8"),  # the present one, undone to the hysteresis; NaN: none
+        ("target_before", "<f8"),
+        ("gap", "<f8"),  # how far the drive is still from the static inverse's, on the way to it
+        ("x_0", "<f8"),  # drive at the node before, and one node earlier
+        ("x_before", "<f8"),
+        ("slope_0", "<f8"),  # of the drive at the nodes on either side, a node
+        ("slope_1", "<f8"),
+        ("damping", "<f8"),
+        ("seen_low", "<f8"),  # range of the targets so far
+        ("seen_high", "<f8"),
+        ("phase", "<i8"),  # samples since the node before
+        ("begun", "<i8"),  # whether a plan stands
+        ("followed", "<i8"),  # whether the plan is followed, or the static inverse
+        ("nodes", "<i8"),  # known ones
+        ("known", "<i8"),  # targets in `ahead`
+        ("ring_at", "<i8"),  # where the next target that has passed is put
+        ("ring_fill", "<i8"),
+    ],
+    align=True,
+)
+FRAME = np.dtype(
+    [
+        ("x_0", "<f8"),  # the drive before the window, and one node before that
+        ("x_before", "<f8"),
+        ("period", "<f8"),  # from node to node
+        ("half", "<f8"),  # half a sampling period, in nodes
+        ("low", "<f8"),
+        ("high", "<f8"),
+        ("travel", "<f8"),  # largest, from node to node
+        ("spring", "<f8"),  # stiffness beyond these
+    ],
+    align=True,
+)
+RESULT = np.dtype(
+    [
+        ("drive", "<f8"),
+        ("predicted", "<f8"),
+        ("reading", "<f8"),
+        ("mode", "<i8"),
+        ("flags", "<i8"),
+    ],
+    align=True,
+)
+
+
+class StaticTables(NamedTuple):
+    """The breakpoint walk's numbers: r, b (n,); c (m,); z_knots (K,); limits (1,) LIMITS."""
+
+    r: NDArray[np.float64]
+    b: NDArray[np.float64]
+    c: NDArray[np.float64]
+    z_knots: NDArray[np.float64]
+    limits: NDArray[np.void]
+
+
+class Nodes(NamedTuple):
+    """A plan's least-squares problem. target, trust, smooth: (P,); rows (4, P), bands (4, P):
+    scratch; frame: (1,) FRAME."""
+
+    target: NDArray[np.float64]
+    trust: NDArray[np.float64]
+    smooth: NDArray[np.float64]
+    rows: NDArray[np.float64]
+    bands: NDArray[np.float64]
+    frame: NDArray[np.void]
+
+
+class Inverse(NamedTuple):
+    """Everything. setting (1,) SETTING; state (1,) STATE; result (1,) RESULT; plays (n,): operator
+    outputs of the stage; ahead_plays, static_plays (n,): scratch; plan, trial (P,): drives at the
+    nodes; blocks, scratch: states of the cascade's blocks; ahead (W,): targets known from the
+    present sample on; ring: those that have passed; seq: targets while they are undone; y (5,):
+    what `advance` gives; channels: values of the model's further channels; targets: for a compiled
+    caller to fill."""
+
+    hysteresis: Operators
+    chain: Chain
+    static: StaticTables
+    nodes: Nodes
+    setting: NDArray[np.void]
+    state: NDArray[np.void]
+    result: NDArray[np.void]
+    plays: NDArray[np.float64]
+    ahead_plays: NDArray[np.float64]
+    static_plays: NDArray[np.float64]
+    plan: NDArray[np.float64]
+    trial: NDArray[np.float64]
+    blocks: NDArray[np.float64]
+    scratch: NDArray[np.float64]
+    ahead: NDArray[np.float64]
+    ring: NDArray[np.float64]
+    seq: NDArray[np.float64]
+    y: NDArray[np.float64]
+    channels: NDArray[np.float64]
+    targets: NDArray[np.float64]
+
+
+_Z, _G = np.zeros(1), np.zeros((1, 1))
+inverse_at = tuple_reader(
+    Inverse(
+        Operators(_G, _Z, _Z),
+        Chain(np.zeros(1, BLOCK), _Z),
+        StaticTables(_Z, _Z, _Z, _Z, np.zeros(1, LIMITS)),
+        Nodes(_Z, _Z, _Z, _G, _G, np.zeros(1, FRAME)),
+        np.zeros(1, SETTING),
+        np.zeros(1, STATE),
+        np.zeros(1, RESULT),
+        *(13 * (_Z,)),
+    )
+)  # the Inverse whose table lies at an address, for compiled code

@@ -1,0 +1,1 @@
+"""The mismatch watch: does the stage still behave as its model?"""

@@ -1,0 +1,246 @@
+"""The mismatch monitor: does the stage still behave as its model? Drives and readings in, health
+out.
+
+A model never fits quite: creep that it does not have, hysteresis between its thresholds, a bridge
+that warms up. That part of the misfit repeats itself, and the monitor learns it while it looks: the
+residual (measured - predicted) is explained by a linear baseline
+
+    e_k = w' phi_k + noise
+    phi = (1, p, p^2, the part of p that comes from the model's own rate terms,
+           newest steps of x, p times them, x - play_r(x), p (x - play_r(x)),
+           and what is left of p, p^2 and x when lowpass_tau is taken off)
+
+with x the drive and p the predicted displacement, both as shares of their range. The weights w
+are followed by a Kalman filter that forgets slowly (West & Harrison, Bayesian Forecasting and
+Dynamic Models, ch. 4). What is left over is judged over the last window_s, in units of the noise
+that the model states, against floors that are learned for each class of motion:
+
+    gain      power along the displacement and along what creep makes of it
+    offset    square of the mean: drift, a shifted zero
+    whole     all power but the mean's
+    all       and with the mean's
+    ringing   power of what changes within smooth_s: resonance, hum
+    short     power of differences over half a millisecond: noise, fast ringing
+    fit       power of the residual itself, without baseline, over what the model states
+
+For learn_s of motion (seconds in which the stage moves, or has just moved) it only learns; but for
+a `fit` far out, nothing is reported. From then on each figure has a threshold: what it exceeds
+once in return_blocks blocks of block_s, from a Gumbel distribution through the quartiles of the
+blocks' largest values in order (Coles, An Introduction to Statistical Modeling of Extreme Values,
+ch. 3), and no less than margin times the largest of all, nor than what is of interest; more while
+few blocks were seen. health is the largest figure over its threshold: below 1 in order, above 1
+`mismatch`, until all are below clear again; below 0 while it still learns. No threshold learns
+while it is raised, and after the first early_s of motion the baseline does not either, but for its
+zero. Where the drive has never been before, the zero may shift. Pure: no clock, no files.
+The constants are in tuning.py.
+"""
+
+import math
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from dehyst.models.hysteresis.forward import initial_plays, simulate
+from dehyst.models.mismatch import kernel
+from dehyst.models.mismatch.tuning import LEAST, QUARTILES, TUNING
+from dehyst.models.model import Floats, Model
+from dehyst.models.recording import Bools
+
+
+class _Level:
+    """Threshold of one figure: what it hardly ever exceeds while the stage is in order."""
+
+    def __init__(self, least: float) -> None:
+        self.least, self.threshold = least, math.inf
+        self._largest: deque[float] = deque(maxlen=TUNING.blocks)  # of each block
+        self._block: list[float] = []
+        self._waiting: deque[float] = deque()
+
+    def see(self, figure: float) -> None:
+        """One second's figure in order; it counts when it is old enough."""
+        self._waiting.append(figure)
+        if len(self._waiting) <= TUNING.delay_s:
+            return
+        self._block.append(self._waiting.popleft())
+        if len(self._block) == TUNING.block_s:
+            self._largest.append(max(self._block))
+            self._block = []
+            self._learn()
+
+    def _learn(self) -> None:
+        found = np.array(self._largest)
+        if found.size < TUNING.blocks:  # the first were seen while the baseline was still found
+            found = found[found.size // 3 :]
+        low, middle, high = np.quantile(found, (0.25, 0.5, 0.75))
+        scale = max(high - low, TUNING.least_spread * middle) / QUARTILES
+        rare = middle + scale * (math.log(TUNING.return_blocks) + math.log(math.log(2.0)))
+        enough = max(self.least, rare, TUNING.margin * float(found.max()))
+        self.threshold = enough * (1.0 + TUNING.few / found.size)
+
+    def forget_newest(self) -> None:
+        """What waits was perhaps not in order."""
+        self._waiting.clear()
+
+
+class MismatchMonitor:
+    """Watches one stage against one model.
+
+    model: what the loop runs; period_s: the loop's period. Units are the model's.
+    figures, thresholds: by name, of the newest second.
+    """
+
+    def __init__(self, model: Model, period_s: float) -> None:
+        v = model.validity
+        ends = simulate(model.hysteresis, np.array([v.drive_min, v.drive_max, v.drive_min]), 1e9)
+        stroke = max(float(np.ptp(ends)), 1e-12)
+        fit = model.fit
+        self.noise = max(fit.noise_rms or fit.rms or 0.002 * stroke, 1e-5 * stroke)
+        misfit = max(fit.holdout_rms or 0.0, fit.rms or 0.0, 2.0 * self.noise) / self.noise
+        lag = max(1, round(1.0 / (period_s * TUNING.fast_hz)))
+        prior = np.full(kernel.N_FEATURES, TUNING.prior * misfit**2)
+        prior[0] = (0.05 * stroke / self.noise) ** 2  # where the sensor's zero lies is free
+        prior[3] = 1.0  # the model's rate terms: right, or not there
+        h = model.hysteresis
+        used = slice(0, 0 if h.static else h.n)
+        self._plant = kernel.Plant(
+            scale=np.array(
+                [v.drive_min, v.drive_max - v.drive_min, float(ends.min()), stroke, self.noise]
+            ),
+            r=h.r[used], b=h.b[used], k=h.k[used], c=h.c, offset=float(h.u_offset),
+            every=max(1, round(1.0 / (period_s * TUNING.slow_hz))), lag=lag,
+            dt=float(period_s), misfit2=float(misfit**2),
+        )  # fmt: skip
+        self._state = kernel.State(
+            w=np.zeros(kernel.N_FEATURES),
+            cov=np.diag(prior),
+            plays=initial_plays(h)[used],
+            z=np.zeros(kernel.PLAYS.size),
+            low=np.zeros(kernel.N_LOW),
+            steps=np.zeros(TUNING.steps),
+            floors=np.full((3, kernel.N_CLASSES), misfit**2),
+            weights=np.full((3, kernel.N_CLASSES), 0.25),
+            past=np.full(lag + 1, np.nan),
+            now=np.zeros(1, kernel.NOW),
+            sums=np.zeros(1, kernel.SUMS),
+            phi=np.zeros(kernel.N_FEATURES),
+            gain=np.zeros(kernel.N_FEATURES),
+        )
+        now = self._state.now[0]
+        now["learn"], now["memory_s"] = 1.0, TUNING.first_floor_s
+        self._window: deque[Floats] = deque(maxlen=TUNING.window_s)
+        self._levels = {name: _Level(least) for name, least in LEAST.items()}
+        self.figures: dict[str, float] = dict.fromkeys((*LEAST, "fit"), 0.0)
+        self.mismatch = False
+        self.seconds = self.motion_s = self._moved_s = 0
+
+    def update(self, drive: Floats, predicted: Floats, measured: Floats, good: Bools) -> bool:
+        """A batch of samples: (n,) drive in force at each reading [drive unit], what the model
+        expected of the reading, the reading, and where that is a fresh valid one. True when a
+        second was completed and judged."""
+        drive = np.ascontiguousarray(drive, np.float64)
+        predicted = np.ascontiguousarray(predicted, np.float64)
+        measured = np.where(good, measured, np.nan)
+        judged = False
+        while drive.size:
+            taken = kernel.run(self._plant, self._state, drive, predicted, measured)
+            drive, predicted, measured = drive[taken:], predicted[taken:], measured[taken:]
+            if self._state.now[0]["second_s"] >= 1.0:
+                self._judge()
+                judged = True
+        return judged
+
+    @property
+    def learning(self) -> float:
+        """Share of the first motion that is still to be seen; 0: it has learned enough."""
+        return max(0.0, 1.0 - self.motion_s / TUNING.learn_s)
+
+    @property
+    def health(self) -> float:
+        """Largest figure over its threshold: below 1 in order. Below 0: still learning, and minus
+        the share of the learning that is left."""
+        worst = self._compare(self.figures)
+        return -self.learning if self.learning and worst <= 1.0 else worst
+
+    @property
+    def thresholds(self) -> dict[str, float]:
+        """The figures' thresholds now."""
+        now = {name: level.threshold for name, level in self._levels.items()}
+        return {**(dict.fromkeys(now, math.inf) if self.learning else now), "fit": TUNING.fit}
+
+    @property
+    def cause(self) -> str:
+        """The figure that is largest over its threshold."""
+        limits = self.thresholds
+        return max(limits, key=lambda name: self.figures[name] / limits[name])
+
+    def _compare(self, figures: dict[str, float]) -> float:
+        return float(max(figures[name] / limit for name, limit in self.thresholds.items()))
+
+    @property
+    def stuck_s(self) -> float:
+        """Seconds for which the reading has been the same to the last digit although the model
+        moved; 0: it is not stuck."""
+        now = self._state.now[0]
+        moved = (now["still_high"] - now["still_low"]) * self._plant.scale[3]
+        stuck = now["still_s"] >= TUNING.stuck_s and moved > TUNING.stuck_move * self.noise
+        return float(now["still_s"]) if stuck else 0.0
+
+    def _judge(self) -> None:
+        self._window.append(self._state.sums.view(np.float64).copy())
+        self._state.sums[:] = np.zeros(1, kernel.SUMS)
+        self._state.now[0]["second_s"] -= 1.0
+        self.seconds += 1
+        last = self._window[-1].view(kernel.SUMS)[0]
+        self._moved_s = 0 if _measure_motion(last) > TUNING.motion else self._moved_s + 1
+        moving = bool(self._moved_s < TUNING.moved_s and last["n"] > 0.0)
+        self.motion_s += moving
+        sums, misfit2 = list(self._window), self._plant.misfit2
+        self.figures = _compute_figures(sums, misfit2)
+        if len(sums) < TUNING.shortest_s:
+            return
+        # a large misfit need not wait for the long window
+        health = self._compare(self.figures)
+        newest = self._compare(_compute_figures(sums[-TUNING.shortest_s :], misfit2))
+        if health > 1.0 or newest > TUNING.sudden:
+            self.mismatch = True
+        elif health < TUNING.clear and newest < 1.0:
+            self.mismatch = False
+        for name, level in self._levels.items():
+            if self.mismatch:
+                level.forget_newest()
+            elif moving and self.motion_s > TUNING.settled_s:
+                level.see(self.figures[name])
+        goes_on = not self.mismatch or self.motion_s < TUNING.early_s
+        if self.motion_s > TUNING.settled_s:
+            self._state.now[0]["memory_s"] = TUNING.floor_s
+        self._state.now[0]["learn"] = goes_on / (1.0 + max(0.0, 4.0 * health - 2.0))
+
+
+def _measure_motion(s: Any) -> float:
+    """Standard deviation of the displacement in the sums of a second [ranges]."""
+    weight = max(s["w"], 1e-12)
+    return math.sqrt(max(0.0, s["pp"] / weight - (s["p"] / weight) ** 2))
+
+
+def _compute_figures(sums: list[Floats], misfit2: float) -> dict[str, float]:
+    """Figures of the sums of some seconds."""
+    s = np.sum(sums, axis=0).view(kernel.SUMS)[0]
+    if s["n"] < 1.0:
+        return dict.fromkeys((*LEAST, "fit"), 0.0)
+    weight, mean = s["w"], s["e"] / s["w"]
+    ways = np.array([s["p"], s["c"]])
+    square = np.array([[s["pp"], s["pc"]], [s["pc"], s["cc"]]])
+    square -= np.outer(ways, ways) / weight
+    along = np.array([s["pe"], s["ce"]]) - ways * mean
+    explained = along @ np.linalg.pinv(square, rcond=1e-3, hermitian=True) @ along
+    count = s["n"]
+    return {
+        "gain": max(0.0, float(explained)) / count,
+        "offset": float(mean**2) * weight / count,
+        "whole": max(0.0, float(s["whole"] - mean**2 * weight) / count),
+        "all": float(s["whole"] / count),
+        "ringing": float(s["ringing"] / count),
+        "short": float(s["short"] / max(s["n_short"], 1.0)),
+        "fit": float(s["raw2"] / count - (s["raw"] / count) ** 2) / misfit2,
+    }

@@ -1,0 +1,119 @@
+"""Kernels by address: every physics' forward and inverse have one signature, and are found by it.
+
+    kernel(p_at, n_p, s_at, n_s, x, t, dt, ch) -> y
+
+p_at, s_at: where the block's packed parameters and its state begin, n_p, n_s: how many numbers
+they are; x: input, t: time [s], dt: since the sample before [s], ch: the block's channel. Code in
+numba's disk cache calls a kernel by its address (`call_at`), so that a chain of physics needs
+neither a list nor a chain of ifs. A kernel reads its parameters and its state by name (`record`),
+what is as long as the user made it behind them (`behind`).
+"""
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import carray, cfunc, njit, types
+from numba.extending import intrinsic
+
+from dehyst.models.addresses import pointer
+from dehyst.models.model import Floats
+
+_WORD, _NUMBER = types.int64, types.float64
+SIGNATURE = _NUMBER(*[_WORD] * 4, *[_NUMBER] * 4)
+
+
+def fields(*names: str) -> np.dtype[Any]:
+    """A record of floating-point numbers with these names."""
+    return np.dtype([(name, "f8") for name in names])
+
+
+@njit(cache=True, nogil=True)
+def numbers(address: int, n: int) -> Floats:
+    """The n numbers at an address, (n,)."""
+    return carray(pointer(address), n, np.float64)
+
+
+@njit(cache=True, nogil=True)
+def record(address: int, dtype: Any) -> Any:
+    """The record (see `fields`) at an address."""
+    return carray(pointer(address), 1, dtype)[0]
+
+
+@njit(cache=True, nogil=True)
+def behind(address: int, n: int, first: int) -> Floats:
+    """Of n numbers at an address those from the one counted `first` on, (n - first,)."""
+    return carray(pointer(address + 8 * first), n - first, np.float64)
+
+
+@intrinsic
+def call_at(
+    typing: Any,
+    address: Any,
+    p_at: Any,
+    n_p: Any,
+    s_at: Any,
+    n_s: Any,
+    x: Any,
+    t: Any,
+    dt: Any,
+    ch: Any,
+) -> Any:
+    """Call the kernel at an address."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word, number = ir.IntType(64), ir.DoubleType()
+        kind = ir.FunctionType(number, [word] * 4 + [number] * 4)
+        function = builder.inttoptr(arguments[0], kind.as_pointer())
+        return builder.call(function, arguments[1:])
+
+    return _NUMBER(*[_WORD] * 5, *[_NUMBER] * 4), generate
+
+
+class Kernel:
+    """A compiled function by address; compiled, or taken from the cache, when first asked for."""
+
+    def __init__(self, function: Callable[..., float]) -> None:
+        self.function = function
+        self.__doc__ = function.__doc__
+
+    @cached_property
+    def _compiled(self) -> Any:
+        return cfunc(SIGNATURE, cache=True)(self.function)
+
+    @property
+    def address(self) -> int:
+        """Where the machine code is, in this process."""
+        return int(self._compiled.address)
+
+    def __call__(
+        self, p: Floats, s: Floats, x: float, t: float = 0.0, dt: float = 0.0, ch: float = 0.0
+    ) -> float:
+        """One sample; s is advanced."""
+        return float(_once(self.address, p, s, x, t, dt, ch))
+
+
+@njit(cache=True, nogil=True)
+def _once(kernel: int, p: Floats, s: Floats, x: float, t: float, dt: float, ch: float) -> float:
+    return call_at(kernel, p.ctypes.data, p.size, s.ctypes.data, s.size, x, t, dt, ch)
+
+
+@njit(cache=True, nogil=True)
+def run(kernel: int, p: Floats, s: Floats, x: Floats, t: Floats, ch: Floats, y: Floats) -> None:
+    """The whole record through one kernel: y (N,) for x (N,) at times t (N,); ch (N,), or (0,)
+    where no channel is read."""
+    for i in range(x.size):
+        dt = t[i] - t[i - 1] if i > 0 else 0.0
+        y[i] = call_at(
+            kernel,
+            p.ctypes.data,
+            p.size,
+            s.ctypes.data,
+            s.size,
+            x[i],
+            t[i],
+            dt,
+            ch[i] if ch.size > 0 else 0.0,
+        )

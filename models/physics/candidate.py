@@ -1,0 +1,185 @@
+"""How a physics is recognised: what one candidate tells the diagnosis, by a subclass of its own.
+
+A candidate acts in one of three ways, and overrides the one that fits:
+    drive     transforms the drive before the hysteresis (delay, slew, clip, lag of an amplifier)
+    output    a linear operator on the hysteresis' output (creep, modes, lag of a sensor)
+    columns   additive columns whose amplitudes are fitted linearly (lines, channels)
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dehyst.models.model import Block
+from dehyst.models.signals.joined import Data, Floats
+
+# readings and targets are effects; the temperature has a file of its own
+NOT_A_CAUSE = re.compile(r"(temp|target|t_|y\d*_)")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One nonlinear parameter: bounds in its unit; log: searched on a logarithmic scale; sure:
+    least relative half width of its interval, for what sampling leaves open (the hysteresis bends
+    between two samples of a step, and the model takes it as straight); whole: the upper bound is
+    all that there can be, and identified like any other value."""
+
+    key: str
+    unit: str
+    low: float
+    high: float
+    log: bool = True
+    sure: float = 0.0
+    whole: bool = False
+
+
+@dataclass(frozen=True)
+class Context:
+    """What an additive candidate may look at: the drive behind its blocks, and the hysteresis'
+    output (N,) of the last fit."""
+
+    v: Floats
+    output: Floats
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A strength at which the effect's visibility is tried, for the exclusion limits.
+
+    value: in the limit's unit; theta: nonlinear parameters; amplitudes: of additive columns.
+    """
+
+    value: float
+    theta: tuple[float, ...] = ()
+    amplitudes: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What a recording shows of a physics directly, without a fit of the displacement.
+
+    theta: nonlinear parameters; intervals: key -> (value, low, high, unit); says: the sentence for
+    people.
+    """
+
+    theta: tuple[float, ...]
+    intervals: Mapping[str, tuple[float, float, float, str]]
+    says: str
+
+
+class Candidate:
+    """Base of all candidates; class attributes describe the physics to people and reports.
+
+    name: word of the diagnosis vocabulary; key: unique among the instances; order: position in
+    the cascade; driven: caused by the drive (judged more strictly) or by something beside it;
+    refines: key of the simpler candidate that this one takes further.
+    """
+
+    name: str = ""
+    key: str = ""
+    title: str = ""
+    equation: str = ""
+    source: str = ""
+    typical: str = ""
+    revealed_by: str = ""
+    confused_with: tuple[str, ...] = ()
+    order: int = 0
+    place: str = "stage"
+    driven: bool = True
+    last: bool = False  # named only when it leaves nothing behind: it fits too much
+    static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
+    many: bool = False  # its starts span many shapes, of which chance makes one fit
+    rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
+    bounds_told: bool = True  # a parameter on its bound is told as not identified
+    repeatable: bool = False
+    mode: str = "columns"  # or "drive", "output"
+    parameters: tuple[Parameter, ...] = ()
+    channel: str = ""
+    refines: str = ""  # key of the simpler candidate that this one takes further
+    size_index: int | None = None  # the parameter that the effect is about proportional to
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        """Values from which the search begins (one tuple for each trial)."""
+        return [self.refined(())] if self.refines else [()]
+
+    def likely(self, theta: Sequence[float]) -> float:
+        """Weight of a start's screened gain: below 1 where a plainer one should go first."""
+        return 1.0
+
+    def scaled(self, theta: Sequence[float], amount: float) -> tuple[float, ...]:
+        """Start whose effect is about `amount` times as large, where one parameter says so."""
+        if self.size_index is None:
+            return tuple(theta)
+        p = self.parameters[self.size_index]
+        out = list(theta)
+        value = out[self.size_index] * min(max(amount, 0.05), 20.0)
+        out[self.size_index] = min(max(value, p.low * 1.01), p.high * 0.98)
+        return tuple(out)
+
+    def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
+        """Start from the fitted theta of the candidate that this one refines."""
+        return tuple(theta)
+
+    def grown(self, theta: Sequence[float], data: Data, residual: Floats) -> tuple[float, ...]:
+        """theta with one more part of its kind (a mode) that the residual asks for, or ()."""
+        return ()
+
+    def params_at(self, theta: Sequence[float]) -> tuple[Parameter, ...]:
+        """Parameters that belong to a theta (lines and modes may have any number)."""
+        return self.parameters
+
+    def drive(self, data: Data, v: Floats, theta: Sequence[float]) -> Floats:
+        """Drive (N,) behind this piece of physics."""
+        return v
+
+    def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
+        """Columns (N, k) behind this piece of physics; linear in x."""
+        return x
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        """Additive columns (N, k)."""
+        return np.zeros((data.n, 0))
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        """Parameters to report: key -> (value, unit)."""
+        return {
+            p.key: (float(v), p.unit) for p, v in zip(self.params_at(theta), theta, strict=True)
+        }
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        """Blocks of the augmented model."""
+        return ()
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        """One sentence that a technician understands."""
+        return self.title
+
+    limit_unit: str = ""
+    limit_side: str = "above"
+
+    def probes(self, data: Data) -> list[Probe]:
+        """Strengths from weak to strong, from which the exclusion limit is found."""
+        return []
+
+    def seen(self, data: Data, sigma: float) -> Sighting | None:
+        """What the recordings show of it directly; None where they do not."""
+        return None
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        """Why these values cannot be this physics; empty when they can."""
+        return ""
+
+
+def small(entry: tuple[float, str]) -> str:
+    """A value of the displacement's size, micrometres told as nanometres: "12 nm/K"."""
+    value, unit = entry
+    if unit == "um" or unit.startswith("um/"):
+        return f"{1e3 * value:.3g} nm{unit[2:]}"
+    return f"{value:.3g} {unit}"
+
+
+def other_causes(data: Data) -> list[str]:
+    """Further channels that may move the stage."""
+    return [c for c in data.channels if not NOT_A_CAUSE.match(c) and c != data.drive_key]

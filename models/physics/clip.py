@@ -1,0 +1,125 @@
+"""The drive is limited to a range: y = min(max(x, low), high)."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from dehyst.models.model import Block
+from dehyst.models.physics.address import Kernel, fields, record
+from dehyst.models.physics.candidate import Candidate, Parameter, Probe
+from dehyst.models.physics.entry import Physics, Scales, Specimen
+from dehyst.models.physics.kind import Kind, Limited, Param, Values
+from dehyst.models.signals.joined import Data, Floats
+
+PACKED = fields("min", "max")
+
+
+@Kernel
+def step(
+    p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
+) -> float:
+    """Forward."""
+    p = record(p_at, PACKED)
+    return min(max(x, p.min), p.max)
+
+
+def _check(values: Values) -> str:
+    return "" if values["min"][0] < values["max"][0] else "min must be below max"
+
+
+KIND = Kind(
+    name="clip",
+    says="the drive is clipped",
+    places=("drive",),
+    params=(
+        Param("min_{u}", "min", "", -1e9, 1e9, "lower end"),
+        Param("max_{u}", "max", "", -1e9, 1e9, "upper end"),
+    ),
+    packed=PACKED,
+    step=step,
+    inverse=Limited(lambda p: (p[0], p[1], np.inf)),
+    check=_check,
+)
+
+
+class Clip(Candidate):
+    """v = min(max(u, min_v), max_v)."""
+
+    name = key = "clip"
+    title = "Clipped drive"
+    equation = "v = min(max(u, v_min), v_max)"
+    source = "supply rails or a set limit of the amplifier"
+    typical = "a few per cent of the range at one end"
+    revealed_by = "moves over the full range"
+    confused_with = ("asymmetry", "sensor")
+    order = 2
+    static = True
+    place = "drive"
+    mode = "drive"
+    limit_side = "below"
+    bounds_told = False
+
+    def __init__(self, data: Data) -> None:
+        self.limit_unit = data.drive_unit
+        low, high = data.u_min, data.u_min + data.span
+        self._low, self._high, span = low, high, data.span
+        self.parameters = (
+            Parameter("min_v", data.drive_unit, low - 0.05 * span, low + 0.4 * span, False),
+            Parameter("max_v", data.drive_unit, high - 0.4 * span, high + 0.05 * span, False),
+        )
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        low, high, span = self._low, self._high, self._high - self._low
+        out = [(low, high - f * span) for f in (0.01, 0.03, 0.08, 0.15)]
+        out += [(low + f * span, high) for f in (0.01, 0.03, 0.05, 0.07, 0.09, 0.15)]
+        out += [(low + f * span, high - f * span) for f in (0.02, 0.06)]
+        return [(float(a), float(b)) for a, b in out]
+
+    def drive(self, data: Data, v: Floats, theta: Sequence[float]) -> Floats:
+        return np.clip(v, theta[0], theta[1])
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        out = {}
+        unit = self.parameters[0].unit
+        if theta[0] > self._low:
+            out["min_v"] = (float(theta[0]), unit)
+        if theta[1] < self._high:
+            out["max_v"] = (float(theta[1]), unit)
+        return out
+
+    def probes(self, data: Data) -> list[Probe]:
+        span = self._high - self._low
+        return [
+            Probe(float(self._high - d * span), (self._low, float(self._high - d * span)))
+            for d in np.geomspace(0.002, 0.35, 10)
+        ]
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        return (Block("clip", "drive", {"min_v": float(theta[0]), "max_v": float(theta[1])}),)
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        ends = [
+            f"{word} {values[k][0]:.4g} {values[k][1]}"
+            for k, word in (("min_v", "below"), ("max_v", "above"))
+            if k in values
+        ]
+        return (
+            f"The drive has no effect {' and '.join(ends)}: the amplifier's limit is reached. "
+            "Keep the trajectory inside, or raise the limit."
+        )
+
+
+def _variants(s: Scales) -> list[Block]:
+    low, span, u = s.drive_min, s.span, s.drive_unit
+    return [
+        Block("clip", "drive", {f"min_{u}": low + a * span, f"max_{u}": low + b * span})
+        for a, b in ((-1.0, 0.9), (-1.0, 0.8), (0.05, 2.0), (0.05, 0.9))
+    ]
+
+
+PHYSICS = Physics(
+    name="clip",
+    kinds=(KIND,),
+    candidates=lambda data: [Clip(data)],
+    specimens={"clip": Specimen(_variants)},
+)

@@ -1,0 +1,215 @@
+"""Creep: after a step, y(t) = y0 [1 + g log10(t / 0.1 s)] from tau_min to tau_max.
+
+As an operator, a sum of relaxations with time constants spread evenly over the logarithm, three
+a decade, with one common gain (log-type creep; H. Jung, D.-G. Gweon, Rev. Sci. Instrum. 71, 2000):
+
+    y = x + (g / 3) sum_j [q_j - m_j x],   tau_j dq_j/dt + q_j = x,   m_j = 1 - exp(-0.1 s / tau_j)
+
+The m_j make 0.1 s after a step the time that the law calls y0. Exact for an input that runs in
+straight lines between the samples. In a recording under feedback, where the reading rests, creep
+is read from the drive (`dehyst.models.signals.held`).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numba import njit
+
+from dehyst.models.model import Block
+from dehyst.models.physics.address import Kernel, behind, fields, record
+from dehyst.models.physics.candidate import Candidate, Parameter, Probe, Sighting
+from dehyst.models.physics.entry import Physics, Scales, Specimen
+from dehyst.models.physics.kind import SAME, Kind, Param, Solved, Values, named
+from dehyst.models.signals.filters import relaxations
+from dehyst.models.signals.held import longest_hold
+from dehyst.models.signals.joined import Data, Floats
+
+PER_DECADE = 3
+REFERENCE_S = 0.1
+PACKED = fields("third", "mean")  # g / 3, sum of m_j; behind: tau_1 ... tau_n
+STATE = fields("x", "dt")  # input before, dt of the decays; behind: n times q, n decays
+HEAD = 2
+HELD_SHORTEST_S = 0.1  # relaxations of a creep that is read from the drive: the shortest, and
+HELD_TIMES_LONGER = 3.0  # than the hold, the longest
+
+
+def _relaxations_of(gain: float, tau_min: float, tau_max: float) -> tuple[float, float, Floats]:
+    """g / 3, the sum of the m_j, and the time constants (n,)."""
+    n = max(1, round(PER_DECADE * math.log10(tau_max / tau_min)) + 1)
+    taus = np.geomspace(tau_min, tau_max, n)
+    return gain / PER_DECADE, float(np.sum(1.0 - np.exp(-REFERENCE_S / taus))), taus
+
+
+@njit(cache=True, nogil=True)
+def _forward(p_at: int, n_p: int, s_at: int, n_s: int, x: float, dt: float) -> float:
+    p, taus = record(p_at, PACKED), behind(p_at, n_p, HEAD)
+    s, inner = record(s_at, STATE), behind(s_at, n_s, HEAD)
+    n = taus.size
+    if dt > 0.0 and abs(dt - s.dt) > SAME * dt:
+        s.dt = dt
+        for j in range(n):
+            inner[n + j] = math.exp(-dt / taus[j])
+    total = 0.0
+    for j in range(n):
+        if dt > 0.0:
+            trail = taus[j] * (x - s.x) / dt
+            inner[j] = x - trail + inner[n + j] * (inner[j] - s.x + trail)
+        total += inner[j]
+    s.x = x
+    return x + p.third * (total - p.mean * x)
+
+
+@njit(cache=True, nogil=True)
+def _input(p_at: int, n_p: int, s_at: int, n_s: int, y: float, dt: float) -> float:
+    """Input that makes the next output y, from the state before, which is left as it is."""
+    p, taus = record(p_at, PACKED), behind(p_at, n_p, HEAD)
+    s, inner = record(s_at, STATE), behind(s_at, n_s, HEAD)
+    n = taus.size
+    if dt <= 0.0:
+        total = 0.0
+        for j in range(n):
+            total += inner[j]
+        return (y - p.third * total) / (1.0 - p.third * p.mean)
+    through, free = 1.0 - p.third * p.mean, 0.0
+    for j in range(n):
+        decay = inner[n + j] if abs(dt - s.dt) <= SAME * dt else math.exp(-dt / taus[j])
+        share = taus[j] / dt * (1.0 - decay)
+        through += p.third * (1.0 - share)
+        free += p.third * ((share - decay) * s.x + decay * inner[j])
+    return (y - free) / through
+
+
+@Kernel
+def step(
+    p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
+) -> float:
+    """Forward."""
+    return _forward(p_at, n_p, s_at, n_s, x, dt)
+
+
+@Kernel
+def solve(
+    p_at: int, n_p: int, s_at: int, n_s: int, y: float, t: float, dt: float, ch: float
+) -> float:
+    """Inverse."""
+    x = _input(p_at, n_p, s_at, n_s, y, dt)
+    _forward(p_at, n_p, s_at, n_s, x, dt)
+    return x
+
+
+def _pack(values: Values, dt: float) -> Floats:
+    third, mean, taus = _relaxations_of(*(values[k][0] for k in ("gain", "tau_min", "tau_max")))
+    return np.concatenate([[third, mean], taus])
+
+
+def _start(p: Floats, s: Floats, x: float) -> None:
+    state = named(s, STATE)
+    state["x"], state["dt"] = x, 0.0
+    s[HEAD : p.size] = x
+
+
+def _check(values: Values) -> str:
+    low, high = values["tau_min"][0], values["tau_max"][0]
+    return "" if low <= high else "tau_min_s must not be above tau_max_s"
+
+
+KIND = Kind(
+    name="creep",
+    says="creep",
+    places=("stage", "sensor"),
+    params=(
+        Param("gain_per_decade", "gain", "1/decade", -0.2, 0.5, "growth per decade of time"),
+        Param("tau_min_s", "tau_min", "s", 1e-6, 1e7, "shortest time constant"),
+        Param("tau_max_s", "tau_max", "s", 1e-6, 1e7, "longest time constant"),
+    ),
+    packed=PACKED,
+    state=STATE,
+    step=step,
+    pack=_pack,
+    size=lambda p, dt: HEAD + 2 * (p.size - HEAD),
+    start=_start,
+    inverse=Solved(solve, memory=True),
+    check=_check,
+)
+
+
+class Creep(Candidate):
+    """y = x + (g / 3) sum_k (low-pass_k(x) - m_k x), m_k = 1 - exp(-0.1 s / tau_k)."""
+
+    name = key = "creep"
+    title = "Creep"
+    equation = "y(t) = y0 [1 + g log10(t / t0)] after a step, as a sum of relaxations"
+    source = "Jung and Gweon, Rev. Sci. Instrum. 71 (2000) 1896; Kelvin-Voigt chains"
+    typical = "0.01 to 0.02 per decade"
+    revealed_by = "holds of a second and more at several levels"
+    confused_with = ("drift", "lag")
+    order = 20
+    mode = "output"
+    limit_unit = "1/decade"
+    size_index = 0
+
+    def __init__(self, data: Data) -> None:
+        longest = max(float(data.t.max() - data.t.min()), 50 * data.period)
+        self.parameters = (
+            Parameter("gain_per_decade", "1/decade", 1e-4, 0.3),
+            Parameter("tau_min_s", "s", 8 * data.period, 0.2 * longest),
+            Parameter("tau_max_s", "s", 0.4 * longest, 10.0 * longest),
+        )
+        self._longest = longest
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        long = 3.0 * self._longest
+        return [(0.01, max(f * self._longest, 10 * data.period), long) for f in (0.003, 0.02, 0.08)]
+
+    def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
+        third, mean, taus = _relaxations_of(*theta)
+        slow = relaxations(x, taus, data.dt, data.starts)
+        return x + third * (slow - mean * x)
+
+    def seen(self, data: Data, sigma: float) -> Sighting | None:
+        held = longest_hold(data, sigma)
+        if held is None:
+            return None
+        theta = (held.gain, HELD_SHORTEST_S, HELD_TIMES_LONGER * held.seconds)
+        bounds = zip(theta, self.parameters, strict=True)
+        return Sighting(
+            theta=tuple(min(max(v, p.low), p.high) for v, p in bounds),
+            intervals={"gain_per_decade": (held.gain, held.low, held.high, "1/decade")},
+            says=f"The recording was made under feedback: from {held.start_s:.3g} to "
+            f"{held.end_s:.3g} s the reading rests, and the drive climbs against the last move by "
+            f"{100 * held.gain:.2g} % of it for each tenfold of time. The controller works against "
+            "the stage's creep; a recording without feedback measures it better.",
+        )
+
+    def probes(self, data: Data) -> list[Probe]:
+        taus = (0.02 * self._longest, 3.0 * self._longest)
+        return [Probe(float(g), (float(g), *taus)) for g in np.geomspace(1e-4, 0.1, 10)]
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        keys = ("gain_per_decade", "tau_min_s", "tau_max_s")
+        return (Block("creep", "stage", {k: float(v) for k, v in zip(keys, theta, strict=True)}),)
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        g = values["gain_per_decade"][0]
+        return (
+            f"After every move the stage creeps on in the same direction by {100 * g:.2g} % of "
+            "the move for each tenfold of time; wait, or let the controller lead."
+        )
+
+
+def _variants(s: Scales) -> list[Block]:
+    long = 3 * s.seconds
+    return [
+        Block("creep", "stage", {"gain_per_decade": 0.015, "tau_min_s": a, "tau_max_s": long})
+        for a in (0.1, 20 * s.period_s, 0.5)
+    ]
+
+
+PHYSICS = Physics(
+    name="creep",
+    kinds=(KIND,),
+    candidates=lambda data: [Creep(data)],
+    specimens={"creep": Specimen(_variants)},
+    told_from={"drift": "holds of ten seconds, approached from above and from below"},
+)

@@ -1,0 +1,146 @@
+"""A pure delay: y(t) = x(t - delay).
+
+Between the samples of the past the input is taken as the cubic through the four nearest samples,
+at the newest end as the parabola through the last three. Before the first sample the input is
+the first one.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numba import njit
+
+from dehyst.models.model import Block
+from dehyst.models.physics.address import Kernel, behind, fields, record
+from dehyst.models.physics.candidate import Candidate, Parameter, Probe
+from dehyst.models.physics.entry import Physics, Scales, Specimen
+from dehyst.models.physics.kind import Kind, Param, Shifted, named
+from dehyst.models.signals.filters import delayed
+from dehyst.models.signals.joined import Data, Floats
+
+PACKED = fields("delay")
+STATE = fields("newest", "stored")  # place of the newest sample, how many; behind: the ring
+HEAD = 2
+MOST_SAMPLES = 1_000_000
+
+
+@njit(cache=True, nogil=True)
+def _interpolate(ring: Floats, newest: int, back: int, n: int, t: float) -> float:
+    """Lagrange's polynomial at t through n samples of the ring, the newest `back` behind."""
+    total, size = 0.0, ring.shape[0]
+    for i in range(n):
+        a = (newest - back - i) % size
+        part = ring[a, 1]
+        for j in range(n):
+            if j != i:
+                b = (newest - back - j) % size
+                part *= (t - ring[b, 0]) / (ring[a, 0] - ring[b, 0])
+        total += part
+    return total
+
+
+@Kernel
+def step(
+    p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
+) -> float:
+    """Forward. The ring holds pairs of time and input."""
+    p, s = record(p_at, PACKED), record(s_at, STATE)
+    size = (n_s - HEAD) // 2
+    ring = behind(s_at, n_s, HEAD).reshape((size, 2))
+    newest = (int(s.newest) + 1) % size
+    stored = min(int(s.stored) + 1, size)
+    s.newest, s.stored = newest, stored
+    ring[newest, 0], ring[newest, 1] = t, x
+    at = t - p.delay
+    if p.delay == 0.0 or stored == 1:
+        return x
+    oldest = (newest - stored + 1) % size
+    if at <= ring[oldest, 0]:
+        return ring[oldest, 1]
+    low, high = 0, stored - 1  # the first sample back that is not later than `at`
+    while low < high:
+        middle = (low + high) // 2
+        if ring[(newest - middle) % size, 0] <= at:
+            high = middle
+        else:
+            low = middle + 1
+    first = max(low - 2, 0)
+    return _interpolate(ring, newest, first, min(low + 1, stored - 1) - first + 1, at)
+
+
+def _start(p: Floats, s: Floats, x: float) -> None:
+    s[:] = 0.0
+    named(s, STATE)["newest"] = -1.0
+
+
+KIND = Kind(
+    name="delay",
+    says="a pure delay",
+    places=("drive", "stage", "sensor"),
+    params=(Param("delay_s", "delay", "s", 0.0, 10.0, "delay"),),
+    packed=PACKED,
+    state=STATE,
+    step=step,
+    size=lambda p, dt: HEAD + 2 * min(math.ceil(p[0] / dt) + 4, MOST_SAMPLES),
+    start=_start,
+    inverse=Shifted(lambda p: p[0]),
+)
+
+
+class Delay(Candidate):
+    """y(t - d); a pure delay commutes with everything else that the drive causes."""
+
+    name = key = "delay"
+    title = "Dead time"
+    equation = "y(t) = f(u(t - d))"
+    source = "transport, sampling or communication delay"
+    typical = "0.1 to 6 ms"
+    revealed_by = "content above 0.05 / d: steps, fast chirps"
+    confused_with = ("lag", "resonance", "rate")
+    order = 0
+    place = "drive"
+    mode = "drive"
+    limit_unit = "s"
+    size_index = 0
+
+    def __init__(self, data: Data) -> None:
+        self.parameters = (
+            Parameter("delay_s", "s", 0.02 * data.period, 60.0 * data.period, log=True),
+        )
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        return [(data.period * k,) for k in (0.2, 0.6, 1.5, 3.0, 6.0, 14.0)]
+
+    def drive(self, data: Data, v: Floats, theta: Sequence[float]) -> Floats:
+        return delayed(v, theta[0] / data.dt, data.starts)
+
+    def probes(self, data: Data) -> list[Probe]:
+        return [Probe(float(d), (float(d),)) for d in data.period * np.geomspace(0.003, 30, 13)]
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        return (Block("delay", self.place, {"delay_s": float(theta[0])}),)
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        d = values["delay_s"][0]
+        return (
+            f"The reading follows the drive {1e3 * d:.3g} ms late, by the same time at every "
+            "speed: look for a buffer, a conversion time or the communication with the amplifier."
+        )
+
+
+def _variants(s: Scales) -> list[Block]:
+    times = [k * s.period_s for k in (1.0, 0.2, 0.5, 2.0, 5.0, 20.0)]
+    return [Block("delay", "drive", {"delay_s": d}) for d in times]
+
+
+PHYSICS = Physics(
+    name="delay",
+    kinds=(KIND,),
+    candidates=lambda data: [Delay(data)],
+    specimens={"delay": Specimen(_variants)},
+    told_from={
+        "lag": "a chirp from 1 Hz to a few hundred hertz at a small stroke",
+        "resonance": "steps, with the ringing sampled well above its frequency",
+    },
+)

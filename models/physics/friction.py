@@ -1,0 +1,194 @@
+"""Friction in the guide: y = x - (a + b exp(-(v / v_s)^2)) z, v = dx/dt, dz/dx = (sign v - z) / l.
+
+The presliding state z of Dahl (1976) with the speed dependence of Stribeck, as in the LuGre
+model (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Autom. Control 40, 1995, 419).
+Recognised by its dependence on the speed: presliding alone is a rate-independent memory of the
+displacement and stays inside the base.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numba import njit
+
+from dehyst.models.model import Block
+from dehyst.models.physics.address import Kernel, fields, record
+from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe, small
+from dehyst.models.physics.entry import Physics, Scales, Specimen
+from dehyst.models.physics.kind import Kind, Param, Solved, named
+from dehyst.models.signals.filters import dahl
+from dehyst.models.signals.joined import Data, Floats
+
+SETTLED = 1e-6  # part of the friction
+PACKED = fields("length", "stribeck", "sliding", "extra")
+STATE = fields("x", "z")  # input before, presliding
+
+
+@njit(cache=True, nogil=True)
+def _bent(length: float, x_before: float, z: float, x: float) -> float:
+    """Presliding after a move to x."""
+    dx = x - x_before
+    if dx != 0.0:
+        sign = 1.0 if dx > 0.0 else -1.0
+        z = sign + (z - sign) * math.exp(-abs(dx) / length)
+    return z
+
+
+@njit(cache=True, nogil=True)
+def _output(p_at: int, s_at: int, x: float, dt: float) -> float:
+    """Output for the next input x; the state is left as it is."""
+    p, s = record(p_at, PACKED), record(s_at, STATE)
+    z = _bent(p.length, s.x, s.z, x)
+    speed = (x - s.x) / dt / p.stribeck if dt > 0.0 else 0.0
+    return x - (p.sliding + p.extra * math.exp(-speed * speed)) * z
+
+
+@njit(cache=True, nogil=True)
+def _move(p_at: int, s_at: int, x: float) -> None:
+    p, s = record(p_at, PACKED), record(s_at, STATE)
+    s.z = _bent(p.length, s.x, s.z, x)
+    s.x = x
+
+
+@Kernel
+def step(
+    p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
+) -> float:
+    """Forward."""
+    y = _output(p_at, s_at, x, dt)
+    _move(p_at, s_at, x)
+    return y
+
+
+@Kernel
+def solve(
+    p_at: int, n_p: int, s_at: int, n_s: int, y: float, t: float, dt: float, ch: float
+) -> float:
+    """Inverse. There always is an input within the largest friction of y; regula falsi
+    (Illinois)."""
+    p = record(p_at, PACKED)
+    most = abs(p.sliding) + abs(p.extra)
+    low, high = y - most, y + most
+    at_low, at_high = _output(p_at, s_at, low, dt) - y, _output(p_at, s_at, high, dt) - y
+    side, x = 0, y
+    for _ in range(60):
+        if not at_low < at_high:
+            break
+        x = (low * at_high - high * at_low) / (at_high - at_low)
+        e = _output(p_at, s_at, x, dt) - y
+        if abs(e) <= SETTLED * most:
+            break
+        if e > 0.0:
+            high, at_high = x, e
+            at_low *= 0.5 if side > 0 else 1.0
+            side = 1
+        else:
+            low, at_low = x, e
+            at_high *= 0.5 if side < 0 else 1.0
+            side = -1
+    _move(p_at, s_at, x)
+    return x
+
+
+def _start(p: Floats, s: Floats, x: float) -> None:
+    state = named(s, STATE)
+    state["x"], state["z"] = x, 0.0
+
+
+KIND = Kind(
+    name="friction",
+    says="friction in the guide",
+    places=("stage",),
+    params=(
+        Param("length_{y}", "length", "", 1e-9, 1e9, "displacement before it slides"),
+        Param("stribeck_{y}_per_s", "stribeck", "/s", 1e-9, 1e12, "speed at which it fades"),
+        Param("sliding_{y}", "sliding", "", -1e9, 1e9, "at high speed"),
+        Param("extra_{y}", "extra", "", -1e9, 1e9, "more at low speed"),
+    ),
+    packed=PACKED,
+    state=STATE,
+    step=step,
+    start=_start,
+    inverse=Solved(solve, memory=True),
+)
+
+
+class Friction(Candidate):
+    """x - (a + b exp(-(v / v_s)^2)) z, dz/dx = (sign v - z) / l."""
+
+    name = key = "friction"
+    title = "Friction in the guide"
+    equation = "y = x - (a + b exp(-(v / v_s)^2)) z, dz/dx = (sign v - z) / l"
+    source = "Dahl 1976; LuGre, Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995)"
+    typical = "50 to 200 nm"
+    revealed_by = "small reversals at several speeds"
+    confused_with = ("rate", "lag")
+    order = 45
+    static = True
+
+    def __init__(self, data: Data) -> None:
+        self.limit_unit = data.unit
+        stroke = float(np.ptp(data.y))
+        self.parameters = (
+            Parameter("length_um", data.unit, 5e-4 * stroke, 0.3 * stroke),
+            Parameter("stribeck_um_per_s", f"{data.unit}/s", 0.02 * stroke, 100.0 * stroke),
+        )
+        self._stroke = stroke
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        return [(a * self._stroke, b * self._stroke) for a in (0.004, 0.03) for b in (0.6, 4.0)]
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        x = context.output
+        z = dahl(np.array([theta[0]]), x, data.starts)[:, 0]
+        speed = np.diff(x, prepend=x[0]) / data.dt
+        speed[data.starts] = 0.0
+        return np.column_stack([-z, -z * np.exp(-((speed / theta[1]) ** 2))])
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        out = super().values(theta, amplitudes)
+        out["extra_um"] = (float(amplitudes[1]), self.parameters[0].unit)
+        return out
+
+    def probes(self, data: Data) -> list[Probe]:
+        return [Probe(1.0, (0.01 * self._stroke, 2.0 * self._stroke), (0.0, 1.0))]
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        params: dict[str, float | tuple[float, ...]] = {
+            f"length_{data.unit}": float(theta[0]),
+            f"stribeck_{data.unit}_per_s": float(theta[1]),
+            f"sliding_{data.unit}": float(amplitudes[0]),
+            f"extra_{data.unit}": float(amplitudes[1]),
+        }
+        return (Block("friction", "stage", params),)
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        return (
+            f"The guide rubs: after each turn the stage lags by {small(values['extra_um'])} "
+            "more at low speed than at high speed; check the guide and its preload."
+        )
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        return "friction that pushes" if amplitudes[1] < 0 else ""
+
+
+def _variants(s: Scales) -> list[Block]:
+    y, stroke = s.unit, s.stroke
+    sizes = {f"sliding_{y}": 0.005 * stroke, f"extra_{y}": 0.01 * stroke}
+    return [
+        Block(
+            "friction",
+            "stage",
+            {f"length_{y}": k * stroke, f"stribeck_{y}_per_s": 2.0 * stroke, **sizes},
+        )
+        for k in (0.01, 0.003, 0.03)
+    ]
+
+
+PHYSICS = Physics(
+    name="friction",
+    kinds=(KIND,),
+    candidates=lambda data: [Friction(data)],
+    specimens={"friction": Specimen(_variants, in_base=True)},
+)

@@ -1,0 +1,193 @@
+"""One mechanical mode: y = (1 - share) x + share q,  q'' + 2 z w q' + w^2 q = w^2 x.
+
+Exact for an input that runs in straight lines between the samples, for any damping z.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from dehyst.models.model import Block
+from dehyst.models.physics.address import Kernel, fields, record
+from dehyst.models.physics.candidate import Candidate, Parameter, Probe
+from dehyst.models.physics.entry import Physics, Scales, Specimen
+from dehyst.models.physics.kind import SAME, Kind, Led, Param, named
+from dehyst.models.signals.filters import second_order
+from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.peaks import peaks
+
+PACKED = fields("frequency", "damping", "share")
+# displacement and speed of the mode, input before; dt of the decay, which is free over dt as a
+# 2 x 2 matrix: (e, e') after = M (e, e') before
+MODE = ("q", "speed", "x", "dt", "m11", "m12", "m21", "m22")
+STATE = fields(*MODE)
+
+
+@njit(cache=True, nogil=True)
+def _decay(s: Any, w: float, z: float, dt: float) -> None:
+    """The matrix of the free decay over dt."""
+    if abs(z - 1.0) < 1e-7:
+        fall = math.exp(-w * dt)
+        cosine, sine = fall, fall * dt
+    elif z < 1.0:
+        damped = w * math.sqrt(1.0 - z * z)
+        fall = math.exp(-z * w * dt)
+        cosine, sine = fall * math.cos(damped * dt), fall * math.sin(damped * dt) / damped
+    else:
+        damped = w * math.sqrt(z * z - 1.0)
+        slow, fast = math.exp((damped - z * w) * dt), math.exp((-damped - z * w) * dt)
+        cosine, sine = 0.5 * (slow + fast), 0.5 * (slow - fast) / damped
+    s.dt = dt
+    s.m11, s.m12 = cosine + z * w * sine, sine
+    s.m21, s.m22 = -w * w * sine, cosine - z * w * sine
+
+
+@njit(cache=True, nogil=True)
+def move_mode(s: Any, frequency: float, damping: float, x: float, dt: float) -> None:
+    """Advance a mode, a record with the fields MODE, to the input x."""
+    if dt > 0.0:
+        w, z = 2.0 * math.pi * frequency, damping
+        if abs(dt - s.dt) > SAME * dt:
+            _decay(s, w, z, dt)
+        ramp = (x - s.x) / dt
+        shift = 2.0 * z / w * ramp  # how far the mode trails a ramp
+        e, de = s.q - s.x + shift, s.speed - ramp
+        s.q = x - shift + s.m11 * e + s.m12 * de
+        s.speed = ramp + s.m21 * e + s.m22 * de
+    s.x = x
+
+
+@Kernel
+def step(
+    p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
+) -> float:
+    """Forward."""
+    p, s = record(p_at, PACKED), record(s_at, STATE)
+    move_mode(s, p.frequency, p.damping, x, dt)
+    return (1.0 - p.share) * x + p.share * s.q
+
+
+def _lead(p: Floats) -> tuple[float, float]:
+    frequency, damping, share = p
+    w = 2.0 * np.pi * frequency
+    a1 = 2.0 * damping / w
+    return share * a1, share * share * a1 * a1 - share * (a1 * a1 - 1.0 / (w * w))
+
+
+def _start(p: Floats, s: Floats, x: float) -> None:
+    state = named(s, STATE)
+    state["q"] = state["x"] = x
+
+
+KIND = Kind(
+    name="resonance",
+    says="a mechanical resonance",
+    places=("stage", "sensor"),
+    params=(
+        Param("frequency_hz", "frequency", "Hz", 1e-3, 1e6, "natural frequency"),
+        Param("damping", "damping", "", 1e-6, 10.0, "damping ratio"),
+        Param("share", "share", "", 0.0, 1.0, "part of the stroke that the mode carries"),
+    ),
+    packed=PACKED,
+    state=STATE,
+    step=step,
+    start=_start,
+    inverse=Led(_lead),
+)
+
+MIRRORED = 0.8
+
+
+class Resonance(Candidate):
+    """x (1 - share) + share * mode(x), mode = w^2 / (s^2 + 2 z w s + w^2)."""
+
+    name = "resonance"
+    title = "Resonance"
+    equation = "w^2 / (s^2 + 2 z w s + w^2) on a share of the stroke"
+    source = "mass on the stack's and the guide's stiffness"
+    typical = "70 Hz loaded to some kHz, damping 0.005 to 0.05"
+    revealed_by = "steps, or a sweep towards the frequency"
+    confused_with = ("delay", "lag")
+    order = 30
+    mode = "output"
+    limit_unit = "Hz"
+    limit_side = "below"
+    repeatable = True
+    rival_if_implausible = False
+    bounds_told = False
+    size_index = 2
+
+    def __init__(self, data: Data, number: int = 0) -> None:
+        self.key = "resonance" if number == 0 else f"resonance-{number + 1}"
+        self.order = 30 + number
+        rate = self._rate = 1.0 / data.period
+        longest = float(data.t.max() - data.t.min())
+        self.parameters = (
+            Parameter(
+                "frequency_hz", "Hz", max(4.0 / longest, 1e-3 * rate), 1.5 * rate, sure=1.5e-3
+            ),
+            Parameter("damping", "1", 5e-4, 0.6, sure=0.02),
+            Parameter("share", "1", 0.005, 1.0, sure=0.02, whole=True),
+        )
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        rate = 1.0 / data.period
+        out: list[tuple[float, ...]] = [(f * rate, 0.1, 1.0) for f in (0.04, 0.1, 0.25)]
+        for f in peaks(data, residual):
+            # a lightly damped mode is missed by a start that is a bandwidth off
+            near = f * np.array([0.985, 0.995, 1.0, 1.005, 1.015])
+            out += [(float(g), z, 1.0) for g in near for z in (0.01, 0.04)]
+            # sampled too slowly, a mode above half the rate rings at its mirror frequency
+            out += [(f, 0.1, 1.0), (rate - f, 0.01, 1.0), (rate + f, 0.01, 1.0)]
+        return out
+
+    def likely(self, theta: Sequence[float]) -> float:
+        # the mirror of a mode rings at the same samples: only where it does clearly better
+        return 1.0 if theta[0] < 0.5 * self._rate else MIRRORED
+
+    def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
+        f, z, share = theta
+        mode = second_order(x, 2 * np.pi * f * data.dt, z, data.starts)
+        return (1.0 - share) * x + share * mode
+
+    def probes(self, data: Data) -> list[Probe]:
+        if self.key != "resonance":
+            return []
+        low, high = np.log10(0.01 / data.period), np.log10(1.4 / data.period)
+        frequencies = np.logspace(high, low, 13)  # the higher, the weaker
+        return [Probe(float(f), (float(f), 0.02, 1.0)) for f in frequencies]
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        f, z, share = (float(v) for v in theta)
+        return (Block("resonance", "stage", {"frequency_hz": f, "damping": z, "share": share}),)
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        f, z = values["frequency_hz"][0], values["damping"][0]
+        return (
+            f"The stage rings at {f:.4g} Hz (damping {z:.2g}) after every quick move; shape the "
+            "moves, add damping, or put a notch at this frequency."
+        )
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        if theta[1] > 0.4:
+            return "damping above 0.4 does not ring: a lag or a delay does the same"
+        return ""
+
+
+def _variants(s: Scales) -> list[Block]:
+    f = 1.0 / s.period_s
+    return [
+        Block("resonance", "stage", {"frequency_hz": k * f, "damping": z, "share": 1.0})
+        for k, z in ((0.2, 0.02), (0.05, 0.02), (0.1, 0.02), (0.3, 0.02), (0.1, 0.2), (0.2, 0.3))
+    ]
+
+
+PHYSICS = Physics(
+    name="resonance",
+    kinds=(KIND,),
+    candidates=lambda data: [Resonance(data, k) for k in range(3)],
+    specimens={"resonance": Specimen(_variants)},
+)

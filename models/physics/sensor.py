@@ -1,0 +1,201 @@
+"""A reading that is a nonlinear function of the displacement alone.
+
+    polynomial  y = a_0 + a_1 x + a_2 x^2 + ...            (also for what the stage itself does)
+    ripple      y = x + a sin(2 pi x / p) + b cos(2 pi x / p) - b
+
+The ripple is the interpolation error of encoders and interferometers, or whatever repeats along
+the range; it belongs to the reading. Recognised is the ripple: a smooth static error of the
+reading cannot be told from the hysteresis' own shape by recordings of one stage, and is left to
+the base.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from dehyst.models.hysteresis.forward import polynomial
+from dehyst.models.model import Block
+from dehyst.models.physics.address import Kernel, fields, numbers, record
+from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe, small
+from dehyst.models.physics.entry import Physics, Scales, Specimen
+from dehyst.models.physics.kind import Kind, Never, Param, Solved, Values, named
+from dehyst.models.signals.joined import Data, Floats
+
+GUESS = fields("input")  # where the inverse begins; NaN: at the output itself
+RIPPLE = fields("period", "sine", "cosine")
+
+
+@Kernel
+def step_polynomial(
+    p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
+) -> float:
+    """Forward. Parameters: ascending coefficients."""
+    return polynomial(numbers(p_at, n_p), x)
+
+
+@Kernel
+def solve_polynomial(
+    p_at: int, n_p: int, s_at: int, n_s: int, y: float, t: float, dt: float, ch: float
+) -> float:
+    """Inverse, near the input before: Newton with halved steps where the error grows; ends at
+    rounding or where the slope is lost."""
+    p, s = numbers(p_at, n_p), record(s_at, GUESS)
+    x = y if math.isnan(s.input) else s.input
+    error = polynomial(p, x) - y
+    for _ in range(60):
+        slope = 0.0
+        for j in range(p.size - 1, 0, -1):
+            slope = slope * x + j * p[j]
+        if error == 0.0 or slope == 0.0:
+            break
+        move = -error / slope
+        for _ in range(30):
+            trial = polynomial(p, x + move) - y
+            if abs(trial) < abs(error):
+                break
+            move *= 0.5
+        if abs(trial) >= abs(error):
+            break
+        x += move
+        error = trial
+    s.input = x
+    return x
+
+
+@Kernel
+def step_ripple(
+    p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
+) -> float:
+    """Forward."""
+    p = record(p_at, RIPPLE)
+    angle = 2.0 * math.pi * x / p.period
+    return x + p.sine * math.sin(angle) + p.cosine * (math.cos(angle) - 1.0)
+
+
+def _start(p: Floats, s: Floats, x: float) -> None:
+    named(s, GUESS)["input"] = math.nan
+
+
+def _check(values: Values) -> str:
+    return "" if values["coefficients"].size >= 2 else "coefficients: two or more are needed"
+
+
+KINDS = (
+    Kind(
+        name="polynomial",
+        says="a static nonlinearity",
+        places=("stage", "sensor"),
+        params=(Param("coefficients", "coefficients", "", -1e12, 1e12, "ascending", many=True),),
+        state=GUESS,
+        step=step_polynomial,
+        pack=lambda values, dt: values["coefficients"],
+        start=_start,
+        inverse=Solved(solve_polynomial, memory=False),
+        check=_check,
+    ),
+    Kind(
+        name="ripple",
+        says="a reading that errs periodically along the range",
+        places=("sensor",),
+        params=(
+            Param("period_{y}", "period", "", 1e-9, 1e9, "displacement from one error to the next"),
+            Param("sine_{y}", "sine", "", -1e9, 1e9, "amplitude of the sine"),
+            Param("cosine_{y}", "cosine", "", -1e9, 1e9, "amplitude of the cosine"),
+        ),
+        packed=RIPPLE,
+        step=step_ripple,
+        inverse=Never("it belongs to the reading; the stage does not move by it"),
+    ),
+)
+
+
+class Sensor(Candidate):
+    """y = x + a sin(2 pi x / p) + b (cos(2 pi x / p) - 1)."""
+
+    name = key = "sensor"
+    title = "Nonlinear sensor"
+    equation = "y = x + a sin(2 pi x / p) + b (cos(2 pi x / p) - 1)"
+    source = "interpolation error of encoders and interferometers"
+    typical = "0.1 to 1 % of the range"
+    revealed_by = "slow full strokes; settled by a calibration against another sensor"
+    confused_with = ("asymmetry", "friction")
+    order = 80
+    static = True
+    many = True
+    place = "sensor"
+
+    def __init__(self, data: Data) -> None:
+        self.limit_unit = data.unit
+        self._range = float(np.ptp(data.y))
+        self.parameters = (
+            Parameter("period_um", data.unit, 0.02 * self._range, 0.4 * self._range),
+        )
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        # neighbours share two thirds of a period over the range: the search cannot fall between
+        counts = np.arange(2.7, 45.0, 0.5) if self._range > 0 else np.zeros(0)
+        order = _strongest(data.y[data.rows], residual[data.rows], self._range / counts)
+        return [(float(p),) for p in order[:3]]
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        angle = 2 * np.pi * context.output / theta[0]
+        return np.column_stack([np.sin(angle), np.cos(angle) - 1.0])
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        unit = self.parameters[0].unit
+        return {
+            "period_um": (float(theta[0]), unit),
+            "amplitude_um": (float(np.hypot(*amplitudes)), unit),
+        }
+
+    def probes(self, data: Data) -> list[Probe]:
+        return [Probe(1.0, (0.2 * self._range,), (1.0, 0.0))]
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        params: dict[str, float | tuple[float, ...]] = {
+            f"period_{data.unit}": float(theta[0]),
+            f"sine_{data.unit}": float(amplitudes[0]),
+            f"cosine_{data.unit}": float(amplitudes[1]),
+        }
+        return (Block("ripple", "sensor", params),)
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        period, unit = values["period_um"]
+        return (
+            f"The reading errs by {small(values['amplitude_um'])} in a pattern that "
+            f"repeats every {period:.3g} {unit} along the range: calibrate the sensor; the "
+            " drive must not correct this."
+        )
+
+
+def _strongest(y: Floats, residual: Floats, periods: Floats) -> Floats:
+    """Periods by the power of the residual at them, averaged over bins of the reading."""
+    bins = np.linspace(y.min(), y.max(), 401)
+    place = np.clip(np.digitize(y, bins) - 1, 0, 399)
+    count = np.bincount(place, minlength=400)
+    mean = np.bincount(place, residual, 400) / np.maximum(count, 1)
+    centre = 0.5 * (bins[1:] + bins[:-1])
+    weight = np.sqrt(count)
+    power = [abs(np.sum(weight * mean * np.exp(-2j * np.pi * centre / p))) for p in periods]
+    return periods[np.argsort(power)[::-1]]
+
+
+def _variants(s: Scales) -> list[Block]:
+    k = "coefficients"
+    return [
+        Block("polynomial", "sensor", {k: (0.0, 1.0, 0.02 / s.stroke)}),
+        Block("polynomial", "sensor", {k: (0.0, 1.0, 0.0, 0.02 / s.stroke**2)}),
+    ]
+
+
+PHYSICS = Physics(
+    name="sensor",
+    kinds=KINDS,
+    candidates=lambda data: [Sensor(data)],
+    specimens={
+        "sensor": Specimen(
+            _variants, "only a calibrated second sensor tells it from the stage for certain", True
+        )
+    },
+)

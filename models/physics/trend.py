@@ -1,0 +1,115 @@
+"""Drift without a channel: y = x + rate t + amount (1 - exp(-t / tau)), t since the first sample.
+
+A warm-up that nobody measured. It describes one recording and foretells nothing: forward only.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from dehyst.models.model import Block
+from dehyst.models.physics.address import Kernel, fields, record
+from dehyst.models.physics.candidate import Candidate, Context, Parameter, small
+from dehyst.models.physics.entry import Physics, Scales, Specimen
+from dehyst.models.physics.kind import Kind, Never, Param
+from dehyst.models.signals.joined import Data, Floats
+
+PACKED = fields("rate", "amount", "tau")
+STATE = fields("elapsed")  # since the first sample
+
+
+@Kernel
+def step(
+    p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
+) -> float:
+    """Forward."""
+    p, s = record(p_at, PACKED), record(s_at, STATE)
+    s.elapsed += dt
+    return x + p.rate * s.elapsed + p.amount * (1.0 - math.exp(-s.elapsed / p.tau))
+
+
+KIND = Kind(
+    name="trend",
+    says="a slow trend of unknown cause",
+    places=("stage", "sensor"),
+    params=(
+        Param("rate_{y}_per_s", "rate", "/s", -1e9, 1e9, "steady rate", default=(0.0,)),
+        Param("amount_{y}", "amount", "", -1e9, 1e9, "size of the settling", default=(0.0,)),
+        Param("tau_s", "tau", "s", 1e-6, 1e9, "time constant of the settling", default=(1.0,)),
+    ),
+    packed=PACKED,
+    state=STATE,
+    step=step,
+    inverse=Never("it belongs to one recording"),
+)
+
+
+class Trend(Candidate):
+    """y + a (1 - exp(-t / tau)) in each recording, its own a: a warm-up that nobody measured."""
+
+    name = "drift"
+    key = "drift-trend"
+    title = "Drift without a temperature"
+    equation = "y(t) = f(u) + a (1 - exp(-t / tau))"
+    source = "warming up after switching on or after a pause"
+    typical = "some 10 nm a minute"
+    revealed_by = "the same drive repeated over minutes; better, a temperature channel"
+    confused_with = ("creep",)
+    order = 55
+    last = True
+    driven = False
+
+    def __init__(self, data: Data) -> None:
+        self._count = len(data.names)
+        self._unit = data.unit
+        self._longest = float(data.t.max() - data.t.min())
+        self.parameters = (Parameter("tau_s", "s", 0.05 * self._longest, 20.0 * self._longest),)
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        return [(f * self._longest,) for f in (0.15, 0.5, 3.0)]
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        rise = 1.0 - np.exp(-data.t / theta[0])
+        return rise[:, None] * (data.rec[:, None] == np.arange(self._count)[None, :])
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        return {
+            "tau_s": (float(theta[0]), "s"),
+            "rise_um": (float(np.mean(amplitudes)), self._unit),
+        }
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        params: dict[str, float | tuple[float, ...]] = {
+            f"rate_{data.unit}_per_s": 0.0,
+            f"amount_{data.unit}": float(np.mean(amplitudes)),
+            "tau_s": float(theta[0]),
+        }
+        return (Block("trend", "stage", params),)
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        return (
+            f"The zero drifts by {small(values['rise_um'])} in each recording with a time "
+            f"constant of {values['tau_s'][0]:.3g} s, whatever the drive does: let it warm up, and "
+            "record a temperature."
+        )
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        if float(np.abs(amplitudes).max()) > 0.05 * float(np.ptp(data.y)):
+            return "a drift of more than a twentieth of the stroke"
+        return ""
+
+
+def _variants(s: Scales) -> list[Block]:
+    return [
+        Block("trend", "stage", {f"amount_{s.unit}": 0.02 * s.stroke, "tau_s": k * s.seconds})
+        for k in (0.3, 0.1, 1.0, 3.0)
+    ]
+
+
+PHYSICS = Physics(
+    name="drift",
+    kinds=(KIND,),
+    candidates=lambda data: [Trend(data)],
+    specimens={"trend": Specimen(_variants, "record a temperature as a channel as well")},
+)

@@ -1,0 +1,1 @@
+"""What is done with joined recordings whatever moves the stage: operators, filters, spectra."""

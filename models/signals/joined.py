@@ -1,0 +1,60 @@
+"""Recordings of one stage, joined: one array for each quantity, of all of them.
+
+`starts` marks where a recording (or the part behind a gap) begins: there every state begins anew.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Data:
+    """Joined recordings. Arrays (N,), channels (N,) each; units are the recordings' own."""
+
+    names: tuple[str, ...]
+    t: Floats  # s, within its recording
+    dt: Floats  # s, sampling period of the sample's recording
+    u: Floats
+    y: Floats
+    rec: Ints  # index into names
+    part: Ints  # contiguous stretch: a recording, or what lies between two gaps
+    starts: Bools
+    rows: Bools  # counted in the fits
+    block: Ints  # time block, unique over the recordings
+    fold: Ints  # cross-validation group
+    channels: dict[str, Floats] = field(default_factory=dict)
+    drive_unit: str = "v"
+    unit: str = "um"
+    early: bool = False  # the drive stands half a sample earlier than recorded
+    raw_index: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return int(self.u.size)
+
+    @property
+    def u_min(self) -> float:
+        """Lowest drive."""
+        return float(self.u.min())
+
+    @property
+    def span(self) -> float:
+        """Range of the drive."""
+        return float(np.ptp(self.u))
+
+    @property
+    def period(self) -> float:
+        """Shortest sampling period, s."""
+        return float(self.dt.min())
+
+    @property
+    def drive_key(self) -> str:
+        """Key of the drive among the channels."""
+        return f"u_{self.drive_unit}"

@@ -1,0 +1,32 @@
+"""Frequencies at which a residual rings."""
+
+import numpy as np
+
+from dehyst.models.signals.joined import Data, Floats
+
+
+def peaks(data: Data, residual: Floats, count: int = 2) -> list[float]:
+    """Frequencies where the residual's smoothed spectrum stands out most, per bin."""
+    best: list[tuple[float, float]] = []
+    for p in np.unique(data.part):
+        e = residual[data.part == p]
+        if e.size < 512:
+            continue
+        spectrum = np.abs(np.fft.rfft((e - e.mean()) * np.hanning(e.size))) ** 2
+        group = max(1, spectrum.size // 256)
+        m = spectrum.size // group
+        smooth = spectrum[: m * group].reshape(m, group).mean(axis=1)
+        f = (np.arange(m) + 0.5) * group / (e.size * float(data.dt[data.part == p][0]))
+        floor = np.median(smooth) + 1e-30
+        local = smooth / floor
+        inner = np.arange(3, m - 2)
+        top = inner[(smooth[inner] >= smooth[inner - 1]) & (smooth[inner] >= smooth[inner + 1])]
+        best += [(float(local[i] * e.size), float(f[i])) for i in top]
+    best.sort(reverse=True)
+    out: list[float] = []
+    for _, f in best:
+        if all(abs(np.log(f / g)) > 0.15 for g in out):
+            out.append(f)
+        if len(out) == count:
+            break
+    return out

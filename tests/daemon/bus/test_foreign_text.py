@@ -1,0 +1,65 @@
+"""What others write on the bus locks nobody out and commands no terminal."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from tests.rigs.gateway_bench import Bench, environment
+
+from dehyst.daemon.bus.printable import printable
+from dehyst.daemon.bus.session import Bus
+from dehyst.daemon.client.client import Client
+
+COLOUR = "\x1b]0;owned\x07\x9b31m"
+
+
+def dehyst(bench: Bench, *words: str, code: int = 0) -> tuple[str, str]:
+    """What a command prints."""
+    done = subprocess.run(
+        [sys.executable, "-m", "dehyst.daemon.main", *words, "--connect", bench.address],
+        env=environment(), capture_output=True, text=True, timeout=120.0, check=False,
+    )  # fmt: skip
+    assert done.returncode == code, done.stderr
+    assert not {"\x1b", "\x07", "\x9b"} & set(done.stdout + done.stderr)
+    return done.stdout, done.stderr
+
+
+def test_printable() -> None:
+    assert printable("4 µm at λ") == "4 µm at λ"
+    assert printable("a\x1b[2Jb\n\u202ec") == "a\\x1b[2Jb\\n\\u202ec"
+
+
+def test_an_odd_token_is_passed_over_and_named(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    with Bus.connect([bench.address]) as evil:
+        evil.announce("dehyst/@v0/EVIL\x1b[31m/alive")
+        for _ in range(20):
+            with Client(connect=bench.address) as client:
+                assert client.name == "bench"
+            if "EVIL" in caplog.text:
+                break
+    assert "EVIL\\x1b[31m" in caplog.text
+    assert "\x1b" not in caplog.text
+
+
+def test_a_label_commands_no_terminal(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DEHYST_CONNECT", bench.address)
+    with Client(label=COLOUR) as client:  # the address is the environment's
+        client.acquire()
+        _, said = dehyst(bench, "send", "1", code=2)
+        assert "owned" in said
+        assert "--take-over" in said
+        client.renew()
+        listed, _ = dehyst(bench, "watch", "--list")
+        assert "bench" in listed
+        shown, _ = dehyst(bench, "watch", "--for", "2.5", "--json")
+        statuses = [json.loads(line) for line in shown.splitlines()]
+        assert statuses
+        assert {status["name"] for status in statuses} == {"bench"}
+        shown, _ = dehyst(bench, "watch", "--for", "2.5")
+        assert "target -" in shown
+        assert "nan" not in shown
+        _, said = dehyst(bench, "send", "999", "--allow-unreachable", "--take-over")
+        assert "999 um cannot be reached: going to" in said

@@ -1,0 +1,81 @@
+"""Connections and subscribers that do not behave cost the others nothing."""
+
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.rigs.gateway_bench import ROOT, Bench, environment
+from tests.rigs.hostile import idle_connections
+
+from dehyst.daemon.bus.session import Bus
+from dehyst.daemon.client.client import Client
+
+DEAF = 15
+LONGEST_SILENCE_S = 0.5
+
+
+class Ear:
+    """What one client heard, and when."""
+
+    def __init__(self, bus: Bus, key: str) -> None:
+        self.times: list[float] = []
+        bus.listen(key, lambda _key, _payload: self.times.append(time.monotonic()))
+
+    @property
+    def longest_silence_s(self) -> float:
+        """Until now: what has fallen silent counts too."""
+        return float(np.diff([*self.times, time.monotonic()]).max())
+
+
+@pytest.mark.timing
+def test_subscribers_that_do_not_read_cost_nobody_else_anything(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, **{"rate_hz = 200.0": "rate_hz = 1000.0"})
+    with ExitStack() as stack:
+        stack.callback(bench.close)
+        bench.start_gateway()
+        assert bench.gateway is not None
+        operator, listener = bench.client("operator"), bench.client("listener")
+        samples, status = listener.stream(), listener.feed()
+        telemetry = Ear(listener.bus, operator.keys.pubsub("telemetry"))
+        statuses = Ear(listener.bus, operator.keys.pubsub("status"))
+        pid = operator.status().gateway.pid
+        command = subprocess.Popen(
+            [sys.executable, "-m", "tests.rigs.hostile", str(bench.port),
+             operator.keys.root + "/**", str(DEAF)],
+            stdout=subprocess.PIPE, env=environment() | {"PYTHONPATH": f"{ROOT / 'src'}:{ROOT}"},
+        )  # fmt: skip
+        deaf = stack.enter_context(command)
+        stack.callback(deaf.kill)
+        assert deaf.stdout is not None
+        assert deaf.stdout.readline() == b"deaf\n"
+        assert operator.status().gateway.links == 2 + DEAF
+        end = time.monotonic() + 90.0
+        while time.monotonic() < end and operator.status().gateway.links > 2:
+            for act in (lambda: operator.send(2.0), operator.release):  # every change is a status
+                act()
+                samples.read(0.05)
+        assert operator.status().gateway.links == 2
+        assert samples.lost == 0
+        assert telemetry.longest_silence_s < LONGEST_SILENCE_S
+        assert statuses.longest_silence_s < 1.2 + LONGEST_SILENCE_S
+        now = operator.status().gateway
+        assert now.pid == pid
+        assert now.links_ended >= DEAF
+        assert status.bad == 0
+        assert bench.gateway.poll() is None
+
+
+@pytest.mark.timing
+def test_idle_connections_keep_no_new_client_out(bench: Bench) -> None:
+    with idle_connections(bench.port, 1000):
+        took = []
+        for _ in range(20):
+            begun = time.monotonic()
+            with Client("bench", bench.address) as client:
+                client.status()
+            took.append(time.monotonic() - begun)
+    assert max(took) < 2.0

@@ -1,0 +1,55 @@
+"""`dehyst run --check` finds what `dehyst run` would refuse before a device is touched, and says it
+in one line."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tests.rigs.processes import CONFIG
+
+SERIAL = {
+    "run": "/nonexistent/run", "model": "paper-eq11", "rate": 100.0, "loop": "",
+    "actuator": "mdt693b", "sensor": "ksg101",
+    "actuator_settings": '{port = "/dev/ttyACM9", axis = "x"}',
+    "sensor_settings": '{port = "/dev/ttyUSB9"}',
+}  # fmt: skip
+GOOD = CONFIG.format(**SERIAL).replace('driver = "mdt693b"', 'driver = "mdt693b"\ngain = 15.0')
+
+
+def checked(folder: Path, text: str) -> "subprocess.CompletedProcess[str]":
+    path = folder / "config.toml"
+    path.write_text(text)
+    return subprocess.run(
+        [sys.executable, "-m", "dehyst.daemon.main", "run", "--check", str(path)],
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+
+
+def test_a_good_one_is_ok_with_no_device_there(tmp_path: Path) -> None:
+    done = checked(tmp_path, GOOD)
+    assert done.returncode == 0, done.stderr
+    assert ": ok." in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('driver = "mdt693b"', 'driver = "mdt693c"', "no actuator driver 'mdt693c'"),
+        ('driver = "ksg101"', 'driver = "mdt693b"', "no sensor driver 'mdt693b'"),
+        ('axis = "x"', 'axis = "w"', "axis"),
+        ('axis = "x"', 'axsi = "x"', "axsi"),
+        ("max_v = 150.0", "max_v = 100000.0", "wider than the unit's own"),
+        ("rate_hz = 100.0", "rate_hz = 5000.0", "known to sustain"),
+        ("[limits]", '[channels.t]\ndriver = "thermo"\n[limits]', "no sensor driver 'thermo'"),
+        ('"paper-eq11"', '"missing.toml"', "missing.toml"),
+        ("[limits]", 'bus = {listen = ["tcp/0.0.0.0:7447"]}\n[limits]', "bus"),
+        ("min_v = 0.0", "min_v = 6.0", "safe.voltage_v"),
+    ],
+)
+def test_what_would_be_refused_is_found(tmp_path: Path, old: str, new: str, words: str) -> None:
+    assert old in GOOD
+    done = checked(tmp_path, GOOD.replace(old, new))
+    assert done.returncode == 2, done.stderr
+    assert words in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1

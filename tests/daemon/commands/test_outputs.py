@@ -1,0 +1,180 @@
+"""No command's output replaces an input or, unasked, an existing recording."""
+
+import os
+import stat
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.rigs.gateway_bench import CONFIG, model_text
+
+from dehyst.daemon.files.outputs import whole_file
+from dehyst.daemon.files.recordings import read_recording, write_recording
+from dehyst.daemon.main import COMMANDS, build_parser, main
+from dehyst.models.errors import BadInput
+
+# what each command writes, and for each output the inputs that it must not hit
+WRITES: dict[str, list[str]] = {
+    "identify": ["identify {rec} -o {out}", "identify {rec} -o m.toml --report {dir}"],
+    "simulate": ["simulate {model} {rec} -o {out}"],
+    "invert": ["invert {model} {trajectory} -o {out}"],
+    "diagnose": ["diagnose {rec} --model {model} -o {dir}"],
+    "excite": [
+        "excite --range 0 50 --band 5 --duration 2 -o {out}",
+        "excite --separate delay lag --model {model} -o {out}",
+        "excite --check {rec} --picture {out}",
+        "excite --range 0 50 --band 5 --duration 2 -o d.csv --picture {out}",
+    ],
+    "acquire": ["acquire {rec} --config {config} -o {out}"],
+    "record": ["record --credentials {credentials} -o {out}"],
+    "probe": ["probe /dev/null -o {out}"],
+    "emulate": ["emulate --dir {dir} --log {out}"],
+    "demo": ["demo -o {dir}"],
+}
+MADE_NEW = {"keys"}  # opens every file with O_EXCL: tests/daemon/bus/test_certificates.py
+OUTPUTS = {"output", "report", "picture", "log", "directory"}
+
+
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
+    """One file of every kind of input."""
+    monkeypatch.chdir(tmp_path)
+    time_s = np.arange(2000) / 1000.0
+    drive = 30.0 - 30.0 * np.cos(2 * np.pi * time_s)
+    paths = {name: tmp_path / f"{name}.csv" for name in ("rec", "trajectory", "credentials")}
+    write_recording(paths["rec"], time_s, {"u_v": drive, "y_um": 0.1 * drive})
+    write_recording(paths["trajectory"], time_s, {"target_um": 0.05 * drive})
+    paths["credentials"].write_text("alice:long-enough-a-password\n")
+    paths["model"] = tmp_path / "model.toml"
+    paths["model"].write_text(model_text())
+    paths["config"] = tmp_path / "stage.toml"
+    paths["config"].write_text(CONFIG.format(run_dir=tmp_path / "run", port=7447))
+    return paths
+
+
+def test_every_command_that_writes_is_in_the_table() -> None:
+    writing = set()
+    for command in COMMANDS:
+        (sub,) = [a for a in build_parser(command)._actions if a.dest == "command"]
+        assert sub.choices is not None
+        if {a.dest for a in sub.choices[command]._actions} & OUTPUTS:
+            writing.add(command)
+    assert writing == WRITES.keys() | MADE_NEW
+
+
+def alias(target: Path, kind: str) -> Path:
+    """Another path to the same file."""
+    if kind == "name":
+        return target
+    path = target.parent / "sub" / ("alias" + target.suffix)
+    path.parent.mkdir(exist_ok=True)
+    if kind == "dots":
+        return target.parent / "sub" / ".." / target.name
+    path.symlink_to(target) if kind == "symlink" else os.link(target, path)
+    return path
+
+
+CASES = [
+    (command, line, kind)
+    for command, lines in WRITES.items()
+    for line in lines
+    for kind in ("name", "dots", "symlink", "hard link")
+    if any("{" + name + "}" in line for name in ("rec", "model", "trajectory", "config",
+                                                 "credentials")) and "{out}" in line
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("command", "line", "kind"), CASES)
+def test_an_input_is_never_replaced(
+    command: str, line: str, kind: str, files: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path: path.read_bytes() for path in files.values()}
+    for name, path in files.items():
+        if "{" + name + "}" not in line:
+            continue
+        words = {key: str(p) for key, p in files.items()}
+        words |= {"out": str(alias(path, kind)), "dir": "results"}
+        force = ["--force"] if "--force" in help_of(command) else []
+        assert main([*line.format(**words).split(), *force]) == 2
+        said = capsys.readouterr().err
+        assert "is an input" in said
+        assert said.count("\n") == 1
+        assert {path: path.read_bytes() for path in files.values()} == before
+        (path.parent / "sub" / ("alias" + path.suffix)).unlink(missing_ok=True)
+
+
+def help_of(command: str) -> str:
+    (sub,) = [a for a in build_parser(command)._actions if a.dest == "command"]
+    assert sub.choices is not None
+    return str(sub.choices[command].format_help())
+
+
+def test_a_report_or_a_folder_of_results_does_not_hit_an_input(
+    files: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = files["model"].parent
+    before = files["model"].read_bytes()
+    assert main(f"diagnose {files['rec']} --model {files['model']} -o {folder}".split()) == 2
+    assert "model.toml: is an input" in capsys.readouterr().err
+    report = folder / "report.html"
+    report.write_bytes(files["rec"].read_bytes())
+    assert main(f"identify {files['rec']} -o {report} --report {folder}".split()) == 2
+    assert "two outputs" in capsys.readouterr().err
+    assert files["model"].read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("command", "line"), [(c, line) for c, lines in WRITES.items() for line in lines]
+)
+def test_an_existing_recording_is_replaced_only_when_asked(
+    command: str, line: str, files: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    if "{out}" not in line and command != "demo":
+        pytest.skip("writes no recording")
+    earlier = Path("earlier.csv") if command != "demo" else Path("results/recording.csv")
+    earlier.parent.mkdir(exist_ok=True)
+    earlier.write_text("t_s,u_v,y_um\n0.0,1.0,2.0\n")
+    words = {key: str(p) for key, p in files.items()} | {"out": str(earlier), "dir": "results"}
+    assert main(line.format(**words).split()) == 2
+    said = capsys.readouterr().err
+    assert "exists already" in said
+    assert "--force" in said
+    assert said.count("\n") == 1
+    assert earlier.read_text() == "t_s,u_v,y_um\n0.0,1.0,2.0\n"
+
+
+def test_with_force_the_new_recording_is_there(files: dict[str, Path]) -> None:
+    out = Path("earlier.csv")
+    out.write_text("t_s,u_v\n0.0,1.0\n1.0,1.0\n")
+    line = f"simulate {files['model']} {files['rec']} -o {out} --force"
+    assert main(line.split()) == 0
+    assert read_recording(out).size == 2000
+
+
+def test_devices_and_folders_are_not_written_to(
+    files: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("folder.csv").mkdir()
+    for out in ("folder.csv", "/dev/null"):
+        assert main(f"simulate {files['model']} {files['rec']} -o {out} --force".split()) == 2
+        assert "not an ordinary file" in capsys.readouterr().err
+    assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+
+
+def test_a_file_appears_complete_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    path.write_bytes(b"before")
+    bystander = tmp_path / "x.csv.part"
+    bystander.write_bytes(b"the user's own")
+    half = whole_file(path)
+    half.__enter__().write(b"half")
+    assert path.read_bytes() == b"before"
+    assert half.__exit__(RuntimeError, RuntimeError(), None) is not True
+    assert path.read_bytes() == b"before"
+    with whole_file(path) as file:
+        file.write(b"whole")
+    assert path.read_bytes() == b"whole"
+    assert bystander.read_bytes() == b"the user's own"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["x.csv", "x.csv.part"]
+    with pytest.raises(BadInput), whole_file(tmp_path):
+        pass

@@ -1,0 +1,107 @@
+"""`dehyst probe` and `dehyst drivers`, run as the user runs them, on an emulated unit."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from dehyst.daemon.main import main
+from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
+from dehyst.drivers.emulated.mdt693b_port import Mdt693bEmulator
+from dehyst.drivers.mdt693b.probe import QUERIES, Exchange, interpret
+from dehyst.drivers.mdt693b.tuning import ProbeTuning
+
+
+@pytest.fixture(autouse=True)
+def _short_silences(monkeypatch):
+    hurried = ProbeTuning(quiet_s=0.03, first_byte_s=0.5)
+    monkeypatch.setattr("dehyst.drivers.mdt693b.probe.TUNING", hurried)
+
+
+@pytest.mark.parametrize("dialect", ["1.05", "1.10"])
+def test_a_unit_is_recorded_and_understood(tmp_path, capsys, dialect):
+    fixture = tmp_path / "unit.json"
+    knobs = Mdt693bKnobs(dialect=dialect, latency_s=0.0, jitter_s=0.0, start_v=20.0)
+    with Mdt693bEmulator(tmp_path / "port", knobs) as emulator:
+        assert main(["probe", emulator.port, "-o", str(fixture), "--json"]) == 0
+        assert emulator.unit.sets_done == 0
+        assert emulator.unit.registers.echo, "a setting was changed"
+        assert emulator.output_v() == pytest.approx(20.0, abs=2e-3)
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["firmware"] == dialect
+    assert printed["answers"]["vlimit?"] == "150"
+    assert not [a for a in printed["answers"].values() if "unclear" in a or a == "no answer"]
+    assert printed["timings"]["query"]["rate_hz"] > 0
+    assert "set" not in printed["timings"]
+    table = json.loads(fixture.read_text())
+    exchanges = [Exchange.from_dict(entry) for entry in table["exchanges"]]
+    assert [e.sent for e in exchanges] == [q.encode() + b"\r" for q in QUERIES]
+    assert all(e.received[0][0] >= e.sent_at_s for e in exchanges)
+    assert interpret(exchanges).answers == printed["answers"]
+
+
+def test_sets_are_timed_only_where_the_output_stands(tmp_path, capsys):
+    knobs = Mdt693bKnobs(latency_s=0.0, jitter_s=0.0, start_v=20.0)
+    with Mdt693bEmulator(tmp_path / "port", knobs) as emulator:
+        assert main(["probe", emulator.port, "--sets", "40"]) == 2
+        assert "Nothing was set" in capsys.readouterr().err
+        assert emulator.unit.sets_done == 0
+        assert main(["probe", emulator.port, "--sets", "20"]) == 0
+        assert "set:" in capsys.readouterr().out
+        assert emulator.unit.sets_done > 0
+        assert emulator.output_v() == pytest.approx(20.0, abs=2e-3)
+
+
+def test_a_silent_or_strange_port_is_a_finding(tmp_path, capsys):
+    with Mdt693bEmulator(tmp_path / "port") as emulator:
+        emulator.fault(mute=True)
+        emulator.call(lambda: setattr(emulator.unit.registers, "echo", False))
+        assert main(["probe", emulator.port]) == 1
+        assert "does not answer" in capsys.readouterr().out
+        emulator.fault(mute=False, garbage=True, count=1000)
+        assert main(["probe", emulator.port]) == 1
+        assert "no MDT693B" in capsys.readouterr().out
+    assert main(["probe", emulator.port]) == 2
+    assert "there is no port" in capsys.readouterr().err
+
+
+def test_drivers_lists_every_plugin(capsys):
+    code = main(["drivers", "--json"])
+    listed = json.loads(capsys.readouterr().out)
+    assert {"mdt693b", "ksg101", "simulated"} <= {entry["name"] for entry in listed}
+    assert code == (1 if any(entry["error"] for entry in listed) else 0)
+    main(["drivers"])
+    assert "mdt693b" in capsys.readouterr().out
+
+
+def test_drivers_with_a_name_lists_the_settings_of_both_kinds(capsys):
+    assert main(["drivers", "nidaqmx", "--json"]) == 0
+    listed = {entry["kind"]: entry["settings"] for entry in json.loads(capsys.readouterr().out)}
+    scale = next(key for key in listed["sensor"] if key["name"] == "um_per_v_per_v")
+    assert (scale["required"], scale["unit"]) == (True, "um per V per V")
+    assert "displacement per bridge ratio" in scale["meaning"]
+    gain = next(key for key in listed["actuator"] if key["name"] == "gain")
+    assert (gain["default"], gain["type"]) == (15.0, "a number, above 0")
+    assert main(["drivers", "mdt693b"]) == 0
+    assert "longest wait for a reply" in capsys.readouterr().out
+    assert main(["drivers", "mdt694b"]) == 2
+    assert "no driver 'mdt694b'; there are: iio, ksg101" in capsys.readouterr().err
+
+
+def test_the_emulator_as_a_process_takes_commands(tmp_path):
+    command = [sys.executable, "-m", "dehyst.drivers.emulated.mdt693b_port"]
+    command += ["--link", str(tmp_path / "port"), "--start-v", "7"]
+    lines = "state\nfault hang on\nfault hang maybe\nfault before_reply 0a\nunplug\nplug 1.05\n"
+    lines += "stall on\nclear\nnonsense\nquit\n"
+    done = subprocess.run(command, input=lines, capture_output=True, text=True, timeout=60)
+    ready, state, hang, maybe, before, out, back, stall, clear, bad, end = [
+        json.loads(line) for line in done.stdout.splitlines()
+    ]
+    assert done.returncode == 0
+    assert ready == {"ready": str(tmp_path / "port")}
+    assert state["outputs_v"]["x"] == pytest.approx(7.0, abs=2e-3)
+    assert [x["ok"] for x in (hang, before, out, back, stall, clear, end)] == [True] * 7
+    assert (out["plugged"], back["plugged"]) == (False, True)
+    assert not maybe["ok"]
+    assert "commands:" in bad["error"]

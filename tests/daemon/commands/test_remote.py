@@ -1,0 +1,236 @@
+"""send, play, watch and record as processes against a running gateway."""
+
+import contextlib
+import io
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.rigs.gateway_bench import ROOT, Bench, wait_until
+
+from dehyst.daemon.files.recorder import Recorder, RecordingFailed
+from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.main import main
+from dehyst.daemon.rings.records import TELEMETRY
+from dehyst.daemon.terminal.braille import Curve, Plot
+from dehyst.models.errors import BadInput
+
+ENV = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
+
+
+def start(*arguments: str, bench: Bench) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "dehyst.daemon.main", *arguments, "--connect", bench.address]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, env=ENV, stdout=pipe, stderr=pipe, text=True)
+
+
+def run(*arguments: str, bench: Bench) -> tuple[int, str, str]:
+    """The command in this process: (exit code, stdout, stderr)."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = main([*arguments, "--connect", bench.address])
+        except SystemExit as leaving:  # argparse
+            code = int(str(leaving.code))
+    return code, out.getvalue(), err.getvalue()
+
+
+def trajectory(path: Path, low: float, high: float, seconds: float = 2.0) -> None:
+    t_s = np.arange(0.0, seconds, 0.005)
+    target = 0.5 * (low + high) + 0.5 * (high - low) * np.sin(2 * np.pi * t_s)
+    rows = "".join(f"{t:.3f},1,{y:.6f}\n" for t, y in zip(t_s, target, strict=True))
+    path.write_text("t_s,u_v,target_um\n" + rows)
+
+
+def on_grid(t_s: np.ndarray, period_s: float = 0.005) -> int:
+    """Times lie on the loop's grid; how many places of it the loop missed."""
+    places = np.diff(t_s) / period_s
+    assert np.allclose(places, np.rint(places), atol=1e-3)
+    assert (np.rint(places) >= 1).all()
+    return int(np.rint(places).sum()) - places.size
+
+
+def test_play_watched_and_recorded(bench: Bench, tmp_path: Path) -> None:
+    bench.client()
+    path, rec = tmp_path / "way.csv", tmp_path / "rec.csv"
+    trajectory(path, 2.0, 8.0)
+    recorder = start("record", "-o", str(rec), bench=bench)
+    wait_until("it records", lambda: rec.exists() and rec.stat().st_size > 2000)
+    watcher = start("watch", "--for", "4", bench=bench)
+    assert watcher.stdout is not None
+    assert watcher.stdout.readline()  # it watches before the trajectory begins
+    code, out, err = run("play", str(path), "--json", bench=bench)
+    result = json.loads(out)
+    assert (code, err) == (0, "")
+    assert result["completed"]
+    assert result["samples"] == result["expected_samples"] == 400
+    assert 0 < result["rms_error"] <= result["max_error"]
+    recorder.send_signal(signal.SIGINT)
+    out, err = recorder.communicate(timeout=30)
+    assert recorder.returncode == 0, err
+    assert "0 lost" in err
+    out, err = watcher.communicate(timeout=30)
+    assert watcher.returncode == 0
+    assert "running" in out
+    assert len(out.splitlines()) <= 5
+    recording = read_recording(rec, need_displacement=True)
+    on_grid(recording.t_s)
+    assert recording.displacement is not None
+    # against the loop's own records: the recorded drive is the one in force at the reading
+    origin = float(recording.metadata["setpoint_origin"].split()[0])
+    records = bench.loop.samples()
+    measured, shown = records["measured"] + origin, recording.displacement[1:]
+    windows = np.lib.stride_tricks.sliding_window_view(measured, 50)
+    place = int(np.argmin(np.abs(windows - shown[:50]).sum(axis=1)))
+    at = place + np.arange(shown.size)
+    assert np.allclose(recording.displacement[1:], measured[at], atol=1e-6)
+    assert np.allclose(recording.drive[1:], records["volts"][at - 1], atol=1e-6)
+    target = recording.channels["target_um"]
+    assert np.nanmax(target) > 7.9
+    assert "setpoint_origin" in recording.metadata
+
+
+def test_play_refuses_what_does_not_fit(bench: Bench, tmp_path: Path) -> None:
+    bench.client()
+    path = tmp_path / "way.csv"
+    trajectory(path, 6.0, 14.0, 1.0)
+    code, _, err = run("play", str(path), bench=bench)
+    assert code == 2
+    offered = re.search(r"--offset-um (-[\d.]+) would centre it", err)
+    assert offered
+    assert err.count("\n") == 1
+    code, out, _ = run("play", str(path), "--offset-um", offered[1], "--loop", "2", bench=bench)
+    assert code == 0
+    assert "400 of 400 samples" in out
+    code, out, _ = run("play", str(path), "--allow-unreachable", "--json", bench=bench)
+    assert code == 1
+    reach = bench.client().status().reach_max
+    target = np.loadtxt(path, delimiter=",", skiprows=1)[:, 2]
+    outside = int(np.count_nonzero(target > reach))  # of 200; some can be reached on a way up
+    assert 10 < json.loads(out)["unreachable_samples"] <= outside
+    code, _, err = run("play", str(path), "--column", "u_v", bench=bench)
+    assert code == 2
+    assert "targets are in v" in err
+    assert run("play", str(tmp_path / "none.csv"), bench=bench)[0] == 2
+
+
+def test_send(bench: Bench) -> None:
+    bench.client()
+    code, out, _ = run("send", "4", "--json", bench=bench)
+    assert code == 0
+    assert json.loads(out)["reply"]["ok"]
+    code, _, err = run("send", "44", bench=bench)
+    assert code == 2
+    assert "cannot be reached" in err
+    assert run("send", "nan", bench=bench)[0] == 2
+    assert run("send", "--stop", bench=bench)[0] == 0
+    code, _, err = run("send", "4", "--name", "nobody", bench=bench)
+    assert (code, "there are: bench" in err) == (2, True)
+    bench.kill_gateway()
+    code, _, err = run("send", "4", bench=bench)
+    assert code == 2
+    assert "no daemon reached" in err
+
+
+def test_record_for_so_many_seconds_across_a_killed_gateway(bench: Bench, tmp_path: Path) -> None:
+    rec = tmp_path / "rec.csv"
+    bench.client()
+    recorder = start("record", "-o", str(rec), "--for", "5", "--json", bench=bench)
+    wait_until("it records", lambda: rec.exists() and rec.stat().st_size > 2000)
+    bench.kill_gateway()
+    bench.start_gateway()
+    out, err = recorder.communicate(timeout=60)
+    result = json.loads(out)
+    assert recorder.returncode == 0, err
+    assert result["lost_samples"] == 0
+    assert result["samples"] + on_grid(read_recording(rec).t_s) == 1000
+
+
+def test_a_recording_that_hits_a_limit_ends_with_a_whole_line(bench: Bench, tmp_path: Path) -> None:
+    rec = tmp_path / "rec.csv"
+    bench.client()
+    program = (
+        "import resource, sys; from dehyst.daemon.main import main;"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (8000, 8000));"
+        f"sys.exit(main(['record', '-o', {str(rec)!r}, '--connect', {bench.address!r}]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=ENV, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 2
+    assert "what was written before is whole" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert rec.read_bytes().endswith(b"\n")
+    assert 7900 <= rec.stat().st_size <= 8000
+    assert read_recording(rec).t_s.size > 20
+    nowhere = str(tmp_path / "no" / "rec.csv")
+    code, _, err = run("record", "-o", nowhere, bench=bench)
+    assert (code, "cannot be written" in err) == (2, True)
+
+
+def telemetry(seq: list[int], period_ns: int = 1_000_000) -> np.ndarray:
+    out = np.zeros(len(seq), TELEMETRY)
+    out["seq"] = seq
+    out["scheduled_ns"] = 5_000_000_000 + period_ns * np.array(seq)
+    out["volts"] = 15.0 * np.array(seq)
+    out["measured"] = np.where(np.array(seq) % 5 == 0, np.nan, 0.25)
+    out["target"] = np.nan
+    return out
+
+
+def test_gaps_stay_gaps_and_the_drive_is_the_one_before(tmp_path: Path) -> None:
+    path = tmp_path / "rec.csv"
+    with Recorder(path, 15.0, ("v", "um"), 2.0, {"note": "two\nlines"}) as file:
+        file.add(telemetry([3, 4, 5]))
+        file.add(telemetry([6, 9]))
+        file.add(telemetry([20, 21]))
+        assert (file.rows, file.gaps) == (7, 2)
+        with pytest.raises(RecordingFailed, match="started anew"):
+            file.add(telemetry([0]))
+    recording = read_recording(path)
+    assert np.allclose(recording.t_s, 1e-3 * np.array([0, 1, 2, 3, 6, 17, 18]))
+    nan = np.nan
+    assert np.array_equal(recording.drive, [nan, 3, 4, 5, nan, nan, 20], equal_nan=True)
+    expected = [2.25, 2.25, nan, 2.25, 2.25, nan, 2.25]
+    assert np.array_equal(recording.displacement, expected, equal_nan=True)
+    assert recording.metadata["note"] == "two lines"
+    with pytest.raises(BadInput):
+        Recorder(tmp_path / "rec.txt", 1.0, ("v", "um"), 0.0, {})
+
+
+def test_braille_plot_draws_the_curve_where_it_is() -> None:
+    from rich.console import Console
+
+    console = Console(width=60, height=20, file=io.StringIO(), record=True)
+    x = np.linspace(0.0, 1.0, 500)
+    console.print(Plot(x, [Curve("up", x, "red"), Curve("none", x * np.nan, "blue")], "um"))
+    console.print(Plot(x[:0], [Curve("none", x[:0], "red")], "um"))
+    lines = console.export_text().splitlines()
+    first = [min((line.index(c) for c in line if ord(c) > 0x2800), default=None) for line in lines]
+    drawn = [f for f in first if f is not None]
+    assert len(drawn) >= 10
+    assert drawn == sorted(drawn, reverse=True)  # rises to the right
+    assert lines[0].strip().startswith("1")
+    assert "nothing to draw" in lines[-1]
+
+
+def test_a_recorder_that_stood_still_fetches_what_it_missed(bench: Bench, tmp_path: Path) -> None:
+    rec = tmp_path / "rec.csv"
+    bench.client()
+    recorder = start("record", "-o", str(rec), "--for", "7", "--json", bench=bench)
+    wait_until("it records", lambda: rec.exists() and rec.stat().st_size > 2000)
+    recorder.send_signal(signal.SIGSTOP)
+    begun = bench.loop.seq
+    wait_until("five seconds pass", lambda: bench.loop.seq > begun + 1000)
+    recorder.send_signal(signal.SIGCONT)
+    out, err = recorder.communicate(timeout=60)
+    result = json.loads(out)
+    assert recorder.returncode == 0, err
+    assert (result["lost_samples"], result["gaps"]) == (0, 0)
+    assert result["samples"] + on_grid(read_recording(rec).t_s) == 1400

@@ -1,0 +1,62 @@
+"""Mistakes at the command line end in one line that says what to write."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from tests.rigs.gateway_bench import environment
+
+from dehyst.daemon.main import main
+from dehyst.daemon.tools.demo import judge
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("send 8um", "'8um' is not a finite number; write it without a unit"),
+        ("send nan", "not a finite number"),
+        ("run --config x.toml --name foo", "--name goes without --config"),
+        ("run --config x.toml --listen tcp/127.0.0.1:7447", "--listen goes without --config"),
+        ("run --listen foo", "'foo' is no address; write PROTOCOL/HOST:PORT"),
+        ("watch --connect 127.0.0.1:7447", "is no address; write PROTOCOL/HOST:PORT"),
+        ("watch --connect tcp/127.0.0.1:99999", "is no address"),
+    ],
+)
+def test_one_line(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    try:
+        code = main(line.split())
+    except SystemExit as end:
+        code = int(str(end.code))
+    said = capsys.readouterr().err
+    assert code == 2
+    assert words in said
+    assert said.count("\n") == 1
+
+
+def test_the_demo_judges_itself() -> None:
+    assert judge(0.5, 0.05, 0.0) == (True, "compensation makes the error 10.0 times smaller")
+    better, says = judge(0.5, 0.8, 0.0)
+    assert not better
+    assert "did not make the error smaller" in says
+    better, says = judge(0.5, 0.8, 0.17)
+    assert not better
+    assert "too busy to judge: 17 %" in says
+
+
+def test_an_interrupt_during_the_imports_is_one_line(tmp_path: Path) -> None:
+    for delay_s in (0.5, 1.0, 2.0):
+        process = subprocess.Popen(
+            [sys.executable, "-c", "import sys; from dehyst.daemon.main import main; "
+             "print('up', flush=True); sys.exit(main())", "latency", "--no-io"],
+            env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        time.sleep(delay_s)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=120.0)
+        assert "Traceback" not in said
+        assert process.returncode == 130

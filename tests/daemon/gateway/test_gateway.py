@@ -1,0 +1,337 @@
+"""The gateway as a real process, between real rings and real zenoh clients."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.rigs.gateway_bench import ROOT, Bench, wait_until
+
+from dehyst.daemon.bus import encoding, messages, topics
+from dehyst.daemon.bus.session import Bus, BusError
+from dehyst.daemon.client.client import Client, Refusal
+from dehyst.daemon.files.models import load_model
+from dehyst.daemon.rings.records import Command, State
+
+
+def collect(client: Client, count: int) -> np.ndarray:
+    """So many samples, or a few more."""
+    stream, parts = client.stream(), []
+    end = time.monotonic() + 60.0
+    while sum(p.size for p in parts) < count:
+        assert time.monotonic() < end, "no telemetry"
+        parts.append(stream.read(0.1))
+    stream.close()
+    return np.concatenate(parts)
+
+
+def test_every_sample_arrives_bit_for_bit(bench: Bench) -> None:
+    client = bench.client()
+    samples = collect(client, 200)
+    assert np.all(np.diff(samples["seq"]) == 1)
+    first = int(samples["seq"][0])
+    written = bench.loop.samples(first)[: samples.size]
+    assert written.tobytes() == samples.tobytes()
+    history = client.history(seconds=0.5)
+    span_s = (history["scheduled_ns"][-1] - history["scheduled_ns"][0]) * 1e-9
+    assert 0.49 < span_s < 0.52
+    assert np.all(np.diff(history["seq"]) == 1)
+    whole = client.history()
+    assert whole["seq"][0] == 0
+    assert np.all(np.diff(whole["seq"]) == 1)
+
+
+def test_setpoints_asked_and_put_reach_the_loop(bench: Bench) -> None:
+    client = bench.client()
+    client.send(3.0)
+
+    def there(target: float) -> bool:
+        """At some time the set-point was followed, to where the model has its target."""
+        heard = client.history(10.0)
+        return bool(np.any((heard["target"] == target) & (abs(heard["predicted"] - target) < 1e-3)))
+
+    wait_until("the loop follows and is there", lambda: there(3.0))
+    for value in (4.0, 5.0):
+        client.put(value)
+    wait_until("the last one holds", lambda: there(5.0))
+
+    def runs() -> bool:
+        client.put(5.0)  # again, before it is older than a second
+        status = client.status()
+        return status.state == "running" and status.gateway.lease_client == client.client
+
+    wait_until("the status says so", runs)
+    with pytest.raises(Refusal, match="cannot be reached"):
+        client.send(100.0)
+    with pytest.raises(Refusal, match="NaN"):
+        client.send(float("nan"))
+    client.stop()
+    wait_until("stopped", lambda: bench.loop.state is State.READY)
+
+
+def test_questions_are_answered(bench: Bench) -> None:
+    client = bench.client()
+    assert client.name == "bench"
+    assert client.config() == bench.config
+    model = client.model()
+    assert model.displacement_unit == "um"
+    assert np.array_equal(model.hysteresis.b, load_model(bench.config.model.file).hysteresis.b)
+    status = client.status()
+    assert 0.0 < status.reach_min < 2.0  # after a way up the stage does not come back to 0 at 0 V
+    assert 9.0 < status.reach_max < 14.0
+    assert status.gateway.pid == (bench.gateway.pid if bench.gateway else 0)
+
+
+def test_whatever_is_put_or_asked_the_gateway_goes_on(bench: Bench) -> None:
+    client = bench.client()
+    feed = client.feed()
+    key = client.keys.pubsub("setpoint_um", "66")
+    good = messages.Setpoint(client=66, lease=1, sequence=1, sent_ns=0, value=1.0, unit="um")
+    request = messages.Request(client=66, sent_ns=0, action="stop")
+    bad = [
+        b"",
+        b"\xff" * 100,
+        b"\xdd\xff\xff\xff\xff",
+        b"\x91" * 10_000,
+        os.urandom(5000),
+        b"\x00" * 10_000_000,
+        encoding.encode(good),  # no lease
+        encoding.encode(request),  # may only be asked
+    ]
+    with Bus.connect([bench.address]) as raw:
+        sender = raw.sender(key, topics.SETPOINT)
+        wait_until("the way is known", lambda: sender.put(b"") or bool(feed.rejections))
+        for payload in bad:
+            sender.put(payload)
+        for payload in bad[:5]:
+            answer = next(iter(raw.ask(client.keys.rpc("command"), payload)))
+            assert encoding.decode(messages.Reply, answer).code == "bad-message"
+            with pytest.raises(BusError, match="refused"):
+                list(raw.ask(client.keys.rpc("history"), payload + b"\x01"))
+        wait_until("all are told", lambda: {r.code for r in feed.rejections} >= {"no-lease"})
+    client.send(2.0)
+    rejected = client.status().gateway.rejected
+    assert rejected["bad-message"] >= 5 + 6
+    assert rejected["no-lease"] >= 1
+    assert not np.any(bench.loop.commands["client"] == 66)
+    assert np.any(bench.loop.commands["client"] == client.client)
+
+
+def test_a_flood_neither_stops_telemetry_nor_a_stop(bench: Bench) -> None:
+    client, other = bench.client("the flooder"), bench.client("the one who stops")
+    client.send(2.0)
+    flooding = threading.Event()
+    flooding.set()
+    count = [0]
+
+    def flood() -> None:
+        while flooding.is_set():
+            for _ in range(100):
+                client.put(2.0 + count[0] % 5)
+                count[0] += 1
+
+    stream = other.stream()
+    thread = threading.Thread(target=flood)
+    thread.start()
+    try:
+        wait_until("a flood", lambda: count[0] > 5000)
+        other.stop()
+        wait_until("more of it", lambda: count[0] > 10_000)
+    finally:
+        flooding.clear()
+        thread.join()
+    samples = stream.read(0.5)
+    assert np.all(np.diff(samples["seq"]) == 1)
+    assert stream.lost == 0
+    assert np.any(bench.loop.commands["kind"] == Command.STOP_MOTION)
+    assert other.status().core_alive
+
+
+def test_one_commands_and_the_other_is_told(bench: Bench) -> None:
+    first, second = bench.client("the first"), bench.client("the second")
+    first.send(2.0)
+    with pytest.raises(Refusal, match="the first commands") as refused:
+        second.send(3.0)
+    assert refused.value.code == "lease-taken"
+    second.take_over()
+    second.send(3.0)
+    with pytest.raises(Refusal, match="the second commands"):
+        first.send(2.0)
+    second.close()  # gives it up
+    first.send(4.0)
+    wait_until("silence ends the lease", lambda: first.status().gateway.lease_client == 0)
+
+
+def test_kill_the_gateway_and_nobody_loses_a_sample(bench: Bench) -> None:
+    client = bench.client()
+    client.send(2.0)
+    stream = client.stream()
+    samples = [stream.read(1.0)]
+    beats = bench.loop.seq
+    assert bench.kill_gateway() == -signal.SIGKILL
+    with pytest.raises(BusError):
+        client.status()
+    wait_until("the loop goes on", lambda: bench.loop.seq > beats + 50)
+    bench.start_gateway()
+    resumed = bench.loop.seq + 50
+    while not samples[-1].size or samples[-1]["seq"][-1] < resumed:
+        samples.append(stream.read(1.0))
+        assert len(samples) < 10_000
+    seq = np.concatenate(samples)["seq"]
+    assert np.all(np.diff(seq) == 1)
+    assert stream.lost == 0
+    client.send(3.0)  # takes the lease anew
+
+
+@pytest.mark.timing  # the client has 10 s of patience, and the gateway must be back by then
+def test_a_trajectory_survives_a_killed_gateway(bench: Bench) -> None:
+    client = bench.client()
+    t_s = np.arange(0.0, 8.0, 0.005)
+    killing: list[threading.Thread] = []
+
+    def again() -> None:
+        bench.kill_gateway()
+        bench.start_gateway()
+
+    def progress(at_s: float, _total_s: float) -> None:
+        if at_s > 0.5 and not killing:
+            killing.append(threading.Thread(target=again))
+            killing[0].start()
+
+    played = client.play(t_s, 5.0 + 3.0 * np.sin(2 * np.pi * t_s), progress=progress, lead_s=6.0)
+    killing[0].join()
+    assert played.completed, played.reason
+    assert played.tracking.samples == played.tracking.expected
+    assert played.lost == 0
+    points = bench.loop.commands[bench.loop.commands["kind"] == Command.POINT]
+    assert np.all(np.diff(points["offset_ns"]) > 0)  # nothing was sent twice
+    assert points.size == t_s.size
+    assert np.allclose(points["value"], 5.0 + 3.0 * np.sin(2 * np.pi * t_s))
+
+
+def test_a_stop_by_another_ends_a_trajectory_with_the_reason(bench: Bench) -> None:
+    client, other = bench.client(), bench.client()
+    t_s = np.arange(0.0, 30.0, 0.005)
+    timer = threading.Timer(1.0, other.stop)
+    timer.start()
+    played = client.play(t_s, 5.0 + np.sin(t_s))
+    timer.join()
+    assert not played.completed
+    assert "stopped" in played.reason
+    with pytest.raises(Refusal, match="cannot be reached"):
+        client.play(t_s, 100.0 + t_s)
+
+
+def test_a_client_killed_in_mid_trajectory_ends_in_hold_and_ramp(
+    bench: Bench, tmp_path: Path
+) -> None:
+    path = tmp_path / "long.csv"
+    t_s = np.arange(0.0, 60.0, 0.01)
+    rows = "".join(f"{t:.2f},{5 + np.sin(t):.6f}\n" for t in t_s)
+    path.write_text("t_s,target_um\n" + rows)
+    client = bench.client()
+    player = subprocess.Popen(
+        [sys.executable, "-m", "dehyst.daemon.main", "play", str(path), "--connect", bench.address],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        stderr=subprocess.DEVNULL,
+    )
+    stream = client.stream()
+    wait_until("it plays", lambda: client.status().state == "running")
+    player.kill()
+    player.wait(10)
+    states: list[int] = []
+    while State.READY not in states:
+        samples = stream.read(1.0)
+        states += samples["state"].tolist()
+        if State.RUNNING in states:
+            states = states[states.index(State.RUNNING) :]
+        elif State.HOLDING not in states:
+            states.clear()
+        assert stream.next_seq < 200 * 30
+    order = [s for i, s in enumerate(states) if i == 0 or s != states[i - 1]]
+    assert order == [State.RUNNING, State.HOLDING, State.READY]
+
+
+def test_the_core_comes_back_with_new_rings(bench: Bench) -> None:
+    client = bench.client()
+    feed, stream = client.feed(), client.stream()
+    before = stream.read(2.0)
+    run = stream.run
+    assert before.size
+    bench.loop.close()
+    wait_until("it is missed", lambda: feed.status is not None and not feed.status.core_alive)
+    with pytest.raises(Refusal, match="does not run"):
+        client.send(2.0)
+    bench.start_loop()
+
+    def new_samples() -> bool:
+        return bool(stream.read(0.1).size) and stream.run != run
+
+    wait_until("the new one's samples", new_samples)
+    wait_until("and its status", lambda: client.status().core_alive)
+    client.send(2.0)
+    assert client.status().gateway.restarts_of_core == 1
+    assert {"core"} <= {event.code for event in feed.events}
+
+
+def test_a_subscriber_that_stands_still_holds_nobody_up(bench: Bench) -> None:
+    command = [sys.executable, "-m", "dehyst.daemon.main", "watch", "--connect", bench.address]
+    client = bench.client()
+    slow = subprocess.Popen(
+        command,
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        stdout=subprocess.PIPE,
+    )
+    assert slow.stdout is not None
+    assert slow.stdout.readline()
+    slow.send_signal(signal.SIGSTOP)
+    try:
+        samples = collect(client, 400)
+        assert np.all(np.diff(samples["seq"]) == 1)
+        client.send(2.0)
+    finally:
+        slow.send_signal(signal.SIGCONT)
+        slow.kill()
+        slow.stdout.close()
+        slow.wait(10)
+
+
+def test_sigterm_ends_it_and_systemd_is_told(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.kill_gateway(signal.SIGINT)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(10.0)
+        env = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
+        env |= {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "400000"}
+        env.pop("WATCHDOG_PID", None)
+        command = [sys.executable, "-m", "dehyst.daemon.main", "gateway", "--config"]
+        bench.gateway = subprocess.Popen([*command, str(bench.path)], env=env)
+        said = [manager.recv(4096).decode() for _ in range(4)]
+        assert said[0] == "READY=1"
+        assert "WATCHDOG=1\nSTATUS=ready" in said[3]
+        assert bench.kill_gateway(signal.SIGTERM) == 0
+        while said[-1] != "STOPPING=1":
+            said.append(manager.recv(4096).decode())
+
+
+def test_a_second_gateway_is_refused_in_one_line(bench: Bench) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "dehyst.daemon.main", "gateway", "--config", str(bench.path)],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert bench.gateway is not None
+    assert f"in use by process {bench.gateway.pid} (dehyst gateway of" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,119 @@
+"""What is too old for the loop, and what ends a trajectory: each wall of the gate by itself."""
+
+import numpy as np
+import pytest
+from tests.rigs.gate import Gate, S, grid
+
+from dehyst.daemon.gateway.admission import Admission
+from dehyst.daemon.gateway.lease import Lease
+from dehyst.daemon.rings.records import COMMAND, Command
+
+
+@pytest.fixture
+def gate() -> Gate:
+    gate = Gate()
+    assert gate.request(1, "acquire", label="first").ok
+    return gate
+
+
+def test_a_chunk_that_was_more_than_two_seconds_on_its_way_is_refused(gate: Gate) -> None:
+    late = gate.chunk(0, grid(0, 0.1), sent_ns=gate.sent(1, ago_s=2.1))
+    assert late.code == "late"
+    assert "2.1 s ago" in late.text
+    assert gate.chunk(0, grid(0, 0.1), sent_ns=gate.sent(1, ago_s=1.9)).ok
+    assert gate.chunk(1, grid(0.1, 0.1), sent_ns=gate.sent(1, ago_s=2.1)).code == "late"
+    assert gate.chunk(1, grid(0.1, 0.1), sent_ns=gate.sent(1, ago_s=-1.1)).code == "late"
+
+
+def test_a_setpoint_ends_the_trajectory(gate: Gate) -> None:
+    assert gate.chunk(0, grid(0, 0.5)).ok
+    assert gate.gate.queue_ahead_s(gate.now) > 0.4
+    assert gate.setpoint(0).ok
+    assert gate.gate.queue_ahead_s(gate.now) == 0.0
+    reply = gate.chunk(1, grid(0.5, 0.5))
+    assert (reply.code, gate.records.size) == ("over", 0)
+    assert "a set-point replaced it" in reply.text
+
+
+def test_a_refused_setpoint_does_not_end_the_trajectory(gate: Gate) -> None:
+    assert gate.chunk(0, grid(0, 0.5)).ok
+    assert gate.setpoint(0, 5.1).code == "unreachable"
+    assert gate.chunk(1, grid(0.5, 0.5)).ok
+
+
+def test_a_clear_ends_the_trajectory_that_it_names_and_tells_the_loop(gate: Gate) -> None:
+    assert gate.chunk(0, grid(0, 0.5)).ok
+    assert gate.request(1, "clear", trajectory=9).ok
+    assert gate.records[["kind", "client", "trajectory"]].tolist() == [(int(Command.CLEAR), 1, 9)]
+    reply = gate.chunk(1, grid(0.5, 0.5))
+    assert (reply.code, gate.records.size) == ("over", 0)
+    assert "its client withdrew it" in reply.text
+
+
+def test_a_clear_of_another_trajectory_leaves_this_one_alone(gate: Gate) -> None:
+    assert gate.chunk(0, grid(0, 0.5)).ok
+    assert gate.request(1, "clear", trajectory=8).ok
+    assert gate.chunk(1, grid(0.5, 0.5)).ok
+
+
+def test_who_holds_no_lease_clears_nothing(gate: Gate) -> None:
+    assert gate.chunk(0, grid(0, 0.5)).ok
+    refused = gate.request(2, "clear", trajectory=9)
+    assert (refused.code, gate.records.size) == ("lease-taken", 0)
+    assert gate.chunk(1, grid(0.5, 0.5)).ok
+
+
+def test_a_trajectory_that_the_loop_has_left_is_not_taken_up_again(gate: Gate) -> None:
+    assert gate.chunk(0, grid(0, 0.5)).ok
+    gate.gate.loop_says(9, running=True)  # still there
+    gate.gate.loop_says(8, running=False)  # another one
+    assert gate.chunk(1, grid(0.5, 0.5)).ok
+    gate.gate.loop_says(9, running=False)
+    reply = gate.chunk(2, grid(1.0, 0.5))
+    assert (reply.code, gate.records.size) == ("over", 0)
+    assert "the loop follows it no longer" in reply.text
+
+
+def test_a_new_gateway_knows_that_the_trajectory_was_complete(gate: Gate) -> None:
+    assert gate.chunk(0, grid(0, 0.1), last=True).ok
+    newest = gate.records[-1:]
+    fresh = Gate()
+    fresh.gate.resume(newest)
+    fresh.request(1, "acquire")
+    reply = fresh.chunk(1, grid(0.1, 0.1))
+    assert (reply.code, fresh.records.size) == ("over", 0)
+    assert "it is complete" in reply.text
+    assert fresh.chunk(0, grid(0, 0.1), trajectory=10).ok  # the next one begins
+
+
+def test_a_new_gateway_without_a_point_in_the_ring_begins_with_nothing() -> None:
+    fresh = Gate()
+    fresh.gate.resume(np.zeros(0, COMMAND))
+    fresh.request(1, "acquire")
+    assert fresh.chunk(1, grid(0.1, 0.1)).code == "over"
+    assert fresh.chunk(0, grid(0, 0.1)).ok
+
+
+def test_a_link_that_grows_slower_is_not_taken_for_a_clock_that_drifts(gate: Gate) -> None:
+    """Each renewal 0.4 s longer on its way than the one before, 4 s in the end."""
+    for i in range(1, 11):
+        gate.now += 2 * S
+        assert gate.request(1, "renew", sent_ns=gate.sent(1, ago_s=0.4 * i)).ok
+    assert gate.setpoint(0, sent_ns=gate.sent(1, ago_s=4.0)).code == "late"
+    assert gate.setpoint(1, sent_ns=gate.sent(1, ago_s=0.0)).ok
+
+
+def test_a_clock_that_goes_wrong_by_half_a_thousandth_makes_no_command_late(gate: Gate) -> None:
+    """Two hours of a clock that loses 0.05 %: 3.6 s in all, against 2 s that are allowed."""
+    for i in range(3600):
+        gate.now += 2 * S
+        gate.skew[1] -= round(0.0005 * 2 * S)
+        assert gate.setpoint(i).ok, i
+
+
+def test_an_hour_of_silence_ends_the_lease_whatever_the_drift() -> None:
+    lease = Lease(3 * S)
+    admission = Admission("um", 10.0, 2.0, lease)
+    number = lease.acquire(1000 * S, 1, "first", 0)
+    assert admission.lease.check(1003 * S, 1, number)
+    assert not admission.lease.check(1003 * S + 1, 1, number)

@@ -1,0 +1,80 @@
+"""The slew limit in real time: no window of the output, of whatever length, holds more than the
+limit's volts for its length and one step; late samples are not caught up with.
+
+In virtual time for both loops, and on the emulated bench by the amplifier's own log.
+"""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.rigs.processes import EmulatedBench, Rings, core, until
+from tests.rigs.two_loops import PERIOD_NS, Rig
+
+from dehyst.daemon.files.models import save_model
+from dehyst.daemon.loop.records_in_memory import SETTINGS
+from dehyst.daemon.rings.records import COMMAND, Command, Flag
+from dehyst.daemon.tools.bench_config import simulated_model
+
+SLEW_V_PER_S = 4000.0
+DAC_STEP_V = 2.75e-3
+LATE_NS = (5000, 5000, 16_500_000, 5000, 300_000, 5000, 5000, 2_400_000, 900_000, 5000, 40_000_000)
+
+
+def worst_excess(time_s: NDArray[np.float64], volts: NDArray[np.float64], slew: float) -> float:
+    """By how many volts the worst of all windows goes beyond slew times its length."""
+    worst = 0.0
+    for way in (volts, -volts):
+        ahead = way - slew * time_s
+        worst = max(worst, float((ahead - np.minimum.accumulate(ahead)).max()))
+    return worst
+
+
+def test_the_measure_finds_what_was_found() -> None:
+    """19 V in 4.9 ms at 1000 V/s and a step of 10 V: seen between neighbours only by chance."""
+    t = np.array([0.0, 10.0, 26.5, 31.4, 41.0]) * 1e-3
+    v = np.array([0.0, 10.0, 19.0, 29.0, 38.0])
+    assert worst_excess(t, v, 1000.0) == pytest.approx(0.0051 * 1000.0)
+    assert worst_excess(t, v, 4000.0) == 0.0
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_late_samples_are_not_caught_up_with(compiled: bool) -> None:
+    rig = Rig(f"late-{compiled}", lateness_ns=LATE_NS)
+    batches = []
+    for i in range(40):
+        batch = np.zeros(1, COMMAND)
+        batch["kind"], batch["value"] = Command.SETPOINT, (10.0, 1.0)[i % 2]
+        batches.append(batch)
+    rig.stepper.table.kept[SETTINGS]["approach_um_per_s"] = 1e5
+    records = rig.play(batches, 60, compiled)
+    assert np.ptp(records["volts"]) > 50.0
+    assert (records["flags"] & Flag.SLEW > 0).sum() > 100
+    step_v = SLEW_V_PER_S * PERIOD_NS * 1e-9
+    time_s = records["actual_ns"] * 1e-9
+    assert worst_excess(time_s, records["volts"], SLEW_V_PER_S) <= step_v * 1.01
+
+
+def test_the_amplifiers_own_log_while_the_gauge_is_late(tmp_path: Path) -> None:
+    save_model(simulated_model(), tmp_path / "model.toml")
+    bench = EmulatedBench(tmp_path)
+    try:
+        config = bench.config(100.0, tmp_path / "model.toml")
+        text = config.read_text().replace("slew_v_per_s = 4000.0", "slew_v_per_s = 1000.0")
+        config.write_text(text.replace("[setpoint]", "[setpoint]\napproach_um_per_s = 1000.0"))
+        rings = Rings(tmp_path)
+        with core(config):
+            bench.control(fault="late", late_s=0.0165, for_s=6.0)
+            end = time.monotonic() + 7.0
+            while time.monotonic() < end:
+                for value in (9.0, 2.0):
+                    rings.command(Command.SETPOINT, value)
+                    time.sleep(0.11)
+            until(lambda: rings.last("status")["missed"] > 5, 20.0, "missed deadlines")
+        time_ns, volts = bench.output()
+    finally:
+        bench.close()
+    assert np.ptp(volts) > 50.0
+    assert worst_excess(time_ns * 1e-9, volts, 1000.0) <= 1000.0 * 0.01 + DAC_STEP_V

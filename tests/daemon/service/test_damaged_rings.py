@@ -1,0 +1,126 @@
+"""Rings cut short and overwritten under a real daemon: nothing stops `dehyst safe`, what is damaged
+is replaced and said, and the processes go on."""
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.rigs.processes import dehyst, until
+from tests.rigs.service import SAFE_V, Service
+
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.files.models import save_model
+from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.models.errors import DehystError
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Service]:
+    model = tmp_path / "model.toml"
+    save_model(simulated_model(), model)
+    service = Service(tmp_path, model)
+    try:
+        yield service
+    finally:
+        service.close()
+
+
+def sent(client: Client) -> bool:
+    """A set-point went through."""
+    try:
+        return client.send(4.0).ok
+    except DehystError:
+        return False
+
+
+def damage(path: Path, how: str) -> None:
+    """cut, header or all: what is overwritten with random bytes."""
+    rng = np.random.default_rng(5)
+    if how == "cut":
+        os.truncate(path, 4096)
+        return
+    size = 128 if how == "header" else path.stat().st_size
+    with open(path, "r+b") as file:
+        file.write(rng.bytes(size))
+
+
+@pytest.mark.parametrize("how", ["cut", "header", "all"])
+def test_safe_and_a_new_start_with_a_damaged_ring(service: Service, how: str) -> None:
+    service.start()
+    assert service.high() > 60.0
+    core = service.core_pid()
+    assert service.supervisor is not None
+    service.supervisor.kill()  # both, so that nobody cleans up behind them
+    os.kill(core, signal.SIGKILL)
+    service.supervisor.wait(10.0)
+    until(lambda: not service.core_pid(), 10.0, "the core has gone")
+    for name in ("telemetry", "status", "event", "command"):
+        damage(service.folder / "run" / f"{name}.ring", how)
+    assert service.output() > 60.0
+    safe = dehyst("safe", "--config", str(service.config))
+    _, words = safe.communicate(timeout=60)
+    assert safe.returncode == 0, words
+    assert "Traceback" not in words
+    assert service.output() == pytest.approx(SAFE_V, abs=0.02)
+    service.start()
+    until(lambda: "not known" in service.rings.events(), 20.0, "the event")
+    assert "telemetry.ring" in service.rings.events()
+    assert "Traceback" not in service.words()
+
+
+@pytest.mark.parametrize("name", ["status", "event", "telemetry", "command"])
+def test_random_bytes_in_a_ring_that_is_in_use(service: Service, name: str) -> None:
+    service.start()
+    with service.client() as client:
+        until(lambda: client.status().core_alive, 60.0, "the core is seen")
+        client.send(5.0)
+        before = client.status()
+        for _ in range(3):
+            damage(service.folder / "run" / f"{name}.ring", "all")
+            seen = client.status().time_ns
+            until(lambda n=seen: client.status().time_ns > n, 20.0, "a status")
+        until(lambda: f"{name}.ring was damaged" in service.words(), 20.0, "it is said")
+        after = client.status()
+        assert (after.pid, after.gateway.pid) == (before.pid, before.gateway.pid)
+        assert after.core_alive
+        client.send(4.0)
+        stream = client.stream()
+        until(lambda: 4.0 in stream.read(0.1)["target"], 20.0, "the set-point is followed")
+    assert "Traceback" not in service.words()
+
+
+@pytest.mark.parametrize("name", ["telemetry", "event"])
+def test_a_ring_cut_short_in_use_costs_a_restart_at_most(service: Service, name: str) -> None:
+    """The loop may touch what is missing before it notices: then the kernel ends it."""
+    service.start()
+    with service.client() as client:
+        until(lambda: client.status().core_alive, 60.0, "the core is seen")
+        service.high()
+        damage(service.folder / "run" / f"{name}.ring", "cut")
+
+        def again() -> bool:
+            if "was damaged" in service.words() or "safe state" in service.words():
+                return status() is not None and status().core_alive
+            return False
+
+        def status() -> Any:
+            try:
+                return client.status()
+            except DehystError:  # the gateway may have gone the same way
+                return None
+
+        until(again, 60.0, f"it goes on\n{service.words()}")
+        until(lambda: status() is not None and status().state != "start", 20.0)
+        stream = client.stream()
+        until(
+            lambda: sent(client) and 4.0 in stream.read(0.3)["target"],
+            30.0,
+            "the set-point is followed",
+        )
+    assert service.supervisor is not None
+    assert service.supervisor.poll() is None
+    assert "Traceback" not in service.words()

@@ -1,0 +1,258 @@
+"""`dehyst run` with real processes, ptys and signals: what ends, ends safe; what dies comes back.
+
+The amplifier's own word is the witness of the output.
+"""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.rigs.processes import core, dehyst, until
+from tests.rigs.service import SAFE_V, Service
+
+from dehyst.daemon.config import load_config
+from dehyst.daemon.files.models import save_model
+from dehyst.daemon.rings.records import State
+from dehyst.daemon.tools.bench_config import simulated_model
+
+UNITS = Path(__file__).resolve().parents[3] / "systemd"
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.toml"
+    save_model(simulated_model(), path)
+    return path
+
+
+@pytest.fixture
+def service(tmp_path: Path, model: Path) -> Iterator[Service]:
+    service = Service(tmp_path, model)
+    try:
+        yield service
+    finally:
+        service.close()
+
+
+def test_an_end_as_asked_ramps_and_ends_with_0(service: Service) -> None:
+    service.start()
+    assert service.high() > 60.0
+    assert service.end() == 0
+    assert service.output() == pytest.approx(SAFE_V, abs=0.02)
+
+
+def test_a_core_that_had_to_be_killed_at_the_end_leaves_the_output_safe_and_not_0(
+    service: Service,
+) -> None:
+    service.start()
+    assert service.high() > 60.0
+    os.kill(service.core_pid(), signal.SIGSTOP)
+    assert service.end() == 1  # after the ramp's own time and the spare time
+    assert "hangs; killing it" in service.words()
+    assert service.output() == pytest.approx(SAFE_V, abs=0.02)
+    assert service.core_pid() == 0
+
+
+def test_a_core_that_dies_while_it_ramps_leaves_the_output_safe_and_not_0(
+    service: Service,
+) -> None:
+    slow = service.config.read_text().replace("ramp_v_per_s = 200.0", "ramp_v_per_s = 20.0")
+    service.config.write_text(slow)
+    service.start()
+    assert service.high() > 60.0
+    assert service.supervisor is not None
+    service.supervisor.send_signal(signal.SIGTERM)
+    until(lambda: service.rings.state() is State.STOPPING, 20.0, "it ramps")
+    os.kill(service.core_pid(), signal.SIGKILL)
+    assert service.supervisor.wait(60.0) == 1
+    assert service.output() == pytest.approx(SAFE_V, abs=0.02)
+
+
+def test_a_long_ramp_is_waited_for(tmp_path: Path, service: Service) -> None:
+    """The time that is allowed grows with the configured ramp: by arithmetic, not by waiting."""
+    text = service.config.read_text()
+    service.config.write_text(text.replace("ramp_v_per_s = 200.0", "ramp_v_per_s = 1.0"))
+    config = load_config(service.config)
+    assert config.longest_ramp_s == 145.0  # from 150 V to 5 V
+    done = subprocess.run(
+        [sys.executable, "-m", "dehyst.daemon.main", "run", "--check", str(service.config)],
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0
+    assert "145 s" in done.stderr
+    assert "TimeoutStopSec=90" in done.stderr
+    assert "TimeoutStopSec=90\n" in (UNITS / "dehyst.service").read_text()
+    service.config.write_text(text)
+    done = subprocess.run(
+        [sys.executable, "-m", "dehyst.daemon.main", "run", "--check", str(service.config)],
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert "TimeoutStopSec" not in done.stderr
+
+
+def test_systemd_is_asked_for_time_while_core_and_safe_ramp(
+    tmp_path: Path, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = service.config.read_text()
+    service.config.write_text(text.replace("ramp_v_per_s = 200.0", "ramp_v_per_s = 20.0"))
+    said: list[str] = []
+
+    def hear() -> str:
+        try:
+            while True:
+                said.append(manager.recv(4096).decode())
+        except BlockingIOError:
+            return "\n".join(said)
+
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.setblocking(False)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        with core(service.config) as process:
+            service.high()
+            hear()
+            said.clear()
+            process.send_signal(signal.SIGTERM)
+            begun = time.monotonic()
+            assert process.wait(60.0) == 0
+            took = time.monotonic() - begun
+        assert hear().count("EXTEND_TIMEOUT_USEC=15000000") >= took - 1.5  # each second anew
+        assert "STOPPING=1" in said[0]
+        with core(service.config) as process:
+            service.high()
+            process.kill()
+            process.wait(10.0)
+        said.clear()
+        volts = service.output()
+        safe = dehyst("safe", "--config", str(service.config))
+        safe.communicate(timeout=60)
+        asked = re.search(r"EXTEND_TIMEOUT_USEC=(\d+)", hear())
+        assert asked
+        assert int(asked.group(1)) * 1e-6 > (volts - SAFE_V) / 20.0
+    unit = (UNITS / "dehyst.service").read_text()
+    assert "NotifyAccess=exec\n" in unit  # or the words of ExecStopPost= would not count
+
+
+def test_both_killed_at_once_while_high_the_units_last_command_makes_it_safe(
+    service: Service,
+) -> None:
+    """What ExecStopPost= runs, cold: with no byte code and nobody else there."""
+    service.start()
+    volts = service.high(11.0, 100.0)
+    assert volts > 100.0
+    pid = service.core_pid()
+    assert service.supervisor is not None
+    os.kill(service.supervisor.pid, signal.SIGKILL)
+    os.kill(pid, signal.SIGKILL)
+    service.supervisor.wait(10.0)
+    until(lambda: not service.core_pid(), 10.0, "the core has gone")
+    assert service.output() > 100.0
+    found = re.search(r"^ExecStopPost=\S+/dehyst (.*)$", (UNITS / "dehyst.service").read_text(),
+                      re.MULTILINE)  # fmt: skip
+    assert found
+    arguments = found.group(1).replace("/etc/dehyst/stage.toml", str(service.config)).split()
+    done = subprocess.run(
+        [sys.executable, "-B", "-X", "pycache_prefix=/nonexistent", "-m", "dehyst.daemon.main",
+         *arguments],
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert service.output() == pytest.approx(SAFE_V, abs=0.02)
+
+
+def test_events_carry_their_time_and_belong_to_their_run(service: Service) -> None:
+    service.start()
+    assert service.high() > 60.0
+    until(lambda: "ready: clients" in service.words(), 60.0, "ready")
+    os.kill(service.core_pid(), signal.SIGKILL)
+    until(lambda: service.words().count("the loop runs") == 2, 60.0, "the second run")
+    assert service.end() == 0
+    lines = [line for line in service.words().splitlines() if "the loop runs" in line]
+    assert len(lines) == 2
+    assert all(re.match(r"dehyst run: \d\d:\d\d:\d\d the loop runs", line) for line in lines)
+    service.start()  # a new supervisor says nothing of the runs before
+    until(lambda: service.words().count("the loop runs") >= 3, 60.0, "the third run")
+    time.sleep(1.0)
+    assert service.words().count("the loop runs") == 3
+
+
+def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(service: Service) -> None:
+    with socket.socket() as squatter:
+        squatter.bind(("127.0.0.1", service.port))
+        squatter.listen()
+        service.start()
+        until(lambda: service.words().count("not ready: gateway ended") >= 3, 90.0, "three tries")
+        pauses = [float(p) for p in re.findall(r"next try in ([\d.]+) s", service.words())]
+        assert pauses == sorted(pauses)
+        assert pauses[2] > pauses[0]
+        assert "cannot listen on" in service.words()
+        assert "dehyst run: ready" not in service.words()
+        assert service.rings.state() is State.READY  # the loop itself is not disturbed
+    until(lambda: "dehyst run: ready" in service.words(), 60.0, "ready when the port is free")
+
+
+def test_sighup_while_the_core_starts_kills_nobody(service: Service) -> None:
+    service.start()
+    assert service.supervisor is not None
+    first = service.core_pid()
+    os.kill(first, signal.SIGKILL)
+    for _ in range(40):
+        service.supervisor.send_signal(signal.SIGHUP)
+        time.sleep(0.05)
+    until(lambda: service.core_pid() not in (0, first), 60.0, "the second run")
+    until(lambda: "model reloaded" in service.words(), 60.0, "the reload is not forgotten")
+    assert service.words().count("core ended") == 1
+
+
+def test_a_storm_of_sighups_takes_one_thread_and_few_reloads(service: Service) -> None:
+    service.start()
+    pid = service.core_pid()
+    service.high()
+    threads = len(list(Path(f"/proc/{pid}/task").iterdir()))
+    most, sent = 0, 0
+    end = time.monotonic() + 4.0
+    while time.monotonic() < end:
+        os.kill(pid, signal.SIGHUP)
+        sent += 1
+        most = max(most, len(list(Path(f"/proc/{pid}/task").iterdir())))
+        if sent % 20 == 0:
+            service.hold_high()
+        time.sleep(0.01)
+    time.sleep(1.5)
+    assert sent > 100
+    assert most <= threads + 2  # the reload's, and one that a library may start
+    reloads = service.rings.events().count("model reloaded")
+    assert 1 <= reloads <= 7  # in 5.5 s, with a second's rest after each
+    records = service.rings.read("telemetry")
+    assert (records["state"] != State.FAULT).all()
+
+
+def test_a_full_disk_at_the_start_is_said_and_it_comes_when_there_is_room(
+    service: Service,
+) -> None:
+    run = service.folder / "run"
+    run.mkdir(mode=0o700)
+    if os.system(f"mount -t tmpfs -o size=1m,mode=700 none {run} 2>/dev/null"):
+        pytest.skip("needs the right to mount a small disk")
+    try:
+        with open(service.log, "ab") as words:
+            service.supervisor = dehyst(
+                "run", "--config", str(service.config), stdout=words, stderr=words
+            )
+        until(lambda: service.words().count("make room") >= 2, 120.0, "it is said, and tried again")
+        assert service.supervisor.poll() is None
+        assert not list(run.glob("*.new"))
+        os.system(f"mount -o remount,size=64m {run}")
+        until(lambda: service.rings.last() is not None, 120.0, "samples")
+        assert "Traceback" not in service.words()
+        assert service.end() == 0
+    finally:
+        service.close()
+        os.system(f"umount -l {run}")

@@ -1,0 +1,142 @@
+"""A kernel that somebody planted in the cache is not loaded.
+
+The planted entry is a pickle that leaves a mark when it is read, in the place of a real kernel's
+index: whether it was read is seen by the mark.
+"""
+
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dehyst.daemon.tools import kernel_cache
+
+UNITS = Path(__file__).resolve().parents[3] / "systemd"
+NOBODY = 65534
+as_root = pytest.mark.skipif(os.geteuid() != 0, reason="needs a second user")
+LOAD = """
+import os, sys
+from dehyst.daemon.tools import kernel_cache
+os.seteuid(int(sys.argv[1]))  # who looks; then root again, who may read the program
+print(*kernel_cache.protect(), sep="\\n")
+os.seteuid(os.getuid())
+kernel_cache.drop_stale()
+import numpy as np
+from dehyst.daemon.rings.ring import load
+load(np.zeros(8, np.int64), 1)
+print("hits", sum(load.stats.cache_hits.values()))
+"""
+
+
+class Mark:
+    """Makes a file when it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return (os.mkdir, (str(self.path),))
+
+
+def run(cache: Path, user: int = 0) -> str:
+    """What a process says that loads one kernel from the cache."""
+    done = subprocess.run(
+        [sys.executable, "-c", LOAD, str(user)],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(cache)},
+        capture_output=True, text=True, check=False, timeout=200,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture
+def installed(tmp_path: Path) -> Path:
+    """A cache with that kernel, as an installation leaves it; readable by all."""
+    cache = tmp_path / "kernels"
+    cache.mkdir(mode=0o755)
+    for folder in (tmp_path, *list(tmp_path.parents)[:2]):
+        os.chmod(folder, 0o755)
+    run(cache)
+    assert list(cache.rglob("*.nbi"))
+    return cache
+
+
+@as_root
+def test_installed_kernels_are_used_by_another_user_and_not_changed(installed: Path) -> None:
+    before = {p: p.stat().st_mtime_ns for p in installed.rglob("*")}
+    assert "hits 1" in run(installed, NOBODY)
+    assert {p: p.stat().st_mtime_ns for p in installed.rglob("*")} == before
+
+
+@as_root
+@pytest.mark.parametrize("how", ["owner", "mode", "link", "folder"])
+def test_a_planted_entry_is_not_loaded(installed: Path, tmp_path: Path, how: str) -> None:
+    mark = tmp_path / "open" / "mark"
+    mark.parent.mkdir()
+    os.chmod(mark.parent, 0o777)
+    index = next(p for p in installed.rglob("*.nbi") if p.name.startswith("ring.load"))
+    planted = tmp_path / "planted"
+    planted.write_bytes(pickle.dumps(Mark(mark)))
+    index.unlink()
+    if how == "link":
+        os.chown(planted, NOBODY, NOBODY)
+        index.symlink_to(planted)
+    else:
+        shutil.copy(planted, index)
+    if how == "owner":
+        os.chown(index, NOBODY, NOBODY)
+    elif how == "mode":
+        os.chmod(index, 0o666)
+    elif how == "folder":
+        os.chmod(index.parent, 0o777)
+    words = run(installed, NOBODY)
+    assert not mark.exists()
+    assert "not loaded" in words
+    assert "hits 0" in words
+    run(installed)  # nor by the owner himself
+    assert not mark.exists()
+
+
+@as_root
+def test_the_planted_entry_would_have_run(installed: Path, tmp_path: Path) -> None:
+    """The witness works: where the owner himself left it, it is read."""
+    mark = tmp_path / "mark"
+    index = next(p for p in installed.rglob("*.nbi") if p.name.startswith("ring.load"))
+    index.write_bytes(pickle.dumps(Mark(mark)))
+    subprocess.run(
+        [sys.executable, "-c", LOAD, "0"], env={**os.environ, "NUMBA_CACHE_DIR": str(installed)},
+        capture_output=True, check=False, timeout=200,
+    )  # fmt: skip
+    assert mark.exists()
+
+
+def test_without_an_installed_cache_the_kernels_are_compiled_and_it_is_said(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "file").write_text("")
+    words = run(tmp_path / "file" / "kernels")
+    assert "compiles the kernels anew" in words
+    assert "hits 0" in words
+
+
+def test_a_cache_of_ones_own_is_used_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    os.chmod(tmp_path, 0o700)
+    assert kernel_cache.protect() == []
+    assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path)
+
+
+def test_the_services_cannot_write_where_they_load_from() -> None:
+    for name in ("dehyst.service", "dehyst-gateway.service"):
+        unit = (UNITS / name).read_text()
+        assert "Environment=NUMBA_CACHE_DIR=/opt/dehyst/kernels\n" in unit
+        assert "ProtectSystem=strict\n" in unit
+        assert "CacheDirectory" not in unit
+        writable = [x for x in unit.splitlines() if x.startswith(("ReadWritePaths", "StateDir"))]
+        assert not any("/opt" in line for line in writable)

@@ -1,0 +1,216 @@
+"""The NI-DAQmx drivers on a stand-in of the vendor's package.
+
+The stand-in has the names and signatures of nidaqmx 1.0 that the drivers call, and remembers
+what was asked of it. It is no proof for the hardware.
+"""
+
+import math
+import sys
+from types import ModuleType, SimpleNamespace
+from typing import Any, ClassVar
+
+import pytest
+
+from dehyst.drivers.contract import ActuatorContract, SensorContract
+from dehyst.drivers.interface import (
+    DeviceGone,
+    DeviceNotFound,
+    DeviceTimeout,
+    DriverConfigError,
+)
+from dehyst.drivers.nidaqmx import NidaqmxActuator, NidaqmxSensor
+
+
+class Error(Exception):
+    """As nidaqmx.errors.Error."""
+
+
+class DaqNotFoundError(Error):
+    """As nidaqmx.errors.DaqNotFoundError: the package without the NI driver."""
+
+
+class DaqError(Error):
+    """As nidaqmx.errors.DaqError."""
+
+    def __init__(self, message: str, error_code: int) -> None:
+        super().__init__(message)
+        self.error_code = error_code
+
+
+class Vendor:
+    """One simulated device: what stands at its output, what its bridge shows."""
+
+    installed = True
+    plugged = True
+    status = 0
+    output_v = 0.0
+    ratio = 0.001
+    channels: ClassVar[list[tuple[str, dict[str, Any]]]] = []
+
+
+class Task:
+    """As nidaqmx.Task."""
+
+    def __init__(self) -> None:
+        if not Vendor.installed:
+            raise DaqNotFoundError("Could not find an installation of NI-DAQmx.")
+        self.closed = False
+        self.ao_channels = SimpleNamespace(add_ao_voltage_chan=self._ao)
+        self.ai_channels = SimpleNamespace(add_ai_bridge_chan=self._ai)
+
+    def _ao(
+        self, physical_channel: str, name: str = "", min_val: float = -10, max_val: float = 10
+    ) -> None:
+        self.limits = (min_val, max_val)
+        Vendor.channels.append((physical_channel, {"min_val": min_val, "max_val": max_val}))
+
+    def _ai(self, physical_channel: str, **options: Any) -> None:
+        Vendor.channels.append((physical_channel, options))
+
+    def _check(self) -> None:
+        if not Vendor.plugged:
+            raise DaqError("Device is not available.\nStatus Code: -200324", -200324)
+        if Vendor.status:
+            raise DaqError(f"No words.\nStatus Code: {Vendor.status}", Vendor.status)
+        assert not self.closed
+
+    def start(self) -> None:
+        self._check()
+
+    def write(self, data: float, auto_start: bool = True, timeout: float = 10.0) -> None:
+        self._check()
+        assert self.limits[0] - 1e-9 <= data <= self.limits[1] + 1e-9
+        Vendor.output_v = data
+
+    def read(self, number_of_samples_per_channel: int = 1, timeout: float = 10.0) -> float:
+        self._check()
+        return Vendor.ratio
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.fixture(autouse=True)
+def vendor(monkeypatch: pytest.MonkeyPatch) -> None:
+    package: Any = ModuleType("nidaqmx")
+    package.Task = Task
+    package.errors = SimpleNamespace(Error=Error, DaqError=DaqError)
+    package.constants = SimpleNamespace(
+        BridgeUnits=SimpleNamespace(VOLTS_PER_VOLT="V/V"),
+        BridgeConfiguration=SimpleNamespace(FULL_BRIDGE="full"),
+        ExcitationSource=SimpleNamespace(INTERNAL="internal"),
+    )
+    monkeypatch.setitem(sys.modules, "nidaqmx", package)
+    Vendor.installed, Vendor.plugged, Vendor.status = True, True, 0
+    Vendor.output_v, Vendor.ratio = 0.0, 0.001
+    Vendor.channels.clear()
+
+
+class TestNidaqmxActuator(ActuatorContract):
+    def make(self) -> NidaqmxActuator:
+        return NidaqmxActuator.from_settings({"channel": "Dev1/ao0", "gain": 15.0})
+
+    def true_output(self, device: NidaqmxActuator) -> float:
+        return Vendor.output_v * 15.0
+
+    def unplug(self, device: NidaqmxActuator) -> None:
+        Vendor.plugged = False
+
+    def replug(self, device: NidaqmxActuator) -> None:
+        Vendor.plugged = True
+
+
+class TestNidaqmxSensor(SensorContract):
+    tolerance = 1e-9
+
+    def make(self) -> NidaqmxSensor:
+        return NidaqmxSensor.from_settings(
+            {"channel": "Mod1/ai0", "um_per_v_per_v": 8000.0, "zero_v_per_v": 0.0002}
+        )
+
+    def true_value(self, device: NidaqmxSensor) -> float:
+        return (0.001 - 0.0002) * 8000.0
+
+    def unplug(self, device: NidaqmxSensor) -> None:
+        Vendor.plugged = False
+
+    def replug(self, device: NidaqmxSensor) -> None:
+        Vendor.plugged = True
+
+
+def test_channels_are_made_as_the_vendor_wants_them() -> None:
+    actuator = NidaqmxActuator.from_settings({"channel": "Dev1/ao0", "gain": 10.0, "max_v": 100})
+    actuator.open()
+    assert Vendor.channels[-1] == ("Dev1/ao0", {"min_val": 0.0, "max_val": 10.0})
+    actuator.write(75.0)
+    assert Vendor.output_v == 7.5
+    sensor = NidaqmxSensor.from_settings({"channel": "Mod1/ai0", "um_per_v_per_v": 8000.0})
+    sensor.open()
+    name, options = Vendor.channels[-1]
+    assert name == "Mod1/ai0"
+    assert (options["units"], options["bridge_config"]) == ("V/V", "full")
+    assert options["voltage_excit_val"] == 2.5
+    Vendor.ratio = 0.5
+    assert math.isnan(sensor.read())
+
+
+def test_without_the_package_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "nidaqmx", None)  # what import sees when it is missing
+    actuator = NidaqmxActuator.from_settings({"channel": "Dev1/ao0"})
+    with pytest.raises(DeviceNotFound, match=r"pip install dehyst\[nidaqmx\]"):
+        actuator.open()
+
+
+def test_without_the_vendors_driver_the_error_says_so() -> None:
+    Vendor.installed = False
+    actuator = NidaqmxActuator.from_settings({"channel": "Dev1/ao0"})
+    with pytest.raises(DeviceNotFound, match="find an installation of NI-DAQmx"):
+        actuator.open()
+
+
+@pytest.mark.parametrize(
+    ("status", "kind"),
+    [(-200284, DeviceTimeout), (-200292, DeviceTimeout), (-200474, DeviceTimeout),
+     (-200560, DeviceTimeout), (-200324, DeviceGone), (-200088, DeviceGone), (-1, DeviceGone)],
+)  # fmt: skip
+def test_what_is_late_is_a_time_out_and_everything_else_is_gone(status: int, kind: type) -> None:
+    actuator = NidaqmxActuator.from_settings({"channel": "Dev1/ao0"})
+    actuator.open()
+    actuator.write(15.0)
+    Vendor.status = status
+    with pytest.raises(kind, match=f"Dev1/ao0: No words. Status Code: {status}"):
+        actuator.write(30.0)
+    Vendor.status = 0
+    assert actuator.output() == 15.0
+    with pytest.raises(DeviceGone, match="not open"):
+        actuator.write(30.0)
+    actuator.reconnect()
+    actuator.write(30.0)
+    assert Vendor.output_v == 2.0
+
+
+def test_a_vanished_device_is_gone_and_close_is_quiet() -> None:
+    sensor = NidaqmxSensor.from_settings({"channel": "Mod1/ai0", "um_per_v_per_v": 1.0})
+    sensor.open()
+    Vendor.plugged = False
+    with pytest.raises(DeviceGone, match="-200324"):
+        sensor.read()
+    sensor.close()
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings", "says"),
+    [
+        (NidaqmxActuator, {}, "missing"),
+        (NidaqmxActuator, {"channel": "a", "gain": 7.5}, "EXT"),
+        (NidaqmxActuator, {"channel": "a", "gain": -1}, "gain"),
+        (NidaqmxActuator, {"channel": 5}, "channel"),
+        (NidaqmxActuator, {"channel": "a", "initial_v": 200.0}, "initial_v"),
+        (NidaqmxSensor, {"channel": "a"}, "missing"),
+        (NidaqmxSensor, {"channel": "a", "um_per_v_per_v": 0}, "um_per_v_per_v"),
+        (NidaqmxSensor, {"channel": "a", "um_per_v_per_v": math.nan}, "um_per_v_per_v"),
+    ],
+)
+def test_wrong_settings_are_named(kind: Any, settings: dict, says: str) -> None:
+    with pytest.raises(DriverConfigError, match=says):
+        kind.from_settings(settings)

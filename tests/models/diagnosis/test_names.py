@@ -1,0 +1,192 @@
+"""Whole diagnoses on small stages of a foreign hysteresis class (Bouc-Wen, integrated here)."""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from dehyst.models import modelfile
+from dehyst.models.cascade.simulate import simulate
+from dehyst.models.diagnosis import diagnose
+from dehyst.models.errors import BadRecording
+from dehyst.models.recording import Recording
+
+DT = 1e-3
+NOISE_UM = 0.02
+
+
+def bouc_wen(u: np.ndarray) -> np.ndarray:
+    """dh = A du - beta |du| h - gamma du |h| in small steps: no plays, no polynomials."""
+    h, out, last = 0.0, np.empty(u.size), 0.0
+    for t, v in enumerate(u):
+        du = (v - last) / 4
+        for _ in range(4):
+            h += du - 0.6 * abs(du) * h - 0.1 * du * abs(h)
+        last = v
+        out[t] = h
+    return 1.1 * u - 0.004 * u**2 - 0.35 * out
+
+
+@dataclass
+class Stage:
+    """One run: drive, temperature and neighbour that the stage sees."""
+
+    t: np.ndarray
+    u: np.ndarray
+    temp: np.ndarray
+    other: np.ndarray
+
+
+def runs() -> dict[str, Stage]:
+    out = {}
+    rng = np.random.default_rng(5)
+    for k, name in enumerate(("identify", "hold")):
+        t = np.arange(6000) * DT
+        if name == "identify":
+            lines = ((2.2, 0.7, 0.3), (1.0, 3.1, 1.0), (0.6, 11.0, 2.0), (0.3, 27.0, 0.1))
+            u = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in lines)
+            u = (5 + u * 4.5 / np.abs(u).max()) * np.clip(t / 0.4, 0, 1)
+        else:
+            levels = np.r_[0.0, rng.uniform(1, 9, 6)]
+            u = levels[(t / 1.0).astype(int)]
+        temp = 22 + 0.4 * np.sin(2 * np.pi * t / 7.3 + k)
+        other = 5 + 3 * np.sin(2 * np.pi * 1.3 * t + 2 * k) * (t % 3 < 2)
+        out[name] = Stage(t, u, temp, other)
+    return out
+
+
+def first_order(x: np.ndarray, tau: float) -> np.ndarray:
+    """Explicit Euler on a grid of a tenth of the sampling period."""
+    out, y = np.empty_like(x), x[0]
+    last = x[0]
+    for i, v in enumerate(x):
+        for j in range(10):
+            y += DT / 10 / tau * (last + (v - last) * (j + 0.5) / 10 - y)
+        last = v
+        out[i] = y
+    return out
+
+
+def mode(x: np.ndarray, f: float, z: float) -> np.ndarray:
+    w = 2 * np.pi * f
+    out, y, v, last = np.empty_like(x), x[0], 0.0, x[0]
+    for i, target in enumerate(x):
+        for j in range(20):
+            force = w * w * (last + (target - last) * (j + 0.5) / 20 - y) - 2 * z * w * v
+            v += force * DT / 20
+            y += v * DT / 20
+        last = target
+        out[i] = y
+    return out
+
+
+def recordings(effect: str, seed: int = 0, channels: bool = True) -> list[Recording]:
+    out = []
+    rng = np.random.default_rng(seed)
+    for name, s in runs().items():
+        u = s.u
+        if effect == "delay":
+            u = np.interp(s.t - 2.3e-3, s.t, u)
+        if effect == "slew":
+            limited, y = np.empty_like(u), 0.0
+            for i, v in enumerate(u):
+                y += np.clip(v - y, -0.3, 0.3)
+                limited[i] = y
+            u = limited
+        y = bouc_wen(u)
+        if effect == "lag":
+            y = first_order(y, 1.5e-3)
+        if effect == "resonance":
+            y = mode(y, 83.0, 0.03)
+        if effect == "creep":
+            steps = np.diff(y, prepend=0.0)
+            y = y + 0.02 * np.convolve(steps, np.log10(1 + s.t / 0.03))[: y.size]
+        if effect == "hum":
+            y = y + 0.04 * np.sin(2 * np.pi * 50.02 * s.t + rng.uniform(0, 6))
+        if effect == "coupling":
+            y = y + 0.02 * s.other
+        if effect == "drift":
+            y = y + 0.15 * (s.temp - 22)
+        y = y + NOISE_UM * rng.standard_normal(y.size)
+        beside = {"temp_c": s.temp, "u2_v": s.other} if channels else {}
+        out.append(Recording(s.t, s.u, y, channels=beside, name=f"{name}.csv"))
+    return out
+
+
+@pytest.mark.parametrize(
+    "effect", ["delay", "slew", "lag", "resonance", "creep", "hum", "coupling", "drift"]
+)
+def test_hidden_effect_is_named_first_and_the_model_predicts(effect: str) -> None:
+    given = recordings(effect)
+    d = diagnose(given)
+    assert d.verdict == "explained"
+    assert d.findings[0].name == effect
+    assert d.findings[0].share > 0.8
+    assert d.rms["heldout_augmented"] < 1.15 * NOISE_UM < d.rms["heldout_base"]
+    model = modelfile.loads(modelfile.dumps(d.model))  # what the file says is what was fitted
+    for r, view in zip(given, d.views, strict=True):
+        y = simulate(model, r.t_s, r.drive, r.channels)
+        e = y - r.displacement
+        if effect == "hum":  # phases differ between recordings and cannot be foretold
+            continue
+        assert np.std(e) < 1.2 * NOISE_UM
+        assert view.base.shape == view.augmented.shape == r.t_s.shape
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_clean_stage_of_a_foreign_class_is_clean_with_limits(seed: int) -> None:
+    d = diagnose(recordings("nothing", seed))
+    assert d.verdict == "clean"
+    assert d.findings == ()
+    assert d.noise == pytest.approx(NOISE_UM, rel=0.03)
+    limits = {x.name: x for x in d.would_have_seen}
+    assert {"delay", "lag", "creep", "resonance", "hum", "coupling", "drift"} <= set(limits)
+    assert 1e-6 < limits["delay"].value < 1e-3
+    assert limits["resonance"].side == "below"
+
+
+def test_interval_holds_the_truth_and_units_are_told() -> None:
+    d = diagnose(recordings("coupling"))
+    gain = d.findings[0].parameters["gain_um_per_unit"]
+    assert gain.low < 0.02 < gain.high
+    assert gain.unit == "um/v"
+    assert gain.high - gain.low < 0.01
+
+
+def test_structure_outside_the_library_is_not_given_a_name() -> None:
+    given = recordings("nothing")
+    out = []
+    for r in given:  # the gain jumps half-way through each recording
+        y = np.array(r.displacement)
+        y[2600:] *= 1.02
+        out.append(Recording(r.t_s, r.drive, y, channels=r.channels, name=r.name))
+    d = diagnose(out)
+    assert d.verdict in ("unknown", "partly")
+    assert d.findings[-1].name == "unknown"
+
+
+def test_result_is_json_by_contract() -> None:
+    said = json.loads(json.dumps(diagnose(recordings("hum")).to_dict()))
+    assert said["format"] == 1
+    assert said["noise"]["unit"] == "um"
+    (effect,) = said["effects"]
+    assert effect["name"] == "hum"
+    assert effect["says"].endswith(".")
+    assert effect["parameters"]["frequency_hz"]["value"] == pytest.approx(50.02, abs=0.02)
+    assert set(said["rms"]) >= {"base", "augmented", "heldout_base", "heldout_augmented"}
+    assert said["would_have_seen"]
+    assert said["next_experiment"]
+
+
+def test_bad_recordings_are_refused_with_the_reason() -> None:
+    t = np.arange(1000) * DT
+    still = Recording(t, np.ones(1000), np.sin(t))
+    with pytest.raises(BadRecording, match="never moves"):
+        diagnose([still])
+    with pytest.raises(BadRecording, match="displacement"):
+        diagnose([Recording(t, np.sin(t))])
+    with pytest.raises(BadRecording, match="samples"):
+        diagnose([Recording(t[:50], np.sin(t[:50]), np.sin(t[:50]))])
+    with pytest.raises(BadRecording, match="recording"):
+        diagnose([])

@@ -1,0 +1,113 @@
+"""Rules that real recordings taught: harmonics are no hum, creep shows under feedback, a held
+drive is early, and other axes act through modes."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from dehyst.models.diagnosis import diagnose
+from dehyst.models.diagnosis.base import rich_base
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.prepare import prepare
+from dehyst.models.diagnosis.steps import held_drive
+from dehyst.models.recording import Recording
+from dehyst.models.signals.held import longest_hold
+from dehyst.models.signals.lines import find_lines
+from dehyst.models.signals.periodic import fundamental_hz
+
+DT = 2e-3
+
+
+def noise(n: int, size: float = 0.01) -> np.ndarray:
+    return size * np.random.default_rng(8).standard_normal(n)
+
+
+@pytest.mark.parametrize("f", [0.731, 1.0, 4.7])
+def test_fundamental_of_a_repeating_drive(f: float) -> None:
+    t = np.arange(8000) * DT
+    u = np.sin(2 * np.pi * f * t) + 0.4 * np.cos(6 * np.pi * f * t)
+    assert fundamental_hz(u, DT) == pytest.approx(f, rel=2e-4)
+    assert fundamental_hz(multisine(t.size, 3), DT) == 0.0
+
+
+def test_harmonics_of_the_drive_are_no_hum_but_mains_beside_them_is() -> None:
+    t = np.arange(8000) * DT
+    u = 5 + 4 * np.sin(2 * np.pi * t)
+    data = prepare([Recording(t, u, u + noise(t.size))])
+    harmonics = sum(np.sin(2 * np.pi * k * t + k) / k for k in range(2, 12))
+    residual = noise(t.size) + 0.02 * harmonics
+    assert find_lines(data, residual) == []
+    with_mains = (
+        residual + 0.01 * np.sin(2 * np.pi * 50.0 * t) + 0.01 * np.cos(2 * np.pi * 6.37 * t)
+    )
+    assert sorted(find_lines(data, with_mains)) == pytest.approx([6.37, 50.0], abs=0.02)
+
+
+def under_feedback(gain: float, late: float = 0.0) -> Recording:
+    """A ramp down, then a hold of the reading; the drive climbs by log10 of time, and a line."""
+    t = np.arange(6000) * 5 * DT
+    held = np.maximum(t - 2.0, 0.0)
+    target = 50 - 10 * np.minimum(t, 2.0)
+    creep = gain * np.log10(np.maximum(held, 0.02) / 0.02) + late * held
+    drive = np.minimum(t, 2.0) * -10 + 50 + 20 * creep
+    return Recording(t, drive, target + noise(t.size, 3e-3))
+
+
+def test_creep_is_read_from_the_drive_under_feedback() -> None:
+    found = longest_hold(prepare([under_feedback(0.015)]), 3e-3)
+    assert found is not None
+    assert found.gain == pytest.approx(0.015, rel=0.05)
+    assert found.low < 0.015 < found.high
+
+
+def test_a_drive_that_climbs_otherwise_is_no_creep() -> None:
+    assert longest_hold(prepare([under_feedback(-0.015)]), 3e-3) is None  # with the last move
+    assert longest_hold(prepare([under_feedback(0.0, 0.002)]), 3e-3) is None  # a straight line
+    assert longest_hold(prepare([under_feedback(0.0)]), 3e-3) is None
+
+
+def multisine(n: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) * DT
+    return sum(np.sin(2 * np.pi * (f * t + rng.random())) for f in (0.7, 2.3, 5.1, 11.0, 23.0))
+
+
+def test_a_held_drive_is_taken_half_a_sample_earlier() -> None:
+    t = np.arange(8000) * DT
+    u = 5 + multisine(t.size, 1)
+    early = 5 + np.interp(t + 0.5 * DT, t, u - 5)
+    for y, expected in ((early, True), (u, False), (np.interp(t - DT, t, u), False)):
+        data = prepare([Recording(t, u, y + noise(t.size))])
+        problem = Problem(data, rich_base(data))
+        assert (held_drive(problem, problem.solve([]), 0.01) is not None) is expected
+
+
+def test_coupling_through_a_mode_is_named_with_its_frequency() -> None:
+    t = np.arange(8000) * DT
+    u = 5 + multisine(t.size, 2)
+    other = np.random.default_rng(4).standard_normal(t.size)
+    w = 2 * np.pi * 80.0
+    mode = signal.lsim(([w * w], [1.0, 0.04 * w, w * w]), other, t)[1]
+    y = 1.1 * u + 0.02 * mode + noise(t.size)
+    diagnosis = diagnose([Recording(t, u, y, channels={"u2_v": other})])
+    first = diagnosis.findings[0]
+    assert first.name == "coupling"
+    assert first.parameters["frequency_hz"].value == pytest.approx(80.0, rel=0.01)
+    assert first.parameters["gain_um_per_unit"].value == pytest.approx(0.02, rel=0.1)
+
+
+def test_coupling_through_several_modes_behind_a_delay_is_one_finding() -> None:
+    t = np.arange(8000) * DT
+    u = 5 + multisine(t.size, 2)
+    other = np.random.default_rng(4).standard_normal(t.size)
+    late = np.interp(t - 0.7 * DT, t, other)
+    y = 1.1 * u + noise(t.size)
+    for f, gain in ((60.0, 0.02), (97.0, -0.03)):
+        w = 2 * np.pi * f
+        y += gain * signal.lsim(([w * w], [1.0, 0.04 * w, w * w]), late, t)[1]
+    diagnosis = diagnose([Recording(t, u, y, channels={"u2_v": other})])
+    assert {f.name for f in diagnosis.findings} == {"coupling"}
+    found = diagnosis.findings[0].parameters
+    modes = sorted(v.value for k, v in found.items() if k.startswith("frequency"))
+    assert modes == pytest.approx([60.0, 97.0], rel=0.01)
+    assert diagnosis.rms["heldout_augmented"] < 1.1 * diagnosis.noise

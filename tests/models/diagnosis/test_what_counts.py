@@ -1,0 +1,171 @@
+"""What a cause must show before it is told, with figures that are written down: its price, its
+least size, that it is the same everywhere; and how small an effect would have been seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dehyst.models.diagnosis.base import compact_base
+from dehyst.models.diagnosis.effects import Effect
+from dehyst.models.diagnosis.evidence import constancy
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.judge import Search, Trial, judge
+from dehyst.models.diagnosis.limits import limits
+from dehyst.models.diagnosis.prepare import prepare
+from dehyst.models.diagnosis.search import search
+from dehyst.models.physics import library
+from dehyst.models.physics.candidate import Candidate
+from dehyst.models.recording import Recording
+from dehyst.models.signals.joined import Data
+
+DT, N, SIGMA = 1e-3, 1500, 0.02
+
+
+def make(late_s: float = 0.0, gains: tuple[float, float] = (0.0, 0.0), n: int = N) -> Data:
+    """Two recordings of a straight stage, 1.1 um/v, with white noise of 0.02 um; late_s: its drive
+    comes so late; gains: of a second channel in each recording [um/v]."""
+    rng, out, t = np.random.default_rng(7), [], np.arange(n) * DT
+    for k in range(2):
+        v = t - late_s
+        u, late = (
+            (5 + 3 * np.sin(2 * np.pi * (1.7 + k) * s) + 1.5 * np.sin(2 * np.pi * 9.3 * s + k))
+            * np.clip(s / 0.2, 0, 1)
+            for s in (t, v)
+        )
+        other = np.cos(2 * np.pi * 4.1 * t + k) + 0.3 * np.sin(2 * np.pi * 31 * t)
+        y = 1.1 * late + gains[k] * other + SIGMA * rng.standard_normal(n)
+        out.append(Recording(t, u, y, channels={"u2_v": other}, name=f"r{k}.csv"))
+    return prepare(out)
+
+
+def problem_of(data: Data) -> tuple[Problem, Search]:
+    problem = Problem(data, compact_base(data))
+    null = problem.solve([])
+    return problem, Search(problem, SIGMA, null, null, counted=data.n)
+
+
+def candidate(data: Data, key: str) -> Candidate:
+    return next(c for c in library(data) if c.key == key)
+
+
+def test_each_parameter_costs_16_noise_variances() -> None:
+    problem, state = problem_of(make(gains=(0.2, 0.2), n=500))
+    found = search(problem, SIGMA, state.null, lambda text, share: None)
+    assert found.accepted.effect_names == ("coupling-u2_v",)
+    seen = 0
+    for trial in found.rounds[0]:
+        effect = trial.fit.effects[0]
+        count = len(effect.theta) + trial.fit.amplitudes[0].size
+        assert trial.price == pytest.approx(16.0 * SIGMA**2 * count)
+        assert trial.worth == pytest.approx(trial.gain - trial.price)
+        seen += 1
+    assert seen >= 1
+
+
+@pytest.mark.parametrize(("gain_in_prices", "refused"), [(0.99, True), (1.01, False)])
+def test_what_is_not_worth_its_price_is_refused(gain_in_prices: float, refused: bool) -> None:
+    data = make(gains=(0.2, 0.2))
+    problem, state = problem_of(data)
+    coupling = candidate(data, "coupling-u2_v")
+    fit = problem.refit([Effect(coupling, ())])
+    trial = Trial(coupling, fit, gain_in_prices * 400.0 * SIGMA**2, 400.0 * SIGMA**2)
+    said = judge(state, trial, 0.0).refused
+    assert (said == "not worth its parameters") == refused
+
+
+@pytest.mark.parametrize(
+    ("key", "theta", "size"),
+    [("delay", (2e-3,), 0.17), ("coupling-u2_v", (), 0.12), ("asymmetry", (0.6,), 0.3)],
+    ids=["driven", "beside the drive", "like a hysteresis of another shape"],
+)
+def test_what_removes_less_than_its_least_size_is_refused(
+    key: str, theta: tuple[float, ...], size: float
+) -> None:
+    """Sizes are rms, in rms of the noise: 0.17 where the drive causes it, 0.12 beside it, 0.3 for
+    what resembles a hysteresis."""
+    data = make(late_s=2e-3, gains=(0.2, 0.2))
+    problem, state = problem_of(data)
+    c = candidate(data, key)
+    fit = problem.refit([Effect(c, theta)])
+    for share, refused in ((0.95, True), (1.05, False)):
+        gain = data.n * (share * size * SIGMA) ** 2
+        said = judge(state, Trial(c, fit, gain, 0.0), 1e9 if key == "asymmetry" else 0.0).refused
+        assert (said == "too small against the noise") == refused, (share, said)
+
+
+def amplitudes(data: Data, by_block: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    """A contribution x and a residual that has it with another amplitude in each block."""
+    x = np.cos(2 * np.pi * 4.1 * np.arange(data.n) * DT)
+    return x, np.array(by_block)[data.block] * x
+
+
+def test_constancy_is_the_scatter_of_the_amplitudes_over_blocks_and_recordings() -> None:
+    data = make()
+    problem, _ = problem_of(data)
+    assert np.unique(data.block).size == 10
+    same = constancy(problem, 0.0, *amplitudes(data, [1.0] * 10))
+    assert same.spread == pytest.approx(0.0, abs=1e-9)
+    assert same.wrong == 0.0
+    twice = constancy(problem, 0.0, *amplitudes(data, [5.0, 0.0, 0.0, 0.0, 0.0] * 2))
+    assert twice.spread == pytest.approx(2.0, rel=0.05)  # sqrt((16 + 4) / 5)
+    assert twice.by_recording == pytest.approx([1.0, 1.0], abs=0.15)
+    assert twice.wrong == 0.0
+    other = constancy(problem, 0.0, *amplitudes(data, [2.2] * 5 + [-0.2] * 5))
+    assert other.by_recording == pytest.approx([2.2, -0.2])
+    assert other.wrong == pytest.approx(0.5, rel=0.05)
+
+
+def judged(data: Data, share_of_block: np.ndarray) -> str:
+    """What is said of a coupling that has these amplitudes in the ten blocks."""
+    t = np.concatenate([np.arange(N) * DT] * 2)
+    k = data.rec
+    other = np.cos(2 * np.pi * 4.1 * t + k) + 0.3 * np.sin(2 * np.pi * 31 * t)
+    changed = replace(data, y=data.y + 0.3 * share_of_block[data.block] * other)
+    problem, state = problem_of(changed)
+    c = candidate(changed, "coupling-u2_v")
+    fit = problem.refit([Effect(c, ())])
+    return judge(state, Trial(c, fit, state.null.sse - fit.sse, 16 * SIGMA**2), 0.0).refused
+
+
+def test_a_cause_that_is_the_same_everywhere_is_not_refused() -> None:
+    assert judged(make(), np.ones(10)) == ""
+
+
+def test_a_cause_that_one_recording_contradicts_is_refused() -> None:
+    by_block = np.array([1.4] * 5 + [-0.4] * 5)
+    assert judged(make(), by_block) == "not the same everywhere"
+
+
+def test_a_cause_that_is_there_in_a_fifth_of_the_time_is_refused() -> None:
+    by_block = np.array([5.0, 0.0, 0.0, 0.0, 0.0] * 2)
+    assert judged(make(), by_block) == "not the same everywhere"
+
+
+def test_a_limit_is_the_strength_that_would_remove_the_least_size() -> None:
+    """Put in at its limit, a coupling leaves 0.12 noises rms in a fit without it, a delay 0.17."""
+    data = make()
+    quiet = replace(data, y=1.1 * data.u)
+    _, state = problem_of(quiet)
+    found = {x.name: x for x in limits(state)}
+    coupling = found["coupling"]
+    assert coupling.value is not None
+    assert (coupling.unit, coupling.side) == ("um/v", "above")
+    with_it = replace(quiet, y=quiet.y + coupling.value * data.channels["u2_v"])
+    left = problem_of(with_it)[1].null.sse / data.n
+    assert np.sqrt(left) == pytest.approx(0.12 * SIGMA, rel=0.02)
+    late = found["delay"]
+    assert late.value is not None
+    stage = candidate(quiet, "delay")
+    with_it = replace(quiet, y=1.1 * stage.drive(quiet, quiet.u, (late.value,)))
+    left = problem_of(with_it)[1].null.sse / data.n
+    assert np.sqrt(left) == pytest.approx(0.17 * SIGMA, rel=0.1)
+
+
+def test_a_cause_that_was_found_has_no_limit() -> None:
+    data = make(late_s=2e-3)
+    problem, state = problem_of(data)
+    fit = problem.refit([Effect(candidate(data, "delay"), (2e-3,))])
+    names = {x.name for x in limits(replace(state, accepted=fit))}
+    assert "delay" not in names
+    assert "coupling" in names

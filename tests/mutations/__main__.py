@@ -1,0 +1,173 @@
+"""Named mistakes, put into a copy of the code one at a time: do the tests notice?
+
+    python -m tests.mutations [--only NAME ...] [--room ROOM ...] [--jobs N] [--list]
+
+Each change of the lists in this folder is put into a copy of the tree of its own in a temporary
+folder, and the tests that should notice it are run there, up to the first that fails; before, they
+are run once on the copy as it is. A change is `noticed` when a test fails (or does not end),
+`survived` when all pass. Exit status: 1 where one survives that is not listed with a reason, could
+not be applied or could not be judged; else 0.
+
+No kept tool fits: mutmut 3 copies each function into a switch and leaves alone what has a
+decorator, so every numba kernel; cosmic-ray changes each operator and number of a file without
+knowing what would hurt, thousands of runs of kernels that compile for seconds each.
+"""
+
+import argparse
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.mutations.change import ROOT, Change, copy_project, link_tree, put
+from tests.mutations.rooms import ROOMS
+
+NOTICED, SURVIVED, UNFIT = "noticed", "survived", "could not apply"
+UNJUDGED = "could not be judged"
+LEAST_S, TIMES = 120.0, 5.0
+"""A run on changed code may take so long: this, or so many times what it takes unchanged."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a change; by: the test that noticed it, or what went wrong."""
+
+    change: Change
+    result: str
+    by: str = ""
+    seconds: float = 0.0
+
+
+def run_tests(tree: Path, tests: Sequence[str], limit_s: float) -> tuple[int | None, str]:
+    """(exit status of pytest, None: it did not end; its output)."""
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+    data = os.environ.get("DEHYST_DATA") or str(ROOT.parent / "shared")
+    path = os.pathsep.join([str(tree / "src"), str(tree)])
+    env = {**os.environ, "PYTHONPATH": path, "DEHYST_DATA": data}
+    env.pop("NUMBA_CACHE_DIR", None)  # the kernels lie beside their files, in each copy
+    with subprocess.Popen(
+        command, cwd=tree, env=env, text=True, start_new_session=True,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    ) as process:  # fmt: skip
+        try:
+            out, _ = process.communicate(timeout=limit_s)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            return None, process.communicate()[0]
+    return process.returncode, out
+
+
+def judge(base: Path, folder: Path, change: Change, usual_s: float) -> Outcome:
+    """Apply one change to a copy of the base and run its tests there."""
+    begun = time.monotonic()
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        tree = link_tree(base, Path(name) / "tree")
+        try:
+            put(tree, change)
+        except (ValueError, OSError) as error:
+            return Outcome(change, UNFIT, str(error))
+        code, out = run_tests(tree, change.tests, max(LEAST_S, TIMES * usual_s))
+    seconds = time.monotonic() - begun
+    if code is None:
+        return Outcome(change, NOTICED, "it did not end", seconds)
+    if code == 0:
+        return Outcome(change, SURVIVED, change.survives, seconds)
+    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", out, re.MULTILINE)
+    if code == 1 and failed:
+        return Outcome(change, NOTICED, failed[1].rpartition("::")[2], seconds)
+    return Outcome(change, UNJUDGED, f"pytest ended with {code}: {out.strip()[-400:]}", seconds)
+
+
+def check_unchanged(base: Path, changes: Sequence[Change]) -> dict[tuple[str, ...], float]:
+    """Seconds of each set of tests on unchanged code, by the set; those that fail are left out."""
+    found = {}
+    for tests in dict.fromkeys(one.tests for one in changes):
+        begun = time.monotonic()
+        code, out = run_tests(base, tests, 1800.0)
+        print(f"unchanged: {' '.join(tests)}: {out.strip().splitlines()[-1:]}", flush=True)
+        if code == 0:
+            found[tests] = time.monotonic() - begun
+    return found
+
+
+def run(changes: Sequence[Change], jobs: int) -> list[Outcome]:
+    """All of them, in order; tells of each as it ends."""
+    with tempfile.TemporaryDirectory(prefix="dehyst-mutations-") as name:
+        folder = Path(name)
+        base = copy_project(folder / "base")
+        usual_s = check_unchanged(base, changes)
+
+        def one(change: Change) -> Outcome:
+            if change.tests in usual_s:
+                outcome = judge(base, folder, change, usual_s[change.tests])
+            else:
+                outcome = Outcome(change, UNJUDGED, "its tests fail on the code as it is")
+            print(f"{outcome.result:19s} {change.name}  {outcome.by}", flush=True)
+            return outcome
+
+        with ThreadPoolExecutor(jobs) as pool:
+            return list(pool.map(one, changes))
+
+
+def print_table(outcomes: Sequence[Outcome]) -> None:
+    """A table for docs/measured.md, and the counts."""
+    print("\n| change | result | by | what it would do |\n|---|---|---|---|")
+    for one in outcomes:
+        by = " ".join(one.by.split())[:120]
+        print(f"| {one.change.name} | {one.result} | {by} | {one.change.does} |")
+    counts = Counter(one.result for one in outcomes)
+    print("\n" + ", ".join(f"{counts[word]} {word}" for word in counts))
+
+
+def pick(rooms: Sequence[str], only: Sequence[str]) -> list[Change]:
+    """The changes of these rooms and names. Raises ValueError for a name that is not there."""
+    every = {name: list(changes) for name, changes in ROOMS.items()}
+    names = [one.name for changes in every.values() for one in changes]
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise ValueError(f"two changes have one name: {', '.join(twice)}")
+    if unknown := (set(only) - set(names)) | (set(rooms) - every.keys()):
+        raise ValueError(f"no such change or room: {', '.join(sorted(unknown))}")
+    chosen = [one for name in rooms or every for one in every[name]]
+    return [one for one in chosen if not only or one.name in only]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command."""
+    parser = argparse.ArgumentParser(prog="tests.mutations", description=__doc__.split("\n")[0])
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME")
+    parser.add_argument("--room", nargs="+", default=[], metavar="ROOM", help=", ".join(ROOMS))
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--list", action="store_true", help="name the changes, apply none")
+    args = parser.parse_args(argv)
+    try:
+        changes = pick(args.room, args.only)
+    except ValueError as error:
+        print(error)
+        return 2
+    if args.list:
+        unfit = 0
+        for change in changes:
+            try:
+                change.changed((ROOT / change.file).read_text(encoding="utf-8"))
+                print(f"{change.name}: {change.does}")
+            except (ValueError, OSError) as error:
+                print(error)
+                unfit += 1
+        print(f"{len(changes)} changes, {unfit} can not be applied")
+        return int(unfit > 0)
+    outcomes = run(changes, args.jobs)
+    print_table(outcomes)
+    bad = [one for one in outcomes if one.result != NOTICED and not one.change.survives]
+    return int(bool(bad) or any(one.result in (UNFIT, UNJUDGED) for one in outcomes))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,29 @@
+"""The changes, by room."""
+
+from tests.mutations.rooms import (
+    bus,
+    checks,
+    diagnosis,
+    drivers,
+    gate,
+    hysteresis,
+    identify,
+    inverse,
+    mismatch,
+    motion,
+    rings,
+)
+
+ROOMS = {
+    "motion": motion.CHANGES,
+    "gate": gate.CHANGES,
+    "bus": bus.CHANGES,
+    "rings": rings.CHANGES,
+    "checks": checks.CHANGES,
+    "drivers": drivers.CHANGES,
+    "hysteresis": hysteresis.CHANGES,
+    "inverse": inverse.CHANGES,
+    "identify": identify.CHANGES,
+    "diagnosis": diagnosis.CHANGES,
+    "mismatch": mismatch.CHANGES,
+}

@@ -1,0 +1,225 @@
+"""Messages, keys, and who may connect."""
+
+from tests.mutations.change import Change, room
+
+ENCODING, MESSAGES = "daemon/bus/encoding.py", "daemon/bus/messages.py"
+SECURITY, KEYS = "daemon/bus/security.py", "daemon/bus/keys.py"
+MESSAGE_TESTS = ("tests/daemon/bus/test_encoding.py",)
+SECURITY_TESTS = ("tests/daemon/bus/test_security.py", "tests/daemon/bus/test_certificates.py")
+
+
+def _version(name: str, text: str) -> Change:
+    return Change(
+        f"any-version-of-{name}", MESSAGES, f"    version: Version = 1\n{text}",
+        f"    version: int = 1\n{text}", f"a {name} of another version is taken for one of this",
+    )  # fmt: skip
+
+
+CHANGES = [
+    *room(
+        MESSAGE_TESTS,
+        _version("setpoint", '    client: Id\n    lease: Id\n    """The number'),
+        _version("chunk", "    client: Id\n    lease: Id\n    trajectory"),
+        _version("request", "    client: Id\n    lease: Id = 0\n    sent_ns"),
+        Change(
+            "unknown-fields",
+            MESSAGES,
+            "frozen=True, forbid_unknown_fields=True",
+            "frozen=True",
+            "a misspelt field is left out in silence",
+        ),
+        Change(
+            "loose-types",
+            ENCODING,
+            "kind, strict=True,",
+            "kind, strict=False,",
+            "a text is driven as a number",
+        ),
+        Change(
+            "any-length",
+            ENCODING,
+            "if len(payload) > limit:",
+            "if False:",
+            "ten megabytes are decoded in the gateway",
+        ),
+        Change(
+            "odd-chunk",
+            ENCODING,
+            "size % 8 or not size",
+            "not size",
+            "half a number in a chunk ends in an error of the daemon",
+        ),
+        Change(
+            "chunk-lengths-differ",
+            ENCODING,
+            "if size != len(chunk.offset_ns) or size",
+            "if size",
+            "a chunk with fewer times than targets reaches the gate",
+        ),
+        Change(
+            "empty-chunk",
+            ENCODING,
+            " or not size:",
+            ":",
+            "an empty chunk reaches the gate",
+        ),
+        Change(
+            "chunk-not-checked",
+            ENCODING,
+            "        points(command)\n",
+            "        pass\n",
+            "a chunk whose columns differ is decoded as good",
+            survives="the gate takes a chunk apart with `points` itself, and refuses it there",
+        ),
+        Change(
+            "telemetry-column-short",
+            ENCODING,
+            "if len(column) != message.count * dtype.itemsize:",
+            "if False:",
+            "telemetry with a short column is shown shifted",
+        ),
+        Change(
+            "telemetry-numbering",
+            ENCODING,
+            "np.arange(message.first_seq, message.first_seq +",
+            "np.arange(message.first_seq + 1, message.first_seq + 1 +",
+            "samples carry their neighbour's number",
+        ),
+        Change(
+            "most-points",
+            MESSAGES,
+            "MAX_POINTS = 16_384",
+            "MAX_POINTS = 16_384_000",
+            "a chunk of any size holds up the gateway",
+        ),
+    ),
+    *room(
+        SECURITY_TESTS,
+        Change(
+            "open-to-the-network",
+            SECURITY,
+            "if not authenticated and not is_loopback(endpoint):",
+            "if False:",
+            "anybody on the network moves the stage",
+        ),
+        Change(
+            "all-is-loopback",
+            SECURITY,
+            "    except ValueError:\n        return False",
+            "    except ValueError:\n        return True",
+            "a host name on the network counts as this machine",
+        ),
+        Change(
+            "router-without-credentials",
+            SECURITY,
+            "if not credentials and not is_loopback(endpoint):",
+            "if False:",
+            "anybody at the router moves the stage",
+        ),
+        Change(
+            "listens-behind-router",
+            SECURITY,
+            "if credentials and listen:",
+            "if False:",
+            "the way past the router is open",
+        ),
+        Change(
+            "roles-behind-router",
+            SECURITY,
+            "if roles and connect:",
+            "if False:",
+            "roles are configured where they cannot hold",
+        ),
+        Change(
+            "allow-by-default",
+            SECURITY,
+            '"default_permission": "deny"',
+            '"default_permission": "allow"',
+            "observers command the stage",
+        ),
+        Change(
+            "observers-operate",
+            SECURITY,
+            '"subjects": ["operators"]})',
+            '"subjects": list(roles)})',
+            "observers command the stage",
+        ),
+        Change(
+            "access-off",
+            SECURITY,
+            '"enabled": True,',
+            '"enabled": False,',
+            "roles are configured and not enforced",
+        ),
+        Change(
+            "world-readable-key",
+            SECURITY,
+            "if private and mode & (stat.S_IRWXO | stat.S_IWGRP):",
+            "if False:",
+            "a key that everybody can read is used",
+        ),
+        Change(
+            "no-mutual-tls",
+            SECURITY,
+            '/enable_mtls": True',
+            '/enable_mtls": False',
+            "clients without a certificate connect",
+        ),
+        Change(
+            "short-password",
+            SECURITY,
+            "len(password) >= 8",
+            "len(password) >= 1",
+            "a password of one letter is accepted",
+        ),
+        Change(
+            "missing-password",
+            SECURITY,
+            "        if missing:\n",
+            "        if False:\n",
+            "a person without a password is configured, and cannot connect",
+        ),
+        Change(
+            "plain-with-certificates",
+            SECURITY,
+            "        if plain:\n",
+            "        if False:\n",
+            "certificates are configured and the line is not encrypted",
+        ),
+        Change(
+            "name-twice",
+            SECURITY,
+            "if len(set(people)) < len(people):",
+            "if False:",
+            "an observer who is named as operator too commands",
+        ),
+        Change(
+            "nobody-named",
+            SECURITY,
+            "    if not people:\n",
+            "    if False:\n",
+            "a daemon to which nobody can connect starts without a word",
+        ),
+        Change(
+            "wild-name",
+            KEYS,
+            "[a-z0-9_-]{1,63}",
+            "[a-z0-9_*-]{1,63}",
+            "a controller called * answers for all",
+        ),
+        Change(
+            "client-as-authority",
+            "daemon/bus/certificates.py",
+            "x509.BasicConstraints(ca=False, path_length=None)",
+            "x509.BasicConstraints(ca=True, path_length=None)",
+            "a client signs certificates of its own",
+        ),
+        Change(
+            "key-for-everybody",
+            "daemon/bus/certificates.py",
+            "_PRIVATE, _PUBLIC = 0o600, 0o644",
+            "_PRIVATE, _PUBLIC = 0o644, 0o644",
+            "private keys can be read by everybody",
+        ),
+    ),
+]

@@ -1,0 +1,156 @@
+"""What a diagnosis accepts, and the figures that it shows."""
+
+from tests.mutations.change import Change, room
+
+TUNING, JUDGE = "models/diagnosis/tuning.py", "models/diagnosis/judge.py"
+LIMITS, EVIDENCE = "models/diagnosis/limits.py", "models/diagnosis/evidence.py"
+INTERVALS, SEARCH = "models/diagnosis/intervals.py", "models/diagnosis/search.py"
+
+CHANGES = [
+    *room(
+        ("tests/models/diagnosis/test_intervals.py",),
+        Change(
+            "width-0.6",
+            TUNING,
+            "interval_width: float = 1.96",
+            "interval_width: float = 0.6",
+            "intervals are a third as wide as they should be",
+        ),
+        Change(
+            "width-2.5",
+            TUNING,
+            "interval_width: float = 1.96",
+            "interval_width: float = 2.8",
+            "intervals are wider than they should be",
+        ),
+        Change(
+            "white-alone",
+            INTERVALS,
+            "    wide = np.maximum(wide, 1.0)\n",
+            "    wide = np.ones(wide.size)\n",
+            "what the base leaves does not count",
+        ),
+        Change(
+            "leverage-left-out",
+            INTERVALS,
+            "left = np.sqrt(1.0 - np.minimum(leverage, LARGEST_LEVERAGE))",
+            "left = 1.0",
+            "with a rich base the intervals are too narrow",
+        ),
+        Change(
+            "base-for-granted",
+            INTERVALS,
+            "np.concatenate([base, jac, extra], axis=1)",
+            "np.concatenate([0.0 * base, jac, extra], axis=1)",
+            "intervals as though the base were known",
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_what_counts.py",),
+        Change(
+            "price-1",
+            TUNING,
+            "price: float = 16.0",
+            "price: float = 1.0",
+            "noise is told as physics",
+        ),
+        Change(
+            "price-for-one",
+            SEARCH,
+            "* max(count + columns, 1)\n        return",
+            "\n        return",
+            "causes with many parameters are told too easily",
+        ),
+        Change(
+            "price-not-asked",
+            JUDGE,
+            "if trial.worth <= 0:",
+            "if False:",
+            "noise is told as physics",
+        ),
+        Change(
+            "driven-size",
+            TUNING,
+            "driven_size: float = 0.17",
+            "driven_size: float = 0.03",
+            "the base's own error is told as physics",
+        ),
+        Change(
+            "free-size",
+            TUNING,
+            "free_size: float = 0.12",
+            "free_size: float = 0.03",
+            "traces of noise are told as coupling",
+        ),
+        Change(
+            "static-size",
+            TUNING,
+            "static_size: float = 0.3",
+            "static_size: float = 0.05",
+            "hysteresis of another shape is told as physics",
+        ),
+        Change(
+            "size-not-asked",
+            JUDGE,
+            "elif mean_square < least_power(state, trial.candidate) and",
+            "elif False and",
+            "traces of noise are told as physics",
+        ),
+        Change(
+            "constancy-off",
+            JUDGE,
+            "(steady.wrong > 0.3 or steady.spread > 1.0)",
+            "False",
+            "what is there in one recording alone is told of the stage",
+        ),
+        Change(
+            "contradiction-accepted",
+            JUDGE,
+            "(steady.wrong > 0.3 or steady.spread > 1.0)",
+            "steady.spread > 1.0",
+            "a cause that one recording contradicts is told",
+        ),
+        Change(
+            "scatter-accepted",
+            JUDGE,
+            "(steady.wrong > 0.3 or steady.spread > 1.0)",
+            "steady.wrong > 0.3",
+            "a cause that comes and goes is told of the whole",
+        ),
+        Change(
+            "spread-without-blocks",
+            EVIDENCE,
+            "xr, xx = sums(data.block)",
+            "xr, xx = sums(data.rec)",
+            "a cause that comes and goes is told of the whole",
+        ),
+        Change(
+            "limits-three-times",
+            LIMITS,
+            "_limit(look, c, float(np.sqrt(least)))",
+            "_limit(look, c, float(np.sqrt(least)) / 3)",
+            "the user is told that effects were excluded that could not be seen",
+        ),
+        Change(
+            "limits-of-other-size",
+            LIMITS,
+            "least = (least_size(c) * sigma) ** 2",
+            "least = (0.05 * sigma) ** 2",
+            "the user is told that effects were excluded that could not be seen",
+        ),
+        Change(
+            "limit-of-what-was-found",
+            LIMITS,
+            "        if c.name in named:\n            continue\n",
+            "",
+            "a cause is told and excluded at once",
+        ),
+        Change(
+            "limit-not-projected",
+            LIMITS,
+            "np.mean(look.projected(x) ** 2)",
+            "np.mean(x**2)",
+            "limits as though the base could not imitate the effect",
+        ),
+    ),
+]

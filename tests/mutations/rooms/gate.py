@@ -1,0 +1,216 @@
+"""What the gate lets through to the loop, and who may command."""
+
+from tests.mutations.change import Change, room
+
+GATE, LEASE = "daemon/gateway/admission.py", "daemon/gateway/lease.py"
+TESTS = (
+    "tests/daemon/gateway/test_admission.py",
+    "tests/daemon/gateway/test_what_ends_a_trajectory.py",
+)
+
+CHANGES = room(
+    TESTS,
+    Change(
+        "late-chunk-taken", GATE,
+        "        self._check_lease(now_ns, command.client, command.lease)\n"
+        "        self._check_age(now_ns, command.sent_ns)\n        now = ",
+        "        self._check_lease(now_ns, command.client, command.lease)\n        now = ",
+        "a chunk that was seconds on its way moves the stage",
+    ),
+    Change(
+        "late-setpoint-taken", GATE,
+        "        self._check_age(now_ns, command.sent_ns)\n        self._check_values(np",
+        "        self._check_values(np",
+        "a set-point that was seconds on its way moves the stage",
+    ),
+    Change(
+        "future-command-taken", GATE, "if age_s < -1.0:", "if age_s < -1e9:",
+        "a command with an absurd time stamp is taken",
+    ),
+    Change(
+        "setpoint-leaves-trajectory", GATE,
+        '        self._end_trajectory("a set-point replaced it")\n', "",
+        "chunks of a trajectory that a set-point has ended move the stage again",
+    ),
+    Change(
+        "clear-leaves-trajectory", GATE,
+        '                self._end_trajectory("its client withdrew it")', "                pass",
+        "a trajectory that its client withdrew goes on with the next chunk",
+    ),
+    Change(
+        "clear-of-any-trajectory", GATE,
+        "if command.trajectory == self._trajectory.number:", "if True:",
+        "a clear of an old trajectory ends the one that is played",
+    ),
+    Change(
+        "clear-without-lease", GATE,
+        "        self._check_lease(now_ns, client, command.lease)\n        lease.heard",
+        "        lease.heard", "anybody clears the holder's trajectory",
+    ),
+    Change(
+        "loop-says-nothing", GATE,
+        "if trajectory == self._trajectory.number and not running:", "if False:",
+        "a trajectory that ran dry is taken up again in its midst",
+    ),
+    Change(
+        "loop-says-of-any", GATE,
+        "if trajectory == self._trajectory.number and not running:", "if not running:",
+        "the end of an old trajectory ends the new one",
+    ),
+    Change(
+        "resume-forgets-complete", GATE,
+        'over="it is complete" if point["last"] else "",', 'over="",',
+        "a new gateway appends to a trajectory that was complete",
+    ),
+    Change(
+        "resume-forgets-place", GATE, 'end_ns=int(point["offset_ns"]),', "end_ns=-1,",
+        "a new gateway sends the same points twice",
+    ),
+    Change(
+        "complete-not-over", GATE, 'now.over = "it is complete" if command.last else ""',
+        'now.over = ""', "points are appended behind the last one",
+    ),
+    Change(
+        "take-over-leaves-trajectory", GATE,
+        '                self._end_trajectory("another client took over")', "                pass",
+        "after two take-overs an old trajectory goes on",
+    ),
+    Change(
+        "stop-leaves-trajectory", GATE, '            self._end_trajectory("it was stopped")\n', "",
+        "a stopped stage moves on with the next chunk",
+    ),
+    Change(
+        "stop-needs-lease", GATE,
+        '        if action in ("stop", "release"):  # whoever may command at all may always stop\n',
+        '        if action in ("stop", "release"):\n'
+        "            self._check_lease(now_ns, client, command.lease)\n",
+        "only the holder of the lease can stop the stage",
+    ),
+    Change(
+        "release-is-stop", GATE,
+        'Kind.STOP_MOTION if action == "stop" else Kind.RELEASE', "Kind.STOP_MOTION",
+        "a release waits for the hold time",
+    ),
+    Change(
+        "state-not-looked-at", GATE,
+        "if self.core.state in (State.START, State.FAULT, State.STOPPING):",
+        "if self.core.state in (State.START, State.STOPPING):",
+        "set-points are accepted while a device has failed",
+    ),
+    Change(
+        "dead-loop-accepts", GATE, "if not self.core.alive:", "if False:",
+        "clients are told that commands were taken though no loop runs",
+    ),
+    Change(
+        "no-room-for-a-stop", GATE, "RESERVED * (records > 1)", "0",
+        "a full ring keeps a stop away from the loop",
+    ),
+    Change(
+        "lease-not-checked", GATE, "if self.lease.check(now_ns, client, lease):", "if True:",
+        "anybody commands the stage",
+    ),
+    Change(
+        "sequence-repeats", GATE, "if command.sequence <= self.lease.sequence:",
+        "if command.sequence < self.lease.sequence:", "a replayed set-point is taken again",
+    ),
+    Change(
+        "sequence-not-kept", GATE, "        self.lease.sequence = command.sequence\n", "",
+        "older set-points overtake newer ones",
+    ),
+    Change(
+        "nan-passes", GATE, "if not np.all(np.isfinite(values)):", "if False:",
+        "NaN reaches the loop",
+    ),
+    Change(
+        "infinity-passes", GATE, "np.all(np.isfinite(values))", "not np.any(np.isnan(values))",
+        "an infinite target reaches the loop where the unreachable is allowed",
+    ),
+    Change(
+        "any-unit", GATE, "if unit != self.unit:", "if False:",
+        "nanometres are driven as micrometres",
+    ),
+    Change(
+        "low-end-open", GATE, "inside = low - REACH_SLACK <= least and most",
+        "inside = most", "targets below the range are accepted",
+    ),
+    Change(
+        "high-end-open", GATE, "<= least and most <= high + REACH_SLACK", "<= least",
+        "targets above the range are accepted",
+    ),
+    Change(
+        "times-may-stand", GATE, "np.any(offsets[1:] <= offsets[:-1])",
+        "np.any(offsets[1:] < offsets[:-1])", "two targets at one time: a jump",
+    ),
+    Change(
+        "negative-times", GATE, "if offsets[0] < 0 or ", "if ",
+        "a chunk reaches back before its trajectory's start",
+    ),
+    Change(
+        "chunks-overlap", GATE, "elif now.end_ns >= 0 and offsets[0] <= now.end_ns:",
+        "elif False:", "a chunk that begins before the last one ended is sent to the loop",
+    ),
+    Change(
+        "chunks-with-a-gap", GATE,
+        "if now.next_index >= 0 and command.index != now.next_index:", "if False:",
+        "a lost chunk is bridged by a straight line",
+    ),
+    Change(
+        "duplicate-played", GATE, "command.index < now.next_index:", "command.index < 0:",
+        "a chunk whose answer was lost is an error, or played twice",
+    ),
+    Change(
+        "dense-points", GATE, "if span_ns < 0.7 * gaps", "if span_ns < 0.0 * gaps",
+        "points closer than the period fill the queue",
+    ),
+    Change(
+        "queue-without-end", GATE, "if ahead_s + span_ns * 1e-9 > self.queue_s:", "if False:",
+        "minutes of trajectory are ahead that nobody can take back in time",
+    ),
+    Change(
+        "queue-forgets-passed", GATE, "+ sum(s for _, s in self._passed)", "",
+        "more trajectory than configured is ahead of the loop",
+    ),
+    Change(
+        "trajectory-zero", GATE, "if command.trajectory == 0:", "if False:",
+        "a trajectory without number cannot be told from none",
+    ),
+    Change(
+        "others-trajectory", GATE,
+        "if now.number == command.trajectory and now.client == command.client:",
+        "if now.number == command.trajectory:", "another client's chunks continue a trajectory",
+        survives="the lease is checked before, and a take-over has ended the trajectory",
+    ),
+    Change(
+        "drift-a-thousand-times", LEASE, "CLOCK_DRIFT = 1e-3", "CLOCK_DRIFT = 1.0",
+        "a command of any age counts as fresh after some seconds",
+    ),
+    Change(
+        "no-drift", LEASE, "CLOCK_DRIFT = 1e-3", "CLOCK_DRIFT = 0.0",
+        "after hours every command of a client with a slow clock is refused as late",
+    ),
+    Change(
+        "lease-never-ends", LEASE, "now_ns - self._seen_ns <= self.length_ns", "True",
+        "a client that has gone keeps the stage",
+    ),
+    Change(
+        "lease-number-ignored", LEASE, "and client == self.client and lease == self.lease",
+        "and client == self.client", "commands recorded under an earlier lease are taken",
+    ),
+    Change(
+        "acquire-takes-over", LEASE,
+        "if self.held(now_ns) and client != self.client and not take_over:", "if False:",
+        "a second client takes the stage without asking for it",
+    ),
+    Change(
+        "sequence-starts-high", LEASE, "        self.sequence = -1\n        self._seen_ns = self",
+        "        self._seen_ns = self", "after a new lease every set-point is refused as old",
+    ),
+    Change(
+        "give-up-keeps", LEASE, "self.client = self.lease = 0\n        self.label",
+        "self.label", "a lease that was given up keeps others away",
+    ),
+    Change(
+        "late-loses-lease", LEASE, "        self._seen_ns = now_ns\n\n    def age_ns",
+        "        return\n\n    def age_ns", "on a slow link another client takes the lease",
+    ),
+)  # fmt: skip

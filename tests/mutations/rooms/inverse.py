@@ -1,0 +1,88 @@
+"""The static inverse and the ends of the range."""
+
+from tests.mutations.change import Change, room
+
+STATIC, SAMPLE = "models/inverse/static.py", "models/inverse/sample.py"
+
+CHANGES = [
+    *room(
+        ("tests/models/inverse/test_static.py",),
+        Change(
+            "walk-wrong-way", STATIC, "up = (rest > 0.0) == (total > 0.0)",
+            "up = rest > 0.0", "a falling stage is driven the wrong way",
+        ),
+        Change(
+            "last-piece", STATIC, "    v += rest / slope\n    return max(v, v_min), v >= v_min",
+            "    return max(v, v_min), v >= v_min", "the target is missed on the way down",
+        ),
+        Change(
+            "last-piece-up", STATIC, "        v += rest / slope\n        return min(v, v_max)",
+            "        return min(v, v_max)", "the target is missed on the way up",
+        ),
+        Change(
+            "weights-not-joined", STATIC,
+            "            slope += b[i]\n        if slope == 0.0:\n            return v, False",
+            "            slope = b[i]\n        if slope == 0.0:\n            return v, False",
+            "the target is missed on the way up",
+        ),
+        Change(
+            "plays-not-advanced", STATIC,
+            "        play_step(static.r, h, last - static.limits[0].u_offset)\n", "",
+            "hysteresis is not compensated",
+        ),
+        Change(
+            "offset-not-added", STATIC,
+            "return min(max(v + u_offset, drive_min), drive_max), flags",
+            "return min(max(v, drive_min), drive_max), flags", "a bipolar stage is driven off",
+        ),
+        Change(
+            "not-clamped", STATIC, "return min(max(v + u_offset, drive_min), drive_max), flags",
+            "return v + u_offset, flags", "the drive leaves its range",
+            survives="`walk` holds the range itself; this is the wall behind it, for rounding",
+        ),
+        Change(
+            "not-monotone-accepted", STATIC, "    require_monotone(model)\n", "",
+            "a model that cannot be inverted is inverted",
+        ),
+        Change(
+            "drive-range-any", STATIC, "if not low < high:", "if False:",
+            "an empty drive range is accepted",
+        ),
+    ),
+    *room(
+        ("tests/models/inverse/test_low_end.py",),
+        Change(
+            "static-drive-not-flagged", STATIC, "        flags |= BEYOND_DRIVE\n    return",
+            "        pass\n    return", "an unreachable target is not told",
+        ),
+        Change(
+            "static-low-not-flagged", STATIC, "return v_min, abs(part) >= abs(rest)",
+            "return v_min, True", "a target below the range is not told",
+        ),
+        Change(
+            "static-high-not-flagged", STATIC, "return v_max, abs(part) >= abs(rest)",
+            "return v_max, True", "a target above the range is not told",
+        ),
+        Change(
+            "static-low-saturation", STATIC, "if y < min(y_first, y_last) or y >",
+            "if y >", "a target below the saturation is not told",
+        ),
+        Change(
+            "static-high-saturation", STATIC,
+            "if y < min(y_first, y_last) or y > max(y_first, y_last):",
+            "if y < min(y_first, y_last):", "a target above the saturation is not told",
+        ),
+        Change(
+            "low-end-not-flagged", SAMPLE, "if (u <= limits.low or u >= limits.high) and",
+            "if u >= limits.high and", "a target below the range is not told",
+        ),
+        Change(
+            "high-end-not-flagged", SAMPLE, "if (u <= limits.low or u >= limits.high) and",
+            "if u <= limits.low and", "a target above the range is not told",
+        ),
+        Change(
+            "low-saturation-not-flagged", SAMPLE, "if now < min(y_a, y_b) or now >", "if now >",
+            "a target below the saturation is not told",
+        ),
+    ),
+]  # fmt: skip

@@ -1,0 +1,185 @@
+"""What moves the stage: the loop's step, its targets, and the supervisor."""
+
+from tests.mutations.change import Change, room
+
+STEP, COMMANDS = "daemon/loop/step_kernel.py", "daemon/loop/command_kernels.py"
+TARGETS = "daemon/loop/targets.py"
+MOTION = ("tests/daemon/loop/test_motion.py",)
+
+CHANGES = [
+    *room(
+        MOTION,
+        Change(
+            "approach-from-zero",
+            COMMANDS,
+            "start = c.target if moving and not math.isnan(c.target) else _position(c, p)",
+            "start = c.target if moving and not math.isnan(c.target) else 0.0",
+            "the first set-point of a stage that stands high begins with a jump down",
+        ),
+        Change(
+            "trajectory-from-zero",
+            COMMANDS,
+            "start = c.target if moving else _position(c, p)",
+            "start = c.target if moving else 0.0",
+            "the first trajectory of a stage that stands high begins with a jump down",
+        ),
+        Change(
+            "no-approach",
+            COMMANDS,
+            "way_ns = max(p.period_ns, round(abs(value - start)",
+            "way_ns = max(p.period_ns, round(0.0 * abs(value - start)",
+            "a set-point is reached at the slew limit",
+        ),
+        Change(
+            "no-glide-after-a-stand-still",
+            STEP,
+            "        note(table, c, STOOD_STILL, still_ns * 1e-9)\n        c.bump = NAN\n",
+            "        note(table, c, STOOD_STILL, still_ns * 1e-9)\n",
+            "after a stand-still the stage jumps to where the target has gone",
+        ),
+        Change(
+            "no-glide-of-a-starved-stream",
+            COMMANDS,
+            "        c.bump = NAN\n",
+            "        pass\n",
+            "a stream that returns makes the stage jump",
+        ),
+        Change(
+            "glide-that-gathers-speed",
+            STEP,
+            "if math.isnan(c.bump) or bits & sample.SLEW:",
+            "if math.isnan(c.bump):",
+            "a long glide gathers speed up to the slew limit",
+        ),
+        Change(
+            "no-glide-to-a-new-model",
+            STEP,
+            "    c.bump = NAN  # taken from the first voltage of the new model\n",
+            "",
+            "another model makes the stage jump",
+            tests=("tests/daemon/loop/test_step.py",),
+        ),
+        Change(
+            "old-origin",
+            STEP,
+            "    p.origin = origin\n",
+            "",
+            "after a reload set-points count from the old model's origin",
+        ),
+        Change(
+            "clear-of-any",
+            COMMANDS,
+            "if command.trajectory == queue_of(table).id:",
+            "if True:",
+            "a late clear of another trajectory stops the stage",
+        ),
+        Change(
+            "clear-of-none",
+            COMMANDS,
+            "if command.trajectory == queue_of(table).id:",
+            "if False:",
+            "a withdrawn trajectory is played to its end",
+        ),
+        Change(
+            "model-not-led",
+            STEP,
+            "    follow_output(table, volts)\n    if",
+            "    c.volts = volts\n    if",
+            "after a fault the model is another than the stage",
+        ),
+        Change(
+            "fault-keeps-targets",
+            STEP,
+            "        drop_targets(c, queue_of(table))\n        enter(c, FAULT",
+            "        enter(c, FAULT",
+            "after a fault the old trajectory moves the stage",
+        ),
+        Change(
+            "hold-before-ramp",
+            STEP,
+            "c.hold_ns = 0 if p.ramp_on_fault != 0 else p.hold_ns",
+            "c.hold_ns = p.hold_ns",
+            "after a fault the stage stays high for the hold time",
+        ),
+        Change(
+            "starved-clock",
+            COMMANDS,
+            "    if starved and c.starved == 0:\n        c.target_ns = now_ns\n",
+            "    if starved and c.starved == 0:\n",
+            "a stream that runs dry is given up at once",
+        ),
+        Change(
+            "wild-values",
+            COMMANDS,
+            "if not abs(value) <= LARGEST_TARGET or not",
+            "if False or not",
+            "a wild value behind the gate moves the stage",
+        ),
+        Change(
+            "nan-to-the-output",
+            STEP,
+            "    if not math.isfinite(wanted):\n",
+            "    if False:\n",
+            "NaN goes to the amplifier",
+        ),
+        Change(
+            "range-open",
+            STEP,
+            "volts = min(max(wanted, p.min_v), p.max_v)",
+            "volts = wanted",
+            "a voltage beyond the limits is written",
+        ),
+        Change(
+            "range-not-flagged",
+            STEP,
+            "    if volts != wanted:\n        flags |= RANGE\n",
+            "",
+            "a voltage is clipped without a word",
+        ),
+        Change(
+            "ramp-three-times",
+            STEP,
+            "return c.volts + min(max(p.safe_v - c.volts, -p.ramp_v), p.ramp_v)",
+            "return c.volts + min(max(p.safe_v - c.volts, -3 * p.ramp_v), 3 * p.ramp_v)",
+            "the way to the safe voltage is three times as fast",
+        ),
+    ),
+    *room(
+        ("tests/daemon/loop/test_targets.py",),
+        Change(
+            "points-out-of-order",
+            TARGETS,
+            "if queue.count > 0 and at <= end_ns(queue, times):",
+            "if False:",
+            "targets jump back in time",
+        ),
+        Change(
+            "behind-the-last",
+            TARGETS,
+            "if queue.count == times.size or queue.complete != 0:",
+            "if queue.count == times.size:",
+            "points are appended to a complete trajectory",
+        ),
+        Change(
+            "queue-overrun",
+            TARGETS,
+            "if queue.count == times.size or queue.complete != 0:",
+            "if queue.complete != 0:",
+            "new points overwrite those that are played",
+        ),
+        Change(
+            "no-interpolation",
+            TARGETS,
+            "out[i] = values[slot] + share * (values[after] - values[slot])",
+            "out[i] = values[slot]",
+            "the stage moves in steps",
+        ),
+        Change(
+            "future-invented",
+            TARGETS,
+            "            out[i:] = values[slot]\n            return i,",
+            "            out[i:] = values[slot]\n            return out.size,",
+            "a stream that ends counts as one that rests",
+        ),
+    ),
+]

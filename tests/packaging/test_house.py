@@ -1,0 +1,152 @@
+"""The house's rules that import-linter cannot see: private names, the clock, empty `__init__`s, and
+folders that can be looked through at a glance. Files are read, nothing is imported."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("daemon", "drivers", "models")
+FILES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
+MOST_FILES = 22
+LARGE_BY_NATURE = {"models/physics", "daemon/commands"}
+CLOCK = {
+    "daemon/clock.py",
+    "daemon/loop/systemcalls.py",  # the same clock for compiled code
+}
+# public in spite of their names: of named tuples, of ctypes structures, of numba's code builder
+FOREIGN = {"_replace", "_asdict", "_make", "_fields", "_fields_", "_getvalue"}
+CLOCKS = {
+    f"time.{name}"
+    for name in ("monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns", "clock_gettime")
+}
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def module_of(path: Path) -> tuple[str, ...]:
+    """("dehyst", "daemon", "loop", "step") of daemon/loop/step.py; a package without __init__."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ("dehyst", *(parts[:-1] if parts[-1] == "__init__" else parts))
+
+
+MODULES = {module_of(path) for path in FILES}
+
+
+def package_of(module: tuple[str, ...]) -> tuple[str, ...]:
+    """The folder that a module lies in; a package is its own."""
+    is_package = any(other[:-1] == module for other in MODULES)
+    return module if is_package else module[:-1]
+
+
+def private(name: str) -> bool:
+    return name.startswith("_") and not name.startswith("__")
+
+
+def imported(tree: ast.Module) -> dict[str, tuple[str, ...]]:
+    """What each name that a file imports from dehyst is: a module, or a module and a name in it."""
+    found: dict[str, tuple[str, ...]] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "dehyst":
+            for alias in node.names:
+                found[alias.asname or alias.name] = (*str(node.module).split("."), alias.name)
+    return found
+
+
+def own_names(tree: ast.Module) -> set[str]:
+    """Private names that a file defines itself, as attributes, methods, fields or functions."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            found.add(node.attr)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            found.add(node.id)
+    return {name for name in found if private(name)}
+
+
+def breaches(path: Path) -> list[str]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    here, known, own = package_of(module_of(path)), imported(tree), own_names(tree)
+    found = []
+    for name, full in known.items():
+        if private(full[-1]) and package_of(full[:-1]) != here:
+            found.append(f"{name_of(path)}: imports {'.'.join(full)} as {name}")
+    for node in ast.walk(tree):
+        if not (isinstance(node, ast.Attribute) and private(node.attr)) or node.attr in FOREIGN:
+            continue
+        where = f"{name_of(path)}:{node.lineno}: {ast.unparse(node)}"
+        base = node.value
+        if isinstance(base, ast.Name) and base.id in known:
+            full = known[base.id]
+            owner = full if full in MODULES else full[:-1]
+            if package_of(owner) != here:
+                found.append(where)
+        elif not (isinstance(base, ast.Name) and base.id in ("self", "cls")) and (
+            node.attr not in own and node.attr not in package_names(here)
+        ):  # an object whose class is not of this package
+            found.append(where)
+    return found
+
+
+def package_names(package: tuple[str, ...]) -> set[str]:
+    """Private names that the files of one folder define."""
+    found: set[str] = set()
+    for path in FILES:
+        if package_of(module_of(path)) == package:
+            found |= own_names(ast.parse(path.read_text(encoding="utf-8")))
+    return found
+
+
+def test_no_private_name_is_read_across_packages() -> None:
+    found = [text for path in FILES for text in breaches(path)]
+    assert not found, "\n".join(found)
+
+
+def test_the_monotonic_clock_is_read_in_one_place() -> None:
+    """Drivers are given a clock; that parameter's default may be time.monotonic, uncalled."""
+    found = []
+    for path in FILES:
+        if name_of(path) in CLOCK:
+            continue
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+        for node in ast.walk(tree):
+            read = isinstance(node, ast.Attribute) and ast.unparse(node) in CLOCKS
+            allowed = name_of(path).startswith("drivers/") and id(node) not in called
+            by_name = isinstance(node, ast.ImportFrom) and node.module == "time"
+            compiled = isinstance(node, ast.Constant) and node.value == "clock_gettime"
+            if (read and not allowed) or by_name or compiled:
+                found.append(f"{name_of(path)}:{node.lineno}: {ast.unparse(node)}")
+    assert not found, "\n".join(found)
+
+
+def plain(statement: ast.stmt) -> bool:
+    """A docstring, an import, or `__all__`."""
+    if isinstance(statement, ast.Expr):
+        return isinstance(statement.value, ast.Constant)
+    if isinstance(statement, ast.Assign):
+        return [ast.unparse(target) for target in statement.targets] == ["__all__"]
+    return isinstance(statement, ast.Import | ast.ImportFrom)
+
+
+@pytest.mark.parametrize(
+    "path", [path for path in FILES if path.name == "__init__.py"], ids=name_of
+)
+def test_package_hands_out_its_face_and_holds_no_logic(path: Path) -> None:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    assert ast.get_docstring(tree), "no docstring"
+    assert [ast.unparse(s) for s in tree.body if not plain(s)] == []
+
+
+def test_folders_can_be_looked_through() -> None:
+    folders: dict[str, int] = {}
+    for path in FILES:
+        if path.name != "__init__.py":
+            folders[name_of(path.parent)] = folders.get(name_of(path.parent), 0) + 1
+    crowded = {f: n for f, n in folders.items() if n > MOST_FILES and f not in LARGE_BY_NATURE}
+    assert not crowded

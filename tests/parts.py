@@ -1,0 +1,60 @@
+"""All tests in three parts, and one closing line for them.
+
+    python -m tests.parts [quick] [processes] [timing]
+
+quick      what starts no process, no zenoh session and no pty, on all processors; a file's tests in
+           one worker, which compiles their kernels and makes their fixtures once
+processes  what does, on all processors; tests that share a rig of their module in one worker
+timing     what judges times, alone
+
+Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
+Exit status: 0 where all passed, else 1.
+"""
+
+import os
+import re
+import subprocess
+import sys
+import time
+from collections import Counter
+
+JOBS = str(len(os.sched_getaffinity(0)))
+PARTS = {
+    "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes"],
+    "processes": ["-n", JOBS, "--dist", "loadgroup", "-m", "processes and not timing"],
+    "timing": ["-m", "timing"],
+}
+SHOWN = ("failed", "passed", "skipped", "error")
+
+
+def run(part: str) -> tuple[int, Counter[str]]:
+    """(exit status of pytest, counts of its closing line); its output goes on as it comes."""
+    print(f"--- {part}", flush=True)
+    command = [sys.executable, "-m", "pytest", "-q", *PARTS[part]]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        last = ""
+        for line in process.stdout:
+            print(line, end="", flush=True)
+            last = line if line.strip() else last
+    found = re.findall(r"(\d+) (failed|passed|skipped|error)", last)
+    return process.returncode, Counter({word: int(count) for count, word in found})
+
+
+def main(parts: list[str]) -> int:
+    """Run these parts, all of them where none is named."""
+    if unknown := set(parts) - PARTS.keys():
+        print(f"no such part: {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
+        return 2
+    begun, counts, failed = time.monotonic(), Counter[str](), False
+    for part in parts or PARTS:
+        code, found = run(part)
+        counts += found
+        failed = failed or code != 0
+    words = ", ".join(f"{counts[word]} {word}" for word in SHOWN if counts[word]) or "no tests ran"
+    print(f"===== {words} in {time.monotonic() - begun:.0f} s =====")
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,33 @@
+"""A client process of the chaos tests: plays a trajectory again and again, whatever happens."""
+
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
+
+from tests.rigs.chaos.rig import trajectory
+
+from dehyst.daemon.client.client import Client
+from dehyst.models.errors import DehystError
+
+
+def main(address: str) -> None:
+    """Until killed."""
+    seed = 0
+    while True:
+        try:
+            with Client("chaos", address, label="mover") as client:
+                while True:
+                    seed += 1
+                    played = client.play(*trajectory(30.0, seed))
+                    print("played", played.completed, played.reason, flush=True)
+                    if not played.completed:
+                        time.sleep(0.2)
+        except DehystError as error:
+            print("error", error, flush=True)
+            time.sleep(0.2)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,218 @@
+"""A real gateway process between real zenoh sessions and the real loop's process."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+
+from dehyst.daemon.bus import messages
+from dehyst.daemon.bus.session import BusError
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.client.telemetry import TelemetryStream
+from dehyst.daemon.config import Config, load_config
+from dehyst.daemon.files.models import save_model
+from dehyst.daemon.gateway.core_rings import LAYOUTS
+from dehyst.daemon.rings.records import State
+from dehyst.daemon.rings.ring import Ring
+from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.models.errors import BadInput
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def free_port() -> int:
+    """A TCP port on loopback that nobody uses at present."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def wait_until(what: str, check: Callable[[], bool], timeout_s: float = 60.0) -> None:
+    """Poll until true; the test fails after timeout_s."""
+    end = time.monotonic() + timeout_s
+    while not check():
+        if time.monotonic() > end:
+            pytest.fail(f"did not happen within {timeout_s:g} s: {what}")
+        time.sleep(0.01)
+
+
+class Core:
+    """The loop's own process on the simulated stage, and its rings."""
+
+    def __init__(self, config: Config, path: Path) -> None:
+        self.config = config
+        command = [sys.executable, "-m", "dehyst.daemon.main", "core", "--config", str(path)]
+        self.process = subprocess.Popen(command, env=environment(), stdin=subprocess.DEVNULL)
+
+    def running(self) -> bool:
+        """Whether this process (not one before it) has written a sample and said so."""
+        if self.process.poll() is not None:
+            pytest.fail(f"the loop ended with code {self.process.returncode}")
+        try:
+            said = self.ring("status").read(0)[0]
+        except BadInput:
+            return False
+        return bool(said.size and said[-1]["pid"] == self.process.pid and said[-1]["samples"] > 0)
+
+    def ring(self, name: str) -> Ring:
+        """One of its rings, as another process sees it."""
+        return Ring.attach(self.config.directory / f"{name}.ring", LAYOUTS[name])
+
+    def samples(self, first: int = 0) -> np.ndarray:
+        """Telemetry records from number `first` on."""
+        return self.ring("telemetry").read(first)[0]
+
+    @property
+    def seq(self) -> int:
+        """How many samples there have been."""
+        return self.ring("telemetry").head
+
+    @property
+    def state(self) -> State:
+        """Of the newest sample."""
+        return State(int(self.samples(self.seq - 1)[-1]["state"]))
+
+    @property
+    def commands(self) -> np.ndarray:
+        """All commands that it was given (as many as its ring holds)."""
+        return self.ring("command").read(0)[0]
+
+    def close(self, number: int = signal.SIGKILL) -> None:
+        """End the process."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        self.process.wait(20.0)
+
+
+def environment() -> dict[str, str]:
+    """For processes of this source tree."""
+    return {k: v for k, v in os.environ.items() if k != "NOTIFY_SOCKET"} | {
+        "PYTHONPATH": str(ROOT / "src"), "DEHYST_SUPERVISED": "1"
+    }  # fmt: skip
+
+
+@cache
+def model_text() -> str:
+    """The simulated stage's own model, as its file."""
+    with TemporaryDirectory() as folder:
+        save_model(simulated_model(), Path(folder) / "model.toml")
+        return (Path(folder) / "model.toml").read_text()
+
+
+CONFIG = """
+name = "bench"
+run_dir = "{run_dir}"
+model = {{file = "model.toml"}}
+actuator = {{driver = "simulated", settings = {{stage = "bench"}}}}
+sensor = {{driver = "simulated", settings = {{stage = "bench"}}}}
+limits = {{min_v = 0.0, max_v = 95.0, slew_v_per_s = 10000.0}}
+loop = {{rate_hz = 200.0}}
+safe = {{voltage_v = 0.0, ramp_v_per_s = 1000.0}}
+setpoint = {{stale_s = 1.0, hold_s = 0.2, approach_um_per_s = 200.0, queue_s = 10.0, lease_s = 1.5}}
+bus = {{listen = ["tcp/127.0.0.1:{port}"]}}
+"""
+
+
+class Bench:
+    """Loop and gateway of one test, a process each; `client()` connects to the gateway. start:
+    False leaves the rings to somebody else; replaced: text in the configuration."""
+
+    def __init__(self, folder: Path, start: bool = True, **replaced: str) -> None:
+        self.port = free_port()
+        self.path = folder / "bench.toml"
+        (folder / "model.toml").write_text(model_text())
+        text = CONFIG.format(run_dir=folder / "run", port=self.port)
+        for old, new in replaced.items():
+            text = text.replace(old, new)
+        self.path.write_text(text)
+        self.config = load_config(self.path)
+        self.address = f"tcp/127.0.0.1:{self.port}"
+        self.has_loop = start
+        if start:
+            self.start_loop()
+        self.gateway: subprocess.Popen[bytes] | None = None
+        self.clients: list[Client] = []
+
+    def start_loop(self) -> None:
+        """Start the loop's process; `start_gateway` and `client` wait for it."""
+        self.loop = Core(self.config, self.path)
+
+    def start_gateway(self) -> None:
+        """Start the gateway process and wait until a client can ask it, and until the loop runs."""
+        command = [sys.executable, "-m", "dehyst.daemon.main", "gateway", "--config"]
+        self.gateway = subprocess.Popen([*command, str(self.path)], env=environment())
+        wait_until("the gateway listens", self._listens)
+        if self.has_loop:
+            # its kernels may have to be compiled first
+            wait_until("the loop runs", self.loop.running, 240.0)
+
+    def _listens(self) -> bool:
+        with socket.socket() as probe:
+            return probe.connect_ex(("127.0.0.1", self.port)) == 0
+
+    def client(self, label: str = "") -> Client:
+        """A connected client; closed with the bench."""
+        client = Client("bench", self.address, label=label)
+        self.clients.append(client)
+
+        def alive() -> bool:
+            return client.status().core_alive
+
+        wait_until("the gateway has seen the loop", alive)
+        return client
+
+    def kill_gateway(self, number: int = signal.SIGKILL) -> int:
+        """Send a signal to the gateway and return its exit code."""
+        assert self.gateway is not None
+        self.gateway.send_signal(number)
+        return self.gateway.wait(10.0)
+
+    def close(self) -> None:
+        """End everything."""
+        for client in self.clients:
+            client.close()
+        if self.gateway is not None and self.gateway.poll() is None:
+            self.gateway.kill()
+            self.gateway.wait(10.0)
+        if self.has_loop:
+            self.loop.close()
+
+
+def observer_only_hears(operator: Client, observer: Client) -> tuple[TelemetryStream, set[float]]:
+    """The operator commands; the observer sees it, asks, and is refused what commands: its stream
+    and the targets heard so far."""
+    wait_until("the loop is seen", lambda: operator.status().core_alive)
+    feed, stream = observer.feed(), observer.stream()
+    assert observer.model().displacement_unit == "um"
+    operator.send(3.0)
+    operator.put(4.0)
+    targets: set[float] = set()
+
+    def told() -> bool:
+        targets.update(stream.read(0.1)["target"].tolist())
+        return 4.0 in targets and feed.status is not None
+
+    wait_until("the observer hears of it", told)
+    assert observer.history(0.2).size > 10
+    observer.patience_s = 0.0
+    for action in (lambda: observer.send(5.0), observer.stop, observer.take_over):
+        with pytest.raises(BusError, match="let these credentials"):
+            action()
+    return stream, targets
+
+
+def forged_setpoint(operator: Client) -> messages.Setpoint:
+    """A set-point under the operator's lease, as if it had been overheard."""
+    return messages.Setpoint(
+        client=operator.client, lease=operator._lease, sequence=99, sent_ns=time.monotonic_ns(),
+        value=9.0, unit="um",
+    )  # fmt: skip

@@ -1,0 +1,76 @@
+"""Clients that do not behave: links that are kept alive and never read, silent connections.
+
+python -m tests.rigs.hostile PORT KEY COUNT: so many subscribers that hear once and then read no
+more; prints "deaf" then.
+"""
+
+import socket
+import sys
+import threading
+from contextlib import ExitStack, suppress
+
+from dehyst.daemon.bus.session import Bus
+
+SMALL_BYTES = 4096
+
+
+class DeafLink:
+    """A relay to the gateway that passes on what a client says (its subscriptions, its keep-alives)
+    and, once `deaf` is set, reads nothing of what the gateway answers."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self.deaf = threading.Event()
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.address = f"tcp/127.0.0.1:{self._listener.getsockname()[1]}"
+        self._stack = ExitStack()
+        self._stack.enter_context(self._listener)
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        try:
+            near = self._stack.enter_context(self._listener.accept()[0])
+        except OSError:
+            return
+        far = self._stack.enter_context(socket.socket())
+        far.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BYTES)
+        far.connect(("127.0.0.1", self._port))
+        threading.Thread(target=self._answers, args=(far, near), daemon=True).start()
+        with suppress(OSError):
+            while data := near.recv(65536):
+                far.sendall(data)
+
+    def _answers(self, far: socket.socket, near: socket.socket) -> None:
+        with suppress(OSError):
+            while not self.deaf.is_set():
+                data = far.recv(65536)
+                if not data:
+                    return
+                near.sendall(data)
+
+
+def idle_connections(port: int, count: int) -> ExitStack:
+    """So many TCP connections that say nothing; closed with the stack that comes back."""
+    stack = ExitStack()
+    for _ in range(count):
+        stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=10.0))
+    return stack
+
+
+def be_deaf(port: int, key: str, count: int) -> None:
+    """Until killed."""
+    links = [DeafLink(port) for _ in range(count)]
+    heard = [threading.Event() for _ in links]
+    buses = [Bus.connect([link.address]) for link in links]
+    for bus, event in zip(buses, heard, strict=True):
+        bus.listen(key, lambda _key, _payload, e=event: e.set())
+    for event in heard:
+        assert event.wait(60.0)
+    for link in links:
+        link.deaf.set()
+    print("deaf", flush=True)
+    threading.Event().wait()
+
+
+if __name__ == "__main__":
+    be_deaf(int(sys.argv[1]), sys.argv[2], int(sys.argv[3]))

@@ -1,0 +1,110 @@
+"""What an amplifier's own log shows of its output: range, speed over any window, standing still.
+
+A log is (time_ns, volts): the output is set to volts[i] at time_ns[i] and stays there until the
+next entry.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+DAC_STEP_V = 2.75e-3
+"""A set voltage is rounded to the amplifier's own steps: either end of a move by half of one."""
+
+
+def excess(time_ns: np.ndarray, volts: np.ndarray, rate_v_per_s: float) -> tuple[float, int, int]:
+    """By how much the output moved further than rate x length in the worst window, and its ends.
+
+    Of all closed windows [t[i], t[j]], i <= j: the largest |v[j] - v[i-1]| - rate (t[j] - t[i]),
+    i and j. The first entry only says where the output stood. O(n): the best beginning of a window
+    that ends at j is the least of v[i-1] - rate t[i] (for a way up) among the i before it.
+    """
+    if volts.size < 2:
+        return 0.0, 0, 0
+    way = rate_v_per_s * (time_ns - time_ns[0]) * 1e-9
+    worst = (-np.inf, 0, 0)
+    for side in (volts, -volts):
+        end, begin = side[1:] - way[1:], side[:-1] - way[1:]
+        over = end - np.minimum.accumulate(begin)
+        j = int(np.argmax(over))
+        if over[j] > worst[0]:
+            worst = float(over[j]), int(np.argmin(begin[: j + 1])) + 1, j + 1
+    return worst
+
+
+def check_speed(
+    time_ns: np.ndarray, volts: np.ndarray, rate_v_per_s: float, step_v: float
+) -> float:
+    """No window, however short or long, holds more than rate x length + one step; the largest
+    movement beyond rate x length that was seen [V].
+
+    Raises AssertionError with the worst window.
+    """
+    most, i, j = excess(time_ns, volts, rate_v_per_s)
+    assert most <= step_v + DAC_STEP_V, (
+        f"{volts[i - 1]:.3f} to {volts[j]:.3f} V by {j - i + 1} writes within "
+        f"{(time_ns[j] - time_ns[i]) * 1e-6:.2f} ms: {most:.3f} V more than {rate_v_per_s:g} V/s "
+        f"allow in that time, where one step is {step_v:g} V"
+    )
+    return most
+
+
+def check_steps(
+    time_ns: np.ndarray, volts: np.ndarray, step_v: float, rate_v_per_s: float, period_s: float
+) -> None:
+    """No step is larger than step_v and what a movement at this rate needs since the last write,
+    or within one sampling period where two writes came closer together.
+
+    For a glide and a ramp, which are made of steps of a given size.
+    """
+    steps, gaps = np.abs(np.diff(volts)), np.maximum(np.diff(time_ns) * 1e-9, period_s)
+    over = steps - step_v - rate_v_per_s * gaps - DAC_STEP_V
+    if over.size:
+        i = int(np.argmax(over))
+        assert over[i] <= 0, (
+            f"a step from {volts[i]:.3f} to {volts[i + 1]:.3f} V after {1e3 * gaps[i]:.1f} ms, "
+            f"where {step_v:g} V and {rate_v_per_s:g} V/s are allowed"
+        )
+
+
+def check_range(volts: np.ndarray, low: float, high: float) -> None:
+    """The log is not empty, and all of it lies within the range."""
+    assert volts.size > 0, "the amplifier's log is empty"
+    assert volts.min() >= low - 1e-9, volts.min()
+    assert volts.max() <= high + DAC_STEP_V, volts.max()
+
+
+def during(
+    time_ns: np.ndarray, volts: np.ndarray, begin_ns: int, end_ns: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The part of the log from begin to end, with the voltage in force at its beginning first."""
+    inside = time_ns >= begin_ns
+    if end_ns is not None:
+        inside &= time_ns <= end_ns
+    before = np.flatnonzero(time_ns < begin_ns)[-1:]
+    where = np.concatenate([before, np.flatnonzero(inside)])
+    times = time_ns[where]
+    times[: before.size] = begin_ns
+    return times, volts[where]
+
+
+def check_held(
+    time_ns: np.ndarray, volts: np.ndarray, begin_ns: int, end_ns: int | None = None
+) -> float:
+    """The output did not move between two times, by not one of the amplifier's steps; where it
+    stood."""
+    _, part = during(time_ns, volts, begin_ns, end_ns)
+    assert part.size > 0, "the amplifier's log is empty"
+    moved = float(part.max() - part.min())
+    assert moved <= DAC_STEP_V / 2, f"the output moved by {moved:.3f} V"
+    return float(part[-1])
+
+
+def worst_by_brute_force(time_ns: np.ndarray, volts: np.ndarray, rate_v_per_s: float) -> float:
+    """The definition of `excess`, over all pairs."""
+    before = [a for a, _ in pairwise(volts)]
+    return max(
+        abs(volts[j] - before[i - 1]) - rate_v_per_s * (time_ns[j] - time_ns[i]) * 1e-9
+        for j in range(1, volts.size)
+        for i in range(1, j + 1)
+    )

@@ -1,0 +1,169 @@
+"""The proof's own stages do what their names say, against closed forms and brute force."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from tests.rigs.plants import drives as proof_drives
+from tests.rigs.plants import effects as proof_effects
+from tests.rigs.plants import effects_more as proof_effects_more
+from tests.rigs.plants import hysteresis as proof_hysteresis
+from tests.rigs.plants.effects import H, World
+from tests.rigs.plants.effects_more import MAKERS, OUTSIDE
+from tests.rigs.plants.hysteresis import CLASSES, _bouc_wen, _everett, _preisach, _slip_bank
+from tests.rigs.plants.stages import _rich_refit, make_case, plan
+
+
+def world(u, seed=3):
+    t = np.arange(u.size) * H
+    return World(t, u, 22.0 + t / t[-1], 5.0 + np.sin(2 * np.pi * t), seed)
+
+
+def grown_sine(n, cycles=5):
+    t = np.linspace(0, 1, n)
+    return 4.5 + 4.5 * np.sin(2 * np.pi * cycles * t - np.pi / 2) * (0.3 + 0.7 * t)
+
+
+def test_generator_shares_no_code_with_the_library():
+    for module in (proof_drives, proof_hysteresis, proof_effects, proof_effects_more):
+        tree = ast.parse(Path(module.__file__).read_text())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom):
+                assert not (node.module or "").startswith("dehyst")
+            if isinstance(node, ast.Import):
+                assert not any(a.name.startswith("dehyst") for a in node.names)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_hysteresis_lags_and_does_not_know_the_time(name):
+    run = CLASSES[name](np.random.default_rng(4))
+    up = np.linspace(0, 9, 500)
+    y = run(np.r_[up, up[::-1]])
+    assert y[0] == pytest.approx(0.0, abs=1e-9)
+    opening = y[500:][::-1] - y[:500]
+    assert 0.3 < opening.max() < 2.0
+    assert opening[50:].min() > -1e-9
+    slow = run(np.interp(np.linspace(0, 999, 4996), np.arange(1000), np.r_[up, up[::-1]]))
+    np.testing.assert_allclose(slow[::5], y, atol=1e-5)
+
+
+def test_preisach_against_a_bank_of_relays():
+    rng = np.random.default_rng(1)
+    grid = 12.0 / 600
+    x = np.arange(601) * grid
+    p_density, q_density = np.exp(-((x - 4) ** 2) / 8), np.exp(-((x - 3) ** 2) / 5)
+    p = np.r_[0.0, np.cumsum(0.5 * (p_density[1:] + p_density[:-1])) * grid]
+    q = np.r_[0.0, np.cumsum(0.5 * (q_density[1:] + q_density[:-1])) * grid]
+    pq = p_density * q
+    r = np.r_[0.0, np.cumsum(0.5 * (pq[1:] + pq[:-1])) * grid]
+    u = rng.uniform(0, 9, 40)
+    got = _preisach(u, p, r, q, grid)
+    n = 240
+    edge = (np.arange(n) + 0.5) * 12.0 / n
+    on_at, off_at = np.meshgrid(edge, edge, indexing="ij")
+    weight = np.interp(on_at, x, p_density) * np.interp(off_at, x, q_density) * (12.0 / n) ** 2
+    weight[on_at < off_at] = 0.0
+    state = np.zeros_like(weight)
+    want = []
+    for v in u:
+        state[on_at <= v] = 1.0
+        state[off_at >= v] = 0.0
+        want.append(np.sum(state * weight))
+    # a relay cell is 0.05 V wide, and a row of them weighs up to about 0.1
+    np.testing.assert_allclose(got, want, atol=0.25)
+    assert np.corrcoef(got, want)[0, 1] > 0.999
+    assert _everett(2.0, 3.0, p, r, q, grid) == 0.0
+
+
+def test_bouc_wen_against_an_ode_solver():
+    u = np.r_[np.linspace(0, 6, 300), np.linspace(6, 2, 200)]
+    beta, gamma, power = 0.5, 0.1, 1.3
+
+    def slope(sign, h):  # dh / d|u|
+        return sign - beta * h * abs(h) ** (power - 1) - sign * gamma * abs(h) ** power
+
+    up = solve_ivp(lambda s, h: slope(1.0, h), (0, 6), [0.0], rtol=1e-9).y[0, -1]
+    down = solve_ivp(lambda s, h: slope(-1.0, h), (0, 4), [up], rtol=1e-9).y[0, -1]
+    got = _bouc_wen(u, beta, gamma, power)
+    assert got[299] == pytest.approx(up, rel=1e-4)
+    assert got[-1] == pytest.approx(down, rel=1e-4)
+
+
+def test_slip_elements_do_not_depend_on_the_step_and_saturate():
+    yields, strength = np.array([0.1, 1.0]), np.array([0.2, 0.5])
+    u = np.r_[np.linspace(0, 9, 10), np.linspace(9, 1, 10)]
+    coarse = _slip_bank(u, yields, strength, 1.5)
+    fine = _slip_bank(np.interp(np.arange(381) / 20, np.arange(20), u), yields, strength, 1.5)
+    np.testing.assert_allclose(coarse, fine[::20], atol=1e-12)
+    assert 0.6 < coarse[9] < 0.7
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_hysteresis_is_foreign_to_plays_with_polynomials(name):
+    rng = np.random.default_rng(8)
+    u = proof_drives.multisine(rng, 8.0)
+    refit = _rich_refit([u])
+    left = refit(CLASSES[name](rng)(u))
+    assert 5e-4 < np.std(left) < 0.1  # um: beyond rounding, far below the 1 um loop
+
+
+def test_low_pass_and_delay_and_current_limit():
+    ramp = np.arange(4000) * H
+    tau = 0.01
+    want = ramp - tau * (1 - np.exp(-ramp / tau))
+    np.testing.assert_allclose(proof_effects.low_pass(ramp, tau), want, atol=1e-12)
+    np.testing.assert_allclose(proof_effects.delayed(ramp, 3.3 * H)[10:], ramp[10:] - 3.3 * H)
+    step = np.r_[np.zeros(10), np.full(500, 5.0)]
+    slewed = MAKERS["slew"](np.random.default_rng(0), True).run(step, world(step), 1 / 200.0)
+    assert np.max(np.diff(slewed)) == pytest.approx(200.0 * H)
+    assert slewed[-1] == pytest.approx(5.0)
+
+
+def test_resonance_rings_at_its_frequency():
+    step = np.r_[np.zeros(800), np.ones(8000)]
+    effect = next(
+        e for s in range(50)
+        if (e := MAKERS["resonance"](np.random.default_rng(s), True)).form == "whole stroke"
+    )  # fmt: skip
+    y = effect.run(step, world(step), 1 / 80.0)
+    late = y[800:] - 1.0
+    ups = np.flatnonzero((late[:-1] < 0) & (late[1:] >= 0))
+    assert 1 / (np.mean(np.diff(ups[:4])) * H) == pytest.approx(80.0, rel=0.02)
+    assert y.max() > 1.5
+
+
+def test_log_creep_is_straight_over_decades():
+    step = np.r_[np.zeros(8), np.ones(80_000)]
+    effect = MAKERS["creep"](np.random.default_rng(0), True)
+    y = effect.run(step, world(step), 0.01)
+    assert y[8 + 80 * 1000 - 1] - y[8 + 8000] == pytest.approx(
+        0.01 * np.log10(10.1 / 1.1), rel=0.01
+    )
+
+
+@pytest.mark.parametrize("name", [*MAKERS, *OUTSIDE])
+def test_every_effect_grows_with_its_strength_and_is_finite(name):
+    u = grown_sine(40_000)
+    effect = {**MAKERS, **OUTSIDE}[name](np.random.default_rng(2), False)
+    w = world(u)
+    sizes = [np.std(effect.run(u, w, f * effect.start) - u) for f in (0.5, 1.0)]
+    assert all(np.isfinite(sizes))
+    assert sizes[1] >= sizes[0]
+    assert np.std(effect.run(u, w, effect.top) - u) > 0
+
+
+def test_cases_follow_from_their_seed_and_are_sized_as_told():
+    seed = next(s for s in range(1000, 1200) if plan(s)[:2] == ("single", ("hum",)))
+    a, b = make_case(seed), make_case(seed)
+    np.testing.assert_array_equal(a.records["hold"].y_um, b.records["hold"].y_um)
+    assert a.hidden[0].added_um == pytest.approx(a.hidden[0].wanted * a.noise_um, rel=0.03)
+    assert a.hidden[0].leftover_um <= a.hidden[0].added_um * 1.001
+    held = a.records["holdout"]
+    assert np.std(held.y_um - held.exact_um) == pytest.approx(a.noise_um, rel=0.05)
+
+
+def test_the_plan_holds_clean_single_pair_and_outside():
+    kinds = [plan(s)[0] for s in range(2000, 2100)]
+    assert [kinds.count(k) for k in ("clean", "single", "pair", "outside")] == [30, 45, 15, 10]

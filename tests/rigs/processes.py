@@ -1,0 +1,221 @@
+"""Real processes for tests: the emulated bench, the core, the gateway, and their rings."""
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, Command, State
+from dehyst.daemon.rings.ring import Ring
+from dehyst.daemon.rings.status import STATUS
+
+DTYPES = {"telemetry": TELEMETRY, "status": STATUS, "event": EVENT, "command": COMMAND}
+SLEW = 4000.0
+
+CONFIG = """
+name = "test"
+run_dir = "{run}"
+[model]
+file = "{model}"
+[loop]
+rate_hz = {rate}
+{loop}
+[actuator]
+driver = "{actuator}"
+settings = {actuator_settings}
+[sensor]
+driver = "{sensor}"
+settings = {sensor_settings}
+[limits]
+min_v = 0.0
+max_v = 150.0
+slew_v_per_s = 4000.0
+[safe]
+voltage_v = 5.0
+ramp_v_per_s = 200.0
+on_fault = "ramp"
+[setpoint]
+stale_s = 1.0
+hold_s = 0.5
+"""
+
+
+def dehyst(*arguments: str, **options: Any) -> "subprocess.Popen[str]":
+    """Start a dehyst command; it dies with the test."""
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "dehyst.daemon.main", *arguments],
+        stdin=subprocess.DEVNULL,
+        text=True,
+        env={**os.environ, "DEHYST_SUPERVISED": "1"},
+        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options},
+    )
+
+
+def as_hardware(process: "subprocess.Popen[Any]") -> None:
+    """An emulated device is a device: where it is allowed, no other process keeps it waiting."""
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, process.pid, -15)
+
+
+def until(condition: Any, seconds: float = 60.0, what: str = "") -> Any:
+    """Poll until the condition's value is true, and return it."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.01)
+    raise AssertionError(f"not within {seconds} s: {what or condition}")
+
+
+def simulated_config(folder: Path, rate: float, model: Path, loop: str = "") -> Path:
+    """Configuration on the in-process simulated stage; loop: further lines of [loop]."""
+    path = folder / "config.toml"
+    path.write_text(
+        CONFIG.format(
+            run=folder / "run", model=model, rate=rate, loop=loop, actuator="simulated",
+            sensor="simulated",
+            actuator_settings='{stage = "t"}', sensor_settings='{stage = "t"}',
+        )
+    )  # fmt: skip
+    return path
+
+
+class EmulatedBench:
+    """`dehyst emulate` as a process, with its control socket and its log of the output."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.folder, self.log = folder, folder / "output.npz"
+        self.process = dehyst("emulate", "--dir", str(folder / "bench"), "--log", str(self.log),
+                              *arguments)  # fmt: skip
+        as_hardware(self.process)
+        assert self.process.stdout is not None
+        ready, _, _ = select.select([self.process.stdout], [], [], 60.0)
+        assert ready, "the bench did not start"
+        self.ports: dict[str, str] = json.loads(self.process.stdout.readline())
+
+    def config(self, rate: float, model: Path) -> Path:
+        """Configuration on this bench."""
+        path = self.folder / "config.toml"
+        path.write_text(
+            CONFIG.format(
+                run=self.folder / "run", model=model, rate=rate, loop="", actuator="mdt693b",
+                sensor="ksg101",
+                actuator_settings=f'{{port = "{self.ports["mdt693b"]}"}}',
+                sensor_settings=f'{{port = "{self.ports["ksg101"]}"}}',
+            )
+        )  # fmt: skip
+        return path
+
+    def control(self, **order: Any) -> None:
+        """Send an order to the control socket."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.sendto(json.dumps(order).encode(), self.ports["control"])
+
+    def output(self) -> tuple[np.ndarray, np.ndarray]:
+        """(time_ns, volts) at the amplifier's output so far."""
+        self.log.unlink(missing_ok=True)
+        self.control(save=True)
+        until(self.log.exists, 10.0, "the bench's log")
+        with np.load(self.log) as data:
+            return data["time_ns"], data["volts"]
+
+    def close(self) -> None:
+        """End it."""
+        end(self.process)
+
+
+class Rings:
+    """The rings of a running core."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / "run"
+
+    def read(self, name: str) -> np.ndarray:
+        """All records that the ring still holds."""
+        ring = Ring.attach(self.folder / f"{name}.ring", DTYPES[name])
+        records = ring.read(0)[0]
+        ring.close()
+        return records
+
+    def last(self, name: str = "telemetry") -> Any:
+        """The newest record, None when there is none."""
+        try:
+            records = self.read(name)
+        except Exception:
+            return None
+        return records[-1] if records.size else None
+
+    def state(self) -> State | None:
+        """What the core is doing."""
+        record = self.last()
+        return None if record is None else State(int(record["state"]))
+
+    def events(self) -> str:
+        """All event texts."""
+        return "\n".join(r["text"].decode() for r in self.read("event"))
+
+    def drive(self, value: float, done: Callable[[Any], bool], seconds: float = 60.0) -> Any:
+        """Give this set-point again and again, before it goes stale, until the newest sample is as
+        wanted; that sample."""
+
+        def there() -> Any:
+            nonlocal given
+            if time.monotonic() - given > 0.3:
+                given = time.monotonic()
+                self.command(Command.SETPOINT, value)
+            last = self.last()
+            return last if last is not None and done(last) else None
+
+        given = 0.0
+        return until(there, seconds, f"{value} is followed")
+
+    def command(self, kind: Command, value: float = 0.0) -> None:
+        """Give one command as the gateway would."""
+        row = np.zeros(1, COMMAND)
+        row["kind"], row["value"] = kind, value
+        ring = Ring.attach(self.folder / "command.ring", COMMAND)
+        ring.push(row[0])
+        ring.close()
+
+
+def end(process: "subprocess.Popen[str]", timeout: float = 30.0) -> int:
+    """SIGTERM, wait, SIGKILL if need be; the exit code."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGTERM)
+    try:
+        process.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate(timeout=10)
+    return int(process.returncode)
+
+
+@contextmanager
+def core(config: Path) -> Iterator["subprocess.Popen[str]"]:
+    """`dehyst core`, running: yields when it has written its first sample."""
+    ring = config.parent / "run" / "telemetry.ring"
+    old = ring.stat().st_ino if ring.exists() else 0
+    process = dehyst("core", "--config", str(config))
+    rings = Rings(config.parent)
+
+    def first_sample() -> bool:
+        fresh = ring.exists() and ring.stat().st_ino != old
+        return (fresh and rings.last() is not None) or process.poll() is not None
+
+    try:
+        until(first_sample, 110.0, "first sample")  # kernels may have to be compiled
+        assert process.poll() is None, process.communicate()[1]
+        yield process
+    finally:
+        end(process)

@@ -1,0 +1,104 @@
+"""`dehyst run` on the emulated bench as a real process, for the tests of what keeps it safe."""
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+from tests.rigs.gateway_bench import free_port
+from tests.rigs.processes import DTYPES, EmulatedBench, Rings, dehyst, until
+
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.rings.records import Command
+from dehyst.daemon.rings.ring_file import RingFile
+from dehyst.drivers.emulated.control import ask
+from dehyst.models.errors import DehystError
+
+HIGH_UM, SAFE_V = 9.0, 5.0
+
+
+class Service:
+    """Emulated bench and supervisor. replaced: text in the configuration."""
+
+    def __init__(self, folder: Path, model: Path, rate: float = 100.0, **replaced: str) -> None:
+        self.bench = EmulatedBench(folder)
+        self.folder, self.port = folder, free_port()
+        self.config = self.bench.config(rate, model)
+        text = f'bus = {{listen = ["tcp/127.0.0.1:{self.port}"]}}\n' + self.config.read_text()
+        for old, new in replaced.items():
+            assert old in text
+            text = text.replace(old, new)
+        self.config.write_text(text)
+        self.rings = Rings(folder)
+        self.log = folder / "run.txt"
+        self.supervisor: subprocess.Popen[str] | None = None
+
+    def start(self) -> None:
+        """Start the supervisor; returns when its core writes samples."""
+        with open(self.log, "ab") as words:
+            self.supervisor = dehyst(
+                "run", "--config", str(self.config), stdout=words, stderr=words
+            )
+        until(lambda: self.core_pid() and self.rings.last() is not None, 120.0, "samples")
+
+    def core_pid(self) -> int:
+        """The process that writes the present rings; 0: none alive."""
+        try:
+            with RingFile(self.folder / "run" / "telemetry.ring", DTYPES["telemetry"]) as ring:
+                pid = ring.pid
+            os.kill(pid, 0)
+        except (DehystError, ProcessLookupError):
+            return 0
+        return pid
+
+    def words(self) -> str:
+        """What the supervisor and its children have said."""
+        return self.log.read_text(errors="replace") if self.log.exists() else ""
+
+    def high(self, um: float = HIGH_UM, volts: float = 60.0) -> float:
+        """Drive the stage up through the command ring: the output then."""
+        self.rings.drive(um, lambda last: last["volts"] > volts)
+        return self.output()
+
+    def hold_high(self) -> None:
+        """Once more, so that the set-point does not go stale at once."""
+        self.rings.command(Command.SETPOINT, HIGH_UM)
+
+    def output(self) -> float:
+        """The amplifier's output, by the amplifier."""
+        return float(ask(self.bench.ports["control"], {})["output_v"])
+
+    def client(self) -> Client:
+        """A client, as soon as the gateway answers."""
+        found: list[Client] = []
+
+        def there() -> Any:
+            try:
+                found.append(Client("test", f"tcp/127.0.0.1:{self.port}"))
+            except DehystError:
+                return False
+            return True
+
+        until(there, 120.0, f"the gateway\n{self.words()}")
+        return found[0]
+
+    def end(self, number: int = signal.SIGTERM, timeout_s: float = 60.0) -> int:
+        """Send a signal to the supervisor; its exit code."""
+        assert self.supervisor is not None
+        self.supervisor.send_signal(number)
+        return self.supervisor.wait(timeout_s)
+
+    def close(self) -> None:
+        """End everything, stopped processes included."""
+        if pid := self.core_pid():
+            os.kill(pid, signal.SIGCONT)
+        if self.supervisor is not None and self.supervisor.poll() is None:
+            self.end()
+        end = time.monotonic() + 20.0
+        while self.core_pid() and time.monotonic() < end:
+            time.sleep(0.1)
+        if pid := self.core_pid():
+            os.kill(pid, signal.SIGKILL)
+        self.bench.close()

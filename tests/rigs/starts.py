@@ -1,0 +1,126 @@
+"""Which tests start a process, a zenoh session or a pseudo terminal, and a guard for the others.
+
+A test belongs to the part `processes` when it, a fixture that it takes or a helper of its module
+that it calls names one of `TOOLS`. `guard` makes every other test that starts something fail.
+"""
+
+import ast
+import multiprocessing.process
+import os
+import pty
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+TOOLS = (
+    "subprocess", "multiprocessing", "zenoh.open", "pty", "tests.rigs.processes",
+    "tests.rigs.gateway_bench", "tests.rigs.controllers", "tests.rigs.chaos", "tests.rigs.service",
+    "dehyst.daemon.bus.session.Bus", "dehyst.drivers.emulated.bench",
+    "dehyst.drivers.emulated.mdt693b_port", "dehyst.drivers.emulated.pty_device",
+)  # fmt: skip
+EVENTS = {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.system"}
+"""What the interpreter tells an audit hook."""
+
+
+def _imported(node: ast.AST) -> Iterator[tuple[str, str]]:
+    """(name here, full name) of what an import binds."""
+    if isinstance(node, ast.Import):
+        for alias in node.names:
+            yield alias.asname or alias.name.partition(".")[0], alias.name
+    elif isinstance(node, ast.ImportFrom):
+        for alias in node.names:
+            yield alias.asname or alias.name, f"{node.module}.{alias.name}"
+
+
+def _named(node: ast.AST) -> set[str]:
+    """Names, dotted ones in full, within a definition; "(name)" for an argument: a fixture."""
+    names = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+    names |= {ast.unparse(n) for n in ast.walk(node) if isinstance(n, ast.Attribute)}
+    return names | {f"({n.arg})" for n in ast.walk(node) if isinstance(n, ast.arg)}
+
+
+@cache
+def starting(path: Path, inherited: frozenset[str] = frozenset()) -> frozenset[str]:
+    """Names in this file that start something; inherited: fixtures of the folders above."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = {
+        name
+        for node in ast.walk(tree)
+        for name, full in _imported(node)
+        if any(full == tool or full.startswith(f"{tool}.") for tool in TOOLS)
+    }
+    found |= {tool for tool in TOOLS if "." in tool} | {f"({name})" for name in inherited}
+    definitions: dict[str, set[str]] = {}
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            definitions[node.name] = _named(node)
+        elif isinstance(node, ast.Assign):
+            for target in node.targets:
+                definitions[ast.unparse(target)] = _named(node.value)
+    found -= {f"({name})" for name in definitions}  # a fixture of this file hides one above
+    while more := {n for n, uses in definitions.items() if n not in found and uses & found}:
+        found |= more | {f"({name})" for name in more}
+    return frozenset(found)
+
+
+def starts_something(path: Path, name: str) -> bool:
+    """Whether the test of this name (function, or class) in this file starts something."""
+    above: frozenset[str] = frozenset()
+    for folder in reversed(path.parents):
+        conftest = folder / "conftest.py"
+        if conftest.exists():
+            above |= starting(conftest, above)
+    return name in starting(path, above)
+
+
+class Started(AssertionError):
+    """A test of the quick part started something."""
+
+
+_watched: list[list[str]] = []
+
+
+def _notice(what: str) -> None:
+    if _watched:
+        _watched[-1].append(what)
+        raise Started(f"a test that is not marked `processes` starts something: {what}")
+
+
+def _noticed(what: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    def call(*args: Any, **kwargs: Any) -> Any:
+        _notice(what)
+        return function(*args, **kwargs)
+
+    return call
+
+
+def watch() -> None:
+    """From now on `guard` notices. Once a process: an audit hook cannot be taken back."""
+
+    def hook(event: str, args: tuple[Any, ...]) -> None:
+        if event in EVENTS:
+            _notice(f"{event} {args[:2]}")
+
+    sys.addaudithook(hook)
+    start = multiprocessing.process.BaseProcess.start
+    multiprocessing.process.BaseProcess.start = _noticed("multiprocessing", start)  # type: ignore[method-assign]
+    zenoh.open = _noticed("zenoh.open", zenoh.open)
+    os.openpty = pty.openpty = _noticed("openpty", os.openpty)
+
+
+@contextmanager
+def guard() -> Iterator[None]:
+    """What is started within is refused, and said at the end even where that was swallowed."""
+    heard: list[str] = []
+    _watched.append(heard)
+    try:
+        yield
+    finally:
+        _watched.remove(heard)
+    if heard:
+        raise Started(f"started by a test that is not marked `processes`: {', '.join(heard)}")
