@@ -3,6 +3,7 @@
 import os
 import resource
 import socket
+import stat
 from contextlib import suppress
 
 MOST_FILES = 65_536
@@ -24,7 +25,13 @@ def end_unread_connections(after_ms: int) -> None:
     the listening socket (TCP_USER_TIMEOUT, tcp(7)).
     """
     for name in os.listdir("/proc/self/fd"):
-        with suppress(OSError), socket.socket(fileno=os.dup(int(name))) as one:
-            inet = one.family in (socket.AF_INET, socket.AF_INET6)
-            if inet and one.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
-                one.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, after_ms)
+        with suppress(OSError):  # the folder's own descriptor is gone by now
+            if stat.S_ISSOCK(os.fstat(int(name)).st_mode):
+                _end_unread(int(name), after_ms)
+
+
+def _end_unread(descriptor: int, after_ms: int) -> None:
+    with socket.socket(fileno=os.dup(descriptor)) as one:
+        inet = one.family in (socket.AF_INET, socket.AF_INET6)
+        if inet and one.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+            one.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, after_ms)
