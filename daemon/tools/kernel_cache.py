@@ -45,8 +45,8 @@ def _imports(text: str, known: dict[str, Path]) -> set[str]:
     return {name for name in found if name in known}
 
 
-def newest_ns() -> dict[str, int]:
-    """By file name without ending: when it, or what it imports directly or not, last changed."""
+def newest_ns() -> dict[tuple[str, str], int]:
+    """By folder and file name: when it, or what it imports directly or not, last changed."""
     files = _sources()
     texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()}
     needs = {name: _imports(text, files) for name, text in texts.items()}
@@ -61,11 +61,19 @@ def newest_ns() -> dict[str, int]:
                 todo.append(other)
         return frozenset(seen)
 
-    newest: dict[str, int] = {}
-    for name, path in files.items():
-        last = max(changed[other] for other in reached_from(name))
-        newest[path.stem] = max(last, newest.get(path.stem, 0))
-    return newest
+    return {
+        (path.parent.name, path.stem): max(changed[other] for other in reached_from(name))
+        for name, path in files.items()
+    }
+
+
+def _kernel_file(index: Path) -> tuple[str, str]:
+    """Folder and file name of the kernel that an index belongs to: numba keeps it in __pycache__
+    beside the file, or in $NUMBA_CACHE_DIR in a folder named FOLDER_HASH."""
+    folder = index.parent
+    beside = folder.name == "__pycache__"
+    room = folder.parent.name if beside else folder.name.rpartition("_")[0]
+    return room, index.name.partition(".")[0]
 
 
 def protect() -> list[str]:
@@ -121,12 +129,12 @@ def drop_stale() -> int:
     """Remove index files of out-of-date kernels; how many there were."""
     own = os.environ.get("NUMBA_CACHE_DIR")
     roots = [Path(own)] if own else [PACKAGE / room for room in ROOMS]
-    newest: dict[str, int] = {}
+    newest: dict[tuple[str, str], int] = {}
     dropped = 0
     for index in (path for root in roots for path in root.rglob("*.nbi")):
         newest = newest or newest_ns()
         try:
-            if index.stat().st_mtime_ns < newest.get(index.name.partition(".")[0], 0):
+            if index.stat().st_mtime_ns < newest.get(_kernel_file(index), 0):
                 index.unlink()
                 dropped += 1
         except OSError:
