@@ -36,9 +36,19 @@ from dehyst.models.addresses import (
 )
 
 __all__ = (
-    "SIGNATURE", "Addresses", "Direct", "Reachable", "Words", "call", "floats_at", "grid_at",
-    "pointer", "table_at", "whole_at", "whole_grid_at",
-)  # fmt: skip
+    "SIGNATURE",
+    "Addresses",
+    "Direct",
+    "Reachable",
+    "Words",
+    "call",
+    "floats_at",
+    "grid_at",
+    "pointer",
+    "table_at",
+    "whole_at",
+    "whole_grid_at",
+)
 
 SIGNATURE = types.int32(types.voidptr, types.int64, types.CPointer(types.float64))
 """The one signature, for numba's `cfunc`."""

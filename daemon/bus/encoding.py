@@ -49,9 +49,13 @@ def _decode(kind: Any, payload: bytes, limit: int) -> Any:
         plain = msgpack.unpackb(payload, raw=False, strict_map_key=True)
         return msgspec.convert(plain, kind, strict=True, builtin_types=(bytes,))
     except (
-        msgspec.MsgspecError, msgpack.UnpackException, ValueError, RecursionError, OverflowError,
+        msgspec.MsgspecError,
+        msgpack.UnpackException,
+        ValueError,
+        RecursionError,
+        OverflowError,
         TypeError,
-    ) as error:  # fmt: skip
+    ) as error:
         raise BadMessage(f"not a message of this version of dehyst: {error}"[:400]) from None
 
 

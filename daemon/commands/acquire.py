@@ -15,9 +15,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", required=True, metavar="FILE", help="configuration (TOML)")
     parser.add_argument("-o", "--output", required=True, metavar="REC.csv")
     parser.add_argument(
-        "--exercise", type=float, default=5.0, metavar="S",
+        "--exercise",
+        type=float,
+        default=5.0,
+        metavar="S",
         help="full loops before the recording, so that it has crept already (default: 5 s)",
-    )  # fmt: skip
+    )
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="result as JSON on stdout")
     parser.epilog = """Ctrl-C ends it: the output goes back to where it was, and what was recorded
@@ -40,9 +43,14 @@ def run(args: argparse.Namespace) -> int:
         signal.signal(number, lambda number, _: stopped.append(number))
     with progress_bar("recording") as progress:
         recording, ended = acquire(
-            config, drive.t_s, drive.drive, drive.drive_unit, args.exercise, progress,
+            config,
+            drive.t_s,
+            drive.drive,
+            drive.drive_unit,
+            args.exercise,
+            progress,
             lambda: "it was interrupted" if stopped else "",
-        )  # fmt: skip
+        )
     assert recording.displacement is not None
     write_recording(
         args.output,

@@ -19,9 +19,13 @@ errors, save a picture, end."""
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.description = DESCRIPTION
     parser.add_argument(
-        "-o", "--output", type=Path, default=Path("out"), metavar="DIR",
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("out"),
+        metavar="DIR",
         help="where picture, recordings and model are saved (default: out)",
-    )  # fmt: skip
+    )
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="result as JSON on stdout")
     parser.epilog = """Exit 0: compensation made the error smaller; 1: it did not (where the machine
@@ -54,8 +58,17 @@ def run(args: argparse.Namespace) -> int:
     linear, compensated = results["linear gain"], results["compensated"]
     better, says = judge(linear, compensated, demo.late_share)
     if args.json:
-        print(json.dumps({"rms_um": results, "picture": str(picture), "better": better,
-                          "late_share": demo.late_share, "says": says}))  # fmt: skip
+        print(
+            json.dumps(
+                {
+                    "rms_um": results,
+                    "picture": str(picture),
+                    "better": better,
+                    "late_share": demo.late_share,
+                    "says": says,
+                }
+            )
+        )
     else:
         print(f"\n1 Hz sine, {demo.stroke_um:.1f} um peak to peak, {demo.rate_hz:g} Hz over serial")
         print(f"  {'':14}{'rms error':>12}{'of stroke':>12}")

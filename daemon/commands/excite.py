@@ -34,18 +34,33 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "          dehyst excite --separate delay lag --range 0 75 -o tell-apart.csv"
     )
     parser.add_argument("--range", nargs=2, type=float, metavar=("MIN", "MAX"), help="drive range")
-    parser.add_argument("--unit", default="v", choices=("v", "um", "nm", "counts"),
-                        help="unit of the range (default v)")  # fmt: skip
+    parser.add_argument(
+        "--unit",
+        default="v",
+        choices=("v", "um", "nm", "counts"),
+        help="unit of the range (default v)",
+    )
     parser.add_argument("--band", type=float, metavar="HZ", help="fastest sine")
     parser.add_argument("--duration", type=float, metavar="S", help="length of the drive")
-    parser.add_argument("--sampling", type=float, default=1000.0, metavar="HZ",
-                        help="samples per second (default 1000)")  # fmt: skip
-    parser.add_argument("--sines", type=int, default=SINES, metavar="N",
-                        help=f"how many (default {SINES})")  # fmt: skip
+    parser.add_argument(
+        "--sampling",
+        type=float,
+        default=1000.0,
+        metavar="HZ",
+        help="samples per second (default 1000)",
+    )
+    parser.add_argument(
+        "--sines", type=int, default=SINES, metavar="N", help=f"how many (default {SINES})"
+    )
     parser.add_argument("--slew", type=float, metavar="PER_S", help="largest rate allowed, unit/s")
     parser.add_argument("-o", "--output", type=Path, metavar="DRIVE.csv")
-    parser.add_argument("--check", nargs="+", type=Path, metavar="REC",
-                        help="judge these recordings together instead")  # fmt: skip
+    parser.add_argument(
+        "--check",
+        nargs="+",
+        type=Path,
+        metavar="REC",
+        help="judge these recordings together instead",
+    )
     parser.add_argument(
         "--separate",
         nargs=2,
@@ -67,23 +82,38 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _design(args: argparse.Namespace) -> int:
-    absent = [f"--{name}" for name in ("range", "band", "duration", "output")
-              if getattr(args, name) is None]  # fmt: skip
+    absent = [
+        f"--{name}"
+        for name in ("range", "band", "duration", "output")
+        if getattr(args, name) is None
+    ]
     if absent:
         raise BadInput(
             f"{', '.join(absent)} missing; a drive needs --range, --band, --duration, -o"
         )
     low, high = args.range
-    drive = design(low, high, args.band, args.duration, args.sampling, sines=args.sines,
-                   slew_per_s=args.slew)  # fmt: skip
+    drive = design(
+        low, high, args.band, args.duration, args.sampling, sines=args.sines, slew_per_s=args.slew
+    )
     write_recording(args.output, drive.t_s, {f"u_{args.unit}": drive.u}, _notes(drive, args.unit))
     covered = measure_coverage([Recording(drive.t_s, drive.u, drive_unit=args.unit)])
     _picture(covered, args.unit, args.picture)
-    sines = [{"amplitude": a, "frequency_hz": f}
-             for a, f in zip(drive.amplitudes, drive.frequencies_hz, strict=True)]  # fmt: skip
+    sines = [
+        {"amplitude": a, "frequency_hz": f}
+        for a, f in zip(drive.amplitudes, drive.frequencies_hz, strict=True)
+    ]
     if args.json:
-        print(json.dumps({"output": str(args.output), "sines": sines, "rate_max": drive.rate_max,
-                          **_facts(covered)}, indent=2))  # fmt: skip
+        print(
+            json.dumps(
+                {
+                    "output": str(args.output),
+                    "sines": sines,
+                    "rate_max": drive.rate_max,
+                    **_facts(covered),
+                },
+                indent=2,
+            )
+        )
         return 0
     print(f"{args.output}: {drive.t_s.size} samples, {drive.t_s[-1]:.4g} s")
     for sine in sines:

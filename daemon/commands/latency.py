@@ -32,9 +32,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EPILOG
     parser.add_argument("--rate", type=float, metavar="HZ", help="default: 1000, or --config's")
     parser.add_argument(
-        "--for", dest="seconds", type=float, default=30.0, metavar="SECONDS",
+        "--for",
+        dest="seconds",
+        type=float,
+        default=30.0,
+        metavar="SECONDS",
         help="how long; default: %(default)g",
-    )  # fmt: skip
+    )
     parser.add_argument("--config", metavar="FILE", type=Path, help="a daemon's configuration")
     parser.add_argument("--engine", choices=("compiled", "python"), help="which loop")
     parser.add_argument("--priority", type=int, help="FIFO priority; 0: ordinary; default: 80")

@@ -29,18 +29,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.description = DESCRIPTION
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration (TOML)")
     parser.add_argument(
-        "--check", metavar="FILE", type=Path, help="read a configuration and its model, say what "
-        "they mean, move nothing",
-    )  # fmt: skip
+        "--check",
+        metavar="FILE",
+        type=Path,
+        help="read a configuration and its model, say what they mean, move nothing",
+    )
     parser.add_argument(
         "--listen",
         metavar="ADDRESS",
         help=f"without --config: where clients connect (default: {LISTEN})",
     )
     parser.add_argument(
-        "--model", metavar="MODEL.toml", help="without --config: this model, on a simulated stage "
-        "that is scaled to it",
-    )  # fmt: skip
+        "--model",
+        metavar="MODEL.toml",
+        help="without --config: this model, on a simulated stage that is scaled to it",
+    )
     parser.add_argument("--name", help=f"without --config: the daemon's name (default: {NAME})")
     parser.epilog = (
         "examples: dehyst run\n          dehyst run --model stage.toml\n          "

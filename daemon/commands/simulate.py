@@ -40,8 +40,18 @@ def run(args: argparse.Namespace) -> int:
     unit = model.displacement_unit
     error = rms_error(recording, y, unit)
     if args.json:
-        print(json.dumps({"output": str(args.output), "rows": recording.size, "unit": unit,
-                          "outside": outside, "rms": error}, indent=2))  # fmt: skip
+        print(
+            json.dumps(
+                {
+                    "output": str(args.output),
+                    "rows": recording.size,
+                    "unit": unit,
+                    "outside": outside,
+                    "rms": error,
+                },
+                indent=2,
+            )
+        )
         return 0
     print(f"{args.output}: {recording.size} rows, column y_model_{unit}")
     if error is not None:

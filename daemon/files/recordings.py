@@ -147,14 +147,24 @@ def _read_npz(path: Path) -> Table:
         with zipfile.ZipFile(path) as members:
             size = sum(member.file_size for member in members.infolist())
         if size > MOST_BYTES:
-            raise BadRecording(f"{path}: unpacks to {size >> 20} MB; at most {MOST_BYTES >> 20} MB "
-                               "are read; cut it into several files")  # fmt: skip
+            raise BadRecording(
+                f"{path}: unpacks to {size >> 20} MB; at most {MOST_BYTES >> 20} MB "
+                "are read; cut it into several files"
+            )
         with np.load(path, allow_pickle=False) as data:
             arrays = {key: data[key] for key in data.files}
     except (
-        OSError, ValueError, KeyError, EOFError, RuntimeError, OverflowError, MemoryError,
-        struct.error, zlib.error, zipfile.BadZipFile,
-    ) as error:  # fmt: skip
+        OSError,
+        ValueError,
+        KeyError,
+        EOFError,
+        RuntimeError,
+        OverflowError,
+        MemoryError,
+        struct.error,
+        zlib.error,
+        zipfile.BadZipFile,
+    ) as error:
         raise BadRecording(f"{path}: not an .npz file that can be read: {error}") from None
     notes = {k[1:]: str(v) for k, v in arrays.items() if k.startswith("#")}
     return Table(_columns(path, {k: v for k, v in arrays.items() if k[:1] != "#"}), notes)

@@ -126,17 +126,23 @@ class MismatchWatch:
         wrong = watch.mismatch or stuck_s > 0.0
         self.figure = (STUCK if stuck_s else watch.cause) if wrong else ""
         if stuck_s and not self._stuck:
-            self._tell(2, "sensor", f"the reading has not changed for {stuck_s:.1f} s although the "
-                       "stage was moved: is the sensor stuck?")  # fmt: skip
+            self._tell(
+                2,
+                "sensor",
+                f"the reading has not changed for {stuck_s:.1f} s although the "
+                "stage was moved: is the sensor stuck?",
+            )
         self._stuck = stuck_s > 0.0
         if wrong and not self.mismatch:
             rate_hz = 1e9 / self._config.period_ns
             self._keep_at = seq + round(self._config.watch.after_s * rate_hz)
             why = MEANS.get(self.figure, "its reading stands still")
             self._tell(
-                2, "mismatch", f"the stage does not behave as its model: {why} (health "
+                2,
+                "mismatch",
+                f"the stage does not behave as its model: {why} (health "
                 f"{self.health:.2f}, above 1 is out of order, by the figure {self.figure!r})",
-            )  # fmt: skip
+            )
         elif self.mismatch and not wrong:
             self._tell(1, "mismatch", "the stage behaves as its model again")
         self.mismatch = wrong
@@ -166,6 +172,8 @@ class MismatchWatch:
             self._tell(3, "mismatch", f"the recording around the mismatch is not kept: {error}")
             return
         self._tell(
-            2, "mismatch", f"recording kept; to learn more: dehyst diagnose {path} --model "
+            2,
+            "mismatch",
+            f"recording kept; to learn more: dehyst diagnose {path} --model "
             f"{config.model.file} -o {path.with_suffix('')}",
-        )  # fmt: skip
+        )

@@ -66,8 +66,9 @@ class Channels:
             self._known.add(name)
         if wrong != self._said.get(name, ""):
             until_then = "its last value stays" if name in self._known else "not compensated"
-            self._tell(f"channel {name}: {wrong}; {until_then}" if wrong
-                       else f"channel {name}: back")  # fmt: skip
+            self._tell(
+                f"channel {name}: {wrong}; {until_then}" if wrong else f"channel {name}: back"
+            )
             self._said[name] = wrong
 
     def _run(self) -> None:

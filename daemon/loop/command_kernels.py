@@ -94,9 +94,15 @@ def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _approach(
-    table: Table, c: Any, p: Any, now_ns: int, start: float, value: float, offset_ns: int,
+    table: Table,
+    c: Any,
+    p: Any,
+    now_ns: int,
+    start: float,
+    value: float,
+    offset_ns: int,
     last: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Queue the way from `start` to a trajectory's first point at the approach speed."""
     q, times, values = queue_of(table), whole_at(table, at.TIMES), floats_at(table, at.VALUES)
     way_ns = max(p.period_ns, round(abs(value - start) / p.approach_um_per_s * 1e9))

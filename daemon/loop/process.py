@@ -137,9 +137,16 @@ class Core:
         rings["command"] = Ring.create(path, COMMAND, COMMAND_RECORDS, run)
         self._telemetry = rings["telemetry"]
         monitor = self.monitor = LoopMonitor(
-            stepper, self.actuator, self.sensor, rings, config.sensor.scale, config.sensor.zero,
-            every, spin_ns(config.loop.spin_us, config.loop.rate_hz), self._fill_status,
-        )  # fmt: skip
+            stepper,
+            self.actuator,
+            self.sensor,
+            rings,
+            config.sensor.scale,
+            config.sensor.zero,
+            every,
+            spin_ns(config.loop.spin_us, config.loop.rate_hz),
+            self._fill_status,
+        )
         runner = self._engine(monitor)
         self._warm(settings, compensator, volts, runner)
         allowed = tuple(sorted(os.sched_getaffinity(0)))
@@ -223,8 +230,9 @@ class Core:
         try:
             model = load_model(self.config.model.file)
             if (model.drive_unit, model.displacement_unit) != (
-                self.model.drive_unit, self.model.displacement_unit,
-            ):  # fmt: skip
+                self.model.drive_unit,
+                self.model.displacement_unit,
+            ):
                 raise BadInput("its units are not those of the running model")
             compensator, settings = self._compensator(model), self._settings(model)
             ring = self._telemetry

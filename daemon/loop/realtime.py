@@ -78,9 +78,13 @@ def enter_realtime(priority: int, cpu: int, rate_hz: float) -> Obtained:
     gc.freeze()
     gc.disable()
     return Obtained(
-        fifo, priority if fifo else 0, locked, tuple(sorted(os.sched_getaffinity(0))),
-        tuple(advice), awake,
-    )  # fmt: skip
+        fifo,
+        priority if fifo else 0,
+        locked,
+        tuple(sorted(os.sched_getaffinity(0))),
+        tuple(advice),
+        awake,
+    )
 
 
 @functools.cache

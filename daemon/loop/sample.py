@@ -135,9 +135,17 @@ def finish(table: Table, wrote: int, flags: int, woke_ns: int, finished_ns: int,
         m.missed += missed
         flags |= MISSED
         cause = _cause(
-            table, scheduled_ns, woke_ns, finished_ns, io_ns, major - m.major_faults,
-            minor - m.minor_faults, switches - m.switches, waited - m.waited_ns, cpu,
-        )  # fmt: skip
+            table,
+            scheduled_ns,
+            woke_ns,
+            finished_ns,
+            io_ns,
+            major - m.major_faults,
+            minor - m.minor_faults,
+            switches - m.switches,
+            waited - m.waited_ns,
+            cpu,
+        )
         whole_at(table, at.MISSED_BY)[cause] += missed
         r.cause = cause
     m.major_faults, m.minor_faults, m.switches, m.waited_ns = major, minor, switches, waited
@@ -156,9 +164,17 @@ def finish(table: Table, wrote: int, flags: int, woke_ns: int, finished_ns: int,
 
 @njit(cache=True, nogil=True)
 def _cause(
-    table: Table, scheduled_ns: int, woke_ns: int, finished_ns: int, io_ns: int, major: int,
-    minor: int, switches: int, waited_ns: int, cpu: int,
-) -> int:  # fmt: skip
+    table: Table,
+    scheduled_ns: int,
+    woke_ns: int,
+    finished_ns: int,
+    io_ns: int,
+    major: int,
+    minor: int,
+    switches: int,
+    waited_ns: int,
+    cpu: int,
+) -> int:
     """Why a deadline was missed: the largest part of the time that has a known reason."""
     took_ns = finished_ns - scheduled_ns
     cause, excused_ns = 0, 0

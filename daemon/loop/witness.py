@@ -38,9 +38,14 @@ STALL, SUSPENDED = int(MissCause.STALL), int(MissCause.SUSPENDED)
 
 @njit(cache=True, nogil=True)
 def log_late_wakeups(
-    start_ns: int, period_ns: int, threshold_ns: int, schedstat: int, stat: int,
-    stop: NDArray[np.int64], log: NDArray[np.int64],
-) -> None:  # fmt: skip
+    start_ns: int,
+    period_ns: int,
+    threshold_ns: int,
+    schedstat: int,
+    stat: int,
+    stop: NDArray[np.int64],
+    log: NDArray[np.int64],
+) -> None:
     """Sleep and wake every period_ns, and log every wake-up that is threshold_ns late.
 
     stop: (1,) set to 1 to end. log: (1 + 3 EVENTS,): number of late wake-ups, then a ring of
@@ -132,9 +137,14 @@ class Witness:
         realtime.finest_timer()
         start_ns = next_ns(start_ns, clock.monotonic_ns() + period_ns, period_ns)
         log_late_wakeups(
-            start_ns, period_ns, self.threshold_ns, open_schedstat(), open_stat(), self._stop,
+            start_ns,
+            period_ns,
+            self.threshold_ns,
+            open_schedstat(),
+            open_stat(),
+            self._stop,
             self.logs[cpu],
-        )  # fmt: skip
+        )
 
     def seen(self) -> list[tuple[int, int, MissCause]]:
         """(wake time ns, lateness ns, cause) of late wake-ups on all CPUs, as far as remembered."""

@@ -11,8 +11,9 @@ from dehyst.models.drive_design.coverage import SIZE_EDGES, Coverage
 def draw_drive_and_rate(covered: Coverage, unit: str, axes: Axes) -> str:
     """How often which drive met which rate."""
     counts = np.where(covered.cells > 0, covered.cells, np.nan).T
-    image = axes.pcolormesh(covered.drive_edges, covered.rate_edges, np.log10(counts),
-                            cmap="viridis")  # fmt: skip
+    image = axes.pcolormesh(
+        covered.drive_edges, covered.rate_edges, np.log10(counts), cmap="viridis"
+    )
     title = f"{covered.covered:.0%} of the cells covered (grey: never)"
     unit = spell_unit(unit)
     axes.set(xlabel=f"drive, {unit}", ylabel=f"rate, {unit}/s", facecolor="#e3e3e3", title=title)
@@ -27,6 +28,9 @@ def draw_loop_sizes(covered: Coverage, axes: Axes) -> str:
     axes.hist(covered.sizes * 100, bins=np.linspace(0, 101, 41).tolist(), color=MODEL)
     for edge in SIZE_EDGES[1:-1]:
         axes.axvline(edge * 100, color=UNUSED, lw=0.8, ls="--")
-    axes.set(xlabel="travel between two turns, % of the range", ylabel="how often",
-             title="sizes of the loops")  # fmt: skip
+    axes.set(
+        xlabel="travel between two turns, % of the range",
+        ylabel="how often",
+        title="sizes of the loops",
+    )
     return f"Sizes of the loops: {covered.sizes.size} travels between turns of the drive."

@@ -17,8 +17,10 @@ VERDICTS = {
     "unknown": "Something acts here that no entry of the library explains.",
 }
 MODELS = (
-    "hysteresis model alone", "hysteresis of any shape, held out", "augmented model, held out"
-)  # fmt: skip
+    "hysteresis model alone",
+    "hysteresis of any shape, held out",
+    "augmented model, held out",
+)
 MOST_VIEWS = 4
 
 

@@ -52,8 +52,7 @@ def draw_model_error(diagnosis: Diagnosis, view: View, axes: Axes) -> str:
         said.append(f"{rms(error[view.held_out]):.3g} {unit} {when}")
     draw_noise_band(axes, k * diagnosis.noise)
     limit_to(axes, k * (view.displacement - view.base))
-    axes.set(xlabel="time, s", ylabel=f"measured - model, {unit}",
-             title=f"error {', '.join(said)}")  # fmt: skip
+    axes.set(xlabel="time, s", ylabel=f"measured - model, {unit}", title=f"error {', '.join(said)}")
     add_legend(axes)
     return f"Error of {view.name} over time: {', '.join(said)}."
 
@@ -68,8 +67,9 @@ def draw_close_look(diagnosis: Diagnosis, view: View, axes: Axes) -> str:
     axes.plot(view.t_s[part], view.displacement[part], ".", color=MEASURED, ms=3, label="measured")
     for name, color, label in MODELS:
         axes.plot(view.t_s[part], getattr(view, name)[part], color=color, lw=1.4, label=label)
-    axes.set(xlabel="time, s", ylabel=f"displacement, {diagnosis.unit}",
-             title="where it helps most")  # fmt: skip
+    axes.set(
+        xlabel="time, s", ylabel=f"displacement, {diagnosis.unit}", title="where it helps most"
+    )
     add_legend(axes)
     return f"Measured and both models of {view.name}, where the augmented model helps most."
 
@@ -87,8 +87,13 @@ def draw_error_spectrum(diagnosis: Diagnosis, axes: Axes) -> str:
     for name, color, label in MODELS:
         errors = [k * (v.displacement - getattr(v, name)) for v in alike]
         axes.loglog(*estimate_density(errors, period_s), color=color, lw=1.4, label=label)
-    axes.axhline(white_density(k * diagnosis.noise, period_s), color=NOISE, lw=2, alpha=0.7,
-                 label="noise, if white")  # fmt: skip
+    axes.axhline(
+        white_density(k * diagnosis.noise, period_s),
+        color=NOISE,
+        lw=2,
+        alpha=0.7,
+        label="noise, if white",
+    )
     axes.set(xlabel="frequency, Hz", ylabel=f"error, {unit}/√Hz", title="spectrum of the errors")
     add_legend(axes)
     return "Spectrum of the errors before and after, against white noise."
@@ -131,8 +136,14 @@ def _draw_place(
     ok = np.isfinite(place) & where & held_out
     axes.set(xlabel=label, title=f"by {label.rsplit(', ', 1)[0]}")
     if edges.size < 2 or ok.sum() < FEW:
-        axes.text(0.5, 0.5, "these recordings\nhave none", ha="center", va="center",
-                  transform=axes.transAxes)  # fmt: skip
+        axes.text(
+            0.5,
+            0.5,
+            "these recordings\nhave none",
+            ha="center",
+            va="center",
+            transform=axes.transAxes,
+        )
         axes.set(xticks=[], yticks=[])
         return f"Rms error by {label}: these recordings have none."
     index = np.digitize(place[ok], edges) - 1

@@ -39,8 +39,11 @@ def draw_few_cycles(result: Identification, recording: Recording, number: int, a
     axes.plot(t, m, ".", color=MEASURED, ms=2.5, label="measured")
     axes.plot(t, w, color=MODEL, lw=1.2, label="model")
     add_legend(axes, 0.18)
-    axes.set(xlabel="time, s", ylabel=f"displacement, {recording.displacement_unit}",
-             title="a few cycles")  # fmt: skip
+    axes.set(
+        xlabel="time, s",
+        ylabel=f"displacement, {recording.displacement_unit}",
+        title="a few cycles",
+    )
     return "Measured displacement and the model's over a few cycles."
 
 
@@ -54,8 +57,11 @@ def draw_hysteresis_loop(
     axes.plot(u, m, ".", color=MEASURED, ms=2.5, label="measured")
     axes.plot(u, w, color=MODEL, lw=1.2, label="model")
     axes.legend(loc="upper left")
-    axes.set(xlabel=f"drive, {spell_unit(recording.drive_unit)}", title="the same over the drive",
-             ylabel=f"displacement, {recording.displacement_unit}")  # fmt: skip
+    axes.set(
+        xlabel=f"drive, {spell_unit(recording.drive_unit)}",
+        title="the same over the drive",
+        ylabel=f"displacement, {recording.displacement_unit}",
+    )
     return "The hysteresis loop: measured displacement and the model's over the drive."
 
 
@@ -72,8 +78,10 @@ def draw_residual_over_time(
     limit_to(axes, e[used])
     axes.set(xlabel="time, s", ylabel=f"measured - model, {unit}", title="residual over time")
     add_legend(axes)
-    return (f"Residual over time: {rms(e[used]):.3g} {unit} rms on fitted rows, "
-            f"noise {noise:.3g} {unit}.")  # fmt: skip
+    return (
+        f"Residual over time: {rms(e[used]):.3g} {unit} rms on fitted rows, "
+        f"noise {noise:.3g} {unit}."
+    )
 
 
 def draw_residual_over_drive(
@@ -92,8 +100,11 @@ def draw_residual_over_drive(
         if at.sum() > 200:
             axes.plot(*_means(drive[at], e[at]), color=color, lw=2, label=label)
     limit_to(axes, e[used])
-    axes.set(xlabel=f"drive, {spell_unit(recording.drive_unit)}", title="residual over the drive",
-             ylabel=f"measured - model, {unit}")  # fmt: skip
+    axes.set(
+        xlabel=f"drive, {spell_unit(recording.drive_unit)}",
+        title="residual over the drive",
+        ylabel=f"measured - model, {unit}",
+    )
     if axes.get_legend_handles_labels()[0]:
         add_legend(axes, 0.18)
     return "Residual over the drive, rising and falling apart; lines are means."
@@ -106,8 +117,13 @@ def draw_residual_spectrum(
     e, noise, unit = _error(result, recording, number)
     f, density = estimate_density([e], recording.period_s)
     axes.loglog(f, density, color=MODEL, lw=1.4, label="residual")
-    axes.axhline(white_density(noise, recording.period_s), color=NOISE, lw=2, alpha=0.7,
-                 label="noise, if white")  # fmt: skip
+    axes.axhline(
+        white_density(noise, recording.period_s),
+        color=NOISE,
+        lw=2,
+        alpha=0.7,
+        label="noise, if white",
+    )
     axes.set(xlabel="frequency, Hz", ylabel=f"{unit}/√Hz", title="spectrum of the residual")
     add_legend(axes, 0.18)
     return "Spectrum of the residual against white noise of the estimated size."
@@ -121,8 +137,11 @@ def draw_orders(result: Identification, axes: Axes) -> str:
     axes.plot(count, held_out * scale, "o-", ms=3, color=MODEL)
     axes.axvline(chosen, color=MEASURED, lw=1.5, ls="--")
     axes.set_ylim(0, min(float(held_out.max()), 3 * float(held_out.min())) * scale)
-    axes.set(xlabel="operators", ylabel=f"rms, {unit}",
-             title=f"held out, by number of operators (chosen: {chosen})")  # fmt: skip
+    axes.set(
+        xlabel="operators",
+        ylabel=f"rms, {unit}",
+        title=f"held out, by number of operators (chosen: {chosen})",
+    )
     return f"Held-out error by the number of operators; {chosen} were chosen."
 
 
@@ -141,8 +160,11 @@ def draw_slopes(result: Identification, axes: Axes) -> str:
     axes.set_xscale("symlog", linthresh=10 ** np.ceil(np.log10(smallest)))
     top = float(np.max(result.params.slopes))
     axes.set_ylim(-0.05 * top, 1.4 * top)
-    axes.set(xlabel=f"threshold, {spell_unit(result.model.drive_unit)}", ylabel="slope dz/du",
-             title="slope after a reversal, by threshold passed")  # fmt: skip
+    axes.set(
+        xlabel=f"threshold, {spell_unit(result.model.drive_unit)}",
+        ylabel="slope dz/du",
+        title="slope after a reversal, by threshold passed",
+    )
     if result.shape.rate:
         axes.legend()
     return "Slope after a reversal by the threshold passed, with 95 % intervals."

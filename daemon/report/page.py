@@ -72,8 +72,9 @@ class Page:
 
     def add_text(self, text: str, kind: str = "") -> None:
         """A paragraph. kind: "", "lead" (larger) or "soft" (an explanation)."""
-        self._parts.append(f'<p class="{kind}">{escape(text)}</p>' if kind
-                           else f"<p>{escape(text)}</p>")  # fmt: skip
+        self._parts.append(
+            f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
+        )
 
     def add_bullets(self, lines: Sequence[str]) -> None:
         """A list; nothing where there are no lines."""

@@ -108,8 +108,9 @@ def rms(error: Floats) -> float:
 
 def draw_noise_band(axes: Axes, noise: float) -> None:
     """The band of two standard deviations of the noise around zero."""
-    axes.axhspan(-2 * noise, 2 * noise, color=NOISE, alpha=0.35, lw=0, zorder=3,
-                 label="noise, two sigma")  # fmt: skip
+    axes.axhspan(
+        -2 * noise, 2 * noise, color=NOISE, alpha=0.35, lw=0, zorder=3, label="noise, two sigma"
+    )
 
 
 def limit_to(axes: Axes, error: Floats) -> None:

@@ -39,8 +39,13 @@ def draw_tracking_error(before: Track, after: Track, axes: Axes) -> str:
     said = []
     for track, color in ((before, BEFORE), (after, MODEL)):
         said.append(f"{track.name}: {track.rms_nm:.0f} nm rms")
-        axes.plot(track.t_s, 1e3 * (track.measured_um - track.target_um), color=color, lw=1,
-                  label=said[-1])  # fmt: skip
+        axes.plot(
+            track.t_s,
+            1e3 * (track.measured_um - track.target_um),
+            color=color,
+            lw=1,
+            label=said[-1],
+        )
     axes.set(xlabel="time, s", ylabel="error, nm", title="tracking error")
     add_legend(axes, 0.2)
     return f"Tracking error over time. {'; '.join(said)}."

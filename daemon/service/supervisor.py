@@ -288,13 +288,17 @@ class Bench:
     def __init__(self, directory: Path, arguments: list[str]) -> None:
         self.process = subprocess.Popen(
             [
-                *DEHYST, "emulate", "--dir", str(directory), *arguments,
+                *DEHYST,
+                "emulate",
+                "--dir",
+                str(directory),
+                *arguments,
             ],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             env={**os.environ, "DEHYST_SUPERVISED": "1"},
             start_new_session=True,
-        )  # fmt: skip
+        )
         assert self.process.stdout is not None
         ready, _, _ = select.select([self.process.stdout], [], [], BENCH_READY_S)
         line = self.process.stdout.readline() if ready else b""

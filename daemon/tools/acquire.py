@@ -97,9 +97,12 @@ def acquire(
     if not rows.size:
         raise BadRecording(f"nothing was recorded: {ended or 'every sample came too late'}")
     recording = Recording(
-        t_s=rows[:, 0], drive=rows[:, 1] / config.actuator.gain, displacement=rows[:, 2],
-        drive_unit=unit, name=f"{config.name} open loop",
-    )  # fmt: skip
+        t_s=rows[:, 0],
+        drive=rows[:, 1] / config.actuator.gain,
+        displacement=rows[:, 2],
+        drive_unit=unit,
+        name=f"{config.name} open loop",
+    )
     return recording, ended
 
 

@@ -121,9 +121,15 @@ def write_bench(
     write_text(
         config,
         TEMPLATE.format(
-            name=name, directory=directory, rate_hz=RATE_HZ, full_scale_v=FULL_SCALE_V,
-            actuator=ports["mdt693b"], sensor=ports["ksg101"], listen=listen,
-            gain=imitation.gain, zero=imitation.zero,
+            name=name,
+            directory=directory,
+            rate_hz=RATE_HZ,
+            full_scale_v=FULL_SCALE_V,
+            actuator=ports["mdt693b"],
+            sensor=ports["ksg101"],
+            listen=listen,
+            gain=imitation.gain,
+            zero=imitation.zero,
         ),
-    )  # fmt: skip
+    )
     return config

@@ -30,8 +30,14 @@ CYCLES = 6
 STROKE_SHARE = 0.94  # of the reachable range; the rest is margin at both ends
 MOST_LATE = 0.02
 """With more late samples the tracking errors are the machine's, not the model's."""
-OUTPUTS = ("recording.csv", "trajectory.csv", "track-linear.csv", "track-compensated.csv",
-           "model.toml", "demo.png")  # fmt: skip
+OUTPUTS = (
+    "recording.csv",
+    "trajectory.csv",
+    "track-linear.csv",
+    "track-compensated.csv",
+    "model.toml",
+    "demo.png",
+)
 START_S = 240.0  # with a cold cache the kernels are compiled first
 
 

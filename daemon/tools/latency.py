@@ -171,10 +171,18 @@ def measure(setup: Setup) -> Outcome:
         witness.close()
     causes = {MissCause(i).name.lower(): int(n) for i, n in enumerate(monitor.missed_by) if n}
     return Outcome(
-        setup, monitor.samples, monitor.missed, causes, monitor.wake.whole(), monitor.exec.whole(),
-        {}, monitor.obtained, witness.seen(), witness.threshold_ns * 1e-3,
+        setup,
+        monitor.samples,
+        monitor.missed,
+        causes,
+        monitor.wake.whole(),
+        monitor.exec.whole(),
+        {},
+        monitor.obtained,
+        witness.seen(),
+        witness.threshold_ns * 1e-3,
         witness.count,
-    )  # fmt: skip
+    )
 
 
 def time_sensor(sensor: Sensor, seconds: float, most: int = 2000) -> Histogram:

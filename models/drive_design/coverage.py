@@ -131,9 +131,17 @@ def measure_coverage(recordings: Sequence[Recording]) -> Coverage:
         sizes, covered, cycles, steps, rate_max, recordings[0].drive_unit
     )
     return Coverage(
-        cells, drive_edges, rate_edges, sizes, covered, cycles, rest_s, rate_max, missing,
+        cells,
+        drive_edges,
+        rate_edges,
+        sizes,
+        covered,
+        cycles,
+        rest_s,
+        rate_max,
+        missing,
         missing_rate,
-    )  # fmt: skip
+    )
 
 
 def _compute_rates(t: Floats, u: Floats) -> Floats:

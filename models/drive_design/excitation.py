@@ -100,15 +100,26 @@ def design(
     rate_max = float(np.max(np.abs(np.diff(u)))) * sample_hz
     even = _measure_evenness(cycles, shares)
     return Excitation(
-        t, u, tuple(amplitudes.tolist()), tuple(frequencies.tolist()), rest_s, lead_s, rate_max,
+        t,
+        u,
+        tuple(amplitudes.tolist()),
+        tuple(frequencies.tolist()),
+        rest_s,
+        lead_s,
+        rate_max,
         even,
-    )  # fmt: skip
+    )
 
 
 def _check(
-    low: float, high: float, band_hz: float, duration_s: float, sample_hz: float, sines: int,
+    low: float,
+    high: float,
+    band_hz: float,
+    duration_s: float,
+    sample_hz: float,
+    sines: int,
     slew_per_s: float | None,
-) -> None:  # fmt: skip
+) -> None:
     if not (math.isfinite(low) and math.isfinite(high) and high > low):
         raise BadInput(f"range: the upper end must be above the lower, not {low:g} to {high:g}")
     for name, value in (("band", band_hz), ("duration", duration_s), ("sampling rate", sample_hz)):

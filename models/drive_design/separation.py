@@ -84,9 +84,12 @@ def separate(a: str, b: str, limits: Limits, model: Model | None = None) -> Expe
             for name in (a, b)
         ]
         tried.append(
-            Separation(waveform, _fit_rival(added[0][0], columns, added[1]),
-                       _fit_rival(added[1][0], columns, added[0]))
-        )  # fmt: skip
+            Separation(
+                waveform,
+                _fit_rival(added[0][0], columns, added[1]),
+                _fit_rival(added[1][0], columns, added[0]),
+            )
+        )
     tried.sort(key=lambda s: -s.worth)
     best = tried[0]
     return Experiment(

@@ -234,9 +234,15 @@ def add_products(jac: Floats, err: Floats, gram: Floats, right: Floats) -> None:
             right[i] += e * err[t + 4] + f * err[t + 5] + g * err[t + 6] + h * err[t + 7]
             for j in range(i, p):
                 gram[i, j] += (
-                    a * jac[t, j] + b * jac[t + 1, j] + c * jac[t + 2, j] + d * jac[t + 3, j]
-                    + e * jac[t + 4, j] + f * jac[t + 5, j] + g * jac[t + 6, j] + h * jac[t + 7, j]
-                )  # fmt: skip
+                    a * jac[t, j]
+                    + b * jac[t + 1, j]
+                    + c * jac[t + 2, j]
+                    + d * jac[t + 3, j]
+                    + e * jac[t + 4, j]
+                    + f * jac[t + 5, j]
+                    + g * jac[t + 6, j]
+                    + h * jac[t + 7, j]
+                )
         t += 8
     while t < n:
         for i in range(p):

@@ -75,9 +75,12 @@ class FitSetup:
         for power, value in zip(shape.powers, params.c, strict=True):
             c[power] = value
         return Hysteresis(
-            r=r, b=np.diff(p, prepend=0.0), k=np.diff(q, prepend=0.0), c=self.sign * c,
+            r=r,
+            b=np.diff(p, prepend=0.0),
+            k=np.diff(q, prepend=0.0),
+            c=self.sign * c,
             u_offset=offset,
-        )  # fmt: skip
+        )
 
     def margin(self, r: Floats, shape: Shape, params: Params, offset: float) -> float:
         """Least slope of the saturation over what the model can reach, relative to its mean."""

@@ -34,15 +34,50 @@ def _record(*names: str) -> np.dtype:
 
 
 NOW = _record(
-    "filled", "x_before", "p_before", "step_before", "speed", "jerk", "count", "sum_x", "sum_p",
-    "sum_e", "known", "motion_class", "x_mean", "e_smooth", "second_s", "last_y", "still_s",
-    "still_low", "still_high", "learn", "sum_rate", "memory_s", "lowest", "highest",
-)  # fmt: skip
+    "filled",
+    "x_before",
+    "p_before",
+    "step_before",
+    "speed",
+    "jerk",
+    "count",
+    "sum_x",
+    "sum_p",
+    "sum_e",
+    "known",
+    "motion_class",
+    "x_mean",
+    "e_smooth",
+    "second_s",
+    "last_y",
+    "still_s",
+    "still_low",
+    "still_high",
+    "learn",
+    "sum_rate",
+    "memory_s",
+    "lowest",
+    "highest",
+)
 # Sums of one second; w: their weights, c: the creep direction.
 SUMS = _record(
-    "w", "p", "c", "e", "pp", "pc", "cc", "pe", "ce", "n", "whole", "ringing", "n_short", "short",
-    "raw", "raw2",
-)  # fmt: skip
+    "w",
+    "p",
+    "c",
+    "e",
+    "pp",
+    "pc",
+    "cc",
+    "pe",
+    "ce",
+    "n",
+    "whole",
+    "ringing",
+    "n_short",
+    "short",
+    "raw",
+    "raw2",
+)
 
 
 class Plant(NamedTuple):

@@ -107,10 +107,16 @@ class MismatchMonitor:
             scale=np.array(
                 [v.drive_min, v.drive_max - v.drive_min, float(ends.min()), stroke, self.noise]
             ),
-            r=h.r[used], b=h.b[used], k=h.k[used], c=h.c, offset=float(h.u_offset),
-            every=max(1, round(1.0 / (period_s * TUNING.slow_hz))), lag=lag,
-            dt=float(period_s), misfit2=float(misfit**2),
-        )  # fmt: skip
+            r=h.r[used],
+            b=h.b[used],
+            k=h.k[used],
+            c=h.c,
+            offset=float(h.u_offset),
+            every=max(1, round(1.0 / (period_s * TUNING.slow_hz))),
+            lag=lag,
+            dt=float(period_s),
+            misfit2=float(misfit**2),
+        )
         self._state = kernel.State(
             w=np.zeros(kernel.N_FEATURES),
             cov=np.diag(prior),
