@@ -21,7 +21,12 @@ from collections import Counter
 JOBS = str(len(os.sched_getaffinity(0)))
 PARTS = {
     "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes"],
-    "processes": ["-n", JOBS, "--dist", "loadgroup", "-m", "processes and not timing"],
+    # native: pytest's own tracebacks parse the source, and where threads do so at once, CPython
+    # 3.11 ends with "AST constructor recursion depth mismatch" and takes the worker with it
+    "processes": [
+        *("-n", JOBS, "--dist", "loadgroup", "--tb=native"),
+        *("-m", "processes and not timing"),
+    ],
     "timing": ["-m", "timing"],
 }
 SHOWN = ("failed", "passed", "skipped", "error")

@@ -13,6 +13,7 @@ the segment when the *attaching* process exits.
 import mmap
 import os
 import secrets
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -111,6 +112,8 @@ class Ring:
         self, path: Path, mapping: mmap.mmap, dtype: np.dtype[Any], file: int, capacity: int
     ) -> None:
         self.path, self._mapping, self._file = path, mapping, file
+        # one that nobody closed is closed with its last reference
+        self._end = weakref.finalize(self, os.close, file) if file >= 0 else lambda: None
         self.words: NDArray[np.int64] = np.frombuffer(mapping, np.int64, HEADER_WORDS)
         self.capacity, start = capacity, 8 * HEADER_WORDS
         self.checks: NDArray[np.int64] = np.frombuffer(mapping, np.int64, capacity, offset=start)
@@ -273,9 +276,8 @@ class Ring:
     def close(self) -> None:
         """Drop the mapping; the file stays for the other side."""
         del self.words, self.records, self.checks, self.data
-        if self._file >= 0:
-            os.close(self._file)
-            self._file = -1
+        self._end()
+        self._file = -1
         try:
             self._mapping.close()
         except BufferError:  # somebody still holds an array on it; the process's end frees it

@@ -1,5 +1,6 @@
 """Rings between two real processes."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -95,3 +96,11 @@ def test_a_new_ring_leaves_the_old_mapping_alone_and_says_it_is_stale(tmp_path: 
     assert reader.stale()
     assert reader.read(0)[0]["a"].tolist() == [2]
     assert Ring.attach(tmp_path / "r", PAIR).read(0)[0]["a"].tolist() == [1]
+
+
+def test_a_ring_that_nobody_closed_leaves_no_open_file(tmp_path: Path) -> None:
+    Ring.create(tmp_path / "r", PAIR, 8).close()
+    before = len(os.listdir("/proc/self/fd"))
+    for _ in range(20):
+        assert Ring.attach(tmp_path / "r", PAIR).head == 0
+    assert len(os.listdir("/proc/self/fd")) == before
