@@ -31,7 +31,7 @@ from dehyst.daemon.loop.python_loop import PythonLoop
 from dehyst.daemon.loop.reach import displacement_range, drive_range, origin
 from dehyst.daemon.loop.readback import ReadbackCheck
 from dehyst.daemon.loop.settings import LoopSettings
-from dehyst.daemon.loop.status import LoopMonitor
+from dehyst.daemon.loop.status import LoopMonitor, Reading
 from dehyst.daemon.loop.step import Stepper
 from dehyst.daemon.loop.witness import Witness
 from dehyst.daemon.rings.records import (
@@ -141,9 +141,7 @@ class Core:
             self.actuator,
             self.sensor,
             rings,
-            config.sensor.scale,
-            config.sensor.zero,
-            every,
+            Reading(config.sensor.scale, config.sensor.zero, every),
             spin_ns(config.loop.spin_us, config.loop.rate_hz),
             self._fill_status,
         )

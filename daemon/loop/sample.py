@@ -4,7 +4,7 @@ deadlines, causes, histograms and the telemetry ring after it.
     begin -> (voltage to write, or NaN) -> the caller writes -> finish
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from numba import njit
 
@@ -134,18 +134,15 @@ def finish(table: Table, wrote: int, flags: int, woke_ns: int, finished_ns: int,
     if missed > 0:
         m.missed += missed
         flags |= MISSED
-        cause = _cause(
-            table,
-            scheduled_ns,
-            woke_ns,
-            finished_ns,
-            io_ns,
+        spent = Spent(
             major - m.major_faults,
             minor - m.minor_faults,
             switches - m.switches,
             waited - m.waited_ns,
+            io_ns,
             cpu,
         )
+        cause = _cause(table, scheduled_ns, woke_ns, finished_ns, spent)
         whole_at(table, at.MISSED_BY)[cause] += missed
         r.cause = cause
     m.major_faults, m.minor_faults, m.switches, m.waited_ns = major, minor, switches, waited
@@ -162,38 +159,45 @@ def finish(table: Table, wrote: int, flags: int, woke_ns: int, finished_ns: int,
     return missed
 
 
+class Spent(NamedTuple):
+    """What the thread spent since the sample before: page faults, changes of thread, time that it
+    was ready without a CPU, time within the drivers; and the CPU that it runs on."""
+
+    major: int
+    minor: int
+    switches: int
+    waited_ns: int
+    io_ns: int
+    cpu: int
+
+
 @njit(cache=True, nogil=True)
 def _cause(
     table: Table,
     scheduled_ns: int,
     woke_ns: int,
     finished_ns: int,
-    io_ns: int,
-    major: int,
-    minor: int,
-    switches: int,
-    waited_ns: int,
-    cpu: int,
+    spent: Spent,
 ) -> int:
     """Why a deadline was missed: the largest part of the time that has a known reason."""
     took_ns = finished_ns - scheduled_ns
     cause, excused_ns = 0, 0
     if table[3 * at.WITNESS] != 0:
         logs = whole_grid_at(table, at.WITNESS)
-        cause, excused_ns = excuse(logs, cpu, scheduled_ns, finished_ns)
+        cause, excused_ns = excuse(logs, spent.cpu, scheduled_ns, finished_ns)
         # the timer was set on the CPU that the loop went to sleep on
         before = meter_of(table).cpu
-        if cause == 0 and before != cpu:
+        if cause == 0 and before != spent.cpu:
             cause, excused_ns = excuse(logs, before, scheduled_ns, finished_ns)
-    if 2 * io_ns >= took_ns and 2 * excused_ns < io_ns:
+    if 2 * spent.io_ns >= took_ns and 2 * excused_ns < spent.io_ns:
         return DRIVER_IO
     if cause != 0:
         return cause
-    if major > 0:
+    if spent.major > 0:
         return PAGE_FAULT
     # ready and without a CPU; a switch alone may have been the witness, which is brief
-    if 4 * waited_ns >= took_ns or (waited_ns == 0 and switches > 0):
+    if 4 * spent.waited_ns >= took_ns or (spent.waited_ns == 0 and spent.switches > 0):
         return PREEMPTED
     if 2 * (woke_ns - scheduled_ns) >= took_ns:
         return LATE_WAKE
-    return PAGE_FAULT if minor > 0 else COMPUTE
+    return PAGE_FAULT if spent.minor > 0 else COMPUTE

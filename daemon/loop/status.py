@@ -6,7 +6,7 @@ once a second, at every change of state, and when something happened.
 
 import os
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +29,22 @@ _STATE = (CONTROL_T.names or ()).index("state")
 _NOTES = (CONTROL_T.names or ()).index("notes")
 
 
+class Reading(NamedTuple):
+    """How the sensor is read: at every n-th sample, and from its unit to the model's."""
+
+    scale: float = 1.0
+    zero: float = 0.0
+    every: int = 1
+
+
+AS_IT_COMES = Reading()
+
+
 class LoopMonitor:
     """One controller's meter, by name of METER_T: `monitor.numbers[PLACE["missed"]]`.
 
     numbers, floats: the meter's fields as Python integers or floats, the same memory.
-    sensor_every: the sensor is read at every n-th sample; scale, zero: from its unit to the
-    model's. fill_status: adds to a STATUS record what only the core knows.
+    fill_status: adds to a STATUS record what only the core knows.
     """
 
     def __init__(
@@ -43,9 +53,7 @@ class LoopMonitor:
         actuator: DeviceLink,
         sensor: DeviceLink,
         rings: dict[str, Ring],
-        scale: float = 1.0,
-        zero: float = 0.0,
-        sensor_every: int = 1,
+        reading: Reading = AS_IT_COMES,
         spin_ns: int = 0,
         fill_status: Callable[[NDArray[Any]], None] = lambda _: None,
     ) -> None:
@@ -63,8 +71,8 @@ class LoopMonitor:
         self._next: tuple[Any, ...] | None = None
         m = self.meter
         m["measured"], m["schedstat"] = np.nan, -1
-        m["scale"], m["zero"] = scale, zero
-        m["sensor_every"], m["spin_ns"] = sensor_every, spin_ns
+        m["scale"], m["zero"] = reading.scale, reading.zero
+        m["sensor_every"], m["spin_ns"] = reading.every, spin_ns
         m["actuator_ok"] = m["sensor_ok"] = 1
         m["tail"] = rings["command"].head
         places = {

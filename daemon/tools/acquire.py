@@ -67,8 +67,6 @@ def acquire(
     exercise_s: float = EXERCISE_S,
     progress: Callable[[float], None] | None = None,
     stop: Callable[[], str] = str,
-    now: Callable[[], int] = clock.monotonic_ns,
-    sleep_until: Callable[[int], object] | None = None,
 ) -> tuple[Recording, str]:
     """Play `drive` [model drive units] at loop.rate_hz and record, at the loop's priority.
 
@@ -87,7 +85,7 @@ def acquire(
         with realtime.raised(config.loop.priority):
             volts_at = np.interp(grid, t_s, volts)
             loops = exercise(t_s, volts, exercise_s, 1.0 / config.loop.rate_hz)
-            player = _Player(config, stop, now, sleep_until or sleeper())
+            player = _Player(config, stop, sleeper())
             ended = _run(player, loops, volts_at, rows, progress)
     except DriverError as error:
         if not np.isfinite(rows[:, 0]).any():
@@ -111,7 +109,6 @@ class _Player(NamedTuple):
 
     config: Config
     stop: Callable[[], str]
-    now: Callable[[], int]
     sleep_until: Callable[[int], object]
 
 
@@ -168,16 +165,16 @@ def _play(
 ) -> str:
     """Write volts_at, one voltage a period; the reason where it ended early."""
     config = player.config
-    first = player.now() + config.period_ns
+    first = clock.monotonic_ns() + config.period_ns
     at = float(volts_at[0])
     for i, volts in enumerate(volts_at.tolist()):
         if reason := player.stop():
             return reason
         due = first + i * config.period_ns
-        if player.now() > due + config.period_ns:
+        if clock.monotonic_ns() > due + config.period_ns:
             continue  # too late for this sample: a gap, not a burst
         player.sleep_until(due)
-        time_ns = player.now()
+        time_ns = clock.monotonic_ns()
         try:
             reading = sensor.device.read() * config.sensor.scale + config.sensor.zero
         except DriverError:

@@ -51,6 +51,14 @@ class Chain(NamedTuple):
     params: Floats
 
 
+class Cascade(NamedTuple):
+    """A whole model as kernels take it; channels: (c,) what the further channels read now."""
+
+    chain: Chain
+    hysteresis: Operators
+    channels: Floats
+
+
 @dataclass(frozen=True)
 class Packed:
     """A model's blocks for the kernels, and what the inverse must know of them."""
@@ -121,15 +129,13 @@ def _through(
 ) -> float:
     """One sample through one of a block's kernels; its state is advanced."""
     p_at, s_at = params.ctypes.data + 8 * b.p_from, states.ctypes.data + 8 * b.s_from
-    return call_at(kernel, p_at, b.n_p, s_at, b.n_s, x, t, dt, ch)
+    return call_at(kernel, (p_at, b.n_p, s_at, b.n_s), (x, t, dt, ch))
 
 
 @njit(cache=True, nogil=True)
 def advance(
-    chain: Chain,
+    cascade: Cascade,
     states: Floats,
-    channels: Floats,
-    hysteresis: Operators,
     plays: Floats,
     u: float,
     v_before: float,
@@ -140,7 +146,8 @@ def advance(
     """The whole model over one sample, for the command u; v_before: drive at the hysteresis, one
     sample before. y (5,): drive at the hysteresis, what blocks beside it add, stage displacement,
     reading, displacement of the hysteresis alone. plays (n,) and states are advanced."""
-    blocks, params = chain.blocks, chain.params
+    blocks, params = cascade.chain.blocks, cascade.chain.params
+    hysteresis, channels = cascade.hysteresis, cascade.channels
     v = u
     for i in range(blocks.size):
         if blocks[i].place == AT_DRIVE:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from dehyst.models.cascade.step import advance, beside, lead_drive
+from dehyst.models.cascade.step import Cascade, advance, beside, lead_drive
 from dehyst.models.inverse import fallback, lookahead, preview
 from dehyst.models.inverse.state import Inverse, inverse_at
 from dehyst.models.inverse.static import inverse_step
@@ -14,6 +14,11 @@ from dehyst.models.model import Floats
 SECANTS = 12
 HOLD, STATIC, CAUSAL, PREVIEW = range(4)
 BEYOND_SATURATION, BEYOND_DRIVE, SLEW, STARVED, BAD_TARGET, OUTSIDE = 1, 2, 4, 8, 16, 32
+
+
+@njit(cache=True, nogil=True)
+def _cascade(inv: Inverse) -> Cascade:
+    return Cascade(inv.chain, inv.hysteresis, inv.channels)
 
 
 @njit(cache=True, nogil=True)
@@ -112,7 +117,7 @@ def step(inv: Inverse, window: Floats, n_valid: int) -> None:
     h[:] = inv.plays
     inv.scratch[:] = inv.blocks
     time = state.time + period
-    advance(inv.chain, inv.scratch, inv.channels, inv.hysteresis, h, u, state.last, time, period, y)
+    advance(_cascade(inv), inv.scratch, h, u, state.last, time, period, y)
     at_end = u <= limits.low or u >= limits.high
     if mode != HOLD and at_end and abs(y[2] - inv.ahead[0]) > setting.noise:
         flags |= BEYOND_DRIVE
@@ -129,9 +134,8 @@ def applied(inv: Inverse, u: float, stepped: bool) -> None:
     """The drive u went out: advance the model by one sample."""
     setting, state, y = inv.setting[0], inv.state[0], inv.y
     state.time += setting.period
-    chain, blocks, h = inv.chain, inv.blocks, inv.plays
-    v, time, dt = state.last, state.time, setting.period
-    advance(chain, blocks, inv.channels, inv.hysteresis, h, u, v, time, dt, y)
+    time, dt = state.time, setting.period
+    advance(_cascade(inv), inv.blocks, inv.plays, u, state.last, time, dt, y)
     state.last, state.beside, state.command = y[0], y[1], u
     result = inv.result[0]
     result.drive, result.predicted, result.reading = u, y[2], y[3]

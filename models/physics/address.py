@@ -49,27 +49,17 @@ def behind(address: int, n: int, first: int) -> Floats:
 
 
 @intrinsic
-def call_at(
-    typing: Any,
-    address: Any,
-    p_at: Any,
-    n_p: Any,
-    s_at: Any,
-    n_s: Any,
-    x: Any,
-    t: Any,
-    dt: Any,
-    ch: Any,
-) -> Any:
-    """Call the kernel at an address."""
+def call_at(typing: Any, address: Any, words: Any, values: Any) -> Any:
+    """Call the kernel at an address. words: (p_at, n_p, s_at, n_s), values: (x, t, dt, ch)."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         word, number = ir.IntType(64), ir.DoubleType()
         kind = ir.FunctionType(number, [word] * 4 + [number] * 4)
         function = builder.inttoptr(arguments[0], kind.as_pointer())
-        return builder.call(function, arguments[1:])
+        each = [builder.extract_value(one, i) for one in arguments[1:] for i in range(4)]
+        return builder.call(function, each)
 
-    return _NUMBER(*[_WORD] * 5, *[_NUMBER] * 4), generate
+    return _NUMBER(_WORD, types.UniTuple(_WORD, 4), types.UniTuple(_NUMBER, 4)), generate
 
 
 class Kernel:
@@ -97,23 +87,14 @@ class Kernel:
 
 @njit(cache=True, nogil=True)
 def _once(kernel: int, p: Floats, s: Floats, x: float, t: float, dt: float, ch: float) -> float:
-    return call_at(kernel, p.ctypes.data, p.size, s.ctypes.data, s.size, x, t, dt, ch)
+    return call_at(kernel, (p.ctypes.data, p.size, s.ctypes.data, s.size), (x, t, dt, ch))
 
 
 @njit(cache=True, nogil=True)
 def run(kernel: int, p: Floats, s: Floats, x: Floats, t: Floats, ch: Floats, y: Floats) -> None:
     """The whole record through one kernel: y (N,) for x (N,) at times t (N,); ch (N,), or (0,)
     where no channel is read."""
+    words = (p.ctypes.data, p.size, s.ctypes.data, s.size)
     for i in range(x.size):
         dt = t[i] - t[i - 1] if i > 0 else 0.0
-        y[i] = call_at(
-            kernel,
-            p.ctypes.data,
-            p.size,
-            s.ctypes.data,
-            s.size,
-            x[i],
-            t[i],
-            dt,
-            ch[i] if ch.size > 0 else 0.0,
-        )
+        y[i] = call_at(kernel, words, (x[i], t[i], dt, ch[i] if ch.size > 0 else 0.0))
