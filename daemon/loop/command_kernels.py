@@ -150,7 +150,7 @@ def age(table: Table, c: Any, p: Any, now_ns: int) -> None:
         c.target_ns = now_ns
         note(table, c, RUN_DRY, 0.0)
     elif c.starved != 0 and not starved and q.count > 0:
-        c.bump = NAN
+        c.glide = NAN
     c.starved = 1 if starved else 0
     if (starved or q.count == 0) and now_ns - c.target_ns > p.stale_ns:
         note(table, c, NO_SETPOINT, p.stale_ns * 1e-9)

@@ -107,10 +107,11 @@ class Core:
         )
 
     def _settings(self, model: Model) -> LoopSettings:
-        low, high = displacement_range(model, *drive_range(self.config, model))
-        return LoopSettings.from_config(
-            self.config, origin(self.config.setpoint.origin, low, high), self.min_v, self.max_v
-        )
+        drives = drive_range(self.config, model)
+        low, high = displacement_range(model, *drives)
+        zero = origin(self.config.setpoint.origin, low, high)
+        slope = (high - low) / (drives[1] - drives[0])
+        return LoopSettings.from_config(self.config, zero, self.min_v, self.max_v, slope)
 
     def _run(self) -> None:
         config = self.config

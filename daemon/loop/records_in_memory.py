@@ -32,7 +32,9 @@ CONTROL_T = np.dtype(
         ("volts", "<f8"),  # the output as last written
         ("wrote_ns", "<i8"),  # when that was, by the clock and not by the grid; 0: not yet
         ("move_ns", "<i8"),  # time that the next voltage may take for its way, at most a period
-        ("bump", "<f8"),  # what is left of the jump that a reload would have made; NaN: take it
+        ("glide", "<f8"),  # what is left of a glide to the target: 1 to 0; NaN: begin one
+        ("glide_from", "<f8"),  # where it began, as model displacement
+        ("glide_share", "<f8"),  # by which it gets less in a sample
         ("predicted", "<f8"),  # the model's next reading, from the origin
         ("target", "<f8"),  # newest target, from the origin; NaN: none
         ("target_ns", "<i8"),  # when it was last confirmed by a client
@@ -55,6 +57,7 @@ METER_T = np.dtype(
     [
         ("scheduled_ns", "<i8"),  # the deadline that is waited for or being served
         ("begun_ns", "<i8"),  # when its voltage was made
+        ("quickest_ns", "<i8"),  # from there until it was written: the least so far; 0: none
         ("samples", "<i8"),
         ("missed", "<i8"),
         ("tail", "<i8"),  # of the command ring
@@ -248,7 +251,7 @@ def happens(c: Any, event: int, now_ns: int) -> bool:
     if after == NOTHING or after == c.state:
         return False
     c.state, c.since_ns = after, now_ns
-    c.bump = 0.0
+    c.glide = 0.0
     return True
 
 

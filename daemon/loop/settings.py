@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 
 from dehyst.daemon.config import Config
 
+FLATTEST = 0.5
+"""Slope of the loop just after a reversal, as part of its mean: a glide, which is timed in
+displacement, needs no more volts a second than the ramp even there."""
+
 
 @dataclass(frozen=True)
 class LoopSettings:
@@ -25,6 +29,7 @@ class LoopSettings:
     slew_v: float  # per period
     safe_v: float
     ramp_v: float  # per period
+    glide_um: float  # per period
     ramp_on_stop: int
     ramp_on_fault: int
     stale_ns: int
@@ -35,9 +40,11 @@ class LoopSettings:
 
     @classmethod
     def from_config(
-        cls, config: Config, origin: float, min_v: float, max_v: float
+        cls, config: Config, origin: float, min_v: float, max_v: float, slope: float
     ) -> "LoopSettings":
-        """min_v, max_v: the tighter of the configured limits and the unit's own."""
+        """min_v, max_v: the tighter of the configured limits and the unit's own; slope:
+        displacement per drive unit, of the whole range."""
+        ramp_v = config.safe.ramp_v_per_s * config.period_ns * 1e-9
         return cls(
             period_ns=config.period_ns,
             gain=config.actuator.gain,
@@ -45,7 +52,8 @@ class LoopSettings:
             max_v=max_v,
             slew_v=config.limits.slew_v_per_s * config.period_ns * 1e-9,
             safe_v=min(max(config.safe.voltage_v, min_v), max_v),
-            ramp_v=config.safe.ramp_v_per_s * config.period_ns * 1e-9,
+            ramp_v=ramp_v,
+            glide_um=FLATTEST * abs(slope) * ramp_v / abs(config.actuator.gain),
             ramp_on_stop=config.safe.on_stop == "ramp",
             ramp_on_fault=config.safe.on_fault == "ramp",
             stale_ns=round(config.setpoint.stale_s * 1e9),

@@ -1,6 +1,6 @@
 """One sample of the controller as a kernel: inputs in, record out. No clock, device or bus.
 
-    admit commands -> age -> state -> target window -> inverse -> bump, range, slew -> record
+    admit commands -> age -> state -> target window -> glide -> inverse -> range, slew -> record
 
 Both loops and the tests call `step` and `follow_output` here; there is no second copy of the rules.
 Everything it works on lies in two tables of addresses (dehyst.daemon.loop.records_in_memory).
@@ -32,6 +32,7 @@ from dehyst.daemon.rings.records import Flag, Mode, State
 from dehyst.drivers.direct_calls import floats_at, whole_at
 from dehyst.models.inverse import sample
 from dehyst.models.inverse.state import inverse_at
+from dehyst.models.model import Floats
 
 STOP_GRACE_NS = 5_000_000_000  # beyond the ramp's own time
 
@@ -46,6 +47,8 @@ INVALID, OUTSIDE = int(Flag.SENSOR_INVALID), int(Flag.OUTSIDE_VALIDITY)
 FALLBACK, APPROACH = int(Flag.FALLBACK), int(Flag.APPROACH)
 STOP_FAILED, STOOD_STILL = int(Note.STOP_FAILED), int(Note.STOOD_STILL)
 STILL_NS = 100_000_000  # a loop that stood still for longer glides to where the target has gone
+GLIDE_NS = 100_000_000  # shortest time of a glide: it also takes up the targets' own speed
+MOST_STEEP = 1.5  # of 3 s^2 - 2 s^3
 BEYOND = sample.BEYOND_SATURATION | sample.BEYOND_DRIVE | sample.BAD_TARGET
 
 
@@ -95,7 +98,7 @@ def swap(table: Table, inverse: int, origin: float) -> None:
     c, p = control_of(table), settings_of(table)
     c.inverse, c.pending = inverse, 0
     p.origin = origin
-    c.bump = NAN  # taken from the first voltage of the new model
+    c.glide = NAN
 
 
 @njit(cache=True, nogil=True)
@@ -110,7 +113,7 @@ def step(table: Table, now_ns: int, measured: float, n_commands: int) -> None:
     still_ns = now_ns - c.step_ns if c.step_ns != 0 else 0
     if still_ns > max(STILL_NS, 3 * p.period_ns):
         note(table, c, STOOD_STILL, still_ns * 1e-9)
-        c.bump = NAN
+        c.glide = NAN
     c.step_ns = now_ns
     for i in range(n_commands):
         admit(table, c, p, now_ns, commands_of(table)[i])
@@ -180,15 +183,12 @@ def _follow(table: Table, c: Any, p: Any, now_ns: int) -> tuple[float, int, int]
     window += p.origin
     if c.pending != 0:
         _applied(c, result.drive)
+    if c.glide != 0.0:
+        _glide(c, p, result.predicted, window)
     # the voltage written now is judged by the next reading, one period on
     sample.step(inverse, window[1:], known - 1)
     c.pending = 1
     volts, bits = result.drive * p.gain, result.flags
-    if c.bump != 0.0:
-        # held back by its own slew limit, the inverse does not show how far the way is
-        if math.isnan(c.bump) or bits & sample.SLEW:
-            c.bump = c.volts - volts
-        c.bump -= min(max(c.bump, -p.ramp_v), p.ramp_v)
     if bits & BEYOND:
         flags |= UNREACHABLE
     if bits & sample.SLEW:
@@ -198,7 +198,21 @@ def _follow(table: Table, c: Any, p: Any, now_ns: int) -> tuple[float, int, int]
     if bits & sample.OUTSIDE:
         flags |= OUTSIDE
     mode = result.mode
-    return volts + c.bump, MODE_HOLD if mode == sample.HOLD else mode, flags
+    return volts, MODE_HOLD if mode == sample.HOLD else mode, flags
+
+
+@njit(cache=True, nogil=True)
+def _glide(c: Any, p: Any, stands: float, window: Floats) -> None:
+    """Blend the targets with the place where the stage stands, instead of a jump: it leaves with
+    its speed of now, none, arrives with the targets' own, and is no faster than the ramp beside."""
+    if math.isnan(c.glide):
+        samples = MOST_STEEP * abs(window[1] - stands) / p.glide_um
+        c.glide, c.glide_from = 1.0, stands
+        c.glide_share = 1.0 / max(samples, GLIDE_NS / p.period_ns)
+    for i in range(window.size):
+        left = max(c.glide - i * c.glide_share, 0.0)
+        window[i] += (c.glide_from - window[i]) * left * left * (3.0 - 2.0 * left)
+    c.glide = max(c.glide - c.glide_share, 0.0)
 
 
 @njit(cache=True, nogil=True)

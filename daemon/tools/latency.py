@@ -121,7 +121,7 @@ def _monitor(
     period_s = 1.0 / setup.rate_hz
     config = parse_config(CONFIG.format(rate=float(setup.rate_hz)))
     inverse = Compensator(_model(), period_s, 0.0, FULL_SCALE_V, 20_000.0)
-    stepper = Stepper(LoopSettings.from_config(config, 0.0, 0.0, FULL_SCALE_V), inverse, 0.0)
+    stepper = Stepper(LoopSettings.from_config(config, 0.0, 0.0, FULL_SCALE_V, 1.0), inverse, 0.0)
     return LoopMonitor(stepper, *devices, rings, spin_ns=spin_ns(setup.spin_us, setup.rate_hz))
 
 

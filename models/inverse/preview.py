@@ -136,7 +136,7 @@ def speed(inv: Inverse) -> float:
 
 def smoothness(nodes: int, node_s: float, slope: float) -> Floats:
     """(P,) weights of the second differences of a plan; stiff at its end: the terminal cost."""
-    base = TUNING.smooth * slope**2 * (1e-3 / node_s) ** 4
+    base = TUNING.smooth * slope**2 * max((1e-3 / node_s) ** 4, TUNING.least_smooth)
     at = np.arange(1, nodes + 1) / nodes
     return base * (1.0 + TUNING.stiff_end * at**STIFF_POWER)
 

@@ -14,6 +14,7 @@ class Tuning(NamedTuple):
     # Window: nodes and what a plan costs (tracking table).
     node_s: float = 1e-3  # longest spacing of nodes, for loops that are faster
     smooth: float = 0.7  # weight of the second difference at 1 ms nodes, times slope^2
+    least_smooth: float = 0.01  # of that weight, where nodes are further apart: no plan zigzags
     stiff_end: float = 400.0  # the terminal cost: smoothness grows by 1 + stiff_end (j / P)^6
     spring: float = 300.0  # stiffness beyond drive range and rate, times slope^2
     # Sweeps (tracking table, speed).

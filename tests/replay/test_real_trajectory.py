@@ -41,7 +41,8 @@ def test_the_target_of_a_real_experiment_is_followed_to_its_end(data_dir: Path) 
     zero = origin("auto", low, high)
     assert zero == pytest.approx(0.5 * (low + high))  # this sensor's zero is far away: -98 um
     compensator = Compensator(model, 0.005, 0.0, 150 / 41.667, 4000 / 41.667, mode="static")
-    stepper = Stepper(LoopSettings.from_config(config, zero, 0.0, 150.0), compensator, 0.0)
+    slope = (high - low) / (model.validity.drive_max - model.validity.drive_min)
+    stepper = Stepper(LoopSettings.from_config(config, zero, 0.0, 150.0, slope), compensator, 0.0)
     trajectory = read_trajectory(data_dir / "recordings" / "stack-am.csv")
     points = np.zeros(trajectory.t_s.size, COMMAND)
     points["kind"], points["trajectory"] = Command.POINT, 1

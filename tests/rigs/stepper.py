@@ -44,7 +44,7 @@ class Bench:
     """A stepper, its clock, and every voltage that it wrote."""
 
     def __init__(self, volts: float = 0.0, config: str = CONFIG, origin: float = 0.0) -> None:
-        self.settings = LoopSettings.from_config(parse_config(config), origin, MIN_V, MAX_V)
+        self.settings = LoopSettings.from_config(parse_config(config), origin, MIN_V, MAX_V, 1.0)
         self.stepper = Stepper(self.settings, compensator(model()), volts)
         self.now = 0
         self.volts = [volts]

@@ -106,7 +106,7 @@ class Rig:
             model(0.0 if mode == "static" else 2e-5), PERIOD_NS * 1e-9, 0.0, 150.0, 4000.0, mode,
             0.02,
         )  # fmt: skip
-        settings = LoopSettings.from_config(parse_config(CONFIG), 0.0, 0.0, 150.0)
+        settings = LoopSettings.from_config(parse_config(CONFIG), 0.0, 0.0, 150.0, 0.1)
         self.stepper = Stepper(settings, compensator, 0.0)
         self.rings = {
             name: Ring.scratch(dtype, size)

@@ -12,6 +12,7 @@ from tests.rigs.gateway_bench import free_port, wait_until
 
 from dehyst.daemon.bus import topics
 from dehyst.daemon.bus.session import Asked, Bus, BusError, NoAnswer
+from dehyst.models.errors import BadInput
 
 
 @pytest.fixture
@@ -74,7 +75,7 @@ def test_errors_in_words(address: str) -> None:
         Bus.connect([address], timeout_s=0.3)
     with Bus.serve([address], []), pytest.raises(BusError, match="cannot listen on"):
         Bus.serve([address], [])
-    with pytest.raises(BusError):
+    with pytest.raises(BadInput, match="'nonsense' is no address"):
         Bus.connect(["nonsense"], timeout_s=0.3)
 
 

@@ -58,10 +58,10 @@ def test_after_a_stand_still_it_glides_to_where_the_target_has_gone() -> None:
     bench.now += 200 * PERIOD_NS
     bench.tick()
     assert any("stood still" in event for event in bench.stepper.events)
-    glide = steps(bench, before)
-    assert glide[0] <= RAMP_V + 1e-9
     bench.tick(n=1500)
-    assert steps(bench, before).max() < 0.45  # the wave's own 0.28 V and the ramp
+    # the wave itself needs 0.038 um, 0.355 V where the stage is flattest; a glide a third more
+    assert steps(bench, before).max() <= 0.46
+    assert steps(bench, before)[:10].max() <= RAMP_V  # it sets off gently
     error = bench.stepper.record[0]["predicted"] - bench.stepper.record[0]["target"]
     assert abs(error) < 0.05
 
@@ -85,7 +85,8 @@ def test_a_starved_stream_that_returns_is_reached_by_a_glide() -> None:
     assert steps(bench, before).max() <= RAMP_V + 1e-9  # 15 V are ahead
     bench.tick(n=480)
     assert steps(bench, before).max() <= 2.0 * RAMP_V
-    bench.tick(n=400)
+    assert steps(bench, before).max() >= 0.4 * RAMP_V
+    bench.tick(n=800)
     assert bench.stepper.record[0]["predicted"] == pytest.approx(4.0, abs=0.05)
 
 
@@ -207,11 +208,11 @@ def test_a_wild_value_that_passed_the_gate_changes_nothing(wild: float, kind: Co
 
 
 def test_an_inverse_that_says_nan_leaves_the_output_where_it_is_and_flags_it() -> None:
-    """The last wall before the amplifier: the model's own tables are spoilt here."""
+    """The last wall before the amplifier: its own settings are spoilt here."""
     bench = Bench()
     bench.tick((Command.SETPOINT, 4.0), n=500)
     held = bench.stepper.volts
-    bench.stepper.control["bump"] = np.inf
+    bench.stepper._numbers["gain"] = np.nan
     record = bench.tick()
     assert record["volts"] == held
     assert record["flags"] & Flag.RANGE
