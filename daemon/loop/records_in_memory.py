@@ -57,7 +57,6 @@ METER_T = np.dtype(
     [
         ("scheduled_ns", "<i8"),  # the deadline that is waited for or being served
         ("begun_ns", "<i8"),  # when its voltage was made
-        ("quickest_ns", "<i8"),  # from there until it was written: the least so far; 0: none
         ("samples", "<i8"),
         ("missed", "<i8"),
         ("tail", "<i8"),  # of the command ring

@@ -116,11 +116,8 @@ def finish(table: Table, wrote: int, flags: int, woke_ns: int, finished_ns: int,
         r.volts = c.volts
         flags |= WRITE_FAILED
     if wrote != NOT_WRITTEN:
-        # the output changed somewhere between the two: what the call took longer than the
-        # quickest one so far may all have been before that
-        took_ns = finished_ns - m.begun_ns
-        m.quickest_ns = min(m.quickest_ns, took_ns) if m.quickest_ns != 0 else took_ns
-        c.wrote_ns = finished_ns - m.quickest_ns
+        # the output changed between the two: a call that took long counts from its end
+        c.wrote_ns = max(m.begun_ns, finished_ns - p.period_ns)
     follow_output(table, r.volts)
     r.seq, r.scheduled_ns, r.actual_ns = m.samples, scheduled_ns, woke_ns
     r.io_us, r.exec_us = io_ns * 1e-3, (finished_ns - woke_ns) * 1e-3
