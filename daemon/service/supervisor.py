@@ -299,14 +299,22 @@ class Bench:
             env={**os.environ, "DEHYST_SUPERVISED": "1"},
             start_new_session=True,
         )
+        try:
+            self.ports = self._wait()
+        except BaseException:  # an interrupt while it starts, too
+            self.close()
+            raise
+
+    def _wait(self) -> dict[str, str]:
+        """Its ports, once it serves them."""
         assert self.process.stdout is not None
         ready, _, _ = select.select([self.process.stdout], [], [], BENCH_READY_S)
         line = self.process.stdout.readline() if ready else b""
         try:
-            self.ports: dict[str, str] = json.loads(line)
+            ports: dict[str, str] = json.loads(line)
         except ValueError:
-            self.close()
             raise DehystError("the emulated bench did not start; try `dehyst emulate`") from None
+        return ports
 
     def close(self) -> None:
         """End it."""
