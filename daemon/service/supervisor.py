@@ -216,11 +216,12 @@ class Supervisor:
             self.gateway.kill()
         code = self.gateway.died(watched.moves)
         if code is not None:
-            self.say(
+            state = (
                 f"not ready: gateway ended with code {code}; clients cannot reach this daemon; "
                 f"next try in {self.gateway.pause_s:g} s"
             )
-            notify.send("STATUS=not ready: the gateway does not run")
+            self.say(state)
+            notify.send(f"STATUS={state}")
         if self.gateway.due and self.life not in (Life.ENDING, Life.LAST, Life.OVER):
             self._start_gateway()
         if not self._ready and watched.moves and self.life is Life.BEATING:
