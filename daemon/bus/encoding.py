@@ -47,6 +47,9 @@ def _decode(kind: Any, payload: bytes, limit: int) -> Any:
         raise BadMessage(f"{len(payload)} bytes; a message has at most {limit}")
     try:
         plain = msgpack.unpackb(payload, raw=False, strict_map_key=True)
+        # msgspec takes a map without them for the class that is asked for
+        if isinstance(plain, dict) and not plain.keys() >= {"schema", "version"}:
+            raise ValueError("`schema` and `version` must be named")
         return msgspec.convert(plain, kind, strict=True, builtin_types=(bytes,))
     except (
         msgspec.MsgspecError,

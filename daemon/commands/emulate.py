@@ -150,11 +150,16 @@ def run(args: argparse.Namespace) -> int:
     def ready(ports: dict[str, str]) -> None:
         print(ready_line(ports), flush=True)
 
-    with tempfile.TemporaryDirectory(prefix="dehyst-bench-") as fresh:
-        directory = Path(args.dir) if args.dir else Path(fresh)
+    with contextlib.ExitStack() as held:
+        directory = Path(
+            args.dir
+            or held.enter_context(tempfile.TemporaryDirectory(prefix="dehyst-bench-"))
+        )
         log = Path(args.log) if args.log else None
         try:
             run_bench(directory, settings, stop, ready, started, log)
+        except BrokenPipeError:  # whoever started it has gone
+            raise
         except OSError as error:
             raise BadInput(f"emulate in {directory}: {error}") from None
     if sys.stderr.isatty():

@@ -30,7 +30,9 @@ NAN = math.nan
 CONTROL_T = np.dtype(
     [
         ("volts", "<f8"),  # the output as last written
-        ("wrote_ns", "<i8"),  # when that was, by the clock and not by the grid; 0: not yet
+        ("wrote_ns", "<i8"),  # no later than so the way of the next one counts; 0: not written yet
+        ("least_ns", "<i8"),  # the least that a write has taken, from its voltage's making
+        ("writes", "<i8"),  # how many there have been
         ("move_ns", "<i8"),  # time that the next voltage may take for its way, at most a period
         ("glide", "<f8"),  # what is left of a glide to the target: 1 to 0; NaN: begin one
         ("glide_from", "<f8"),  # where it began, as model displacement

@@ -40,6 +40,11 @@ PAGE_FAULT, PREEMPTED = int(MissCause.PAGE_FAULT), int(MissCause.PREEMPTED)
 DRIVER_IO, COMPUTE = int(MissCause.DRIVER_IO), int(MissCause.COMPUTE)
 LATE_WAKE = int(MissCause.LATE_WAKE)
 NOT_WRITTEN, WRITTEN, REFUSED = 0, 1, 2
+ANSWER_NS = 200_000
+"""What may lie between the output's change and the end of the call that made it, at the least: an
+acknowledgement on its way through a serial port and the scheduler."""
+ENOUGH = 100
+"""After so many writes the shortest of them is known."""
 
 
 @njit(cache=True, nogil=True)
@@ -63,6 +68,8 @@ def begin(table: Table, clock_ns: int) -> float:
         m.swap = 0
     if m.actuator_back != 0:
         recover(table, now_ns, m.back_v)
+        # what it took at last may have changed the output just now
+        c.wrote_ns, c.move_ns = clock_ns, 0
         m.actuator_ok, m.actuator_back = 1, 0
     step(table, now_ns, m.measured, _take(table, m, c))
     if c.state == FAULT or m.actuator_ok == 0 or m.doubtful != 0:
@@ -116,8 +123,11 @@ def finish(table: Table, wrote: int, flags: int, woke_ns: int, finished_ns: int,
         r.volts = c.volts
         flags |= WRITE_FAILED
     if wrote != NOT_WRITTEN:
-        # the output changed between the two: a call that took long counts from its end
-        c.wrote_ns = max(m.begun_ns, finished_ns - p.period_ns)
+        c.wrote_ns = finished_ns - (_surely_after(c.least_ns) if c.writes > ENOUGH else 0)
+    if wrote == WRITTEN:
+        took_ns = finished_ns - m.begun_ns
+        c.least_ns = took_ns if c.writes == 0 else min(took_ns, c.least_ns)
+        c.writes += 1
     follow_output(table, r.volts)
     r.seq, r.scheduled_ns, r.actual_ns = m.samples, scheduled_ns, woke_ns
     r.io_us, r.exec_us = io_ns * 1e-3, (finished_ns - woke_ns) * 1e-3
@@ -169,6 +179,17 @@ class Spent(NamedTuple):
     waited_ns: int
     io_ns: int
     cpu: int
+
+
+@njit(cache=True, nogil=True)
+def _surely_after(least_ns: int) -> int:
+    """How long after its voltage was made the output changes at the earliest.
+
+    A call that took long may have changed the output at its end, the next one may do it at once: so
+    that no window holds more than the slew limit allows, time counts from the end of the one call
+    to the earliest moment of the next, which is all of the shortest call but its answer.
+    """
+    return max(least_ns - ANSWER_NS, least_ns // 2)
 
 
 @njit(cache=True, nogil=True)

@@ -216,11 +216,12 @@ class Supervisor:
             self.gateway.kill()
         code = self.gateway.died(watched.moves)
         if code is not None:
-            self.say(
+            state = (
                 f"not ready: gateway ended with code {code}; clients cannot reach this daemon; "
                 f"next try in {self.gateway.pause_s:g} s"
             )
-            notify.send("STATUS=not ready: the gateway does not run")
+            self.say(state)
+            notify.send(f"STATUS={state}")
         if self.gateway.due and self.life not in (Life.ENDING, Life.LAST, Life.OVER):
             self._start_gateway()
         if not self._ready and watched.moves and self.life is Life.BEATING:
@@ -299,14 +300,22 @@ class Bench:
             env={**os.environ, "DEHYST_SUPERVISED": "1"},
             start_new_session=True,
         )
+        try:
+            self.ports = self._wait()
+        except BaseException:  # an interrupt while it starts, too
+            self.close()
+            raise
+
+    def _wait(self) -> dict[str, str]:
+        """Its ports, once it serves them."""
         assert self.process.stdout is not None
         ready, _, _ = select.select([self.process.stdout], [], [], BENCH_READY_S)
         line = self.process.stdout.readline() if ready else b""
         try:
-            self.ports: dict[str, str] = json.loads(line)
+            ports: dict[str, str] = json.loads(line)
         except ValueError:
-            self.close()
             raise DehystError("the emulated bench did not start; try `dehyst emulate`") from None
+        return ports
 
     def close(self) -> None:
         """End it."""

@@ -1,5 +1,7 @@
 """A model run on a recording's drive, and how it compares: what `dehyst simulate` does."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from dehyst.models.cascade.simulate import channels_of, simulate
@@ -47,10 +49,46 @@ def outside_validity(model: Model, recording: Recording) -> dict[str, float]:
     return {"drive": float(np.mean(drive)), "rate": float(np.mean(fast)) if fast.size else 0.0}
 
 
-def rms_error(recording: Recording, y: Floats, unit: str) -> float | None:
-    """rms of measured minus y; None without a measured displacement in that unit."""
-    if recording.displacement is None or recording.displacement_unit != unit:
+class Misfit(NamedTuple):
+    """Measured minus model: rms over all rows that have both, and how many these are; the same for
+    those from `from_s` on (see `settled_row`), NaN and 0 where there are none."""
+
+    rms: float
+    rows: int
+    from_s: float
+    rms_settled: float
+    rows_settled: int
+
+
+def misfit(model: Model, recording: Recording, y: Floats) -> Misfit | None:
+    """How far the recording is from y (N,); None without a measured displacement in the model's
+    unit, or without a row that has both."""
+    if recording.displacement_unit != model.displacement_unit or recording.displacement is None:
         return None
     error = recording.displacement - y
-    known = error[~np.isnan(error)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else None
+    known = ~np.isnan(error)
+    if not known.any():
+        return None
+    first = settled_row(model, recording)
+    late = known & (np.arange(recording.size) >= first)
+    return Misfit(
+        float(np.sqrt(np.mean(error[known] ** 2))),
+        int(np.count_nonzero(known)),
+        float(recording.t_s[first]) if first < recording.size else float("nan"),
+        float(np.sqrt(np.mean(error[late] ** 2))) if late.any() else float("nan"),
+        int(np.count_nonzero(late)),
+    )
+
+
+def settled_row(model: Model, recording: Recording) -> int:
+    """The first row at which no play of the hysteresis depends on how the stage stood before the
+    recording; the number of rows where there is none.
+
+    A play of threshold r has forgotten its start when its drive has covered 2 r.
+    """
+    h = model.hysteresis
+    travel = 2.0 * float(h.r[(h.b != 0) | (h.k != 0)].max(initial=0.0))
+    u = np.where(recording.missing_drive, np.nan, recording.drive)
+    covered = np.fmax.accumulate(u) - np.fmin.accumulate(u)
+    enough = np.flatnonzero(covered >= travel)
+    return int(enough[0]) if enough.size else recording.size

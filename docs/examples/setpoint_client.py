@@ -6,7 +6,7 @@ Start a daemon first (`dehyst run`), then: python docs/examples/setpoint_client.
 import math
 import time
 
-from dehyst.client import Client, Refusal
+from dehyst.client import Client, DehystError
 
 
 def main() -> None:
@@ -16,10 +16,7 @@ def main() -> None:
         middle = 0.5 * (status.reach_min + status.reach_max)
         radius = 0.2 * (status.reach_max - status.reach_min)
         print(f"{stage.name}: reach {status.reach_min:g} to {status.reach_max:g} {status.unit}")
-        try:
-            stage.send(middle)  # waits for the daemon's word; raises Refusal with the reason
-        except Refusal as refusal:
-            raise SystemExit(str(refusal)) from None
+        stage.send(middle)  # waits for the daemon's word; raises Refusal with the reason
         begun = time.monotonic()
         while (t := time.monotonic() - begun) < 10.0:
             # put() does not wait: for loops. The newest set-point counts.
@@ -30,4 +27,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except DehystError as error:  # no daemon, or it refuses: the text says why
+        raise SystemExit(str(error)) from None

@@ -4,6 +4,7 @@ program in any other language would).
 Start a daemon first (`dehyst run`), then: python docs/examples/telemetry_subscriber.py [--plain]
 """
 
+import os
 import sys
 import time
 
@@ -12,19 +13,22 @@ import numpy as np
 
 def with_the_client() -> None:
     """Every sample as numpy records; what did not arrive is fetched from the daemon's history."""
-    from dehyst.client import Client
+    from dehyst.client import Client, DehystError
 
-    with Client() as stage:
-        begun = time.monotonic()
-        for samples in stage.telemetry():
-            error = samples["measured"] - samples["target"]
-            print(
-                f"samples {samples['seq'][0]} to {samples['seq'][-1]}: "
-                f"measured {samples['measured'][-1]:.4f} {stage.unit}, "
-                f"largest error {np.max(np.abs(error)):.4f}, {samples['volts'][-1]:.3f} V"
-            )
-            if time.monotonic() - begun > 5.0:
-                break
+    try:
+        with Client() as stage:
+            begun = time.monotonic()
+            for samples in stage.telemetry():
+                error = samples["measured"] - samples["target"]
+                print(
+                    f"samples {samples['seq'][0]} to {samples['seq'][-1]}: "
+                    f"measured {samples['measured'][-1]:.4f} {stage.unit}, "
+                    f"largest error {np.max(np.abs(error)):.4f}, {samples['volts'][-1]:.3f} V"
+                )
+                if time.monotonic() - begun > 5.0:
+                    break
+    except DehystError as error:  # no daemon, or it has gone: the text says which
+        raise SystemExit(str(error)) from None
 
 
 def plain() -> None:
@@ -34,11 +38,16 @@ def plain() -> None:
     import msgpack  # pip install msgpack
     import zenoh
 
+    address = os.environ.get("DEHYST_CONNECT", "tcp/127.0.0.1:7447")
     config = zenoh.Config()
     config.insert_json5("mode", json.dumps("client"))
-    config.insert_json5("connect/endpoints", json.dumps(["tcp/127.0.0.1:7447"]))
     config.insert_json5("scouting/multicast/enabled", "false")
-    with zenoh.open(config) as session:
+    try:
+        config.insert_json5("connect/endpoints", json.dumps([address]))
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        raise SystemExit(f"no daemon to be heard: {error}") from None
+    with session:
         # the chunk @v0 must be written out: wildcards do not match it
         subscriber = session.declare_subscriber("dehyst/@v0/*/pubsub/telemetry/*")
         end = time.monotonic() + 5.0

@@ -1,4 +1,4 @@
-"""The example programs run as they are, against a gateway at their default address."""
+"""The example programs run as they are, against a gateway that $DEHYST_CONNECT names, and without one."""
 
 import os
 import subprocess
@@ -17,18 +17,30 @@ PROGRAMS = [
 @pytest.mark.parametrize(("arguments", "says"), PROGRAMS)
 def test_example_runs(bench: Bench, arguments: list[str], says: str) -> None:
     bench.client()
-    # only address and duration differ from what a user runs
-    path = ROOT / "docs" / "examples" / arguments[0]
-    text = path.read_text().replace("Client(", f"Client(connect={bench.address!r}, ", 1)
-    text = text.replace("tcp/127.0.0.1:7447", bench.address)
+    done = run(arguments, bench.address)
+    assert done.returncode == 0, done.stderr
+    assert says in done.stdout
+
+
+@pytest.mark.parametrize("arguments", [arguments for arguments, _ in PROGRAMS])
+@pytest.mark.parametrize("address", ["tcp/127.0.0.1:9", "foo"])
+def test_without_a_daemon_it_ends_in_one_line(arguments: list[str], address: str) -> None:
+    done = run(arguments, address)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert address in done.stderr
+
+
+def run(arguments: list[str], address: str) -> "subprocess.CompletedProcess[str]":
+    """What a user runs, only shorter; the address by the environment."""
+    text = (ROOT / "docs" / "examples" / arguments[0]).read_text()
     text = text.replace("5.0", "0.5").replace("10.0", "0.5")
-    done = subprocess.run(
+    return subprocess.run(
         [sys.executable, "-c", text, *arguments[1:]],
-        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src"), "DEHYST_CONNECT": address},
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    assert says in done.stdout

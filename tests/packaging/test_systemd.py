@@ -54,7 +54,12 @@ def test_units_run_commands_that_exist_and_their_own_user() -> None:
             assert command in COMMANDS
         assert "User=dehyst" in text
         assert "CPUSchedulingPolicy" not in text  # helper threads would inherit it
-        for promise in ("Type=notify", "WatchdogSec=", "NoNewPrivileges=yes"):
+        for promise in (
+            "Type=notify",
+            "WatchdogSec=",
+            "NoNewPrivileges=yes",
+            "StartLimitIntervalSec=0",
+        ):
             assert promise in text
     assert "ExecStopPost=" in (UNITS / "dehyst.service").read_text()
     assert "BindsTo=dehyst.service" in (UNITS / "dehyst-gateway.service").read_text()

@@ -70,6 +70,9 @@ def test_telemetry_keeps_every_bit(samples: np.ndarray) -> None:
 @example(b"\x91" * 400)
 @example(b"\x81\xa6schema" * 40)
 @example(pickle.dumps(random.Random()))
+@example(b"\x80")  # an empty map: without a schema it is no question for the whole history
+@example(msgpack.packb({"version": 1, "seconds": 1.0}))
+@example(msgpack.packb({"schema": "dehyst.history"}))
 def test_arbitrary_bytes_are_refused(payload: bytes) -> None:
     with pytest.raises(encoding.BadMessage):
         encoding.decode_command(payload)

@@ -116,6 +116,43 @@ def test_simulate_adds_the_model(recording: Path, capsys: pytest.CaptureFixture[
     np.testing.assert_allclose(rec.channels["y_model_um"], want, atol=1e-6)
 
 
+@pytest.mark.parametrize("wound_up", [False, True])
+def test_simulate_says_which_samples_its_error_is_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], wound_up: bool
+) -> None:
+    """A stage that was driven before stands elsewhere at first; the model does not know that."""
+    h = shipped("paper-eq11").hysteresis
+    assert 2 * h.r.max() == pytest.approx(9.844)  # so much travel, and the start is forgotten
+    t = np.arange(3000) * 1e-3
+    u = 5 - 5 * np.cos(2 * np.pi * t)  # 9.844 V are covered at 0.4601 s
+    before = np.concatenate([np.linspace(0, 10, 500), np.linspace(10, 0, 500)])
+    y = simulate(h, np.concatenate([before, u]), 1e-3)[1000:] if wound_up else simulate(h, u, 1e-3)
+    y += 0.01 * np.random.default_rng(0).standard_normal(t.size)
+    recording, output = tmp_path / "run.csv", tmp_path / "out.csv"
+    write_recording(recording, t, {"u_v": u, "y_um": y})
+    assert main(["simulate", "paper-eq11", str(recording), "-o", str(output)]) == 0
+    words = capsys.readouterr().out
+    arguments = ["simulate", "paper-eq11", str(recording), "-o", str(output), "--force", "--json"]
+    assert main(arguments) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert "over all 3000 rows" in words
+    assert ("over the 2539 from 0.461 s on" in words) == wound_up
+    assert said["settled_from_s"] == pytest.approx(0.461)
+    assert said["rms_settled"] == pytest.approx(0.01, rel=0.05)
+    assert (said["rms"] > 0.05) == wound_up
+
+
+def test_simulate_says_so_where_every_row_depends_on_the_start(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(1000) * 1e-3
+    u = 2 - np.cos(2 * np.pi * 5 * t)
+    write_recording(tmp_path / "run.csv", t, {"u_v": u, "y_um": u})
+    output = tmp_path / "out.csv"
+    assert main(["simulate", "paper-eq11", str(tmp_path / "run.csv"), "-o", str(output)]) == 0
+    assert "all of them depend on how the stage stood before" in capsys.readouterr().out
+
+
 def test_simulate_needs_only_the_inputs_and_fills_nothing_in(tmp_path: Path) -> None:
     t = np.arange(50) * 1e-3
     u = np.linspace(0, 5, 50)

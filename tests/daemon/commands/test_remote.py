@@ -78,6 +78,7 @@ def test_play_watched_and_recorded(bench: Bench, tmp_path: Path) -> None:
     out, err = watcher.communicate(timeout=30)
     assert watcher.returncode == 0
     assert "running" in out
+    assert "nan" not in out  # there is no target before the trajectory
     assert len(out.splitlines()) <= 5
     recording = read_recording(rec, need_displacement=True)
     on_grid(recording.t_s)
@@ -128,6 +129,10 @@ def test_send(bench: Bench) -> None:
     code, _, err = run("send", "44", bench=bench)
     assert code == 2
     assert "cannot be reached" in err
+    code, _, err = run("send", "44", "--allow-unreachable", bench=bench)
+    assert code == 0
+    reach = bench.client().status().reach_max
+    assert f"44 um cannot be reached: going to {reach:.6g} um, the nearest" in err
     assert run("send", "nan", bench=bench)[0] == 2
     assert run("send", "--stop", bench=bench)[0] == 0
     code, _, err = run("send", "4", "--name", "nobody", bench=bench)
@@ -136,6 +141,30 @@ def test_send(bench: Bench) -> None:
     code, _, err = run("send", "4", bench=bench)
     assert code == 2
     assert "no daemon reached" in err
+
+
+def test_who_is_refused_hears_how_to_take_over(bench: Bench, tmp_path: Path) -> None:
+    first = bench.client("the first")
+    first.send(4.0)
+    path = tmp_path / "way.csv"
+    trajectory(path, 4.0, 5.0, 0.5)
+    for command in (("send", "5"), ("play", str(path))):
+        first.renew()
+        code, _, err = run(*command, bench=bench)
+        assert code == 2
+        assert "the first commands this daemon" in err
+        assert "--take-over" in err
+        assert err.count("\n") == 1
+    assert run("send", "5", "--take-over", bench=bench)[0] == 0
+
+
+def test_watch_as_json_is_one_object_a_line(bench: Bench) -> None:
+    bench.client()
+    code, out, _ = run("watch", "--json", "--for", "3.5", bench=bench)
+    assert code == 0
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert len(lines) >= 2
+    assert {line["name"] for line in lines} == {"bench"}
 
 
 def test_record_for_so_many_seconds_across_a_killed_gateway(bench: Bench, tmp_path: Path) -> None:

@@ -60,3 +60,23 @@ def test_an_interrupt_during_the_imports_is_one_line(tmp_path: Path) -> None:
         _, said = process.communicate(timeout=120.0)
         assert "Traceback" not in said
         assert process.returncode == 130
+
+
+@pytest.mark.parametrize("delay_s", [0.3, 0.7, 1.1, 1.5])
+def test_an_interrupt_while_the_bench_starts_leaves_nothing_behind(
+    tmp_path: Path, delay_s: float
+) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", "import sys; from dehyst.daemon.main import main; "
+         "print('up', flush=True); sys.exit(main())", "run"],
+        env=environment() | {"TMPDIR": str(tmp_path)}, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline() == "up\n"
+    time.sleep(delay_s)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=120.0)
+    assert "Traceback" not in said
+    assert process.returncode in (0, 130)
+    assert list(tmp_path.iterdir()) == []

@@ -194,17 +194,23 @@ def test_a_trajectory_survives_a_killed_gateway(bench: Bench) -> None:
     client = bench.client()
     t_s = np.arange(0.0, 8.0, 0.005)
     killing: list[threading.Thread] = []
+    over = threading.Event()
 
     def again() -> None:
         bench.kill_gateway()
         bench.start_gateway()
+        over.wait()  # it ends with the thread that started it: PR_SET_PDEATHSIG, prctl(2)
 
     def progress(at_s: float, _total_s: float) -> None:
         if at_s > 0.5 and not killing:
             killing.append(threading.Thread(target=again))
             killing[0].start()
 
-    played = client.play(t_s, 5.0 + 3.0 * np.sin(2 * np.pi * t_s), progress=progress, lead_s=6.0)
+    targets = 5.0 + 3.0 * np.sin(2 * np.pi * t_s)
+    try:
+        played = client.play(t_s, targets, progress=progress, lead_s=6.0)
+    finally:
+        over.set()
     killing[0].join()
     assert played.completed, played.reason
     assert played.tracking.samples == played.tracking.expected

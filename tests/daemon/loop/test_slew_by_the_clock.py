@@ -6,17 +6,20 @@ In virtual time for both loops, and on the emulated bench by the amplifier's own
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.rigs.output import check_speed
 from tests.rigs.processes import EmulatedBench, Rings, core, until
-from tests.rigs.two_loops import PERIOD_NS, Rig
+from tests.rigs.two_loops import PERIOD_NS, Rig, VirtualClock, setpoint
 
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.loop.records_in_memory import SETTINGS
 from dehyst.daemon.rings.records import COMMAND, Command, Flag
 from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor
 
 SLEW_V_PER_S = 4000.0
 DAC_STEP_V = 2.75e-3
@@ -55,6 +58,44 @@ def test_late_samples_are_not_caught_up_with(compiled: bool) -> None:
     step_v = SLEW_V_PER_S * PERIOD_NS * 1e-9
     time_s = records["actual_ns"] * 1e-9
     assert worst_excess(time_s, records["volts"], SLEW_V_PER_S) <= step_v * 1.01
+
+
+class SlowAmplifier(SimulatedActuator):
+    """Its output changes somewhere within a call: on the way there, before the answer."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.clock: VirtualClock | None = None
+        self.random = np.random.default_rng(4)
+        self.log: list[tuple[int, float]] = []
+
+    def write(self, volts: float) -> None:
+        """Now and then the way there is long, now and then the answer's."""
+        super().write(volts)
+        if self.clock is not None:
+            there, back = self.random.choice((300_000, 350_000, 800_000)), 200_000
+            self.clock.now_ns += int(there)
+            self.log.append((self.clock.now_ns, volts))
+            self.clock.now_ns += int(back + self.random.choice((0, 50_000, 500_000)))
+
+
+def test_no_window_holds_more_when_calls_take_longer_and_shorter() -> None:
+    settings = {"stage": "slow", "period_s": PERIOD_NS * 1e-9}
+    amplifier = SlowAmplifier.from_settings(settings)
+    devices = amplifier, SimulatedSensor.from_settings(settings)
+    for device in devices:
+        device.open()
+    rig = Rig("slow", devices=devices)
+    amplifier.clock = rig.clock
+    rig.stepper.table.kept[SETTINGS]["approach_um_per_s"] = 1e5
+    rig.play([setpoint((10.0, 1.0)[i % 2]) for i in range(40)], 60, compiled=False)
+    time_ns, volts = (np.array(column) for column in zip(*amplifier.log, strict=True))
+    assert np.ptp(volts) > 50.0
+    assert volts.size > 1500
+    step_v = SLEW_V_PER_S * PERIOD_NS * 1e-9
+    check_speed(time_ns, volts, SLEW_V_PER_S, step_v)
+    moved = np.abs(np.diff(volts)).sum() / ((time_ns[-1] - time_ns[0]) * 1e-9)
+    assert moved > 0.3 * SLEW_V_PER_S  # and it is not bought by standing still
 
 
 def test_the_amplifiers_own_log_while_the_gauge_is_late(tmp_path: Path) -> None:

@@ -1,0 +1,94 @@
+"""Command fuzzing with device faults, kills and reloads, judged by the amplifier's own log.
+
+Two clients send good, wrong and damaged commands to a real daemon on the emulated bench while
+devices fail, processes are stopped and killed, and the model file is exchanged. Range and slew
+(over every window, of whatever length) are read from the emulator's log of its output.
+
+example: python -m tests.benchmarks.daemon.command_fuzz --for 3600
+         python -m tests.benchmarks.daemon.command_fuzz --for 60 --seed 7
+"""
+
+import argparse
+import re
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from tests.benchmarks.bars import Bars
+from tests.benchmarks.daemon.kills import judge_output
+from tests.rigs.chaos.fuzzing import Fuzz
+from tests.rigs.chaos.rig import Rig, until
+
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.files.models import save_model
+from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.models.errors import DehystError
+
+ERRORS = ("BusError", "NoAnswer", "Nobody", "Refusal", "BadMessage")
+"""What a client meets while the daemon is away; all other counts are of commands."""
+
+
+def main() -> int:
+    """Print what was done and answered, and the bars."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--for", dest="seconds", type=float, default=3600.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="log and words go there")
+    o = parser.parse_args()
+    bars = Bars()
+    with tempfile.TemporaryDirectory(prefix="dehyst-command-fuzz-") as name:
+        folder = Path(name)
+        save_model(simulated_model(), folder / "identified.toml")
+        rig = Rig(folder, folder / "identified.toml")
+        try:
+            rig.run()
+            rig.kill("client")
+            counts = Fuzz(rig, o.seed).run(o.seconds)
+            follows = follows_again(rig)
+            log = rig.output()
+        finally:
+            rig.close()
+        said = {path.name: path.read_text(errors="replace") for path in folder.glob("*.txt")}
+    print(", ".join(f"{what} {count}" for what, count in counts.most_common()))
+    run = said["run.txt"]
+    if o.keep is not None:
+        o.keep.mkdir(parents=True, exist_ok=True)
+        np.savez(o.keep / "output.npz", time_ns=log[0], volts=log[1])
+        for file, text in said.items():
+            (o.keep / file).write_text(text)
+    bars.least("operations", counts.total() - sum(counts[e] for e in ERRORS), 1)
+    judge_output(log, bars)
+    bars.none("tracebacks", sum(text.count("Traceback") for text in said.values()))
+    bars.none("processes that ended unasked", len(re.findall(r"ended with code (?!-9\b)", run)))
+    bars.none("false hangs", run.count("hangs; killing it"))
+    bars.add("a set-point at the end", "followed" if follows else "not followed", "followed",
+             follows)  # fmt: skip
+    return bars.end()
+
+
+def follows_again(rig: Rig) -> bool:
+    """Behind all that, a client commands as ever."""
+
+    def sent() -> bool:
+        try:
+            with Client("chaos", rig.address, label="afterwards") as client:
+                client.take_over()
+                status = client.status()
+                middle = 0.5 * (status.reach_min + status.reach_max)
+                client.send(middle)
+                until(lambda: abs(rig.target() - middle) < 1e-9, 5.0, "it is followed")
+        except (DehystError, AssertionError):
+            return False
+        return True
+
+    try:
+        return bool(until(sent, 60.0, "a set-point is followed"))
+    except AssertionError:
+        return False
+
+
+if __name__ == "__main__":
+    sys.exit(main())

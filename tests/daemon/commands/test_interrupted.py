@@ -1,0 +1,110 @@
+"""`acquire` and `record` interrupted and killed: what was recorded is there, whole and readable.
+
+Real processes and signals on the emulated bench.
+"""
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.rigs.processes import EmulatedBench, dehyst, until
+from tests.rigs.service import Service
+
+from dehyst.daemon.files.models import save_model
+from dehyst.daemon.files.recordings import read_recording, write_recording
+from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.drivers.emulated.control import ask
+
+RATE_HZ, START_V = 100.0, 20.0
+READBACK_V = 0.5
+"""A unit tells its output no better than this; where it stood before is known from there."""
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "model.toml"
+    save_model(simulated_model(), path)
+    return path
+
+
+def at_v(bench: EmulatedBench) -> float:
+    """The amplifier's output, by the amplifier."""
+    return float(ask(bench.ports["control"], {})["output_v"])
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_acquire_ended_in_the_midst(tmp_path: Path, model: Path, number: int) -> None:
+    bench = EmulatedBench(tmp_path, "--start-v", str(START_V))
+    try:
+        t_s = np.arange(0.0, 60.0, 0.01)
+        drive = 60.0 + 40.0 * (t_s / 60.0)  # tells by itself how far it came
+        write_recording(tmp_path / "drive.csv", t_s, {"u_v": drive})
+        output = tmp_path / "rec.csv"
+        config = bench.config(RATE_HZ, model)
+        process = dehyst("acquire", str(tmp_path / "drive.csv"), "--config", str(config),
+                         "-o", str(output), "--exercise", "0")  # fmt: skip
+        until(lambda: at_v(bench) > 62.0, 120.0, "three seconds of the drive")
+        process.send_signal(number)
+        _, said = process.communicate(timeout=60.0)
+        assert "Traceback" not in said
+        assert not list(tmp_path.glob(".*.part"))
+        if number == signal.SIGKILL:
+            assert not output.exists()  # complete or not at all
+            return
+        assert process.returncode == 1
+        assert "interrupted" in said
+        recording = read_recording(output, need_displacement=True)
+        assert recording.displacement is not None
+        assert recording.t_s[-1] > 2.5
+        assert 61.5 < recording.drive[-1] < 90.0
+        written = np.interp(recording.t_s[:-1], t_s, drive)  # in force at the next reading
+        assert np.median(np.abs(recording.drive[1:] - written)) < 0.01  # but for late samples
+        assert (np.diff(recording.drive) >= 0).all()
+        assert np.isfinite(recording.displacement).mean() > 0.9
+        assert at_v(bench) == pytest.approx(START_V, abs=READBACK_V)  # back where it was
+    finally:
+        bench.close()
+
+
+def test_acquire_ended_before_its_first_sample_writes_nothing(tmp_path: Path, model: Path) -> None:
+    bench = EmulatedBench(tmp_path, "--start-v", str(START_V))
+    try:
+        t_s = np.arange(0.0, 10.0, 0.01)
+        write_recording(tmp_path / "drive.csv", t_s, {"u_v": 60.0 + 5.0 * np.sin(t_s)})
+        config = bench.config(RATE_HZ, model)
+        process = dehyst("acquire", str(tmp_path / "drive.csv"), "--config", str(config),
+                         "-o", str(tmp_path / "rec.csv"), "--exercise", "60")  # fmt: skip
+        until(lambda: at_v(bench) > 54.0, 120.0, "it exercises the stage")
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60.0)
+        assert process.returncode == 2
+        assert "nothing was recorded: it was interrupted" in said
+        assert not (tmp_path / "rec.csv").exists()
+        assert at_v(bench) == pytest.approx(START_V, abs=READBACK_V)
+    finally:
+        bench.close()
+
+
+def test_record_interrupted_and_killed(tmp_path: Path, model: Path) -> None:
+    service = Service(tmp_path, model)
+    try:
+        service.start()
+        service.client().close()
+        address = f"tcp/127.0.0.1:{service.port}"
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            path = tmp_path / f"rec-{int(number)}.csv"
+            process = dehyst("record", "-o", str(path), "--connect", address)
+            until(lambda p=path: p.exists() and p.stat().st_size > 20_000, 60.0, "rows")
+            os.kill(process.pid, number)
+            _, said = process.communicate(timeout=30.0)
+            assert "Traceback" not in said
+            assert process.returncode == {signal.SIGKILL: -9}.get(number, 0)
+            recording = read_recording(path, need_displacement=True)
+            assert recording.t_s.size > 100
+            assert (np.diff(recording.t_s) > 0).all()
+            # nothing more than a gap that the file itself names
+            assert recording.t_s.size >= 0.9 * (recording.t_s[-1] - recording.t_s[0]) * RATE_HZ
+    finally:
+        service.close()
