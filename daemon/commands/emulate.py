@@ -152,8 +152,7 @@ def run(args: argparse.Namespace) -> int:
 
     with contextlib.ExitStack() as held:
         directory = Path(
-            args.dir
-            or held.enter_context(tempfile.TemporaryDirectory(prefix="dehyst-bench-"))
+            args.dir or held.enter_context(tempfile.TemporaryDirectory(prefix="dehyst-bench-"))
         )
         log = Path(args.log) if args.log else None
         try:

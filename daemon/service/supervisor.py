@@ -109,7 +109,7 @@ class Supervisor:
                 self._sleep(LOOK_S)
                 self._look()
         finally:  # whatever happened, nothing that drives the stage is left behind
-            self._end(self.core, self._patience_s)
+            self._end(self.core, self.patience_s)
             self._tell_events()
             self._end(self.gateway, 10.0)
         return self.code
@@ -158,11 +158,12 @@ class Supervisor:
         if self.life in (Life.STARTING, Life.BEATING):
             return self._heartbeat.core.hangs
         if self.life in (Life.ENDING, Life.SAVING, Life.LAST):
-            return clock.monotonic_ns() - self._entered_ns > self._patience_s * clock.NS
+            return clock.monotonic_ns() - self._entered_ns > self.patience_s * clock.NS
         return False
 
     @property
-    def _patience_s(self) -> float:
+    def patience_s(self) -> float:
+        """So long a ramp may take: by the core as it ends, or by `dehyst safe`."""
         return self.config.longest_ramp_s + SPARE_S
 
     # -- states ---------------------------------------------------------------------------------
