@@ -46,7 +46,7 @@ class Child:
         self.process = subprocess.Popen(
             [*DEHYST, *self.arguments],
             stdin=subprocess.DEVNULL,
-            env={**os.environ, "DEHYST_SUPERVISED": "1"},
+            env={**os.environ, "DEHYST_SUPERVISED": str(os.getpid())},
             start_new_session=True,  # a Ctrl-C at the terminal reaches the supervisor alone
         )
 
@@ -298,7 +298,7 @@ class Bench:
             ],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            env={**os.environ, "DEHYST_SUPERVISED": "1"},
+            env={**os.environ, "DEHYST_SUPERVISED": str(os.getpid())},
             start_new_session=True,
         )
         try:

@@ -234,6 +234,21 @@ def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(
             assert client.status().core_alive
 
 
+@pytest.mark.parametrize("command", ["core", "gateway"])
+def test_who_was_started_by_a_supervisor_that_has_gone_ends_at_once(
+    service: Service, command: str
+) -> None:
+    """It died before the kernel could be asked to tell its children."""
+    with subprocess.Popen(["true"]) as gone:
+        gone.wait()
+    done = subprocess.run(
+        [sys.executable, "-m", "dehyst.daemon.main", command, "--config", str(service.config)],
+        env={**os.environ, "DEHYST_SUPERVISED": str(gone.pid)}, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 128 + signal.SIGTERM
+    assert not (service.folder / "run").exists()
+
+
 def test_sighup_while_the_core_starts_kills_nobody(service: Service) -> None:
     service.start()
     assert service.supervisor is not None
