@@ -1,7 +1,6 @@
 """the real-time process alone (for systemd)"""
 
 import argparse
-import os
 import signal
 
 from dehyst.daemon.config import load_config
@@ -15,8 +14,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    if os.environ.get("DEHYST_SUPERVISED"):
-        realtime.die_with_parent(signal.SIGTERM)
+    realtime.die_with_parent(signal.SIGTERM)
     from dehyst.daemon.service.requests import Requests
 
     requests = Requests()

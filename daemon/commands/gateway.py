@@ -2,7 +2,6 @@
 
 import argparse
 import logging
-import os
 import signal
 
 from dehyst.daemon.loop import realtime
@@ -23,8 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Until SIGTERM or SIGINT."""
-    if os.environ.get("DEHYST_SUPERVISED"):
-        realtime.die_with_parent(signal.SIGTERM)
+    realtime.die_with_parent(signal.SIGTERM)
     from dehyst.daemon.config import load_config
 
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")

@@ -126,5 +126,14 @@ def raised(priority: int) -> Iterator[None]:
 
 
 def die_with_parent(signal_number: int) -> None:
-    """Ask the kernel to send this process `signal_number` when its parent dies."""
+    """Ask the kernel to send this process `signal_number` when its parent dies, where
+    $DEHYST_SUPERVISED says that it has one to die with: its number, or 1 where that is not told.
+
+    Raises SystemExit where the parent had died before the kernel was asked.
+    """
+    parent = os.environ.get("DEHYST_SUPERVISED", "")
+    if not parent.isdigit():
+        return
     _libc.prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal_number), 0, 0, 0)
+    if int(parent) > 1 and os.getppid() != int(parent):
+        raise SystemExit(128 + signal_number)

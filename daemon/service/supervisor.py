@@ -46,7 +46,7 @@ class Child:
         self.process = subprocess.Popen(
             [*DEHYST, *self.arguments],
             stdin=subprocess.DEVNULL,
-            env={**os.environ, "DEHYST_SUPERVISED": "1"},
+            env={**os.environ, "DEHYST_SUPERVISED": str(os.getpid())},
             start_new_session=True,  # a Ctrl-C at the terminal reaches the supervisor alone
         )
 
@@ -109,7 +109,7 @@ class Supervisor:
                 self._sleep(LOOK_S)
                 self._look()
         finally:  # whatever happened, nothing that drives the stage is left behind
-            self._end(self.core, self._patience_s)
+            self._end(self.core, self.patience_s)
             self._tell_events()
             self._end(self.gateway, 10.0)
         return self.code
@@ -158,11 +158,12 @@ class Supervisor:
         if self.life in (Life.STARTING, Life.BEATING):
             return self._heartbeat.core.hangs
         if self.life in (Life.ENDING, Life.SAVING, Life.LAST):
-            return clock.monotonic_ns() - self._entered_ns > self._patience_s * clock.NS
+            return clock.monotonic_ns() - self._entered_ns > self.patience_s * clock.NS
         return False
 
     @property
-    def _patience_s(self) -> float:
+    def patience_s(self) -> float:
+        """So long a ramp may take: by the core as it ends, or by `dehyst safe`."""
         return self.config.longest_ramp_s + SPARE_S
 
     # -- states ---------------------------------------------------------------------------------
@@ -297,7 +298,7 @@ class Bench:
             ],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            env={**os.environ, "DEHYST_SUPERVISED": "1"},
+            env={**os.environ, "DEHYST_SUPERVISED": str(os.getpid())},
             start_new_session=True,
         )
         try:

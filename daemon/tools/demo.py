@@ -150,7 +150,7 @@ class Demo:
             [*DEHYST, *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            env={**os.environ, "DEHYST_SUPERVISED": "1"},
+            env={**os.environ, "DEHYST_SUPERVISED": str(os.getpid())},
         )
         self._children.append(child)
         return child

@@ -1,4 +1,4 @@
-"""The example programs run as they are, against a gateway that $DEHYST_CONNECT names, and without."""
+"""The example programs as they are, against the gateway that $DEHYST_CONNECT names, and none."""
 
 import os
 import subprocess

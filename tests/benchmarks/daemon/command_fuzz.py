@@ -62,7 +62,7 @@ def main() -> int:
     bars.least("operations", counts.total() - sum(counts[e] for e in ERRORS), 1)
     judge_output(log, bars)
     bars.none("tracebacks", sum(text.count("Traceback") for text in said.values()))
-    bars.none("processes that ended unasked", len(re.findall(r"ended with code (?!-9\b)", run)))
+    bars.none("processes that crashed", len(re.findall(r"ended with code (?!-9|2;|2:)", run)))
     bars.none("false hangs", run.count("hangs; killing it"))
     bars.add("a set-point at the end", "followed" if follows else "not followed", "followed",
              follows)  # fmt: skip

@@ -66,9 +66,12 @@ def secured(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Secured]
 
 def test_operator_commands_observer_sees_nobody_else_connects(secured: Secured) -> None:
     operator, observer = secured.client("alice"), secured.client("bob")
+    overheard: list[bytes] = []
+    observer.bus.listen(observer.keys.setpoints(), lambda _, payload: overheard.append(payload))
     stream, targets = observer_only_hears(operator, observer)
     assert observer.config().name == "bench"
-    # the observer has overheard nothing that helps, and puts anyway: set-points and telemetry
+    assert overheard == []  # set-points, with the number of the lease in them, go to the daemon
+    # the observer puts anyway, as if it had overheard: set-points and telemetry
     forged = forged_setpoint(operator)
     key = observer.keys.pubsub("setpoint_um", "1")
     observer.bus.sender(key, topics.SETPOINT).put(encoding.encode(forged))

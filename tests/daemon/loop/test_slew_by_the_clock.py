@@ -16,9 +16,11 @@ from tests.rigs.processes import EmulatedBench, Rings, core, until
 from tests.rigs.two_loops import PERIOD_NS, Rig, VirtualClock, setpoint
 
 from dehyst.daemon.files.models import save_model
+from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.daemon.loop.records_in_memory import SETTINGS
 from dehyst.daemon.rings.records import COMMAND, Command, Flag
 from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.drivers.interface import DeviceTimeout
 from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor
 
 SLEW_V_PER_S = 4000.0
@@ -79,15 +81,21 @@ class SlowAmplifier(SimulatedActuator):
             self.clock.now_ns += int(back + self.random.choice((0, 50_000, 500_000)))
 
 
-def test_no_window_holds_more_when_calls_take_longer_and_shorter() -> None:
-    settings = {"stage": "slow", "period_s": PERIOD_NS * 1e-9}
-    amplifier = SlowAmplifier.from_settings(settings)
+def slow_rig(kind: type[SlowAmplifier], stage: str) -> tuple[Any, Rig]:
+    """The amplifier and its rig; set-points are approached as fast as the slew limit lets them."""
+    settings = {"stage": stage, "period_s": PERIOD_NS * 1e-9}
+    amplifier = kind.from_settings(settings)
     devices = amplifier, SimulatedSensor.from_settings(settings)
     for device in devices:
         device.open()
-    rig = Rig("slow", devices=devices)
+    rig = Rig(stage, devices=devices)
     amplifier.clock = rig.clock
     rig.stepper.table.kept[SETTINGS]["approach_um_per_s"] = 1e5
+    return amplifier, rig
+
+
+def test_no_window_holds_more_when_calls_take_longer_and_shorter() -> None:
+    amplifier, rig = slow_rig(SlowAmplifier, "slow")
     rig.play([setpoint((10.0, 1.0)[i % 2]) for i in range(40)], 60, compiled=False)
     time_ns, volts = (np.array(column) for column in zip(*amplifier.log, strict=True))
     assert np.ptp(volts) > 50.0
@@ -96,6 +104,57 @@ def test_no_window_holds_more_when_calls_take_longer_and_shorter() -> None:
     check_speed(time_ns, volts, SLEW_V_PER_S, step_v)
     moved = np.abs(np.diff(volts)).sum() / ((time_ns[-1] - time_ns[0]) * 1e-9)
     assert moved > 0.3 * SLEW_V_PER_S  # and it is not bought by standing still
+
+
+class HangingAmplifier(SlowAmplifier):
+    """Now and then a large step is carried out long after the call has given up, just before the
+    unit answers again."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.steps, self.hung, self.late = 0, 0, 0.0
+
+    def write(self, volts: float) -> None:
+        # a whole step, and in the direction of the ramp that follows
+        self.steps += bool(self.log) and volts < self.log[-1][1] - 3.9
+        if self.clock is None or self.steps < 5:
+            SimulatedActuator.write(self, volts)
+            if self.clock is not None:
+                self.log.append((self.clock.now_ns, volts))
+            return
+        self.steps, self.late = 0, volts
+        self.hung += 1
+        self.clock.now_ns += 3 * PERIOD_NS
+        raise DeviceTimeout("no answer")
+
+    def reconnect(self) -> None:
+        super().reconnect()
+        assert self.clock is not None
+        SimulatedActuator.write(self, self.late)
+        self.log.append((self.clock.now_ns, self.late))
+
+
+def test_no_window_holds_more_where_a_command_is_carried_out_late(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def came_back(link: DeviceLink) -> bool:
+        """As it is, but in no thread of its own: at the third look."""
+        link.errors += 1
+        if link.errors % 3:
+            return False
+        link.device.reconnect()
+        link.ok = True
+        return True
+
+    monkeypatch.setattr(DeviceLink, "down", lambda link, error: setattr(link, "ok", False))
+    monkeypatch.setattr(DeviceLink, "came_back", came_back)
+    amplifier, rig = slow_rig(HangingAmplifier, "hanging")
+    # back again, it ramps at once: beside the late step that is more than the limit allows
+    rig.play([setpoint((10.0, 1.0)[i % 2]) for i in range(60)], 60, compiled=False)
+    assert amplifier.hung >= 5
+    time_ns, volts = (np.array(column) for column in zip(*amplifier.log, strict=True))
+    assert np.ptp(volts) > 40.0
+    check_speed(time_ns, volts, SLEW_V_PER_S, SLEW_V_PER_S * PERIOD_NS * 1e-9)
 
 
 def test_the_amplifiers_own_log_while_the_gauge_is_late(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from tests.rigs.service import SAFE_V, Service
 from dehyst.daemon.config import load_config
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.rings.records import State
+from dehyst.daemon.service.supervisor import Supervisor
 from dehyst.daemon.tools.bench_config import simulated_model
 
 UNITS = Path(__file__).resolve().parents[3] / "systemd"
@@ -81,6 +82,7 @@ def test_a_long_ramp_is_waited_for(tmp_path: Path, service: Service) -> None:
     service.config.write_text(text.replace("ramp_v_per_s = 200.0", "ramp_v_per_s = 1.0"))
     config = load_config(service.config)
     assert config.longest_ramp_s == 145.0  # from 150 V to 5 V
+    assert Supervisor(config, service.config, print).patience_s > 145.0 + 10.0
     done = subprocess.run(
         [sys.executable, "-m", "dehyst.daemon.main", "run", "--check", str(service.config)],
         capture_output=True, text=True, check=False, timeout=60,
@@ -230,6 +232,21 @@ def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(
         assert "dehyst run: ready" in service.words()
         with service.client() as client:
             assert client.status().core_alive
+
+
+@pytest.mark.parametrize("command", ["core", "gateway"])
+def test_who_was_started_by_a_supervisor_that_has_gone_ends_at_once(
+    service: Service, command: str
+) -> None:
+    """It died before the kernel could be asked to tell its children."""
+    with subprocess.Popen(["true"]) as gone:
+        gone.wait()
+    done = subprocess.run(
+        [sys.executable, "-m", "dehyst.daemon.main", command, "--config", str(service.config)],
+        env={**os.environ, "DEHYST_SUPERVISED": str(gone.pid)}, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 128 + signal.SIGTERM
+    assert not (service.folder / "run").exists()
 
 
 def test_sighup_while_the_core_starts_kills_nobody(service: Service) -> None:

@@ -12,6 +12,7 @@ from tests.mutations.rooms import (
     mismatch,
     motion,
     rings,
+    safety,
 )
 
 ROOMS = {
@@ -19,6 +20,7 @@ ROOMS = {
     "gate": gate.CHANGES,
     "bus": bus.CHANGES,
     "rings": rings.CHANGES,
+    "safety": safety.CHANGES,
     "checks": checks.CHANGES,
     "drivers": drivers.CHANGES,
     "hysteresis": hysteresis.CHANGES,

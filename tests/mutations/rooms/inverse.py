@@ -73,15 +73,16 @@ CHANGES = [
             "if y < min(y_first, y_last):", "a target above the saturation is not told",
         ),
         Change(
-            "low-end-not-flagged", SAMPLE, "if (u <= limits.low or u >= limits.high) and",
-            "if u >= limits.high and", "a target below the range is not told",
+            "low-end-not-flagged", SAMPLE, "at_end = u <= limits.low or u >= limits.high",
+            "at_end = u >= limits.high", "a target below the range is not told",
         ),
         Change(
-            "high-end-not-flagged", SAMPLE, "if (u <= limits.low or u >= limits.high) and",
-            "if u <= limits.low and", "a target above the range is not told",
+            "high-end-not-flagged", SAMPLE, "at_end = u <= limits.low or u >= limits.high",
+            "at_end = u <= limits.low", "a target above the range is not told",
         ),
         Change(
-            "low-saturation-not-flagged", SAMPLE, "if now < min(y_a, y_b) or now >", "if now >",
+            "low-saturation-not-flagged", SAMPLE,
+            "if state.target < min(y_a, y_b) or state.target >", "if state.target >",
             "a target below the saturation is not told",
         ),
     ),

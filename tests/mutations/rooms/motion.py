@@ -90,8 +90,8 @@ CHANGES = [
         Change(
             "fault-keeps-targets",
             STEP,
-            "        drop_targets(c, queue_of(table))\n        enter(c, FAULT",
-            "        enter(c, FAULT",
+            "    if happens(c, FAULT, now_ns):\n        drop_targets(c, queue_of(table))\n",
+            "    happens(c, FAULT, now_ns)\n",
             "after a fault the old trajectory moves the stage",
         ),
         Change(

@@ -2,25 +2,36 @@
 
 from tests.mutations.change import Change, room
 
-RING = "daemon/rings/ring.py"
+RING, LAYOUT = "daemon/rings/ring.py", "daemon/rings/layout.py"
 
 CHANGES = room(
     ("tests/daemon/rings/test_ring.py",),
     Change(
-        "torn-records", RING, "if safe > start and start < stop:", "if False:",
+        "torn-records", RING, "        if not whole.all():", "        if False:",
         "telemetry shows records that were overwritten while they were read",
     ),
     Change(
-        "lost-not-counted", RING, "return out, stop, start - tail", "return out, stop, 0",
-        "lost samples are not told",
+        "lost-not-counted", RING, "return out, stop, stop - tail - out.size",
+        "return out, stop, 0", "lost samples are not told",
     ),
     Change(
-        "any-layout", RING, " or words[_LAYOUT] != _layout(dtype):", ":",
+        "any-layout", LAYOUT,
+        "if words[LAYOUT_AT] != layout_of(dtype) or words[ITEM_AT] != dtype.itemsize:", "if False:",
         "a ring of another version is read as garbage",
     ),
     Change(
-        "no-magic", RING, "words[_MAGIC] != MAGIC or ", "",
+        "no-magic", LAYOUT, " or words[MAGIC_AT] != MAGIC:", ":",
         "any file is read as a ring",
+    ),
+    Change(
+        "any-size", LAYOUT, " or size != size_of(dtype, capacity):", ":",
+        "a ring that was cut short ends its reader",
+        tests=("tests/daemon/rings/test_damage.py",),
+    ),
+    Change(
+        "damage-taken", RING, "        value = (value ^ np.uint64(byte)) * _PRIME\n",
+        "        value = value * _PRIME\n", "a damaged record is followed as a set-point",
+        tests=("tests/daemon/rings/test_damage.py",),
     ),
     Change(
         "wrap-forgotten", RING, "        self.records[: records.size - first] = records[first:]\n",
@@ -28,11 +39,11 @@ CHANGES = room(
     ),
     Change(
         "free-forgets-reader", RING,
-        "return self.capacity - (self.head - int(load(self.words, TAIL)))",
+        "return max(0, self.capacity - (self.head - self.tail))",
         "return self.capacity", "commands overwrite others that the loop has not read",
     ),
     Change(
-        "stale-never", RING, "return os.stat(self.path).st_ino != int(self.words[_EPOCH])",
+        "stale-never", RING, "return os.stat(self.path).st_ino != self._inode",
         "return False", "the gateway goes on with the rings of a loop that has died",
     ),
 )  # fmt: skip

@@ -1,0 +1,259 @@
+"""The walls that keep the output safe: states, slew, life of the processes, locks, neighbours."""
+
+from tests.mutations.change import Change, room
+
+LIFE, STATES = "daemon/service/life.py", "daemon/loop/states.py"
+HEARTBEAT, SUPERVISOR = "daemon/service/heartbeat.py", "daemon/service/supervisor.py"
+FOLDER, SAMPLE = "daemon/rings/run_folder.py", "daemon/loop/sample.py"
+SESSION, RECORDINGS = "daemon/bus/session.py", "daemon/files/recordings.py"
+RUNS, HOSTILE = "tests/daemon/service/test_supervisor.py", "tests/daemon/bus/test_hostile.py"
+TWO, BOUNDS = "tests/daemon/service/test_two_daemons.py", "tests/daemon/files/test_bounds.py"
+
+CHANGES = [
+    *room(
+        ("tests/daemon/loop/test_states.py",),
+        Change(
+            "end-taken-back", STATES,
+            "stopping  x        x        x        x        x        x        x        x        -",
+            "stopping  running  x        x        x        x        x        x        x        -",
+            "a set-point that comes while the daemon ends keeps the output high",
+        ),
+        Change(
+            "fault-takes-targets", STATES,
+            "fault     x        x        x        x        x        -        holding  ready",
+            "fault     running  x        x        x        x        -        holding  ready",
+            "set-points are followed on an amplifier that contradicts them",
+        ),
+        Change(
+            "stop-not-taken", STATES,
+            "running   -        holding  holding  holding  x        fault    x",
+            "running   -        -        holding  holding  x        fault    x",
+            "a stop does not stop the stage",
+        ),
+        Change(
+            "stale-not-taken", STATES,
+            "running   -        holding  holding  holding  x        fault    x",
+            "running   -        holding  holding  -        x        fault    x",
+            "a stage whose client has gone stays high for ever",
+        ),
+        Change(
+            "hold-on-fault-ramps", STATES,
+            "fault     x        x        x        x        x        -        holding  ready",
+            "fault     x        x        x        x        x        -        holding  holding",
+            "safe.on_fault = hold ramps all the same",
+        ),
+    ),
+    *room(
+        ("tests/daemon/loop/test_slew_by_the_clock.py",),
+        Change(
+            "slew-by-the-grid", SAMPLE, "c.move_ns = min(max(since_ns, 0), p.period_ns)",
+            "c.move_ns = p.period_ns", "late samples are caught up with, faster than the limit",
+        ),
+        Change(
+            "slew-from-the-begin", SAMPLE,
+            "c.wrote_ns = finished_ns - (_surely_after(c.least_ns) if c.writes > ENOUGH else 0)",
+            "c.wrote_ns = m.begun_ns",
+            "a call that took long and a short one behind it: two steps within a few milliseconds",
+        ),
+        Change(
+            "slew-over-a-fault", SAMPLE, "        c.wrote_ns, c.move_ns = clock_ns, 0\n", "",
+            "a command that a unit carries out late, and a step at once behind it",
+        ),
+    ),
+    *room(
+        ("tests/daemon/service/test_life.py",),
+        Change(
+            "dead-core-left-high", LIFE, "beating   -        saving   saving   saving   saving",
+            "beating   -        saving   waiting  saving   saving",
+            "a killed core is started again from wherever the output stands",
+        ),
+        Change(
+            "hang-left-high", LIFE, "beating   -        saving   saving   saving   saving",
+            "beating   -        waiting  saving   saving   saving",
+            "a core that hung is started again from wherever the output stands",
+        ),
+        Change(
+            "unsafe-starts", LIFE,
+            "unsafe    -        -        -        -        -        -        -        saving ",
+            "unsafe    -        -        -        -        -        -        -        starting",
+            "a core is started though the output could not be made safe",
+        ),
+        Change(
+            "killed-end-is-the-end", LIFE, "ending    -        last     last     last     over",
+            "ending    -        over     last     last     over",
+            "an end that hangs leaves the output high",
+        ),
+        Change(
+            "end-forgotten", LIFE,
+            "-        -        -        -        -        -        starting  over",
+            "-        -        -        -        -        -        starting  -",
+            "a daemon that was asked to end starts again",
+        ),
+    ),
+    *room(
+        ("tests/daemon/service/test_heartbeat.py",),
+        Change(
+            "start-is-a-hang", HEARTBEAT,
+            "return self.still_s > (self.limit_s if self.moves else START_S)",
+            "return self.still_s > self.limit_s", "a core that compiles its kernels is killed",
+        ),
+        Change(
+            "another-ones-ring", HEARTBEAT, "if self._ring.pid != self._pid:", "if False:",
+            "the ring of the run before tells how the new core is",
+        ),
+        Change(
+            "machine-stood-still", HEARTBEAT,
+            "passed_s = min((now_ns - self._looked_ns) * 1e-9, LONGEST_LOOK_S)",
+            "passed_s = (now_ns - self._looked_ns) * 1e-9",
+            "a machine that was suspended kills all its cores",
+        ),
+        Change(
+            "nothing-to-take", HEARTBEAT, "passed_s if wrote and tail != head else 0.0",
+            "passed_s", "a gateway without a core is killed as hanging",
+        ),
+    ),
+    *room(
+        (RUNS,),
+        Change(
+            "no-back-off", SUPERVISOR, "min(2 * self.pause_s, LONGEST_PAUSE_S)", "FIRST_PAUSE_S",
+            "what cannot begin is tried twice a second for ever",
+            tests=(f"{RUNS}::test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready",),
+        ),
+        Change(
+            "ready-without-clients", SUPERVISOR, "if not self._ready and watched.moves and",
+            "if not self._ready and", "ready is said though no client can connect",
+            tests=(f"{RUNS}::test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready",),
+        ),
+        Change(
+            "ramp-cut", SUPERVISOR, "return self.config.longest_ramp_s + SPARE_S",
+            "return SPARE_S", "a slow ramp is killed half-way",
+            tests=(f"{RUNS}::test_a_long_ramp_is_waited_for",),
+        ),
+        Change(
+            "forced-end-is-0", SUPERVISOR, "                self.code = 1\n",
+            "                self.code = 0\n", "an end by force looks like one as asked",
+            tests=(
+                f"{RUNS}::test_a_core_that_dies_while_it_ramps_leaves_the_output_safe_and_not_0",
+            ),
+        ),
+        Change(
+            "old-events", SUPERVISOR, "if self._events.pid != self._pid or", "if",
+            "events of the run before are told as this one's",
+            tests=(f"{RUNS}::test_events_carry_their_time_and_belong_to_their_run",),
+        ),
+        Change(
+            "reload-kills-a-start", SUPERVISOR,
+            "if self._reload_asked and self.life is Life.BEATING:", "if self._reload_asked:",
+            "a reload while the core starts ends it",
+            tests=(f"{RUNS}::test_sighup_while_the_core_starts_kills_nobody",),
+            survives="the core takes the signals first thing; this is the wall before it",
+        ),
+    ),
+    *room(
+        ("tests/daemon/rings/test_run_folder.py",),
+        Change(
+            "folder-of-anybody", FOLDER, "    if found.st_uid != os.geteuid():\n        return",
+            "    if False:\n        return", "rings lie in a folder that belongs to somebody else",
+        ),
+        Change(
+            "folder-open", FOLDER, "    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):",
+            "    if False:", "anybody lays files where the loop reads",
+        ),
+        Change(
+            "folder-link", FOLDER, "    if not stat.S_ISDIR(found.st_mode):", "    if False:",
+            "a link in the folder's place leads the daemon elsewhere",
+        ),
+    ),
+    *room(
+        (TWO,),
+        Change(
+            "no-run-folder-lock", FOLDER, "fcntl.LOCK_EX | fcntl.LOCK_NB",
+            "fcntl.LOCK_SH | fcntl.LOCK_NB", "two daemons of one name move each other's stages",
+        ),
+        Change(
+            "no-port-lock", "drivers/serial_port.py", "exclusive=True", "exclusive=False",
+            "two daemons write to one amplifier",
+            tests=(f"{TWO}::test_one_port_two_run_folders",),
+        ),
+    ),
+    *room(
+        ("tests/daemon/gateway/test_units_of_the_run.py",),
+        Change(
+            "unit-of-the-run-before", "daemon/gateway/publisher.py",
+            "        self._admission.unit = self.unit\n",
+            "        self._admission.unit = self._admission.unit or self.unit\n",
+            "set-points in the unit of an earlier model are taken: off by 1000",
+        ),
+    ),
+    *room(
+        (HOSTILE,),
+        Change(
+            "slow-subscriber-kept", SESSION, "        end_unread_connections(UNREAD_MS)\n", "",
+            "a few subscribers that do not read silence everybody",
+            tests=(f"{HOSTILE}::test_subscribers_that_do_not_read_cost_nobody_else_anything",),
+        ),
+        Change(
+            "slow-subscriber-waited-for", SESSION, "wait_before_drop\": 1000,",
+            "wait_before_drop\": 2_000_000,", "each full link holds up all others for seconds",
+            tests=(f"{HOSTILE}::test_subscribers_that_do_not_read_cost_nobody_else_anything",),
+        ),
+        Change(
+            "idle-lock-out", SESSION, "\"transport/unicast/accept_pending\": MOST_UNKNOWN,",
+            "\"transport/unicast/accept_pending\": 100,",
+            "some hundred connections that say nothing keep every new client out",
+            tests=(f"{HOSTILE}::test_idle_connections_keep_no_new_client_out",),
+        ),
+    ),
+    *room(
+        (BOUNDS,),
+        Change(
+            "npz-bomb", RECORDINGS, "        if size > MOST_BYTES:", "        if False:",
+            "a file of 3 MB takes 5 GB",
+        ),
+        Change(
+            "pipe-read", RECORDINGS, "    if not path.is_file():", "    if False:",
+            "a command waits for ever for a pipe",
+        ),
+        Change(
+            "huge-numbers", "models/toml_text.py",
+            "    elif isinstance(value, int | float) and abs(value) > LARGEST:", "    elif False:",
+            "a model with 1e300 in it ends in a traceback",
+        ),
+    ),
+    *room(
+        ("tests/daemon/bus/test_foreign_text.py",),
+        Change(
+            "escapes-pass", "daemon/bus/printable.py", "c if c.isprintable() else", "c if c else",
+            "a client's label commands the terminal of whoever watches",
+        ),
+        Change(
+            "odd-token-locks-out", "daemon/client/client.py",
+            "        except BadInput as error:\n            if key not in known:",
+            "        except KeyError as error:\n            if key not in known:",
+            "one liveliness token with odd letters locks every client out",
+        ),
+    ),
+    Change(
+        "planted-kernel", "daemon/tools/kernel_cache.py",
+        "elif stat.S_ISLNK(found.st_mode) or _open_to_others(path):", "elif False:",
+        "whoever can write into the cache has code run where the devices are",
+        tests=("tests/daemon/tools/test_kernel_cache.py",),
+    ),
+    Change(
+        "schema-not-named", "daemon/bus/encoding.py",
+        "if isinstance(plain, dict) and not", "if False and not",
+        "an empty map is a question for the whole history",
+        tests=("tests/daemon/bus/test_encoding.py",),
+    ),
+    Change(
+        "interrupt-loses-all", "daemon/commands/acquire.py",
+        "lambda: \"it was interrupted\" if stopped else \"\",", "str,",
+        "Ctrl-C in a recording of an hour does nothing",
+        tests=("tests/daemon/commands/test_interrupted.py",),
+    ),
+    Change(
+        "input-by-another-name", "daemon/files/outputs.py", "            if _same(path, other):\n",
+        "            if path == other:\n", "an input is replaced by its own output",
+        tests=("tests/daemon/commands/test_outputs.py",),
+    ),
+]  # fmt: skip
