@@ -13,6 +13,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 from dehyst import __version__
 from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.tools import kernel_cache
+from dehyst.daemon.tools.interrupts import INTERRUPTED, ended_at_once
 from dehyst.models.errors import DehystError, NotNow
 
 # name: help line. Modules are imported when they are used: numba and zenoh take their time.
@@ -81,8 +82,9 @@ def main(argv: list[str] | None = None) -> int:
     try:
         for complaint in kernel_cache.protect():
             print(f"dehyst: {complaint}", file=sys.stderr)
-        kernel_cache.drop_stale()
-        args = build_parser(command).parse_args(arguments)
+        with ended_at_once(said_by):
+            kernel_cache.drop_stale()
+            args = build_parser(command).parse_args(arguments)
         return int(args.run(args) or 0)
     except DehystError as error:
         print(f"{said_by}: {printable(' '.join(str(error).split()))}", file=sys.stderr)
@@ -92,7 +94,7 @@ def main(argv: list[str] | None = None) -> int:
         return 0
     except KeyboardInterrupt:
         print(f"{said_by}: interrupted", file=sys.stderr)
-        return 130
+        return INTERRUPTED
 
 
 if __name__ == "__main__":

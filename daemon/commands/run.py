@@ -10,6 +10,7 @@ import msgspec
 from dehyst.daemon.bus.security import check_open
 from dehyst.daemon.config import Config, load_config
 from dehyst.daemon.rings import run_folder
+from dehyst.daemon.tools.interrupts import ended_at_once
 from dehyst.models.errors import BadInput
 
 NAME, LISTEN = "bench", "tcp/127.0.0.1:7447"
@@ -62,15 +63,14 @@ def run(args: argparse.Namespace) -> int:
     for option in ("model", "name", "listen"):
         if args.config and getattr(args, option):
             raise BadInput(f"--{option} goes without --config: the configuration says it itself")
-    from dehyst.daemon.service.supervisor import Bench
+    with ended_at_once("dehyst run"):
+        from dehyst.daemon.files.models import load_model
+        from dehyst.daemon.service.supervisor import Bench
+        from dehyst.daemon.tools.bench_config import Imitation, simulated_model, write_bench
 
     if args.config:
         return supervise(args.config)
-    from dehyst.daemon.files.models import load_model
-
     check_open([args.listen or LISTEN], authenticated=False)
-    from dehyst.daemon.tools.bench_config import Imitation, simulated_model, write_bench
-
     model = load_model(args.model) if args.model else simulated_model()
     imitation = Imitation.of(model) if args.model else Imitation()
 
