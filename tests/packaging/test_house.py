@@ -16,7 +16,7 @@ CLOCK = {
     "daemon/loop/systemcalls.py",  # the same clock for compiled code
 }
 # public in spite of their names: of named tuples, of ctypes structures, of numba's code builder
-FOREIGN = {"_replace", "_asdict", "_make", "_fields", "_fields_", "_getvalue"}
+FOREIGN = {"_exit", "_replace", "_asdict", "_make", "_fields", "_fields_", "_getvalue"}
 CLOCKS = {
     f"time.{name}"
     for name in ("monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns", "clock_gettime")
