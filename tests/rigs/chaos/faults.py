@@ -217,7 +217,7 @@ def unplug(rig: Rig, seconds: float = 1.5) -> str:
     rig.bench_order(fault="unplug", device="mdt693b", for_s=seconds)
     rig.until_state(State.FAULT)
     rig.until_event("actuator: back", 30.0)
-    assert "DeviceGone" in rig.events()
+    assert "DeviceGone" in rig.events(), rig.events()
     return "fault, reconnected"
 
 
@@ -226,7 +226,7 @@ def hang(rig: Rig, seconds: float = 1.0) -> str:
     rig.bench_order(amplifier={"hang": True}, for_s=seconds)
     rig.until_state(State.FAULT)
     rig.until_event("actuator: back", 30.0)
-    assert "DeviceTimeout" in rig.events()
+    assert "DeviceTimeout" in rig.events(), rig.events()
     return "fault (time-out), reconnected"
 
 
