@@ -10,12 +10,13 @@ from dehyst import __version__
 from dehyst.daemon.client.connection import add_connection, connect, print_json, say
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.rings.records import Flag
-from dehyst.models.errors import BadInput
+from dehyst.models.errors import BadInput, NotNow
 
 if TYPE_CHECKING:
     from dehyst.daemon.bus.messages import Status
+    from dehyst.daemon.client.client import Client
 
-LATE_S = 10.0
+LATE_S, LOOP_S = 10.0, 60.0
 EPILOG = """Columns: t_s, the drive in the model's unit (u_v), the measured displacement (y_um), the
 target (target_um) and flags; `dehyst identify` reads the file back. Displacements count from the
 daemon's set-point origin; --frame model counts from the model's own zero, for a file from which a
@@ -57,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         signal.signal(number, lambda number, _: ending.append(number))
     until_s = args.seconds if args.seconds is not None else float("inf")
     with connect(args, "record") as client:
-        status, config = client.status(), client.config()
+        status, config = known_status(client, ending), client.config()
         origin = status.origin if args.frame == "model" else 0.0
         units = (status.drive_unit, status.unit)
         stream = client.stream()
@@ -91,6 +92,19 @@ def run(args: argparse.Namespace) -> int:
             "complete": not (stream.lost or file.gaps or late) and file.rows > 0,
         }
     return report(result, args.json)
+
+
+def known_status(client: "Client", ending: list[int]) -> "Status":
+    """The daemon's status once its loop has said in which units it speaks: a gateway that has just
+    started does not know them yet. Raises NotNow where that does not come, or `ending` is set."""
+    from dehyst.daemon import clock
+
+    end_ns = clock.monotonic_ns() + round(LOOP_S * clock.NS)
+    while not (status := client.status()).drive_unit:
+        if ending or clock.monotonic_ns() > end_ns:
+            raise NotNow("the daemon's loop is not running yet; nothing was recorded")
+        clock.sleep_s(0.1)
+    return status
 
 
 def notes(status: "Status", frame: str) -> dict[str, str]:

@@ -33,7 +33,7 @@ class Ear:
 
 @pytest.mark.timing
 def test_subscribers_that_do_not_read_cost_nobody_else_anything(tmp_path: Path) -> None:
-    bench = Bench(tmp_path, **{"rate_hz = 200.0": "rate_hz = 1000.0"})
+    bench = Bench(tmp_path, **{"rate_hz = 200.0": "rate_hz = 4000.0"})
     with ExitStack() as stack:
         stack.callback(bench.close)
         bench.start_gateway()

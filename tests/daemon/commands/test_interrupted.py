@@ -5,11 +5,12 @@ Real processes and signals on the emulated bench.
 
 import os
 import signal
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.rigs.processes import EmulatedBench, dehyst, until
+from tests.rigs.processes import EmulatedBench, core, dehyst, end, until
 from tests.rigs.service import Service
 
 from dehyst.daemon.files.models import save_model
@@ -107,4 +108,32 @@ def test_record_interrupted_and_killed(tmp_path: Path, model: Path) -> None:
             # nothing more than a gap that the file itself names
             assert recording.t_s.size >= 0.9 * (recording.t_s[-1] - recording.t_s[0]) * RATE_HZ
     finally:
+        service.close()
+
+
+def test_record_beside_a_gateway_that_knows_no_loop_yet(tmp_path: Path, model: Path) -> None:
+    """It waits for the units, and an interrupt then leaves no file."""
+    service = Service(tmp_path, model)
+    gateway = dehyst("gateway", "--config", str(service.config))
+    try:
+        with service.client() as client:
+            assert client.status().drive_unit == ""
+        path = tmp_path / "rec.csv"
+        record = ("record", "-o", str(path), "--connect", f"tcp/127.0.0.1:{service.port}")
+        process = dehyst(*record)
+        try:
+            process.communicate(timeout=4.0)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30.0)
+        assert process.returncode == 1
+        assert "the daemon's loop is not running yet" in said
+        assert not path.exists()
+        process = dehyst(*record, "--for", "1")
+        with core(service.config):
+            _, said = process.communicate(timeout=120.0)
+        assert process.returncode in (0, 1), said
+        assert read_recording(path, need_displacement=True).drive_unit == "v"
+    finally:
+        end(gateway)
         service.close()

@@ -104,3 +104,24 @@ def test_a_ring_that_nobody_closed_leaves_no_open_file(tmp_path: Path) -> None:
     for _ in range(20):
         assert Ring.attach(tmp_path / "r", PAIR).head == 0
     assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_a_file_of_the_right_shape_and_another_mark_is_no_ring(tmp_path: Path) -> None:
+    path = tmp_path / "ring"
+    Ring.create(path, PAIR, 16).close()
+    Ring.attach(path, PAIR).close()
+    with open(path, "r+b") as file:
+        file.write(b"another.")
+    with pytest.raises(BadInput, match="not a ring"):
+        Ring.attach(path, PAIR)
+
+
+def test_room_is_what_the_reader_has_taken(tmp_path: Path) -> None:
+    ring = Ring.create(tmp_path / "ring", PAIR, 16)
+    assert ring.free == 16
+    ring.push_many(np.zeros(10, PAIR))
+    assert ring.free == 6
+    ring.taken(4)
+    assert ring.free == 10
+    ring.push_many(np.zeros(10, PAIR))
+    assert ring.free == 0

@@ -146,7 +146,6 @@ CHANGES = [
             "if self._reload_asked and self.life is Life.BEATING:", "if self._reload_asked:",
             "a reload while the core starts ends it",
             tests=(f"{RUNS}::test_sighup_while_the_core_starts_kills_nobody",),
-            survives="the core takes the signals first thing; this is the wall before it",
         ),
     ),
     *room(
