@@ -92,7 +92,10 @@ def main(argv: list[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has gone, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        # within a callback from compiled code it is the cause of a SystemError
+        if not isinstance(error.__cause__ or error, KeyboardInterrupt):
+            raise
         print(f"{said_by}: interrupted", file=sys.stderr)
         return INTERRUPTED
 

@@ -71,8 +71,9 @@ def run(args: argparse.Namespace) -> int:
     if args.config:
         return supervise(args.config)
     check_open([args.listen or LISTEN], authenticated=False)
-    model = load_model(args.model) if args.model else simulated_model()
-    imitation = Imitation.of(model) if args.model else Imitation()
+    with ended_at_once("dehyst run"):
+        model = load_model(args.model) if args.model else simulated_model()
+        imitation = Imitation.of(model) if args.model else Imitation()
 
     with tempfile.TemporaryDirectory(prefix="dehyst-") as folder:
         directory = Path(folder)

@@ -3,6 +3,9 @@
 import json
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 from tests.rigs.gateway_bench import Bench, environment
@@ -44,14 +47,32 @@ def test_an_odd_token_is_passed_over_and_named(
     assert "\x1b" not in caplog.text
 
 
+@contextmanager
+def renewed(client: Client) -> Iterator[None]:
+    """Its lease, however long that takes."""
+    over = threading.Event()
+
+    def renew() -> None:
+        while not over.wait(0.2):
+            client.renew()
+
+    thread = threading.Thread(target=renew)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
 def test_a_label_commands_no_terminal(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DEHYST_CONNECT", bench.address)
     with Client(label=COLOUR) as client:  # the address is the environment's
         client.acquire()
-        _, said = dehyst(bench, "send", "1", code=2)
+        with renewed(client):
+            _, said = dehyst(bench, "send", "5", code=2)
         assert "owned" in said
         assert "--take-over" in said
-        client.renew()
         listed, _ = dehyst(bench, "watch", "--list")
         assert "bench" in listed
         shown, _ = dehyst(bench, "watch", "--for", "2.5", "--json")

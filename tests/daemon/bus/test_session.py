@@ -23,7 +23,6 @@ def address() -> str:
 def test_publish_ask_and_see_who_is_there(address: str) -> None:
     got: deque[tuple[str, bytes]] = deque()
     with Bus.serve([address], []) as server:
-        server.announce("lab/@v0/a/alive")
 
         def answer(asked: Asked) -> None:
             for part in (b"one", b"two", asked.payload):
@@ -33,6 +32,7 @@ def test_publish_ask_and_see_who_is_there(address: str) -> None:
         server.answer("lab/@v0/a/rpc/x", answer)
         server.answer("lab/@v0/a/rpc/no", lambda asked: (asked.refuse("not today"), asked.done()))
         server.listen("lab/@v0/a/pubsub/setpoint_$*/*", lambda k, p: got.append((k, p)))
+        server.announce("lab/@v0/a/alive")  # the last: who sees it may ask
         with Bus.connect([address]) as client:
             wait_until(
                 "it is there", lambda: client.alive("lab/@v0/*/alive") == ["lab/@v0/a/alive"]

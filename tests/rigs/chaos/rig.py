@@ -38,8 +38,9 @@ RATE_HZ, SLEW, RAMP, MAX_V, SAFE_V, HOLD_S = 100.0, 1000.0, 200.0, 140.0, 5.0, 0
 STEP_NS = round(1e9 / RATE_HZ)
 MOVER_V_PER_S = 260.0
 """The mover's trajectory needs no more: 17.3 um/s where the stage moves by 0.067 um/V."""
-APPROACH_V_PER_S = 600.0
-"""No more than this is the way to a first target, 40 um/s at the same slope."""
+APPROACH_V_PER_S = 850.0
+"""No more than this is the way to a first target: 40 um/s, where at that rate the stage moves by
+0.047 um/V after a reversal."""
 
 CONFIG = """
 name = "chaos"
