@@ -1,4 +1,5 @@
-"""Which thresholds a model needs: start with many, drop those that the data cannot tell apart.
+"""Thresholds of the play operators, what is taken for granted about the slopes between them, and
+how to do with fewer.
 
 Dropping threshold j ties slope j to slope j - 1: their columns in the normal equations add up.
 So every smaller model's fit and its error on held-out rows follow from the two Gram matrices of
@@ -12,18 +13,59 @@ import numpy as np
 
 from dehyst.models.identify.bounded import bounded_solve
 from dehyst.models.identify.equations import Ints, Normal
+from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Floats
 
 FINE = 48
 
 
-def space_thresholds(n: int, drive_span: float) -> Floats:
+def space_thresholds(n: int, drive_span: float, whole: bool = False) -> Floats:
     """(n,) thresholds from 0 to below half the span, fine where small (after Eq. 10).
 
     Of many the first lies no lower than that of FINE: data cannot tell thresholds much closer.
+    whole: some of them up to the span; on the virgin curve operators as wide as that still move.
     """
+    wide = max(1, n * TUNING.beyond_half // TUNING.fine) if whole and n > 4 else 0
+    n -= wide
     power = 3.0 * min(1.0, np.log(FINE) / np.log(max(n, 2)))
-    return (np.arange(n) / n) ** power * drive_span / 2.0
+    inner = (np.arange(n) / n) ** power * drive_span / 2.0
+    return np.concatenate([inner, (1.0 + np.arange(wide) / max(wide, 1)) * drive_span / 2.0])
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Neighbouring slopes differ by chance, by about the mean slope over all thresholds on a scale
+    of their cube root; and less so in what the rate adds, which is itself small by chance.
+
+    The strength is chosen by what foretells held-out rows. r: (n,) thresholds; slope: mean slope.
+    """
+
+    r: Floats
+    slope: float
+
+    def gram(self, rate: bool, strength: float) -> Floats:
+        """(s, s) what the prior adds to the Gram matrix of the slopes, per power of the noise."""
+        n = self.r.size
+        if n < 2:
+            return np.zeros((2 * n if rate else n,) * 2)
+        distance = np.maximum(np.diff(np.cbrt(self.r / self.r[-1])), 1e-9)
+        step = np.diff(np.eye(n), axis=0)
+        smooth = (step.T / distance) @ step * (strength / self.slope**2)
+        if not rate:
+            return smooth
+        small = TUNING.rate_strength * (smooth + strength / self.slope**2 / n * np.eye(n))
+        even, odd = 0.25 * (smooth + small), 0.25 * (smooth - small)
+        return np.block([[even, odd], [odd, even]])
+
+    def add_to(self, eq: Normal, rate: bool, strength: float, noise: float = 0.0) -> Normal:
+        """The normal equations with the prior's own. noise: power of the noise, or 0: the
+        misfit's."""
+        if eq.count == 0 or strength == 0.0:
+            return eq
+        part = self.gram(rate, strength) * (noise or eq.misfit / eq.count)
+        gram = eq.gram.copy()
+        gram[: part.shape[0], : part.shape[0]] += part
+        return Normal(gram, eq.right, eq.total, eq.count, eq.misfit)
 
 
 @dataclass(frozen=True)
@@ -44,8 +86,10 @@ def find_starts(kept: tuple[int, ...], finest: int, rate: bool, rest: int) -> In
     return np.concatenate([slopes, finest * (2 if rate else 1) + np.arange(rest)])
 
 
-def eliminate(train: Normal, held: Normal, low: Floats, finest: int, rate: bool) -> list[Grid]:
-    """Grids of all sizes from `finest` down to 1.
+def eliminate(
+    train: Normal, held: Normal, low: Floats, finest: int, rate: bool, least: int = 1
+) -> list[Grid]:
+    """Grids of all sizes from `finest` down to `least`.
 
     train, held: normal equations on the finest grid about the same parameters; low: (p,) bounds.
     """
@@ -56,10 +100,11 @@ def eliminate(train: Normal, held: Normal, low: Floats, finest: int, rate: bool)
     while True:
         starts = find_starts(kept, finest, rate, rest)
         gram = np.add.reduceat(np.add.reduceat(train.gram, starts, axis=0), starts, axis=1)
-        p, free = bounded_solve(gram, np.add.reduceat(train.right, starts), low[starts], free)
+        right = np.add.reduceat(train.right, starts)
+        p, free = bounded_solve(gram, right, low[starts], free=free)
         full = np.repeat(p, np.diff(starts, append=low.size))
         grids.append(Grid(kept, p, train.misfit_at(full), held.misfit_at(full)))
-        if len(kept) == 1:
+        if len(kept) <= least:
             return grids
         drop = _find_cheapest(gram, p, len(kept), rate)
         kept = kept[:drop] + kept[drop + 1 :]
@@ -87,12 +132,3 @@ def _find_cheapest(gram: Floats, p: Floats, n: int, rate: bool) -> int:
         if price < cost:
             best, cost = j, price
     return best
-
-
-def choose(grids: list[Grid], order: int | None, tolerance: float) -> Grid:
-    """The grid of the given order, or the smallest whose held-out misfit is within the tolerance
-    (relative) of the best."""
-    if order is not None:
-        return next((g for g in grids if len(g.kept) == order), grids[0])
-    best = min(g.held for g in grids)
-    return [g for g in grids if g.held <= best * (1.0 + tolerance)][-1]

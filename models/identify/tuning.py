@@ -1,5 +1,6 @@
-"""The constants of identification, judged by tests/benchmarks/models/identify.py: rows and outliers
-by its part `faults`, all others by `accuracy`, `real` and `speed`."""
+"""The constants of identification, judged by two benchmarks: tests/benchmarks/models/foretell.py
+(structure, prior, comparison) and tests/benchmarks/models/identify.py (rows and outliers by its part
+`faults`, sizes by `speed` and `length`)."""
 
 from typing import NamedTuple
 
@@ -22,28 +23,42 @@ class Tuning(NamedTuple):
     smallest_spike: float = 0.004  # of the displacement's range; smaller ones do no harm
     # bounds and prior
     least_slope: float = 0.02  # the lowest slope a model may have after a reversal
+    most_slope: float = 4.0  # and the highest
     least_saturation: float = 0.05  # of the mean slope of the saturation
     narrow: float = 0.02  # narrower operators may at first run the wrong way
-    spread: float = 0.1  # how much neighbouring slopes of wide operators differ
+    strengths: tuple[float, ...] = (1e-3, 1e-1, 10.0, 1e3, 3e4)  # of the prior; 1: slopes differ by
+    # about the mean slope from the narrowest operator to the widest
+    rate_strength: float = 1e-2  # of the prior on what the rate does, against that on the slopes
     nearby: float = 0.05  # the way that tells the direction at the start
     # structure
-    tolerance: float = 0.005  # of the held-out power: less is not worth a larger model
-    first_grid: int = 32
-    finest_grid: int = 48
-    roughly: float = 1e-4  # relative fall of the misfit at which a comparison is good enough
-    parts: int = 5  # in time, of which some are held out
-    held: tuple[int, ...] = (1, 4)
-    few_cycles: float = 6.0  # with fewer, short_parts times as many parts
-    short_parts: int = 5
-    pull_weight: float = 0.8  # of the comparison drive, against all rows
-    pull_price: float = 1.06  # held-out rms that the pull may cost, against the plain bounded fit
+    folds: int = 8
+    fewest_folds: int = 4
+    pieces: int = 4  # of each fold
+    parts: int = 16  # of a way between two turns
+    turn: float = 0.05  # a smaller way back is no turn
+    alike: float = 0.1  # ways whose ends differ by less are one
+    sure: float = 2.0  # standard errors of the mean gain over folds, that a richer model must have
+    tolerance: float = 0.02  # of the held-out power: less is not worth a larger model
+    clear: float = 0.6  # of the held-out power: a structure that leaves no more pays at once
+    coarse: int = 24  # operators while structures are compared
+    fine: int = 40  # and in the model
+    finest: int = 48  # where the number in the model is given, before some are dropped
+    beyond_half: int = 8  # of these, wider than half the span where the virgin curve was driven
+    pull_weight: float = 1.0  # of the comparison drive, against all rows
+    pull_price: float = 1.10  # rms that the pull may cost, against the plain bounded fit
+    costs: float = 0.005  # of the misfit: so much the bounds must cost before there is a pull
     least_explained: float = 0.5  # of the displacement's power, held out: else it does not follow
     start_factor: float = 2.0  # rms at the start over the rest, that the assumed start may leave
     start_share: float = 0.01  # of the displacement's range that it may leave anyway
+    # linear dynamics
+    most_lead: float = 1.0  # sampling periods
+    worth_trying: float = 0.003  # of the misfit, that a first try must take away
+    hopeless: float = 2.5  # times the best error: a static structure so far off needs no lag
+    longest_lag: float = 0.5  # of the time in which the drive at its fastest crosses its range
+    least_damping: float = 0.45  # below it rings: a resonance, and no lag
     # sizes
-    rows_compared: int = 12_000  # for the choice of the structure
+    rows_compared: int = 8_000  # for the choice of the structure
     rows_slope: int = 1_000_000  # for the mean slope
-    rows_finest: int = 100_000  # for the fit without bounds
     rows_fitted: int = 1_000_000  # for the last fit: more do not lower its error by a nanometre
     most_held: int = 30_000_000  # numbers in the equations of the last fit
     stretches: int = 50  # of time, for the intervals

@@ -1,0 +1,145 @@
+"""Which linear dynamics, if any, a recording needs beside its hysteresis.
+
+A lag changes every term of the model, so each trial makes its equations anew, on few operators and
+few rows. A shift by a part of a sample is sought with narrow operators free, as these tell it best;
+a lag of some length with all of them bounded, as a reading that runs on after the drive has turned
+is what a lag does and what free operators would imitate.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dehyst.models.identify.dynamics import Dynamics
+from dehyst.models.identify.equations import Params
+from dehyst.models.identify.setup import FitSetup
+from dehyst.models.identify.structure import Candidate, Trial
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Bools, Floats
+
+GOLDEN = 0.381966
+SHIFTS = (-1.0, -0.5, 0.5, 1.5, 5.0, 15.0)  # sampling periods
+LAGS = (0.5, 3.0, 12.0, 40.0, 120.0, 360.0)
+NEAR = 6.0  # times the misfit with narrow operators free: a first try so near is refined
+
+
+class LagSearch:
+    """Fits with one piece of linear dynamics for a structure that is given."""
+
+    def __init__(
+        self, setup: FitSetup, picks: Sequence[Bools], r: Floats, candidate: Candidate
+    ) -> None:
+        self.setup, self.picks, self.r, self.candidate = setup, picks, r, candidate
+        self.noise = float(candidate.fitted.sum() / candidate.sizes.sum())
+        self.longest = TUNING.longest_lag * setup.span / max(setup.rate_max, 1e-300)
+        self.period = float(np.median([one.period_s for one in setup.rows]))
+
+    def find(self) -> list[Candidate]:
+        """The best of each kind that helps, scored on the stretches that it has not seen."""
+        without = {loose: self._misfit(None, loose) for loose in (True, False)}
+        found = [self._find_shift(without[True], without[True] * (1.0 - TUNING.worth_trying))]
+        enough = min(without[False] * (1.0 - TUNING.worth_trying), NEAR * without[True])
+        first = [self._find_lag(place, enough) for place in ("drive", "sensor")]
+        found += first
+        if first[1] is not None:
+            found.append(self._find_second(first[1]))
+        return [self.score(lag, lag.kind in ("lead", "delay")) for lag in found if lag is not None]
+
+    def score(self, lag: Dynamics, loose: bool) -> Candidate:
+        """The structure with this lag, as it foretells."""
+        trial, shape = self._trial(lag), self.candidate.shape
+        return trial.score(shape, (self.candidate.strength,), loose=loose)
+
+    def _trial(self, lag: Dynamics | None) -> Trial:
+        c = self.candidate
+        trial = Trial(self.setup, self.picks, self.r, c.offset, lag)
+        trial.linearise(c.params, c.shape, c.shape.powers)
+        return trial
+
+    def _misfit(self, lag: Dynamics | None, loose: bool) -> float:
+        c = self.candidate
+        return self._trial(lag).misfit(c.shape, c.strength, self.noise, loose)
+
+    def _find_shift(self, without: float, enough: float) -> Dynamics | None:
+        def make(periods: float) -> Dynamics | None:
+            if periods == 0.0:
+                return None
+            kind = "lead" if periods < 0.0 else "delay"
+            return Dynamics(kind, "drive", (abs(periods) * self.period,))
+
+        best = _search(lambda x: self._misfit(make(x), True), self._grid(SHIFTS), 6, enough, {0.0: without})
+        return make(max(best, -TUNING.most_lead)) if best is not None else None
+
+    def _grid(self, periods: Sequence[float]) -> list[float]:
+        return [p for p in periods if p <= max(self.longest / self.period, 0.5)]
+
+    def _find_lag(self, place: str, enough: float) -> Dynamics | None:
+        def make(log: float) -> Dynamics:
+            return Dynamics("lag", place, (float(np.exp(log)) * self.period,))
+
+        best = _search(lambda x: self._misfit(make(x), False), np.log(self._grid(LAGS)), 6, enough)
+        return make(best) if best is not None else None
+
+    def _find_second(self, first: Dynamics) -> Dynamics:
+        def make(log_f: float, damping: float) -> Dynamics:
+            return Dynamics("second", "sensor", (float(np.exp(log_f)), float(damping)))
+
+        log_f, damping = float(np.log(0.7 / (np.pi * first.theta[0]))), 0.7
+        near, damped = np.log((0.6, 1.0, 1.7)), (TUNING.least_damping, 0.8, 1.3)
+        for _ in range(2):
+            by_f = _search(lambda x, z=damping: self._misfit(make(x, z), False), log_f + near, 3)
+            log_f = log_f if by_f is None else by_f
+            by_z = _search(lambda z, f=log_f: self._misfit(make(f, z), False), damped, 3)
+            damping = damping if by_z is None else by_z
+        return make(log_f, max(damping, TUNING.least_damping))
+
+
+def _search(
+    cost: Callable[[float], float],
+    grid: Sequence[float] | Floats,
+    steps: int,
+    enough: float = np.inf,
+    known: dict[float, float] | None = None,
+) -> float | None:
+    """Where the cost is least: the best of a grid, made finer between its neighbours; None where
+    the grid's best is not below `enough`. known: costs that need not be computed."""
+    known = {} if known is None else known
+    for v in grid:
+        known[float(v)] = cost(float(v))
+    best = min(known, key=lambda v: known[v])
+    if known[best] >= enough:
+        return None
+    for _ in range(steps):
+        order = sorted(known)
+        at = order.index(best)
+        left = order[at - 1] if at > 0 else best
+        right = order[at + 1] if at + 1 < len(order) else best
+        wide = right if right - best > best - left else left
+        new = _vertex(known, left, best, right)
+        if not left < new < right or abs(new - best) < 0.05 * abs(wide - best):
+            new = best + GOLDEN * (wide - best)
+        known[new] = cost(new)
+        best = min(known, key=lambda v: known[v])
+    return best
+
+
+def _vertex(known: dict[float, float], left: float, middle: float, right: float) -> float:
+    """Where the parabola through three points has its vertex."""
+    if left == middle or right == middle:
+        return middle
+    a, b = known[left] - known[middle], known[right] - known[middle]
+    x, y = left - middle, right - middle
+    below = 2.0 * (a * y - b * x)
+    return middle + (a * y * y - b * x * x) / below if below != 0.0 else middle
+
+
+def estimate_offset(candidate: Candidate, r: Floats) -> float | None:
+    """The offset of the drive at which what the rate alone adds would vanish; None: none would.
+
+    z = ... + s_n(v) (H_n - move), whose rate part is what `ahead` took up.
+    """
+    params: Params = candidate.params
+    q = 0.5 * (params.slopes[r.size - 1] - params.slopes[-1])
+    if not candidate.shape.rate or not params.ahead.size or q == 0.0:
+        return None
+    return candidate.offset - float(params.ahead[0]) / q

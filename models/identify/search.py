@@ -1,0 +1,123 @@
+"""The search for a structure: saturation and rate first, then offset and linear dynamics where
+these show, all on few operators and few rows."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dehyst.models.identify.dynamics import Dynamics
+from dehyst.models.identify.equations import Shape
+from dehyst.models.identify.fit import make_start
+from dehyst.models.identify.lags import LagSearch, estimate_offset
+from dehyst.models.identify.outliers import thin
+from dehyst.models.identify.setup import FitSetup
+from dehyst.models.identify.structure import Candidate, Trial, choose, pays, shows
+from dehyst.models.identify.thresholds import space_thresholds
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Bools, Floats
+
+COARSE = TUNING.strengths[::2]
+FARTHEST = 5.0  # an offset may lie this many spans from the middle
+
+
+class Search:
+    """Candidates for one setting."""
+
+    def __init__(
+        self, setup: FitSetup, wanted: Sequence[Shape], progress: Callable[[str], None]
+    ) -> None:
+        self.setup, self.wanted, self.progress = setup, list(wanted), progress
+        self.r = space_thresholds(TUNING.coarse, setup.span, setup.virgin)
+        self.picks: list[Bools] = thin(setup.picks, TUNING.rows_compared)
+
+    def run(self) -> list[Candidate]:
+        """All candidates, the simple ones first."""
+        tried: list[Candidate] = []
+        for number, offset in enumerate(self.setup.offsets):
+            shapes = self.wanted
+            if number and offset != self.setup.running:
+                # a full polynomial takes up a static model's offset
+                shapes = [s for s in shapes if s.rate or 2 not in s.powers]
+            tried += self._try(shapes, offset, None)
+        tried += self._find_offset(tried)
+        return tried + self._find_lags(tried)
+
+    def _try(
+        self, shapes: Sequence[Shape], offset: float, lag: Dynamics | None
+    ) -> list[Candidate]:
+        """Every one of the shapes, linearised about the straight fit and then about the best."""
+        if not shapes:
+            return []
+        trial = Trial(self.setup, self.picks, self.r, offset, lag)
+        out: list[Candidate] = []
+        for rate in sorted({s.rate for s in shapes}):
+            same = [s for s in shapes if s.rate == rate]
+            powers = tuple(sorted({p for s in same for p in s.powers}))
+            flat = Shape(rate, powers[:1] if powers[:1] == (0,) else ())
+            start = make_start(self.r.size, flat, self.setup.slope, len(self.setup.rows))
+            trial.linearise(start, flat, powers)
+            straight = trial.score(flat, (1.0,))
+            trial.linearise(straight.params, flat, powers)
+            found: list[Candidate] = []
+            for turn in range(2):
+                for shape in same:
+                    self.progress(f"trying: {shape.name}")
+                found = [trial.score(shape, COARSE) for shape in same]
+                if turn == 0 and powers != (0,):
+                    best = choose(found)
+                    trial.linearise(trial.refine(best), best.shape, powers)
+            out += found
+        return out
+
+    def _bests(self, tried: Sequence[Candidate]) -> list[Candidate]:
+        """The chosen static and the chosen rate-dependent one."""
+        groups = [[c for c in tried if c.shape.rate == rate] for rate in (False, True)]
+        return [choose(group) for group in groups if group]
+
+    def _find_offset(self, tried: Sequence[Candidate]) -> list[Candidate]:
+        """Rate-dependent candidates about the offset that their equation asks for."""
+        if self.setup.virgin or not self.wanted[-1].rate:
+            return []
+        best = self._bests(tried)[-1]
+        trial = self._about(best)
+        free = trial.score(best.shape, (best.strength,), ahead=True)
+        offset = estimate_offset(free, self.r)
+        if offset is None:
+            return []
+        middle = 0.5 * (self.setup.drive_min + self.setup.drive_max)
+        reach = FARTHEST * self.setup.span
+        offset = float(np.clip(offset, middle - reach, middle + reach))
+        self.progress("trying another offset of the drive")
+        return self._try([s for s in self.wanted if s.rate], offset, None)
+
+    def _about(self, best: Candidate) -> Trial:
+        """The equations about a candidate's own fit."""
+        trial = Trial(self.setup, self.picks, self.r, best.offset, best.lag)
+        trial.linearise(best.params, best.shape, best.shape.powers)
+        return trial
+
+    def _helps(self, best: Candidate, found: Candidate) -> bool:
+        """A part of a sample is told by the fit alone; more must foretell what it has not seen."""
+        assert found.lag is not None
+        if abs(found.lag.delay_s) <= self.setup.rows[0].period_s:
+            return shows(best, found)
+        return pays(best, found)
+
+    def _find_lags(self, tried: Sequence[Candidate]) -> list[Candidate]:
+        """Candidates with linear dynamics, where the rate alone has something to say."""
+        out: list[Candidate] = []
+        least = min(c.held_rms for c in tried)
+        for best in self._bests(tried):
+            if self.setup.rate_max <= 0.0:
+                continue
+            if best.held_rms > TUNING.hopeless * least:
+                continue
+            self.progress("looking for a lag")
+            found = LagSearch(self.setup, self.picks, self.r, best).find()
+            good = [c for c in found if self._helps(best, c)]
+            if good:
+                lag = min(good, key=lambda c: c.held_rms).lag
+                out += self._try(
+                    [s for s in self.wanted if s.rate == best.shape.rate], best.offset, lag
+                )
+        return out
