@@ -19,7 +19,7 @@ from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.rows import Rows
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, Trial
-from dehyst.models.identify.thresholds import Prior, eliminate, space_thresholds
+from dehyst.models.identify.thresholds import Prior, eliminate, regrid, space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
@@ -52,15 +52,17 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     trial = Trial(setup, some, r, offset, lag)
     trial.linearise(start, shape, shape.powers)
     scored = trial.score(shape, TUNING.strengths)
-    strength, prior = scored.strength, Prior(r, setup.slope)
+    strength, prior = scored.strength, Prior(r, setup.slope, 0.5 * setup.span)
     narrow = TUNING.narrow * setup.span
     picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // (2 * r.size)))
     equations = setup.equations(picks, r, offset, lag, shape.rate)
     count = sum(lot.y.size for lot in equations)
 
     def run(lots: list[Equations], begin: Params, above: float) -> Solution:
-        bounds = make_bounds(begin, setup.limits, r, above)
-        return solve(lambda: lots, shape, begin, bounds, prior, strength, tolerance=1e-4)
+        bounds, loose = make_bounds(begin, setup.limits, r, above), above > 0.0
+        return solve(
+            lambda: lots, shape, begin, bounds, prior, strength, tolerance=1e-4, loose=loose
+        )
 
     loose = run(equations, scored.params, narrow)
     tight = run(equations, loose.params, 0.0)
@@ -79,7 +81,7 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     orders: tuple[tuple[int, float], ...] = ()
     if order is not None:
         r, tight, orders = _reduce(setup, trial, tight, r, shape, order, prior, strength)
-        prior = Prior(r, setup.slope)
+        prior = Prior(r, setup.slope, 0.5 * setup.span)
         equations = setup.equations(picks, r, offset, lag, shape.rate)
         if costly:
             pull = weigh_pull(setup, wish, r, offset, shape.rate, count)
@@ -88,13 +90,6 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     return Fitted(
         r, shape, tight.params, tight.free, scored, costly, equations + pull, normal, orders
     )
-
-
-def regrid(params: Params, coarse: Floats, fine: Floats, shape: Shape) -> Params:
-    """The same slopes on other thresholds: each takes those of the next wider-set one below."""
-    at = np.searchsorted(coarse, fine, side="right") - 1
-    parts = np.split(params.slopes, 2) if shape.rate else [params.slopes]
-    return params._replace(slopes=np.concatenate([part[at] for part in parts]))
 
 
 def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:

@@ -71,15 +71,20 @@ def solve(
     strength: float = 0.0,
     steps: int = 12,
     tolerance: float = 1e-6,
+    loose: bool = False,
 ) -> Solution:
-    """Fit from `start`. tolerance: relative fall of the misfit at which to stop."""
+    """Fit from `start`. tolerance: relative fall of the misfit at which to stop; loose: the prior
+    leaves narrow operators alone."""
     low, high = bounds
+    cost = np.zeros((start.slopes.size,) * 2)
+    if prior is not None:
+        cost = prior.gram(shape.rate, strength, loose)
     params = Params.unpacked(np.clip(start.packed(), low, high), start)
     free = None
     eq = assemble(equations(), shape, params)
     taken = 0
     for _ in range(steps):
-        goal_eq = prior.add_to(eq, shape.rate, strength) if prior else eq
+        goal_eq = prior.add_to(eq, shape.rate, strength, loose=loose) if prior else eq
         goal, free = bounded_solve(goal_eq.gram, goal_eq.right, low, high, free)
         before = params.packed()
         promised = goal_eq.misfit_at(before) - goal_eq.misfit_at(goal)
@@ -89,10 +94,12 @@ def solve(
         for _ in range(6):
             trial = Params.unpacked(before + part * (goal - before), params)
             trial_eq = assemble(equations(), shape, trial)
-            worth = trial_eq.misfit + _price(trial_eq, prior, shape, strength, eq, trial)
-            if np.isfinite(worth) and worth < (
-                eq.misfit + _price(eq, prior, shape, strength, eq, params)
-            ) * (1 + 1e-7):
+            noise = eq.misfit / max(1, eq.count)
+            worth, now = (
+                one.misfit + noise * float(at.slopes @ cost @ at.slopes)
+                for one, at in ((trial_eq, trial), (eq, params))
+            )
+            if np.isfinite(worth) and worth < now * (1 + 1e-7):
                 break
             part *= 0.4
         else:
@@ -102,13 +109,3 @@ def solve(
     if free is None:
         free = np.ones(low.size, dtype=bool)
     return Solution(params, eq, free, taken)
-
-
-def _price(
-    eq: Normal, prior: Prior | None, shape: Shape, strength: float, scale: Normal, params: Params
-) -> float:
-    """What the prior adds to the misfit at these parameters, by the noise that `scale` has."""
-    if prior is None or strength == 0.0 or scale.count == 0:
-        return 0.0
-    s = params.slopes
-    return float(s @ prior.gram(shape.rate, strength) @ s) * scale.misfit / scale.count

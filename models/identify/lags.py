@@ -13,13 +13,15 @@ import numpy as np
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, Trial
+from dehyst.models.identify.structure import Candidate, Trial, pays, shows
+from dehyst.models.identify.thresholds import regrid, space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
 GOLDEN = 0.381966
 SHIFTS = (-1.0, -0.5, 0.5, 1.5, 5.0, 15.0)  # sampling periods
 LAGS = (0.5, 3.0, 12.0, 40.0, 120.0, 360.0)
+HALF = 0.5  # sampling periods: the lead of a stage whose rate is the derivative at the sample
 NEAR = 6.0  # times the misfit with narrow operators free: a first try so near is refined
 
 
@@ -30,12 +32,21 @@ class LagSearch:
         self, setup: FitSetup, picks: Sequence[Bools], r: Floats, candidate: Candidate
     ) -> None:
         self.setup, self.picks, self.r, self.candidate = setup, picks, r, candidate
+        self.fine = space_thresholds(TUNING.fine, setup.span)
+        fine = regrid(candidate.params, r, self.fine, candidate.shape)
+        trial = Trial(setup, picks, self.fine, candidate.offset)
+        trial.linearise(fine, candidate.shape, candidate.shape.powers)
+        finest = trial.score(candidate.shape, TUNING.strengths[:1]).params
+        self.begin = {True: (self.fine, finest), False: (r, candidate.params)}
         self.noise = float(candidate.fitted.sum() / candidate.sizes.sum())
         self.longest = TUNING.longest_lag * setup.span / max(setup.rate_max, 1e-300)
         self.period = float(np.median([one.period_s for one in setup.rows]))
 
     def find(self) -> list[Candidate]:
-        """The best of each kind that helps, scored on the stretches that it has not seen."""
+        """The best of each kind that helps.
+
+        A part of a sample is told by the fit alone, more must foretell what it has not seen.
+        """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
         found = [self._find_shift(without[True], without[True] * (1.0 - TUNING.worth_trying))]
         enough = min(without[False] * (1.0 - TUNING.worth_trying), NEAR * without[True])
@@ -43,22 +54,33 @@ class LagSearch:
         found += first
         if first[1] is not None:
             found.append(self._find_second(first[1]))
-        return [self.score(lag, lag.kind in ("lead", "delay")) for lag in found if lag is not None]
+        good = [self._round(lag) for lag in found if lag is not None and self._helps(lag)]
+        return [self._score(lag) for lag in good]
 
-    def score(self, lag: Dynamics, loose: bool) -> Candidate:
+    def _helps(self, lag: Dynamics) -> bool:
+        if abs(lag.delay_s) > self.period:
+            return pays(self.candidate, self._score(lag))
+        shape, lightest = self.candidate.shape, TUNING.strengths[:1]
+        here, there = (self._trial(x, True).score(shape, lightest) for x in (None, lag))
+        return shows(here, there)
+
+    def _score(self, lag: Dynamics) -> Candidate:
         """The structure with this lag, as it foretells."""
-        trial, shape = self._trial(lag), self.candidate.shape
-        return trial.score(shape, (self.candidate.strength,), loose=loose)
+        trial, shape = self._trial(lag, False), self.candidate.shape
+        return trial.score(
+            shape, (self.candidate.strength,), loose=lag.kind in ("lead", "delay")
+        )
 
-    def _trial(self, lag: Dynamics | None) -> Trial:
-        c = self.candidate
-        trial = Trial(self.setup, self.picks, self.r, c.offset, lag)
-        trial.linearise(c.params, c.shape, c.shape.powers)
+    def _trial(self, lag: Dynamics | None, fine: bool) -> Trial:
+        c, (r, params) = self.candidate, self.begin[fine]
+        trial = Trial(self.setup, self.picks, r, c.offset, lag)
+        trial.linearise(params, c.shape, c.shape.powers)
         return trial
 
     def _misfit(self, lag: Dynamics | None, loose: bool) -> float:
         c = self.candidate
-        return self._trial(lag).misfit(c.shape, c.strength, self.noise, loose)
+        strength = TUNING.strengths[0] if loose else c.strength
+        return self._trial(lag, loose).misfit(c.shape, strength, self.noise, loose)
 
     def _find_shift(self, without: float, enough: float) -> Dynamics | None:
         def make(periods: float) -> Dynamics | None:
@@ -68,7 +90,14 @@ class LagSearch:
             return Dynamics(kind, "drive", (abs(periods) * self.period,))
 
         best = _search(lambda x: self._misfit(make(x), True), self._grid(SHIFTS), 6, enough, {0.0: without})
-        return make(max(best, -TUNING.most_lead)) if best is not None else None
+        return None if best is None else make(max(best, -TUNING.most_lead))
+
+    def _round(self, lag: Dynamics) -> Dynamics:
+        """A lead near half a period is that: a convention, and no measurement."""
+        near = abs(lag.theta[0] / self.period - HALF) < TUNING.near_half
+        return Dynamics("lead", "drive", (HALF * self.period,)) if (
+            lag.kind == "lead" and near
+        ) else lag
 
     def _grid(self, periods: Sequence[float]) -> list[float]:
         return [p for p in periods if p <= max(self.longest / self.period, 0.5)]

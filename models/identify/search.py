@@ -11,7 +11,7 @@ from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.lags import LagSearch, estimate_offset
 from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, Trial, choose, pays, shows
+from dehyst.models.identify.structure import Candidate, Trial, choose
 from dehyst.models.identify.thresholds import space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
@@ -96,13 +96,6 @@ class Search:
         trial.linearise(best.params, best.shape, best.shape.powers)
         return trial
 
-    def _helps(self, best: Candidate, found: Candidate) -> bool:
-        """A part of a sample is told by the fit alone; more must foretell what it has not seen."""
-        assert found.lag is not None
-        if abs(found.lag.delay_s) <= self.setup.rows[0].period_s:
-            return shows(best, found)
-        return pays(best, found)
-
     def _find_lags(self, tried: Sequence[Candidate]) -> list[Candidate]:
         """Candidates with linear dynamics, where the rate alone has something to say."""
         out: list[Candidate] = []
@@ -114,9 +107,8 @@ class Search:
                 continue
             self.progress("looking for a lag")
             found = LagSearch(self.setup, self.picks, self.r, best).find()
-            good = [c for c in found if self._helps(best, c)]
-            if good:
-                lag = min(good, key=lambda c: c.held_rms).lag
+            if found:
+                lag = min(found, key=lambda c: c.held_rms).lag
                 out += self._try(
                     [s for s in self.wanted if s.rate == best.shape.rate], best.offset, lag
                 )

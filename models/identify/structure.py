@@ -100,11 +100,34 @@ def _is_sure(gain: Floats) -> bool:
 
 
 def choose(tried: Sequence[Candidate]) -> Candidate:
-    """The simplest candidate that can be inverted against which the best does not pay."""
-    known = [c for c in tried if c.invertible and not c.ahead] or list(tried[:1])
-    best = min(known, key=lambda c: c.held_rms)
-    good = [c for c in known if c is best or not pays(c, best)]
+    """The simplest candidate that can be inverted against which no richer one pays.
+
+    Of one kind (rate, offset, lag) first, where they differ in a few powers of z: there what shows
+    in the fit counts as well, unless held-out stretches speak against it. Then of the kinds.
+    """
+    known = [c for c in tried if c.invertible] or list(tried[:1])
+    kinds: dict[tuple[bool, float, Dynamics | None], list[Candidate]] = {}
+    for c in known:
+        kinds.setdefault((c.shape.rate, c.offset, c.lag), []).append(c)
+    firsts = [_climb(sorted(group, key=lambda c: c.size)) for group in kinds.values()]
+    best = min(firsts, key=lambda c: c.held_rms)
+    good = [c for c in firsts if c is best or not pays(c, best)]
     return min(good, key=lambda c: (c.size, c.held_rms))
+
+
+def _climb(group: Sequence[Candidate]) -> Candidate:
+    """From the simplest to richer ones, as long as one pays or shows."""
+    now = group[0]
+    while True:
+        richer = [
+            c
+            for c in group
+            if c.size > now.size
+            and (pays(now, c) or (shows(now, c) and c.held.sum() < now.held.sum()))
+        ]
+        if not richer:
+            return now
+        now = min(richer, key=lambda c: (c.size, c.held_rms))
 
 
 class Trial:
@@ -119,7 +142,7 @@ class Trial:
         lag: Dynamics | None = None,
     ) -> None:
         self.setup, self.r, self.offset, self.lag = setup, r, offset, lag
-        self.prior = Prior(r, setup.slope)
+        self.prior = Prior(r, setup.slope, 0.5 * setup.span)
         equations = setup.equations(picks, r, offset, lag)
         self.lots = sort_by_piece(equations, setup.folds * TUNING.pieces)
         self.normals: list[Normal] = []
@@ -159,7 +182,7 @@ class Trial:
         noise = max(total.misfit_at(p) / max(1, total.count), 1e-300)
         best: tuple[float, Floats, Floats, float] | None = None
         for strength in strengths:
-            whole = self.prior.add_to(total, shape.rate, strength, noise)
+            whole = self.prior.add_to(total, shape.rate, strength, noise, loose)
             p, free = bounded_solve(whole.gram, whole.right, low, high, free)
             held = np.zeros(len(parts))
             for fold in range(self.setup.folds):
@@ -188,7 +211,7 @@ class Trial:
         )
         return solve(
             lambda: self.lots, found.shape, found.params, bounds, self.prior, found.strength,
-            steps=3, tolerance=1e-3,
+            steps=3, tolerance=1e-3, loose=True,
         ).params  # fmt: skip
 
     def misfit(self, shape: Shape, strength: float, noise: float, loose: bool) -> float:
@@ -198,7 +221,7 @@ class Trial:
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
         narrow = TUNING.narrow * self.setup.span if loose else 0.0
         low, high = make_bounds(like, self.setup.limits, self.r, narrow)
-        whole = self.prior.add_to(total, shape.rate, strength, noise)
+        whole = self.prior.add_to(total, shape.rate, strength, noise, loose)
         p, _ = bounded_solve(whole.gram, whole.right, low, high)
         return total.misfit_at(p)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dehyst.models.identify.bounded import bounded_solve
-from dehyst.models.identify.equations import Ints, Normal
+from dehyst.models.identify.equations import Ints, Normal, Params, Shape
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Floats
 
@@ -32,37 +32,59 @@ def space_thresholds(n: int, drive_span: float, whole: bool = False) -> Floats:
     return np.concatenate([inner, (1.0 + np.arange(wide) / max(wide, 1)) * drive_span / 2.0])
 
 
+def regrid(params: Params, coarse: Floats, fine: Floats, shape: Shape) -> Params:
+    """The same slopes on other thresholds: each takes those of the next wider-set one below."""
+    at = np.searchsorted(coarse, fine, side="right") - 1
+    parts = np.split(params.slopes, 2) if shape.rate else [params.slopes]
+    return params._replace(slopes=np.concatenate([part[at] for part in parts]))
+
+
 @dataclass(frozen=True)
 class Prior:
     """Neighbouring slopes differ by chance, by about the mean slope over all thresholds on a scale
     of their cube root; and less so in what the rate adds, which is itself small by chance.
 
-    The strength is chosen by what foretells held-out rows. r: (n,) thresholds; slope: mean slope.
+    The strength is chosen by what foretells held-out rows; operators wider than half the range,
+    which move once at most, are given little freedom in any case. r: (n,) thresholds; slope: mean
+    slope; half: half the drive's range.
     """
 
     r: Floats
     slope: float
+    half: float
 
-    def gram(self, rate: bool, strength: float) -> Floats:
-        """(s, s) what the prior adds to the Gram matrix of the slopes, per power of the noise."""
+    def gram(self, rate: bool, strength: float, loose: bool) -> Floats:
+        """(s, s) what the prior adds to the Gram matrix of the slopes, per power of the noise.
+
+        loose: narrow operators are left alone, as what happens right after a turn may be abrupt.
+        """
         n = self.r.size
         if n < 2:
             return np.zeros((2 * n if rate else n,) * 2)
         distance = np.maximum(np.diff(np.cbrt(self.r / self.r[-1])), 1e-9)
         step = np.diff(np.eye(n), axis=0)
-        smooth = (step.T / distance) @ step * (strength / self.slope**2)
+        wide = self.r[1:] >= self.half
+        strengths = np.where(wide, max(strength, TUNING.wide), strength)
+        if loose:
+            narrow = self.r[:-1] < 2.0 * self.half * TUNING.narrow
+            strengths = np.where(narrow, min(strength, TUNING.alone), strengths)
+        smooth = (step.T * (strengths / distance)) @ step / self.slope**2
         if not rate:
             return smooth
-        small = TUNING.rate_strength * (smooth + strength / self.slope**2 / n * np.eye(n))
+        tied = np.where(wide, TUNING.wide, TUNING.rate_strength * strengths)
+        small = (step.T * (tied / distance)) @ step / self.slope**2
+        small += TUNING.rate_strength * strength / self.slope**2 / n * np.eye(n)
         even, odd = 0.25 * (smooth + small), 0.25 * (smooth - small)
         return np.block([[even, odd], [odd, even]])
 
-    def add_to(self, eq: Normal, rate: bool, strength: float, noise: float = 0.0) -> Normal:
+    def add_to(
+        self, eq: Normal, rate: bool, strength: float, noise: float = 0.0, loose: bool = False
+    ) -> Normal:
         """The normal equations with the prior's own. noise: power of the noise, or 0: the
         misfit's."""
         if eq.count == 0 or strength == 0.0:
             return eq
-        part = self.gram(rate, strength) * (noise or eq.misfit / eq.count)
+        part = self.gram(rate, strength, loose) * (noise or eq.misfit / eq.count)
         gram = eq.gram.copy()
         gram[: part.shape[0], : part.shape[0]] += part
         return Normal(gram, eq.right, eq.total, eq.count, eq.misfit)

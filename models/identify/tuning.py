@@ -26,9 +26,11 @@ class Tuning(NamedTuple):
     most_slope: float = 4.0  # and the highest
     least_saturation: float = 0.05  # of the mean slope of the saturation
     narrow: float = 0.02  # narrower operators may at first run the wrong way
-    strengths: tuple[float, ...] = (1e-3, 1e-1, 10.0, 1e3, 3e4)  # of the prior; 1: slopes differ by
+    strengths: tuple[float, ...] = (1e-2, 1.0, 30.0, 1e3, 3e4)  # of the prior; 1: slopes differ by
     # about the mean slope from the narrowest operator to the widest
-    rate_strength: float = 1e-2  # of the prior on what the rate does, against that on the slopes
+    alone: float = 1e-3  # the most strength among narrow operators, where they are free
+    wide: float = 1e3  # the least strength, among operators wider than half the range
+    rate_strength: float = 1e-3  # of the prior on what the rate does, against that on the slopes
     nearby: float = 0.05  # the way that tells the direction at the start
     # structure
     folds: int = 8
@@ -40,11 +42,11 @@ class Tuning(NamedTuple):
     sure: float = 2.0  # standard errors of the mean gain over folds, that a richer model must have
     tolerance: float = 0.02  # of the held-out power: less is not worth a larger model
     clear: float = 0.6  # of the held-out power: a structure that leaves no more pays at once
-    coarse: int = 24  # operators while structures are compared
+    coarse: int = 32  # operators while structures are compared
     fine: int = 40  # and in the model
     finest: int = 48  # where the number in the model is given, before some are dropped
-    beyond_half: int = 8  # of these, wider than half the span where the virgin curve was driven
-    pull_weight: float = 1.0  # of the comparison drive, against all rows
+    beyond_half: int = 5  # of these, wider than half the span where the virgin curve was driven
+    pull_weight: float = 0.35  # of the comparison drive, against all rows
     pull_price: float = 1.10  # rms that the pull may cost, against the plain bounded fit
     costs: float = 0.005  # of the misfit: so much the bounds must cost before there is a pull
     least_explained: float = 0.5  # of the displacement's power, held out: else it does not follow
@@ -52,12 +54,13 @@ class Tuning(NamedTuple):
     start_share: float = 0.01  # of the displacement's range that it may leave anyway
     # linear dynamics
     most_lead: float = 1.0  # sampling periods
+    near_half: float = 0.2  # sampling periods; a lead so near half a period is taken for that
     worth_trying: float = 0.003  # of the misfit, that a first try must take away
     hopeless: float = 2.5  # times the best error: a static structure so far off needs no lag
     longest_lag: float = 0.5  # of the time in which the drive at its fastest crosses its range
     least_damping: float = 0.45  # below it rings: a resonance, and no lag
     # sizes
-    rows_compared: int = 8_000  # for the choice of the structure
+    rows_compared: int = 12_000  # for the choice of the structure
     rows_slope: int = 1_000_000  # for the mean slope
     rows_fitted: int = 1_000_000  # for the last fit: more do not lower its error by a nanometre
     most_held: int = 30_000_000  # numbers in the equations of the last fit
