@@ -30,8 +30,8 @@ Ints = NDArray[np.int64]
 
 
 class Equations(NamedTuple):
-    """d: (n, M) play differences D_i; e: (n, M + 1) v / R times these, and v / R itself, both as
-    the sensor's lag passes them on, or (n, 0) where no rate is wanted; y: (n,); group: (n,)
+    """d: (n, M) play differences D_i; e: (n, M) v / R times these, both as the sensor's lag
+    passes them on, or (n, 0) where no rate is wanted; y: (n,); group: (n,)
     recording number; piece: (n,) stretch of the drive; weight: how often each of these
     equations counts."""
 
@@ -66,13 +66,11 @@ class Shape:
 
 class Params(NamedTuple):
     """slopes: (M,) or (2M,) alpha then beta; c: (len(powers),); shifts: (G - 1,) offsets of the
-    further recordings against the first; ahead: (0,) or (1,) what the rate alone adds to z, per
-    v / R: a lag of all, or another offset of the drive, shows in it."""
+    further recordings against the first."""
 
     slopes: Floats
     c: Floats
     shifts: Floats
-    ahead: Floats = np.zeros(0)
 
     def packed(self) -> Floats:
         """All in one array."""
@@ -126,7 +124,7 @@ def make_equations(
         h = np.zeros(r.size)
         fresh = np.zeros(one.u.size, dtype=bool)
         fresh[one.resets] = True
-        width = r.size * (2 if rate else 1) + rate
+        width = r.size * (2 if rate else 1)
         through = lag.behind(width) if lag is not None else None
         with_rate = rate and rate_max > 0.0
         for start in range(0, one.u.size, ROWS_HELD):
@@ -141,7 +139,7 @@ def make_equations(
                     continue
                 d, at = d[keep], at[keep]
             pace = one.rate[part][at] / rate_max if with_rate else np.zeros(at.size)
-            e = np.column_stack([d * pace[:, None], pace]) if rate else np.empty((at.size, 0))
+            e = d * pace[:, None] if rate else np.empty((at.size, 0))
             if through is not None:
                 both = np.ascontiguousarray(np.hstack([d, np.nan_to_num(e)]))
                 through.run(both, one.t_s[part][at], fresh[part][at])
@@ -185,13 +183,11 @@ def sort_by_piece(equations: Sequence[Equations], count: int) -> list[Equations]
 @njit(cache=True, nogil=True)
 def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: Floats) -> None:
     d, e, group = lot.d, lot.e, lot.group
-    slopes, c, shifts, ahead = params.slopes, params.c, params.shifts, params.ahead
+    slopes, c, shifts = params.slopes, params.c, params.shifts
     m = d.shape[1]
     rate = slopes.size == 2 * m
     for t in range(d.shape[0]):
         z = 0.0
-        if ahead.size:
-            z = ahead[0] * e[t, m]
         if rate:
             for i in range(m):
                 z += 0.5 * (
@@ -216,8 +212,6 @@ def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: F
             jac[t, at + j] = 1.0 if group[t] == j + 1 else 0.0
         if group[t] > 0:
             model += shifts[group[t] - 1]
-        if ahead.size:
-            jac[t, at + shifts.size] = gradient * e[t, m]
         if rate:
             for i in range(m):
                 jac[t, i] = 0.5 * gradient * (d[t, i] + e[t, i])

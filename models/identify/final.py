@@ -51,7 +51,7 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     start = regrid(best.params, coarse, r, shape)
     trial = Trial(setup, some, r, offset, lag)
     trial.linearise(start, shape, shape.powers)
-    scored = trial.score(shape, TUNING.strengths)
+    scored = trial.score(shape, setup.strengths)
     strength, prior = scored.strength, Prior(r, setup.slope, 0.5 * setup.span)
     narrow = TUNING.narrow * setup.span
     picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // (2 * r.size)))

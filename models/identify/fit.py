@@ -34,13 +34,12 @@ class Solution:
         return float(np.sqrt(self.normal.misfit / max(1, self.normal.count)))
 
 
-def make_start(count: int, shape: Shape, slope: float, groups: int, ahead: bool = False) -> Params:
+def make_start(count: int, shape: Shape, slope: float, groups: int) -> Params:
     """All slopes equal, no saturation. count: operators; slope: displacement per drive."""
     return Params(
         np.full(count * (2 if shape.rate else 1), slope),
         np.zeros(len(shape.powers)),
         np.zeros(max(0, groups - 1)),
-        np.zeros(1 if ahead else 0),
     )
 
 

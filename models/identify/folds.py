@@ -2,8 +2,8 @@
 
 A drive that repeats itself tells nothing new in its second cycle: rows held out there are foretold
 by any fit, however far it bends. So a recording is cut where the drive turns, each way between two
-turns into thirds, and ways that begin and end alike are one stretch wherever they come; a whole
-stretch is held out. What a model gains must show on stretches that it has not seen.
+turns into parts, and parts of ways that begin and end alike are one stretch wherever they come; a
+whole stretch is held out. What a model gains must show on stretches that it has not seen.
 """
 
 from collections.abc import Sequence
@@ -19,17 +19,19 @@ from dehyst.models.recording import Bools, Floats
 Ints = NDArray[np.int64]
 
 
-def assign_pieces(rows: Sequence[Rows], picks: Sequence[Bools], low: float, high: float) -> int:
+def assign_pieces(
+    rows: Sequence[Rows], picks: Sequence[Bools], low: float, high: float, parts: int = TUNING.parts
+) -> int:
     """Write into each recording's `piece` the stretch of each row; the number of folds.
 
     Piece p is held out with all pieces that leave the same rest when divided by that number; there
-    are TUNING.pieces in every fold, over which gains are compared.
+    are TUNING.pieces in every fold, over which gains are compared. parts: of a way; 1: whole ways.
     """
-    labels = [_label(one.u, low, high) for one in rows]
+    labels = [_label(one.u, low, high, parts) for one in rows]
     used = np.concatenate([label[pick] for label, pick in zip(labels, picks, strict=True)])
     kinds, sizes = np.unique(used, return_counts=True)
     folds = int(min(TUNING.folds, kinds.size))
-    if folds < TUNING.fewest_folds:  # the drive does one thing: parts in time have to do
+    if folds < min(2, parts) + 1:  # the drive does one thing: parts in time have to do
         count = TUNING.folds * TUNING.pieces
         for one in rows:
             one.piece = np.arange(one.u.size, dtype=np.int64) * 2 * count // one.u.size % count
@@ -45,16 +47,16 @@ def assign_pieces(rows: Sequence[Rows], picks: Sequence[Bools], low: float, high
     return folds
 
 
-def _label(u: Floats, low: float, high: float) -> Ints:
-    """(N,) a number for each row: which way it is on (from where, to where), and which third."""
+def _label(u: Floats, low: float, high: float, parts: int) -> Ints:
+    """(N,) a number for each row: which way it is on (from where, to where), and which part of it."""
     span = high - low
     starts, ends = _find_ways(u, TUNING.turn * span)
     grid = TUNING.alike * span
     with np.errstate(invalid="ignore"):
-        part = np.clip(TUNING.parts * np.abs(u - starts) / np.maximum(np.abs(ends - starts), 1e-300), 0, TUNING.parts - 0.1)
+        part = np.clip(parts * np.abs(u - starts) / np.maximum(np.abs(ends - starts), 1e-300), 0, parts - 0.1)
         numbers = [np.floor(np.nan_to_num((x - low) / grid) + 0.5) for x in (starts, ends)]
     base = 4 * int(np.ceil(1.0 / TUNING.alike))
-    return ((numbers[0] * base + numbers[1]) * TUNING.parts + np.nan_to_num(part) // 1).astype(np.int64)
+    return ((numbers[0] * base + numbers[1]) * parts + np.nan_to_num(part) // 1).astype(np.int64)
 
 
 @njit(cache=True, nogil=True)

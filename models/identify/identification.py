@@ -100,7 +100,7 @@ def identify(
         found = _search(setup, options, progress)
         found.notes.append("the start does not fit a de-energised stage; it was left out")
     progress("intervals")
-    return _result(found, recordings)
+    return _result(_follow_drift(found), recordings)
 
 
 @dataclass
@@ -128,7 +128,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         wanted = [s for s in wanted if not s.rate]
     search = Search(setup, wanted, progress)
     tried = search.run()
-    best = choose(tried)
+    best = search.choose(tried)
     for _ in range(3):
         errors = setup.residuals(search.r, best.shape, best.params, best.offset, best.lag)
         setup, count = setup.without_outliers(errors)
@@ -139,7 +139,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
             break
         search = Search(setup, wanted, progress)
         tried = search.run()
-        best = choose(tried)
+        best = search.choose(tried)
     _require_following(setup, best)
     while True:
         progress(f"fitting {best.shape.name} to all rows")
@@ -166,6 +166,31 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     if (size := sum(int(np.count_nonzero(p)) for p in setup.picks)) > TUNING.rows_fitted:
         notes.append(f"of {size} rows a part, by chance, was fitted; the error is that of all")
     return _Found(setup, best.offset, best.lag, fitted, tried, notes)
+
+
+def _follow_drift(found: _Found) -> _Found:
+    """The same with the offset that the stage had at the end of its recording, where it drifts.
+
+    The next recording begins where this one ended. Of several recordings each has its own offset.
+    """
+    if len(found.setup.rows) != 1 or 0 not in found.fitted.shape.powers:
+        return found
+    (error,), (pick,) = found.residuals(), found.setup.picks
+    means = np.array([part.mean() for part in np.array_split(error[pick], TUNING.blocks)])
+    at = np.arange(means.size) - 0.5 * (means.size - 1)
+    slope = float(at @ means) / float(at @ at)
+    rest = means - means.mean() - slope * at
+    doubt = float(np.sqrt(rest @ rest / (means.size - 2) / (at @ at)))
+    if abs(slope) <= TUNING.sure_drift * doubt:
+        return found
+    end = float(means[-2:].mean())
+    setup, fitted = found.setup, found.fitted
+    c = fitted.params.c + setup.sign * end * (np.array(fitted.shape.powers) == 0)
+    found.notes.append(
+        f"the displacement drifts, by {slope * means.size:+.3g} over the recording as far as a "
+        "straight line tells; the model's offset is that of the end"
+    )
+    return replace(found, fitted=replace(fitted, params=fitted.params._replace(c=c)))
 
 
 def _result(found: _Found, recordings: Sequence[Recording]) -> Identification:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dehyst.models.identify.dynamics import Dynamics
-from dehyst.models.identify.equations import Params
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, Trial, pays, shows
 from dehyst.models.identify.thresholds import regrid, space_thresholds
@@ -22,7 +21,6 @@ GOLDEN = 0.381966
 SHIFTS = (-1.0, -0.5, 0.5, 1.5, 5.0, 15.0)  # sampling periods
 LAGS = (0.5, 3.0, 12.0, 40.0, 120.0, 360.0)
 HALF = 0.5  # sampling periods: the lead of a stage whose rate is the derivative at the sample
-NEAR = 6.0  # times the misfit with narrow operators free: a first try so near is refined
 
 
 class LagSearch:
@@ -49,7 +47,9 @@ class LagSearch:
         """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
         found = [self._find_shift(without[True], without[True] * (1.0 - TUNING.worth_trying))]
-        enough = min(without[False] * (1.0 - TUNING.worth_trying), NEAR * without[True])
+        # bounded, it must fit better than the free operators foretell
+        known = float(self.candidate.held.sum())
+        enough = min(without[False] * (1.0 - TUNING.worth_trying), known)
         first = [self._find_lag(place, enough) for place in ("drive", "sensor")]
         found += first
         if first[1] is not None:
@@ -59,7 +59,10 @@ class LagSearch:
 
     def _helps(self, lag: Dynamics) -> bool:
         if abs(lag.delay_s) > self.period:
-            return pays(self.candidate, self._score(lag))
+            now, found = self.candidate, self._score(lag)
+            return pays(now, found) or (
+                shows(now, found) and found.held.sum() < now.held.sum() * (1.0 - TUNING.tolerance)
+            )
         shape, lightest = self.candidate.shape, TUNING.strengths[:1]
         here, there = (self._trial(x, True).score(shape, lightest) for x in (None, lag))
         return shows(here, there)
@@ -67,9 +70,7 @@ class LagSearch:
     def _score(self, lag: Dynamics) -> Candidate:
         """The structure with this lag, as it foretells."""
         trial, shape = self._trial(lag, False), self.candidate.shape
-        return trial.score(
-            shape, (self.candidate.strength,), loose=lag.kind in ("lead", "delay")
-        )
+        return trial.score(shape, TUNING.strengths[::2], loose=lag.kind in ("lead", "delay"))
 
     def _trial(self, lag: Dynamics | None, fine: bool) -> Trial:
         c, (r, params) = self.candidate, self.begin[fine]
@@ -79,7 +80,7 @@ class LagSearch:
 
     def _misfit(self, lag: Dynamics | None, loose: bool) -> float:
         c = self.candidate
-        strength = TUNING.strengths[0] if loose else c.strength
+        strength = TUNING.strengths[0] if loose else min(c.strength, TUNING.strengths[2])
         return self._trial(lag, loose).misfit(c.shape, strength, self.noise, loose)
 
     def _find_shift(self, without: float, enough: float) -> Dynamics | None:
@@ -160,15 +161,3 @@ def _vertex(known: dict[float, float], left: float, middle: float, right: float)
     x, y = left - middle, right - middle
     below = 2.0 * (a * y - b * x)
     return middle + (a * y * y - b * x * x) / below if below != 0.0 else middle
-
-
-def estimate_offset(candidate: Candidate, r: Floats) -> float | None:
-    """The offset of the drive at which what the rate alone adds would vanish; None: none would.
-
-    z = ... + s_n(v) (H_n - move), whose rate part is what `ahead` took up.
-    """
-    params: Params = candidate.params
-    q = 0.5 * (params.slopes[r.size - 1] - params.slopes[-1])
-    if not candidate.shape.rate or not params.ahead.size or q == 0.0:
-        return None
-    return candidate.offset - float(params.ahead[0]) / q

@@ -3,21 +3,16 @@ these show, all on few operators and few rows."""
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Shape
 from dehyst.models.identify.fit import make_start
-from dehyst.models.identify.lags import LagSearch, estimate_offset
+from dehyst.models.identify.lags import LagSearch
 from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, Trial, choose
+from dehyst.models.identify.structure import Candidate, Trial, choose, pays
 from dehyst.models.identify.thresholds import space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
-
-COARSE = TUNING.strengths[::2]
-FARTHEST = 5.0  # an offset may lie this many spans from the middle
 
 
 class Search:
@@ -39,7 +34,6 @@ class Search:
                 # a full polynomial takes up a static model's offset
                 shapes = [s for s in shapes if s.rate or 2 not in s.powers]
             tried += self._try(shapes, offset, None)
-        tried += self._find_offset(tried)
         return tried + self._find_lags(tried)
 
     def _try(
@@ -62,7 +56,7 @@ class Search:
             for turn in range(2):
                 for shape in same:
                     self.progress(f"trying: {shape.name}")
-                found = [trial.score(shape, COARSE) for shape in same]
+                found = [trial.score(shape, self.setup.strengths[::2]) for shape in same]
                 if turn == 0 and powers != (0,):
                     best = choose(found)
                     trial.linearise(trial.refine(best), best.shape, powers)
@@ -74,27 +68,24 @@ class Search:
         groups = [[c for c in tried if c.shape.rate == rate] for rate in (False, True)]
         return [choose(group) for group in groups if group]
 
-    def _find_offset(self, tried: Sequence[Candidate]) -> list[Candidate]:
-        """Rate-dependent candidates about the offset that their equation asks for."""
-        if self.setup.virgin or not self.wanted[-1].rate:
-            return []
-        best = self._bests(tried)[-1]
-        trial = self._about(best)
-        free = trial.score(best.shape, (best.strength,), ahead=True)
-        offset = estimate_offset(free, self.r)
-        if offset is None:
-            return []
-        middle = 0.5 * (self.setup.drive_min + self.setup.drive_max)
-        reach = FARTHEST * self.setup.span
-        offset = float(np.clip(offset, middle - reach, middle + reach))
-        self.progress("trying another offset of the drive")
-        return self._try([s for s in self.wanted if s.rate], offset, None)
-
-    def _about(self, best: Candidate) -> Trial:
-        """The equations about a candidate's own fit."""
-        trial = Trial(self.setup, self.picks, self.r, best.offset, best.lag)
-        trial.linearise(best.params, best.shape, best.shape.powers)
-        return trial
+    def choose(self, tried: Sequence[Candidate]) -> Candidate:
+        """The structure to take: rate-dependence only where it foretells ways of the drive that it
+        has not seen, as a rate and a place on one loop go together."""
+        bests = self._bests(tried)
+        if len(bests) == 1:
+            return bests[0]
+        static, rate = bests
+        if rate.held.sum() < TUNING.clear_rate * static.held.sum():
+            return rate
+        if not pays(static, rate):
+            return static
+        whole = self.setup.by_ways()
+        scored = []
+        for one in bests:
+            trial = Trial(whole, self.picks, self.r, one.offset, one.lag)
+            trial.linearise(one.params, one.shape, one.shape.powers)
+            scored.append(trial.score(one.shape, whole.strengths[::2]))
+        return rate if pays(*scored, clear=0.0) else static
 
     def _find_lags(self, tried: Sequence[Candidate]) -> list[Candidate]:
         """Candidates with linear dynamics, where the rate alone has something to say."""

@@ -47,9 +47,20 @@ class FitSetup:
         if self.virgin:
             return (0.0,)
         middle = 0.5 * (self.drive_min + self.drive_max)
-        near_zero = self.drive_min - 0.25 * self.span <= 0.0 <= self.drive_max + 0.25 * self.span
-        found = (middle, 0.0) if near_zero and middle != 0.0 else (middle,)
+        reach = TUNING.farthest * self.span
+        found = (middle, 0.0) if 0.0 < abs(middle) <= reach else (middle,)
         return found if self.running is None else (*found, self.running)
+
+    @property
+    def strengths(self) -> tuple[float, ...]:
+        """Strengths of the prior to try; strong ones alone where little of a loop is shown."""
+        return TUNING.strengths if self.running is None else TUNING.strengths[-2:]
+
+    def by_ways(self) -> "FitSetup":
+        """The same with whole ways of the drive, from turn to turn, held out."""
+        rows = [replace(one) for one in self.rows]
+        folds = assign_pieces(rows, self.picks, self.drive_min, self.drive_max, 1)
+        return replace(self, rows=rows, folds=folds)
 
     @property
     def span(self) -> float:

@@ -46,7 +46,7 @@ class Candidate:
     """One structure tried. held: (pieces,) misfit of each stretch foretold without it, over sizes:
     (pieces,) its rows; fitted: the same fitted to all;
     strength: of the prior; params: fitted to all stretches; lag: linear
-    dynamics; ahead: the rate alone was let in, which shows whether a lag or an offset is missing."""
+    dynamics; """
 
     shape: Shape
     offset: float
@@ -57,7 +57,6 @@ class Candidate:
     params: Params
     strength: float
     lag: Dynamics | None = None
-    ahead: bool = False
 
     @property
     def held_rms(self) -> float:
@@ -71,11 +70,12 @@ class Candidate:
         return len(shape.powers) + shape.even + 3 * shape.rate + 2 * (self.lag is not None)
 
 
-def pays(simple: Candidate, rich: Candidate) -> bool:
-    """Does the richer one foretell better, by more than chance over the stretches?"""
+def pays(simple: Candidate, rich: Candidate, clear: float = TUNING.clear) -> bool:
+    """Does the richer one foretell better, by more than chance over the stretches? clear: the share
+    of the misfit below which chance is not asked."""
     if rich.held.sum() > simple.held.sum() * (1.0 - TUNING.tolerance):
         return False
-    if rich.held.sum() < simple.held.sum() * TUNING.clear:
+    if rich.held.sum() < simple.held.sum() * clear:
         return True
     used = (simple.sizes > 0) & (simple.held > 0.0) & (rich.held > 0.0)
     if not used.any():
@@ -154,10 +154,9 @@ class Trial:
         n = self.r.size
         slopes = params.slopes if shape.rate else np.tile(params.slopes, 2)
         known = dict(zip(shape.powers, params.c, strict=True))
-        ahead = params.ahead if params.ahead.size else np.zeros(1)
         c = np.array([known.get(p, 0.0) for p in powers])
         self.powers = powers
-        self.like = Params(slopes[: 2 * n], c, params.shifts, ahead)
+        self.like = Params(slopes[: 2 * n], c, params.shifts)
         whole = Shape(True, powers)
         self.normals = [assemble([lot], whole, self.like) for lot in self.lots]
 
@@ -165,17 +164,16 @@ class Trial:
         self,
         shape: Shape,
         strengths: Sequence[float],
-        ahead: bool = False,
         loose: bool = True,
     ) -> Candidate:
         """A structure by what it foretells, at the best of these strengths of the prior.
 
         loose: narrow operators may at first run the wrong way.
         """
-        ties = self._tie(shape, ahead)
+        ties = self._tie(shape)
         parts = [_reduce(one, ties) for one in self.normals]
         total = _sum(parts)
-        like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1, ahead)
+        like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
         narrow = TUNING.narrow * self.setup.span if loose else 0.0
         low, high = make_bounds(like, self.setup.limits, self.r, narrow)
         p, free = bounded_solve(total.gram, total.right, low, high)
@@ -201,7 +199,7 @@ class Trial:
         sizes = np.array([float(part.count) for part in parts])
         fitted = np.array([part.misfit_at(best[2]) for part in parts])
         return Candidate(
-            shape, self.offset, best[1], fitted, sizes, good, params, best[3], self.lag, ahead
+            shape, self.offset, best[1], fitted, sizes, good, params, best[3], self.lag
         )
 
     def refine(self, found: Candidate) -> Params:
@@ -216,7 +214,7 @@ class Trial:
 
     def misfit(self, shape: Shape, strength: float, noise: float, loose: bool) -> float:
         """Misfit of a structure fitted to all stretches, as linearised. noise: its power."""
-        ties = self._tie(shape, False)
+        ties = self._tie(shape)
         total = _sum([_reduce(one, ties) for one in self.normals])
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
         narrow = TUNING.narrow * self.setup.span if loose else 0.0
@@ -225,13 +223,13 @@ class Trial:
         p, _ = bounded_solve(whole.gram, whole.right, low, high)
         return total.misfit_at(p)
 
-    def _tie(self, shape: Shape, ahead: bool) -> Floats:
+    def _tie(self, shape: Shape) -> Floats:
         """(all, some) which unknown of the whole each unknown of a structure stands for."""
         n = self.r.size
         eye = np.eye(self.like.packed().size)
         slopes = eye[:, : 2 * n] if shape.rate else eye[:, :n] + eye[:, n : 2 * n]
         at = [2 * n + self.powers.index(p) for p in shape.powers]
-        rest = 2 * n + len(self.powers) + np.arange(self.like.shifts.size + ahead)
+        rest = 2 * n + len(self.powers) + np.arange(self.like.shifts.size)
         return np.hstack([slopes, eye[:, at], eye[:, rest]])
 
 

@@ -34,7 +34,6 @@ class Tuning(NamedTuple):
     nearby: float = 0.05  # the way that tells the direction at the start
     # structure
     folds: int = 8
-    fewest_folds: int = 4
     pieces: int = 4  # of each fold
     parts: int = 16  # of a way between two turns
     turn: float = 0.05  # a smaller way back is no turn
@@ -42,6 +41,7 @@ class Tuning(NamedTuple):
     sure: float = 2.0  # standard errors of the mean gain over folds, that a richer model must have
     tolerance: float = 0.02  # of the held-out power: less is not worth a larger model
     clear: float = 0.6  # of the held-out power: a structure that leaves no more pays at once
+    clear_rate: float = 0.1  # the same for rate-dependence, which else must foretell whole ways
     coarse: int = 32  # operators while structures are compared
     fine: int = 40  # and in the model
     finest: int = 48  # where the number in the model is given, before some are dropped
@@ -52,6 +52,7 @@ class Tuning(NamedTuple):
     least_explained: float = 0.5  # of the displacement's power, held out: else it does not follow
     start_factor: float = 2.0  # rms at the start over the rest, that the assumed start may leave
     start_share: float = 0.01  # of the displacement's range that it may leave anyway
+    farthest: float = 5.0  # an offset may lie this many spans from the middle of the drive
     # linear dynamics
     most_lead: float = 1.0  # sampling periods
     near_half: float = 0.2  # sampling periods; a lead so near half a period is taken for that
@@ -59,6 +60,8 @@ class Tuning(NamedTuple):
     hopeless: float = 2.5  # times the best error: a static structure so far off needs no lag
     longest_lag: float = 0.5  # of the time in which the drive at its fastest crosses its range
     least_damping: float = 0.45  # below it rings: a resonance, and no lag
+    blocks: int = 20  # of time, whose means tell a drift
+    sure_drift: float = 5.0  # standard errors of its slope
     # sizes
     rows_compared: int = 12_000  # for the choice of the structure
     rows_slope: int = 1_000_000  # for the mean slope

@@ -133,7 +133,8 @@ def bias(bars: Bars) -> None:
                     rec = cases.record(truth.run, ahead, 0.02, seed)
                     rec = cases.begin_late(rec, 500) if begin else rec
                     model = identify([rec]).model
-                    whole = np.concatenate([lead, other])
+                    once = cases.triangle(cases.times(1.0), low, high)  # what is wide is settled
+                    whole = np.concatenate([lead, once, other])
                     e = (predict(model, whole) - truth.run(whole))[1500:]
                     errors.append(float(np.std(e)))
                 ratios.append(errors)
