@@ -61,6 +61,12 @@ class Dynamics:
             return self.theta[1] / (math.pi * self.theta[0])
         return -self.theta[0] if self.kind == "lead" else self.theta[0]
 
+    @property
+    def short(self) -> bool:
+        """A shift in time, beside which narrow operators may be free; what they would imitate of a
+        lag they must not."""
+        return self.kind in ("lead", "delay")
+
     def before(self, rows: Rows) -> Rows:
         """The rows with the drive as it reaches the hysteresis."""
         if self.place != "drive":

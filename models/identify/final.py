@@ -53,7 +53,7 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     trial.linearise(start, shape, shape.powers)
     scored = trial.score(shape, setup.strengths)
     strength, prior = scored.strength, Prior(r, setup.slope, 0.5 * setup.span)
-    narrow = TUNING.narrow * setup.span
+    narrow = TUNING.narrow * setup.span * trial.loose
     picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // (2 * r.size)))
     equations = setup.equations(picks, r, offset, lag, shape.rate)
     count = sum(lot.y.size for lot in equations)

@@ -70,7 +70,7 @@ class LagSearch:
     def _score(self, lag: Dynamics) -> Candidate:
         """The structure with this lag, as it foretells."""
         trial, shape = self._trial(lag, False), self.candidate.shape
-        return trial.score(shape, TUNING.strengths[::2], loose=lag.kind in ("lead", "delay"))
+        return trial.score(shape, TUNING.strengths[::2])
 
     def _trial(self, lag: Dynamics | None, fine: bool) -> Trial:
         c, (r, params) = self.candidate, self.begin[fine]

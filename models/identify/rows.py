@@ -25,7 +25,8 @@ class Rows:
     u, rate, y: (N,) drive, du/dt over the true time step, displacement; NaN where unknown.
     use: (N,) rows that may stand as equations. resets: rows where the stage's memory is unknown.
     settled: (N,) rows at which no operator up to the widest depends on the unknown start.
-    virgin: the start looks de-energised. notes: what a reader should be told.
+    virgin: the start looks de-energised. notes: what a reader should be told. piece: (N,) stretch of
+    the drive.
     """
 
     name: str
@@ -40,6 +41,10 @@ class Rows:
     period_s: float
     notes: list[str] = field(default_factory=list)
     piece: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        if self.piece.size != self.u.size:  # until stretches are told apart
+            self.piece = np.zeros(self.u.size, dtype=np.int64)
 
 
 def read_rows(recording: Recording, span: float | None = None) -> Rows:

@@ -142,6 +142,7 @@ class Trial:
         lag: Dynamics | None = None,
     ) -> None:
         self.setup, self.r, self.offset, self.lag = setup, r, offset, lag
+        self.loose = lag is None or lag.short  # narrow operators may at first run the wrong way
         self.prior = Prior(r, setup.slope, 0.5 * setup.span)
         equations = setup.equations(picks, r, offset, lag)
         self.lots = sort_by_piece(equations, setup.folds * TUNING.pieces)
@@ -164,12 +165,9 @@ class Trial:
         self,
         shape: Shape,
         strengths: Sequence[float],
-        loose: bool = True,
     ) -> Candidate:
-        """A structure by what it foretells, at the best of these strengths of the prior.
-
-        loose: narrow operators may at first run the wrong way.
-        """
+        """A structure by what it foretells, at the best of these strengths of the prior."""
+        loose = self.loose
         ties = self._tie(shape)
         parts = [_reduce(one, ties) for one in self.normals]
         total = _sum(parts)
@@ -205,11 +203,11 @@ class Trial:
     def refine(self, found: Candidate) -> Params:
         """The candidate's parameters after a few more steps, about themselves."""
         bounds = make_bounds(
-            found.params, self.setup.limits, self.r, TUNING.narrow * self.setup.span
+            found.params, self.setup.limits, self.r, TUNING.narrow * self.setup.span * self.loose
         )
         return solve(
             lambda: self.lots, found.shape, found.params, bounds, self.prior, found.strength,
-            steps=3, tolerance=1e-3, loose=True,
+            steps=3, tolerance=1e-3, loose=self.loose,
         ).params  # fmt: skip
 
     def misfit(self, shape: Shape, strength: float, noise: float, loose: bool) -> float:
