@@ -19,6 +19,13 @@ from dehyst.models.identify.final import Fitted, fit_all
 from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.rows import Rows, read_rows
 from dehyst.models.identify.search import Search
+from dehyst.models.identify.sense import (
+    require_better_than_a_line,
+    require_drive_first,
+    require_one_stage,
+    require_times_in_seconds,
+    rms,
+)
 from dehyst.models.identify.setup import FitSetup, set_up
 from dehyst.models.identify.structure import Candidate, choose, list_shapes
 from dehyst.models.identify.tuning import TUNING
@@ -50,6 +57,15 @@ class Options:
 
 
 @dataclass(frozen=True)
+class Left:
+    """What the model leaves in one recording: rms, and the rms of its noise."""
+
+    name: str
+    rms: float
+    noise: float
+
+
+@dataclass(frozen=True)
 class Identification:
     """The model and what it is worth.
 
@@ -69,6 +85,7 @@ class Identification:
     tried: tuple[Candidate, ...]
     orders: tuple[tuple[int, float], ...]
     noise_rms: float
+    recordings: tuple[Left, ...]
     notes: tuple[str, ...] = field(default_factory=tuple)
 
 
@@ -94,13 +111,20 @@ def identify(
     progress("reading the drive")
     spans = [float(np.nanmax(r.drive) - np.nanmin(r.drive)) for r in recordings if _has_drive(r)]
     rows = [read_rows(r, max(spans, default=0.0)) for r in recordings]
+    require_times_in_seconds(rows)
+    require_drive_first(rows)
     found = _search(set_up(rows, options.monotone), options, progress)
     if not _start_agrees(found.setup, found.residuals()):
         setup = set_up(rows, options.monotone, trust_start=False)
         found = _search(setup, options, progress)
         found.notes.append("the start does not fit a de-energised stage; it was left out")
+    found = _follow_drift(found)
+    residuals, picks = found.residuals(), found.setup.picks
+    if len(rows) > 1:
+        _require_one_stage(found, residuals, recordings, options)
+    require_better_than_a_line(found.setup, residuals, picks)
     progress("intervals")
-    return _result(_follow_drift(found), recordings)
+    return _result(found, residuals, recordings)
 
 
 @dataclass
@@ -193,11 +217,32 @@ def _follow_drift(found: _Found) -> _Found:
     return replace(found, fitted=replace(fitted, params=fitted.params._replace(c=c)))
 
 
-def _result(found: _Found, recordings: Sequence[Recording]) -> Identification:
+def _require_one_stage(
+    found: _Found, residuals: Sequence[Floats], recordings: Sequence[Recording], options: Options
+) -> None:
+    """Raise BadRecording where one of several recordings is told much better by its own model."""
+    setup, f = found.setup, found.fitted
+    best = replace(f.scored, params=f.params._replace(shifts=np.zeros(0)))
+    alone, together = [], []
+    for one, pick, error in zip(setup.rows, setup.picks, residuals, strict=True):
+        if int(np.count_nonzero(pick)) < TUNING.fewest_rows:
+            continue
+        own = replace(setup, rows=[one], picks=[pick])
+        fitted = fit_all(own, best, f.r, options.order)
+        left = own.residuals(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)[0]
+        alone.append(rms(left[pick]))
+        together.append(rms(error[pick]))
+    names = [one.name for one in setup.rows]
+    if len(alone) == len(names):
+        require_one_stage(names, together, alone, recordings[0].displacement_unit)
+
+
+def _result(
+    found: _Found, residuals: Sequence[Floats], recordings: Sequence[Recording]
+) -> Identification:
     """The model and its worth."""
     setup, picks, fitted = found.setup, found.setup.picks, found.fitted
     cov = estimate_covariance(fitted.equations, fitted.shape, fitted.params, fitted.free, fitted.normal)
-    residuals = found.residuals()
     noise = float(np.nanmedian([estimate_noise(e) for e in residuals]))
     power = sum(float(np.sum(e[p] ** 2)) for e, p in zip(residuals, picks, strict=True))
     size = sum(int(np.count_nonzero(p)) for p in picks)
@@ -232,6 +277,10 @@ def _result(found: _Found, recordings: Sequence[Recording]) -> Identification:
         tried=tuple(found.tried),
         orders=fitted.orders,
         noise_rms=noise,
+        recordings=tuple(
+            Left(one.name, rms(e[p]), estimate_noise(e))
+            for one, e, p in zip(setup.rows, residuals, picks, strict=True)
+        ),
         notes=(*(n for one in setup.rows for n in one.notes), *found.notes),
     )
 

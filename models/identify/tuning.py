@@ -13,6 +13,12 @@ class Tuning(NamedTuple):
     long_gap: float = 5.5  # periods; over a longer gap the drive may have turned unseen
     near_zero: float = 0.01  # still counts as de-energised
     steadier: float = 0.7  # the drive must be this much smoother by number than by time stamp
+    # what cannot be drive and displacement of one stage
+    slow_period_s: float = 0.5
+    smooth_step: float = 0.1  # of the span, by which a drive in the wrong unit of time still goes
+    backward_loop: float = 0.01  # of its box, by which the drive runs behind
+    no_worse: float = 1.0  # times the rms that a straight line leaves
+    one_stage: float = 4.0  # times the rms of a model of its own, that the common one may leave
     # outliers
     lone: float = 8.0  # a lone drive value this many robust standard deviations off is a glitch
     glitch_steps: float = 4.0  # and this many steps around it; where a drive turns it is below 2
