@@ -49,7 +49,7 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     some = thin(setup.picks, TUNING.rows_compared)
     shape, offset, lag = best.shape, best.offset, best.lag
     start = regrid(best.params, coarse, r, shape)
-    trial = Trial(setup, some, r, offset, lag)
+    trial = Trial(setup, some, r, offset, lag, best.loose)
     trial.linearise(start, shape, shape.powers)
     scored = trial.score(shape, setup.strengths)
     strength, prior = scored.strength, Prior(r, setup.slope, 0.5 * setup.span)

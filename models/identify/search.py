@@ -37,12 +37,16 @@ class Search:
         return tried + self._find_lags(tried)
 
     def _try(
-        self, shapes: Sequence[Shape], offset: float, lag: Dynamics | None
+        self,
+        shapes: Sequence[Shape],
+        offset: float,
+        lag: Dynamics | None,
+        loose: bool | None = None,
     ) -> list[Candidate]:
         """Every one of the shapes, linearised about the straight fit and then about the best."""
         if not shapes:
             return []
-        trial = Trial(self.setup, self.picks, self.r, offset, lag)
+        trial = Trial(self.setup, self.picks, self.r, offset, lag, loose)
         out: list[Candidate] = []
         for rate in sorted({s.rate for s in shapes}):
             same = [s for s in shapes if s.rate == rate]
@@ -82,7 +86,7 @@ class Search:
         whole = self.setup.by_ways()
         scored = []
         for one in bests:
-            trial = Trial(whole, self.picks, self.r, one.offset, one.lag)
+            trial = Trial(whole, self.picks, self.r, one.offset, one.lag, one.loose)
             trial.linearise(one.params, one.shape, one.shape.powers)
             scored.append(trial.score(one.shape, whole.strengths[::2]))
         return rate if pays(*scored, clear=0.0) else static
@@ -100,7 +104,8 @@ class Search:
             found = LagSearch(self.setup, self.picks, self.r, best).find()
             if found:
                 lag = min(found, key=lambda c: c.held_rms).lag
-                out += self._try(
-                    [s for s in self.wanted if s.rate == best.shape.rate], best.offset, lag
-                )
+                assert lag is not None
+                same = [s for s in self.wanted if s.rate == best.shape.rate]
+                for loose in (True,) if lag.short else (False, True):
+                    out += self._try(same, best.offset, lag, loose)
         return out

@@ -46,7 +46,7 @@ class Candidate:
     """One structure tried. held: (pieces,) misfit of each stretch foretold without it, over sizes:
     (pieces,) its rows; fitted: the same fitted to all;
     strength: of the prior; params: fitted to all stretches; lag: linear
-    dynamics; """
+    dynamics; loose: narrow operators were free; """
 
     shape: Shape
     offset: float
@@ -57,6 +57,7 @@ class Candidate:
     params: Params
     strength: float
     lag: Dynamics | None = None
+    loose: bool = True
 
     @property
     def held_rms(self) -> float:
@@ -85,10 +86,11 @@ def pays(simple: Candidate, rich: Candidate, clear: float = TUNING.clear) -> boo
     return _is_sure(share) or (_is_sure(power) and float(np.median(share)) > 0.0)
 
 
-def shows(simple: Candidate, rich: Candidate) -> bool:
-    """Does the richer one, of one unknown more, fit better by more than chance over the pieces?"""
+def shows(simple: Candidate, rich: Candidate, least: float = TUNING.worth_trying) -> bool:
+    """Does the richer one, of few unknowns more, fit better by more than chance over the pieces?
+    least: share of the misfit that it must take away."""
     gain = simple.fitted - rich.fitted
-    return gain.sum() > TUNING.worth_trying * simple.fitted.sum() and _is_sure(gain)
+    return bool(gain.sum() > least * simple.fitted.sum()) and _is_sure(gain)
 
 
 def _is_sure(gain: Floats) -> bool:
@@ -106,9 +108,9 @@ def choose(tried: Sequence[Candidate]) -> Candidate:
     in the fit counts as well, unless held-out stretches speak against it. Then of the kinds.
     """
     known = [c for c in tried if c.invertible] or list(tried[:1])
-    kinds: dict[tuple[bool, float, Dynamics | None], list[Candidate]] = {}
+    kinds: dict[tuple[bool, float, Dynamics | None, bool], list[Candidate]] = {}
     for c in known:
-        kinds.setdefault((c.shape.rate, c.offset, c.lag), []).append(c)
+        kinds.setdefault((c.shape.rate, c.offset, c.lag, c.loose), []).append(c)
     firsts = [_climb(sorted(group, key=lambda c: c.size)) for group in kinds.values()]
     best = min(firsts, key=lambda c: c.held_rms)
     good = [c for c in firsts if c is best or not pays(c, best)]
@@ -123,7 +125,7 @@ def _climb(group: Sequence[Candidate]) -> Candidate:
             c
             for c in group
             if c.size > now.size
-            and (pays(now, c) or (shows(now, c) and c.held.sum() < now.held.sum()))
+            and (pays(now, c) or (shows(now, c, TUNING.climb) and c.held.sum() < now.held.sum()))
         ]
         if not richer:
             return now
@@ -140,9 +142,11 @@ class Trial:
         r: Floats,
         offset: float,
         lag: Dynamics | None = None,
+        loose: bool | None = None,
     ) -> None:
         self.setup, self.r, self.offset, self.lag = setup, r, offset, lag
-        self.loose = lag is None or lag.short  # narrow operators may at first run the wrong way
+        # narrow operators may at first run the wrong way
+        self.loose = (lag is None or lag.short) if loose is None else loose
         self.prior = Prior(r, setup.slope, 0.5 * setup.span)
         equations = setup.equations(picks, r, offset, lag)
         self.lots = sort_by_piece(equations, setup.folds * TUNING.pieces)
@@ -197,7 +201,8 @@ class Trial:
         sizes = np.array([float(part.count) for part in parts])
         fitted = np.array([part.misfit_at(best[2]) for part in parts])
         return Candidate(
-            shape, self.offset, best[1], fitted, sizes, good, params, best[3], self.lag
+            shape, self.offset, best[1], fitted, sizes, good, params, best[3], self.lag,
+            self.loose,
         )
 
     def refine(self, found: Candidate) -> Params:
