@@ -66,9 +66,9 @@ def report_identification(
     )
     out.add_heading("Structure")
     out.add_text(
-        "Chosen by what foretells stretches of the drive that were held out: the simplest structure "
-        "against which no richer one gains more than chance. Operators are many and their slopes "
-        "smooth, as far as held-out stretches say so.",
+        "Chosen by what foretells stretches of the drive that were held out: the simplest "
+        "structure against which no richer one gains more than chance. Operators are many and "
+        "their slopes smooth, as far as held-out stretches say so.",
         "soft",
     )
     if result.orders:

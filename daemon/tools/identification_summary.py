@@ -70,7 +70,9 @@ def summary(
 
 def block_name(block: Block) -> str:
     """A block in words."""
-    numbers = ", ".join(f"{key} {value:.4g}" for key, value in block.params.items() if key != "share")
+    numbers = ", ".join(
+        f"{key} {value:.4g}" for key, value in block.params.items() if key != "share"
+    )
     return f"{KINDS[block.kind].says} at the {block.place} ({numbers})"
 
 

@@ -169,15 +169,21 @@ def gather(equations: Iterable[Equations]) -> list[Equations]:
 def _join(lots: Sequence[Equations]) -> Equations:
     if len(lots) == 1:
         return lots[0]
-    parts = (np.concatenate([lot[i] for lot in lots]) for i in range(5))
-    return Equations(*parts, weight=lots[0].weight)
+    return Equations(
+        np.concatenate([lot.d for lot in lots]),
+        np.concatenate([lot.e for lot in lots]),
+        np.concatenate([lot.y for lot in lots]),
+        np.concatenate([lot.group for lot in lots]),
+        np.concatenate([lot.piece for lot in lots]),
+        lots[0].weight,
+    )
 
 
 def sort_by_piece(equations: Sequence[Equations], count: int) -> list[Equations]:
     """One lot for each of `count` pieces."""
-    whole = _join(equations)
-    rows = [np.flatnonzero(whole.piece == number) for number in range(count)]
-    return [Equations(*(part[at] for part in whole[:5]), weight=whole.weight) for at in rows]
+    d, e, y, group, piece, weight = _join(equations)
+    rows = [np.flatnonzero(piece == number) for number in range(count)]
+    return [Equations(d[at], e[at], y[at], group[at], piece[at], weight) for at in rows]
 
 
 @njit(cache=True, nogil=True)
@@ -190,9 +196,7 @@ def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: F
         z = 0.0
         if rate:
             for i in range(m):
-                z += 0.5 * (
-                    slopes[i] * (d[t, i] + e[t, i]) + slopes[m + i] * (d[t, i] - e[t, i])
-                )
+                z += 0.5 * (slopes[i] * (d[t, i] + e[t, i]) + slopes[m + i] * (d[t, i] - e[t, i]))
         else:
             for i in range(m):
                 z += slopes[i] * d[t, i]

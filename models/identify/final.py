@@ -7,7 +7,6 @@ invertible model is the one that is close to the data and, on a drive of all kin
 (dehyst.models.identify.comparison_drive), to that first fit alike.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -48,12 +48,14 @@ def assign_pieces(
 
 
 def _label(u: Floats, low: float, high: float, parts: int) -> Ints:
-    """(N,) a number for each row: which way it is on (from where, to where), and which part of it."""
+    """(N,) a number for each row: its way (from where, to where), and which part of it."""
     span = high - low
     starts, ends = _find_ways(u, TUNING.turn * span)
     grid = TUNING.alike * span
     with np.errstate(invalid="ignore"):
-        part = np.clip(parts * np.abs(u - starts) / np.maximum(np.abs(ends - starts), 1e-300), 0, parts - 0.1)
+        part = np.clip(
+            parts * np.abs(u - starts) / np.maximum(np.abs(ends - starts), 1e-300), 0, parts - 0.1
+        )
         numbers = [np.floor(np.nan_to_num((x - low) / grid) + 0.5) for x in (starts, ends)]
     base = 4 * int(np.ceil(1.0 / TUNING.alike))
     return ((numbers[0] * base + numbers[1]) * parts + np.nan_to_num(part) // 1).astype(np.int64)

@@ -169,9 +169,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         progress(f"fitting {best.shape.name} to all rows")
         fitted = fit_all(setup, best, search.r, options.order)
         shape = fitted.shape
-        turns = (
-            setup.margin(fitted.r, shape, fitted.params, best.offset) < TUNING.least_saturation
-        )
+        turns = setup.margin(fitted.r, shape, fitted.params, best.offset) < TUNING.least_saturation
         if not turns or not options.monotone or shape.powers == (0,):
             break
         notes.append(f"{shape.name}: would turn over within reach and was not taken")
@@ -242,7 +240,9 @@ def _result(
 ) -> Identification:
     """The model and its worth."""
     setup, picks, fitted = found.setup, found.setup.picks, found.fitted
-    cov = estimate_covariance(fitted.equations, fitted.shape, fitted.params, fitted.free, fitted.normal)
+    cov = estimate_covariance(
+        fitted.equations, fitted.shape, fitted.params, fitted.free, fitted.normal
+    )
     noise = float(np.nanmedian([estimate_noise(e) for e in residuals]))
     power = sum(float(np.sum(e[p] ** 2)) for e, p in zip(residuals, picks, strict=True))
     size = sum(int(np.count_nonzero(p)) for p in picks)
@@ -268,7 +268,7 @@ def _result(
     )
     return Identification(
         model=model,
-        residuals=residuals,
+        residuals=tuple(residuals),
         used=tuple(picks),
         shape=fitted.shape,
         params=fitted.params,

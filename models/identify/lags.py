@@ -7,6 +7,7 @@ is what a lag does and what free operators would imitate.
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -90,15 +91,19 @@ class LagSearch:
             kind = "lead" if periods < 0.0 else "delay"
             return Dynamics(kind, "drive", (abs(periods) * self.period,))
 
-        best = _search(lambda x: self._misfit(make(x), True), self._grid(SHIFTS), 6, enough, {0.0: without})
+        best = _search(
+            lambda x: self._misfit(make(x), True), self._grid(SHIFTS), 6, enough, {0.0: without}
+        )
         return None if best is None else make(max(best, -TUNING.most_lead))
 
     def _round(self, lag: Dynamics) -> Dynamics:
         """A lead near half a period is that: a convention, and no measurement."""
         near = abs(lag.theta[0] / self.period - HALF) < TUNING.near_half
-        return Dynamics("lead", "drive", (HALF * self.period,)) if (
-            lag.kind == "lead" and near
-        ) else lag
+        return (
+            Dynamics("lead", "drive", (HALF * self.period,))
+            if (lag.kind == "lead" and near)
+            else lag
+        )
 
     def _grid(self, periods: Sequence[float]) -> list[float]:
         return [p for p in periods if p <= max(self.longest / self.period, 0.5)]
@@ -116,10 +121,14 @@ class LagSearch:
 
         log_f, damping = float(np.log(0.7 / (np.pi * first.theta[0]))), 0.7
         near, damped = np.log((0.6, 1.0, 1.7)), (TUNING.least_damping, 0.8, 1.3)
+
+        def cost(log_f: float, damping: float) -> float:
+            return self._misfit(make(log_f, damping), False)
+
         for _ in range(2):
-            by_f = _search(lambda x, z=damping: self._misfit(make(x, z), False), log_f + near, 3)
+            by_f = _search(partial(cost, damping=damping), log_f + near, 3)
             log_f = log_f if by_f is None else by_f
-            by_z = _search(lambda z, f=log_f: self._misfit(make(f, z), False), damped, 3)
+            by_z = _search(partial(cost, log_f), damped, 3)
             damping = damping if by_z is None else by_z
         return make(log_f, max(damping, TUNING.least_damping))
 

@@ -12,7 +12,7 @@ from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, Trial, choose, pays
 from dehyst.models.identify.thresholds import space_thresholds
 from dehyst.models.identify.tuning import TUNING
-from dehyst.models.recording import Bools, Floats
+from dehyst.models.recording import Bools
 
 
 class Search:
@@ -89,7 +89,7 @@ class Search:
             trial = Trial(whole, self.picks, self.r, one.offset, one.lag, one.loose)
             trial.linearise(one.params, one.shape, one.shape.powers)
             scored.append(trial.score(one.shape, whole.strengths[::2]))
-        return rate if pays(*scored, clear=0.0) else static
+        return rate if pays(scored[0], scored[1], clear=0.0) else static
 
     def _find_lags(self, tried: Sequence[Candidate]) -> list[Candidate]:
         """Candidates with linear dynamics, where the rate alone has something to say."""

@@ -73,8 +73,10 @@ def require_better_than_a_line(
         line = measure_line(one.u[pick], one.y[pick])
         left = rms(error[pick])
         if not left <= line * TUNING.no_worse:
-            belongs = "the recordings are of different stages" if len(setup.rows) > 1 else (
-                "too little of the loop is shown"
+            belongs = (
+                "the recordings are of different stages"
+                if len(setup.rows) > 1
+                else ("too little of the loop is shown")
             )
             raise BadRecording(
                 f"{one.name}: the best model leaves {left:.4g} and a straight line {line:.4g} rms; "

@@ -46,7 +46,7 @@ class Candidate:
     """One structure tried. held: (pieces,) misfit of each stretch foretold without it, over sizes:
     (pieces,) its rows; fitted: the same fitted to all;
     strength: of the prior; params: fitted to all stretches; lag: linear
-    dynamics; loose: narrow operators were free; """
+    dynamics; loose: narrow operators were free;"""
 
     shape: Shape
     offset: float
@@ -201,7 +201,15 @@ class Trial:
         sizes = np.array([float(part.count) for part in parts])
         fitted = np.array([part.misfit_at(best[2]) for part in parts])
         return Candidate(
-            shape, self.offset, best[1], fitted, sizes, good, params, best[3], self.lag,
+            shape,
+            self.offset,
+            best[1],
+            fitted,
+            sizes,
+            good,
+            params,
+            best[3],
+            self.lag,
             self.loose,
         )
 

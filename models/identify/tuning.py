@@ -1,6 +1,6 @@
 """The constants of identification, judged by two benchmarks: tests/benchmarks/models/foretell.py
-(structure, prior, comparison) and tests/benchmarks/models/identify.py (rows and outliers by its part
-`faults`, sizes by `speed` and `length`)."""
+(structure, prior, comparison) and tests/benchmarks/models/identify.py (rows and outliers by its
+part `faults`, sizes by `speed` and `length`)."""
 
 from typing import NamedTuple
 

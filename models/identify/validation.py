@@ -111,7 +111,7 @@ def validate(model: Model, recording: Recording) -> Validation:
         predicted=out,
         autocorrelation=own,
         with_drive=drive,
-        chance=SURE / float(np.sqrt(max(1, np.count_nonzero(~np.isnan(error))))),
+        chance=SURE / max(1.0, float(np.count_nonzero(~np.isnan(error)))) ** 0.5,
         outside=_measure_outside(model, u, t),
     )
 

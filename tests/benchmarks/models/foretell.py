@@ -141,7 +141,9 @@ def bias(bars: Bars) -> None:
             mean = NM * np.sqrt(np.mean(np.square(ratios), axis=0))
             print(f"{name} {low:3} to {high:3} V: {mean[0]:.1f} nm, full range {mean[1]:.1f} nm",
                   flush=True)  # fmt: skip
-            bars.most(f"{name}, {low} to {high} V: over a full-range drive's", mean[0] / mean[1], 1.5)
+            bars.most(
+                f"{name}, {low} to {high} V: over a full-range drive's", mean[0] / mean[1], 1.5
+            )
 
 
 def real(bars: Bars) -> None:
@@ -184,7 +186,10 @@ def static(bars: Bars) -> None:
     for seed in range(950, 970):
         rng = np.random.default_rng(seed)
         run = cases.preisach if seed % 2 else cases.smooth().run
-        parts = [(float(a), float(f)) for a, f in zip(rng.uniform(1, 3, 2), rng.uniform(1, 9, 2), strict=True)]
+        parts = [
+            (float(a), float(f))
+            for a, f in zip(rng.uniform(1, 3, 2), rng.uniform(1, 9, 2), strict=True)
+        ]
         u = cases.sines(t, *parts)
         u *= 10.0 / u.max()
         rec = cases.record(run, u, 0.02, seed)

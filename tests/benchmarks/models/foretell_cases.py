@@ -49,9 +49,7 @@ class Truth:
 
     def stretched(self, factor: float) -> "Truth":
         """The same stage with a drive range that is `factor` times as wide."""
-        return Truth(
-            self.r * factor, self.b / factor, self.k / factor**2, self.c, self.central
-        )
+        return Truth(self.r * factor, self.b / factor, self.k / factor**2, self.c, self.central)
 
 
 def paper(central: bool = False) -> Truth:
