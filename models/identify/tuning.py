@@ -46,7 +46,7 @@ class Tuning(NamedTuple):
     alike: float = 0.1  # ways whose ends differ by less are one
     sure: float = 2.0  # standard errors of the mean gain over folds, that a richer model must have
     tolerance: float = 0.02  # of the held-out power: less is not worth a larger model
-    climb: float = 0.01  # of the misfit, that a power of z must take away to show in the fit
+    climb: float = 0.003  # of the misfit, that a power of z must take away to show in the fit
     clear: float = 0.6  # of the held-out power: a structure that leaves no more pays at once
     clear_rate: float = 0.1  # the same for rate-dependence, which else must foretell whole ways
     coarse: int = 32  # operators while structures are compared
