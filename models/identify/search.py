@@ -2,6 +2,7 @@
 these show, all on few operators and few rows."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Shape
@@ -34,7 +35,10 @@ class Search:
                 # a full polynomial takes up a static model's offset
                 shapes = [s for s in shapes if s.rate or 2 not in s.powers]
             tried += self._try(shapes, offset, None)
-        return tried + self._find_lags(tried)
+        found = self._find_lags(tried)
+        shifted = {c.shape.rate for c in found if c.lag is not None and c.lag.short}
+        kept = [replace(c, superseded=c.shape.rate in shifted) for c in tried]
+        return kept + found
 
     def _try(
         self,

@@ -46,7 +46,8 @@ class Candidate:
     """One structure tried. held: (pieces,) misfit of each stretch foretold without it, over sizes:
     (pieces,) its rows; fitted: the same fitted to all;
     strength: of the prior; params: fitted to all stretches; lag: linear
-    dynamics; loose: narrow operators were free;"""
+    dynamics; loose: narrow operators were free; superseded:
+    the fit shows a shift in time that this one lacks;"""
 
     shape: Shape
     offset: float
@@ -58,6 +59,7 @@ class Candidate:
     strength: float
     lag: Dynamics | None = None
     loose: bool = True
+    superseded: bool = False
 
     @property
     def held_rms(self) -> float:
@@ -107,7 +109,7 @@ def choose(tried: Sequence[Candidate]) -> Candidate:
     Of one kind (rate, offset, lag) first, where they differ in a few powers of z: there what shows
     in the fit counts as well, unless held-out stretches speak against it. Then of the kinds.
     """
-    known = [c for c in tried if c.invertible] or list(tried[:1])
+    known = [c for c in tried if c.invertible and not c.superseded] or list(tried[:1])
     kinds: dict[tuple[bool, float, Dynamics | None, bool], list[Candidate]] = {}
     for c in known:
         kinds.setdefault((c.shape.rate, c.offset, c.lag, c.loose), []).append(c)
