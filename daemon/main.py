@@ -24,6 +24,7 @@ COMMANDS = {
     "identify": "identify a model from a recording",
     "excite": "design the drive for a recording, or check that a recording excites enough",
     "simulate": "run a model on a recording's drive",
+    "validate": "how well a model foretells recordings that it has not seen",
     "invert": "turn a trajectory in micrometres into a drive in volts",
     "diagnose": "say what physics a model leaves out of a recording, and model it",
     "send": "send one set-point to a running daemon",

@@ -12,7 +12,7 @@ from dehyst.daemon.report.page import Page
 from dehyst.daemon.report.units import spell_unit
 from dehyst.daemon.report.verdict import verdict
 from dehyst.models.drive_design.coverage import Coverage
-from dehyst.models.identify import Identification
+from dehyst.models.identify import Identification, describe
 from dehyst.models.recording import Recording
 
 Z95 = 1.96
@@ -42,6 +42,14 @@ def report_identification(
     """The whole page as HTML text."""
     out = Page(f"Identification of {model_name}")
     out.add_text(f"From {', '.join(r.name for r in recordings)}, by dehyst {__version__}.", "soft")
+    out.add_text(describe(result.model).sentence(), "lead")
+    out.add_bullets(
+        [
+            f"{one.name}: error {one.rms:.4g} {result.model.displacement_unit} rms, "
+            f"noise {one.noise:.4g}"
+            for one in result.recordings
+        ]
+    )
     out.add_text(verdict(result), "lead")
     _figures(out, result, recordings)
     _validity(out, result)
@@ -58,15 +66,23 @@ def report_identification(
     )
     out.add_heading("Structure")
     out.add_text(
-        "Chosen on held-out rows: the simplest structure within half a per cent of the best power.",
+        "Chosen by what foretells stretches of the drive that were held out: the simplest "
+        "structure against which no richer one gains more than chance. Operators are many and "
+        "their slopes smooth, as far as held-out stretches say so.",
         "soft",
     )
-    out.add_pictures(partial(pictures.draw_orders, result))
+    if result.orders:
+        out.add_pictures(partial(pictures.draw_orders, result))
     _structures(out, result)
     out.add_heading("Parameters")
     out.add_text(ABOUT_PARAMETERS, "soft")
     out.add_pictures(partial(pictures.draw_slopes, result))
     _parameters(out, result)
+    out.add_heading("What to do next")
+    out.add_text(
+        "Record another waveform of the same stage, slower and faster, smaller and larger, and see "
+        f"whether it is foretold: dehyst validate {model_name} REC.csv"
+    )
     return out.to_html()
 
 
@@ -111,11 +127,14 @@ def _structures(out: Page, result: Identification) -> None:
     unit, drive_unit = result.model.displacement_unit, spell_unit(result.model.drive_unit)
     rows, chosen = [], None
     for i, c in enumerate(result.tried):
-        if c.shape == result.shape and c.offset == result.model.hysteresis.u_offset:
+        blocks = () if c.lag is None else (c.lag.block,)
+        same = c.shape == result.shape and blocks == result.model.blocks
+        if same and c.offset == result.model.hysteresis.u_offset:
             chosen = i
         held, invertible = f"{c.held_rms:.4g}", "yes" if c.invertible else "no"
-        rows.append([c.shape.name, f"{c.offset:.4g}", held, invertible])
-    head = ["structure", f"drive offset, {drive_unit}", f"held out, {unit} rms"]
+        lag = "none" if c.lag is None else c.lag.name
+        rows.append([c.shape.name, lag, f"{c.offset:.4g}", held, invertible])
+    head = ["structure", "lag", f"drive offset, {drive_unit}", f"held out, {unit} rms"]
     out.add_table([*head, "can be inverted"], rows, chosen)
 
 

@@ -5,9 +5,12 @@ from typing import Any
 
 from dehyst.daemon.report.verdict import verdict
 from dehyst.models.drive_design.coverage import Coverage
-from dehyst.models.identify import Identification
+from dehyst.models.identify import Identification, describe
+from dehyst.models.model import Block
+from dehyst.models.physics import KINDS
 
 Z95 = 1.96  # standard deviations of a 95 % interval
+NEXT = "next: record another waveform, and see whether it is foretold: dehyst validate {} REC.csv"
 
 
 def _missing(result: Identification, covered: Coverage) -> list[str]:
@@ -18,7 +21,7 @@ def summary(
     result: Identification, covered: Coverage, output: Path, seconds: float, report: Path | None
 ) -> dict[str, Any]:
     """The result for machines."""
-    fit, v = result.model.fit, result.model.validity
+    fit, v, figures = result.model.fit, result.model.validity, describe(result.model)
     return {
         "model": str(output),
         "report": str(report) if report else None,
@@ -31,6 +34,14 @@ def summary(
         "rms": fit.rms,
         "holdout_rms": fit.holdout_rms,
         "noise_rms": fit.noise_rms,
+        "stroke": figures.stroke,
+        "gain": figures.gain,
+        "hysteresis": figures.hysteresis,
+        "offset": figures.offset,
+        "recordings": [
+            {"name": one.name, "rms": one.rms, "noise_rms": one.noise} for one in result.recordings
+        ],
+        "blocks": [block_name(block) for block in result.model.blocks],
         "validity": {
             "drive_min": v.drive_min,
             "drive_max": v.drive_max,
@@ -43,6 +54,7 @@ def summary(
             {
                 "structure": c.shape.name,
                 "drive_offset": c.offset,
+                "dynamics": c.lag.name if c.lag is not None else "",
                 "holdout_rms": c.held_rms,
                 "invertible": c.invertible,
             }
@@ -54,6 +66,14 @@ def summary(
         "missing": _missing(result, covered),
         "seconds": round(seconds, 3),
     }
+
+
+def block_name(block: Block) -> str:
+    """A block in words."""
+    numbers = ", ".join(
+        f"{key} {value:.4g}" for key, value in block.params.items() if key != "share"
+    )
+    return f"{KINDS[block.kind].says} at the {block.place} ({numbers})"
 
 
 def intervals(result: Identification) -> dict[str, Any]:
@@ -98,8 +118,14 @@ def words(result: Identification, covered: Coverage, output: Path, report: Path 
     fit, unit, v = result.model.fit, result.model.displacement_unit, result.model.validity
     drive = result.model.drive_unit
     n = result.model.hysteresis.n
-    lines = [
-        f"{output}: {result.shape.name}, {n} operator{'s' if n > 1 else ''}",
+    lines = [describe(result.model).sentence()]
+    lines += [
+        f"{one.name}: error {one.rms:.4g} {unit} rms, noise {one.noise:.4g}"
+        for one in result.recordings
+    ]
+    lines += [
+        f"{output}: {result.shape.name}, {n} operator{'s' if n > 1 else ''}"
+        + "".join(f", {block_name(block)}" for block in result.model.blocks),
         f"fit {fit.rms:.4g} {unit} rms, held out {fit.holdout_rms:.4g}, noise {fit.noise_rms:.4g}",
         verdict(result),
         f"valid from {v.drive_min:.4g} to {v.drive_max:.4g} {drive}"
@@ -109,4 +135,5 @@ def words(result: Identification, covered: Coverage, output: Path, report: Path 
     lines += [f"missing: {text}" for text in _missing(result, covered)]
     if report:
         lines.append(f"report: {report}")
+    lines.append(NEXT.format(output))
     return "\n".join(lines)

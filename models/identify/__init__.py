@@ -1,5 +1,6 @@
 """Identification: recordings in, an invertible model out, with what it is worth."""
 
+from dehyst.models.identify.figures import Figures, describe
 from dehyst.models.identify.identification import Identification, Options, identify
 
-__all__ = ["Identification", "Options", "identify"]
+__all__ = ["Figures", "Identification", "Options", "describe", "identify"]

@@ -21,6 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dehyst.models.hysteresis.play import play_step
+from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.rows import Rows
 from dehyst.models.recording import Bools, Floats
 
@@ -29,13 +30,16 @@ Ints = NDArray[np.int64]
 
 
 class Equations(NamedTuple):
-    """d: (n, M) play differences D_i; pace: (n,) v / R; y: (n,); group: (n,) recording number;
-    weight: how often each of these equations counts."""
+    """d: (n, M) play differences D_i; e: (n, M) v / R times these, both as the sensor's lag
+    passes them on, or (n, 0) where no rate is wanted; y: (n,); group: (n,)
+    recording number; piece: (n,) stretch of the drive; weight: how often each of these
+    equations counts."""
 
     d: Floats
-    pace: Floats
+    e: Floats
     y: Floats
     group: Ints
+    piece: Ints
     weight: float = 1.0
 
 
@@ -70,33 +74,33 @@ class Params(NamedTuple):
 
     def packed(self) -> Floats:
         """All in one array."""
-        return np.concatenate([self.slopes, self.c, self.shifts])
+        return np.concatenate(self)
 
     @staticmethod
     def unpacked(p: Floats, like: "Params") -> "Params":
         """The inverse of packed()."""
-        a, b = like.slopes.size, like.slopes.size + like.c.size
-        return Params(p[:a], p[a:b], p[b:])
+        ends = np.cumsum([part.size for part in like])[:-1]
+        return Params(*np.split(p, ends))
 
 
 @njit(cache=True, nogil=True)
 def _run_plays(
-    r: Floats, h: Floats, u: Floats, offset: float, pick: Bools, fresh: Bools, out: Floats
+    r: Floats, h: Floats, u: Floats, offset: float, fresh: Bools, d: Floats, at: Ints
 ) -> int:
-    """Run the plays over a lot; write D of the picked rows into out; return their number."""
-    count = 0
-    n = r.size
+    """Run the plays over a lot; write D of the rows with a drive into d and their places into at;
+    return their number."""
+    count, n = 0, r.size
     for t in range(u.size):
         if fresh[t]:
             h[:] = 0.0
         if np.isnan(u[t]):
             continue
         play_step(r, h, u[t] - offset)
-        if pick[t]:
-            for i in range(n - 1):
-                out[count, i] = h[i] - h[i + 1]
-            out[count, n - 1] = h[n - 1]
-            count += 1
+        for i in range(n - 1):
+            d[count, i] = h[i] - h[i + 1]
+        d[count, n - 1] = h[n - 1]
+        at[count] = t
+        count += 1
     return count
 
 
@@ -107,21 +111,45 @@ def make_equations(
     offset: float,
     rate_max: float,
     sign: float,
+    lag: Dynamics | None = None,
+    rate: bool = True,
 ) -> Iterator[Equations]:
-    """Lots of equations for the picked rows of each recording; the plays see every row."""
+    """Lots of equations for the picked rows of each recording; the plays see every row.
+
+    lag: what acts on drive or sensor; rate: whether the rate's columns are wanted.
+    """
     for number, (one, pick) in enumerate(zip(rows, picks, strict=True)):
+        if lag is not None:
+            one = lag.before(one)
         h = np.zeros(r.size)
         fresh = np.zeros(one.u.size, dtype=bool)
         fresh[one.resets] = True
+        width = r.size * (2 if rate else 1)
+        through = lag.behind(width) if lag is not None else None
+        with_rate = rate and rate_max > 0.0
         for start in range(0, one.u.size, ROWS_HELD):
             part = slice(start, min(start + ROWS_HELD, one.u.size))
-            out = np.empty((int(np.count_nonzero(pick[part])), r.size))
-            _run_plays(r, h, one.u[part], offset, pick[part], fresh[part], out)
-            if out.shape[0]:
-                at = pick[part]
-                group = np.full(out.shape[0], number, dtype=np.int64)
-                pace = one.rate[part][at] / rate_max if rate_max else np.zeros(out.shape[0])
-                yield Equations(out, pace, sign * one.y[part][at], group)
+            size = part.stop - part.start
+            d, at = np.empty((size, r.size)), np.empty(size, dtype=np.int64)
+            count = _run_plays(r, h, one.u[part], offset, fresh[part], d, at)
+            d, at = d[:count], at[:count]
+            keep = pick[part][at]
+            if through is None:
+                if not keep.any():
+                    continue
+                d, at = d[keep], at[keep]
+            pace = one.rate[part][at] / rate_max if with_rate else np.zeros(at.size)
+            e = d * pace[:, None] if rate else np.empty((at.size, 0))
+            if through is not None:
+                both = np.ascontiguousarray(np.hstack([d, np.nan_to_num(e)]))
+                through.run(both, one.t_s[part][at], fresh[part][at])
+                both = both[keep]
+                d, e, at = np.ascontiguousarray(both[:, : r.size]), both[:, r.size :], at[keep]
+            if at.size:
+                group = np.full(at.size, number, dtype=np.int64)
+                yield Equations(
+                    d, np.ascontiguousarray(e), sign * one.y[part][at], group, one.piece[part][at]
+                )
 
 
 def gather(equations: Iterable[Equations]) -> list[Equations]:
@@ -138,30 +166,37 @@ def gather(equations: Iterable[Equations]) -> list[Equations]:
     return [*out, _join(few)] if few else out
 
 
-def _join(equations: list[Equations]) -> Equations:
-    if len(equations) == 1:
-        return equations[0]
+def _join(lots: Sequence[Equations]) -> Equations:
+    if len(lots) == 1:
+        return lots[0]
     return Equations(
-        np.concatenate([one.d for one in equations]),
-        np.concatenate([one.pace for one in equations]),
-        np.concatenate([one.y for one in equations]),
-        np.concatenate([one.group for one in equations]),
+        np.concatenate([lot.d for lot in lots]),
+        np.concatenate([lot.e for lot in lots]),
+        np.concatenate([lot.y for lot in lots]),
+        np.concatenate([lot.group for lot in lots]),
+        np.concatenate([lot.piece for lot in lots]),
+        lots[0].weight,
     )
+
+
+def sort_by_piece(equations: Sequence[Equations], count: int) -> list[Equations]:
+    """One lot for each of `count` pieces."""
+    d, e, y, group, piece, weight = _join(equations)
+    rows = [np.flatnonzero(piece == number) for number in range(count)]
+    return [Equations(d[at], e[at], y[at], group[at], piece[at], weight) for at in rows]
 
 
 @njit(cache=True, nogil=True)
 def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: Floats) -> None:
-    d, pace, group = lot.d, lot.pace, lot.group
+    d, e, group = lot.d, lot.e, lot.group
     slopes, c, shifts = params.slopes, params.c, params.shifts
     m = d.shape[1]
     rate = slopes.size == 2 * m
     for t in range(d.shape[0]):
-        up = 0.5 * (1.0 + pace[t])
-        down = 1.0 - up
         z = 0.0
         if rate:
             for i in range(m):
-                z += (up * slopes[i] + down * slopes[m + i]) * d[t, i]
+                z += 0.5 * (slopes[i] * (d[t, i] + e[t, i]) + slopes[m + i] * (d[t, i] - e[t, i]))
         else:
             for i in range(m):
                 z += slopes[i] * d[t, i]
@@ -183,8 +218,8 @@ def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: F
             model += shifts[group[t] - 1]
         if rate:
             for i in range(m):
-                jac[t, i] = gradient * up * d[t, i]
-                jac[t, m + i] = gradient * down * d[t, i]
+                jac[t, i] = 0.5 * gradient * (d[t, i] + e[t, i])
+                jac[t, m + i] = 0.5 * gradient * (d[t, i] - e[t, i])
         else:
             for i in range(m):
                 jac[t, i] = gradient * d[t, i]

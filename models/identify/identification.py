@@ -7,31 +7,27 @@ their bounds.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
-from dehyst.models.identify.equations import Params, Shape, make_equations
-from dehyst.models.identify.fit import make_bounds, solve
+from dehyst.models.identify.dynamics import Dynamics
+from dehyst.models.identify.equations import Params, Shape
+from dehyst.models.identify.final import Fitted, fit_all
 from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.rows import Rows, read_rows
-from dehyst.models.identify.setup import FitSetup, set_up
-from dehyst.models.identify.structure import (
-    Candidate,
-    Choice,
-    choose_thresholds,
-    fit_finest,
-    list_shapes,
-    make_first_grid,
-    make_prior,
-    make_pull,
-    make_pull_equations,
-    pick_shape,
-    split,
-    try_shapes,
+from dehyst.models.identify.search import Search
+from dehyst.models.identify.sense import (
+    require_better_than_a_line,
+    require_drive_first,
+    require_one_stage,
+    require_times_in_seconds,
+    rms,
 )
+from dehyst.models.identify.setup import FitSetup, set_up
+from dehyst.models.identify.structure import Candidate, choose, list_shapes
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import estimate_covariance, estimate_noise, measure_band_hz
 from dehyst.models.model import Fit, Model, Provenance, Validity
@@ -61,6 +57,15 @@ class Options:
 
 
 @dataclass(frozen=True)
+class Left:
+    """What the model leaves in one recording: rms, and the rms of its noise."""
+
+    name: str
+    rms: float
+    noise: float
+
+
+@dataclass(frozen=True)
 class Identification:
     """The model and what it is worth.
 
@@ -80,6 +85,7 @@ class Identification:
     tried: tuple[Candidate, ...]
     orders: tuple[tuple[int, float], ...]
     noise_rms: float
+    recordings: tuple[Left, ...]
     notes: tuple[str, ...] = field(default_factory=tuple)
 
 
@@ -105,13 +111,20 @@ def identify(
     progress("reading the drive")
     spans = [float(np.nanmax(r.drive) - np.nanmin(r.drive)) for r in recordings if _has_drive(r)]
     rows = [read_rows(r, max(spans, default=0.0)) for r in recordings]
+    require_times_in_seconds(rows)
+    require_drive_first(rows)
     found = _search(set_up(rows, options.monotone), options, progress)
     if not _start_agrees(found.setup, found.residuals()):
         setup = set_up(rows, options.monotone, trust_start=False)
         found = _search(setup, options, progress)
         found.notes.append("the start does not fit a de-energised stage; it was left out")
+    found = _follow_drift(found)
+    residuals, picks = found.residuals(), found.setup.picks
+    if len(rows) > 1:
+        _require_one_stage(found, residuals, recordings, options)
+    require_better_than_a_line(found.setup, residuals, picks)
     progress("intervals")
-    return _result(found, recordings)
+    return _result(found, residuals, recordings)
 
 
 @dataclass
@@ -120,101 +133,134 @@ class _Found:
 
     setup: FitSetup
     offset: float
-    shape: Shape
-    choice: Choice
-    params: Params
-    free: Bools
+    lag: Dynamics | None
+    fitted: Fitted
     tried: list[Candidate]
     notes: list[str]
 
     def residuals(self) -> tuple[Floats, ...]:
         """(N,) y - model of each recording."""
-        return self.setup.residuals(self.choice.r, self.shape, self.params, self.offset)
+        f = self.fitted
+        return self.setup.residuals(f.r, f.shape, f.params, self.offset, self.lag)
 
 
 def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) -> _Found:
-    """Structure, outliers, thresholds, and the fit of all rows."""
+    """Structure, outliers, and the fit of all rows."""
     notes = list(setup.notes)
     wanted = list_shapes(options.rate, options.saturation, options.bias)
     if setup.rate_max <= 0.0:
         wanted = [s for s in wanted if not s.rate]
-    tried = try_shapes(setup, wanted, progress)
-    best = pick_shape(tried)
+    search = Search(setup, wanted, progress)
+    tried = search.run()
+    best = search.choose(tried)
     for _ in range(3):
-        params = best.solution.params
-        errors = setup.residuals(make_first_grid(setup), best.shape, params, best.offset)
+        errors = setup.residuals(search.r, best.shape, best.params, best.offset, best.lag)
         setup, count = setup.without_outliers(errors)
-        if count:
-            notes.append(f"{count} lone displacement values far off their neighbours were left out")
+        if not count:
+            break
+        notes.append(f"{count} lone displacement values far off their neighbours were left out")
         if count <= 1e-3 * errors[0].size:
             break
-        tried = try_shapes(setup, wanted, progress)
-        best = pick_shape(tried)
+        search = Search(setup, wanted, progress)
+        tried = search.run()
+        best = search.choose(tried)
     _require_following(setup, best)
     while True:
-        offset = best.offset
-        progress("choosing the thresholds")
-        choice = choose_thresholds(setup, best, options.order, wanted)
-        shape = choice.shape
-        progress(f"fitting {choice.r.size} operators to all rows")
-        params, free = _fit_all(setup, choice, offset)
-        turns = setup.margin(choice.r, shape, params, offset) < TUNING.least_saturation
+        progress(f"fitting {best.shape.name} to all rows")
+        fitted = fit_all(setup, best, search.r, options.order)
+        shape = fitted.shape
+        turns = setup.margin(fitted.r, shape, fitted.params, best.offset) < TUNING.least_saturation
         if not turns or not options.monotone or shape.powers == (0,):
-            if shape != best.shape:
-                notes.append(f"with invertible weights {shape.name} fits better and was taken")
-            if choice.costly:
-                notes.append(
-                    "the data want an output that runs back right after a reversal, which no "
-                    "invertible model can give; the nearest invertible model was taken"
-                )
-            if (size := sum(int(np.count_nonzero(p)) for p in setup.picks)) > TUNING.rows_fitted:
-                notes.append(
-                    f"of {size} rows a part, by chance, was fitted; the error is that of all"
-                )
-            return _Found(setup, offset, shape, choice, params, free, tried, notes)
+            break
         notes.append(f"{shape.name}: would turn over within reach and was not taken")
-        wanted = [s for s in wanted if len(s.powers) < len(shape.powers)]
-        same = [c for c in tried if (c.shape.rate, c.offset) == (shape.rate, offset)]
-        fewer = [c for c in same if len(c.shape.powers) < len(shape.powers)]
+        fewer = [
+            c for c in tried
+            if c.shape.rate == shape.rate and len(c.shape.powers) < len(shape.powers)
+        ]  # fmt: skip
         if not fewer:  # the user fixed the saturation: a straight line takes its place
-            flat = Shape(shape.rate, (0,))
-            fewer = try_shapes(setup, [flat], progress)
-        best = pick_shape(fewer)
+            fewer = Search(setup, [Shape(shape.rate, (0,))], progress).run()
+        best = choose(fewer)
+    if fitted.costly:
+        notes.append(
+            "right after a reversal the data run back, by more than an invertible model can "
+            "follow; the nearest invertible model was taken"
+        )
+    if (size := sum(int(np.count_nonzero(p)) for p in setup.picks)) > TUNING.rows_fitted:
+        notes.append(f"of {size} rows a part, by chance, was fitted; the error is that of all")
+    return _Found(setup, best.offset, best.lag, fitted, tried, notes)
 
 
-def _result(found: _Found, recordings: Sequence[Recording]) -> Identification:
-    """The model and its worth."""
-    setup, picks = found.setup, found.setup.picks
-    some = thin(picks, TUNING.rows_fitted)
-    count = sum(int(np.count_nonzero(p)) for p in some)
-    cov = estimate_covariance(
-        lambda: make_equations(
-            setup.rows, some, found.choice.r, found.offset, setup.rate_max, setup.sign
-        ),
-        found.shape,
-        found.params,
-        found.free,
-        count,
+def _follow_drift(found: _Found) -> _Found:
+    """The same with the offset that the stage had at the end of its recording, where it drifts.
+
+    The next recording begins where this one ended. Of several recordings each has its own offset.
+    """
+    if len(found.setup.rows) != 1 or 0 not in found.fitted.shape.powers:
+        return found
+    (error,), (pick,) = found.residuals(), found.setup.picks
+    means = np.array([part.mean() for part in np.array_split(error[pick], TUNING.blocks)])
+    at = np.arange(means.size) - 0.5 * (means.size - 1)
+    slope = float(at @ means) / float(at @ at)
+    rest = means - means.mean() - slope * at
+    doubt = float(np.sqrt(rest @ rest / (means.size - 2) / (at @ at)))
+    if abs(slope) <= TUNING.sure_drift * doubt:
+        return found
+    end = float(means[-2:].mean())
+    setup, fitted = found.setup, found.fitted
+    c = fitted.params.c + setup.sign * end * (np.array(fitted.shape.powers) == 0)
+    found.notes.append(
+        f"the displacement drifts, by {slope * means.size:+.3g} over the recording as far as a "
+        "straight line tells; the model's offset is that of the end"
     )
-    residuals = found.residuals()
+    return replace(found, fitted=replace(fitted, params=fitted.params._replace(c=c)))
+
+
+def _require_one_stage(
+    found: _Found, residuals: Sequence[Floats], recordings: Sequence[Recording], options: Options
+) -> None:
+    """Raise BadRecording where one of several recordings is told much better by its own model."""
+    setup, f = found.setup, found.fitted
+    best = replace(f.scored, params=f.params._replace(shifts=np.zeros(0)))
+    alone, together = [], []
+    for one, pick, error in zip(setup.rows, setup.picks, residuals, strict=True):
+        if int(np.count_nonzero(pick)) < TUNING.fewest_rows:
+            continue
+        own = replace(setup, rows=[one], picks=[pick])
+        fitted = fit_all(own, best, f.r, options.order)
+        left = own.residuals(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)[0]
+        alone.append(rms(left[pick]))
+        together.append(rms(error[pick]))
+    names = [one.name for one in setup.rows]
+    if len(alone) == len(names):
+        require_one_stage(names, together, alone, recordings[0].displacement_unit)
+
+
+def _result(
+    found: _Found, residuals: Sequence[Floats], recordings: Sequence[Recording]
+) -> Identification:
+    """The model and its worth."""
+    setup, picks, fitted = found.setup, found.setup.picks, found.fitted
+    cov = estimate_covariance(
+        fitted.equations, fitted.shape, fitted.params, fitted.free, fitted.normal
+    )
     noise = float(np.nanmedian([estimate_noise(e) for e in residuals]))
     power = sum(float(np.sum(e[p] ** 2)) for e, p in zip(residuals, picks, strict=True))
     size = sum(int(np.count_nonzero(p)) for p in picks)
-    h = setup.hysteresis(found.choice.r, found.shape, found.params, found.offset)
-    rate_max = setup.rate_max if found.shape.rate else 0.0
-    if setup.least is not None and not is_invertible(
-        h, setup.drive_min, setup.drive_max, rate_max
+    model = setup.model(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)
+    rate_max = setup.rate_max if fitted.shape.rate else 0.0
+    if setup.limits is not None and not is_invertible(
+        model.hysteresis, setup.drive_min, setup.drive_max, rate_max
     ):  # the bounds should see to it; a model that cannot be inverted must never be written
         raise NotInvertible(
             f"{setup.rows[0].name}: no invertible model was found; fix a simpler one with "
             "--static --saturation 1"
         )
-    model = Model(
-        h,
-        _find_validity(setup, setup.rows),
-        recordings[0].drive_unit,
-        recordings[0].displacement_unit,
-        fit=Fit(float(np.sqrt(power / size)), found.choice.held_rms, noise),
+    model = replace(
+        model,
+        validity=_find_validity(setup, setup.rows),
+        drive_unit=recordings[0].drive_unit,
+        displacement_unit=recordings[0].displacement_unit,
+        fit=Fit(float(np.sqrt(power / size)), fitted.scored.held_rms, noise),
         provenance=Provenance(
             source="dehyst identify",
             recordings=tuple((one.name, one.sha256) for one in recordings),
@@ -222,15 +268,19 @@ def _result(found: _Found, recordings: Sequence[Recording]) -> Identification:
     )
     return Identification(
         model=model,
-        residuals=residuals,
+        residuals=tuple(residuals),
         used=tuple(picks),
-        shape=found.shape,
-        params=found.params,
-        errors=Params.unpacked(np.sqrt(np.maximum(np.diag(cov), 0.0)), found.params),
-        at_bound=~found.free,
+        shape=fitted.shape,
+        params=fitted.params,
+        errors=Params.unpacked(np.sqrt(np.maximum(np.diag(cov), 0.0)), fitted.params),
+        at_bound=~fitted.free,
         tried=tuple(found.tried),
-        orders=found.choice.orders,
+        orders=fitted.orders,
         noise_rms=noise,
+        recordings=tuple(
+            Left(one.name, rms(e[p]), estimate_noise(e))
+            for one, e, p in zip(setup.rows, residuals, picks, strict=True)
+        ),
         notes=(*(n for one in setup.rows for n in one.notes), *found.notes),
     )
 
@@ -271,26 +321,6 @@ def _require_following(setup: FitSetup, best: Candidate) -> None:
             f"{setup.rows[0].name}: the displacement does not follow the drive (a model explains "
             f"{max(0.0, explained):.0%} of it); check the sensor, its cable and the columns"
         )
-
-
-def _fit_all(setup: FitSetup, choice: Choice, offset: float) -> tuple[Params, Bools]:
-    """Fit to all rows (of very many: to a part, by chance): the parameters, and which are free of
-    their bound."""
-    shape, r, pull = choice.shape, choice.r, choice.pull
-    if pull is not None:
-        some = [a | b for a, b in zip(*split(setup, TUNING.rows_finest), strict=True)]
-        fine, free_shape, start = choice.finest
-        loose = fit_finest(setup, some, fine, free_shape, offset, start)
-        pull = make_pull(setup, fine, free_shape, offset, loose.params)
-    picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // r.size))
-    count = sum(int(np.count_nonzero(pick)) for pick in picks)
-    equations = [
-        *setup.equations(picks, r, offset),
-        *make_pull_equations(setup, pull, r, offset, count),
-    ]
-    low = make_bounds(choice.params, setup.least)
-    found = solve(lambda: equations, shape, choice.params, low, make_prior(setup, r), steps=6)
-    return found.params, found.free
 
 
 def _start_agrees(setup: FitSetup, errors: Sequence[Floats]) -> bool:

@@ -25,7 +25,8 @@ class Rows:
     u, rate, y: (N,) drive, du/dt over the true time step, displacement; NaN where unknown.
     use: (N,) rows that may stand as equations. resets: rows where the stage's memory is unknown.
     settled: (N,) rows at which no operator up to the widest depends on the unknown start.
-    virgin: the start looks de-energised. notes: what a reader should be told.
+    virgin: the start looks de-energised. notes: what a reader should be told. piece: (N,) stretch
+    of the drive.
     """
 
     name: str
@@ -39,6 +40,11 @@ class Rows:
     virgin: bool
     period_s: float
     notes: list[str] = field(default_factory=list)
+    piece: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        if self.piece.size != self.u.size:  # until stretches are told apart
+            self.piece = np.zeros(self.u.size, dtype=np.int64)
 
 
 def read_rows(recording: Recording, span: float | None = None) -> Rows:
@@ -65,7 +71,7 @@ def read_rows(recording: Recording, span: float | None = None) -> Rows:
         period = float(t[-1] - t[0]) / (t.size - 1)
         t = _regularise(t, period)
         notes.append(f"{name}: the time stamps jitter, the samples do not; taken as regular")
-    rate, resets = _compute_rates(t, u, period)
+    rate, resets = compute_rates(t, u, period)
     settled = np.zeros(u.size, dtype=bool)
     _settle(u, resets, 2.0 * 0.5 * (span or own) * 0.9, settled)
     use = present & ~np.isnan(y) & ~np.isnan(rate)
@@ -132,7 +138,7 @@ def sum_travel(u: Floats, pick: Bools) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _compute_rates(t: Floats, u: Floats, period: float) -> tuple[Floats, NDArray[np.intp]]:
+def compute_rates(t: Floats, u: Floats, period: float) -> tuple[Floats, NDArray[np.intp]]:
     """(N,) rate over each row's own step, NaN after a gap; rows that follow a long gap."""
     rate = np.full(u.size, np.nan)
     resets = np.empty(u.size, dtype=np.intp)

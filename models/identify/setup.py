@@ -6,23 +6,20 @@ residuals in every row.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
+from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
 from dehyst.models.hysteresis.z_range import find_least_slope
-from dehyst.models.identify.equations import (
-    Equations,
-    Params,
-    Shape,
-    gather,
-    linearise,
-    make_equations,
-)
+from dehyst.models.identify.dynamics import Dynamics
+from dehyst.models.identify.equations import Equations, Params, Shape, gather, make_equations
+from dehyst.models.identify.folds import assign_pieces
 from dehyst.models.identify.outliers import measure_deviation, measure_jumps, sample, thin
 from dehyst.models.identify.rows import Rows, find_drive_range, find_rate_range
 from dehyst.models.identify.tuning import TUNING
-from dehyst.models.model import Hysteresis
+from dehyst.models.model import Hysteresis, Model, Validity
 from dehyst.models.recording import Bools, Floats
 
 
@@ -38,8 +35,9 @@ class FitSetup:
     rate_max: float
     sign: float
     slope: float
-    least: float | None
+    limits: tuple[float, float] | None
     virgin: bool
+    folds: int
     notes: tuple[str, ...] = ()
     running: float | None = None
 
@@ -49,18 +47,38 @@ class FitSetup:
         if self.virgin:
             return (0.0,)
         middle = 0.5 * (self.drive_min + self.drive_max)
-        near_zero = self.drive_min - 0.25 * self.span <= 0.0 <= self.drive_max + 0.25 * self.span
-        found = (middle, 0.0) if near_zero and middle != 0.0 else (middle,)
+        reach = TUNING.farthest * self.span
+        found = (middle, 0.0) if 0.0 < abs(middle) <= reach else (middle,)
         return found if self.running is None else (*found, self.running)
+
+    @property
+    def strengths(self) -> tuple[float, ...]:
+        """Strengths of the prior to try; strong ones alone where little of a loop is shown."""
+        return TUNING.strengths if self.running is None else TUNING.strengths[-2:]
+
+    def by_ways(self) -> "FitSetup":
+        """The same with whole ways of the drive, from turn to turn, held out."""
+        rows = [replace(one) for one in self.rows]
+        folds = assign_pieces(rows, self.picks, self.drive_min, self.drive_max, 1)
+        return replace(self, rows=rows, folds=folds)
 
     @property
     def span(self) -> float:
         """Drive range."""
         return self.drive_max - self.drive_min
 
-    def equations(self, picks: Sequence[Bools], r: Floats, offset: float) -> list[Equations]:
+    def equations(
+        self,
+        picks: Sequence[Bools],
+        r: Floats,
+        offset: float,
+        lag: Dynamics | None = None,
+        rate: bool = True,
+    ) -> list[Equations]:
         """Equations of the picked rows, held in memory."""
-        return gather(make_equations(self.rows, picks, r, offset, self.rate_max, self.sign))
+        return gather(
+            make_equations(self.rows, picks, r, offset, self.rate_max, self.sign, lag, rate)
+        )
 
     def hysteresis(self, r: Floats, shape: Shape, params: Params, offset: float) -> Hysteresis:
         """The model that the parameters stand for."""
@@ -89,25 +107,36 @@ class FitSetup:
             h, self.drive_min, self.drive_max, self.rate_max if shape.rate else 0.0
         )
 
+    def model(
+        self, r: Floats, shape: Shape, params: Params, offset: float, lag: Dynamics | None = None
+    ) -> Model:
+        """The model that is written, without what is known of its worth."""
+        return Model(
+            self.hysteresis(r, shape, params, offset),
+            Validity(self.drive_min, self.drive_max),
+            blocks=(lag.block,) if lag is not None else (),
+        )
+
     def residuals(
-        self, r: Floats, shape: Shape, params: Params, offset: float
+        self,
+        r: Floats,
+        shape: Shape,
+        params: Params,
+        offset: float,
+        lag: Dynamics | None = None,
     ) -> tuple[Floats, ...]:
-        """y - model of each recording, (N,), NaN where there is no equation. The shifts of the
-        further recordings are taken off."""
-        every = [one.use for one in self.rows]
-        errors = np.empty(sum(int(np.count_nonzero(use)) for use in every))
-        start = 0
-        for lot in make_equations(self.rows, every, r, offset, self.rate_max, self.sign):
-            stop = start + lot.y.size
-            errors[start:stop] = self.sign * linearise(lot, shape, params)[1]
-            start = stop
-        out, start = [], 0
-        for use in every:
-            stop = start + int(np.count_nonzero(use))
-            error = np.full(use.size, np.nan)
-            error[use] = errors[start:stop]
+        """y - model of each recording, (N,), NaN where there is no equation: the written model
+        itself, run. The shifts of the further recordings are taken off."""
+        model = self.model(r, shape, params, offset, lag)
+        out = []
+        for one, shift in zip(self.rows, (0.0, *(self.sign * params.shifts)), strict=True):
+            error = np.full(one.u.size, np.nan)
+            resets = [*one.resets, one.u.size]
+            for start, stop in pairwise(resets):  # after a long gap the stage starts anew
+                at = start + np.flatnonzero(~np.isnan(one.u[start:stop]))
+                error[at] = one.y[at] - shift - simulate(model, one.t_s[at], one.u[at])
+            error[~one.use] = np.nan
             out.append(error)
-            start = stop
         return tuple(out)
 
     def without_outliers(self, residuals: Sequence[Floats]) -> tuple["FitSetup", int]:
@@ -174,10 +203,11 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     if slope < 0:
         notes.append("the displacement falls where the drive rises; the saturation has the sign")
     size = max(abs(slope), 1e-12 * float(np.ptp(y)) / (high - low), 1e-300)
-    least = TUNING.least_slope * size if monotone else None
+    limits = (TUNING.least_slope * size, TUNING.most_slope * size) if monotone else None
     sign = -1.0 if slope < 0 else 1.0
+    folds = assign_pieces(rows, picks, low, high)
     return FitSetup(
-        rows, picks, low, high, rate_max, sign, size, least, virgin, tuple(notes), running
+        rows, picks, low, high, rate_max, sign, size, limits, virgin, folds, tuple(notes), running
     )
 
 

@@ -1,57 +1,26 @@
-"""Which structure the data supports: static or rate-dependent, which saturation, which thresholds.
+"""Which structure the data support: static or rate-dependent, which saturation, how strong a prior.
 
-Everything is decided on rows that the fit did not see: each recording is cut into parts in time
-and two parts in five are held out. Among structures within a small tolerance of the best, the
-simplest wins.
+All candidates are scored from the same normal equations, linearised once, stretch by stretch
+(dehyst.models.identify.folds): each is fitted without a stretch and foretells it. A richer
+structure is taken only where what it gains over the stretches is more than chance, paired.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from dehyst.models.identify.comparison_drive import make_comparison_drive
-from dehyst.models.identify.equations import Equations, Params, Shape, assemble
-from dehyst.models.identify.fit import Prior, Solution, make_bounds, make_start, solve
-from dehyst.models.identify.outliers import thin
-from dehyst.models.identify.rows import Rows, sum_travel
+from dehyst.models.identify.bounded import bounded_solve
+from dehyst.models.identify.dynamics import Dynamics
+from dehyst.models.identify.equations import Normal, Params, Shape, assemble, sort_by_piece
+from dehyst.models.identify.fit import make_bounds, make_start, solve
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.thresholds import Grid, choose, eliminate, space_thresholds
+from dehyst.models.identify.thresholds import Prior
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
 ODD = ((0,), (0, 3), (0, 3, 5), (0, 3, 5, 7))
 FULL = ((0, 2), (0, 2, 3), (0, 2, 3, 4), (0, 2, 3, 4, 5))
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One structure tried: what it left on the held-out rows, and whether it can be inverted."""
-
-    shape: Shape
-    offset: float
-    held_rms: float
-    invertible: bool
-    solution: Solution
-
-
-def split(setup: FitSetup, limit: int = TUNING.rows_compared) -> tuple[list[Bools], list[Bools]]:
-    """Rows to fit and rows to hold out, at most `limit` rows altogether, of each recording."""
-    train, held = [], []
-    some = thin(setup.picks, limit)
-    for one, every, pick in zip(setup.rows, setup.picks, some, strict=True):
-        at = np.flatnonzero(pick)
-        cycles = sum_travel(one.u, every) / (2.0 * setup.span)
-        parts = TUNING.parts * (TUNING.short_parts if cycles < TUNING.few_cycles else 1)
-        part = np.arange(at.size) * parts // max(1, at.size) % TUNING.parts
-        out = np.isin(part, TUNING.held)
-        masks = np.zeros((2, pick.size), dtype=bool)
-        masks[0, at[~out]] = True
-        masks[1, at[out]] = True
-        train.append(masks[0])
-        held.append(masks[1])
-    return train, held
 
 
 def list_shapes(rate: bool | None, saturation: int | None, bias: bool | None) -> list[Shape]:
@@ -72,211 +41,220 @@ def list_shapes(rate: bool | None, saturation: int | None, bias: bool | None) ->
     return [Shape(r, p) for r in rates for p in powers]
 
 
-def make_first_grid(setup: FitSetup) -> Floats:
-    """(n,) thresholds on which structures are compared."""
-    return space_thresholds(TUNING.first_grid, setup.span)
-
-
-def try_shapes(
-    setup: FitSetup, wanted: list[Shape], progress: Callable[[str], None]
-) -> list[Candidate]:
-    """Fit every structure on a first grid of thresholds and score it on the held-out rows."""
-    r = make_first_grid(setup)
-    train, held = split(setup)
-    out = []
-    for number, offset in enumerate(setup.offsets):
-        train_equations = setup.equations(train, r, offset)
-        held_equations = setup.equations(held, r, offset)
-        ladder: list[Candidate] = []
-        for shape in wanted:
-            same = offset != setup.running and not shape.rate and 2 in shape.powers
-            if number and same:
-                continue  # a full polynomial takes up a static model's offset
-            progress(f"trying: {shape.name}")
-            start = _start_from_below(ladder, shape)
-            if start is None:
-                start = make_start(r.size, shape, setup.slope, len(setup.rows), shape.rate)
-            low = make_bounds(start, setup.least, r, TUNING.narrow * setup.span)
-            prior = make_prior(setup, r)
-            found = solve(
-                partial(list, train_equations), shape, start, low, prior, tolerance=TUNING.roughly
-            )
-            score = assemble(held_equations, shape, found.params)
-            good = setup.margin(r, shape, found.params, offset) >= TUNING.least_saturation
-            rms = float(np.sqrt(score.misfit / max(1, score.count)))
-            ladder.append(Candidate(shape, offset, rms, good, found))
-        out += ladder
-    return out
-
-
-def _start_from_below(ladder: list[Candidate], shape: Shape) -> Params | None:
-    """The best fit so far of a structure that this one contains, as a start."""
-    below = [
-        c for c in ladder if c.shape.rate == shape.rate and set(c.shape.powers) < set(shape.powers)
-    ]
-    if not below:
-        return None
-    best = min(below, key=lambda c: c.solution.normal.misfit)
-    known = dict(zip(best.shape.powers, best.solution.params.c, strict=True))
-    c = np.array([known.get(p, 0.0) for p in shape.powers])
-    return best.solution.params._replace(c=c)
-
-
-def regrid(params: Params, coarse: Floats, fine: Floats, shape: Shape) -> Params:
-    """The same slopes on other thresholds: each takes those of the next wider-set one below."""
-    at = np.searchsorted(coarse, fine, side="right") - 1
-    parts = np.split(params.slopes, 2) if shape.rate else [params.slopes]
-    return params._replace(slopes=np.concatenate([part[at] for part in parts]))
-
-
-def pick_shape(tried: list[Candidate]) -> Candidate:
-    """The simplest candidate that can be inverted and is within the tolerance of the best."""
-    fit = [c for c in tried if c.invertible] or tried[:1]
-    best = min(c.held_rms for c in fit) ** 2
-    near = [c for c in fit if c.held_rms**2 <= best * (1.0 + TUNING.tolerance)]
-    return min(near, key=lambda c: (c.shape.rate, len(c.shape.powers), c.shape.even, c.held_rms))
-
-
 @dataclass(frozen=True)
-class Choice:
-    """Shape, thresholds (n,), parameters fitted on the training rows, their held-out rms, the
-    held-out rms of every order; pull: the comparison drive with the displacements that the fit
-    without bounds gives for it, where the bounds cost something (costly) or little is shown;
-    finest: that fit's thresholds and parameters."""
+class Candidate:
+    """One structure tried. held: (pieces,) misfit of each stretch foretold without it, over sizes:
+    (pieces,) its rows; fitted: the same fitted to all;
+    strength: of the prior; params: fitted to all stretches; lag: linear
+    dynamics; loose: narrow operators were free; superseded:
+    the fit shows a shift in time that this one lacks;"""
 
     shape: Shape
-    r: Floats
+    offset: float
+    held: Floats
+    fitted: Floats
+    sizes: Floats
+    invertible: bool
     params: Params
-    held_rms: float
-    orders: tuple[tuple[int, float], ...]
-    pull: Rows | None
-    finest: tuple[Floats, Shape, Params]
-    costly: bool
+    strength: float
+    lag: Dynamics | None = None
+    loose: bool = True
+    superseded: bool = False
+
+    @property
+    def held_rms(self) -> float:
+        """Over all stretches."""
+        return float(np.sqrt(self.held.sum() / max(1.0, self.sizes.sum())))
+
+    @property
+    def size(self) -> int:
+        """How much it has beyond the simplest."""
+        shape = self.shape
+        return len(shape.powers) + shape.even + 3 * shape.rate + 2 * (self.lag is not None)
 
 
-def make_prior(setup: FitSetup, r: Floats) -> Prior:
-    """What is taken for granted about the slopes at thresholds r."""
-    return Prior(
-        r,
-        TUNING.narrow * setup.span,
-        0.5 * setup.span,
-        TUNING.spread * setup.slope,
-        1.0 / TUNING.finest_grid,
-    )
+def pays(simple: Candidate, rich: Candidate, clear: float = TUNING.clear) -> bool:
+    """Does the richer one foretell better, by more than chance over the stretches? clear: the share
+    of the misfit below which chance is not asked."""
+    if rich.held.sum() > simple.held.sum() * (1.0 - TUNING.tolerance):
+        return False
+    if rich.held.sum() < simple.held.sum() * clear:
+        return True
+    used = (simple.sizes > 0) & (simple.held > 0.0) & (rich.held > 0.0)
+    if not used.any():
+        return bool(rich.held.sum() < simple.held.sum())
+    share = np.log(simple.held[used] / rich.held[used])
+    power = (simple.held - rich.held)[used]
+    return _is_sure(share) or (_is_sure(power) and float(np.median(share)) > 0.0)
 
 
-def fit_finest(
-    setup: FitSetup, picks: Sequence[Bools], r: Floats, shape: Shape, offset: float, start: Params
-) -> Solution:
-    """Fit on the finest grid with no bounds on the narrow operators."""
-    equations = setup.equations(picks, r, offset)
-    low = make_bounds(start, setup.least, r, TUNING.narrow * setup.span)
-    return solve(
-        lambda: equations, shape, start, low, make_prior(setup, r), tolerance=TUNING.roughly
-    )
+def shows(simple: Candidate, rich: Candidate, least: float = TUNING.worth_trying) -> bool:
+    """Does the richer one, of few unknowns more, fit better by more than chance over the pieces?
+    least: share of the misfit that it must take away."""
+    gain = simple.fitted - rich.fitted
+    return bool(gain.sum() > least * simple.fitted.sum()) and _is_sure(gain)
 
 
-def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:
-    """The comparison drive with the displacements that these parameters give for it."""
-    rate_max = setup.rate_max if shape.rate else 0.0
-    rows = make_comparison_drive(setup.drive_min, setup.drive_max, rate_max)
-    alone = replace(setup, rows=[rows], picks=[rows.use])
-    y = -alone.residuals(r, shape, params, offset)[0]
-    return replace(rows, y=y)
+def _is_sure(gain: Floats) -> bool:
+    """Is the mean of these gains above zero by more than chance?"""
+    if gain.size < 2:
+        return bool(gain.sum() > 0.0)
+    error = float(np.std(gain, ddof=1)) / np.sqrt(gain.size)
+    return float(np.mean(gain)) > TUNING.sure * error
 
 
-def make_pull_equations(
-    setup: FitSetup, pull: Rows | None, r: Floats, offset: float, count: int
-) -> list[Equations]:
-    """Equations of the pull, which together count as pull_weight times `count` equations."""
-    if pull is None:
-        return []
-    alone = replace(setup, rows=[pull], picks=[pull.use])
-    weight = TUNING.pull_weight * count / pull.u.size
-    return [lot._replace(weight=weight) for lot in alone.equations(alone.picks, r, offset)]
+def choose(tried: Sequence[Candidate]) -> Candidate:
+    """The simplest candidate that can be inverted against which no richer one pays.
 
-
-def _choose_bent(
-    setup: FitSetup,
-    wanted: Sequence[Shape],
-    start: Params,
-    r: Floats,
-    offset: float,
-    train: list[Equations],
-    held: list[Equations],
-) -> tuple[Shape, Solution]:
-    """The saturation chosen anew under the bounds, on given thresholds r: further powers of z take
-    up a part of what the bounds forbid, though the fit without bounds has no use for them.
-
-    wanted: structures, that fit's first; of the others those with at most one degree more, as high
-    degrees err much beyond the range.
+    Of one kind (rate, offset, lag) first, where they differ in a few powers of z: there what shows
+    in the fit counts as well, unless held-out stretches speak against it. Then of the kinds.
     """
-    first, prior = wanted[0], make_prior(setup, r)
-    ladder: list[Candidate] = []
-    for shape in wanted:
-        more = set(first.powers) < set(shape.powers) and shape.rate == first.rate
-        if ladder and not (more and max(shape.powers) <= max(first.powers) + 1):
-            continue
-        begin = _start_from_below(ladder, shape) or start
-        low = make_bounds(begin, setup.least)
-        found = solve(lambda: train, shape, begin, low, prior, tolerance=TUNING.roughly)
-        score = assemble(held, shape, found.params)
-        good = setup.margin(r, shape, found.params, offset) >= TUNING.least_saturation
-        rms = float(np.sqrt(score.misfit / max(1, score.count)))
-        ladder.append(Candidate(shape, offset, rms, good, found))
-    best = pick_shape(ladder)
-    return best.shape, best.solution
+    known = [c for c in tried if c.invertible and not c.superseded] or list(tried[:1])
+    kinds: dict[tuple[bool, float, Dynamics | None, bool], list[Candidate]] = {}
+    for c in known:
+        kinds.setdefault((c.shape.rate, c.offset, c.lag, c.loose), []).append(c)
+    firsts = [_climb(sorted(group, key=lambda c: c.size)) for group in kinds.values()]
+    best = min(firsts, key=lambda c: c.held_rms)
+    good = [c for c in firsts if c is best or not pays(c, best)]
+    return min(good, key=lambda c: (c.size, c.held_rms))
 
 
-def choose_thresholds(
-    setup: FitSetup, candidate: Candidate, order: int | None, wanted: Sequence[Shape] = ()
-) -> Choice:
-    """The thresholds that the data support for a structure, or the best `order` of them.
+def _climb(group: Sequence[Candidate]) -> Candidate:
+    """From the simplest to richer ones, as long as one pays or shows."""
+    now = group[0]
+    while True:
+        richer = [
+            c
+            for c in group
+            if c.size > now.size
+            and (pays(now, c) or (shows(now, c, TUNING.climb) and c.held.sum() < now.held.sum()))
+        ]
+        if not richer:
+            return now
+        now = min(richer, key=lambda c: (c.size, c.held_rms))
 
-    wanted: structures that may take its place where the bounds cost something.
-    """
-    shape, offset = candidate.shape, candidate.offset
-    finest = max(TUNING.finest_grid, order or 0)
-    r = space_thresholds(finest, setup.span)
-    prior = make_prior(setup, r)
-    train, held = split(setup)
-    train_equations, held_equations = (setup.equations(p, r, offset) for p in (train, held))
-    start = regrid(candidate.solution.params, make_first_grid(setup), r, shape)
-    loose = fit_finest(setup, train, r, shape, offset, start)
-    low = make_bounds(start, setup.least)
-    tight = solve(lambda: train_equations, shape, start, low, prior, tolerance=TUNING.roughly)
-    pull = None
-    worse = tight.normal.misfit > loose.normal.misfit * (1.0 + TUNING.tolerance)
-    if setup.least is not None and worse:
-        wish = make_pull(setup, r, shape, offset, loose.params)
-        pulled = train_equations + make_pull_equations(setup, wish, r, offset, tight.normal.count)
-        other = solve(lambda: pulled, shape, tight.params, low, prior, tolerance=TUNING.roughly)
-        price = assemble(held_equations, shape, other.params).misfit
-        if price <= assemble(held_equations, shape, tight.params).misfit * TUNING.pull_price**2:
-            pull, tight = wish, other
-    costly = pull is not None
-    if pull is None and setup.running is not None:
-        # so little is shown that held-out rows do not miss an operator: the comparison drive does
-        pull = make_pull(setup, r, shape, offset, tight.params)
-    pull_equations = make_pull_equations(
-        setup, pull, r, offset, sum(lot.y.size for lot in held_equations)
+
+class Trial:
+    """The equations of one offset and one linear dynamics, by stretch."""
+
+    def __init__(
+        self,
+        setup: FitSetup,
+        picks: Sequence[Bools],
+        r: Floats,
+        offset: float,
+        lag: Dynamics | None = None,
+        loose: bool | None = None,
+    ) -> None:
+        self.setup, self.r, self.offset, self.lag = setup, r, offset, lag
+        # narrow operators may at first run the wrong way
+        self.loose = (lag is None or lag.short) if loose is None else loose
+        self.prior = Prior(r, setup.slope, 0.5 * setup.span)
+        equations = setup.equations(picks, r, offset, lag)
+        self.lots = sort_by_piece(equations, setup.folds * TUNING.pieces)
+        self.normals: list[Normal] = []
+        self.powers: tuple[int, ...] = ()
+        self.like = make_start(0, Shape(True, ()), 1.0, 1)
+
+    def linearise(self, params: Params, shape: Shape, powers: tuple[int, ...]) -> None:
+        """Normal equations of every stretch about these parameters, with all of `powers`."""
+        n = self.r.size
+        slopes = params.slopes if shape.rate else np.tile(params.slopes, 2)
+        known = dict(zip(shape.powers, params.c, strict=True))
+        c = np.array([known.get(p, 0.0) for p in powers])
+        self.powers = powers
+        self.like = Params(slopes[: 2 * n], c, params.shifts)
+        whole = Shape(True, powers)
+        self.normals = [assemble([lot], whole, self.like) for lot in self.lots]
+
+    def score(
+        self,
+        shape: Shape,
+        strengths: Sequence[float],
+    ) -> Candidate:
+        """A structure by what it foretells, at the best of these strengths of the prior."""
+        loose = self.loose
+        ties = self._tie(shape)
+        parts = [_reduce(one, ties) for one in self.normals]
+        total = _sum(parts)
+        like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
+        narrow = TUNING.narrow * self.setup.span if loose else 0.0
+        low, high = make_bounds(like, self.setup.limits, self.r, narrow)
+        p, free = bounded_solve(total.gram, total.right, low, high)
+        noise = max(total.misfit_at(p) / max(1, total.count), 1e-300)
+        best: tuple[float, Floats, Floats, float] | None = None
+        for strength in strengths:
+            whole = self.prior.add_to(total, shape.rate, strength, noise, loose)
+            p, free = bounded_solve(whole.gram, whole.right, low, high, free)
+            held = np.zeros(len(parts))
+            for fold in range(self.setup.folds):
+                gram, right = whole.gram.copy(), whole.right.copy()
+                for part in parts[fold :: self.setup.folds]:
+                    gram -= part.gram
+                    right -= part.right
+                q, _ = bounded_solve(gram, right, low, high, free)
+                for i in range(fold, len(parts), self.setup.folds):
+                    held[i] = parts[i].misfit_at(q)
+            if best is None or held.sum() < best[0]:
+                best = (float(held.sum()), held, p, strength)
+        assert best is not None
+        params = Params.unpacked(best[2], like)
+        good = self.setup.margin(self.r, shape, params, self.offset) >= TUNING.least_saturation
+        sizes = np.array([float(part.count) for part in parts])
+        fitted = np.array([part.misfit_at(best[2]) for part in parts])
+        return Candidate(
+            shape,
+            self.offset,
+            best[1],
+            fitted,
+            sizes,
+            good,
+            params,
+            best[3],
+            self.lag,
+            self.loose,
+        )
+
+    def refine(self, found: Candidate) -> Params:
+        """The candidate's parameters after a few more steps, about themselves."""
+        bounds = make_bounds(
+            found.params, self.setup.limits, self.r, TUNING.narrow * self.setup.span * self.loose
+        )
+        return solve(
+            lambda: self.lots, found.shape, found.params, bounds, self.prior, found.strength,
+            steps=3, tolerance=1e-3, loose=self.loose,
+        ).params  # fmt: skip
+
+    def misfit(self, shape: Shape, strength: float, noise: float, loose: bool) -> float:
+        """Misfit of a structure fitted to all stretches, as linearised. noise: its power."""
+        ties = self._tie(shape)
+        total = _sum([_reduce(one, ties) for one in self.normals])
+        like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
+        narrow = TUNING.narrow * self.setup.span if loose else 0.0
+        low, high = make_bounds(like, self.setup.limits, self.r, narrow)
+        whole = self.prior.add_to(total, shape.rate, strength, noise, loose)
+        p, _ = bounded_solve(whole.gram, whole.right, low, high)
+        return total.misfit_at(p)
+
+    def _tie(self, shape: Shape) -> Floats:
+        """(all, some) which unknown of the whole each unknown of a structure stands for."""
+        n = self.r.size
+        eye = np.eye(self.like.packed().size)
+        slopes = eye[:, : 2 * n] if shape.rate else eye[:, :n] + eye[:, n : 2 * n]
+        at = [2 * n + self.powers.index(p) for p in shape.powers]
+        rest = 2 * n + len(self.powers) + np.arange(self.like.shifts.size)
+        return np.hstack([slopes, eye[:, at], eye[:, rest]])
+
+
+def _reduce(eq: Normal, ties: Floats) -> Normal:
+    return Normal(ties.T @ eq.gram @ ties, ties.T @ eq.right, eq.total, eq.count, eq.misfit)
+
+
+def _sum(parts: Sequence[Normal]) -> Normal:
+    return Normal(
+        np.sum([p.gram for p in parts], axis=0),
+        np.sum([p.right for p in parts], axis=0),
+        sum(p.total for p in parts),
+        sum(p.count for p in parts),
+        sum(p.misfit for p in parts),
     )
-    held_eq = assemble(held_equations + pull_equations, shape, tight.params)
-    grids = eliminate(prior.add_to(tight.normal, shape), held_eq, low, finest, shape.rate)
-    orders = tuple((len(g.kept), float(np.sqrt(g.held / max(1, held_eq.count)))) for g in grids)
-    best: Grid = choose(grids, order, TUNING.tolerance)
-    few = r[list(best.kept)]
-    like = make_start(few.size, shape, setup.slope, len(setup.rows), shape.rate)
-    start = Params.unpacked(best.p, like)
-    train_equations, held_equations = (setup.equations(p, few, offset) for p in (train, held))
-    counts = [sum(lot.y.size for lot in lots) for lots in (train_equations, held_equations)]
-    fitted, scored = (
-        lots + make_pull_equations(setup, pull, few, offset, count)
-        for lots, count in zip((train_equations, held_equations), counts, strict=True)
-    )
-    others = wanted if costly else ()
-    shape, found = _choose_bent(setup, [shape, *others], start, few, offset, fitted, scored)
-    score = assemble(held_equations, shape, found.params)
-    held_rms = float(np.sqrt(score.misfit / max(1, score.count)))
-    finest_fit = (r, candidate.shape, loose.params)
-    return Choice(shape, few, found.params, held_rms, orders, pull, finest_fit, costly)

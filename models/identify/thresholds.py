@@ -1,4 +1,5 @@
-"""Which thresholds a model needs: start with many, drop those that the data cannot tell apart.
+"""Thresholds of the play operators, what is taken for granted about the slopes between them, and
+how to do with fewer.
 
 Dropping threshold j ties slope j to slope j - 1: their columns in the normal equations add up.
 So every smaller model's fit and its error on held-out rows follow from the two Gram matrices of
@@ -11,19 +12,82 @@ from dataclasses import dataclass
 import numpy as np
 
 from dehyst.models.identify.bounded import bounded_solve
-from dehyst.models.identify.equations import Ints, Normal
+from dehyst.models.identify.equations import Ints, Normal, Params, Shape
+from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Floats
 
 FINE = 48
 
 
-def space_thresholds(n: int, drive_span: float) -> Floats:
+def space_thresholds(n: int, drive_span: float, whole: bool = False) -> Floats:
     """(n,) thresholds from 0 to below half the span, fine where small (after Eq. 10).
 
     Of many the first lies no lower than that of FINE: data cannot tell thresholds much closer.
+    whole: some of them up to the span; on the virgin curve operators as wide as that still move.
     """
+    wide = max(1, n * TUNING.beyond_half // TUNING.fine) if whole and n > 4 else 0
+    n -= wide
     power = 3.0 * min(1.0, np.log(FINE) / np.log(max(n, 2)))
-    return (np.arange(n) / n) ** power * drive_span / 2.0
+    inner = (np.arange(n) / n) ** power * drive_span / 2.0
+    return np.concatenate([inner, (1.0 + np.arange(wide) / max(wide, 1)) * drive_span / 2.0])
+
+
+def regrid(params: Params, coarse: Floats, fine: Floats, shape: Shape) -> Params:
+    """The same slopes on other thresholds: each takes those of the next wider-set one below."""
+    at = np.searchsorted(coarse, fine, side="right") - 1
+    parts = np.split(params.slopes, 2) if shape.rate else [params.slopes]
+    return params._replace(slopes=np.concatenate([part[at] for part in parts]))
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Neighbouring slopes differ by chance, by about the mean slope over all thresholds on a scale
+    of their cube root; and less so in what the rate adds, which is itself small by chance.
+
+    The strength is chosen by what foretells held-out rows; operators wider than half the range,
+    which move once at most, are given little freedom in any case. r: (n,) thresholds; slope: mean
+    slope; half: half the drive's range.
+    """
+
+    r: Floats
+    slope: float
+    half: float
+
+    def gram(self, rate: bool, strength: float, loose: bool) -> Floats:
+        """(s, s) what the prior adds to the Gram matrix of the slopes, per power of the noise.
+
+        loose: narrow operators are left alone, as what happens right after a turn may be abrupt.
+        """
+        n = self.r.size
+        if n < 2:
+            return np.zeros((2 * n if rate else n,) * 2)
+        distance = np.maximum(np.diff(np.cbrt(self.r / self.r[-1])), 1e-9)
+        step = np.diff(np.eye(n), axis=0)
+        wide = self.r[1:] >= self.half
+        strengths = np.where(wide, max(strength, TUNING.wide), strength)
+        if loose:
+            narrow = self.r[:-1] < 2.0 * self.half * TUNING.narrow
+            strengths = np.where(narrow, min(strength, TUNING.alone), strengths)
+        smooth = (step.T * (strengths / distance)) @ step / self.slope**2
+        if not rate:
+            return smooth
+        tied = np.where(wide, TUNING.wide, TUNING.rate_strength * strengths)
+        small = (step.T * (tied / distance)) @ step / self.slope**2
+        small += TUNING.rate_strength * strength / self.slope**2 / n * np.eye(n)
+        even, odd = 0.25 * (smooth + small), 0.25 * (smooth - small)
+        return np.block([[even, odd], [odd, even]])
+
+    def add_to(
+        self, eq: Normal, rate: bool, strength: float, noise: float = 0.0, loose: bool = False
+    ) -> Normal:
+        """The normal equations with the prior's own. noise: power of the noise, or 0: the
+        misfit's."""
+        if eq.count == 0 or strength == 0.0:
+            return eq
+        part = self.gram(rate, strength, loose) * (noise or eq.misfit / eq.count)
+        gram = eq.gram.copy()
+        gram[: part.shape[0], : part.shape[0]] += part
+        return Normal(gram, eq.right, eq.total, eq.count, eq.misfit)
 
 
 @dataclass(frozen=True)
@@ -44,8 +108,10 @@ def find_starts(kept: tuple[int, ...], finest: int, rate: bool, rest: int) -> In
     return np.concatenate([slopes, finest * (2 if rate else 1) + np.arange(rest)])
 
 
-def eliminate(train: Normal, held: Normal, low: Floats, finest: int, rate: bool) -> list[Grid]:
-    """Grids of all sizes from `finest` down to 1.
+def eliminate(
+    train: Normal, held: Normal, low: Floats, finest: int, rate: bool, least: int = 1
+) -> list[Grid]:
+    """Grids of all sizes from `finest` down to `least`.
 
     train, held: normal equations on the finest grid about the same parameters; low: (p,) bounds.
     """
@@ -56,10 +122,11 @@ def eliminate(train: Normal, held: Normal, low: Floats, finest: int, rate: bool)
     while True:
         starts = find_starts(kept, finest, rate, rest)
         gram = np.add.reduceat(np.add.reduceat(train.gram, starts, axis=0), starts, axis=1)
-        p, free = bounded_solve(gram, np.add.reduceat(train.right, starts), low[starts], free)
+        right = np.add.reduceat(train.right, starts)
+        p, free = bounded_solve(gram, right, low[starts], free=free)
         full = np.repeat(p, np.diff(starts, append=low.size))
         grids.append(Grid(kept, p, train.misfit_at(full), held.misfit_at(full)))
-        if len(kept) == 1:
+        if len(kept) <= least:
             return grids
         drop = _find_cheapest(gram, p, len(kept), rate)
         kept = kept[:drop] + kept[drop + 1 :]
@@ -87,12 +154,3 @@ def _find_cheapest(gram: Floats, p: Floats, n: int, rate: bool) -> int:
         if price < cost:
             best, cost = j, price
     return best
-
-
-def choose(grids: list[Grid], order: int | None, tolerance: float) -> Grid:
-    """The grid of the given order, or the smallest whose held-out misfit is within the tolerance
-    (relative) of the best."""
-    if order is not None:
-        return next((g for g in grids if len(g.kept) == order), grids[0])
-    best = min(g.held for g in grids)
-    return [g for g in grids if g.held <= best * (1.0 + tolerance)][-1]

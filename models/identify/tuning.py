@@ -1,5 +1,6 @@
-"""The constants of identification, judged by tests/benchmarks/models/identify.py: rows and outliers
-by its part `faults`, all others by `accuracy`, `real` and `speed`."""
+"""The constants of identification, judged by two benchmarks: tests/benchmarks/models/foretell.py
+(structure, prior, comparison) and tests/benchmarks/models/identify.py (rows and outliers by its
+part `faults`, sizes by `speed` and `length`)."""
 
 from typing import NamedTuple
 
@@ -12,6 +13,12 @@ class Tuning(NamedTuple):
     long_gap: float = 5.5  # periods; over a longer gap the drive may have turned unseen
     near_zero: float = 0.01  # still counts as de-energised
     steadier: float = 0.7  # the drive must be this much smoother by number than by time stamp
+    # what cannot be drive and displacement of one stage
+    slow_period_s: float = 0.5
+    smooth_step: float = 0.1  # of the span, by which a drive in the wrong unit of time still goes
+    backward_loop: float = 0.01  # of its box, by which the drive runs behind
+    no_worse: float = 1.0  # times the rms that a straight line leaves
+    one_stage: float = 4.0  # times the rms of a model of its own, that the common one may leave
     # outliers
     lone: float = 8.0  # a lone drive value this many robust standard deviations off is a glitch
     glitch_steps: float = 4.0  # and this many steps around it; where a drive turns it is below 2
@@ -22,28 +29,49 @@ class Tuning(NamedTuple):
     smallest_spike: float = 0.004  # of the displacement's range; smaller ones do no harm
     # bounds and prior
     least_slope: float = 0.02  # the lowest slope a model may have after a reversal
+    most_slope: float = 4.0  # and the highest
     least_saturation: float = 0.05  # of the mean slope of the saturation
     narrow: float = 0.02  # narrower operators may at first run the wrong way
-    spread: float = 0.1  # how much neighbouring slopes of wide operators differ
+    strengths: tuple[float, ...] = (1e-2, 1.0, 30.0, 1e3, 3e4)  # of the prior; 1: slopes differ by
+    # about the mean slope from the narrowest operator to the widest
+    alone: float = 1e-3  # the most strength among narrow operators, where they are free
+    wide: float = 1e3  # the least strength, among operators wider than half the range
+    rate_strength: float = 1e-3  # of the prior on what the rate does, against that on the slopes
     nearby: float = 0.05  # the way that tells the direction at the start
     # structure
-    tolerance: float = 0.005  # of the held-out power: less is not worth a larger model
-    first_grid: int = 32
-    finest_grid: int = 48
-    roughly: float = 1e-4  # relative fall of the misfit at which a comparison is good enough
-    parts: int = 5  # in time, of which some are held out
-    held: tuple[int, ...] = (1, 4)
-    few_cycles: float = 6.0  # with fewer, short_parts times as many parts
-    short_parts: int = 5
-    pull_weight: float = 0.8  # of the comparison drive, against all rows
-    pull_price: float = 1.06  # held-out rms that the pull may cost, against the plain bounded fit
+    folds: int = 8
+    pieces: int = 4  # of each fold
+    parts: int = 16  # of a way between two turns
+    turn: float = 0.05  # a smaller way back is no turn
+    alike: float = 0.1  # ways whose ends differ by less are one
+    sure: float = 2.0  # standard errors of the mean gain over folds, that a richer model must have
+    tolerance: float = 0.02  # of the held-out power: less is not worth a larger model
+    climb: float = 0.003  # of the misfit, that a power of z must take away to show in the fit
+    clear: float = 0.6  # of the held-out power: a structure that leaves no more pays at once
+    clear_rate: float = 0.1  # the same for rate-dependence, which else must foretell whole ways
+    coarse: int = 32  # operators while structures are compared
+    fine: int = 40  # and in the model
+    finest: int = 48  # where the number in the model is given, before some are dropped
+    beyond_half: int = 5  # of these, wider than half the span where the virgin curve was driven
+    pull_weight: float = 0.35  # of the comparison drive, against all rows
+    pull_price: float = 1.10  # rms that the pull may cost, against the plain bounded fit
+    costs: float = 0.005  # of the misfit: so much the bounds must cost before there is a pull
     least_explained: float = 0.5  # of the displacement's power, held out: else it does not follow
     start_factor: float = 2.0  # rms at the start over the rest, that the assumed start may leave
     start_share: float = 0.01  # of the displacement's range that it may leave anyway
+    farthest: float = 5.0  # an offset may lie this many spans from the middle of the drive
+    # linear dynamics
+    most_lead: float = 1.0  # sampling periods
+    near_half: float = 0.2  # sampling periods; a lead so near half a period is taken for that
+    worth_trying: float = 0.003  # of the misfit, that a first try must take away
+    hopeless: float = 2.5  # times the best error: a static structure so far off needs no lag
+    longest_lag: float = 0.5  # of the time in which the drive at its fastest crosses its range
+    least_damping: float = 0.45  # below it rings: a resonance, and no lag
+    blocks: int = 20  # of time, whose means tell a drift
+    sure_drift: float = 5.0  # standard errors of its slope
     # sizes
     rows_compared: int = 12_000  # for the choice of the structure
     rows_slope: int = 1_000_000  # for the mean slope
-    rows_finest: int = 100_000  # for the fit without bounds
     rows_fitted: int = 1_000_000  # for the last fit: more do not lower its error by a nanometre
     most_held: int = 30_000_000  # numbers in the equations of the last fit
     stretches: int = 50  # of time, for the intervals

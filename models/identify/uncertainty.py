@@ -1,12 +1,13 @@
 """How much of a residual is noise, how wide a band a drive has, and honest parameter intervals."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from scipy.linalg import eigh
 
 from dehyst.models.identify.equations import (
     Equations,
+    Normal,
     Params,
     Shape,
     add_products,
@@ -29,6 +30,8 @@ def estimate_noise(residual: Floats) -> float:
     """
     second = np.diff(residual, 2)
     second = second[~np.isnan(second)]
+    if second.size < 10:  # a slow sensor: from reading to reading
+        second = np.diff(residual[~np.isnan(residual)], 2)
     if second.size < 10:
         return float("nan")
     return 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0)
@@ -48,11 +51,7 @@ def measure_band_hz(u: Floats, period_s: float, share: float = 0.999) -> float |
 
 
 def estimate_covariance(
-    equations: Callable[[], Iterable[Equations]],
-    shape: Shape,
-    params: Params,
-    free: Bools,
-    total: int,
+    equations: Sequence[Equations], shape: Shape, params: Params, free: Bools, whole: Normal
 ) -> Floats:
     """(p, p) covariance of the free parameters, zero for those on their bound.
 
@@ -60,21 +59,20 @@ def estimate_covariance(
     Efron, C. Stein, Ann. Stat. 9, 1981): residuals that hang together in time, noise or misfit,
     widen the intervals as they should; the formula for white noise would make them too narrow. So
     does one without the leverage of a stretch, where a parameter rests on a few of them.
-    equations: what gives the lots, which are run through twice; total: number of equations, which
-    sets the stretch length.
+    equations: the lots; whole: the normal equations that were solved, the prior's with them.
     """
+    measured = [lot for lot in equations if lot.weight == 1.0]
+    total = sum(lot.y.size for lot in measured)
     at = np.flatnonzero(free)
     here = np.ix_(at, at)
     stretch = max(1, total // TUNING.stretches)
     size = params.packed().size
-    gram = np.zeros((size, size))
-    for part, _ in _sum_stretches(equations(), shape, params, stretch):
-        gram += part
+    gram = whole.gram
     scale = np.sqrt(np.maximum(np.diag(gram)[at], 1e-300))
     values, vectors = eigh(gram[here] / np.outer(scale, scale))
     white = vectors / np.sqrt(np.maximum(values, 1e-12)) / scale[:, None]
     moves = []
-    for part, score in _sum_stretches(equations(), shape, params, stretch):
+    for part, score in _sum_stretches(measured, shape, params, stretch):
         leverage, along = eigh(white.T @ part[here] @ white)
         without = 1.0 - np.minimum(leverage, LARGEST_LEVERAGE)
         moves.append(white @ (along @ ((along.T @ (white.T @ score[at])) / without)))

@@ -1,8 +1,9 @@
-"""A pure delay: y(t) = x(t - delay).
+"""A pure delay: y(t) = x(t - delay); and a lead of a part of a sample, v = x + tau dx/dt.
 
 Between the samples of the past the input is taken as the cubic through the four nearest samples,
 at the newest end as the parabola through the last three. Before the first sample the input is
-the first one.
+the first one. A lead is what a recorder does that reads late, and what a stage does whose rate is
+the derivative at a sample and not the difference to the one before; dx/dt is that difference here.
 """
 
 import math
@@ -15,7 +16,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, behind, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import Kind, Param, Shifted, named
+from dehyst.models.physics.kind import Kind, Led, Param, Shifted, named
 from dehyst.models.signals.filters import delayed
 from dehyst.models.signals.joined import Data, Floats
 
@@ -87,6 +88,39 @@ KIND = Kind(
     inverse=Shifted(lambda p: p[0]),
 )
 
+LEAD_PACKED = fields("tau")
+LEAD_STATE = fields("x")  # input before
+
+
+@Kernel
+def step_lead(
+    p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
+) -> float:
+    """Forward."""
+    p, s = record(p_at, LEAD_PACKED), record(s_at, LEAD_STATE)
+    y = x
+    if dt > 0.0:
+        y += p.tau * (x - s.x) / dt
+    s.x = x
+    return y
+
+
+def _start_lead(p: Floats, s: Floats, x: float) -> None:
+    named(s, LEAD_STATE)["x"] = x
+
+
+LEAD = Kind(
+    name="lead",
+    says="a lead of a part of a sample",
+    places=("drive",),
+    params=(Param("tau_s", "tau", "s", 0.0, 10.0, "time by which the drive is ahead"),),
+    packed=LEAD_PACKED,
+    state=LEAD_STATE,
+    step=step_lead,
+    start=_start_lead,
+    inverse=Led(lambda p: (-p[0], 0.0)),
+)
+
 
 class Delay(Candidate):
     """y(t - d); a pure delay commutes with everything else that the drive causes."""
@@ -136,7 +170,7 @@ def _variants(s: Scales) -> list[Block]:
 
 PHYSICS = Physics(
     name="delay",
-    kinds=(KIND,),
+    kinds=(KIND, LEAD),
     candidates=lambda data: [Delay(data)],
     specimens={"delay": Specimen(_variants)},
     told_from={

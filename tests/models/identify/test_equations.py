@@ -71,7 +71,7 @@ def test_static_fit_without_saturation_is_plain_least_squares() -> None:
     r = np.array([0.0, 0.2, 1.0])
     blocks = setup.equations(setup.picks, r, 0.0)
     shape = Shape(False, (0,))
-    start = make_start(3, shape, 1.0, 1, False)
+    start = make_start(3, shape, 1.0, 1)
     found = solve(lambda: blocks, shape, start, make_bounds(start, None))
     h = np.zeros(3)
     plays = []

@@ -235,7 +235,8 @@ def test_asymmetric_stage_gets_even_powers() -> None:
     truth = Hysteresis(r=[0.0, 0.5, 1.5], b=[0.8, 0.2, 0.2], c=[0.0, 1.0, 0.06])
     result = identify([measured(truth, two_sines(), 0.005)])
     assert result.shape.even
-    assert result.model.fit.holdout_rms < 0.006
+    # what is held out are stretches of the drive that are found nowhere else in the recording
+    assert result.model.fit.holdout_rms < 0.0075
 
 
 def test_reach_is_a_bound_on_what_the_model_does() -> None:

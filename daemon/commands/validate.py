@@ -1,0 +1,112 @@
+"""how well a model foretells recordings that it has not seen"""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from dehyst.daemon.files.models import load_model, write_text
+from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.files.recordings import read_recording
+from dehyst.models.errors import BadInput
+from dehyst.models.identify.validation import CLAIM, Validation, validate
+from dehyst.models.recording import Recording
+
+Rows = list[tuple[str, Recording, Validation]]
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst validate`."""
+    parser.description = (
+        "Run models on the drives of recordings and compare: error, its share of the span, whether "
+        "what is left is white and whether it goes with the drive. The start of a recording may be "
+        "anywhere in the stage's life; a new zero of the sensor is told apart as the offset. Ends "
+        f"with 1 where a model is worse than it claims (more than {CLAIM:g} times its held-out "
+        "error)."
+    )
+    parser.epilog = (
+        "examples: dehyst validate stage.toml another-run.csv\n"
+        "          dehyst validate old.toml new.toml run-*.csv --report findings"
+    )
+    parser.add_argument(
+        "inputs", nargs="+", metavar="MODEL.toml... REC...", help="models first, then recordings"
+    )
+    parser.add_argument("--report", type=Path, metavar="DIR", help="write DIR/validation.html")
+    add_force(parser)
+    parser.add_argument("--json", action="store_true", help="the result as JSON on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Validate; 0, or 1 where a model is worse than it claims."""
+    models = [name for name in args.inputs if _is_model(name)]
+    paths = [Path(name) for name in args.inputs if not _is_model(name)]
+    if not models or not paths:
+        raise BadInput("one model (.toml, or a shipped one) and one recording at least are needed")
+    page = args.report / "validation.html" if args.report else None
+    check_outputs([page], [*map(Path, models), *paths], args.force)
+    recordings = [read_recording(path, need_displacement=True) for path in paths]
+    rows: Rows = []
+    for name in models:
+        model = load_model(name)
+        rows += [(name, one, validate(model, one)) for one in recordings]
+    if page is not None:
+        _write_report(rows, page)
+    if args.json:
+        print(json.dumps([_summary(name, v) for name, _, v in rows], indent=2))
+    else:
+        print("\n".join(_words(name, v) for name, _, v in rows))
+        if page is not None:
+            print(f"report: {page}")
+    return 1 if any(v.worse for _, _, v in rows) else 0
+
+
+def _is_model(name: str) -> bool:
+    from dehyst.models.modelfile import SHIPPED
+
+    return name.endswith(".toml") or name in SHIPPED
+
+
+def _summary(model: str, v: Validation) -> dict[str, Any]:
+    return {
+        "model": model,
+        "recording": v.name,
+        "unit": v.unit,
+        "rms": v.rms,
+        "share_of_span": v.share,
+        "offset": v.offset,
+        "noise_rms": v.noise,
+        "claim_rms": v.claim,
+        "worse_than_claimed": v.worse,
+        "white": v.white,
+        "correlation_with_drive": v.tied_to_drive,
+        "by_chance": v.chance,
+        "start": v.start,
+        "outside_validity": v.outside,
+    }
+
+
+def _words(model: str, v: Validation) -> str:
+    claim = "it claims nothing" if v.claim is None else f"it claims {v.claim:.4g}"
+    verdict = "WORSE than it claims" if v.worse else "as good as it claims"
+    text = (
+        f"{model} on {v.name}: {v.rms:.4g} {v.unit} rms, {v.share:.3%} of the span, {claim}"
+        + (f": {verdict}" if v.claim is not None else "")
+        + f"; offset {v.offset:.4g}, noise {v.noise:.4g}; what is left is "
+        + ("white" if v.white else "not white")
+        + f", correlation with the drive {v.tied_to_drive:.2g} (chance {v.chance:.2g})"
+        + f"; start {v.start}"
+    )
+    if v.outside > 0.0:
+        text += f"\nnote: {v.outside:.1%} of the rows are outside the model's validity"
+    return text
+
+
+def _write_report(rows: Rows, path: Path) -> None:
+    # matplotlib takes its time
+    from dehyst.daemon.report.validation import report_validation
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, report_validation(rows, [_words(name, v) for name, _, v in rows]))
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None

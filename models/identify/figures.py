@@ -1,0 +1,56 @@
+"""What a model says of its stage in one line, by which wrong units show at once."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.model import Model
+
+POINTS = 400
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Over the drive range, driven slowly. stroke: [displacement unit]; gain: stroke per drive;
+    hysteresis: widest distance between the ways up and down, as a part of the stroke; offset:
+    displacement at rest, de-energised."""
+
+    stroke: float
+    gain: float
+    hysteresis: float
+    offset: float
+    drive_min: float
+    drive_max: float
+    drive_unit: str
+    unit: str
+
+    def sentence(self) -> str:
+        """The line."""
+        d, y = self.drive_unit.upper() if self.drive_unit == "v" else self.drive_unit, self.unit
+        return (
+            f"{self.stroke:.4g} {y} over {self.drive_min:.4g} to {self.drive_max:.4g} {d}, "
+            f"{self.gain:.4g} {y}/{d}, {self.hysteresis:.2%} hysteresis, offset "
+            f"{self.offset:.4g} {y}"
+        )
+
+
+def describe(model: Model) -> Figures:
+    """The stage's figures by the model's own forward run over its whole range."""
+    v = model.validity
+    h = replace(model.hysteresis, k=np.zeros(model.hysteresis.n))
+    up = np.linspace(v.drive_min, v.drive_max, POINTS)
+    y = simulate(h, np.concatenate([up[::-1], up, up[::-1]]), 1.0)
+    rising, falling = y[POINTS : 2 * POINTS], y[2 * POINTS :][::-1]
+    stroke = abs(float(rising[-1] - rising[0]))
+    rest = min(max(0.0, v.drive_min), v.drive_max)
+    return Figures(
+        stroke=stroke,
+        gain=float(rising[-1] - rising[0]) / (v.drive_max - v.drive_min),
+        hysteresis=float(np.max(np.abs(falling - rising))) / stroke if stroke else 0.0,
+        offset=float(simulate(h, np.array([rest]), 1.0)[0]),
+        drive_min=v.drive_min,
+        drive_max=v.drive_max,
+        drive_unit=model.drive_unit,
+        unit=model.displacement_unit,
+    )

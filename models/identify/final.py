@@ -1,0 +1,146 @@
+"""The fit of the chosen structure on many operators and all rows.
+
+A stage may want what an invertible model cannot give: an output that runs back right after a
+reversal. The bounded fit would bend the rest of the model towards the recording at hand, and be
+worse on every other drive. So a fit without bounds on narrow operators goes first, and the
+invertible model is the one that is close to the data and, on a drive of all kinds
+(dehyst.models.identify.comparison_drive), to that first fit alike.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dehyst.models.identify.comparison_drive import make_comparison_drive
+from dehyst.models.identify.equations import Equations, Normal, Params, Shape, assemble
+from dehyst.models.identify.fit import Solution, make_bounds, make_start, solve
+from dehyst.models.identify.outliers import thin
+from dehyst.models.identify.rows import Rows
+from dehyst.models.identify.setup import FitSetup
+from dehyst.models.identify.structure import Candidate, Trial
+from dehyst.models.identify.thresholds import Prior, eliminate, regrid, space_thresholds
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Bools, Floats
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The model's numbers. r: (n,) thresholds; free: unknowns off their bounds; strength: of the
+    prior; scored: the structure on these operators, as it foretells stretches; costly: the data
+    want what no invertible model gives; equations: what was fitted, the pull's last; normal: the
+    normal equations at the end, the prior's with them."""
+
+    r: Floats
+    shape: Shape
+    params: Params
+    free: Bools
+    scored: Candidate
+    costly: bool
+    equations: list[Equations]
+    normal: Normal
+    orders: tuple[tuple[int, float], ...]
+
+
+def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None) -> Fitted:
+    """Fit the structure of a candidate, found on `coarse` thresholds, to all rows."""
+    finest = TUNING.fine if order is None else max(TUNING.finest, order)
+    r = space_thresholds(finest, setup.span, setup.virgin and order is None)
+    some = thin(setup.picks, TUNING.rows_compared)
+    shape, offset, lag = best.shape, best.offset, best.lag
+    start = regrid(best.params, coarse, r, shape)
+    trial = Trial(setup, some, r, offset, lag, best.loose)
+    trial.linearise(start, shape, shape.powers)
+    scored = trial.score(shape, setup.strengths)
+    strength, prior = scored.strength, Prior(r, setup.slope, 0.5 * setup.span)
+    narrow = TUNING.narrow * setup.span * trial.loose
+    picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // (2 * r.size)))
+    equations = setup.equations(picks, r, offset, lag, shape.rate)
+    count = sum(lot.y.size for lot in equations)
+
+    def run(lots: list[Equations], begin: Params, above: float) -> Solution:
+        bounds, loose = make_bounds(begin, setup.limits, r, above), above > 0.0
+        return solve(
+            lambda: lots, shape, begin, bounds, prior, strength, tolerance=1e-4, loose=loose
+        )
+
+    loose = run(equations, scored.params, narrow)
+    tight = run(equations, loose.params, 0.0)
+    costly = False
+    pull: list[Equations] = []
+    worse = tight.normal.misfit > loose.normal.misfit * (1.0 + TUNING.costs)
+    if setup.limits is not None and worse:
+        wish = make_pull(setup, r, shape, offset, loose.params)
+        pull = weigh_pull(setup, wish, r, offset, shape.rate, count)
+        other = run(equations + pull, tight.params, 0.0)
+        price = assemble(equations, shape, other.params).misfit
+        if price <= tight.normal.misfit * TUNING.pull_price**2:
+            costly, tight = True, other
+        else:
+            pull = []
+    orders: tuple[tuple[int, float], ...] = ()
+    if order is not None:
+        r, tight, orders = _reduce(setup, trial, tight, r, shape, order, prior, strength)
+        prior = Prior(r, setup.slope, 0.5 * setup.span)
+        equations = setup.equations(picks, r, offset, lag, shape.rate)
+        if costly:
+            pull = weigh_pull(setup, wish, r, offset, shape.rate, count)
+        tight = run(equations + pull, tight.params, 0.0)
+    normal = prior.add_to(tight.normal, shape.rate, strength)
+    return Fitted(
+        r, shape, tight.params, tight.free, scored, costly, equations + pull, normal, orders
+    )
+
+
+def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:
+    """The comparison drive with the displacements that these parameters give for it."""
+    rate_max = setup.rate_max if shape.rate else 0.0
+    rows = make_comparison_drive(setup.drive_min, setup.drive_max, rate_max)
+    alone = replace(setup, rows=[rows], picks=[rows.use])
+    y = np.empty(rows.u.size)
+    start = 0
+    for lot in alone.equations(alone.picks, r, offset, rate=shape.rate):
+        one = params._replace(shifts=np.zeros(0))
+        stop = start + lot.y.size
+        y[start:stop] = setup.sign * (_predict(lot, shape, one))
+        start = stop
+    return replace(rows, y=y)
+
+
+def _predict(lot: Equations, shape: Shape, params: Params) -> Floats:
+    n = lot.d.shape[1]
+    if shape.rate:
+        up, down = params.slopes[:n], params.slopes[n:]
+        z = 0.5 * (lot.d @ (up + down) + lot.e[:, :n] @ (up - down))
+    else:
+        z = lot.d @ params.slopes
+    return z + sum(c * z**p for p, c in zip(shape.powers, params.c, strict=True))
+
+
+def weigh_pull(
+    setup: FitSetup, pull: Rows, r: Floats, offset: float, rate: bool, count: int
+) -> list[Equations]:
+    """Equations of the pull, which together count as pull_weight times `count` equations."""
+    alone = replace(setup, rows=[pull], picks=[pull.use])
+    weight = TUNING.pull_weight * count / pull.u.size
+    lots = alone.equations(alone.picks, r, offset, rate=rate)
+    return [lot._replace(weight=weight) for lot in lots]
+
+
+def _reduce(
+    setup: FitSetup,
+    trial: Trial,
+    found: Solution,
+    r: Floats,
+    shape: Shape,
+    order: int,
+    prior: Prior,
+    strength: float,
+) -> tuple[Floats, Solution, tuple[tuple[int, float], ...]]:
+    """The `order` thresholds whose loss costs least, and the errors of all orders above."""
+    normal = prior.add_to(found.normal, shape.rate, strength)
+    low, _ = make_bounds(found.params, setup.limits)
+    grids = eliminate(normal, normal, low, r.size, shape.rate, order)
+    orders = tuple((len(g.kept), float(np.sqrt(g.held / max(1, normal.count)))) for g in grids)
+    kept = list(grids[-1].kept)
+    like = make_start(order, shape, setup.slope, len(setup.rows))
+    return r[kept], replace(found, params=Params.unpacked(grids[-1].p, like)), orders

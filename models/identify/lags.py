@@ -1,0 +1,172 @@
+"""Which linear dynamics, if any, a recording needs beside its hysteresis.
+
+A lag changes every term of the model, so each trial makes its equations anew, on few operators and
+few rows. A shift by a part of a sample is sought with narrow operators free, as these tell it best;
+a lag of some length with all of them bounded, as a reading that runs on after the drive has turned
+is what a lag does and what free operators would imitate.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from dehyst.models.identify.dynamics import Dynamics
+from dehyst.models.identify.setup import FitSetup
+from dehyst.models.identify.structure import Candidate, Trial, pays, shows
+from dehyst.models.identify.thresholds import regrid, space_thresholds
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Bools, Floats
+
+GOLDEN = 0.381966
+SHIFTS = (-1.0, -0.5, 0.5, 1.5, 5.0, 15.0)  # sampling periods
+LAGS = (0.5, 3.0, 12.0, 40.0, 120.0, 360.0)
+HALF = 0.5  # sampling periods: the lead of a stage whose rate is the derivative at the sample
+
+
+class LagSearch:
+    """Fits with one piece of linear dynamics for a structure that is given."""
+
+    def __init__(
+        self, setup: FitSetup, picks: Sequence[Bools], r: Floats, candidate: Candidate
+    ) -> None:
+        self.setup, self.picks, self.r, self.candidate = setup, picks, r, candidate
+        self.fine = space_thresholds(TUNING.fine, setup.span)
+        fine = regrid(candidate.params, r, self.fine, candidate.shape)
+        trial = Trial(setup, picks, self.fine, candidate.offset)
+        trial.linearise(fine, candidate.shape, candidate.shape.powers)
+        finest = trial.score(candidate.shape, TUNING.strengths[:1]).params
+        self.begin = {True: (self.fine, finest), False: (r, candidate.params)}
+        self.noise = float(candidate.fitted.sum() / candidate.sizes.sum())
+        self.longest = TUNING.longest_lag * setup.span / max(setup.rate_max, 1e-300)
+        self.period = float(np.median([one.period_s for one in setup.rows]))
+
+    def find(self) -> list[Candidate]:
+        """The best of each kind that helps.
+
+        A part of a sample is told by the fit alone, more must foretell what it has not seen.
+        """
+        without = {loose: self._misfit(None, loose) for loose in (True, False)}
+        found = [self._find_shift(without[True], without[True] * (1.0 - TUNING.worth_trying))]
+        # bounded, it must fit better than the free operators foretell
+        known = float(self.candidate.held.sum())
+        enough = min(without[False] * (1.0 - TUNING.worth_trying), known)
+        first = [self._find_lag(place, enough) for place in ("drive", "sensor")]
+        found += first
+        if first[1] is not None:
+            found.append(self._find_second(first[1]))
+        good = [self._round(lag) for lag in found if lag is not None and self._helps(lag)]
+        return [self._score(lag) for lag in good]
+
+    def _helps(self, lag: Dynamics) -> bool:
+        if abs(lag.delay_s) > self.period:
+            now, found = self.candidate, self._score(lag)
+            return pays(now, found) or (
+                shows(now, found) and found.held.sum() < now.held.sum() * (1.0 - TUNING.tolerance)
+            )
+        shape, lightest = self.candidate.shape, TUNING.strengths[:1]
+        here, there = (self._trial(x, True).score(shape, lightest) for x in (None, lag))
+        return shows(here, there)
+
+    def _score(self, lag: Dynamics) -> Candidate:
+        """The structure with this lag, as it foretells."""
+        trial, shape = self._trial(lag, False), self.candidate.shape
+        return trial.score(shape, TUNING.strengths[::2])
+
+    def _trial(self, lag: Dynamics | None, fine: bool) -> Trial:
+        c, (r, params) = self.candidate, self.begin[fine]
+        trial = Trial(self.setup, self.picks, r, c.offset, lag)
+        trial.linearise(params, c.shape, c.shape.powers)
+        return trial
+
+    def _misfit(self, lag: Dynamics | None, loose: bool) -> float:
+        c = self.candidate
+        strength = TUNING.strengths[0] if loose else min(c.strength, TUNING.strengths[2])
+        return self._trial(lag, loose).misfit(c.shape, strength, self.noise, loose)
+
+    def _find_shift(self, without: float, enough: float) -> Dynamics | None:
+        def make(periods: float) -> Dynamics | None:
+            if periods == 0.0:
+                return None
+            kind = "lead" if periods < 0.0 else "delay"
+            return Dynamics(kind, "drive", (abs(periods) * self.period,))
+
+        best = _search(
+            lambda x: self._misfit(make(x), True), self._grid(SHIFTS), 6, enough, {0.0: without}
+        )
+        return None if best is None else make(max(best, -TUNING.most_lead))
+
+    def _round(self, lag: Dynamics) -> Dynamics:
+        """A lead near half a period is that: a convention, and no measurement."""
+        near = abs(lag.theta[0] / self.period - HALF) < TUNING.near_half
+        return (
+            Dynamics("lead", "drive", (HALF * self.period,))
+            if (lag.kind == "lead" and near)
+            else lag
+        )
+
+    def _grid(self, periods: Sequence[float]) -> list[float]:
+        return [p for p in periods if p <= max(self.longest / self.period, 0.5)]
+
+    def _find_lag(self, place: str, enough: float) -> Dynamics | None:
+        def make(log: float) -> Dynamics:
+            return Dynamics("lag", place, (float(np.exp(log)) * self.period,))
+
+        best = _search(lambda x: self._misfit(make(x), False), np.log(self._grid(LAGS)), 6, enough)
+        return make(best) if best is not None else None
+
+    def _find_second(self, first: Dynamics) -> Dynamics:
+        def make(log_f: float, damping: float) -> Dynamics:
+            return Dynamics("second", "sensor", (float(np.exp(log_f)), float(damping)))
+
+        log_f, damping = float(np.log(0.7 / (np.pi * first.theta[0]))), 0.7
+        near, damped = np.log((0.6, 1.0, 1.7)), (TUNING.least_damping, 0.8, 1.3)
+
+        def cost(log_f: float, damping: float) -> float:
+            return self._misfit(make(log_f, damping), False)
+
+        for _ in range(2):
+            by_f = _search(partial(cost, damping=damping), log_f + near, 3)
+            log_f = log_f if by_f is None else by_f
+            by_z = _search(partial(cost, log_f), damped, 3)
+            damping = damping if by_z is None else by_z
+        return make(log_f, max(damping, TUNING.least_damping))
+
+
+def _search(
+    cost: Callable[[float], float],
+    grid: Sequence[float] | Floats,
+    steps: int,
+    enough: float = np.inf,
+    known: dict[float, float] | None = None,
+) -> float | None:
+    """Where the cost is least: the best of a grid, made finer between its neighbours; None where
+    the grid's best is not below `enough`. known: costs that need not be computed."""
+    known = {} if known is None else known
+    for v in grid:
+        known[float(v)] = cost(float(v))
+    best = min(known, key=lambda v: known[v])
+    if known[best] >= enough:
+        return None
+    for _ in range(steps):
+        order = sorted(known)
+        at = order.index(best)
+        left = order[at - 1] if at > 0 else best
+        right = order[at + 1] if at + 1 < len(order) else best
+        wide = right if right - best > best - left else left
+        new = _vertex(known, left, best, right)
+        if not left < new < right or abs(new - best) < 0.05 * abs(wide - best):
+            new = best + GOLDEN * (wide - best)
+        known[new] = cost(new)
+        best = min(known, key=lambda v: known[v])
+    return best
+
+
+def _vertex(known: dict[float, float], left: float, middle: float, right: float) -> float:
+    """Where the parabola through three points has its vertex."""
+    if left == middle or right == middle:
+        return middle
+    a, b = known[left] - known[middle], known[right] - known[middle]
+    x, y = left - middle, right - middle
+    below = 2.0 * (a * y - b * x)
+    return middle + (a * y * y - b * x * x) / below if below != 0.0 else middle

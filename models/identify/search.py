@@ -1,0 +1,115 @@
+"""The search for a structure: saturation and rate first, then offset and linear dynamics where
+these show, all on few operators and few rows."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from dehyst.models.identify.dynamics import Dynamics
+from dehyst.models.identify.equations import Shape
+from dehyst.models.identify.fit import make_start
+from dehyst.models.identify.lags import LagSearch
+from dehyst.models.identify.outliers import thin
+from dehyst.models.identify.setup import FitSetup
+from dehyst.models.identify.structure import Candidate, Trial, choose, pays
+from dehyst.models.identify.thresholds import space_thresholds
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Bools
+
+
+class Search:
+    """Candidates for one setting."""
+
+    def __init__(
+        self, setup: FitSetup, wanted: Sequence[Shape], progress: Callable[[str], None]
+    ) -> None:
+        self.setup, self.wanted, self.progress = setup, list(wanted), progress
+        self.r = space_thresholds(TUNING.coarse, setup.span, setup.virgin)
+        self.picks: list[Bools] = thin(setup.picks, TUNING.rows_compared)
+
+    def run(self) -> list[Candidate]:
+        """All candidates, the simple ones first."""
+        tried: list[Candidate] = []
+        for number, offset in enumerate(self.setup.offsets):
+            shapes = self.wanted
+            if number and offset != self.setup.running:
+                # a full polynomial takes up a static model's offset
+                shapes = [s for s in shapes if s.rate or 2 not in s.powers]
+            tried += self._try(shapes, offset, None)
+        found = self._find_lags(tried)
+        shifted = {c.shape.rate for c in found if c.lag is not None and c.lag.short}
+        kept = [replace(c, superseded=c.shape.rate in shifted) for c in tried]
+        return kept + found
+
+    def _try(
+        self,
+        shapes: Sequence[Shape],
+        offset: float,
+        lag: Dynamics | None,
+        loose: bool | None = None,
+    ) -> list[Candidate]:
+        """Every one of the shapes, linearised about the straight fit and then about the best."""
+        if not shapes:
+            return []
+        trial = Trial(self.setup, self.picks, self.r, offset, lag, loose)
+        out: list[Candidate] = []
+        for rate in sorted({s.rate for s in shapes}):
+            same = [s for s in shapes if s.rate == rate]
+            powers = tuple(sorted({p for s in same for p in s.powers}))
+            flat = Shape(rate, powers[:1] if powers[:1] == (0,) else ())
+            start = make_start(self.r.size, flat, self.setup.slope, len(self.setup.rows))
+            trial.linearise(start, flat, powers)
+            straight = trial.score(flat, (1.0,))
+            trial.linearise(straight.params, flat, powers)
+            found: list[Candidate] = []
+            for turn in range(2):
+                for shape in same:
+                    self.progress(f"trying: {shape.name}")
+                found = [trial.score(shape, self.setup.strengths[::2]) for shape in same]
+                if turn == 0 and powers != (0,):
+                    best = choose(found)
+                    trial.linearise(trial.refine(best), best.shape, powers)
+            out += found
+        return out
+
+    def _bests(self, tried: Sequence[Candidate]) -> list[Candidate]:
+        """The chosen static and the chosen rate-dependent one."""
+        groups = [[c for c in tried if c.shape.rate == rate] for rate in (False, True)]
+        return [choose(group) for group in groups if group]
+
+    def choose(self, tried: Sequence[Candidate]) -> Candidate:
+        """The structure to take: rate-dependence only where it foretells ways of the drive that it
+        has not seen, as a rate and a place on one loop go together."""
+        bests = self._bests(tried)
+        if len(bests) == 1:
+            return bests[0]
+        static, rate = bests
+        if rate.held.sum() < TUNING.clear_rate * static.held.sum():
+            return rate
+        if not pays(static, rate):
+            return static
+        whole = self.setup.by_ways()
+        scored = []
+        for one in bests:
+            trial = Trial(whole, self.picks, self.r, one.offset, one.lag, one.loose)
+            trial.linearise(one.params, one.shape, one.shape.powers)
+            scored.append(trial.score(one.shape, whole.strengths[::2]))
+        return rate if pays(scored[0], scored[1], clear=0.0) else static
+
+    def _find_lags(self, tried: Sequence[Candidate]) -> list[Candidate]:
+        """Candidates with linear dynamics, where the rate alone has something to say."""
+        out: list[Candidate] = []
+        least = min(c.held_rms for c in tried)
+        for best in self._bests(tried):
+            if self.setup.rate_max <= 0.0:
+                continue
+            if best.held_rms > TUNING.hopeless * least:
+                continue
+            self.progress("looking for a lag")
+            found = LagSearch(self.setup, self.picks, self.r, best).find()
+            if found:
+                lag = min(found, key=lambda c: c.held_rms).lag
+                assert lag is not None
+                same = [s for s in self.wanted if s.rate == best.shape.rate]
+                for loose in (True,) if lag.short else (False, True):
+                    out += self._try(same, best.offset, lag, loose)
+        return out

@@ -1,0 +1,119 @@
+"""Do the recordings make sense as drive and displacement of one stage? What is refused, in one
+sentence with the remedy."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dehyst.models.errors import BadRecording
+from dehyst.models.identify.outliers import sample
+from dehyst.models.identify.rows import Rows
+from dehyst.models.identify.setup import FitSetup
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Bools, Floats
+
+
+def require_times_in_seconds(rows: Sequence[Rows]) -> None:
+    """Raise BadRecording where the time stamps are those of another unit: sampled every second or
+    slower, and smooth from row to row."""
+    for one in rows:
+        if one.period_s < TUNING.slow_period_s:
+            continue
+        known = one.u[~np.isnan(one.u)]
+        step = np.abs(np.diff(known))
+        if float(np.quantile(step, 0.99)) < TUNING.smooth_step * float(np.ptp(known)):
+            raise BadRecording(
+                f"{one.name}: t_s counts seconds, and these rows lie {one.period_s:.4g} s apart "
+                f"over {one.t_s[-1] - one.t_s[0]:.4g} s; are the times in milliseconds? divide "
+                "them by 1000 (or name what makes the stage so slow: sample faster than once in "
+                f"{TUNING.slow_period_s:g} s)"
+            )
+
+
+def require_drive_first(rows: Sequence[Rows]) -> None:
+    """Raise BadRecording where the column of the displacement runs ahead of that of the drive: a
+    stage lags behind its drive, so the loop is run through one way round."""
+    for one in rows:
+        known = ~np.isnan(one.u) & ~np.isnan(one.y)
+        if measure_line(one.u[known], one.y[known]) > 0.5 * float(np.std(one.y[known])):
+            continue  # neither follows the other
+        area = _measure_loop(one.u, one.y)
+        if area < -TUNING.backward_loop:
+            raise BadRecording(
+                f"{one.name}: the drive follows the displacement, by a loop of {-area:.1%} of its "
+                "box; are the columns swapped? the drive is u_..., the measured displacement y_..."
+            )
+
+
+def _measure_loop(u: Floats, y: Floats) -> float:
+    """Area that (u, y) runs around, per length of the drive's way there and back over its range
+    and per range of y; positive where y is behind u. Both directions of y count alike."""
+    at = np.flatnonzero(~np.isnan(u) & ~np.isnan(y))
+    if at.size < 10:
+        return 0.0
+    v, x = u[at], y[at]
+    low, high = np.quantile(sample(x), [0.01, 0.99])
+    x = np.clip(x, low, high)
+    travel = float(np.sum(np.abs(np.diff(v))))
+    slope = float(np.cov(sample(v), sample(x))[0, 1]) if at.size <= 200_000 else 1.0
+    area = float(np.sum(0.5 * (v[1:] + v[:-1]) * np.diff(x)))
+    area -= 0.5 * float((v[-1] + v[0]) * (x[-1] - x[0]))  # closed by a straight line
+    loops = travel / (2.0 * float(np.ptp(v)))
+    return np.sign(slope) * area / (max(loops, 1.0) * float(np.ptp(v)) * max(high - low, 1e-300))
+
+
+def require_better_than_a_line(
+    setup: FitSetup, residuals: Sequence[Floats], picks: Sequence[Bools]
+) -> None:
+    """Raise BadRecording where the last fit leaves more than a straight line does, or is no number:
+    of several recordings, it names the one that does not belong to the others."""
+    shares = []
+    for one, error, pick in zip(setup.rows, residuals, picks, strict=True):
+        shares.append((rms(error[pick]) / max(float(np.ptp(one.y[pick])), 1e-300), one.name))
+        line = measure_line(one.u[pick], one.y[pick])
+        left = rms(error[pick])
+        if not left <= line * TUNING.no_worse:
+            belongs = (
+                "the recordings are of different stages"
+                if len(setup.rows) > 1
+                else ("too little of the loop is shown")
+            )
+            raise BadRecording(
+                f"{one.name}: the best model leaves {left:.4g} and a straight line {line:.4g} rms; "
+                f"{belongs}; record a drive that goes to and fro over its range several times "
+                "(dehyst excite designs one), of one stage"
+            )
+
+
+def require_one_stage(
+    names: Sequence[str], together: Sequence[float], alone: Sequence[float], unit: str
+) -> None:
+    """Raise BadRecording where recordings are told well each alone and badly together.
+
+    together, alone: (G,) rms that the common model and one of its own leave in each recording.
+    """
+    ratio = np.array(together) / np.maximum(alone, 1e-300)
+    if len(names) < 2 or float(np.max(ratio)) <= TUNING.one_stage:
+        return
+    figures = ", ".join(
+        f"{name} {a:.3g} {unit} (alone {b:.3g})"
+        for name, a, b in zip(names, together, alone, strict=True)
+    )
+    odd = names[int(np.argmax(ratio))]
+    raise BadRecording(
+        f"{odd} does not belong to the others: one model leaves {figures} rms; "
+        "identify the recordings of each stage, load and unit apart"
+    )
+
+
+def measure_line(u: Floats, y: Floats) -> float:
+    """Rms that a straight line through (u, y) leaves."""
+    du, dy = u - u.mean(), y - y.mean()
+    power = float(du @ du)
+    slope = float(du @ dy) / power if power > 0.0 else 0.0
+    return rms(dy - slope * du)
+
+
+def rms(x: Floats) -> float:
+    """Root mean square; NaN of nothing."""
+    return float(np.sqrt(np.mean(x**2))) if x.size else float("nan")

@@ -1,0 +1,158 @@
+"""How well a model foretells a recording that it has not seen, and what is left.
+
+A recording may begin anywhere in a stage's life, and a sensor may have been zeroed since: of the
+histories that a stage can have (de-energised, come from above, come from below) the one that fits
+is taken, and the mean of what is left is told apart as the offset.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dehyst.models.cascade.simulate import channels_of, simulate
+from dehyst.models.errors import BadInput
+from dehyst.models.hysteresis.play import play_step
+from dehyst.models.identify.uncertainty import estimate_noise
+from dehyst.models.model import Model
+from dehyst.models.recording import Bools, Floats, Recording
+
+LAGS = 40  # rows over which what is left is compared with itself and with the drive
+COVERED, ENOUGH = 0.9, 0.5
+CLAIM = 1.5  # times the error that the model states: more is worse than it claims
+SURE = 1.96  # standard errors of a correlation of nothing
+
+
+@dataclass(frozen=True)
+class Validation:
+    """name: of the recording; rms: of measured minus model, without its mean; offset: that mean;
+    span: of the displacement; noise: rms from row to row; claim: what the model states of itself;
+    start: the history that fits; predicted: (N,); autocorrelation: (LAGS,) of what is left, from
+    one row on; with_drive: (LAGS + 1,) its correlation with the drive so many rows before; chance:
+    what such a correlation is by chance; outside: share of the rows beyond the validity."""
+
+    name: str
+    unit: str
+    rms: float
+    offset: float
+    span: float
+    noise: float
+    claim: float | None
+    start: str
+    predicted: Floats
+    autocorrelation: Floats
+    with_drive: Floats
+    chance: float
+    outside: float
+
+    @property
+    def share(self) -> float:
+        """Error over the span."""
+        return self.rms / self.span if self.span else float("nan")
+
+    @property
+    def worse(self) -> bool:
+        """Is it worse than the model claims? A model that claims nothing is not."""
+        return self.claim is not None and not self.rms <= CLAIM * self.claim
+
+    @property
+    def white(self) -> bool:
+        """Is what is left as noise is from row to row: within chance at nine lags in ten?"""
+        return float(np.mean(np.abs(self.autocorrelation) > self.chance)) <= 0.1
+
+    @property
+    def tied_to_drive(self) -> float:
+        """Largest correlation of what is left with the drive."""
+        return float(np.max(np.abs(self.with_drive)))
+
+
+def validate(model: Model, recording: Recording) -> Validation:
+    """Run the model on the recording's drive. Raises BadInput on other units, missing columns."""
+    if recording.displacement is None:
+        raise BadInput(f"{recording.name}: no displacement column; validation needs one")
+    for what, ours, theirs in (
+        ("drive", recording.drive_unit, model.drive_unit),
+        ("displacement", recording.displacement_unit, model.displacement_unit),
+    ):
+        if ours != theirs:
+            raise BadInput(f"{recording.name}: the {what} is in {ours}, the model's in {theirs}")
+    known = ~recording.missing_drive
+    channels = {}
+    for name in channels_of(model):
+        if name not in recording.channels:
+            raise BadInput(f"{recording.name}: the model reads the channel {name}, it is absent")
+        known &= ~np.isnan(recording.channels[name])
+    if int(np.count_nonzero(known & ~recording.missing_displacement)) < 2 * LAGS:
+        raise BadInput(f"{recording.name}: too few rows have all that the model reads")
+    channels = {name: recording.channels[name][known] for name in channels_of(model)}
+    u, t, y = recording.drive[known], recording.t_s[known], recording.displacement[known]
+    settled = _find_settled(u)
+    best: tuple[float, str, Floats] | None = None
+    for start, plays in _list_starts(model, float(u[0])).items():
+        predicted = simulate(model, t, u, channels, plays)
+        left = float(np.nanstd((y - predicted)[settled]))
+        if best is None or left < best[0] * (1.0 - 1e-9):
+            best = (left, start, predicted)
+    assert best is not None
+    out = np.full(recording.size, np.nan)
+    out[known] = best[2]
+    error = np.where(settled, y - best[2], np.nan)
+    offset = float(np.nanmean(error))
+    own, drive = _correlate(error - offset, u)
+    fit = model.fit
+    return Validation(
+        name=recording.name,
+        unit=model.displacement_unit,
+        rms=best[0],
+        offset=offset,
+        span=float(np.nanmax(y) - np.nanmin(y)),
+        noise=estimate_noise(error),
+        claim=max((x for x in (fit.holdout_rms, fit.rms) if x is not None), default=None),
+        start=best[1],
+        predicted=out,
+        autocorrelation=own,
+        with_drive=drive,
+        chance=SURE / max(1.0, float(np.count_nonzero(~np.isnan(error)))) ** 0.5,
+        outside=_measure_outside(model, u, t),
+    )
+
+
+def _find_settled(u: Floats) -> Bools:
+    """(N,) rows from the first time on that the drive has covered nearly all of its own range, or
+    all rows where that comes late: before, what the stage has been through has its say."""
+    low, high = np.minimum.accumulate(u), np.maximum.accumulate(u)
+    out = np.asarray(high - low >= COVERED * (high[-1] - low[-1]))
+    return out if np.count_nonzero(out) >= ENOUGH * u.size else np.ones(u.size, dtype=bool)
+
+
+def _list_starts(model: Model, u: float) -> dict[str, Floats]:
+    """(n,) plays before the first row, by the stage's history."""
+    h, v = model.hysteresis, model.validity
+    out = {"de-energised": np.zeros(h.n)}
+    for name, end in (("from above", v.drive_max), ("from below", v.drive_min)):
+        plays = np.zeros(h.n)
+        other = v.drive_min if end == v.drive_max else v.drive_max
+        for drive in (other, end, u):
+            play_step(h.r, plays, drive - h.u_offset)
+        out[name] = plays
+    return out
+
+
+def _correlate(error: Floats, u: Floats) -> tuple[Floats, Floats]:
+    """Autocorrelation (LAGS,) of the error, and its correlation (LAGS + 1,) with the drive before;
+    pairs with a missing value count for nothing."""
+    e = np.nan_to_num(error)
+    v = u - u.mean()
+    size, drive = float(e @ e) or 1.0, float(np.sqrt((e @ e) * (v @ v))) or 1.0
+    own = [float(e[k:] @ e[: e.size - k]) / size for k in range(1, LAGS + 1)]
+    with_drive = [float(e[k:] @ v[: v.size - k]) / drive for k in range(LAGS + 1)]
+    return np.array(own), np.array(with_drive)
+
+
+def _measure_outside(model: Model, u: Floats, t: Floats) -> float:
+    """Share of the rows beyond the drive range or the rate that the model was identified in."""
+    v = model.validity
+    margin = 1e-6 * (v.drive_max - v.drive_min)
+    beyond = (u < v.drive_min - margin) | (u > v.drive_max + margin)
+    if v.rate_max and u.size > 1:
+        beyond[1:] |= np.abs(np.diff(u)) / np.diff(t) > v.rate_max * (1.0 + 1e-6)
+    return float(np.mean(beyond))

@@ -1,0 +1,86 @@
+"""dehyst validate as a user runs it."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dehyst.daemon.files.models import save_model
+from dehyst.daemon.files.recordings import write_recording
+from dehyst.daemon.main import main
+from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.model import Fit
+from dehyst.models.modelfile import shipped
+
+T = 1e-3
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A model that claims 45 nm, and a recording of just that stage with 45 nm of noise."""
+    monkeypatch.chdir(tmp_path)
+    model = shipped("paper-eq12")
+    save_model(replace(model, fit=Fit(0.045, 0.045, 0.045)), "good.toml")
+    h = replace(model.hysteresis, b=1.2 * model.hysteresis.b)
+    save_model(replace(model, hysteresis=h, fit=Fit(0.045, 0.045, 0.045)), "bad.toml")
+    t = np.arange(6000) * T
+    u = 3.5 - 3.5 * np.cos(2 * np.pi * 3 * t)
+    y = simulate(model.hysteresis, u, T) + 0.045 * np.random.default_rng(1).standard_normal(t.size)
+    write_recording(tmp_path / "run.csv", t, {"u_v": u, "y_um": y + 7.0})
+    return tmp_path
+
+
+def test_as_good_as_it_claims(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["validate", "good.toml", "run.csv", "--report", "r", "--json"]) == 0
+    (said,) = json.loads(capsys.readouterr().out)
+    assert said["rms"] == pytest.approx(0.045, rel=0.05)
+    assert said["offset"] == pytest.approx(7.0, abs=0.01)  # a sensor that was zeroed elsewhere
+    assert said["white"]
+    assert said["correlation_with_drive"] < 3 * said["by_chance"]
+    assert said["noise_rms"] == pytest.approx(0.045, rel=0.1)
+    page = Path("r/validation.html").read_text("utf-8")
+    assert page.count("<img") == 3
+
+
+def test_worse_than_it_claims_is_a_finding(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["validate", "good.toml", "bad.toml", "run.csv"]) == 1
+    good, bad = capsys.readouterr().out.strip().splitlines()[:2]
+    assert "as good as it claims" in good
+    assert "WORSE than it claims" in bad
+    assert "not white" in bad
+
+
+def test_a_recording_may_begin_anywhere(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The first loop has run before the recording begins."""
+    t = np.arange(6000) * T
+    u = 3.5 - 3.5 * np.cos(2 * np.pi * 3 * t)
+    y = simulate(shipped("paper-eq12").hysteresis, u, T)
+    y += 0.045 * np.random.default_rng(2).standard_normal(t.size)
+    write_recording(folder / "late.csv", t[:-500], {"u_v": u[500:], "y_um": y[500:]})
+    assert main(["validate", "good.toml", "late.csv", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["rms"] == pytest.approx(0.045, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["validate", "good.toml"], "one model"),
+        (["validate", "run.csv"], "one model"),
+        (["validate", "good.toml", "absent.csv"], "no such file"),
+        (["validate", "good.toml", "other.csv"], "the displacement is in nm"),
+    ],
+)
+def test_bad_usage_is_one_line(
+    folder: Path, arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(200) * T
+    write_recording(folder / "other.csv", t, {"u_v": np.sin(t), "y_nm": np.sin(t)})
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert says in err
+    assert err.count("\n") == 1
+    assert out == ""

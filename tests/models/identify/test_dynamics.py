@@ -1,0 +1,70 @@
+"""A lag around the hysteresis is found where there is one, and none where there is none."""
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, lfilter
+
+from dehyst.models.cascade.simulate import simulate
+from dehyst.models.identify import identify
+from dehyst.models.identify.dynamics import Dynamics
+from dehyst.models.model import Hysteresis, Model, Validity
+from dehyst.models.recording import Floats, Recording
+
+T = 1e-3
+LOOPS = Hysteresis(r=[0.0, 0.4, 1.5], b=[0.8, 0.3, 0.3], c=[0.0, 1.0])
+
+
+def drive(n: int = 6000) -> Floats:
+    t = np.arange(n) * T
+    wave = 2 * np.sin(2 * np.pi * 1.1 * t) + np.sin(2 * np.pi * 7 * t) + np.sin(2 * np.pi * 17 * t)
+    return (wave + 4) * np.minimum(t / 0.5, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("lag", "below"),
+    [
+        (Dynamics("lag", "sensor", (0.004,)), ([1.0], [0.004, 1.0])),
+        (Dynamics("second", "sensor", (30.0, 0.8)),
+         ([1.0], [1 / (2 * np.pi * 30) ** 2, 1.6 / (2 * np.pi * 30), 1.0])),
+    ],
+    ids=["first order", "second order"],
+)  # fmt: skip
+def test_columns_are_filtered_as_the_equation_says(lag: Dynamics, below: tuple) -> None:
+    u = drive(1000)
+    x = np.column_stack([u, u**2])
+    through = lag.behind(2)
+    assert through is not None
+    out, fresh = x.copy(), np.zeros(u.size, dtype=bool)
+    for part in (slice(0, 300), slice(300, 1000)):  # in two lots
+        lot = out[part].copy()
+        through.run(lot, np.arange(u.size)[part] * T, fresh[part])
+        out[part] = lot
+    num, den, _ = cont2discrete(below, T, "foh")
+    want = lfilter(np.squeeze(num), den, x - x[0], axis=0) + x[0]
+    np.testing.assert_allclose(out, want, atol=1e-9)
+
+
+@pytest.mark.parametrize("place", ["drive", "sensor"])
+def test_a_lag_is_found(place: str) -> None:
+    u = drive()
+    block = Dynamics("lag", place, (0.006,)).block
+    stage = Model(LOOPS, Validity(0, 8), blocks=(block,))
+    noise = 0.004 * np.random.default_rng(3).standard_normal(u.size)
+    found = identify([Recording(np.arange(u.size) * T, u, simulate(stage, T, u) + noise)])
+    assert not found.shape.rate
+    (one,) = found.model.blocks
+    assert (one.kind, one.place) == ("lag", place)
+    assert one.params["tau_s"] == pytest.approx(0.006, rel=0.05)
+    other = 4 - 4 * np.cos(2 * np.pi * 3 * np.arange(3000) * T)
+    other *= u.max() / 8
+    error = simulate(found.model, T, other) - simulate(stage, T, other)
+    assert np.sqrt(np.mean(error**2)) < 0.012
+
+
+def test_none_is_found_where_there_is_none() -> None:
+    u = drive()
+    stage = Model(LOOPS, Validity(0, 8))
+    noise = 0.004 * np.random.default_rng(4).standard_normal(u.size)
+    found = identify([Recording(np.arange(u.size) * T, u, simulate(stage, T, u) + noise)])
+    assert found.model.blocks == ()
+    assert not found.shape.rate

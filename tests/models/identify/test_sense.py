@@ -1,0 +1,62 @@
+"""What cannot be drive and displacement of one stage is refused in one sentence."""
+
+import numpy as np
+import pytest
+
+from dehyst.models.errors import BadRecording
+from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.identify import describe, identify
+from dehyst.models.model import Hysteresis
+from dehyst.models.recording import Recording
+
+T = 1e-3
+STAGE = Hysteresis(r=[0.0, 0.4, 1.5], b=[0.8, 0.3, 0.3], c=[2.0, 1.0])
+t = np.arange(5000) * T
+u = 5 - 2 * np.cos(2 * np.pi * 10 * t) - 3 * np.cos(2 * np.pi * 5 * t)
+y = simulate(STAGE, u, T) + 0.01 * np.random.default_rng(0).standard_normal(t.size)
+
+
+@pytest.mark.parametrize(
+    ("recording", "says"),
+    [
+        (Recording(t, y, u), "columns swapped"),
+        (Recording(1000 * t, u, y), "milliseconds"),
+    ],
+)
+def test_swapped_columns_and_milliseconds(recording: Recording, says: str) -> None:
+    with pytest.raises(BadRecording, match=says) as error:
+        identify([recording])
+    assert "\n" not in str(error.value)
+
+
+def test_recordings_of_different_stages() -> None:
+    """The sentence has a figure for each, and names the one that does not belong."""
+    v = 4 - 4 * np.cos(2 * np.pi * 3 * t)
+    other = 1.6 * simulate(STAGE, v, T) + 0.01 * np.random.default_rng(1).standard_normal(t.size)
+    recordings = [Recording(t, u, y, name="a.csv"), Recording(t, v, other, name="b.csv")]
+    with pytest.raises(BadRecording, match="does not belong") as error:
+        identify(recordings)
+    assert all(name in str(error.value) for name in ("a.csv", "b.csv", "alone"))
+
+
+@pytest.mark.parametrize("every", [2, 3])
+def test_a_slow_sensor_is_used_for_what_it_is(every: int) -> None:
+    slow = np.full(y.size, np.nan)
+    slow[::every] = y[::every]
+    found = identify([Recording(t, u, slow)])
+    assert found.noise_rms == pytest.approx(0.01, rel=0.15)
+    v = 3.5 - 3.5 * np.cos(2 * np.pi * 2 * t)
+    error = simulate(found.model.hysteresis, v, T) - simulate(STAGE, v, T)
+    assert np.sqrt(np.mean(error**2)) < 0.01
+
+
+def test_the_first_line_says_what_the_stage_is() -> None:
+    """Stroke and hysteresis by hand: over 0 to 7.56 V the major loop of three operators."""
+    found = describe(identify([Recording(t, u, y)]).model)
+    top = float(u.max())
+    stroke = 1.4 * top - 2 * (0.3 * 0.4 + 0.3 * 1.5)
+    assert found.stroke == pytest.approx(stroke, rel=0.01)
+    assert found.gain == pytest.approx(stroke / top, rel=0.01)
+    assert found.hysteresis == pytest.approx(2 * (0.3 * 0.4 + 0.3 * 1.5) / stroke, rel=0.05)
+    assert found.offset == pytest.approx(2.0, abs=0.02)
+    assert found.sentence().endswith("um")
