@@ -74,7 +74,7 @@ def _structure(found: Identification) -> str:
 def peer(bars: Bars) -> None:
     """2: against a bounded fit of 40 operators with a light ridge; rms to the truth, %.
 
-    The stage is of the other's own class: one with a saturation, which it has not, would flatter us.
+    The stage is of the other's own class: a saturation, which it has not, would flatter us.
     """
     truth = replace(cases.smooth(), c=np.array([0.0, 1.0]))
     stroke = truth.run(np.array([0.0, 10.0]))[1]
