@@ -165,7 +165,8 @@ class Delay(Candidate):
 
 def _variants(s: Scales) -> list[Block]:
     times = [k * s.period_s for k in (1.0, 0.2, 0.5, 2.0, 5.0, 20.0)]
-    return [Block("delay", "drive", {"delay_s": d}) for d in times]
+    lead = Block("lead", "drive", {"tau_s": 0.5 * s.period_s})
+    return [*(Block("delay", "drive", {"delay_s": d}) for d in times), lead]
 
 
 PHYSICS = Physics(

@@ -16,6 +16,7 @@ from dehyst.models.errors import BadInput
 # what each command writes, and for each output the inputs that it must not hit
 WRITES: dict[str, list[str]] = {
     "identify": ["identify {rec} -o {out}", "identify {rec} -o m.toml --report {dir}"],
+    "validate": ["validate {model} {rec} --report {dir}"],
     "simulate": ["simulate {model} {rec} -o {out}"],
     "invert": ["invert {model} {trajectory} -o {out}"],
     "diagnose": ["diagnose {rec} --model {model} -o {dir}"],
