@@ -59,9 +59,7 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
 
     def run(lots: list[Equations], begin: Params, above: float) -> Solution:
         bounds, loose = make_bounds(begin, setup.limits, r, above), above > 0.0
-        return solve(
-            lambda: lots, shape, begin, bounds, prior, strength, tolerance=1e-4, loose=loose
-        )
+        return solve(lambda: lots, shape, begin, bounds, prior, strength, loose, (12, 1e-4))
 
     loose = run(equations, scored.params, narrow)
     tight = run(equations, loose.params, 0.0)

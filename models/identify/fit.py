@@ -68,12 +68,12 @@ def solve(
     bounds: Bounds,
     prior: Prior | None = None,
     strength: float = 0.0,
-    steps: int = 12,
-    tolerance: float = 1e-6,
     loose: bool = False,
+    effort: tuple[int, float] = (12, 1e-6),
 ) -> Solution:
-    """Fit from `start`. tolerance: relative fall of the misfit at which to stop; loose: the prior
-    leaves narrow operators alone."""
+    """Fit from `start`. loose: the prior leaves narrow operators alone; effort: steps at most, and
+    the relative fall of the misfit at which to stop."""
+    steps, tolerance = effort
     low, high = bounds
     cost = np.zeros((start.slopes.size,) * 2)
     if prior is not None:

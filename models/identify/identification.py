@@ -174,9 +174,10 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
             break
         notes.append(f"{shape.name}: would turn over within reach and was not taken")
         fewer = [
-            c for c in tried
+            c
+            for c in tried
             if c.shape.rate == shape.rate and len(c.shape.powers) < len(shape.powers)
-        ]  # fmt: skip
+        ]
         if not fewer:  # the user fixed the saturation: a straight line takes its place
             fewer = Search(setup, [Shape(shape.rate, (0,))], progress).run()
         best = choose(fewer)

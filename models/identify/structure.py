@@ -221,9 +221,15 @@ class Trial:
             found.params, self.setup.limits, self.r, TUNING.narrow * self.setup.span * self.loose
         )
         return solve(
-            lambda: self.lots, found.shape, found.params, bounds, self.prior, found.strength,
-            steps=3, tolerance=1e-3, loose=self.loose,
-        ).params  # fmt: skip
+            lambda: self.lots,
+            found.shape,
+            found.params,
+            bounds,
+            self.prior,
+            found.strength,
+            self.loose,
+            (3, 1e-3),
+        ).params
 
     def misfit(self, shape: Shape, strength: float, noise: float, loose: bool) -> float:
         """Misfit of a structure fitted to all stretches, as linearised. noise: its power."""
