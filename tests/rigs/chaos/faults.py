@@ -373,8 +373,8 @@ def disk_read_only(rig: Rig) -> str:
             )
             assert refused.wait(30.0) == 2
             assert "Read-only" in rig.words("record-ro2")
-            rig.bench_order(fault="stuck", for_s=6.0)
-            rig.until_event("is not kept", 20.0)
+            rig.bench_order(fault="stuck", for_s=15.0)
+            rig.until_event("is not kept", 30.0)
             assert "Read-only" in rig.events()
         finally:
             rig.bench_order(clear=True)
