@@ -11,7 +11,7 @@ FUZZ_S ?= 600
 demo: kernels
 	$(BIN)/dehyst demo --force
 
-# quick: what starts no process; see tests/parts.py
+# quick: what starts no process and is soon done; see tests/parts.py
 test: kernels
 	$(BIN)/python -m tests.parts
 

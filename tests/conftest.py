@@ -21,12 +21,23 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # its workers come after it
 starts.watch()
 
 
+THOROUGH = (
+    "models/identify", "models/diagnosis", "models/mismatch", "models/drive_design", "replay",
+    "models/inverse/test_compensator.py", "models/physics/test_every_physics.py",
+    "daemon/commands/test_diagnose.py", "daemon/commands/test_identify.py",
+    "daemon/commands/test_excite.py", "daemon/commands/test_validate.py",
+    "daemon/loop/test_random_life.py",
+)  # fmt: skip
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what starts a process, and keep together what shares a rig of its module."""
     for item in items:
         name = item.cls.__name__ if getattr(item, "cls", None) else item.originalname  # type: ignore[attr-defined]
         if starts.starts_something(item.path, name) or item.get_closest_marker("timing"):
             item.add_marker("processes")
+        if str(item.path.relative_to(ROOT / "tests")).startswith(THOROUGH):
+            item.add_marker("thorough")
         rigs = item._fixtureinfo.name2fixturedefs.values()  # type: ignore[attr-defined]
         grouped = item.get_closest_marker("xdist_group")
         if not grouped and any(d[-1].scope == "module" and d[-1].baseid for d in rigs):

@@ -1,9 +1,10 @@
-"""All tests in three parts, and one closing line for them.
+"""All tests in four parts, and one closing line for them.
 
-    python -m tests.parts [quick] [processes] [timing]
+    python -m tests.parts [quick] [thorough] [processes] [timing]
 
 quick      what starts no process, no zenoh session and no pty, on all processors; a file's tests in
            one worker, which compiles their kernels and makes their fixtures once
+thorough   the same where it takes longer: identification, diagnosis, the mismatch watch, recordings
 processes  what does, on all processors; tests that share a rig of their module in one worker
 timing     what judges times, alone
 
@@ -20,7 +21,8 @@ from collections import Counter
 
 JOBS = str(len(os.sched_getaffinity(0)))
 PARTS = {
-    "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes"],
+    "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes and not thorough"],
+    "thorough": ["-n", JOBS, "--dist", "loadfile", "-m", "thorough and not processes"],
     # native: pytest's own tracebacks parse the source, and where threads do so at once, CPython
     # 3.11 ends with "AST constructor recursion depth mismatch" and takes the worker with it
     "processes": [
