@@ -19,7 +19,7 @@ from dehyst.daemon.tools.bench_config import simulated_model
 
 FLOODS = (chaos_commands.flood, chaos_commands.stranger_floods)
 ALL = [
-    pytest.param(fault, marks=pytest.mark.xdist_group("chaos"), id=fault.__name__)
+    pytest.param(fault, id=fault.__name__)
     for fault in (
         *faults.DEVICES,
         *faults.HOST,
@@ -28,7 +28,7 @@ ALL = [
         *faults.PROCESSES,
     )
 ]
-"""One group: two rigs at once would leave each other too little of two processors."""
+pytestmark = pytest.mark.timing  # ramps, glides and slew are judged by the clock
 
 
 class Rigs:
