@@ -22,6 +22,7 @@ from dehyst.models.identify.rows import Rows, compute_rates
 from dehyst.models.model import Block
 from dehyst.models.physics import KINDS
 from dehyst.models.recording import Bools, Floats
+from dehyst.models.signals.filters import free_decay
 
 SAME = 1e-9  # sampling intervals that differ by less than this part count as equal
 
@@ -120,7 +121,7 @@ def _filter_columns(
             else:
                 w, z = 2.0 * math.pi * theta[0], theta[1]
                 trail = 2.0 * z / w
-                m11, m12, m21, m22 = _decay(w, z, dt)
+                m11, m12, m21, m22 = free_decay(w, z, dt)
         for i in range(x.shape[1]):
             ramp = (x[t, i] - before[i]) / dt
             before[i] = x[t, i]
@@ -131,20 +132,3 @@ def _filter_columns(
             if theta.size == 2:
                 speed[i] = ramp + m21 * free + m22 * late
             x[t, i] = y[i]
-
-
-@njit(cache=True, nogil=True)
-def _decay(w: float, z: float, dt: float) -> tuple[float, float, float, float]:
-    """The free motion of a second-order lag over dt, as a matrix of displacement and speed."""
-    if abs(z - 1.0) < 1e-7:
-        fall = math.exp(-w * dt)
-        cosine, sine = fall, fall * dt
-    elif z < 1.0:
-        damped = w * math.sqrt(1.0 - z * z)
-        fall = math.exp(-z * w * dt)
-        cosine, sine = fall * math.cos(damped * dt), fall * math.sin(damped * dt) / damped
-    else:
-        damped = w * math.sqrt(z * z - 1.0)
-        slow, fast = math.exp((damped - z * w) * dt), math.exp((-damped - z * w) * dt)
-        cosine, sine = 0.5 * (slow + fast), 0.5 * (slow - fast) / damped
-    return cosine + z * w * sine, sine, -w * w * sine, cosine - z * w * sine

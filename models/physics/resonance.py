@@ -15,7 +15,7 @@ from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import SAME, Kind, Led, Param, named
-from dehyst.models.signals.filters import second_order
+from dehyst.models.signals.filters import free_decay, second_order
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.peaks import peaks
 
@@ -29,20 +29,8 @@ STATE = fields(*MODE)
 @njit(cache=True, nogil=True)
 def _decay(s: Any, w: float, z: float, dt: float) -> None:
     """The matrix of the free decay over dt."""
-    if abs(z - 1.0) < 1e-7:
-        fall = math.exp(-w * dt)
-        cosine, sine = fall, fall * dt
-    elif z < 1.0:
-        damped = w * math.sqrt(1.0 - z * z)
-        fall = math.exp(-z * w * dt)
-        cosine, sine = fall * math.cos(damped * dt), fall * math.sin(damped * dt) / damped
-    else:
-        damped = w * math.sqrt(z * z - 1.0)
-        slow, fast = math.exp((damped - z * w) * dt), math.exp((-damped - z * w) * dt)
-        cosine, sine = 0.5 * (slow + fast), 0.5 * (slow - fast) / damped
     s.dt = dt
-    s.m11, s.m12 = cosine + z * w * sine, sine
-    s.m21, s.m22 = -w * w * sine, cosine - z * w * sine
+    s.m11, s.m12, s.m21, s.m22 = free_decay(w, z, dt)
 
 
 @njit(cache=True, nogil=True)

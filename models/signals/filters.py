@@ -4,6 +4,8 @@ All arrays are joined recordings; `starts` (N,) bool marks the first sample of e
 where every state begins anew. Filters act on columns: x (N, k), each column for itself.
 """
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -213,3 +215,21 @@ def delayed(x: Floats, shift: Floats, starts: Bools) -> Floats:
             total += part
         out[t] = total
     return out
+
+
+@njit(cache=True, nogil=True)
+def free_decay(w: float, z: float, dt: float) -> tuple[float, float, float, float]:
+    """The free motion of a mode or second-order lag (w: its undamped frequency [rad/s], z: damping)
+    over dt, as a matrix of displacement and speed, row by row."""
+    if abs(z - 1.0) < 1e-7:
+        fall = math.exp(-w * dt)
+        cosine, sine = fall, fall * dt
+    elif z < 1.0:
+        damped = w * math.sqrt(1.0 - z * z)
+        fall = math.exp(-z * w * dt)
+        cosine, sine = fall * math.cos(damped * dt), fall * math.sin(damped * dt) / damped
+    else:
+        damped = w * math.sqrt(z * z - 1.0)
+        slow, fast = math.exp((damped - z * w) * dt), math.exp((-damped - z * w) * dt)
+        cosine, sine = 0.5 * (slow + fast), 0.5 * (slow - fast) / damped
+    return cosine + z * w * sine, sine, -w * w * sine, cosine - z * w * sine
