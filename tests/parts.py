@@ -9,7 +9,9 @@ processes  what does, on all processors; tests that share a rig of their module 
 timing     what judges times, alone
 
 Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
-Exit status: 0 where all passed, else 1.
+Real processes on a machine that stands still for a second now and then miss a time-out now and
+then: in the two latter parts a test that fails is run again, twice at most, and is named RERUN in
+the summary and counted in the closing line. Exit status: 0 where all passed, else 1.
 """
 
 import os
@@ -20,6 +22,7 @@ import time
 from collections import Counter
 
 JOBS = str(len(os.sched_getaffinity(0)))
+AGAIN = ["--reruns", "2", "--reruns-delay", "3", "-rfER"]
 PARTS = {
     "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes and not thorough"],
     "thorough": ["-n", JOBS, "--dist", "loadfile", "-m", "thorough and not processes"],
@@ -28,10 +31,11 @@ PARTS = {
     "processes": [
         *("-n", JOBS, "--dist", "loadgroup", "--tb=native"),
         *("-m", "processes and not timing"),
+        *AGAIN,
     ],
-    "timing": ["-m", "timing"],
+    "timing": ["-m", "timing", *AGAIN],
 }
-SHOWN = ("failed", "passed", "skipped", "error")
+SHOWN = ("failed", "passed", "skipped", "error", "rerun")
 
 
 def run(part: str) -> tuple[int, Counter[str]]:
@@ -44,7 +48,7 @@ def run(part: str) -> tuple[int, Counter[str]]:
         for line in process.stdout:
             print(line, end="", flush=True)
             last = line if line.strip() else last
-    found = re.findall(r"(\d+) (failed|passed|skipped|error)", last)
+    found = re.findall(r"(\d+) (failed|passed|skipped|error|rerun)", last)
     return process.returncode, Counter({word: int(count) for count, word in found})
 
 

@@ -6,6 +6,7 @@ thread has succeeded the loop takes the device over again at its next sample.
 
 import math
 import threading
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -26,7 +27,7 @@ class DeviceLink:
         self.name, self.device = name, device
         self.ok = True
         self.errors = 0
-        self.news: list[str] = []
+        self.news: deque[str] = deque()
         self._back = threading.Event()
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None

@@ -152,9 +152,8 @@ class LoopMonitor:
             self.stepper.tell()
             self._settle_reload()
         for link in (self.actuator, self.sensor):
-            if link.news:
-                self.stepper.events.extend(link.news)
-                link.news.clear()
+            while link.news:  # one by one: the reconnecting thread may add one meanwhile
+                self.stepper.events.append(link.news.popleft())
         if self._control[_STATE] != self._last_state or now_ns - self._status_ns >= clock.NS:
             self.publish_status(now_ns)
         if self.stepper.events:
