@@ -188,6 +188,12 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
     """Clients and routers that are connected now."""
     links_ended: int = 0
     """Connections that have ended: by the other side, its silence, or because it did not read."""
+    starts_refused: int = 0
+    """How often it tried in vain to begin before, its address being in use for example."""
+    unreachable_s: float = 0.0
+    """From the first of these tries until it began: so long no client could reach the daemon."""
+    refused_because: Name = ""
+    """What the last of these tries said."""
     health: float = 0.0
     """Misfit over what is expected at most: below 1 the stage behaves as its model; below 0 the
     watch is still learning, -0.4: 40 % of the first motion is still to be seen."""

@@ -20,13 +20,14 @@ from dehyst.daemon.bus.messages import Status
 from dehyst.daemon.bus.security import client_settings, server_settings
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.config import Config
+from dehyst.daemon.gateway import refused_starts
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.answers import Answers
 from dehyst.daemon.gateway.command_intake import CommandIntake
 from dehyst.daemon.gateway.core_rings import CoreRings
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.gateway.publisher import Publisher
-from dehyst.models.errors import BadInput
+from dehyst.models.errors import BadInput, DehystError
 
 log = logging.getLogger(__name__)
 ROUTER_S = 1.0
@@ -143,9 +144,14 @@ def security_of(config: Config) -> dict[str, Any] | None:
 
 
 def run_gateway(config: Config) -> int:
-    """Entry of the gateway process: until SIGTERM or SIGINT; exit code."""
+    """Entry of the gateway process: until SIGTERM or SIGINT; exit code. Raises DehystError where
+    it cannot begin; the next one that can tells of it."""
     gateway = Gateway(config)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: gateway.end())
     sys.setswitchinterval(SWITCH_S)
-    return 0 if gateway.run() else 1
+    try:
+        return 0 if gateway.run() else 1
+    except DehystError as error:
+        refused_starts.add(config.directory, str(error))
+        raise

@@ -20,6 +20,7 @@ from dehyst.daemon.bus.session import Bus
 from dehyst.daemon.bus.topics import EVENT, TELEMETRY, subject
 from dehyst.daemon.bus.topics import STATUS as STATUS_TOPIC
 from dehyst.daemon.config import Config
+from dehyst.daemon.gateway import refused_starts
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.core_rings import CoreRings
 from dehyst.daemon.gateway.history import TelemetryHistory, runs
@@ -54,6 +55,11 @@ class Publisher:
         self._started_ns = self._heard_ns = self._said_ns = started_ns
         self._published = self._lost = self._cores = 0
         self._waiting: SimpleQueue[tuple[int, str, str]] = SimpleQueue()
+        self._refused = refused = refused_starts.settle(config.directory)
+        self._unreachable_s = (started_ns - refused.since_ns) * 1e-9 if refused.starts else 0.0
+        if refused.starts:
+            away = f"no client could reach this daemon for {self._unreachable_s:.1f} s"
+            self._waiting.put((1, "gateway", f"{away}: {refused.because}"))
         self.mismatch_watch = MismatchWatch(
             config, self.history, lambda level, code, text: self._waiting.put((level, code, text))
         )
@@ -121,6 +127,9 @@ class Publisher:
             links=links,
             links_ended=links_ended,
             restarts_of_core=max(0, self._cores - 1),
+            starts_refused=self._refused.starts,
+            unreachable_s=self._unreachable_s,
+            refused_because=self._refused.because,
             health=self.mismatch_watch.health,
             mismatch=self.mismatch_watch.figure,
         )
