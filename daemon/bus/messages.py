@@ -192,7 +192,7 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
     """How often it tried in vain to begin before, its address being in use for example."""
     unreachable_s: float = 0.0
     """From the first of these tries until it began: so long no client could reach the daemon."""
-    refused_because: Name = ""
+    refused_because: Text = ""
     """What the last of these tries said."""
     health: float = 0.0
     """Misfit over what is expected at most: below 1 the stage behaves as its model; below 0 the

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from dehyst.daemon import clock
-from dehyst.daemon.bus.messages import Name
+from dehyst.daemon.bus.messages import Text
 from dehyst.daemon.files.models import write_text
 
 FILE = "gateway.refused"
@@ -23,7 +23,7 @@ class RefusedStarts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     starts: int = 0
     since_ns: int = 0
-    because: Name = ""
+    because: Text = ""
 
 
 def read(folder: Path) -> RefusedStarts:
@@ -39,7 +39,7 @@ def add(folder: Path, because: str) -> None:
     """One more try that came to nothing. A folder that takes no file costs the note alone."""
     before, now_ns = read(folder), clock.monotonic_ns()
     since_ns = before.since_ns if 0 < before.since_ns <= now_ns else now_ns
-    note = RefusedStarts(before.starts + 1, since_ns, because[:200])
+    note = RefusedStarts(before.starts + 1, since_ns, because[:500])
     try:
         write_text(folder / FILE, msgspec.json.encode(note).decode())
     except OSError:
