@@ -5,8 +5,11 @@
 quick      what starts no process, no zenoh session and no pty, on all processors; a file's tests in
            one worker, which compiles their kernels and makes their fixtures once
 thorough   the same where it takes longer: identification, diagnosis, the mismatch watch, recordings
-processes  what does, on all processors; tests that share a rig of their module in one worker
+processes  what does; tests that share a rig of their module in one worker, and one worker more
+           than there are processors, because they mostly wait
 timing     what judges times, alone
+
+`thorough` runs beside `processes`, at the lowest priority, and is shown after it.
 
 Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
 Real processes on a machine that stands still for a second now and then miss a time-out now and
@@ -18,18 +21,24 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
+from contextlib import ExitStack
+from typing import IO
 
 JOBS = str(len(os.sched_getaffinity(0)))
 AGAIN = ["--reruns", "2", "--reruns-delay", "3", "-rfER"]
 PARTS = {
     "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes and not thorough"],
-    "thorough": ["-n", JOBS, "--dist", "loadfile", "-m", "thorough and not processes"],
+    "thorough": [
+        *("-n", JOBS, "--dist", "loadfile", "-p", "no:cacheprovider"),
+        *("-m", "thorough and not processes"),
+    ],
     # native: pytest's own tracebacks parse the source, and where threads do so at once, CPython
     # 3.11 ends with "AST constructor recursion depth mismatch" and takes the worker with it
     "processes": [
-        *("-n", JOBS, "--dist", "loadgroup", "--tb=native"),
+        *("-n", str(int(JOBS) + 1), "--dist", "loadgroup", "--tb=native"),
         *("-m", "processes and not timing"),
         *AGAIN,
     ],
@@ -38,18 +47,43 @@ PARTS = {
 SHOWN = ("failed", "passed", "skipped", "error", "rerun")
 
 
-def run(part: str) -> tuple[int, Counter[str]]:
-    """(exit status of pytest, counts of its closing line); its output goes on as it comes."""
-    print(f"--- {part}", flush=True)
-    command = [sys.executable, "-m", "pytest", "-q", *PARTS[part]]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        last = ""
-        for line in process.stdout:
+class Part:
+    """One run of pytest; kept: a file for its output until it is shown, and the lowest priority."""
+
+    def __init__(self, name: str, kept: IO[str] | None = None) -> None:
+        self.name, self._kept, self._last = name, kept, ""
+        command = [sys.executable, "-m", "pytest", "-q", *PARTS[name]]
+        self._process = subprocess.Popen(
+            ["nice", "-n", "19", *command] if kept else command,
+            stdout=kept or subprocess.PIPE,
+            text=True,
+        )
+
+    def show(self) -> tuple[int, Counter[str]]:
+        """(exit status of pytest, counts of its closing line), when it has ended."""
+        print(f"--- {self.name}", flush=True)
+        if self._kept is None:
+            assert self._process.stdout is not None
+            self._print(self._process.stdout)
+        self._process.wait()
+        if self._kept is not None:
+            self._kept.seek(0)
+            self._print(self._kept)
+        found = re.findall(r"(\d+) (failed|passed|skipped|error|rerun)", self._last)
+        return self._process.returncode, Counter({word: int(count) for count, word in found})
+
+    def _print(self, lines: IO[str]) -> None:
+        for line in lines:
             print(line, end="", flush=True)
-            last = line if line.strip() else last
-    found = re.findall(r"(\d+) (failed|passed|skipped|error|rerun)", last)
-    return process.returncode, Counter({word: int(count) for count, word in found})
+            self._last = line if line.strip() else self._last
+
+    def end(self) -> None:
+        """Leave nothing running or open behind."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
 
 
 def main(parts: list[str]) -> int:
@@ -57,11 +91,26 @@ def main(parts: list[str]) -> int:
     if unknown := set(parts) - PARTS.keys():
         print(f"no such part: {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
         return 2
+    names = [name for name in PARTS if not parts or name in parts]
     begun, counts, failed = time.monotonic(), Counter[str](), False
-    for part in parts or PARTS:
-        code, found = run(part)
-        counts += found
-        failed = failed or code != 0
+    with ExitStack() as running:
+
+        def begin(name: str, kept: IO[str] | None = None) -> Part:
+            part = Part(name, kept)
+            running.callback(part.end)
+            return part
+
+        for name in names:
+            shown = []
+            if name == "processes" and "thorough" in names:
+                kept = running.enter_context(tempfile.TemporaryFile("w+"))
+                shown = [begin("thorough", kept)]
+            elif name == "thorough" and "processes" in names:
+                continue
+            for part in (begin(name), *shown):
+                code, found = part.show()
+                counts += found
+                failed = failed or code != 0
     words = ", ".join(f"{counts[word]} {word}" for word in SHOWN if counts[word]) or "no tests ran"
     print(f"===== {words} in {time.monotonic() - begun:.0f} s =====")
     return int(failed)
