@@ -17,6 +17,7 @@ from dehyst import __version__
 from dehyst.daemon.files.models import load_model, save_model, write_text
 from dehyst.daemon.files.outputs import check_outputs
 from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.report.units import pick_unit
 from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model, Provenance
@@ -28,8 +29,9 @@ THREADS = 2  # candidates tried at once: each needs a design of all samples
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst diagnose`."""
     parser.description = (
-        "Locate what a hysteresis model of the stage leaves unexplained, name the physics, model "
-        "it, and show the fit improve. Give all recordings of one stage together: several "
+        "Locate what the model in use leaves unexplained, name the physics, model it, and show the "
+        "fit improve. The model in use is that of --model, or the plain one identified from these "
+        "recordings. Give all recordings of one stage together: several "
         "waveforms, holds, and a rest tell more than one. Writes diagnosis.json, model.toml (the "
         "augmented model) and report.html into DIR. Exit status 1: something was left out."
     )
@@ -82,15 +84,18 @@ def with_provenance(model: Model, recordings: list[Recording]) -> Model:
 
 
 def summary(diagnosis: Diagnosis, folder: Path) -> str:
-    """What a person reads on the terminal."""
-    k, unit = (1e3, "nm") if diagnosis.unit == "um" else (1.0, diagnosis.unit)
-    lines = [f"{diagnosis.verdict}   (noise {k * diagnosis.noise:.3g} {unit} rms)"]
+    """What a person reads on the terminal: the data first, then the verdict with one pair of
+    figures, what was found, and what to do next."""
+    before, after = diagnosis.before_after
+    k, unit = pick_unit(diagnosis.unit, max(before, diagnosis.noise))
+    lines = [f"data: {said}" for said in diagnosis.data.says]
+    lines.append(
+        f"{diagnosis.verdict}: the model in use leaves {k * before:.3g} {unit} rms, the augmented "
+        f"model {k * after:.3g} (noise {k * diagnosis.noise:.3g})"
+    )
     for f in diagnosis.findings:
         ties = f" (or {', '.join(f.ambiguous_with)})" if f.ambiguous_with else ""
         lines.append(f"  {f.name}{ties}, {100 * f.share:.0f} % of the explainable misfit: {f.says}")
-    before, after = diagnosis.rms.get("heldout_base"), diagnosis.rms.get("heldout_augmented")
-    if isinstance(before, float) and isinstance(after, float):
-        lines.append(f"  held-out error {k * before:.3g} {unit} before, {k * after:.3g} after")
     if diagnosis.next_experiment:
         lines.append(f"  next: {diagnosis.next_experiment}")
     lines.append(f"  {folder / 'report.html'}")

@@ -1,35 +1,114 @@
-"""Recordings made ready for the diagnosis: joined, cut at gaps, with rows to leave out.
+"""Recordings made ready for the diagnosis: laid on their sampling grid, joined, with rows to leave
+out.
 
-Times, drive, displacement and channels of all recordings stand in one array each; `starts`
-marks where a recording (or the part behind a gap) begins. `rows` are the samples the fits
-count; the states of all operators run through every sample.
+A row that is missing stays missing: it stands on the grid with the drive between its neighbours,
+so that every operator runs through it, and no fit counts it. Behind a stall of the recorder the
+drive's way is not known, and what follows is left out until it has settled. Behind a long gap the
+recording begins anew, in another part.
+
+Times, drive, displacement and channels of all recordings stand in one array each; `starts` marks
+where a part begins. `rows` are the samples the fits count; the states of all operators run through
+every sample.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.models.errors import BadRecording
-from dehyst.models.recording import Recording
-from dehyst.models.signals.joined import Bools, Data, Floats
+from dehyst.models.recording import Recording, typical_step
+from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
 MIN_SAMPLES = 200
 BLOCKS = 5  # time blocks of each recording, in which an effect must be the same
 FOLDS = 8  # groups left out in turn, each of FOLD_PIECES short pieces of every recording
 FOLD_PIECES = 5
+LONG_GAP = 100  # samples: behind a longer one the recording begins anew
+STALL = 3  # missing samples in a row, from which on the drive's way is not known
+SETTLING = (20, 2)  # rows left out behind a stall: at least so many, and times its length
+MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came late
+
+
+@dataclass(frozen=True)
+class Laid:
+    """One recording on its sampling grid: arrays (n,).
+
+    raw: row of the recording, -1 where there is none; cut: a part begins; known: the reading is
+    there and the drive's way to it too.
+    """
+
+    t: Floats
+    u: Floats
+    y: Floats
+    raw: Ints
+    cut: Bools
+    known: Bools
+    dt: float
+    missing: int
+    stalls: int
+
+
+def lay_on_grid(one: Recording) -> Laid:
+    """A recording on the grid of its sampling period. Raises BadRecording where too few samples
+    are there."""
+    assert one.displacement is not None
+    t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
+    raw = np.flatnonzero(np.isfinite(t) & np.isfinite(u))
+    there = int(np.count_nonzero(np.isfinite(y[raw])))
+    if there < MIN_SAMPLES:
+        raise BadRecording(
+            f"{one.name}: only {there} usable samples; at least {MIN_SAMPLES} are needed"
+        )
+    late = one.channels.get(MISSED)
+    dt = typical_step(t)
+    steps = np.maximum(np.round(np.diff(t[raw]) / dt), 1.0)
+    if np.sum(steps[steps <= STALL]) > 1.001 * np.sum(np.diff(t[raw])[steps <= STALL]) / dt + 2:
+        steps[steps <= STALL] = 1.0  # the stamps jitter, the samples do not
+    long = steps > LONG_GAP
+    place = np.r_[0, np.cumsum(np.where(long, 1.0, steps))].astype(np.int64)
+    n = int(place[-1]) + 1
+    grid = np.arange(n)
+    laid_raw = np.full(n, -1, dtype=np.int64)
+    laid_raw[place] = raw
+    reading = np.full(n, np.nan)
+    reading[place] = y[raw]
+    known = np.isfinite(reading)
+    cut = np.zeros(n, dtype=bool)
+    cut[0] = True
+    cut[place[1:][long]] = True
+    stalled = (steps > STALL) & ~long
+    held_up = np.zeros(n, dtype=bool)
+    for at, size in zip(place[1:][stalled], steps[stalled], strict=True):
+        held_up[at : at + max(SETTLING[0], SETTLING[1] * int(size))] = True
+    if late is not None:
+        for at in place[np.nan_to_num(late[raw]) > 0]:
+            held_up[at : at + SETTLING[0]] = True
+    reading = np.interp(grid, np.flatnonzero(known), reading[known])
+    return Laid(
+        t=np.interp(grid, place, t[raw]),
+        u=np.interp(grid, place, u[raw]),
+        y=reading,
+        raw=laid_raw,
+        cut=cut,
+        known=known & ~held_up,
+        dt=dt,
+        missing=int(np.count_nonzero(~known)) + int(np.sum(steps[long] - 1.0)),
+        stalls=int(np.count_nonzero(steps > STALL)),
+    )
 
 
 def prepare(recordings: Sequence[Recording]) -> Data:
     """Join recordings of one stage. Raises BadRecording where they cannot be diagnosed."""
     if not recordings:
         raise BadRecording("no recording given; the diagnosis needs at least one")
-    shared = set(recordings[0].channels)
+    shared = set(recordings[0].channels) - {MISSED}
     for one in recordings[1:]:
         shared &= set(one.channels)
     pieces: list[dict[str, NDArray]] = []
-    part = block = 0
+    part = block = missing = stalls = 0
     units = {(_units(one)) for one in recordings}
     if len(units) > 1:
         raise BadRecording("the recordings have different units; diagnose one stage at a time")
@@ -38,36 +117,34 @@ def prepare(recordings: Sequence[Recording]) -> Data:
             raise BadRecording(
                 f"{one.name}: no displacement column (y_um, ...); a diagnosis compares with it"
             )
-        t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
-        good = np.isfinite(t) & np.isfinite(u) & np.isfinite(y)
-        raw = np.flatnonzero(good)
-        if raw.size < MIN_SAMPLES:
-            raise BadRecording(
-                f"{one.name}: only {raw.size} usable samples; at least {MIN_SAMPLES} are needed"
-            )
-        channels = {
-            k: _filled(np.asarray(one.channels[k], dtype=float))[raw] for k in sorted(shared)
-        }
-        t, u, y = t[raw], u[raw], y[raw]
-        dt = float(np.median(np.diff(t)))
-        cut = np.r_[True, np.diff(t) > 1.9 * dt]
+        laid = lay_on_grid(one)
+        n = laid.u.size
+        there = laid.raw >= 0
+        missing, stalls = missing + laid.missing, stalls + laid.stalls
+        channels = {}
+        for k in sorted(shared):
+            values = _filled(np.asarray(one.channels[k], dtype=float))[laid.raw[there]]
+            channels[k] = np.interp(np.arange(n), np.flatnonzero(there), values)
+        first = np.zeros(n, dtype=bool)
+        first[0] = True
         pieces.append(
             {
-                "t": t,
-                "u": u,
-                "y": y,
-                "dt": np.full(raw.size, dt),
-                "rec": np.full(raw.size, index),
-                "starts": cut,
-                "part": part + np.cumsum(cut) - 1,
-                "rows": _known_history(u, cut),
-                "block": block + np.minimum(BLOCKS - 1, np.arange(raw.size) * BLOCKS // raw.size),
-                "fold": np.arange(raw.size) * (FOLDS * FOLD_PIECES) // raw.size % FOLDS,
-                "raw": raw,
+                "t": laid.t,
+                "u": laid.u,
+                "y": laid.y,
+                "dt": np.full(n, laid.dt),
+                "rec": np.full(n, index),
+                "starts": laid.cut,
+                "forgets": first,
+                "part": part + np.cumsum(laid.cut) - 1,
+                "rows": _known_history(laid.u, laid.cut) & laid.known,
+                "block": block + np.minimum(BLOCKS - 1, np.arange(n) * BLOCKS // n),
+                "fold": np.arange(n) * (FOLDS * FOLD_PIECES) // n % FOLDS,
+                "raw": laid.raw,
                 **{"ch_" + k: v for k, v in channels.items()},
             }
         )
-        part += int(cut.sum())
+        part += int(laid.cut.sum())
         block += BLOCKS
     joined = {k: np.concatenate([p[k] for p in pieces]) for k in pieces[0]}
     drive_unit, unit = next(iter(units))
@@ -80,6 +157,7 @@ def prepare(recordings: Sequence[Recording]) -> Data:
         rec=joined["rec"],
         part=joined["part"],
         starts=joined["starts"],
+        forgets=joined["forgets"],
         rows=joined["rows"],
         block=joined["block"],
         fold=joined["fold"],
@@ -90,6 +168,8 @@ def prepare(recordings: Sequence[Recording]) -> Data:
         },
         drive_unit=drive_unit,
         unit=unit,
+        missing=missing,
+        stalls=stalls,
         raw_index=joined["raw"],
     )
     if data.span <= 0:

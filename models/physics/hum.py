@@ -66,6 +66,7 @@ class Hum(Candidate):
     confused_with = ("resonance",)
     order = 70
     driven = False
+    place = "sensor"
 
     def params_at(self, theta: Sequence[float]) -> tuple[Parameter, ...]:
         return tuple(

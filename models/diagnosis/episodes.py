@@ -1,0 +1,169 @@
+"""What is there for a part of the time: a line in some stretches, a slip, a change in mid-record.
+
+Looked for in what the final fit leaves. A recording is cut into stretches; a line must tower over
+its neighbours in stretches that follow each other, and be absent in others; a slip is one step of
+the level; a change is an excess that begins, or ends, at a time.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dehyst.models.diagnosis.result import Finding, Value
+from dehyst.models.physics.candidate import small
+from dehyst.models.signals.joined import Data, Floats
+
+STRETCHES = 24
+LEAST = 128  # samples of a stretch
+TOWERS = 6.0  # times the median of its neighbours, a line in a stretch
+ABSENT = 0.35  # of the largest amplitude: below, the line is not there
+MOST_OF_TIME = 0.75  # there for longer is no episode
+NEIGHBOURS = 20  # bins to either side
+WIDTH = 1.96
+SLIP = 0.4  # of the excess, that one step of the level must explain
+CHANGE = 0.6  # of the excess, that must lie on one side of a time,
+CHANGES_BY = 5.0  # and so many times as dense as on the other
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A finding and what it takes off the residual (N,)."""
+
+    finding: Finding
+    removed: Floats
+
+
+def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
+    """The strongest line that is there in a part of the time."""
+    best: tuple[float, int, float, float, float, list[float]] | None = None
+    for i in range(len(data.names)):
+        at = np.flatnonzero((data.rec == i) & (data.raw_index >= 0))
+        each = at.size // STRETCHES
+        if each < LEAST:
+            continue
+        e = residual[at[: each * STRETCHES]].reshape(STRETCHES, each)
+        u = data.u[at[: each * STRETCHES]].reshape(STRETCHES, each)
+        window = np.hanning(each)
+        amplitude = np.abs(np.fft.rfft((e - e.mean(axis=1, keepdims=True)) * window)) / (each / 4)
+        driven = np.abs(np.fft.rfft((u - u.mean(axis=1, keepdims=True)) * window)) / (each / 4)
+        floor = _floor(amplitude)
+        towers = (amplitude > TOWERS * floor) & (driven < TOWERS * _floor(driven) + 1e-9)
+        towers[:, :4] = False
+        for k in np.flatnonzero(towers.sum(axis=0) >= 2):
+            a = amplitude[:, max(k - 1, 0) : k + 2].max(axis=1)
+            there = a > ABSENT * a.max()
+            runs = np.flatnonzero(there)
+            share = runs.size / STRETCHES
+            together = runs.size == runs[-1] - runs[0] + 1
+            if share > MOST_OF_TIME or runs.size < 2 or not together or not towers[runs, k].any():
+                continue
+            power = float(np.sum(a[runs] ** 2)) * each / 2
+            dt = float(data.dt[at[0]])
+            if best is None or power > best[0]:
+                first, last = at[runs[0] * each], at[min((runs[-1] + 1) * each, at.size) - 1]
+                sizes = a[runs[1:-1]] if runs.size > 3 else a[runs]
+                best = (power, i, k / (each * dt), data.t[first], data.t[last], sizes.tolist())
+    if best is None:
+        return None
+    _, i, f, start, end, sizes = best
+    here = (data.rec == i) & (data.t >= start) & (data.t <= end)
+    f, removed = _fit_line(data, residual, here, f)
+    if float(np.sum(removed[here] ** 2)) < (5.0 * sigma) ** 2 * 8:
+        return None
+    size = float(np.sqrt(2.0 * np.mean(removed[here] ** 2)))
+    half = max(WIDTH * float(np.std(sizes)), 0.1 * size)
+    name = data.names[i]
+    span = f"{start:.3g} to {end:.3g} s"
+    finding = Finding(
+        name="hum",
+        key="hum-for-a-time",
+        place="sensor",
+        title="A line for a part of the time",
+        equation="y(t) = f(u) + A sin(2 pi f t + phase) from start to end",
+        source="a machine that runs at times, a supply that is switched",
+        share=float(np.sum(removed**2)) / max(int(data.rows.sum()), 1),
+        evidence={"removed_rms": float(np.sqrt(np.mean(removed[here] ** 2)))},
+        parameters={
+            "frequency_hz": Value(
+                f, f - 0.5 / max(end - start, 1e-9), f + 0.5 / (end - start), "Hz"
+            ),
+            f"amplitude_{data.unit}": Value(
+                size, max(size - half, 0.1 * size), size + half, data.unit
+            ),
+        },
+        ambiguous_with=(),
+        where={"time": f"{name}, {span}", "recording": name, "from_s": start, "to_s": end},
+        says=(
+            f"From {span} of {name} the reading carries {small((size, data.unit))} at {f:.4g} Hz, "
+            "and not at other times: look for a machine that ran then."
+        ),
+    )
+    return Episode(finding, removed)
+
+
+def tell_time(data: Data, residual: Floats, sigma: float) -> tuple[str, dict[str, float | str]]:
+    """In words, and as places, when the level or the size of what is left changes; "" and nothing
+    where it does not."""
+    told: list[tuple[float, str, dict[str, float | str]]] = []
+    whole = float(np.sum(residual[data.rows] ** 2)) - sigma**2 * int(data.rows.sum())
+    for i, name in enumerate(data.names):
+        at = np.flatnonzero((data.rec == i) & data.rows)
+        if at.size < 10 * STRETCHES:
+            continue
+        e, t = residual[at], data.t[at]
+        step, jump, gain = _best_step(e)
+        if gain > SLIP * whole and abs(jump) > sigma:
+            text = f"the level slips by {small((jump, data.unit))} at {t[step]:.3g} s of {name}"
+            told.append((gain, text, {"recording": name, "from_s": float(t[step])}))
+        step, _, _ = _best_step(e**2)
+        before, after = (float(np.mean(x**2)) - sigma**2 for x in (e[:step], e[step:]))
+        share = max(after * (e.size - step), before * step) / max(whole, 1e-300)
+        low, high = sorted((max(before, 0.05 * sigma**2), max(after, 0.05 * sigma**2)))
+        inside = 0.05 * e.size < step < 0.95 * e.size
+        if inside and share > CHANGE and high > CHANGES_BY * low:
+            when = "from" if after > before else "until"
+            text = f"it is there {when} {t[step]:.3g} s of {name}"
+            places = {"recording": name, f"{when}_s": float(t[step])}
+            told.append((0.5 * whole * share, text, places))
+    if not told:
+        return "", {}
+    _, text, places = max(told, key=lambda one: one[0])
+    return text, places
+
+
+def _best_step(x: Floats) -> tuple[int, float, float]:
+    """Index, size and fall of the sum of squares of the best single step of a mean."""
+    n = x.size
+    c = np.cumsum(x - x.mean())
+    k = np.arange(1, n)
+    gain = c[:-1] ** 2 * n / (k * (n - k))
+    edge = max(5, n // 50)
+    gain[:edge] = gain[-edge:] = 0.0
+    at = int(np.argmax(gain)) + 1
+    return at, float(x[at:].mean() - x[:at].mean()), float(gain[at - 1])
+
+
+def _floor(amplitude: Floats) -> Floats:
+    """Median over each bin's neighbours, stretch by stretch."""
+    n = amplitude.shape[1]
+    out = np.empty_like(amplitude)
+    for k in range(n):
+        a, b = max(0, k - NEIGHBOURS), min(n, k + NEIGHBOURS + 1)
+        out[:, k] = np.median(amplitude[:, a:b], axis=1)
+    return out + 1e-300
+
+
+def _fit_line(data: Data, residual: Floats, here: np.ndarray, f0: float) -> tuple[float, Floats]:
+    """The frequency near f0 that takes most, and the line (N,), 0 elsewhere."""
+    t, e = data.t[here], residual[here] - residual[here].mean()
+    width = 1.5 / max(float(np.ptp(t)), 1e-9) * 4
+    best = (-1.0, f0, np.zeros(t.size))
+    for f in f0 + np.linspace(-width, width, 97):
+        a = np.column_stack([np.sin(2 * np.pi * f * t), np.cos(2 * np.pi * f * t)])
+        line = a @ np.linalg.lstsq(a, e, rcond=None)[0]
+        power = float(line @ line)
+        if power > best[0]:
+            best = (power, float(f), line)
+    out = np.zeros(data.n)
+    out[here] = best[2]
+    return best[1], out
