@@ -50,7 +50,7 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
         towers = (amplitude > TOWERS * floor) & (driven < TOWERS * _floor(driven) + 1e-9)
         towers[:, :4] = False
         for k in np.flatnonzero(towers.sum(axis=0) >= 2):
-            a = amplitude[:, max(k - 1, 0) : k + 2].max(axis=1)
+            a = amplitude[:, k - 1 : k + 2].max(axis=1)
             there = a > ABSENT * a.max()
             runs = np.flatnonzero(there)
             share = runs.size / STRETCHES
@@ -62,7 +62,8 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
             if best is None or power > best[0]:
                 first, last = at[runs[0] * each], at[min((runs[-1] + 1) * each, at.size) - 1]
                 sizes = a[runs[1:-1]] if runs.size > 3 else a[runs]
-                best = (power, i, k / (each * dt), data.t[first], data.t[last], sizes.tolist())
+                peak = k - 1 + int(np.argmax(np.sum(amplitude[runs, k - 1 : k + 2] ** 2, axis=0)))
+                best = (power, i, peak / (each * dt), data.t[first], data.t[last], sizes.tolist())
     if best is None:
         return None
     _, i, f, start, end, sizes = best

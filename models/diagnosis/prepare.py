@@ -63,7 +63,7 @@ def lay_on_grid(one: Recording) -> Laid:
             f"{one.name}: only {there} usable samples; at least {MIN_SAMPLES} are needed"
         )
     late = one.channels.get(MISSED)
-    dt = typical_step(t)
+    dt = _period(np.diff(t[raw]), typical_step(t))
     steps = np.maximum(np.round(np.diff(t[raw]) / dt), 1.0)
     if np.sum(steps[steps <= STALL]) > 1.001 * np.sum(np.diff(t[raw])[steps <= STALL]) / dt + 2:
         steps[steps <= STALL] = 1.0  # the stamps jitter, the samples do not
@@ -98,6 +98,15 @@ def lay_on_grid(one: Recording) -> Laid:
         missing=int(np.count_nonzero(~known)) + int(np.sum(steps[long] - 1.0)),
         stalls=int(np.count_nonzero(steps > STALL)),
     )
+
+
+def _period(steps: Floats, typical: float) -> float:
+    """Sampling period [s]: that of the short steps, where these are of one length; the typical step
+    is a mean of one and two periods where every third row is missing."""
+    shortest = float(np.quantile(steps, 0.1))
+    alike = steps[(steps > 0.5 * shortest) & (steps < 1.5 * shortest)]
+    tight = float(np.std(alike)) < 0.1 * shortest
+    return float(np.mean(alike)) if tight and typical > 1.3 * shortest else typical
 
 
 def prepare(recordings: Sequence[Recording]) -> Data:

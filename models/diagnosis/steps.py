@@ -24,8 +24,8 @@ from dehyst.models.diagnosis.search import search
 from dehyst.models.diagnosis.shape import Correction, measure_correction, shape_finding
 from dehyst.models.diagnosis.sightings import accept, retell, sightings
 from dehyst.models.diagnosis.subject import Subject, identify_plain, take_model
-from dehyst.models.diagnosis.survey import follows, left_of, survey
-from dehyst.models.diagnosis.told import only_told, worth_telling
+from dehyst.models.diagnosis.survey import comes_back, follows, left_of, survey
+from dehyst.models.diagnosis.told import only_told, without_driven, worth_telling
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.physics.candidate import small
@@ -67,12 +67,17 @@ def diagnose(
     if early is not None:
         data, problem, null = early.data, early, early.solve([])
     found = find(problem, sigma, null, say)
+    unexplained = by_blocks(problem, null).mean_square
+    if comes_back(data) or not follows(data, unexplained):
+        # out of the class: what the drive causes cannot be told from the loop
+        found = replace(found, search=without_driven(found.search))
     seen = sightings(data, sigma)
     for candidate, sighting in seen:
         other = accept(found.over_rich, candidate, sighting)
         if candidate.key in other.accepted.effect_names:
             found = replace(found, search=other)
-    diagnosis = _conclude(whole, bare, found.search, [foreign] if foreign else [], say)
+    shown = bool({c.key for c, _ in seen} & set(found.search.accepted.effect_names))
+    diagnosis = _conclude(whole, bare, found.search, [foreign] if foreign else [], shown, say)
     for candidate, sighting in seen:
         findings = retell(diagnosis.findings, candidate, sighting)
         diagnosis = replace(diagnosis, findings=findings)
@@ -164,14 +169,15 @@ class Weighed:
     held: float
 
 
-def weigh(bare: Problem, found: Search) -> Weighed:
-    """What helps against the model in use, on held-out samples; nothing where it all does not."""
+def weigh(bare: Problem, found: Search, shown: bool) -> Weighed:
+    """What helps against the model in use, on held-out samples; nothing where it all does not,
+    unless a recording shows an effect directly."""
     data, sigma = bare.data, found.sigma
     alone = bare.solve([])
     first = alone.sse / int(data.rows.sum())
     held = by_blocks(found.problem, found.accepted).mean_square
     nothing = Weighed((), bare, alone, first, first)
-    if held > first - (TUNING.helps * sigma) ** 2:
+    if held > first - (TUNING.helps * sigma) ** 2 and not shown:
         return nothing
     correction = measure_correction(found.problem, found.accepted, first, held)
     shape = _has_shape(correction, first, sigma)
@@ -182,7 +188,7 @@ def weigh(bare: Problem, found: Search) -> Weighed:
         findings.append(
             shape_finding(found.problem, found.accepted, sigma, correction, correction.gain)
         )
-    removed = min(1.0, (first - held) / max(first - sigma**2, 1e-300))
+    removed = float(np.clip((first - held) / max(first - sigma**2, 1e-300), 0.0, 1.0))
     told = tuple(shared_out(findings, removed))
     return Weighed(told, found.problem, found.accepted, first, held)
 
@@ -203,12 +209,13 @@ def _has_shape(correction: Correction, first: float, sigma: float) -> bool:
 
 
 def _conclude(
-    recorded: Data, bare: Problem, found: Search, warnings: list[str], say: Progress
+    recorded: Data, bare: Problem, found: Search, warnings: list[str], shown: bool, say: Progress
 ) -> Diagnosis:
-    """recorded: all samples; bare, found: of those that were fitted."""
+    """recorded: all samples; bare, found: of those that were fitted; shown: a recording shows an
+    effect directly, beside any fit."""
     sigma, subject = found.sigma, bare.subject
     say("holding out", 0.88)
-    weighed = weigh(bare, found)
+    weighed = weigh(bare, found, shown)
     problem, final, findings = weighed.problem, weighed.final, list(weighed.findings)
     say("intervals and rivals", 0.92)
     data = problem.data
@@ -216,22 +223,21 @@ def _conclude(
     at_first = float(np.sqrt(max(weighed.bare - sigma**2, 0.0)))
     left = float(np.sqrt(excess(problem, final, sigma)))
     whole_noise = sigma
+    episode = find_line(data, residual, sigma)
+    if episode is not None:
+        residual = residual - episode.removed
+        findings = with_episode(findings, episode, weighed, sigma)
+        n = int(data.rows.sum())
+        left = float(np.sqrt(max(np.sum(residual[data.rows] ** 2) / n - sigma**2, 0.0)))
     if left > TUNING.structure_left * sigma and is_coloured(data, residual, sigma):
-        # all of it is noise
+        # all that is left is noise
         whole_noise = float(np.sqrt(np.mean(residual[data.rows] ** 2)))
         at_first = float(np.sqrt(max(weighed.bare - whole_noise**2, 0.0)))
         left = 0.0
-    elif left > TUNING.structure_left * sigma:
-        episode = find_line(data, residual, sigma)
-        if episode is not None:
-            residual = residual - episode.removed
-            findings = with_episode(findings, episode, weighed, sigma)
-            n = int(data.rows.sum())
-            left = float(np.sqrt(max(np.sum(residual[data.rows] ** 2) / n - sigma**2, 0.0)))
     unexplained = by_blocks(found.problem, found.null).mean_square
     verdict = verdict_of(findings, left, at_first, whole_noise)
-    if not findings and not follows(data, unexplained):
-        verdict = "unknown"
+    if not follows(data, unexplained) and not shown:
+        findings, verdict = [f for f in findings if f.name != "shape"], "unknown"
     if verdict in ("unknown", "partly"):
         where: dict[str, Any] = dict(hot_spots(locate(data, residual, sigma)))
         when, times = tell_time(data, residual, sigma)

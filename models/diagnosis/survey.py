@@ -50,7 +50,7 @@ def survey(
             f"explains {max(0.0, 1.0 - unexplained / _variance(data)):.0%} of it; check the sensor "
             "and the columns, and whether the recording was made under feedback"
         )
-    elif _comes_back(data):
+    elif comes_back(data):
         said.append(
             "the displacement falls and rises again while the drive goes one way (a butterfly, as "
             "of a ferroelectric that is driven through its coercive field): no model with one "
@@ -96,7 +96,7 @@ def _variance(data: Data) -> float:
     return max(float(np.var(data.y[data.rows])), 1e-300)
 
 
-def _comes_back(data: Data) -> bool:
+def comes_back(data: Data) -> bool:
     """Whether the displacement turns round within ways of the drive, on most of them."""
     reach = float(np.ptp(data.y))
     ways = backs = 0

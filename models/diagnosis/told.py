@@ -54,6 +54,15 @@ def only_told(found: Search) -> Search:
     return replace(found, accepted=final)
 
 
+def without_driven(found: Search) -> Search:
+    """Without what the drive causes."""
+    rest = [e for e in found.accepted.effects if not e.candidate.driven]
+    if len(rest) == len(found.accepted.effects):
+        return found
+    final = found.problem.refit(rest, settle=0.3 * found.sigma**2) if rest else found.null
+    return replace(found, accepted=final)
+
+
 def _without(found: Search, effects: tuple[Effect, ...], one: Effect) -> Fitted:
     rest = [o for o in effects if o is not one]
     return found.problem.refit(rest, settle=0.3 * found.sigma**2) if rest else found.null

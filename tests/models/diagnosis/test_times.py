@@ -121,5 +121,5 @@ def test_an_excerpt_keeps_the_memory_of_the_drive() -> None:
     own = base.columns(part.u, part.forgets)
     np.testing.assert_allclose(own[part.rows], whole[part.rows], atol=0.02)
     assert np.all(np.diff(part.t) > 0)
-    assert not np.any(part.rows & part.starts)
+    assert not np.any((part.rows & part.starts)[1:])
     assert excerpt(data, 100_000) is data
