@@ -11,7 +11,7 @@ from numba import njit
 from dehyst.daemon.loop import records_in_memory as at
 from dehyst.daemon.loop import targets
 from dehyst.daemon.loop.records_in_memory import NAN, Note, Table, happens, note, queue_of, takes
-from dehyst.daemon.loop.states import Event
+from dehyst.daemon.loop.states import LoopEvent
 from dehyst.daemon.rings.records import Command, State
 from dehyst.drivers.direct_calls import floats_at, whole_at
 from dehyst.models.inverse.state import inverse_at
@@ -22,8 +22,8 @@ LONGEST_OFFSET_NS = 10**9 * 86_400 * 365
 
 # enumerations as plain integers, which compile in less time
 READY, RUNNING = int(State.READY), int(State.RUNNING)
-TARGET, HALT, RELEASE = int(Event.TARGET), int(Event.HALT), int(Event.RELEASE)
-STALE = int(Event.STALE)
+TARGET, HALT, RELEASE = int(LoopEvent.TARGET), int(LoopEvent.HALT), int(LoopEvent.RELEASE)
+STALE = int(LoopEvent.STALE)
 SETPOINT, POINT, CLEAR = int(Command.SETPOINT), int(Command.POINT), int(Command.CLEAR)
 STOP_MOTION, GIVE_BACK = int(Command.STOP_MOTION), int(Command.RELEASE)
 BAD_VALUE, WITHDRAWN, STOPPED = int(Note.BAD_VALUE), int(Note.WITHDRAWN), int(Note.STOPPED)

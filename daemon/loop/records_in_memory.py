@@ -168,7 +168,7 @@ TEXTS = {
 }
 
 
-def words(code: int, value: float) -> str:
+def describe_note(code: int, value: float) -> str:
     """A note as a sentence."""
     return TEXTS[Note(code)].format(value)
 

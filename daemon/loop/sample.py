@@ -25,7 +25,7 @@ from dehyst.daemon.loop.records_in_memory import (
     ring_of,
     settings_of,
 )
-from dehyst.daemon.loop.step_kernel import fault, follow_output, recover, step, stop, swap
+from dehyst.daemon.loop.step_kernel import fault, follow_output, recover, stop, swap, take_step
 from dehyst.daemon.loop.witness import excuse
 from dehyst.daemon.rings.layout import FARTHEST, HEAD, TAIL
 from dehyst.daemon.rings.records import Flag, MissCause, State
@@ -71,7 +71,7 @@ def begin(table: Table, clock_ns: int) -> float:
         # what it took at last may have changed the output just now
         c.wrote_ns, c.move_ns = clock_ns, 0
         m.actuator_ok, m.actuator_back = 1, 0
-    step(table, now_ns, m.measured, _take(table, m, c))
+    take_step(table, now_ns, m.measured, _take(table, m, c))
     if c.state == FAULT or m.actuator_ok == 0 or m.doubtful != 0:
         r.volts = c.volts
         return NAN

@@ -2,8 +2,9 @@
 
     admit commands -> age -> state -> target window -> glide -> inverse -> range, slew -> record
 
-Both loops and the tests call `step` and `follow_output` here; there is no second copy of the rules.
-Everything it works on lies in two tables of addresses (dehyst.daemon.loop.records_in_memory).
+Both loops and the tests call `take_step` and `follow_output` here; there is no second copy of the
+rules. Everything it works on lies in two tables of addresses
+(dehyst.daemon.loop.records_in_memory).
 """
 
 import math
@@ -27,7 +28,7 @@ from dehyst.daemon.loop.records_in_memory import (
     record_of,
     settings_of,
 )
-from dehyst.daemon.loop.states import Event
+from dehyst.daemon.loop.states import LoopEvent
 from dehyst.daemon.rings.records import Flag, Mode, State
 from dehyst.drivers.direct_calls import floats_at, whole_at
 from dehyst.models.inverse import sample
@@ -39,8 +40,8 @@ STOP_GRACE_NS = 5_000_000_000  # beyond the ramp's own time
 # enumerations as plain integers, which compile in less time
 READY, RUNNING = int(State.READY), int(State.RUNNING)
 HOLDING, STOPPING = int(State.HOLDING), int(State.STOPPING)
-END, FAULT, ARRIVED = int(Event.END), int(Event.FAULT), int(Event.ARRIVED)
-RAMP, STAY = int(Event.RAMP), int(Event.STAY)
+END, FAULT, ARRIVED = int(LoopEvent.END), int(LoopEvent.FAULT), int(LoopEvent.ARRIVED)
+RAMP, STAY = int(LoopEvent.RAMP), int(LoopEvent.STAY)
 MODE_NONE, MODE_HOLD = int(Mode.NONE), int(Mode.HOLD)
 UNREACHABLE, SLEW, RANGE = int(Flag.UNREACHABLE), int(Flag.SLEW), int(Flag.RANGE)
 INVALID, OUTSIDE = int(Flag.SENSOR_INVALID), int(Flag.OUTSIDE_VALIDITY)
@@ -102,7 +103,7 @@ def swap(table: Table, inverse: int, origin: float) -> None:
 
 
 @njit(cache=True, nogil=True)
-def step(table: Table, now_ns: int, measured: float, n_commands: int) -> None:
+def take_step(table: Table, now_ns: int, measured: float, n_commands: int) -> None:
     """Take one sample at the grid point now_ns: fills the record, moves nothing.
 
     measured: sensor reading as model displacement, NaN where invalid; the first n_commands of

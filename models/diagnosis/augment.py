@@ -11,13 +11,13 @@ import numpy as np
 from scipy.optimize import nnls
 
 from dehyst.models.diagnosis.effects import behind_output, drive_behind
-from dehyst.models.diagnosis.fit import Fitted, Problem
+from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays
 from dehyst.models.signals.filters import plays
 
 
-def compact(problem: Problem, fitted: Fitted) -> Hysteresis:
+def compact(problem: Problem, fitted: JointFit) -> Hysteresis:
     """Monotone static model nearest to a fit's hysteresis output: play weights >= 0."""
     data, base = problem.data, problem.base
     v = drive_behind(data, fitted.effects)
@@ -37,7 +37,7 @@ def compact(problem: Problem, fitted: Fitted) -> Hysteresis:
     return Hysteresis(r=r, b=b, c=np.array([c0, 1.0]), u_offset=base.low)
 
 
-def augmented(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> Model:
+def augmented(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> Model:
     """Model with the shape and the effects as blocks."""
     data = problem.data
     shape, constant = _shape(problem, fitted, hysteresis)
@@ -60,7 +60,7 @@ def augmented(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> Model
     return Model(hysteresis, validity, data.drive_unit, data.unit, tuple(blocks))
 
 
-def _shape(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> tuple[Block, float]:
+def _shape(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[Block, float]:
     """The rich base less the compact hysteresis, in plays from 0 upwards.
 
     The rich base's columns are powers of h = H - 1 with H the play of the drive scaled to 0..2;
@@ -80,7 +80,7 @@ def _shape(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> tuple[Bl
     return curved_plays(base.thresholds * base.span, e[1:], scale), float(np.sum(e[0]))
 
 
-def _memory(problem: Problem, fitted: Fitted) -> Block:
+def _memory(problem: Problem, fitted: JointFit) -> Block:
     """The Dahl columns and the high powers of the rich base; their order is the base's."""
     base = problem.base
     m = base.lengths.size

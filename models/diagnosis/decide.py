@@ -9,7 +9,7 @@ from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.evidence import HeldOut, by_blocks, constancy, contribution
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.intervals import intervals
-from dehyst.models.diagnosis.judge import Search
+from dehyst.models.diagnosis.judge import SearchState
 from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.rivals import Rival, rivals
@@ -30,7 +30,7 @@ def verdict_of(
 
 
 def named(
-    problem: Problem, found: Search, held_null: HeldOut, held_final: HeldOut
+    problem: Problem, found: SearchState, held_null: HeldOut, held_final: HeldOut
 ) -> list[Finding]:
     """Findings of the accepted effects, strongest first; two of one kind are told as one."""
     final, data, sigma = found.accepted, problem.data, found.sigma

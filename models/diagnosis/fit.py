@@ -31,7 +31,7 @@ SHARED_PARTS = 24  # arrays of all samples, that simulations at the same weights
 
 
 @dataclass(frozen=True)
-class Fitted:
+class JointFit:
     """A joint fit. Arrays over all samples (N,); sums over the counted rows."""
 
     effects: tuple[Effect, ...]
@@ -98,7 +98,7 @@ class Problem:
 
     def solve(
         self, effects: Sequence[Effect], output: Floats | None = None, rows: Bools | None = None
-    ) -> Fitted:
+    ) -> JointFit:
         """Linear weights at fixed nonlinear parameters.
 
         output: hysteresis' output (N,) of an earlier fit, for columns that depend on it; None:
@@ -138,11 +138,11 @@ class Problem:
         for block in extra:
             amplitudes.append(w[at : at + block.shape[1]])
             at += block.shape[1]
-        return Fitted(effects, weights, w[:k], tuple(amplitudes), prediction, sse, cov, x)
+        return JointFit(effects, weights, w[:k], tuple(amplitudes), prediction, sse, cov, x)
 
     def simulate(
         self,
-        fitted: Fitted,
+        fitted: JointFit,
         effects: Sequence[Effect],
         output: Floats,
         known: dict[Any, Floats] | None = None,
@@ -172,13 +172,13 @@ class Problem:
             y = y + known[way, e]
         return y
 
-    def output_of(self, fitted: Fitted) -> Floats:
+    def output_of(self, fitted: JointFit) -> Floats:
         """The stage's displacement (N,) without additive parts, with the mean offset."""
         k = len(self.data.names)
         inner = fitted.design[:, k : k + self.base.width] @ fitted.weights
         return inner + float(fitted.offsets.mean())
 
-    def projector(self, fitted: Fitted) -> Callable[[Floats], Floats]:
+    def projector(self, fitted: JointFit) -> Callable[[Floats], Floats]:
         """Maps x (N, k) to its counted rows, less what the columns of a fit can make."""
         design = self.counted(fitted.design)
 
@@ -192,9 +192,9 @@ class Problem:
         self,
         effects: Sequence[Effect],
         rounds: int = 5,
-        start: Fitted | None = None,
+        start: JointFit | None = None,
         settle: float | None = None,
-    ) -> Fitted:
+    ) -> JointFit:
         """Joint fit of everything, nonlinear parameters by damped Gauss-Newton in bounds.
 
         Between two full solutions a few steps are taken with the design of the last one: the
@@ -224,7 +224,7 @@ class Problem:
                 break
         return best
 
-    def _inner(self, fitted: Fitted, reach: float, steps: int = 4) -> tuple[Effect, ...] | None:
+    def _inner(self, fitted: JointFit, reach: float, steps: int = 4) -> tuple[Effect, ...] | None:
         """Damped Gauss-Newton steps against the projected residual with a fixed design; None
         where no step helps. reach: largest step of an internal parameter."""
         out = self.output_of(fitted)
@@ -257,7 +257,7 @@ class Problem:
         return effects if improved else None
 
     def jacobian(
-        self, fitted: Fitted, output: Floats, known: dict[Any, Floats] | None = None
+        self, fitted: JointFit, output: Floats, known: dict[Any, Floats] | None = None
     ) -> tuple[Floats, Floats]:
         """Internal parameters (p,) and derivative (N, p) of the prediction at fixed weights."""
         p = internal(fitted.effects)

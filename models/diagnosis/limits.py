@@ -8,7 +8,7 @@ recordings at all, and the limit says so.
 import numpy as np
 
 from dehyst.models.diagnosis.effects import Effect
-from dehyst.models.diagnosis.judge import Search, excess, least_size
+from dehyst.models.diagnosis.judge import SearchState, excess, least_size
 from dehyst.models.diagnosis.result import Limit
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.tuning import TUNING
@@ -18,7 +18,7 @@ from dehyst.models.physics.candidate import Candidate
 CANNOT = "the drive of these recordings cannot show it"
 
 
-def limits(found: Search) -> list[Limit]:
+def limits(found: SearchState) -> list[Limit]:
     """One limit for each name in the library that was not found, the tightest of its kinds."""
     problem, sigma = found.problem, found.sigma
     look = Screen(problem, found.accepted)

@@ -10,8 +10,8 @@ from dehyst.models.diagnosis.augment import augmented, compact
 from dehyst.models.diagnosis.base import compact_base, rich_base
 from dehyst.models.diagnosis.decide import named, next_experiment, unknown, verdict_of
 from dehyst.models.diagnosis.evidence import by_blocks
-from dehyst.models.diagnosis.fit import Fitted, Problem
-from dehyst.models.diagnosis.judge import Search, Trial, excess
+from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, excess
 from dehyst.models.diagnosis.limits import limits
 from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.noise import noise_rms
@@ -74,7 +74,7 @@ def diagnose(
     return diagnosis
 
 
-def held_drive(problem: Problem, null: Fitted, sigma: float) -> Problem | None:
+def held_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
     """The problem with the drive half a sample earlier, where that explains much of the misfit.
 
     Nothing physical leads the drive: a recorder that holds each command and reads at the end of
@@ -98,8 +98,12 @@ def held_drive(problem: Problem, null: Fitted, sigma: float) -> Problem | None:
 
 
 def _search(
-    problem: Problem, sigma: float, null: Fitted, say: Progress, share: float = TUNING.driven_share
-) -> Search:
+    problem: Problem,
+    sigma: float,
+    null: JointFit,
+    say: Progress,
+    share: float = TUNING.driven_share,
+) -> SearchState:
     """The search on a part of the rows, its result fitted to all of them."""
     light = problem.light(TUNING.search_rows)
     found = search(light, sigma, null if light is problem else light.solve([]), say, share)
@@ -109,7 +113,7 @@ def _search(
     return replace(found, problem=problem, null=null, accepted=final)
 
 
-def _worth_telling(problem: Problem, found: Search) -> Search:
+def _worth_telling(problem: Problem, found: SearchState) -> SearchState:
     """Without the effects that do not help on held-out samples."""
     final, sigma = found.accepted, found.sigma
     first = by_blocks(problem, found.null).mean_square
@@ -139,7 +143,9 @@ def _worth_telling(problem: Problem, found: Search) -> Search:
     return replace(found, accepted=final)
 
 
-def _conclude(problem: Problem, found: Search, model: Model | None, say: Progress) -> Diagnosis:
+def _conclude(
+    problem: Problem, found: SearchState, model: Model | None, say: Progress
+) -> Diagnosis:
     data, sigma = problem.data, found.sigma
     final = found.accepted
     say("holding out", 0.88)
@@ -190,7 +196,7 @@ def _conclude(problem: Problem, found: Search, model: Model | None, say: Progres
     )
 
 
-def _structure(problem: Problem, final: Fitted, sigma: float) -> float:
+def _structure(problem: Problem, final: JointFit, sigma: float) -> float:
     """Mean square misfit that no rate-independent memory could make either."""
     rich = rich_base(problem.data)
     if rich.width > problem.base.width:
@@ -198,7 +204,7 @@ def _structure(problem: Problem, final: Fitted, sigma: float) -> float:
     return excess(problem, final, sigma)
 
 
-def base_model(problem: Problem, found: Search) -> Model:
+def base_model(problem: Problem, found: SearchState) -> Model:
     """The hysteresis alone, compact and monotone, fitted without any effect."""
     plain = augmented(problem, found.null, compact(problem, found.null))
     return replace(plain, blocks=(), hysteresis=compact(problem, found.null))
@@ -224,12 +230,12 @@ def notes_of(data: Data) -> list[str]:
     return out
 
 
-def _tried(n: int, found: Search) -> list[dict[str, str]]:
+def _tried(n: int, found: SearchState) -> list[dict[str, str]]:
     """For each round: root mean square that each candidate's refit removes."""
     return [{t.candidate.key: _told(t, n) for t in trials} for trials in found.rounds]
 
 
-def _told(t: Trial, n: int) -> str:
+def _told(t: CandidateTrial, n: int) -> str:
     text = f"{float(np.sqrt(max(t.gain, 0.0) / n)):.4g}"
     if t.constancy is not None:
         by = " ".join(f"{a:.2f}" for a in t.constancy.by_recording)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dehyst.drivers.interface import ProtocolError
 from dehyst.drivers.ksg101 import codec
-from dehyst.drivers.ksg101.codec import HOST, MESSAGES, UNIT, Decoder, encode
+from dehyst.drivers.ksg101.codec import HOST, MESSAGES, UNIT, Decoder, encode_apt
 
 # request or reply, its bytes written out by hand from the protocol document's layouts
 GOLDEN = [
@@ -49,7 +49,7 @@ GOLDEN = [
 def test_golden_bytes_both_ways(message: tuple, expected: str) -> None:
     name, values, source, destination = message
     raw = bytes.fromhex(expected)
-    assert encode(name, source=source, destination=destination, **values) == raw
+    assert encode_apt(name, source=source, destination=destination, **values) == raw
     (found,) = Decoder(receiver=destination, sender=source).feed(raw)
     assert found.name == name
     assert {key: found.values[key] for key in values} == values
@@ -66,7 +66,7 @@ def test_sizes_and_ids_of_the_protocol() -> None:
 
 
 def reading(value: int) -> bytes:
-    return encode(
+    return encode_apt(
         "tsg_get_reading", source=UNIT, destination=HOST, chan=1, reading=value, smoothed=0
     )
 
@@ -118,4 +118,4 @@ def test_longer_reply_of_newer_firmware() -> None:
 )
 def test_wrong_messages_are_refused(name: str, values: dict, says: str) -> None:
     with pytest.raises(ProtocolError, match=says):
-        encode(name, **values)
+        encode_apt(name, **values)

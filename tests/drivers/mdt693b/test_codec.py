@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dehyst.drivers.mdt693b.codec import (
     Ack,
-    Data,
+    Answer,
     Dialect,
     Garbled,
     Mdt693bCodec,
@@ -80,7 +80,7 @@ def test_readings_come_through_whole(volts, places, echo):
         sent = codec.send("xvoltage?")
         raw = (sent if echo else b"") + text.encode()
         events = [e for piece in cut(raw, places) for e in codec.receive(piece)]
-        assert [type(e) for e in events] == [Data]
+        assert [type(e) for e in events] == [Answer]
         assert abs(float(events[0].value) - volts) <= 0.0500001
         assert not codec.waiting
         assert not codec.unparsed.strip(b"\r")
@@ -95,7 +95,7 @@ def test_a_barrier_counts_late_replies_and_ends_only_with_its_own(dialect, acks,
     codec = Mdt693bCodec(dialect)
     codec.send("vlimit?", barrier=True)
     events = [e for piece in cut(raw, places) for e in codec.receive(piece)] + codec.silence()
-    assert events[-1] == Data(b"[ 100]", "100")
+    assert events[-1] == Answer(b"[ 100]", "100")
     assert events.count(Ack(late=True)) == acks
     assert sum(isinstance(e, Refused) and e.late for e in events) == errors
     assert not codec.waiting
@@ -109,8 +109,8 @@ def test_a_late_reading_is_not_taken_for_the_answer_of_a_barrier():
         codec = Mdt693bCodec(dialect)
         codec.send("vlimit?", barrier=True)
         events = codec.receive(raw) + codec.silence()
-        assert [type(e) for e in events] == [Garbled, Data]
-        assert events[-1] == Data(b"[ 100]", "100")
+        assert [type(e) for e in events] == [Garbled, Answer]
+        assert events[-1] == Answer(b"[ 100]", "100")
 
 
 @pytest.mark.parametrize("command", ["xvoltage=1", "", "serial?"])
