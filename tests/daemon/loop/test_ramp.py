@@ -28,7 +28,7 @@ class Slow:
         self.amplifier.close()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(start=VOLTS, goal=VOLTS, rate=st.floats(10.0, 1000.0), period_s=st.floats(0.002, 0.05))
 def test_no_step_is_larger_than_rate_times_period_and_it_ends_at_the_goal(
     start: float, goal: float, rate: float, period_s: float
