@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from dehyst.daemon.report.units import spell_unit
 from dehyst.daemon.report.verdict import verdict
 from dehyst.models.drive_design.coverage import Coverage
 from dehyst.models.identify import Identification, describe
@@ -118,7 +119,7 @@ def describe_result(
 ) -> str:
     """The result for people."""
     fit, unit, v = result.model.fit, result.model.displacement_unit, result.model.validity
-    drive = result.model.drive_unit
+    drive = spell_unit(result.model.drive_unit)
     n = result.model.hysteresis.n
     lines = [describe(result.model).sentence()]
     lines += [
