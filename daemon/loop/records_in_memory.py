@@ -30,6 +30,7 @@ NAN = math.nan
 CONTROL_T = np.dtype(
     [
         ("volts", "<f8"),  # the output as last written
+        ("found", "<i8"),  # 1: as the device reports it, which may be off; nothing moved it since
         ("wrote_ns", "<i8"),  # no later than so the way of the next one counts; 0: not written yet
         ("least_ns", "<i8"),  # the least that a write has taken, from its voltage's making
         ("writes", "<i8"),  # how many there have been

@@ -68,7 +68,7 @@ class Stepper:
             NAN,
             settings.hold_ns,
         )
-        c["move_ns"] = settings.period_ns
+        c["move_ns"], c["found"] = settings.period_ns, 1
         self.use(compensator, compensator.init(volts / settings.gain))
 
     def use(self, compensator: Compensator, inverse: CompensatorState) -> None:

@@ -50,6 +50,9 @@ STOP_FAILED, STOOD_STILL = int(Note.STOP_FAILED), int(Note.STOOD_STILL)
 STILL_NS = 100_000_000  # a loop that stood still for longer glides to where the target has gone
 GLIDE_NS = 100_000_000  # shortest time of a glide: it also takes up the targets' own speed
 MOST_STEEP = 1.5  # of 3 s^2 - 2 s^3
+FIRST_STEP = 0.5
+"""Share of a step that the output may move from where a device reports it: reports are off by some
+tenths of a volt, and that adds to the step. From then on it stands where it was put."""
 BEYOND = sample.BEYOND_SATURATION | sample.BEYOND_DRIVE | sample.BAD_TARGET
 
 
@@ -88,6 +91,7 @@ def fault(table: Table, now_ns: int) -> None:
 def recover(table: Table, now_ns: int, volts: float) -> None:
     """The devices are back and the output stands at `volts`."""
     c, p = control_of(table), settings_of(table)
+    c.found = 1
     follow_output(table, volts)
     if happens(c, RAMP if p.ramp_on_fault != 0 else STAY, now_ns):
         c.hold_ns = 0 if p.ramp_on_fault != 0 else p.hold_ns
@@ -136,6 +140,8 @@ def take_step(table: Table, now_ns: int, measured: float, n_commands: int) -> No
     elif c.state == READY:
         mode = MODE_NONE
     volts, limited = _limit(c, p, wanted)
+    if volts != c.volts:
+        c.found = 0
     flags |= limited
     if math.isnan(measured):
         flags |= INVALID
@@ -231,7 +237,7 @@ def _limit(c: Any, p: Any, wanted: float) -> tuple[float, int]:
     volts = min(max(wanted, p.min_v), p.max_v)
     if volts != wanted:
         flags |= RANGE
-    most = p.slew_v * (c.move_ns / p.period_ns)
+    most = p.slew_v * (c.move_ns / p.period_ns) * (FIRST_STEP if c.found != 0 else 1.0)
     limited = min(max(volts, c.volts - most), c.volts + most)
     if limited != volts:
         flags |= SLEW
