@@ -210,7 +210,7 @@ CHANGES = [
         Change(
             "slow-subscriber-kept", SESSION, "        end_unread_connections(UNREAD_MS)\n", "",
             "a few subscribers that do not read silence everybody",
-            tests=(f"{HOSTILE}::test_subscribers_that_do_not_read_cost_nobody_else_anything",),
+            tests=("tests/daemon/bus/test_session.py",),
         ),
         Change(
             "slow-subscriber-waited-for", SESSION, "wait_before_drop\": 1000,",
