@@ -24,6 +24,7 @@ from dehyst.daemon.loop.records_in_memory import (
     drop_targets,
     happens,
     note,
+    number,
     queue_of,
     record_of,
     settings_of,
@@ -37,16 +38,16 @@ from dehyst.models.model import Floats
 
 STOP_GRACE_NS = 5_000_000_000  # beyond the ramp's own time
 
-# enumerations as plain integers, which compile in less time
-READY, RUNNING = int(State.READY), int(State.RUNNING)
-HOLDING, STOPPING = int(State.HOLDING), int(State.STOPPING)
-END, FAULT, ARRIVED = int(LoopEvent.END), int(LoopEvent.FAULT), int(LoopEvent.ARRIVED)
-RAMP, STAY = int(LoopEvent.RAMP), int(LoopEvent.STAY)
-MODE_NONE, MODE_HOLD = int(Mode.NONE), int(Mode.HOLD)
-UNREACHABLE, SLEW, RANGE = int(Flag.UNREACHABLE), int(Flag.SLEW), int(Flag.RANGE)
-INVALID, OUTSIDE = int(Flag.SENSOR_INVALID), int(Flag.OUTSIDE_VALIDITY)
-FALLBACK, APPROACH = int(Flag.FALLBACK), int(Flag.APPROACH)
-STOP_FAILED, STOOD_STILL = int(Note.STOP_FAILED), int(Note.STOOD_STILL)
+# enumerations as integers, which compile in less time
+READY, RUNNING = number(State.READY), number(State.RUNNING)
+HOLDING, STOPPING = number(State.HOLDING), number(State.STOPPING)
+END, FAULT, ARRIVED = number(LoopEvent.END), number(LoopEvent.FAULT), number(LoopEvent.ARRIVED)
+RAMP, STAY = number(LoopEvent.RAMP), number(LoopEvent.STAY)
+MODE_NONE, MODE_HOLD = number(Mode.NONE), number(Mode.HOLD)
+UNREACHABLE, SLEW, RANGE = number(Flag.UNREACHABLE), number(Flag.SLEW), number(Flag.RANGE)
+INVALID, OUTSIDE = number(Flag.SENSOR_INVALID), number(Flag.OUTSIDE_VALIDITY)
+FALLBACK, APPROACH = number(Flag.FALLBACK), number(Flag.APPROACH)
+STOP_FAILED, STOOD_STILL = number(Note.STOP_FAILED), number(Note.STOOD_STILL)
 STILL_NS = 100_000_000  # a loop that stood still for longer glides to where the target has gone
 GLIDE_NS = 100_000_000  # shortest time of a glide: it also takes up the targets' own speed
 MOST_STEEP = 1.5  # of 3 s^2 - 2 s^3

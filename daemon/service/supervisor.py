@@ -93,7 +93,6 @@ class Supervisor:
         self._told = self._pid = 0
         self._entered_ns = 0
         self._ever = self._ready = False
-        self._gateway_worked = False
 
     def run(self) -> int:
         """Until a signal; 0, 1 where the output had to be made safe by force, 2 where the core

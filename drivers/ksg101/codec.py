@@ -86,7 +86,6 @@ BY_ID = {layout.id: layout for layout in MESSAGES}
 
 # status bits of pz_get_pzstatusupdate
 ZEROED = 0x10
-ZEROING = 0x20
 GAUGE_CONNECTED = 0x100
 
 

@@ -23,11 +23,9 @@ from dehyst.models.diagnosis.effects import (
     internal,
     moved,
 )
+from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Context
 from dehyst.models.signals.joined import Bools, Data, Floats
-
-RIDGE = 1e-9  # of the additive columns' mean square: against exact collinearity only
-SHARED_PARTS = 24  # arrays of all samples, that simulations at the same weights keep
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ class Problem:
 
     def penalty(self, size: int) -> Floats:
         """Ridge of each of a design's columns, as a part of its mean square."""
-        out = np.full(size, RIDGE)
+        out = np.full(size, TUNING.ridge)
         k = len(self.data.names)
         out[:k] = 1e-13
         out[k : k + self.base.width] = self.base.priors
@@ -153,7 +151,7 @@ class Problem:
         """
         data = self.data
         known = {} if known is None else known
-        while len(known) > SHARED_PARTS:
+        while len(known) > TUNING.shared_parts:
             known.pop(next(iter(known)))
         way = tuple(e for e in effects if e.candidate.mode == "drive")
         if way not in known:

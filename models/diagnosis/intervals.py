@@ -16,7 +16,6 @@ from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Floats
 
-LARGEST_LEVERAGE = 0.99
 """Where one block alone tells a parameter, so much of it is taken for told by that block."""
 
 
@@ -109,7 +108,7 @@ def _covariance(problem: Problem, fitted: JointFit, sigma: float) -> Floats:
         here = block == k
         z = x[here] @ whitened
         leverage, along = np.linalg.eigh(z.T @ z)
-        left = np.sqrt(1.0 - np.minimum(leverage, LARGEST_LEVERAGE))
+        left = np.sqrt(1.0 - np.minimum(leverage, TUNING.largest_leverage))
         moves.append(own @ (along @ ((along.T @ (z.T @ residual[here])) / left)))
     blocks = np.array(moves)
     between = blocks.T @ blocks

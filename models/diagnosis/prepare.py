@@ -11,14 +11,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Recording
-from dehyst.models.signals.joined import Bools, Data, Floats
-
-MIN_SAMPLES = 200
-BLOCKS = 5  # time blocks of each recording, in which an effect must be the same
-FOLDS = 8  # groups left out in turn, each of FOLD_PIECES short pieces of every recording
-FOLD_PIECES = 5
+from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
 
 def prepare(recordings: Sequence[Recording]) -> Data:
@@ -41,9 +37,10 @@ def prepare(recordings: Sequence[Recording]) -> Data:
         t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
         good = np.isfinite(t) & np.isfinite(u) & np.isfinite(y)
         raw = np.flatnonzero(good)
-        if raw.size < MIN_SAMPLES:
+        if raw.size < TUNING.least_samples:
             raise BadRecording(
-                f"{one.name}: only {raw.size} usable samples; at least {MIN_SAMPLES} are needed"
+                f"{one.name}: only {raw.size} usable samples; at least {TUNING.least_samples} are "
+                "needed"
             )
         channels = {
             k: _filled(np.asarray(one.channels[k], dtype=float))[raw] for k in sorted(shared)
@@ -61,14 +58,14 @@ def prepare(recordings: Sequence[Recording]) -> Data:
                 "starts": cut,
                 "part": part + np.cumsum(cut) - 1,
                 "rows": _known_history(u, cut),
-                "block": block + np.minimum(BLOCKS - 1, np.arange(raw.size) * BLOCKS // raw.size),
-                "fold": np.arange(raw.size) * (FOLDS * FOLD_PIECES) // raw.size % FOLDS,
+                "block": block + _cut_evenly(raw.size, TUNING.time_blocks),
+                "fold": _cut_evenly(raw.size, TUNING.folds * TUNING.fold_pieces) % TUNING.folds,
                 "raw": raw,
                 **{"ch_" + k: v for k, v in channels.items()},
             }
         )
         part += int(cut.sum())
-        block += BLOCKS
+        block += TUNING.time_blocks
     joined = {k: np.concatenate([p[k] for p in pieces]) for k in pieces[0]}
     drive_unit, unit = next(iter(units))
     data = Data(
@@ -127,6 +124,11 @@ def _filled(x: Floats) -> Floats:
     if good.all() or not good.any():
         return x
     return np.interp(np.arange(x.size), np.flatnonzero(good), x[good])
+
+
+def _cut_evenly(size: int, pieces: int) -> Ints:
+    """(size,) the piece that each sample is in, when so many of equal length follow each other."""
+    return np.arange(size) * pieces // size
 
 
 def _known_history(u: Floats, cut: Bools) -> Bools:

@@ -7,6 +7,14 @@ from typing import NamedTuple
 class Tuning(NamedTuple):
     """`size`: rms, in rms of the noise; `share`: part of the power beyond the noise."""
 
+    # the recordings
+    least_samples: int = 200
+    time_blocks: int = 5  # of each recording, in which an effect must be the same
+    folds: int = 8  # groups left out in turn, each of so many short pieces of every recording:
+    fold_pieces: int = 5
+    segment: int = 256  # samples of a spectrum, for the noise
+    ridge: float = 1e-9  # of the additive columns' mean square: against exact collinearity only
+    shared_parts: int = 24  # arrays of all samples, that simulations at the same weights keep
     # the search
     search_rows: int = 18_000  # counted in it; the last fit, shares and intervals use them all
     max_effects: int = 5
@@ -46,6 +54,7 @@ class Tuning(NamedTuple):
     fine_structure: float = 2e-4  # of the displacement's range: less is no structure worth a name
     # intervals
     interval_width: float = 1.96  # standard deviations of white noise; blocks: Student's t
+    largest_leverage: float = 0.99
     bound_margin: float = 0.02  # of the (log) range: closer to a bound counts as on it
 
 
