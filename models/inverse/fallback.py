@@ -46,14 +46,15 @@ def _run_on(inv: Inverse, h: Floats, last: float, u: float, samples: int) -> flo
 def _faded(inv: Inverse, h: Floats, gap: float, samples: int) -> float:
     """What is left of a gap after a step of so many samples, by the lag at the plays h (n,)."""
     setting, hysteresis, limits = inv.setting[0], inv.hysteresis, inv.static.limits[0]
-    if abs(gap) < TUNING.gone * (limits.high - limits.low):
+    if gap == 0.0:
         return 0.0
     z, kh = 0.0, 0.0
     for i in range(h.size):
         z += hysteresis.weights[1, i] * h[i]
         kh += hysteresis.weights[2, i] * h[i]
     lag = min(abs(kh * slope(hysteresis.c, z)) / (setting.period * setting.slope), 1e6)
-    return gap * lag / (samples + lag)
+    left = gap * (lag / (samples + lag))
+    return left if abs(left) >= TUNING.gone * (limits.high - limits.low) else 0.0
 
 
 @njit(cache=True, nogil=True, inline="always")
