@@ -155,3 +155,22 @@ def test_every_set_of_both_command_languages_waits_for_an_acknowledgement():
         assert form_of(command).ends is Ends.ACK, command
     for command in ("XR?", "ymin?", "XL?", "%", "id?", "echo=0", "msvoltage?"):
         assert form_of(command).pattern is not None, command
+
+
+@pytest.mark.parametrize("dialect", Dialect)
+def test_a_mark_behind_anything_but_the_echo_is_no_acknowledgement(dialect):
+    mark = b">" if dialect is Dialect.MODERN else b"*"
+    for payload in (b"[ 1.00]", b"xvoltage=9.000", b"1", b"ok"):
+        codec = Mdt693bCodec(dialect)
+        codec.send("xvoltage=1.000")
+        events = codec.receive(payload + b"\r" + mark) + codec.silence()
+        assert not any(isinstance(event, Ack) for event in events), (payload, events)
+        assert any(isinstance(event, Garbled) for event in events), (payload, events)
+
+
+@pytest.mark.parametrize("command", ["xmin?", "XL?", "sysmin?", "xvoltage?"])
+def test_a_negative_number_keeps_its_sign(command):
+    codec = Mdt693bCodec(Dialect.MODERN)
+    codec.send(command)
+    events = codec.receive(b"[-12.50]\r\n>") + codec.silence()
+    assert [event.value for event in events if isinstance(event, Answer)] == ["-12.50"]
