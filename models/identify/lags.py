@@ -45,8 +45,8 @@ class LagSearch:
 
         A part of a sample is told by the fit alone; more must foretell what it has not seen, and
         clearly so: a little is also gained by a lag where the hysteresis is of another class than
-        the model's. It is the drive's, which the inverse makes up for, unless the sensor's foretells
-        better by more than chance.
+        the model's. It is the drive's, which the inverse makes up for, unless one of the sensor
+        foretells better by more than chance.
         """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
         delay = self._find_delay(without[True], without[True] * (1.0 - TUNING.worth_trying))

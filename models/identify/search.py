@@ -95,7 +95,8 @@ class Search:
             trial = Trial(whole, self.picks, self.r, one.offset, one.lag, one.loose)
             trial.linearise(one.params, one.shape, one.shape.powers)
             scored.append(trial.score(one.shape, whole.strengths[::2]))
-        return rate if pays(scored[0], scored[1], clear=0.0) else static
+        enough = scored[1].held.sum() < TUNING.clear_ways * scored[0].held.sum()
+        return rate if enough and pays(scored[0], scored[1], clear=0.0) else static
 
     def _find_lags(self, tried: Sequence[Candidate]) -> list[Candidate]:
         """Candidates with linear dynamics, where the rate alone has something to say."""

@@ -221,7 +221,8 @@ class Trial:
         )
 
     def weigh(self, shape: Shape, strengths: Sequence[float]) -> Candidate:
-        """A structure at the strength of the prior that makes the recording the most probable.
+        """A structure at the strength of the prior that makes the recording the most probable, of
+        those that can be inverted and that hold-out does not speak against.
 
         Hold-out says little about a strength that acts where the recording is silent. This is the
         evidence of a linear model with Gaussian noise and prior (D. J. C. MacKay, Neural
@@ -243,7 +244,9 @@ class Trial:
             spread = np.linalg.slogdet(whole / np.outer(scale, scale))[1] + 2 * np.log(scale).sum()
             return 0.5 * float(np.linalg.slogdet(prior + level)[1] - spread - cost)
 
-        return max(each, key=evidence)
+        best = min(each, key=lambda c: c.held_rms)
+        good = [c for c in each if c.invertible and not pays(c, best, clear=0.0)]
+        return max(good, key=evidence, default=best)
 
     def refine(self, found: Candidate) -> Params:
         """The candidate's parameters after a few more steps, about themselves."""

@@ -50,6 +50,7 @@ class Tuning(NamedTuple):
     clear: float = 0.6  # of the held-out power: a structure that leaves no more pays at once
     clear_lag: float = 0.85  # the same for a lag longer than a sampling period
     clear_rate: float = 0.1  # the same for rate-dependence, which else must foretell whole ways
+    clear_ways: float = 0.667  # of the power of these, at most
     coarse: int = 32  # operators while structures are compared
     fine: int = 40  # and in the model
     finest: int = 48  # where the number in the model is given, before some are dropped
