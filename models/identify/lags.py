@@ -66,13 +66,12 @@ class LagSearch:
         return found
 
     def _helps(self, scored: Candidate, lag: Dynamics) -> bool:
-        if abs(lag.delay_s) > self.period:
+        if not lag.delay_s > TUNING.jitters * self._measure_jitter(scored):
+            return False
+        if lag.delay_s > self.period:
             now = self.candidate
             better = scored.fitted.sum() < now.fitted.sum()
-            clearly = scored.held.sum() < TUNING.clear_lag * now.held.sum()
-            return (
-                better and clearly and lag.delay_s > TUNING.jitters * self._measure_jitter(scored)
-            )
+            return bool(better and scored.held.sum() < TUNING.clear_lag * now.held.sum())
         shape, lightest = self.candidate.shape, TUNING.strengths[:1]
         here, there = (self._trial(x, True).score(shape, lightest) for x in (None, lag))
         return shows(here, there)
