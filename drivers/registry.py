@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 
 from dehyst.drivers.interface import Actuator, DriverConfigError, Sensor
-from dehyst.drivers.settings import Key, Settings, list_keys
+from dehyst.drivers.settings import SettingKey, Settings, list_keys
 
 ACTUATORS = "dehyst.actuators"
 SENSORS = "dehyst.sensors"
@@ -56,7 +56,7 @@ def find_plugins(name: str) -> list[Plugin]:
     return found
 
 
-def list_settings(plugin: Plugin) -> list[Key] | None:
+def list_settings(plugin: Plugin) -> list[SettingKey] | None:
     """A driver's settings; None where it is broken or does not declare them (`settings_type`)."""
     group = next(group for group, kind in KINDS.items() if kind == plugin.kind)
     points = [p for p in _points(group) if (p.name, p.value) == (plugin.name, plugin.where)]

@@ -48,7 +48,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return _wrong(type(self), key, getattr(self, key), allowed)
 
 
-class Key(msgspec.Struct, frozen=True):
+class SettingKey(msgspec.Struct, frozen=True):
     """One setting as it is listed. type: what is allowed, in words; default: None where it has to
     be given or is left open; unit: "" for none."""
 
@@ -86,10 +86,10 @@ def read_values(kind: type[Settings], table: Mapping[str, Any]) -> dict[str, Any
     return values
 
 
-def list_keys(kind: type[Settings]) -> list[Key]:
+def list_keys(kind: type[Settings]) -> list[SettingKey]:
     """Every key in the order in which it was declared."""
     return [
-        Key(
+        SettingKey(
             name=field.name,
             type=allowed_words(field),
             required=field.required,

@@ -17,6 +17,7 @@ from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
 Words = NDArray[np.int64]
+_WORD = ir.IntType(64)
 
 
 def leaves(named: tuple[Any, ...]) -> Iterator[NDArray[Any]]:
@@ -71,64 +72,75 @@ def pointer(typing: Any, address: Any) -> Any:
     return types.voidptr(types.int64), codegen
 
 
+@intrinsic
+def record(typing: Any, address: Any, dtype: Any) -> Any:
+    """The record of a global dtype at an address, to read and write by name."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = context.get_value_type(signature.return_type)
+        return builder.inttoptr(arguments[0], kind)
+
+    return dtype.dtype(types.int64, dtype), codegen
+
+
 @njit(cache=True, nogil=True)
 def table_at(address: int, places: int) -> Words:
     """The table at an address."""
     return carray(pointer(address), (3 * places,), types.int64)
 
 
-@njit(cache=True, nogil=True)
-def floats_at(table: Words, place: int) -> NDArray[np.float64]:
-    """The (n,) float array at a place."""
-    return carray(pointer(table[3 * place]), (table[3 * place + 1],), types.float64)
+def _array(context: Any, builder: Any, kind: Any, table: Any, at: Any) -> Any:
+    """The array of a type whose address, rows and columns stand in a table from a word on."""
+
+    def number(i: int) -> Any:
+        return builder.load(builder.gep(table, [builder.add(at, ir.Constant(_WORD, i))]))
+
+    data_type = context.get_data_type(kind.dtype)
+    size = ir.Constant(_WORD, context.get_abi_sizeof(data_type))
+    shape = [number(1 + axis) for axis in range(kind.ndim)]
+    strides = [size] if kind.ndim == 1 else [builder.mul(size, shape[1]), size]
+    array = context.make_array(kind)(context, builder)
+    data = builder.inttoptr(number(0), data_type.as_pointer())
+    populate_array(array, data, shape, strides, size, None)
+    return array._getvalue()
 
 
-@njit(cache=True, nogil=True)
-def grid_at(table: Words, place: int) -> NDArray[np.float64]:
-    """The (n, m) float array at a place."""
-    shape = (table[3 * place + 1], table[3 * place + 2])
-    return carray(pointer(table[3 * place]), shape, types.float64)
+def _array_reader(kind: Any) -> Callable[[Words, int], Any]:
+    """The function `array_at(table, place)` for compiled code. An intrinsic has no call of its own
+    that would be compiled for each place."""
+
+    @intrinsic
+    def array_at(typing: Any, table: Any, place: Any) -> Any:
+        def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            words = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+            at = builder.mul(arguments[1], ir.Constant(_WORD, 3))
+            return _array(context, builder, kind, words, at)
+
+        return kind(table, types.int64), codegen
+
+    return array_at
 
 
-@njit(cache=True, nogil=True)
-def whole_at(table: Words, place: int) -> Words:
-    """The (n,) integer array at a place."""
-    return carray(pointer(table[3 * place]), (table[3 * place + 1],), types.int64)
-
-
-@njit(cache=True, nogil=True)
-def whole_grid_at(table: Words, place: int) -> NDArray[np.int64]:
-    """The (n, m) integer array at a place."""
-    shape = (table[3 * place + 1], table[3 * place + 2])
-    return carray(pointer(table[3 * place]), shape, types.int64)
+floats_at = _array_reader(types.float64[::1])  # the (n,) float array at a place
+grid_at = _array_reader(types.float64[:, ::1])  # the (n, m) float array at a place
+whole_at = _array_reader(types.int64[::1])  # the (n,) integer array at a place
+whole_grid_at = _array_reader(types.int64[:, ::1])  # the (n, m) integer array at a place
 
 
 def tuple_reader(example: tuple[Any, ...]) -> Callable[[int], Any]:
     """The function `tuple_at(address)` for compiled code: the tuple whose table (`Addresses.of`)
     lies at an address. example: a tuple of the same types, of any sizes."""
-    word = ir.IntType(64)
 
     @intrinsic
     def tuple_at(typing: Any, address: Any) -> Any:
         def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            table = builder.inttoptr(arguments[0], word.as_pointer())
+            table = builder.inttoptr(arguments[0], _WORD.as_pointer())
             place = iter(range(1 << 20))
-
-            def number(i: int) -> Any:
-                return builder.load(builder.gep(table, [ir.Constant(word, i)]))
 
             def built(kind: Any) -> Any:
                 if isinstance(kind, types.BaseTuple):
                     return context.make_tuple(builder, kind, [built(item) for item in kind])
-                at = 3 * next(place)
-                data_type = context.get_data_type(kind.dtype)
-                size = ir.Constant(word, context.get_abi_sizeof(data_type))
-                shape = [number(at + 1 + axis) for axis in range(kind.ndim)]
-                strides = [size] if kind.ndim == 1 else [builder.mul(size, shape[1]), size]
-                array = context.make_array(kind)(context, builder)
-                data = builder.inttoptr(number(at), data_type.as_pointer())
-                populate_array(array, data, shape, strides, size, None)
-                return array._getvalue()
+                return _array(context, builder, kind, table, ir.Constant(_WORD, 3 * next(place)))
 
             return built(signature.return_type)
 

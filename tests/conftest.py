@@ -11,6 +11,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from tests.rigs import starts
 
 from dehyst.daemon.tools import kernel_cache
@@ -19,6 +20,8 @@ ROOT = Path(__file__).resolve().parent.parent
 if "PYTEST_XDIST_WORKER" not in os.environ:  # its workers come after it
     kernel_cache.drop_stale()
 starts.watch()
+settings.register_profile("no times are judged", deadline=None)
+settings.load_profile("no times are judged")
 
 
 THOROUGH = (

@@ -24,7 +24,7 @@ _METHODS = ("command", "status", "model", "configuration", "history")
 
 
 @dataclass(frozen=True)
-class Key:
+class ParsedKey:
     """One parsed key. space: "pubsub", "rpc" or "alive"; subject and source are "" where the
     space has none (for rpc, subject is the method)."""
 
@@ -70,18 +70,18 @@ class Keys:
         """Key of the liveliness token."""
         return f"{self.root}/alive"
 
-    def parse(self, key: str) -> Key:
+    def parse(self, key: str) -> ParsedKey:
         """The parts of a key under the same base. Raises BadInput for anything else."""
         prefix = f"{self.base}/{VERSION}/"
         if not key.startswith(prefix) or len(key) > 500:
             raise BadInput(f"key {key[:80]!r}: does not begin with {prefix}")
         match key[len(prefix) :].split("/"):
             case [name, "pubsub", subject, source]:
-                parsed = Key(name, "pubsub", subject, source)
+                parsed = ParsedKey(name, "pubsub", subject, source)
             case [name, "rpc", method]:
-                parsed = Key(name, "rpc", method)
+                parsed = ParsedKey(name, "rpc", method)
             case [name, "alive"]:
-                parsed = Key(name, "alive")
+                parsed = ParsedKey(name, "alive")
             case _:
                 raise BadInput(f"key {key[:80]!r}: not in the grammar NAME/pubsub/SUBJECT/SOURCE")
         for chunk in (parsed.name, parsed.subject, parsed.source):

@@ -40,7 +40,7 @@ def say(text: str) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from dehyst.daemon.tools.demo import OUTPUTS, Demo, draw, judge
+    from dehyst.daemon.tools.demo import OUTPUTS, Demo, compare_errors, draw
 
     check_outputs([args.output / name for name in OUTPUTS], [], args.force)
     args.output.mkdir(parents=True, exist_ok=True)
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     picture = args.output / "demo.png"
     draw(demo, picture)
     linear, compensated = results["linear gain"], results["compensated"]
-    better, says = judge(linear, compensated, demo.late_share)
+    better, says = compare_errors(linear, compensated, demo.late_share)
     if args.json:
         print(
             json.dumps(

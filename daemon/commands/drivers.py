@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from dehyst.drivers.registry import Plugin, find_plugins, list_plugins, list_settings
-from dehyst.drivers.settings import Key
+from dehyst.drivers.settings import SettingKey
 
 EPILOG = """\
 exit status: 0; 1 when a plugin is broken; 2 when there is no driver of this name.
@@ -78,7 +78,7 @@ def _print_settings(plugin: Plugin) -> None:
     _print(table)
 
 
-def _default(key: Key) -> str:
+def _default(key: SettingKey) -> str:
     if key.required:
         return "(needed)"
     return "" if key.default is None else json.dumps(key.default)

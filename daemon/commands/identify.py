@@ -15,7 +15,7 @@ from dehyst.daemon import clock
 from dehyst.daemon.files.models import save_model, write_text
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.files.recordings import read_recording
-from dehyst.daemon.tools.identification_summary import summary, words
+from dehyst.daemon.tools.identification_summary import describe_result, summary
 from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.errors import BadInput
 from dehyst.models.identify import Identification, Options, identify
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(summary(result, covered, args.output, seconds, report), indent=2))
     else:
-        print(words(result, covered, args.output, report))
+        print(describe_result(result, covered, args.output, report))
     return 0
 
 

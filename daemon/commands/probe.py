@@ -52,10 +52,10 @@ def run(args: argparse.Namespace) -> int:
     with closing(SerialPort(find_port(config), config.baud)) as port:
         with progress_bar("queries") as progress:
             exchanges = probe.record(port, progress)
-        finding = probe.interpret(exchanges)
+        unit = probe.interpret(exchanges)
         timings: dict[str, Any] = {}
-        if finding.dialect:
-            dialect = Dialect.named(finding.dialect)
+        if unit.dialect:
+            dialect = Dialect.named(unit.dialect)
             timings["query"] = _figures(probe.time_queries(port, dialect, TIMED))
             if args.sets is not None:
                 times = probe.time_sets(port, dialect, args.sets, TIMED)
@@ -65,8 +65,8 @@ def run(args: argparse.Namespace) -> int:
         "made_by": f"dehyst {__version__}",
         "baud": args.baud,
         "encoding": "latin-1",
-        "dialect": finding.dialect,
-        "firmware": finding.firmware,
+        "dialect": unit.dialect,
+        "firmware": unit.firmware,
         "timings": timings,
         "exchanges": [exchange.to_dict() for exchange in exchanges],
     }
@@ -76,12 +76,12 @@ def run(args: argparse.Namespace) -> int:
         except OSError as error:
             raise BadInput(f"{args.output}: cannot be written: {error.strerror}") from None
     if args.json:
-        found = {"port": port.path, "model": finding.model, "serial": finding.serial_number}
+        found = {"port": port.path, "model": unit.model, "serial": unit.serial_number}
         found |= {k: fixture[k] for k in ("dialect", "firmware", "timings")}
-        print(json.dumps(found | {"answers": finding.answers}, indent=2))
+        print(json.dumps(found | {"answers": unit.answers}, indent=2))
     else:
-        print("\n".join(_report(port.path, finding, timings, exchanges)))
-    return 0 if finding.dialect else 1
+        print("\n".join(_report(port.path, unit, timings, exchanges)))
+    return 0 if unit.dialect else 1
 
 
 def _figures(times: CallTimes) -> dict[str, float]:
@@ -91,25 +91,25 @@ def _figures(times: CallTimes) -> dict[str, float]:
 
 def _report(
     path: str,
-    finding: probe.Finding,
+    unit: probe.ProbedUnit,
     timings: dict[str, Any],
-    exchanges: list[probe.Exchange],
+    exchanges: list[probe.RecordedExchange],
 ) -> list[str]:
-    if not finding.dialect:
+    if not unit.dialect:
         raw = b"".join(exchange.reply for exchange in exchanges)
         heard = f"answers {raw[:60]!r}, which is no MDT693B" if raw else "does not answer"
         return [f"{path}: {heard}; check port, power and baud rate"]
     lines = [
-        f"{path}: {finding.model or 'unknown model'}, firmware {finding.firmware or 'unknown'}, "
-        f"serial number {finding.serial_number or 'blank'}",
-        f"dialect: {finding.dialect}",
+        f"{path}: {unit.model or 'unknown model'}, firmware {unit.firmware or 'unknown'}, "
+        f"serial number {unit.serial_number or 'blank'}",
+        f"dialect: {unit.dialect}",
     ]
     for kind, figures in timings.items():
         lines.append(
             f"{kind}: {1e3 * figures['p50_s']:.2f} ms median, {1e3 * figures['p99_s']:.2f} ms at "
             f"99 %; {figures['rate_hz']:.0f} per second are safe"
         )
-    unclear = [q for q, a in finding.answers.items() if a.startswith(("unclear", "no answer"))]
+    unclear = [q for q, a in unit.answers.items() if a.startswith(("unclear", "no answer"))]
     if unclear:
         lines.append(f"not understood: {', '.join(unclear)}; please share the file made with -o")
     return lines

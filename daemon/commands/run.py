@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
             raise BadInput(f"--{option} goes without --config: the configuration says it itself")
     with ended_at_once("dehyst run"):
         from dehyst.daemon.files.models import load_model
-        from dehyst.daemon.service.supervisor import Bench
+        from dehyst.daemon.service.supervisor import BenchProcess
         from dehyst.daemon.tools.bench_config import Imitation, simulated_model, write_bench
 
     if args.config:
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory(prefix="dehyst-") as folder:
         directory = Path(folder)
         say("no --config: an emulated MDT693B and KSG101 with a simulated stage behind")
-        bench = Bench(directory, list(imitation.stage))
+        bench = BenchProcess(directory, list(imitation.stage))
         try:
             path = write_bench(
                 directory, bench.ports, args.name or NAME, args.listen or LISTEN, model, imitation

@@ -43,7 +43,7 @@ RESERVED = 64
 LATEST_OFFSET_NS = 10**18
 
 
-class Refused(Exception):
+class NotAdmitted(Exception):
     """A command that is not admitted. code: in CODES; the text is for the client."""
 
     def __init__(self, code: str, text: str) -> None:
@@ -126,7 +126,7 @@ class Admission:
                 records, code = self._chunk(now_ns, command)
             else:
                 records, code = self._request(now_ns, command), "ok"
-        except Refused as refused:
+        except NotAdmitted as refused:
             return self.refuse(now_ns, refused.code, str(refused)), NOTHING
         holder = self.lease.check(now_ns, command.client, self.lease.lease)
         return (
@@ -148,14 +148,14 @@ class Admission:
 
     def _check_core(self, records: int = 1) -> None:
         if not self.core.alive:
-            raise Refused("no-core", "the loop's process does not run")
+            raise NotAdmitted("no-core", "the loop's process does not run")
         if records > self._room - RESERVED * (records > 1):
-            raise Refused("queue-full", "the loop does not take commands at present")
+            raise NotAdmitted("queue-full", "the loop does not take commands at present")
 
     def _check_state(self, records: int = 1) -> None:
         self._check_core(records)
         if self.core.state in (State.START, State.FAULT, State.STOPPING):
-            raise Refused(
+            raise NotAdmitted(
                 "state",
                 f"in the state {self.core.state.name.lower()} the daemon follows no commands",
             )
@@ -164,8 +164,8 @@ class Admission:
         if self.lease.check(now_ns, client, lease):
             return
         if self.lease.held(now_ns) and client != self.lease.client:
-            raise Refused("lease-taken", self._taken(now_ns))
-        raise Refused("no-lease", "no lease, or one that has ended: acquire one first")
+            raise NotAdmitted("lease-taken", self._taken(now_ns))
+        raise NotAdmitted("no-lease", "no lease, or one that has ended: acquire one first")
 
     def _taken(self, now_ns: int) -> str:
         who = self.lease.label or f"client {self.lease.client}"
@@ -177,23 +177,29 @@ class Admission:
     def _check_age(self, now_ns: int, sent_ns: int) -> None:
         age_s = self.lease.age_ns(now_ns, sent_ns) * 1e-9
         if age_s > self.stale_s:
-            raise Refused("late", f"sent {age_s:.1f} s ago; at most {self.stale_s:g} s are allowed")
+            raise NotAdmitted(
+                "late", f"sent {age_s:.1f} s ago; at most {self.stale_s:g} s are allowed"
+            )
         if age_s < -1.0:
-            raise Refused("late", f"sent {-age_s:.1f} s in the future by the sender's own clock")
+            raise NotAdmitted(
+                "late", f"sent {-age_s:.1f} s in the future by the sender's own clock"
+            )
 
     def _check_values(
         self, values: NDArray[np.float64], unit: str, allow_unreachable: bool
     ) -> None:
         if unit != self.unit:
-            raise Refused("unit", f"the targets are in {unit!r}; this daemon takes {self.unit!r}")
+            raise NotAdmitted(
+                "unit", f"the targets are in {unit!r}; this daemon takes {self.unit!r}"
+            )
         if not np.all(np.isfinite(values)):
-            raise Refused("not-finite", "a target is NaN or infinite")
+            raise NotAdmitted("not-finite", "a target is NaN or infinite")
         low, high = self.core.reachable
         least, most = float(values.min()), float(values.max())
         inside = low - REACH_SLACK <= least and most <= high + REACH_SLACK
         if not inside and not allow_unreachable:
             wrong = least if least < low - REACH_SLACK else most
-            raise Refused(
+            raise NotAdmitted(
                 "unreachable",
                 f"{wrong:g} {self.unit} cannot be reached: the range is {low:g} to {high:g}",
             )
@@ -202,7 +208,9 @@ class Admission:
         self._check_state()
         self._check_lease(now_ns, command.client, command.lease)
         if command.sequence <= self.lease.sequence:
-            raise Refused("old", f"set-point {command.sequence} came after {self.lease.sequence}")
+            raise NotAdmitted(
+                "old", f"set-point {command.sequence} came after {self.lease.sequence}"
+            )
         self.lease.keep(now_ns)
         self._check_age(now_ns, command.sent_ns)
         self._check_values(np.array([command.value]), command.unit, command.allow_unreachable)
@@ -221,11 +229,13 @@ class Admission:
             self.lease.heard(now_ns, command.sent_ns)
             return NOTHING, "duplicate"
         if now.over:
-            raise Refused("over", f"trajectory {command.trajectory}: {now.over}")
+            raise NotAdmitted("over", f"trajectory {command.trajectory}: {now.over}")
         if now.next_index >= 0 and command.index != now.next_index:
-            raise Refused("order", f"chunk {command.index} came where {now.next_index} is due")
+            raise NotAdmitted("order", f"chunk {command.index} came where {now.next_index} is due")
         if offsets[0] < 0 or offsets[-1] > LATEST_OFFSET_NS or np.any(offsets[1:] <= offsets[:-1]):
-            raise Refused("order", "the times of a chunk must be positive and strictly increase")
+            raise NotAdmitted(
+                "order", "the times of a chunk must be positive and strictly increase"
+            )
         if now.next_index < 0:  # what a gateway before this one has passed on is not sent twice
             fresh = offsets > now.end_ns
             offsets, values = offsets[fresh], values[fresh]
@@ -233,19 +243,19 @@ class Admission:
                 now.next_index = command.index + 1
                 return NOTHING, "duplicate"
         elif now.end_ns >= 0 and offsets[0] <= now.end_ns:
-            raise Refused("order", "the chunk begins before the one before it ended")
+            raise NotAdmitted("order", "the chunk begins before the one before it ended")
         self._check_values(values, command.unit, command.allow_unreachable)
         span_ns = int(offsets[-1]) - (now.end_ns if now.end_ns >= 0 else int(offsets[0]))
         gaps = offsets.size - (now.end_ns < 0)
         if span_ns < 0.7 * gaps * self.core.period_ns:
-            raise Refused(
+            raise NotAdmitted(
                 "dense",
                 f"the points are {span_ns / max(gaps, 1) * 1e-6:.3g} ms apart, the loop's period "
                 f"is {self.core.period_ns * 1e-6:.3g} ms; send fewer",
             )
         ahead_s = 0.0 if command.index == 0 else self.queue_ahead_s(now_ns)
         if ahead_s + span_ns * 1e-9 > self.queue_s:
-            raise Refused(
+            raise NotAdmitted(
                 "queue-full",
                 f"{ahead_s:.2f} s are ahead already, at most {self.queue_s:g} s are accepted; "
                 "send this chunk later",
@@ -266,12 +276,12 @@ class Admission:
         """The state of the command's trajectory; a new one where chunk 0 begins it."""
         now = self._trajectory
         if command.trajectory == 0:
-            raise Refused("order", "0 is not a trajectory's number")
+            raise NotAdmitted("order", "0 is not a trajectory's number")
         if now.number == command.trajectory and now.client == command.client:
             return now
         if command.index == 0:
             return _Trajectory(command.trajectory, command.client, 0)
-        raise Refused(
+        raise NotAdmitted(
             "over", f"trajectory {command.trajectory} is not the one being played; begin at chunk 0"
         )
 
@@ -282,14 +292,14 @@ class Admission:
     def _request(self, now_ns: int, command: Request) -> NDArray[np.void]:
         action, client, lease = command.action, command.client, self.lease
         if client == 0:
-            raise Refused("no-lease", "0 is not a client's number")
+            raise NotAdmitted("no-lease", "0 is not a client's number")
         if action in ("acquire", "take-over"):
             before = lease.client if lease.held(now_ns) else 0
             taken = lease.acquire(
                 now_ns, client, command.label, command.sent_ns, action == "take-over"
             )
             if not taken:
-                raise Refused("lease-taken", self._taken(now_ns))
+                raise NotAdmitted("lease-taken", self._taken(now_ns))
             if before not in (0, client):
                 self._end_trajectory("another client took over")
             return NOTHING

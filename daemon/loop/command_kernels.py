@@ -10,8 +10,17 @@ from numba import njit
 
 from dehyst.daemon.loop import records_in_memory as at
 from dehyst.daemon.loop import targets
-from dehyst.daemon.loop.records_in_memory import NAN, Note, Table, happens, note, queue_of, takes
-from dehyst.daemon.loop.states import Event
+from dehyst.daemon.loop.records_in_memory import (
+    NAN,
+    Note,
+    Table,
+    happens,
+    note,
+    number,
+    queue_of,
+    takes,
+)
+from dehyst.daemon.loop.states import LoopEvent
 from dehyst.daemon.rings.records import Command, State
 from dehyst.drivers.direct_calls import floats_at, whole_at
 from dehyst.models.inverse.state import inverse_at
@@ -20,15 +29,19 @@ from dehyst.models.inverse.state import inverse_at
 LARGEST_TARGET = 1e6
 LONGEST_OFFSET_NS = 10**9 * 86_400 * 365
 
-# enumerations as plain integers, which compile in less time
-READY, RUNNING = int(State.READY), int(State.RUNNING)
-TARGET, HALT, RELEASE = int(Event.TARGET), int(Event.HALT), int(Event.RELEASE)
-STALE = int(Event.STALE)
-SETPOINT, POINT, CLEAR = int(Command.SETPOINT), int(Command.POINT), int(Command.CLEAR)
-STOP_MOTION, GIVE_BACK = int(Command.STOP_MOTION), int(Command.RELEASE)
-BAD_VALUE, WITHDRAWN, STOPPED = int(Note.BAD_VALUE), int(Note.WITHDRAWN), int(Note.STOPPED)
-RELEASED, POINT_FULL = int(Note.RELEASED), int(Note.POINT_FULL)
-POINT_LATE, RUN_DRY, NO_SETPOINT = int(Note.POINT_LATE), int(Note.RUN_DRY), int(Note.NO_SETPOINT)
+# enumerations as integers, which compile in less time
+READY, RUNNING = number(State.READY), number(State.RUNNING)
+TARGET, HALT, RELEASE = number(LoopEvent.TARGET), number(LoopEvent.HALT), number(LoopEvent.RELEASE)
+STALE = number(LoopEvent.STALE)
+SETPOINT, POINT, CLEAR = number(Command.SETPOINT), number(Command.POINT), number(Command.CLEAR)
+STOP_MOTION, GIVE_BACK = number(Command.STOP_MOTION), number(Command.RELEASE)
+BAD_VALUE, WITHDRAWN, STOPPED = number(Note.BAD_VALUE), number(Note.WITHDRAWN), number(Note.STOPPED)
+RELEASED, POINT_FULL = number(Note.RELEASED), number(Note.POINT_FULL)
+POINT_LATE, RUN_DRY, NO_SETPOINT = (
+    number(Note.POINT_LATE),
+    number(Note.RUN_DRY),
+    number(Note.NO_SETPOINT),
+)
 
 
 @njit(cache=True, nogil=True)

@@ -36,7 +36,7 @@ def now_of(table: Table, buffer: NDArray[np.int64]) -> int:
     That is (3 + n,) integers: [now ns, ns per look, sleeps so far, lateness of each wake-up ...].
     """
     if table[3 * CLOCK] == 0:
-        return systemcalls.monotonic_ns(buffer)
+        return systemcalls.read_clock_ns(buffer)
     injected = whole_at(table, CLOCK)
     injected[0] += injected[1]
     return injected[0]
@@ -52,15 +52,15 @@ def sleep_of(table: Table, buffer: NDArray[np.int64], deadline_ns: int, spin_ns:
         injected[2] += 1
         return injected[0]
     systemcalls.sleep_until_ns(buffer, deadline_ns - spin_ns)
-    now = systemcalls.monotonic_ns(buffer)
+    now = systemcalls.read_clock_ns(buffer)
     if spin_ns > 0 and now >= deadline_ns - spin_ns:
         while now < deadline_ns:
-            now = systemcalls.monotonic_ns(buffer)
+            now = systemcalls.read_clock_ns(buffer)
     return now
 
 
 @njit(cache=True, nogil=True)
-def run(table: Table, samples: int) -> None:
+def run_samples(table: Table, samples: int) -> None:
     """Samples until stopped, or so many (-1: no end)."""
     m = meter_of(table)
     buffer, value = np.zeros(32, np.int64), np.zeros(1)
@@ -110,7 +110,7 @@ def warm_up(monitor: LoopMonitor, compiled: bool) -> None:
     table = monitor.stepper.table
     if compiled:
         table.put(CLOCK, np.array([0, 100, 0, 0]))
-        run(table.words, 5)
+        run_samples(table.words, 5)
     for _ in range(5):
         systemcalls.sleeper()(0)
         begin(table.words, 0)
@@ -174,7 +174,7 @@ class CompiledLoop:
         buffer = np.zeros(32, np.int64)
         if monitor.samples == 0:
             monitor.begin(now_of(table, buffer))
-        run(table, -1 if samples is None else samples)
+        run_samples(table, -1 if samples is None else samples)
 
     def _attend(self) -> None:
         """Devices that went down or came back, and what is to be said."""

@@ -11,7 +11,7 @@ Kernels hand records on as `c` (CONTROL_T), `p` (SETTINGS_T), `q` (QUEUE_T),
 
 import math
 from enum import IntEnum
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numba import carray, njit, types
@@ -22,7 +22,7 @@ from dehyst.daemon.loop.settings import SETTINGS_T
 from dehyst.daemon.loop.states import NEXT, NOTHING
 from dehyst.daemon.loop.targets import QUEUE_T
 from dehyst.daemon.rings.records import COMMAND, TELEMETRY, MissCause
-from dehyst.drivers.direct_calls import pointer
+from dehyst.drivers.direct_calls import pointer, record
 
 Table = NDArray[np.int64]
 NAN = math.nan
@@ -30,6 +30,7 @@ NAN = math.nan
 CONTROL_T = np.dtype(
     [
         ("volts", "<f8"),  # the output as last written
+        ("found", "<i8"),  # 1: as the device reports it, which may be off; nothing moved it since
         ("wrote_ns", "<i8"),  # no later than so the way of the next one counts; 0: not written yet
         ("least_ns", "<i8"),  # the least that a write has taken, from its voltage's making
         ("writes", "<i8"),  # how many there have been
@@ -168,7 +169,13 @@ TEXTS = {
 }
 
 
-def words(code: int, value: float) -> str:
+def number(member: int) -> int:
+    """A member of an enumeration as kernels take it: numba compiles a function anew for every plain
+    integer that it is called with, and only once for these."""
+    return cast(int, np.int64(member))
+
+
+def describe_note(code: int, value: float) -> str:
     """A note as a sentence."""
     return TEXTS[Note(code)].format(value)
 
@@ -176,25 +183,25 @@ def words(code: int, value: float) -> str:
 @njit(cache=True, nogil=True)
 def control_of(table: Table) -> Any:
     """The CONTROL_T record."""
-    return carray(pointer(table[3 * CONTROL]), (1,), CONTROL_T)[0]
+    return record(table[3 * CONTROL], CONTROL_T)
 
 
 @njit(cache=True, nogil=True)
 def settings_of(table: Table) -> Any:
     """The SETTINGS_T record."""
-    return carray(pointer(table[3 * SETTINGS]), (1,), SETTINGS_T)[0]
+    return record(table[3 * SETTINGS], SETTINGS_T)
 
 
 @njit(cache=True, nogil=True)
 def queue_of(table: Table) -> Any:
     """The QUEUE_T record."""
-    return carray(pointer(table[3 * QUEUE]), (1,), QUEUE_T)[0]
+    return record(table[3 * QUEUE], QUEUE_T)
 
 
 @njit(cache=True, nogil=True)
 def record_of(table: Table) -> Any:
     """The sample's TELEMETRY record."""
-    return carray(pointer(table[3 * RECORD]), (1,), TELEMETRY)[0]
+    return record(table[3 * RECORD], TELEMETRY)
 
 
 @njit(cache=True, nogil=True)
@@ -215,7 +222,7 @@ def note(table: Table, c: Any, code: int, value: float) -> None:
 @njit(cache=True, nogil=True)
 def meter_of(table: Table) -> Any:
     """The METER_T record."""
-    return carray(pointer(table[3 * METER]), (1,), METER_T)[0]
+    return record(table[3 * METER], METER_T)
 
 
 @njit(cache=True, nogil=True)

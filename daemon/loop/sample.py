@@ -21,24 +21,25 @@ from dehyst.daemon.loop.records_in_memory import (
     control_of,
     meter_of,
     note,
+    number,
     record_of,
     ring_of,
     settings_of,
 )
-from dehyst.daemon.loop.step_kernel import fault, follow_output, recover, step, stop, swap
+from dehyst.daemon.loop.step_kernel import fault, follow_output, recover, stop, swap, take_step
 from dehyst.daemon.loop.witness import excuse
 from dehyst.daemon.rings.layout import FARTHEST, HEAD, TAIL
 from dehyst.daemon.rings.records import Flag, MissCause, State
 from dehyst.daemon.rings.ring import digest, load, store
 from dehyst.drivers.direct_calls import floats_at, whole_at, whole_grid_at
 
-READY, FAULT = int(State.READY), int(State.FAULT)
-MISSED, WRITE_FAILED = int(Flag.MISSED), int(Flag.WRITE_FAILED)
-COMMANDS_LOST, RELOADED = int(Note.COMMANDS_LOST), int(Note.RELOADED)
-COMMANDS_DAMAGED = int(Note.COMMANDS_DAMAGED)
-PAGE_FAULT, PREEMPTED = int(MissCause.PAGE_FAULT), int(MissCause.PREEMPTED)
-DRIVER_IO, COMPUTE = int(MissCause.DRIVER_IO), int(MissCause.COMPUTE)
-LATE_WAKE = int(MissCause.LATE_WAKE)
+READY, FAULT = number(State.READY), number(State.FAULT)
+MISSED, WRITE_FAILED = number(Flag.MISSED), number(Flag.WRITE_FAILED)
+COMMANDS_LOST, RELOADED = number(Note.COMMANDS_LOST), number(Note.RELOADED)
+COMMANDS_DAMAGED = number(Note.COMMANDS_DAMAGED)
+PAGE_FAULT, PREEMPTED = number(MissCause.PAGE_FAULT), number(MissCause.PREEMPTED)
+DRIVER_IO, COMPUTE = number(MissCause.DRIVER_IO), number(MissCause.COMPUTE)
+LATE_WAKE = number(MissCause.LATE_WAKE)
 NOT_WRITTEN, WRITTEN, REFUSED = 0, 1, 2
 ANSWER_NS = 200_000
 """What may lie between the output's change and the end of the call that made it, at the least: an
@@ -71,7 +72,7 @@ def begin(table: Table, clock_ns: int) -> float:
         # what it took at last may have changed the output just now
         c.wrote_ns, c.move_ns = clock_ns, 0
         m.actuator_ok, m.actuator_back = 1, 0
-    step(table, now_ns, m.measured, _take(table, m, c))
+    take_step(table, now_ns, m.measured, _take(table, m, c))
     if c.state == FAULT or m.actuator_ok == 0 or m.doubtful != 0:
         r.volts = c.volts
         return NAN
@@ -98,11 +99,11 @@ def _take(table: Table, m: Any, c: Any) -> int:
     start = max(m.tail, head - ring.size)
     end = min(head, start + out.size)
     taken = 0
-    for number in range(start, end):
-        place = number % ring.size
+    for i in range(start, end):
+        place = i % ring.size
         out[taken] = ring[place]
         # judged after the copy: one that was overwritten meanwhile is another number
-        if checks[place] == digest(data[place], number):
+        if checks[place] == digest(data[place], i):
             taken += 1
     if start > m.tail:
         note(table, c, COMMANDS_LOST, float(start - m.tail))

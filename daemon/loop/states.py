@@ -32,7 +32,7 @@ stopping  x        x        x        x        x        x        x        x      
 """
 
 
-class Event(IntEnum):
+class LoopEvent(IntEnum):
     """The columns of the table."""
 
     TARGET = 0
@@ -51,12 +51,12 @@ NOTHING = -1
 
 def _parse(table: str) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
     head, *rows = (line.split() for line in table.strip().splitlines())
-    if [Event[name.upper()] for name in head] != list(Event):
+    if [LoopEvent[name.upper()] for name in head] != list(LoopEvent):
         raise ValueError("the table's columns are not the events in their order")
-    found = np.full((len(State), len(Event)), NOTHING)
+    found = np.full((len(State), len(LoopEvent)), NOTHING)
     for name, *cells in rows:
         state = State[name.upper()]
-        for event, cell in zip(Event, cells, strict=True):
+        for event, cell in zip(LoopEvent, cells, strict=True):
             if cell != "x":
                 found[state, event] = state if cell == "-" else State[cell.upper()]
     return found

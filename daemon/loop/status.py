@@ -197,9 +197,9 @@ class LoopMonitor:
     def _publish_events(self, now_ns: int) -> None:
         wall_ns, state = clock.wall_ns(), State(self._control[_STATE])
         event = self._event
-        for text in self.stepper.events:
+        while self.stepper.events:  # one by one: other threads may add one meanwhile
+            text = self.stepper.events.pop(0)
             event["time_ns"], event["wall_ns"] = now_ns, wall_ns
             event["level"] = 2 if state is State.FAULT else 1
             event["code"], event["text"] = state.name.lower(), text.encode()[:400]
             self._rings["event"].push(event[0])
-        self.stepper.events.clear()

@@ -19,7 +19,7 @@ from dehyst.daemon.loop.records_in_memory import (
     CONTROL_T,
     NOTE_T,
     NOTES,
-    words,
+    describe_note,
 )
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.targets import TrajectoryQueue
@@ -68,7 +68,7 @@ class Stepper:
             NAN,
             settings.hold_ns,
         )
-        c["move_ns"] = settings.period_ns
+        c["move_ns"], c["found"] = settings.period_ns, 1
         self.use(compensator, compensator.init(volts / settings.gain))
 
     def use(self, compensator: Compensator, inverse: CompensatorState) -> None:
@@ -131,7 +131,7 @@ class Stepper:
             self.table.put(records_in_memory.COMMANDS, self._commands)
         if commands.size:
             self._commands[: commands.size] = commands
-        step_kernel.step(self.table.words, now_ns, measured, commands.size)
+        step_kernel.take_step(self.table.words, now_ns, measured, commands.size)
         self.tell()
         return self.record
 
@@ -154,7 +154,7 @@ class Stepper:
         lost = made - self._told - NOTES
         for number in range(max(self._told, made - NOTES), made):
             code, value = self._notes[number % NOTES].item()
-            self.events.append(words(code, value))
+            self.events.append(describe_note(code, value))
         if lost > 0:
             self.events.append(f"{lost} further events in the same moment")
         self._told = made

@@ -32,7 +32,7 @@ _getcpu = types.ExternalFunction("sched_getcpu", types.int32())
 
 
 @njit(cache=True, nogil=True)
-def monotonic_ns(buffer: Words) -> int:
+def read_clock_ns(buffer: Words) -> int:
     """CLOCK_MONOTONIC."""
     _gettime(1, buffer.ctypes.data)
     return buffer[0] * NS + buffer[1]

@@ -17,10 +17,10 @@ from dehyst.daemon import clock
 from dehyst.daemon.loop import realtime
 from dehyst.daemon.loop.deadlines import next_ns
 from dehyst.daemon.loop.systemcalls import (
-    monotonic_ns,
     number_in,
     open_schedstat,
     open_stat,
+    read_clock_ns,
     sleep_until_ns,
     usage,
     waited_ns,
@@ -57,7 +57,7 @@ def log_late_wakeups(
     deadline = start_ns
     while stop[0] == 0:
         sleep_until_ns(buffer, deadline)
-        now = monotonic_ns(buffer)
+        now = read_clock_ns(buffer)
         late = now - deadline
         _, _, slept_now, _ = usage(buffer)
         waited_now = waited_ns(buffer, schedstat)

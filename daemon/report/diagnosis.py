@@ -5,7 +5,7 @@ from functools import partial
 from dehyst.daemon.report import diagnosis_pictures as pictures
 from dehyst.daemon.report.diagnosis_pictures import choose_scale
 from dehyst.daemon.report.page import Page
-from dehyst.daemon.report.plotting import rms
+from dehyst.daemon.report.plotting import finite_rms
 from dehyst.daemon.report.units import spell_unit
 from dehyst.models.diagnosis import Diagnosis, Finding, Value
 
@@ -135,6 +135,6 @@ def _errors_by_recording(out: Page, diagnosis: Diagnosis) -> None:
     rows = []
     for view in diagnosis.views:
         models = (view.base, view.augmented)
-        errors = [k * rms((view.displacement - y)[view.held_out]) for y in models]
+        errors = [k * finite_rms((view.displacement - y)[view.held_out]) for y in models]
         rows.append([view.name, *(f"{error:.3g} {unit}" for error in errors)])
     out.add_table(["recording", *MODELS], rows)

@@ -20,8 +20,8 @@ from dehyst.daemon.report.plotting import (
     draw_noise_band,
     draw_trace,
     estimate_density,
+    finite_rms,
     limit_to,
-    rms,
     white_density,
 )
 from dehyst.daemon.report.units import pick_unit, spell_unit
@@ -38,7 +38,7 @@ FEW = 50  # samples that a place must have
 
 def choose_scale(diagnosis: Diagnosis) -> tuple[float, str]:
     """Factor and unit in which the errors of this diagnosis are shown."""
-    error = max(rms(v.displacement - v.base) for v in diagnosis.views)
+    error = max(finite_rms(v.displacement - v.base) for v in diagnosis.views)
     return pick_unit(diagnosis.unit, max(error, diagnosis.noise))
 
 
@@ -49,7 +49,7 @@ def draw_model_error(diagnosis: Diagnosis, view: View, axes: Axes) -> str:
     for (name, color, label), when in zip(MODELS, ("before", "after"), strict=True):
         error = k * (view.displacement - getattr(view, name))
         draw_trace(axes, view.t_s, error, color, label)
-        said.append(f"{rms(error[view.held_out]):.3g} {unit} {when}")
+        said.append(f"{finite_rms(error[view.held_out]):.3g} {unit} {when}")
     draw_noise_band(axes, k * diagnosis.noise)
     limit_to(axes, k * (view.displacement - view.base))
     axes.set(xlabel="time, s", ylabel=f"measured - model, {unit}", title=f"error {', '.join(said)}")

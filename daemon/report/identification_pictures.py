@@ -18,8 +18,8 @@ from dehyst.daemon.report.plotting import (
     draw_noise_band,
     draw_trace,
     estimate_density,
+    finite_rms,
     limit_to,
-    rms,
     thin_rows,
     white_density,
 )
@@ -79,7 +79,7 @@ def draw_residual_over_time(
     axes.set(xlabel="time, s", ylabel=f"measured - model, {unit}", title="residual over time")
     add_legend(axes)
     return (
-        f"Residual over time: {rms(e[used]):.3g} {unit} rms on fitted rows, "
+        f"Residual over time: {finite_rms(e[used]):.3g} {unit} rms on fitted rows, "
         f"noise {noise:.3g} {unit}."
     )
 
@@ -177,7 +177,7 @@ def _measured(recording: Recording) -> Floats:
 def _error(result: Identification, recording: Recording, number: int) -> tuple[Floats, float, str]:
     """(residual (M,), noise rms, unit), all in the unit in which they are shown."""
     residual = result.residuals[number]
-    scale, unit = pick_unit(recording.displacement_unit, rms(residual))
+    scale, unit = pick_unit(recording.displacement_unit, finite_rms(residual))
     return residual * scale, result.noise_rms * scale, unit
 
 

@@ -100,7 +100,7 @@ def thin_rows(*columns: Any) -> list[Any]:
     return [c[::step] for c in columns]
 
 
-def rms(error: Floats) -> float:
+def finite_rms(error: Floats) -> float:
     """Of an error (M,), NaN left out; 0 where nothing is left."""
     good = error[np.isfinite(error)]
     return float(np.sqrt(np.mean(good**2))) if good.size else 0.0

@@ -26,7 +26,7 @@ class InUse(BadInput):
     """Another process has the role."""
 
 
-def prepare(folder: Path) -> None:
+def make_run_folder(folder: Path) -> None:
     """Make the folder (mode 0700) where there is none; BadInput where it is not safe to use."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -66,7 +66,7 @@ def _why_not_in(around: os.stat_result) -> str:
 def at_work(folder: Path, role: str, command: str, config: Path | str) -> Iterator[None]:
     """Hold a role in the folder while the block lasts. InUse names the process that holds it by
     the command that it runs and its configuration."""
-    prepare(folder)
+    make_run_folder(folder)
     path = folder / f"{role}.lock"
     try:
         file = os.open(path, os.O_RDWR | os.O_CREAT | OWN, 0o600)

@@ -42,7 +42,7 @@ class Life(StrEnum):
     OVER = "over"
 
 
-class Event(StrEnum):
+class LifeEvent(StrEnum):
     """What the supervisor sees."""
 
     SAMPLE = "sample"
@@ -56,14 +56,14 @@ class Event(StrEnum):
     END = "end"
 
 
-def _parse(table: str) -> dict[tuple[Life, Event], Life]:
+def _parse(table: str) -> dict[tuple[Life, LifeEvent], Life]:
     head, *rows = (line.split() for line in table.strip().splitlines())
     return {
-        (Life(state), Event(event)): Life(state) if after == "-" else Life(after)
+        (Life(state), LifeEvent(event)): Life(state) if after == "-" else Life(after)
         for state, *cells in rows
         for event, after in zip(head, cells, strict=True)
     }
 
 
-NEXT: dict[tuple[Life, Event], Life] = _parse(TABLE)
+NEXT: dict[tuple[Life, LifeEvent], Life] = _parse(TABLE)
 """(state, event) -> state; complete."""

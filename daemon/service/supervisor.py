@@ -22,7 +22,7 @@ from dehyst.daemon.config import Config
 from dehyst.daemon.rings.records import EVENT
 from dehyst.daemon.rings.ring_file import RingFile
 from dehyst.daemon.service.heartbeat import Heartbeat
-from dehyst.daemon.service.life import NEXT, Event, Life
+from dehyst.daemon.service.life import NEXT, Life, LifeEvent
 from dehyst.models.errors import BadInput, DehystError
 
 # -P: a folder called dehyst where the user stands must not be taken for the package
@@ -93,7 +93,6 @@ class Supervisor:
         self._told = self._pid = 0
         self._entered_ns = 0
         self._ever = self._ready = False
-        self._gateway_worked = False
 
     def run(self) -> int:
         """Until a signal; 0, 1 where the output had to be made safe by force, 2 where the core
@@ -123,7 +122,7 @@ class Supervisor:
         beats = self._heartbeat.core.moves
         if beats and self.core.process is not None:
             self._ever = True
-            self._happens(Event.SAMPLE)
+            self._happens(LifeEvent.SAMPLE)
         if self._reload_asked and self.life is Life.BEATING:  # a core that starts would die of it
             self._reload_asked = False
             self.core.signal(signal.SIGHUP)
@@ -133,25 +132,25 @@ class Supervisor:
             self._core_died(code)
         code = self.safe.died(True)
         if code is not None:
-            self._happens(Event.FAILED if code else Event.SAVED)
+            self._happens(LifeEvent.FAILED if code else LifeEvent.SAVED)
         if self._still():
-            self._happens(Event.STILL)
+            self._happens(LifeEvent.STILL)
         if self._end_asked:
             self._end_asked = False
-            self._happens(Event.END)
+            self._happens(LifeEvent.END)
         self._look_at_gateway()
         if self.core.due:
-            self._happens(Event.DUE)
+            self._happens(LifeEvent.DUE)
 
     def _core_died(self, code: int) -> None:
         if code == 2 and not self._ever:
             self.code = 2  # it has said why on stderr
-            self._happens(Event.REFUSED)
+            self._happens(LifeEvent.REFUSED)
         elif code == 0:
-            self._happens(Event.WELL)
+            self._happens(LifeEvent.WELL)
         else:
             self.say(f"core ended with code {code}: bringing the output to its safe state")
-            self._happens(Event.DIED)
+            self._happens(LifeEvent.DIED)
 
     def _still(self) -> bool:
         """True when what runs has had its time."""
@@ -168,11 +167,11 @@ class Supervisor:
 
     # -- states ---------------------------------------------------------------------------------
 
-    def _happens(self, event: Event) -> None:
+    def _happens(self, event: LifeEvent) -> None:
         before, after = self.life, NEXT[self.life, event]
         if after is before:
             return
-        if event is Event.STILL:
+        if event is LifeEvent.STILL:
             stuck = self.core if self.core.process is not None else self.safe
             self.say(f"{stuck.name} hangs; killing it")
             stuck.kill()
@@ -180,7 +179,7 @@ class Supervisor:
         if after is Life.LAST and before is Life.SAVING:  # it runs already, and is the last thing
             self.life = after
             return
-        if before is Life.LAST and event is not Event.SAVED:
+        if before is Life.LAST and event is not LifeEvent.SAVED:
             self.say("ending although the output could not be brought to its safe state")
         self._enter(after)
 
@@ -284,7 +283,7 @@ class Supervisor:
             return
 
 
-class Bench:
+class BenchProcess:
     """The emulated bench as a child process: an MDT693B and a KSG101 on pseudo terminals."""
 
     def __init__(self, directory: Path, arguments: list[str]) -> None:

@@ -19,7 +19,7 @@ from dehyst.daemon.config import load_config
 from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.outputs import whole_file
 from dehyst.daemon.files.recordings import read_recording, write_recording
-from dehyst.daemon.service.supervisor import DEHYST, Bench
+from dehyst.daemon.service.supervisor import DEHYST, BenchProcess
 from dehyst.daemon.tools.acquire import acquire
 from dehyst.daemon.tools.bench_config import FULL_SCALE_V, RATE_HZ, exploring_drive, write_bench
 from dehyst.models.errors import DehystError
@@ -60,7 +60,7 @@ class Demo:
         self.tracks: dict[str, Recording] = {}
         self._children: list[subprocess.Popen[bytes]] = []
         say("1. an emulated MDT693B and KSG101, with a simulated stage behind")
-        self._bench = Bench(folder, [])
+        self._bench = BenchProcess(folder, [])
         self._config = write_bench(folder, self._bench.ports, "demo", self.endpoint, None)
 
     def excite_and_record(self, progress: Callable[[float], None]) -> None:
@@ -198,7 +198,7 @@ def rms_error(recording: Recording, part: NDArray[np.bool_]) -> float:
     return float(np.sqrt(np.nanmean(error**2)))
 
 
-def judge(linear: float, compensated: float, late_share: float) -> tuple[bool, str]:
+def compare_errors(linear: float, compensated: float, late_share: float) -> tuple[bool, str]:
     """(whether compensation made the rms error smaller, what a person should know of that)."""
     better = compensated < linear
     if late_share > MOST_LATE:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from dehyst.daemon.report.units import spell_unit
 from dehyst.daemon.report.verdict import verdict
 from dehyst.models.drive_design.coverage import Coverage
 from dehyst.models.identify import Identification, describe
@@ -61,7 +62,7 @@ def summary(
             for c in result.tried
         ],
         "orders": [{"order": n, "holdout_rms": rms} for n, rms in result.orders],
-        "parameters": intervals(result),
+        "parameters": list_intervals(result),
         "notes": list(result.notes),
         "missing": _missing(result, covered),
         "seconds": round(seconds, 3),
@@ -76,7 +77,7 @@ def block_name(block: Block) -> str:
     return f"{KINDS[block.kind].says} at the {block.place} ({numbers})"
 
 
-def intervals(result: Identification) -> dict[str, Any]:
+def list_intervals(result: Identification) -> dict[str, Any]:
     """Every number that the data determine, with its 95 % interval, by threshold and by power.
 
     slopes: dz/du after each operator has joined in, at the rates +rate_max and -rate_max (static:
@@ -113,10 +114,12 @@ def _interval(value: float, error: float, on_bound: bool = False) -> dict[str, A
     return {"value": value, "low": low, "high": high}
 
 
-def words(result: Identification, covered: Coverage, output: Path, report: Path | None) -> str:
+def describe_result(
+    result: Identification, covered: Coverage, output: Path, report: Path | None
+) -> str:
     """The result for people."""
     fit, unit, v = result.model.fit, result.model.displacement_unit, result.model.validity
-    drive = result.model.drive_unit
+    drive = spell_unit(result.model.drive_unit)
     n = result.model.hysteresis.n
     lines = [describe(result.model).sentence()]
     lines += [

@@ -26,7 +26,7 @@ from dehyst.daemon.loop.witness import Witness
 from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, Command, MissCause
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS
-from dehyst.daemon.service.supervisor import Bench
+from dehyst.daemon.service.supervisor import BenchProcess
 from dehyst.drivers.interface import Actuator, Sensor
 from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor
@@ -220,7 +220,7 @@ def time_devices(config: Config | None) -> dict[str, Histogram]:
             sensor.open()
             return {f"read {config.sensor.driver}": time_sensor(sensor, IO_S)}
     with tempfile.TemporaryDirectory(prefix="dehyst-") as folder:
-        bench = Bench(Path(folder), [])
+        bench = BenchProcess(Path(folder), [])
         try:
             gauge = load_sensor("ksg101").from_settings({"port": bench.ports["ksg101"]})
             amplifier = load_actuator("mdt693b").from_settings({"port": bench.ports["mdt693b"]})

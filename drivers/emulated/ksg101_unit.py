@@ -16,7 +16,7 @@ from msgspec import structs
 
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Faults, Ksg101Knobs
 from dehyst.drivers.ksg101 import codec
-from dehyst.drivers.ksg101.codec import Decoder, Message, encode
+from dehyst.drivers.ksg101.codec import AptMessage, Decoder, encode_apt
 
 FULL_SCALE = 32767
 
@@ -37,7 +37,7 @@ class Ksg101Unit:
         self._clock = clock
         self._decoder = Decoder(receiver=codec.UNIT, sender=codec.HOST)
         self._random = random.Random(self.knobs.seed)
-        self._requests: deque[tuple[float, Message]] = deque()
+        self._requests: deque[tuple[float, AptMessage]] = deque()
         self._outgoing: deque[tuple[float, bytes]] = deque()
         self._zero_um = 0.0
         self._zeroed = False
@@ -88,7 +88,7 @@ class Ksg101Unit:
         for start in range(0, len(reply), size):
             self._outgoing.append((due_s, reply[start : start + size]))
 
-    def _answer(self, message: Message) -> bytes:
+    def _answer(self, message: AptMessage) -> bytes:
         name = message.name
         if name == "hw_req_info":
             return self._reply(
@@ -131,7 +131,7 @@ class Ksg101Unit:
 
     @staticmethod
     def _reply(name: str, **values: object) -> bytes:
-        return encode(name, source=codec.UNIT, destination=codec.HOST, **values)
+        return encode_apt(name, source=codec.UNIT, destination=codec.HOST, **values)
 
     def _measure(self) -> float:
         if not self.faults.stuck:

@@ -9,7 +9,7 @@ from dehyst.drivers.emulated.bench import Bench, BenchLog, BenchSettings
 from dehyst.drivers.emulated.control import Control
 from dehyst.drivers.emulated.pty_device import serve
 from dehyst.drivers.interface import DriverConfigError
-from dehyst.drivers.simulated.stage import warm_up
+from dehyst.drivers.simulated.stage import compile_stage
 
 LOG_SUFFIXES = (".npz", ".csv")
 
@@ -32,7 +32,7 @@ def run_bench(
         raise DriverConfigError(f"the log {log} must end in {' or '.join(LOG_SUFFIXES)}")
     if log is not None and not log.parent.is_dir():
         raise DriverConfigError(f"the log's folder {log.parent} is not there")
-    warm_up()
+    compile_stage()
     kept = BenchLog() if log is not None else None
     bench = Bench(directory, settings, kept)
     control = Control(bench, log)

@@ -40,7 +40,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Message:
+class AptMessage:
     """A message with its values by name; "0x...." and raw data where it is not in MESSAGES."""
 
     name: str
@@ -86,11 +86,10 @@ BY_ID = {layout.id: layout for layout in MESSAGES}
 
 # status bits of pz_get_pzstatusupdate
 ZEROED = 0x10
-ZEROING = 0x20
 GAUGE_CONNECTED = 0x100
 
 
-def encode(name: str, *, source: int = HOST, destination: int = UNIT, **values: Any) -> bytes:
+def encode_apt(name: str, *, source: int = HOST, destination: int = UNIT, **values: Any) -> bytes:
     """The bytes of a message. Raises ProtocolError for a wrong name, field or value."""
     layout = BY_NAME.get(name)
     if layout is None:
@@ -125,10 +124,10 @@ class Decoder:
         """Forget what has come of an unfinished message."""
         self._buffer.clear()
 
-    def feed(self, data: bytes) -> list[Message]:
+    def feed(self, data: bytes) -> list[AptMessage]:
         """Take bytes as they come, in pieces of any size; return the messages they complete."""
         self._buffer += data
-        found: list[Message] = []
+        found: list[AptMessage] = []
         while len(self._buffer) >= HEADER.size:
             size = self._size()
             if size is None:
@@ -154,17 +153,17 @@ class Decoder:
             return None
         return HEADER.size + length
 
-    def _decode(self, raw: bytes) -> Message:
+    def _decode(self, raw: bytes) -> AptMessage:
         number, first, second, destination, source = HEADER.unpack_from(raw)
         layout = BY_ID.get(number)
         data = raw[HEADER.size :]
         values: tuple[Any, ...]
         if layout is None:
             table = {"data": data} if data else {"parameters": (first, second)}
-            return Message(f"0x{number:04x}", table, source, destination & ~HAS_DATA)
+            return AptMessage(f"0x{number:04x}", table, source, destination & ~HAS_DATA)
         if layout.data:  # newer firmware may append fields: they are left alone
             values = struct.unpack_from("<" + layout.data, data)
         else:
             values = (first, second)
         named = dict(zip(layout.fields, values, strict=False))
-        return Message(layout.name, named, source, destination & ~HAS_DATA)
+        return AptMessage(layout.name, named, source, destination & ~HAS_DATA)

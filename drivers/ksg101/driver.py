@@ -18,7 +18,7 @@ from dehyst.drivers.interface import (
     DriverConfigError,
     ProtocolError,
 )
-from dehyst.drivers.ksg101.codec import Decoder, Message, encode
+from dehyst.drivers.ksg101.codec import AptMessage, Decoder, encode_apt
 from dehyst.drivers.ksg101.settings import Ksg101Settings
 from dehyst.drivers.serial_port import SerialPort, find_usb_ports
 from dehyst.drivers.settings import read_settings
@@ -75,7 +75,7 @@ class Ksg101:
 
     def zero(self) -> None:
         """Make the unit's present position its zero. A change of the unit: only when asked."""
-        self._require_port().write(encode("pz_set_zero", chan=1))
+        self._require_port().write(encode_apt("pz_set_zero", chan=1))
 
     def reconnect(self) -> None:
         """Open the port again and see that the same unit answers."""
@@ -128,7 +128,7 @@ class Ksg101:
         )
         self._late = False
         self._decoder.reset()
-        self._port.write(encode("hw_stop_updatemsgs"))
+        self._port.write(encode_apt("hw_stop_updatemsgs"))
         self._port.read_available()
 
     def _identify(self) -> str:
@@ -151,7 +151,7 @@ class Ksg101:
             raise DeviceGone(f"ksg101 at {self.settings.port} is not open")
         return self._port
 
-    def _ask(self, request: str, wanted: str, **values: int) -> Message:
+    def _ask(self, request: str, wanted: str, **values: int) -> AptMessage:
         """Send a request and wait for its reply, past anything else, for timeout_s at most."""
         deadline_s = self._clock() + self.settings.timeout_s
         if self._late and wanted != "hw_get_info":
@@ -160,9 +160,9 @@ class Ksg101:
             self._exchange("hw_req_info", "hw_get_info", deadline_s)
         return self._exchange(request, wanted, deadline_s, **values)
 
-    def _exchange(self, request: str, wanted: str, deadline_s: float, **values: int) -> Message:
+    def _exchange(self, request: str, wanted: str, deadline_s: float, **values: int) -> AptMessage:
         port = self._require_port()
-        port.write(encode(request, **values))
+        port.write(encode_apt(request, **values))
         skipped = self._decoder.skipped
         while True:
             data = port.read_until_deadline(deadline_s)

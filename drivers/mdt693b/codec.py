@@ -15,17 +15,17 @@ the echo before it, and one byte gives at most one event.
 """
 
 from dehyst.drivers.mdt693b.dialects import Dialect
-from dehyst.drivers.mdt693b.exchange import Ack, Data, Event, Exchange, Garbled, Refused
+from dehyst.drivers.mdt693b.exchange import Ack, Answer, Exchange, Garbled, Refused, ReplyEvent
 from dehyst.drivers.mdt693b.replies import form_of
 
 __all__ = (
     "Ack",
-    "Data",
+    "Answer",
     "Dialect",
-    "Event",
     "Garbled",
     "Mdt693bCodec",
     "Refused",
+    "ReplyEvent",
     "detect_dialect",
     "late_replies",
 )
@@ -65,12 +65,12 @@ class Mdt693bCodec:
         self._exchange.begin(sent, form, barrier)
         return sent + TERMINATOR
 
-    def receive(self, data: bytes) -> list[Event]:
+    def receive(self, data: bytes) -> list[ReplyEvent]:
         """Events that `data` completes, in order. Bytes behind the reply stay in `unparsed`
         until silence() or the next send()."""
         exchange = self._exchange
         exchange.buffer += _cleaned(data)
-        events: list[Event] = []
+        events: list[ReplyEvent] = []
         while exchange.form is not None:
             found = self.dialect.framing.parse(exchange)
             if found is None:
@@ -78,7 +78,7 @@ class Mdt693bCodec:
             events += found
         return events
 
-    def silence(self) -> list[Event]:
+    def silence(self) -> list[ReplyEvent]:
         """The line has been quiet: whatever is in the buffer is complete, unless it is no more
         than the echo, behind which the reply is still to come."""
         exchange, framing = self._exchange, self.dialect.framing
@@ -92,7 +92,7 @@ class Mdt693bCodec:
         return events
 
 
-def late_replies(dialect: Dialect, raw: bytes) -> list[Event]:
+def late_replies(dialect: Dialect, raw: bytes) -> list[ReplyEvent]:
     """Acknowledgements and errors in bytes that came in unasked."""
     return dialect.framing.late(_cleaned(raw))
 

@@ -14,7 +14,7 @@ drivers/emulated/mdt693b_dialects.py.
 from enum import Enum
 from typing import Protocol
 
-from dehyst.drivers.mdt693b.exchange import Event, Exchange
+from dehyst.drivers.mdt693b.exchange import Exchange, ReplyEvent
 from dehyst.drivers.mdt693b.legacy import Legacy
 from dehyst.drivers.mdt693b.modern import Modern
 
@@ -35,15 +35,15 @@ class Framing(Protocol):
     @property
     def ends_in_silence(self) -> bool: ...
 
-    def parse(self, x: Exchange) -> list[Event] | None:
+    def parse(self, x: Exchange) -> list[ReplyEvent] | None:
         """The events of the reply, taken from the buffer; None: more is to come."""
         ...
 
-    def at_silence(self, x: Exchange) -> list[Event]:
+    def at_silence(self, x: Exchange) -> list[ReplyEvent]:
         """The events of a reply that only silence ends."""
         ...
 
-    def late(self, text: bytes) -> list[Event]:
+    def late(self, text: bytes) -> list[ReplyEvent]:
         """Acknowledgements and errors in bytes that came in unasked, marked late."""
         ...
 

@@ -22,7 +22,7 @@ class Refused:
 
 
 @dataclass(frozen=True)
-class Data:
+class Answer:
     """The answer to a query. payload: what lies between echo and prompt, CR between lines;
     value: the payload without brackets and padding."""
 
@@ -37,7 +37,7 @@ class Garbled:
     raw: bytes
 
 
-Event = Ack | Refused | Data | Garbled
+ReplyEvent = Ack | Refused | Answer | Garbled
 
 
 class Exchange:
@@ -74,7 +74,7 @@ class Exchange:
             return form is not None and not payload
         return form.pattern.fullmatch(payload) is not None and (bool(payload) or form.blank)
 
-    def finish(self, payload: bytes) -> Event:
+    def finish(self, payload: bytes) -> ReplyEvent:
         """End the reply with `payload`: an event of the kind that the command calls for."""
         form, answers = self.form, self.answers(payload)
         self.form = None
@@ -84,9 +84,9 @@ class Exchange:
             return Ack()
         match = form.pattern.fullmatch(payload)
         assert match is not None
-        return Data(payload, match.group("value").decode("ascii", "replace").strip())
+        return Answer(payload, match.group("value").decode("ascii", "replace").strip())
 
-    def finish_barrier(self, payload: bytes) -> list[Event]:
+    def finish_barrier(self, payload: bytes) -> list[ReplyEvent]:
         """The barrier's answer stands at the end; before it, late answers and noise."""
         assert self.form is not None
         assert self.form.pattern is not None

@@ -7,7 +7,7 @@ the query has no trailer (the voltage reads), and otherwise with silence.
 
 import re
 
-from dehyst.drivers.mdt693b.exchange import Ack, Event, Exchange, Garbled, Refused
+from dehyst.drivers.mdt693b.exchange import Ack, Exchange, Garbled, Refused, ReplyEvent
 from dehyst.drivers.mdt693b.replies import Ends
 
 
@@ -18,7 +18,7 @@ class Legacy:
     padding = b"\r*"  # CR and a trailing "*" after a finished reply are part of it
     ends_in_silence = True
 
-    def parse(self, x: Exchange) -> list[Event] | None:
+    def parse(self, x: Exchange) -> list[ReplyEvent] | None:
         """An acknowledgement, or a bracket line; the rest ends with silence."""
         assert x.form is not None
         text = x.without_echo(x.buffer)
@@ -35,11 +35,11 @@ class Legacy:
                 before, payload = text[: line.start()], line.group()[:-1]
                 x.buffer = text[line.end() :]
                 junk = before.strip(b"*!\r")
-                garbled: list[Event] = [Garbled(junk)] if junk else []
+                garbled: list[ReplyEvent] = [Garbled(junk)] if junk else []
                 return [*_late(before, own=1), *garbled, x.finish(payload)]
         return None
 
-    def at_silence(self, x: Exchange) -> list[Event]:
+    def at_silence(self, x: Exchange) -> list[ReplyEvent]:
         """A payload without an end of its own is complete."""
         form = x.form
         assert form is not None
@@ -57,7 +57,7 @@ class Legacy:
         events = _late(marks, own=1)
         return events + (x.finish_barrier(payload) if x.barrier else [x.finish(payload)])
 
-    def late(self, text: bytes) -> list[Event]:
+    def late(self, text: bytes) -> list[ReplyEvent]:
         """Marks that belong to no bracket line."""
         return _late(b"".join(re.findall(rb"\*(?!\[)|!", text)), own=0)
 
@@ -66,9 +66,9 @@ class Legacy:
         return reply.endswith((b"!", b"*"))
 
 
-def _late(marks: bytes, own: int) -> list[Event]:
+def _late(marks: bytes, own: int) -> list[ReplyEvent]:
     """The acknowledgements and errors in `marks`, without the last `own` acknowledgements."""
-    events: list[Event] = []
+    events: list[ReplyEvent] = []
     stars = marks.count(b"*")
     for mark in marks:
         if mark == ord("*") and stars > own:

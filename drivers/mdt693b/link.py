@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from dehyst.drivers.interface import DeviceTimeout, ProtocolError
 from dehyst.drivers.mdt693b.codec import (
     Ack,
-    Data,
+    Answer,
     Dialect,
-    Event,
     Garbled,
     Mdt693bCodec,
     Refused,
+    ReplyEvent,
     detect_dialect,
     late_replies,
 )
@@ -104,12 +104,12 @@ class Mdt693bLink:
                 self.set("E")
         self.drain(self.idle_s)
 
-    def ask(self, command: str) -> Data:
+    def ask(self, command: str) -> Answer:
         """The answer to a query."""
         deadline_s = self._clock() + self.timeout_s
         self.get_in_step(deadline_s)
         for event in self._exchange(command, deadline_s):
-            if isinstance(event, Data):
+            if isinstance(event, Answer):
                 return event
             self._raise_unless_late(command, event)
         raise self._no_answer(command)
@@ -145,7 +145,7 @@ class Mdt693bLink:
         for event in events + self._exchange(self.barrier, deadline_s, barrier=True):
             self.late.acks += isinstance(event, Ack)
             self.late.refusals += isinstance(event, Refused)
-            answered = answered or isinstance(event, Data)
+            answered = answered or isinstance(event, Answer)
         if not answered:
             raise DeviceTimeout(
                 f"{self.port.path}: the unit does not answer within {self.timeout_s:g} s and has "
@@ -183,12 +183,12 @@ class Mdt693bLink:
             self.in_step, self._cut_short = False, True
             raise
 
-    def _exchange(self, command: str, deadline_s: float, barrier: bool = False) -> list[Event]:
+    def _exchange(self, command: str, deadline_s: float, barrier: bool = False) -> list[ReplyEvent]:
         """Send one command and collect events until its reply is complete or time is up."""
         codec = self._codec
         data = codec.send(command, barrier)
         self._write(data)
-        events: list[Event] = []
+        events: list[ReplyEvent] = []
         received = False
         while codec.waiting:
             until_s = deadline_s
@@ -206,7 +206,7 @@ class Mdt693bLink:
                 return events + codec.silence()
         return events
 
-    def _raise_unless_late(self, command: str, event: Event) -> None:
+    def _raise_unless_late(self, command: str, event: ReplyEvent) -> None:
         where = f"{self.port.path}: {command!r}"
         if isinstance(event, Garbled):
             self.in_step = False

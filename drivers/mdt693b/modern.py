@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from dehyst.drivers.mdt693b.exchange import Ack, Event, Exchange, Refused
+from dehyst.drivers.mdt693b.exchange import Ack, Exchange, Refused, ReplyEvent
 
 ERROR_TEXTS = (b"CMD_NOT_DEFINED", b"CMD_ARG_INVALID")
 
@@ -18,7 +18,7 @@ class Modern:
     padding: bytes = b"\r"
     ends_in_silence: bool = False
 
-    def parse(self, x: Exchange) -> list[Event] | None:
+    def parse(self, x: Exchange) -> list[ReplyEvent] | None:
         """Everything up to the prompt."""
         assert x.form is not None
         end = x.buffer.find(self.prompt)
@@ -40,13 +40,13 @@ class Modern:
             return x.finish_barrier(payload)
         return [x.finish(payload)]
 
-    def at_silence(self, x: Exchange) -> list[Event]:
+    def at_silence(self, x: Exchange) -> list[ReplyEvent]:
         """Silence ends nothing here."""
         return []
 
-    def late(self, text: bytes) -> list[Event]:
+    def late(self, text: bytes) -> list[ReplyEvent]:
         """Frames that nobody waits for."""
-        events: list[Event] = []
+        events: list[ReplyEvent] = []
         *frames, rest = text.split(self.prompt)
         for frame in [f.strip(b"\r") for f in frames]:
             if frame == b"!" or frame.endswith(self.errors):

@@ -15,7 +15,7 @@ from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import DeviceTimeout, OutOfRange, ProtocolError
 from dehyst.drivers.mdt693b.codec import (
     Ack,
-    Data,
+    Answer,
     Dialect,
     Garbled,
     Mdt693bCodec,
@@ -36,7 +36,7 @@ QUERIES = (
 
 
 @dataclass(frozen=True)
-class Exchange:
+class RecordedExchange:
     """One command and everything that came back. Times in s from the start of the probe."""
 
     sent: bytes
@@ -57,14 +57,14 @@ class Exchange:
         }
 
     @classmethod
-    def from_dict(cls, table: dict[str, Any]) -> "Exchange":
+    def from_dict(cls, table: dict[str, Any]) -> "RecordedExchange":
         """From a fixture file."""
         received = tuple((float(at_s), d.encode("latin-1")) for at_s, d in table["received"])
         return cls(table["sent"].encode("latin-1"), float(table["sent_at_s"]), received)
 
 
 @dataclass(frozen=True)
-class Finding:
+class ProbedUnit:
     """What the recorded replies say. dialect: "legacy", "modern" or ""; answers: command ->
     value, "refused" or "unclear: ..."; the rest is empty where the unit did not tell."""
 
@@ -79,7 +79,7 @@ def record(
     port: SerialPort,
     progress: Callable[[float], None] = lambda share: None,
     clock: Callable[[], float] = time.monotonic,
-) -> list[Exchange]:
+) -> list[RecordedExchange]:
     """Send every query and record everything, until each reply has been quiet."""
     start_s = clock()
     exchanges = []
@@ -97,31 +97,31 @@ def record(
             if not data:
                 break
             received.append((clock() - start_s, data))
-        exchanges.append(Exchange(sent, sent_at_s, tuple(received)))
+        exchanges.append(RecordedExchange(sent, sent_at_s, tuple(received)))
         progress((number + 1) / len(QUERIES))
         if number == 2 and not any(e.received for e in exchanges):
             break  # nobody there
     return exchanges
 
 
-def interpret(exchanges: list[Exchange]) -> Finding:
+def interpret(exchanges: list[RecordedExchange]) -> ProbedUnit:
     """What the replies say; pure, so that it works on a fixture file as well."""
     replies = {e.sent.rstrip(b"\r").decode("latin-1"): e.reply for e in exchanges}
     dialect = detect_dialect(replies.get("", b""))
     if dialect is None:
-        return Finding("")
+        return ProbedUnit("")
     answers = {query: _answer(dialect, query, reply) for query, reply in replies.items()}
     lines = answers.get("id?", "").split("\r")
     model = next((x.split()[1] for x in lines if x.startswith("Model ")), "")
     firmware = next((x.split()[-1] for x in lines if x.startswith("Firmware ")), "")
-    return Finding(dialect.framing.name, model, firmware, answers.get("serial?", ""), answers)
+    return ProbedUnit(dialect.framing.name, model, firmware, answers.get("serial?", ""), answers)
 
 
 def time_queries(
     port: SerialPort, dialect: Dialect, count: int, clock: Callable[[], float] = time.monotonic
 ) -> CallTimes:
     """Round trips of `xvoltage?`, one after the other. Raises DeviceTimeout, ProtocolError."""
-    return _time(port, dialect, "xvoltage?", count, Data, clock)
+    return _time(port, dialect, "xvoltage?", count, Answer, clock)
 
 
 def time_sets(
@@ -135,7 +135,7 @@ def time_sets(
     OutOfRange when the unit reads back something else."""
     codec = Mdt693bCodec(dialect)
     reading = _exchange(port, codec, "xvoltage?", clock)
-    if not isinstance(reading, Data):
+    if not isinstance(reading, Answer):
         raise ProtocolError(f"{port.path}: xvoltage? was answered with {reading}")
     if not abs(float(reading.value) - volts) <= TUNING.same_v:
         raise OutOfRange(
@@ -166,7 +166,7 @@ def _time(
 
 def _exchange(
     port: SerialPort, codec: Mdt693bCodec, command: str, clock: Callable[[], float]
-) -> Ack | Data | Refused | Garbled:
+) -> Ack | Answer | Refused | Garbled:
     port.write(codec.send(command))
     deadline_s = clock() + TUNING.first_byte_s
     while True:
@@ -183,7 +183,7 @@ def _answer(dialect: Dialect, query: str, reply: bytes) -> str:
     codec = Mdt693bCodec(dialect)
     codec.send(query)
     for event in [*codec.receive(reply), *codec.silence()]:
-        if isinstance(event, Data):
+        if isinstance(event, Answer):
             return event.value
         if isinstance(event, Refused):
             return "refused"

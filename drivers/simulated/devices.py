@@ -21,7 +21,7 @@ from dehyst.drivers.simulated.settings import (
     SimulatedSettings,
 )
 from dehyst.drivers.simulated.shared_stage import SharedStage, shared_stage
-from dehyst.drivers.simulated.stage import Stage, warm_up
+from dehyst.drivers.simulated.stage import Stage, compile_stage
 
 if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
     from dehyst.drivers.direct_calls import Direct
@@ -60,7 +60,7 @@ class _Simulated:
     def open(self) -> None:
         """Start using the stage; it stays where it is."""
         self.shared.require_plug()
-        warm_up()
+        compile_stage()
         if not self._open:
             self._open = True
             self.shared.users += 1

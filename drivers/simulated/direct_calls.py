@@ -21,22 +21,23 @@ from dehyst.drivers.direct_calls import (
 )
 from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange
 from dehyst.drivers.simulated import kernels, parts
-from dehyst.drivers.simulated.kernels import Plant
+from dehyst.drivers.simulated.kernels import StageArrays
 from dehyst.drivers.simulated.stage import Stage
 
 UNPLUGGED, NOT_IN_RANGE = 1, 2
-# Places in the context's table: the fields of Plant, then SWITCHES: [1 when plugged, origin of
-# time in ns], then NUMBERS: [seconds per write or 0 for the clock's time, lowest, highest volts].
-SWITCHES, NUMBERS, N_PLACES = (len(Plant._fields) + i for i in range(3))
+# Places in the context's table: the fields of StageArrays, then SWITCHES: [1 when plugged, origin
+# of time in ns], then NUMBERS: [seconds per write or 0 for the clock's time, lowest volts,
+# highest volts].
+SWITCHES, NUMBERS, N_PLACES = (len(StageArrays._fields) + i for i in range(3))
 PARAMETERS, ELEMENTS, STATE, SPRINGS, RELAX, RING, RANDOM = (
-    Plant._fields.index(name)
+    StageArrays._fields.index(name)
     for name in ("parameters", "elements", "state", "springs", "relax", "ring", "random")
 )
 
 
 @njit(cache=True, nogil=True)
-def _plant(t: Words) -> Plant:
-    return Plant(
+def _plant(t: Words) -> StageArrays:
+    return StageArrays(
         carray(pointer(t[3 * PARAMETERS]), (1,), parts.PARAMETERS_T),
         grid_at(t, ELEMENTS),
         carray(pointer(t[3 * STATE]), (1,), parts.STATE_T),
@@ -56,7 +57,7 @@ def _follow(t: Words, now_ns: int) -> None:
     s = plant.state[0]
     dt_s = (now_ns - whole_at(t, SWITCHES)[1]) * 1e-9 - s.time_s
     if dt_s > 0.0:
-        kernels.advance(plant, dt_s, s.command_v, s.command_v)
+        kernels.advance_stage(plant, dt_s, s.command_v, s.command_v)
 
 
 @njit(cache=True, nogil=True)
@@ -71,7 +72,7 @@ def _write(t: Words, now_ns: int, volts: float) -> int:
     plant = _plant(t)
     plant.state[0].command_v = volts
     if period_s > 0.0:
-        kernels.advance(plant, period_s, volts, volts)
+        kernels.advance_stage(plant, period_s, volts, volts)
     return 0
 
 

@@ -1,6 +1,6 @@
 """The simulated stage as two compiled kernels with explicit state: no clock, no files, no objects.
 
-`advance` lets time pass, `run` does whole arrays with it. The parts are in parts.py.
+`advance_stage` lets time pass, `run_stage` does whole arrays with it. The parts are in parts.py.
 
 Linear parts are discretised exactly (a held or a straight-line input over a sub-step), so they
 are stable at any step length. Sub-steps resolve the RC corner and the mode only while something
@@ -32,7 +32,7 @@ from dehyst.drivers.simulated.tuning import TUNING
 SETTLED, STILL, RATE_TAU_S = TUNING.settled, TUNING.still, TUNING.rate_tau_s
 
 
-class Plant(NamedTuple):
+class StageArrays(NamedTuple):
     """A simulated stage as arrays.
 
     parameters, state: (1,) records of PARAMETERS_T and STATE_T; elements: (3, n) slip strain,
@@ -51,7 +51,7 @@ class Plant(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def advance(plant: Plant, dt: float, v0: float, v1: float) -> None:
+def advance_stage(plant: StageArrays, dt: float, v0: float, v1: float) -> None:
     """Advance by dt seconds while the command goes from v0 to v1 [V] (v0 == v1: held)."""
     elements, springs, relax, ring = plant.elements, plant.springs, plant.relax, plant.ring
     p = plant.parameters[0]
@@ -142,8 +142,8 @@ def advance(plant: Plant, dt: float, v0: float, v1: float) -> None:
 
 
 @njit(cache=True, nogil=True)
-def run(
-    plant: Plant, t_s: Floats, volts: Floats, extra: Floats, straight: bool
+def run_stage(
+    plant: StageArrays, t_s: Floats, volts: Floats, extra: Floats, straight: bool
 ) -> tuple[Floats, Floats]:
     """True displacement and reading (N,) each at t_s (N,); volts[k] acts from t_s[k] on.
 
@@ -158,7 +158,7 @@ def run(
             first = volts[n - 1]
             last = volts[n] if straight else first
             step = t_s[n] - t_s[n - 1]
-            advance(plant, step, first, last)
+            advance_stage(plant, step, first, last)
         s.ext_v = extra[0, n]
         s.other_v = extra[1, n]
         s.temperature_k = extra[2, n]

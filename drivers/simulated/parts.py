@@ -128,7 +128,7 @@ def creep_sum(p: Record, relax: Floats, strain: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def delayed(parameters: Record, state: Record, ring: Floats) -> float:
+def recall_bridge(parameters: Record, state: Record, ring: Floats) -> float:
     """Bridge value [um] sensor_delay_s ago, straight line between the stored ones."""
     p = parameters[0]
     s = state[0]
@@ -164,7 +164,7 @@ def reading(parameters: Record, state: Record, ring: Floats, random: NDArray[np.
     """What the strain-gauge reader shows now [um]: one fresh sample of noise, then the ADC."""
     p = parameters[0]
     s = state[0]
-    y = delayed(parameters, state, ring)
+    y = recall_bridge(parameters, state, ring)
     share = (y - p.origin_um) / p.stroke_um
     shown = p.sensor_gain * (y + 4.0 * p.sensor_bow * p.stroke_um * share * (1.0 - share))
     shown += p.sensor_offset_um

@@ -15,7 +15,7 @@ from msgspec import structs
 from dehyst.drivers.interface import DriverConfigError
 from dehyst.drivers.settings import read_values
 from dehyst.drivers.simulated import kernels, parts
-from dehyst.drivers.simulated.kernels import Plant
+from dehyst.drivers.simulated.kernels import StageArrays
 from dehyst.drivers.simulated.maxwell_slip import COUNT, Floats, build, static_map
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.tuning import TUNING
@@ -38,7 +38,7 @@ class Stage:
 
     def __init__(self, settings: StageSettings | None = None) -> None:
         self.settings = settings or StageSettings()
-        self.plant = Plant(
+        self.plant = StageArrays(
             parameters=np.zeros(1, parts.PARAMETERS_T),
             elements=np.zeros((3, COUNT)),
             state=np.zeros(1, parts.STATE_T),
@@ -84,7 +84,7 @@ class Stage:
         if dt_s == 0.0:
             return
         held = self.plant.state["command_v"][0]
-        kernels.advance(self.plant, dt_s, held, held)
+        kernels.advance_stage(self.plant, dt_s, held, held)
 
     def advance_to(self, time_ns: int, volts: float | None = None) -> None:
         """Let time pass until time_ns under the command so far, then command `volts`.
@@ -136,7 +136,7 @@ class Stage:
             strict=True,
         ):
             row[:] = self.plant.state[name][0] if given is None else given
-        return kernels.run(self.plant, t, v, extra, straight)
+        return kernels.run_stage(self.plant, t, v, extra, straight)
 
     # -- what can be seen -------------------------------------------------------------------
 
@@ -258,7 +258,7 @@ class Stage:
 
 
 @functools.cache
-def warm_up() -> None:
+def compile_stage() -> None:
     """Compile the kernels, or load them from numba's cache, before a clock starts."""
     stage = Stage()
     stage.advance(1e-3, 1.0)

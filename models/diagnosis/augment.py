@@ -13,13 +13,13 @@ import numpy as np
 from scipy.optimize import nnls
 
 from dehyst.models.diagnosis.effects import behind_output
-from dehyst.models.diagnosis.fit import Fitted, Problem
+from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance
 from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays
 from dehyst.models.signals.filters import plays
 
 
-def compact(problem: Problem, fitted: Fitted) -> Hysteresis:
+def compact(problem: Problem, fitted: JointFit) -> Hysteresis:
     """Monotone static model nearest to a fit's hysteresis output: play weights >= 0."""
     data, base = problem.data, problem.base
     v = problem.drive_at_hysteresis(fitted.effects)
@@ -36,7 +36,7 @@ def compact(problem: Problem, fitted: Fitted) -> Hysteresis:
     return Hysteresis(r=r, b=sign * b, c=np.array([0.0, 1.0]), u_offset=base.low)
 
 
-def augmented(problem: Problem, fitted: Fitted) -> Model:
+def augmented(problem: Problem, fitted: JointFit) -> Model:
     """Model with the shape and the effects as blocks."""
     data, model = problem.data, problem.subject.model
     if not problem.subject.carries:
@@ -78,7 +78,7 @@ def augmented(problem: Problem, fitted: Fitted) -> Model:
     )
 
 
-def _added(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> tuple[list[Block], float]:
+def _added(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[list[Block], float]:
     """The blocks of what the base adds to the hysteresis, and the constant that is left."""
     if problem.base.width == 0:
         return [], 0.0
@@ -86,7 +86,7 @@ def _added(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> tuple[li
     return [shape, _memory(problem, fitted)], constant
 
 
-def _shape(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> tuple[Block, float]:
+def _shape(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[Block, float]:
     """The base's curved plays, in plays from 0 upwards, less a hysteresis that is made of them.
 
     The base's columns are powers of h = H - 1 with H the play of the drive scaled to 0..2; powers
@@ -107,7 +107,7 @@ def _shape(problem: Problem, fitted: Fitted, hysteresis: Hysteresis) -> tuple[Bl
     return curved_plays(base.thresholds * base.span, e[1:], scale), float(np.sum(e[0]))
 
 
-def _memory(problem: Problem, fitted: Fitted) -> Block:
+def _memory(problem: Problem, fitted: JointFit) -> Block:
     """The Dahl columns and the high powers of the rich base; their order is the base's."""
     base = problem.base
     m = base.lengths.size

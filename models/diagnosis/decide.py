@@ -11,7 +11,7 @@ from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.evidence import by_blocks, constancy, contribution
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.intervals import intervals
-from dehyst.models.diagnosis.judge import Search
+from dehyst.models.diagnosis.judge import SearchState
 from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.rivals import Rival, rivals
@@ -33,7 +33,7 @@ def verdict_of(findings: Sequence[Finding], left: float, at_first: float, sigma:
     return "partly" if left**2 > part * at_first**2 else "explained"
 
 
-def named(problem: Problem, found: Search, held: float) -> list[Finding]:
+def named(problem: Problem, found: SearchState, held: float) -> list[Finding]:
     """Findings of the accepted effects; two of one kind are told as one. share: mean square that
     each removes of held-out samples, to be made a part of the whole. held: what all leave."""
     final, data, sigma = found.accepted, problem.data, found.sigma

@@ -124,12 +124,11 @@ def tell_time(data: Data, residual: Floats, sigma: float) -> tuple[str, dict[str
         if inside and share > CHANGE and high > CHANGES_BY * low:
             when = "from" if after > before else "until"
             text = f"it is there {when} {t[step]:.3g} s of {name}"
-            places = {"recording": name, f"{when}_s": float(t[step])}
+            places: dict[str, float | str] = {"recording": name, f"{when}_s": float(t[step])}
             told.append((0.5 * whole * share, text, places))
     if not told:
         return "", {}
-    _, text, places = max(told, key=lambda one: one[0])
-    return text, places
+    return max(told, key=lambda one: one[0])[1:]
 
 
 def _best_step(x: Floats) -> tuple[int, float, float]:

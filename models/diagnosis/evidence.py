@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dehyst.models.diagnosis.effects import Effect
-from dehyst.models.diagnosis.fit import Fitted, Problem
+from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.signals.joined import Floats, Ints
 
 
@@ -35,7 +35,7 @@ class Constancy:
     wrong: float  # part of the fitted contribution's power in recordings that contradict it
 
 
-def contribution(problem: Problem, fitted: Fitted, effect: Effect) -> tuple[Floats, Floats]:
+def contribution(problem: Problem, fitted: JointFit, effect: Effect) -> tuple[Floats, Floats]:
     """x (N,), r (N,): contribution of an effect and residual without it, both projected.
 
     The other effects keep their nonlinear parameters; all linear weights are refitted.
@@ -90,7 +90,7 @@ class HeldOut:
         return float(self.sse.sum() / max(self.count.sum(), 1.0))
 
 
-def by_blocks(problem: Problem, fitted: Fitted) -> HeldOut:
+def by_blocks(problem: Problem, fitted: JointFit) -> HeldOut:
     """Leave out one group of short time blocks at a time."""
     data, x, groups = problem.data, fitted.design, problem.data.fold
     ids = np.unique(groups)

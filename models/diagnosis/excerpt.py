@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from dehyst.models.diagnosis.prepare import BLOCKS, FOLD_PIECES, FOLDS
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Data, Ints
 
@@ -55,8 +54,9 @@ def excerpt(data: Data, most: int = TUNING.most_rows) -> Data:
         starts=starts,
         forgets=data.forgets[k],
         rows=data.rows[k] & ~cut,
-        block=rec * BLOCKS + np.minimum(BLOCKS - 1, order * BLOCKS // size),
-        fold=order * (FOLDS * FOLD_PIECES) // size % FOLDS,
+        block=rec * TUNING.time_blocks
+        + np.asarray(order * TUNING.time_blocks // size, dtype=np.int64),
+        fold=order * (TUNING.folds * TUNING.fold_pieces) // size % TUNING.folds,
         channels={name: c[k] for name, c in data.channels.items()},
         raw_index=data.raw_index[k],
     )

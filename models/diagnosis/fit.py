@@ -25,15 +25,13 @@ from dehyst.models.diagnosis.effects import (
     moved,
 )
 from dehyst.models.diagnosis.subject import NO_MODEL, Subject
+from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Context
 from dehyst.models.signals.joined import Bools, Data, Floats
 
-RIDGE = 1e-9  # of the additive columns' mean square: against exact collinearity only
-SHARED_PARTS = 24  # arrays of all samples, that simulations at the same weights keep
-
 
 @dataclass(frozen=True)
-class Fitted:
+class JointFit:
     """A joint fit. Arrays over all samples (N,); sums over the counted rows."""
 
     effects: tuple[Effect, ...]
@@ -90,7 +88,7 @@ class Problem:
 
     def penalty(self, size: int) -> Floats:
         """Ridge of each of a design's columns, as a part of its mean square."""
-        out = np.full(size, RIDGE)
+        out = np.full(size, TUNING.ridge)
         k = len(self.data.names)
         out[:k] = 1e-13
         out[k : k + self.base.width] = self.base.priors
@@ -102,7 +100,7 @@ class Problem:
 
     def solve(
         self, effects: Sequence[Effect], output: Floats | None = None, rows: Bools | None = None
-    ) -> Fitted:
+    ) -> JointFit:
         """Linear weights at fixed nonlinear parameters.
 
         output: hysteresis' output (N,) of an earlier fit, for columns that depend on it; None:
@@ -145,11 +143,11 @@ class Problem:
         for block in extra:
             amplitudes.append(w[at : at + block.shape[1]])
             at += block.shape[1]
-        return Fitted(effects, weights, w[:k], tuple(amplitudes), prediction, sse, cov, x, fixed)
+        return JointFit(effects, weights, w[:k], tuple(amplitudes), prediction, sse, cov, x, fixed)
 
     def simulate(
         self,
-        fitted: Fitted,
+        fitted: JointFit,
         effects: Sequence[Effect],
         output: Floats,
         known: dict[Any, Floats] | None = None,
@@ -160,7 +158,7 @@ class Problem:
         """
         data = self.data
         known = {} if known is None else known
-        while len(known) > SHARED_PARTS:
+        while len(known) > TUNING.shared_parts:
             known.pop(next(iter(known)))
         way = tuple(e for e in effects if e.candidate.mode == "drive")
         if way not in known:
@@ -181,7 +179,7 @@ class Problem:
             y = y + known[way, e]
         return y
 
-    def output_of(self, fitted: Fitted) -> Floats:
+    def output_of(self, fitted: JointFit) -> Floats:
         """The stage's displacement (N,) without additive parts, with the mean offset."""
         k = len(self.data.names)
         inner = fitted.design[:, k : k + self.base.width] @ fitted.weights
@@ -191,7 +189,7 @@ class Problem:
         """(N,) drive behind the effects' drive parts and the model's."""
         return self.subject.drive(self.data, drive_behind(self.data, effects))
 
-    def projector(self, fitted: Fitted) -> Callable[[Floats], Floats]:
+    def projector(self, fitted: JointFit) -> Callable[[Floats], Floats]:
         """Maps x (N, k) to its counted rows, less what the columns of a fit can make."""
         design = self.counted(fitted.design)
 
@@ -205,9 +203,9 @@ class Problem:
         self,
         effects: Sequence[Effect],
         rounds: int = 5,
-        start: Fitted | None = None,
+        start: JointFit | None = None,
         settle: float | None = None,
-    ) -> Fitted:
+    ) -> JointFit:
         """Joint fit of everything, nonlinear parameters by damped Gauss-Newton in bounds.
 
         Between two full solutions a few steps are taken with the design of the last one: the
@@ -237,7 +235,7 @@ class Problem:
                 break
         return best
 
-    def _inner(self, fitted: Fitted, reach: float, steps: int = 4) -> tuple[Effect, ...] | None:
+    def _inner(self, fitted: JointFit, reach: float, steps: int = 4) -> tuple[Effect, ...] | None:
         """Damped Gauss-Newton steps against the projected residual with a fixed design; None
         where no step helps. reach: largest step of an internal parameter."""
         out = self.output_of(fitted)
@@ -270,7 +268,7 @@ class Problem:
         return effects if improved else None
 
     def jacobian(
-        self, fitted: Fitted, output: Floats, known: dict[Any, Floats] | None = None
+        self, fitted: JointFit, output: Floats, known: dict[Any, Floats] | None = None
     ) -> tuple[Floats, Floats]:
         """Internal parameters (p,) and derivative (N, p) of the prediction at fixed weights."""
         p = internal(fitted.effects)

@@ -11,16 +11,15 @@ import numpy as np
 from scipy.special import stdtrit
 
 from dehyst.models.diagnosis.effects import Effect, internal, moved
-from dehyst.models.diagnosis.fit import Fitted, Problem
+from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Floats
 
-LARGEST_LEVERAGE = 0.99
 """Where one block alone tells a parameter, so much of it is taken for told by that block."""
 
 
-def intervals(problem: Problem, fitted: Fitted, sigma: float) -> list[dict[str, Value]]:
+def intervals(problem: Problem, fitted: JointFit, sigma: float) -> list[dict[str, Value]]:
     """For each effect of the fit, in order: parameter key -> value with its interval."""
     if not fitted.effects:
         return []
@@ -40,7 +39,7 @@ def intervals(problem: Problem, fitted: Fitted, sigma: float) -> list[dict[str, 
     return out
 
 
-def _values(fitted: Fitted, index: int, p: Floats, cov: Floats) -> dict[str, Value]:
+def _values(fitted: JointFit, index: int, p: Floats, cov: Floats) -> dict[str, Value]:
     """Reported values of one effect; their intervals by differences through what it reports."""
     effect, amplitudes = fitted.effects[index], fitted.amplitudes[index]
     best = effect.candidate.values(effect.theta, amplitudes)
@@ -87,7 +86,7 @@ def _stepped(effect: Effect, own: Floats, j: int, step: float) -> tuple[float, .
     return moved([effect], own, move)[0].theta
 
 
-def _covariance(problem: Problem, fitted: Fitted, sigma: float) -> Floats:
+def _covariance(problem: Problem, fitted: JointFit, sigma: float) -> Floats:
     """Of all internal parameters, then all amplitudes of the additive columns."""
     data = problem.data
     nuisance = len(data.names) + problem.base.width
@@ -109,7 +108,7 @@ def _covariance(problem: Problem, fitted: Fitted, sigma: float) -> Floats:
         here = block == k
         z = x[here] @ whitened
         leverage, along = np.linalg.eigh(z.T @ z)
-        left = np.sqrt(1.0 - np.minimum(leverage, LARGEST_LEVERAGE))
+        left = np.sqrt(1.0 - np.minimum(leverage, TUNING.largest_leverage))
         moves.append(own @ (along @ ((along.T @ (z.T @ residual[here])) / left)))
     blocks = np.array(moves)
     between = blocks.T @ blocks

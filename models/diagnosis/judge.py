@@ -7,17 +7,17 @@ import numpy as np
 
 from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
-from dehyst.models.diagnosis.fit import Fitted, Problem
+from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Candidate
 
 
 @dataclass(frozen=True)
-class Trial:
+class CandidateTrial:
     """A candidate's best joint refit in one round."""
 
     candidate: Candidate
-    fit: Fitted
+    fit: JointFit
     gain: float  # fall of the sum of squares
     price: float
     constancy: Constancy | None = None
@@ -31,20 +31,20 @@ class Trial:
 
 
 @dataclass
-class Search:
+class SearchState:
     """Everything the search has learned; `rounds` keeps the trials for the report."""
 
     problem: Problem
     sigma: float
-    null: Fitted
-    accepted: Fitted
-    rounds: list[list[Trial]] = field(default_factory=list)
+    null: JointFit
+    accepted: JointFit
+    rounds: list[list[CandidateTrial]] = field(default_factory=list)
     counted: int = 0  # rows that the gains of the rounds are summed over
     share: float = TUNING.driven_share
     picked: list[str] = field(default_factory=list)  # keys in the order of their acceptance
 
 
-def excess(problem: Problem, fit: Fitted, sigma: float) -> float:
+def excess(problem: Problem, fit: JointFit, sigma: float) -> float:
     """Mean square misfit beyond the noise, >= 0 [displacement unit squared]."""
     n = int(problem.data.rows.sum())
     free = n - fit.design.shape[1]
@@ -58,7 +58,7 @@ def least_size(candidate: Candidate) -> float:
     return TUNING.driven_size if candidate.driven else TUNING.free_size
 
 
-def least_power(state: Search, candidate: Candidate, size: float | None = None) -> float:
+def least_power(state: SearchState, candidate: Candidate, size: float | None = None) -> float:
     """Mean square that a candidate must remove: by the noise (size: in noise rms), and for causes
     driven by the drive by the stroke too, whose finest part is the base's own error."""
     least = (least_size(candidate) if size is None else size) * state.sigma
@@ -67,7 +67,7 @@ def least_power(state: Search, candidate: Candidate, size: float | None = None) 
     return least**2
 
 
-def least_share(state: Search, left: float) -> float:
+def least_share(state: SearchState, left: float) -> float:
     """Part of the misfit that a cause driven by the drive must take. In a quiet recording what is
     left of a fine part of the stroke, far above the noise, is the base's own error for the most."""
     stroke = float(np.ptp(state.problem.data.y))
@@ -75,23 +75,23 @@ def least_share(state: Search, left: float) -> float:
     return max(state.share, TUNING.quiet_share) if quiet else state.share
 
 
-def effect_of(fit: Fitted, key: str) -> Effect:
+def effect_of(fit: JointFit, key: str) -> Effect:
     """The effect of a fit with this candidate's key."""
     return next(e for e in fit.effects if e.candidate.key == key)
 
 
 def tried(
-    problem: Problem, sigma: float, current: Fitted, c: Candidate, start: Sequence[float]
-) -> Trial:
+    problem: Problem, sigma: float, current: JointFit, c: Candidate, start: Sequence[float]
+) -> CandidateTrial:
     """A candidate refitted jointly with what was accepted, and its price."""
     fit = problem.refit([*current.effects, Effect(c, tuple(start))], start=current)
     count = sum(len(e.theta) for e in fit.effects) - sum(len(e.theta) for e in current.effects)
     columns = fit.design.shape[1] - current.design.shape[1]
     price = TUNING.price * sigma**2 * max(count + columns, 1)
-    return Trial(c, fit, current.sse - fit.sse, price)
+    return CandidateTrial(c, fit, current.sse - fit.sse, price)
 
 
-def judge(state: Search, trial: Trial, left: float) -> Trial:
+def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTrial:
     """The trial with its constancy and, where it fails, the reason."""
     problem, sigma = state.problem, state.sigma
     data = problem.data
@@ -122,7 +122,7 @@ def judge(state: Search, trial: Trial, left: float) -> Trial:
     return replace(trial, constancy=steady, refused=why, impossible=impossible)
 
 
-def is_sure(state: Search, trial: Trial, left: float) -> bool:
+def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
     """Whether a small static cause may count: it takes about half of what there is, and is the
     same everywhere. Not for those that look through many shapes for the best."""
     n = int(state.problem.data.rows.sum())

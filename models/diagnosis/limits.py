@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.judge import Search, excess, judge, least_size, tried
+from dehyst.models.diagnosis.judge import SearchState, excess, judge, least_size, tried
 from dehyst.models.diagnosis.result import Limit
 from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.diagnosis.tuning import TUNING
@@ -44,7 +44,7 @@ class Guess:
         return Limit(c.name, value, c.limit_unit, c.limit_side, label)
 
 
-def limits(found: Search, untold: Collection[str] = ()) -> list[Limit]:
+def limits(found: SearchState, untold: Collection[str] = ()) -> list[Limit]:
     """One limit for each name in the library that was not found, the tightest of its kinds.
 
     untold: names for which there is none, as they stand in a tie with what was found.
@@ -76,7 +76,7 @@ def limits(found: Search, untold: Collection[str] = ()) -> list[Limit]:
     return out
 
 
-def _checked(light: Problem, found: Search, look: Screen, guess: Guess) -> float | None:
+def _checked(light: Problem, found: SearchState, look: Screen, guess: Guess) -> float | None:
     """The strength at which the candidate is accepted, once it is put in; None: at none."""
     c, probe = guess.candidate, guess.probe
     assert probe is not None
@@ -92,13 +92,13 @@ def _checked(light: Problem, found: Search, look: Screen, guess: Guess) -> float
     return None
 
 
-def would_be_seen(light: Problem, found: Search, c: Candidate, added: Floats) -> bool:
+def would_be_seen(light: Problem, found: SearchState, c: Candidate, added: Floats) -> bool:
     """Whether a candidate is accepted where the reading has so much more (N,) in it."""
     sigma = found.sigma
     there = replace(light, data=replace(light.data, y=light.data.y + added))
     current = there.solve(found.accepted.effects, light.output_of(found.accepted))
     n = int(there.data.rows.sum())
-    state = Search(there, sigma, current, current, counted=n, share=found.share)
+    state = SearchState(there, sigma, current, current, counted=n, share=found.share)
     starts = Screen(there, current).starts(c)
     if not starts:
         return False

@@ -11,8 +11,6 @@ from numba import njit
 
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
-TABLES = ("time", "band", "drive", "direction", "rate", "since_turn", "in_hold", "channels")
-
 
 def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
     """Tables by name: {"edges" or "labels", "power" (mean square), "share", "unit"}.

@@ -7,11 +7,9 @@ sampling rate are rejected by medians over time and over frequency.
 
 import numpy as np
 
+from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.periodic import period_samples
-
-SEGMENT = 256
-FEW_MISSING = 0.02  # of the samples
 
 
 def noise_rms(data: Data, residual: Floats) -> float:
@@ -26,26 +24,26 @@ def noise_rms(data: Data, residual: Floats) -> float:
     place of spectra. Never less than what the reading's steps make: one step over the root of 12.
     """
     powers = []
-    window = np.hanning(SEGMENT)
+    window = np.hanning(TUNING.segment)
     norm = float((window**2).sum())
     for p in np.unique(data.part):
         e = residual[data.part == p]
-        for a in range(0, e.size - SEGMENT + 1, SEGMENT // 2):
-            x = e[a : a + SEGMENT]
-            slope = np.linspace(-0.5, 0.5, SEGMENT)
+        for a in range(0, e.size - TUNING.segment + 1, TUNING.segment // 2):
+            x = e[a : a + TUNING.segment]
+            slope = np.linspace(-0.5, 0.5, TUNING.segment)
             x = x - x.mean() - slope * (12.0 * float((x * slope).mean()))
             powers.append(np.abs(np.fft.rfft(x * window)) ** 2 / norm)
     floor = quantum(data.y) / np.sqrt(12.0)
-    if data.missing > FEW_MISSING * data.n:
+    if data.missing > TUNING.few_missing * data.n:
         both = data.rows[1:] & data.rows[:-1] & ~data.starts[1:]
         d = np.diff(residual)[both]
-        if d.size > SEGMENT:
+        if d.size > TUNING.segment:
             return max(floor, float(1.4826 * np.median(np.abs(d)) / np.sqrt(2.0)), 1e-12)
     repeated = _unrepeated(data)
     if not powers:
         d = np.diff(residual, 4)
         return max(floor, float(1.4826 * np.median(np.abs(d)) / np.sqrt(70.0)))
-    spectra = np.array(powers)[:, 2 * SEGMENT // 6 :]
+    spectra = np.array(powers)[:, 2 * TUNING.segment // 6 :]
     # exponential statistics: median = ln 2 times the mean
     by_line = np.median(spectra, axis=0) / np.log(2.0)
     return max(floor, min(float(np.sqrt(np.median(by_line))), repeated), 1e-12)
@@ -57,7 +55,7 @@ def _unrepeated(data: Data) -> float:
     best = np.inf
     for p in np.unique(data.part):
         u, y = data.u[data.part == p], data.y[data.part == p]
-        if u.size < 4 * SEGMENT:
+        if u.size < 4 * TUNING.segment:
             continue
         lag = period_samples(u)
         if lag == 0 or np.abs(u[lag:] - u[:-lag]).max() > 2e-3 * data.span:

@@ -18,17 +18,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Recording, typical_step
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
-MIN_SAMPLES = 200
-BLOCKS = 5  # time blocks of each recording, in which an effect must be the same
-FOLDS = 8  # groups left out in turn, each of FOLD_PIECES short pieces of every recording
-FOLD_PIECES = 5
-LONG_GAP = 100  # samples: behind a longer one the recording begins anew
-STALL = 3  # missing samples in a row, from which on the drive's way is not known
-SETTLING = (20, 2)  # rows left out behind a stall: at least so many, and times its length
 MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came late
 
 
@@ -58,16 +52,17 @@ def lay_on_grid(one: Recording) -> Laid:
     t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
     raw = np.flatnonzero(np.isfinite(t) & np.isfinite(u))
     there = int(np.count_nonzero(np.isfinite(y[raw])))
-    if there < MIN_SAMPLES:
+    if there < TUNING.least_samples:
         raise BadRecording(
-            f"{one.name}: only {there} usable samples; at least {MIN_SAMPLES} are needed"
+            f"{one.name}: only {there} usable samples; at least {TUNING.least_samples} are needed"
         )
     late = one.channels.get(MISSED)
     dt = _period(np.diff(t[raw]), typical_step(t))
     steps = np.maximum(np.round(np.diff(t[raw]) / dt), 1.0)
-    if np.sum(steps[steps <= STALL]) > 1.001 * np.sum(np.diff(t[raw])[steps <= STALL]) / dt + 2:
-        steps[steps <= STALL] = 1.0  # the stamps jitter, the samples do not
-    long = steps > LONG_GAP
+    near = steps <= TUNING.stall
+    if np.sum(steps[near]) > 1.001 * np.sum(np.diff(t[raw])[near]) / dt + 2:
+        steps[near] = 1.0  # the stamps jitter, the samples do not
+    long = steps > TUNING.long_gap
     place = np.r_[0, np.cumsum(np.where(long, 1.0, steps))].astype(np.int64)
     n = int(place[-1]) + 1
     grid = np.arange(n)
@@ -79,13 +74,13 @@ def lay_on_grid(one: Recording) -> Laid:
     cut = np.zeros(n, dtype=bool)
     cut[0] = True
     cut[place[1:][long]] = True
-    stalled = (steps > STALL) & ~long
+    stalled = (steps > TUNING.stall) & ~long
     held_up = np.zeros(n, dtype=bool)
     for at, size in zip(place[1:][stalled], steps[stalled], strict=True):
-        held_up[at : at + max(SETTLING[0], SETTLING[1] * int(size))] = True
+        held_up[at : at + max(TUNING.settling, TUNING.settling_times * int(size))] = True
     if late is not None:
         for at in place[np.nan_to_num(late[raw]) > 0]:
-            held_up[at : at + SETTLING[0]] = True
+            held_up[at : at + TUNING.settling] = True
     reading = np.interp(grid, np.flatnonzero(known), reading[known])
     return Laid(
         t=np.interp(grid, place, t[raw]),
@@ -96,7 +91,7 @@ def lay_on_grid(one: Recording) -> Laid:
         known=known & ~held_up,
         dt=dt,
         missing=int(np.count_nonzero(~known)) + int(np.sum(steps[long] - 1.0)),
-        stalls=int(np.count_nonzero(steps > STALL)),
+        stalls=int(np.count_nonzero(steps > TUNING.stall)),
     )
 
 
@@ -147,14 +142,14 @@ def prepare(recordings: Sequence[Recording]) -> Data:
                 "forgets": first,
                 "part": part + np.cumsum(laid.cut) - 1,
                 "rows": _known_history(laid.u, laid.cut) & laid.known,
-                "block": block + np.minimum(BLOCKS - 1, np.arange(n) * BLOCKS // n),
-                "fold": np.arange(n) * (FOLDS * FOLD_PIECES) // n % FOLDS,
+                "block": block + _cut_evenly(n, TUNING.time_blocks),
+                "fold": _cut_evenly(n, TUNING.folds * TUNING.fold_pieces) % TUNING.folds,
                 "raw": laid.raw,
                 **{"ch_" + k: v for k, v in channels.items()},
             }
         )
         part += int(laid.cut.sum())
-        block += BLOCKS
+        block += TUNING.time_blocks
     joined = {k: np.concatenate([p[k] for p in pieces]) for k in pieces[0]}
     drive_unit, unit = next(iter(units))
     data = Data(
@@ -216,6 +211,11 @@ def _filled(x: Floats) -> Floats:
     if good.all() or not good.any():
         return x
     return np.interp(np.arange(x.size), np.flatnonzero(good), x[good])
+
+
+def _cut_evenly(size: int, pieces: int) -> Ints:
+    """(size,) the piece that each sample is in, when so many of equal length follow each other."""
+    return np.arange(size) * pieces // size
 
 
 def _known_history(u: Floats, cut: Bools) -> Bools:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from dehyst.models.diagnosis.effects import Effect
-from dehyst.models.diagnosis.fit import Fitted
-from dehyst.models.diagnosis.judge import Search, excess
+from dehyst.models.diagnosis.fit import JointFit
+from dehyst.models.diagnosis.judge import SearchState, excess
 from dehyst.models.diagnosis.tuning import TUNING
 
 
@@ -19,7 +19,7 @@ class Rival:
     loss: float
 
 
-def rivals(found: Search, effect: Effect) -> list[Rival]:
+def rivals(found: SearchState, effect: Effect) -> list[Rival]:
     """Candidates that do as well in the place of an accepted effect, best first."""
     final, sigma = found.accepted, found.sigma
     problem = found.problem.light(found.counted)
@@ -34,7 +34,7 @@ def rivals(found: Search, effect: Effect) -> list[Rival]:
         1.5 * excess(problem, final, sigma),
     )
     taken = {e.candidate.key for e in final.effects}
-    seen: dict[str, tuple[Effect, Fitted]] = {}
+    seen: dict[str, tuple[Effect, JointFit]] = {}
     for trials in found.rounds:
         keys = {t.candidate.key for t in trials}
         if not keys & {effect.candidate.key, effect.candidate.refines}:

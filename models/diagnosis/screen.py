@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from dehyst.models.diagnosis.effects import Effect, in_order
-from dehyst.models.diagnosis.fit import Fitted, Problem
+from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.physics.candidate import Candidate, Context, Probe
 from dehyst.models.signals.joined import Floats
 
@@ -17,7 +17,7 @@ class Screen:
     """What all candidates of one round share: the fit's columns on the counted rows, and the
     directions in which the accepted effects' own parameters move the prediction."""
 
-    def __init__(self, problem: Problem, current: Fitted) -> None:
+    def __init__(self, problem: Problem, current: JointFit) -> None:
         self.problem, self.current = problem, current
         self.rows = problem.row_index
         self.output = problem.output_of(current)

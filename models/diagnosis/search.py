@@ -7,10 +7,10 @@ everything else was refitted.
 from collections.abc import Callable, Sequence
 
 from dehyst.models.diagnosis.effects import Effect, on_bound
-from dehyst.models.diagnosis.fit import Fitted, Problem
+from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.diagnosis.judge import (
-    Search,
-    Trial,
+    CandidateTrial,
+    SearchState,
     effect_of,
     excess,
     judge,
@@ -27,8 +27,8 @@ Say = Callable[[str, float], None]
 
 
 def search(
-    problem: Problem, sigma: float, null: Fitted, say: Say, share: float = TUNING.driven_share
-) -> Search:
+    problem: Problem, sigma: float, null: JointFit, say: Say, share: float = TUNING.driven_share
+) -> SearchState:
     """Accept effects one by one until none pays, then prune.
 
     share: part of the excess that a cause driven by the drive must take; above the usual one the
@@ -52,7 +52,7 @@ def search(
     return state
 
 
-def better(other: Search, state: Search, left: float) -> bool:
+def better(other: SearchState, state: SearchState, left: float) -> bool:
     """Whether another search explains the same with fewer effects, or clearly more."""
     n = int(state.problem.data.rows.sum())
     other_left = excess(state.problem, other.accepted, state.sigma)
@@ -67,12 +67,12 @@ def better(other: Search, state: Search, left: float) -> bool:
 
 
 def _forward(
-    problem: Problem, sigma: float, null: Fitted, say: Say, share: float, forbidden: Sequence[str]
-) -> Search:
+    problem: Problem, sigma: float, null: JointFit, say: Say, share: float, forbidden: Sequence[str]
+) -> SearchState:
     counted = int(problem.data.rows.sum())
     strict = share > TUNING.driven_share
     few = turns(problem.data) < TUNING.few_turns
-    state = Search(problem, sigma, null, null, counted=counted, share=share)
+    state = SearchState(problem, sigma, null, null, counted=counted, share=share)
     everything = [
         c
         for c in library(problem.data)
@@ -90,7 +90,7 @@ def _forward(
         if chosen is None:
             break
         state.picked.append(chosen.candidate.key)
-        fit = refine(problem, sigma, chosen.fit, chosen.candidate, everything)
+        fit = refine_fit(problem, sigma, chosen.fit, chosen.candidate, everything)
         state.accepted = prune(problem, sigma, fit, keep=chosen.candidate.key)
     return state
 
@@ -98,11 +98,11 @@ def _forward(
 def _round(
     problem: Problem,
     sigma: float,
-    current: Fitted,
+    current: JointFit,
     everything: Sequence[Candidate],
     say: Say,
     number: int,
-) -> list[Trial]:
+) -> list[CandidateTrial]:
     n = int(problem.data.rows.sum())
     # an effect in its finer form stands for the simpler one too
     have = {k for e in current.effects for k in (e.candidate.key, e.candidate.refines)}
@@ -123,7 +123,7 @@ def _round(
     ]
     trials = []
 
-    def attempt(c: Candidate, start: Sequence[float]) -> Trial:
+    def attempt(c: Candidate, start: Sequence[float]) -> CandidateTrial:
         return tried(problem, sigma, current, c, start)
 
     for k, trial in enumerate(problem.several(attempt, *zip(*short, strict=True)) if short else ()):
@@ -132,7 +132,7 @@ def _round(
     return sorted(trials, key=lambda t: -t.worth)
 
 
-def _choice(state: Search, judged: Sequence[Trial]) -> Trial | None:
+def _choice(state: SearchState, judged: Sequence[CandidateTrial]) -> CandidateTrial | None:
     """The best trial that is not refused, or a simpler one that does as well."""
     good = [t for t in judged if not t.refused]
     if not good:
@@ -152,7 +152,7 @@ def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:
     return (stem if number == "2" else f"{stem}-{int(number) - 1}") in have
 
 
-def _grown(problem: Problem, sigma: float, fit: Fitted, chosen: Candidate) -> Fitted:
+def _grown(problem: Problem, sigma: float, fit: JointFit, chosen: Candidate) -> JointFit:
     """The fit with more parts (modes) of the chosen physics, as long as they pay."""
     n = int(problem.data.rows.sum())
     effect = effect_of(fit, chosen.key)
@@ -173,9 +173,13 @@ def _grown(problem: Problem, sigma: float, fit: Fitted, chosen: Candidate) -> Fi
     return fit
 
 
-def refine(
-    problem: Problem, sigma: float, fit: Fitted, chosen: Candidate, everything: Sequence[Candidate]
-) -> Fitted:
+def refine_fit(
+    problem: Problem,
+    sigma: float,
+    fit: JointFit,
+    chosen: Candidate,
+    everything: Sequence[Candidate],
+) -> JointFit:
     """The fit with more parts of the chosen physics, or a finer form of it, where that pays."""
     n = int(problem.data.rows.sum())
     fit = _grown(problem, sigma, fit, chosen)
@@ -193,7 +197,7 @@ def refine(
     return fit
 
 
-def prune(problem: Problem, sigma: float, fit: Fitted, keep: str = "") -> Fitted:
+def prune(problem: Problem, sigma: float, fit: JointFit, keep: str = "") -> JointFit:
     """Without the effects that the others have made needless."""
     n = int(problem.data.rows.sum())
     while len(fit.effects) > 1:

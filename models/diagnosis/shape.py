@@ -16,7 +16,7 @@ import numpy as np
 from dehyst.models.diagnosis.base import numbers_base
 from dehyst.models.diagnosis.effects import behind_output
 from dehyst.models.diagnosis.evidence import by_blocks
-from dehyst.models.diagnosis.fit import Fitted, Problem
+from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.screen import Screen, contribution_of
@@ -68,7 +68,7 @@ class Correction:
 
 
 def measure_correction(
-    problem: Problem, final: Fitted, bare_square: float, held_square: float
+    problem: Problem, final: JointFit, bare_square: float, held_square: float
 ) -> Correction:
     """What the base does for the model in use. bare_square, held_square: mean square that the
     model alone leaves, and the final fit on held-out samples."""
@@ -86,7 +86,7 @@ def measure_correction(
     return Correction(before - held_square, left, float(np.std(_correction(problem, final))))
 
 
-def absorbed_names(problem: Problem, final: Fitted, size: float) -> tuple[str, ...]:
+def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str, ...]:
     """Names of causes driven by the drive that the base takes nearly whole, at an rms of about
     `size`: with this drive they cannot be told from a loop of another shape."""
     look = Screen(problem, final)
@@ -107,7 +107,7 @@ def absorbed_names(problem: Problem, final: Fitted, size: float) -> tuple[str, .
 
 
 def shape_finding(
-    problem: Problem, final: Fitted, sigma: float, correction: Correction, share: float
+    problem: Problem, final: JointFit, sigma: float, correction: Correction, share: float
 ) -> Finding:
     """The finding with its look."""
     data = problem.data
@@ -154,7 +154,7 @@ def shape_finding(
     )
 
 
-def _correction(problem: Problem, final: Fitted) -> Floats:
+def _correction(problem: Problem, final: JointFit) -> Floats:
     """(N,) what the base adds to the model that carries it; else what it makes that no other
     numbers in the model's class do. Without its mean over the counted rows."""
     data = problem.data
@@ -172,7 +172,7 @@ def _correction(problem: Problem, final: Fitted) -> Floats:
     return np.asarray(d - d[data.rows].mean())
 
 
-def _looks(problem: Problem, final: Fitted, d: Floats) -> dict[str, float]:
+def _looks(problem: Problem, final: JointFit, d: Floats) -> dict[str, float]:
     """Part of the correction's power that each look explains, each with the plainer ones' terms."""
     data = problem.data
     y = problem.output_of(final)

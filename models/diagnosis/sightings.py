@@ -7,7 +7,7 @@ import numpy as np
 
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import by_blocks
-from dehyst.models.diagnosis.judge import Search
+from dehyst.models.diagnosis.judge import SearchState
 from dehyst.models.diagnosis.result import Finding, Value
 from dehyst.models.physics import library
 from dehyst.models.physics.candidate import Candidate, Sighting
@@ -20,7 +20,7 @@ def sightings(data: Data, sigma: float) -> list[tuple[Candidate, Sighting]]:
     return [(c, sighting) for c, sighting in seen if sighting is not None]
 
 
-def accept(found: Search, candidate: Candidate, sighting: Sighting) -> Search:
+def accept(found: SearchState, candidate: Candidate, sighting: Sighting) -> SearchState:
     """The search's result with what was seen in its model, where held-out samples are then foretold
     no worse; else as it was."""
     problem, final = found.problem, found.accepted

@@ -13,8 +13,8 @@ from dehyst.models.diagnosis.decide import named, next_experiment, shared_out, u
 from dehyst.models.diagnosis.episodes import Episode, find_line, tell_time
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.excerpt import excerpt
-from dehyst.models.diagnosis.fit import Fitted, Problem
-from dehyst.models.diagnosis.judge import Search, Trial, excess
+from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, excess
 from dehyst.models.diagnosis.limits import limits
 from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.noise import noise_rms
@@ -84,7 +84,7 @@ def diagnose(
     return diagnosis
 
 
-def of_another_stage(bare: Problem, null: Fitted, sigma: float) -> str:
+def of_another_stage(bare: Problem, null: JointFit, sigma: float) -> str:
     """What is to be said of a given model that is far off these recordings; "" where it is not."""
     if not bare.subject.given:
         return ""
@@ -106,11 +106,11 @@ def of_another_stage(bare: Problem, null: Fitted, sigma: float) -> str:
 class Found:
     """The search's result, and the same over the rich base."""
 
-    search: Search
-    over_rich: Search
+    search: SearchState
+    over_rich: SearchState
 
 
-def find(problem: Problem, sigma: float, null: Fitted, say: Progress) -> Found:
+def find(problem: Problem, sigma: float, null: JointFit, say: Progress) -> Found:
     """The effects over the rich base, or over a compact one where the rich one is too rich for what
     was recorded."""
     found = over_rich = _search(problem, sigma, null, say)
@@ -125,7 +125,7 @@ def find(problem: Problem, sigma: float, null: Fitted, say: Progress) -> Found:
     return Found(told, told if found is over_rich else only_told(worth_telling(over_rich)))
 
 
-def held_drive(problem: Problem, null: Fitted, sigma: float) -> Problem | None:
+def held_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
     """The problem with the drive half a sample earlier, where that explains much of the misfit.
 
     Nothing physical leads the drive: a recorder that holds each command and reads at the end of
@@ -146,8 +146,12 @@ def held_drive(problem: Problem, null: Fitted, sigma: float) -> Problem | None:
 
 
 def _search(
-    problem: Problem, sigma: float, null: Fitted, say: Progress, share: float = TUNING.driven_share
-) -> Search:
+    problem: Problem,
+    sigma: float,
+    null: JointFit,
+    say: Progress,
+    share: float = TUNING.driven_share,
+) -> SearchState:
     """The search on a part of the rows, its result fitted to all of them."""
     light = problem.light(TUNING.search_rows)
     found = search(light, sigma, null if light is problem else light.solve([]), say, share)
@@ -164,12 +168,12 @@ class Weighed:
 
     findings: tuple[Finding, ...]
     problem: Problem
-    final: Fitted
+    final: JointFit
     bare: float
     held: float
 
 
-def weigh(bare: Problem, found: Search, shown: bool) -> Weighed:
+def weigh(bare: Problem, found: SearchState, shown: bool) -> Weighed:
     """What helps against the model in use, on held-out samples; nothing where it all does not,
     unless a recording shows an effect directly."""
     data, sigma = bare.data, found.sigma
@@ -209,7 +213,12 @@ def _has_shape(correction: Correction, first: float, sigma: float) -> bool:
 
 
 def _conclude(
-    recorded: Data, bare: Problem, found: Search, warnings: list[str], shown: bool, say: Progress
+    recorded: Data,
+    bare: Problem,
+    found: SearchState,
+    warnings: list[str],
+    shown: bool,
+    say: Progress,
 ) -> Diagnosis:
     """recorded: all samples; bare, found: of those that were fitted; shown: a recording shows an
     effect directly, beside any fit."""
@@ -278,12 +287,12 @@ def _conclude(
     )
 
 
-def _tried(n: int, found: Search) -> list[dict[str, str]]:
+def _tried(n: int, found: SearchState) -> list[dict[str, str]]:
     """For each round: root mean square that each candidate's refit removes."""
     return [{t.candidate.key: _told(t, n) for t in trials} for trials in found.rounds]
 
 
-def _told(t: Trial, n: int) -> str:
+def _told(t: CandidateTrial, n: int) -> str:
     text = f"{float(np.sqrt(max(t.gain, 0.0) / n)):.4g}"
     if t.constancy is not None:
         by = " ".join(f"{a:.2f}" for a in t.constancy.by_recording)

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import by_blocks
-from dehyst.models.diagnosis.fit import Fitted
+from dehyst.models.diagnosis.fit import JointFit
 from dehyst.models.diagnosis.intervals import intervals
-from dehyst.models.diagnosis.judge import Search
+from dehyst.models.diagnosis.judge import SearchState
 from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.tuning import TUNING
 
 
-def worth_telling(found: Search) -> Search:
+def worth_telling(found: SearchState) -> SearchState:
     """Without the effects that do not help on held-out samples."""
     problem, final, sigma = found.problem, found.accepted, found.sigma
     first = by_blocks(problem, found.null).mean_square
@@ -42,7 +42,7 @@ def worth_telling(found: Search) -> Search:
     return replace(found, accepted=final)
 
 
-def only_told(found: Search) -> Search:
+def only_told(found: SearchState) -> SearchState:
     """Without the effects whose size is not known to a factor of ten."""
     final = found.accepted
     while final.effects:
@@ -54,7 +54,7 @@ def only_told(found: Search) -> Search:
     return replace(found, accepted=final)
 
 
-def without_driven(found: Search) -> Search:
+def without_driven(found: SearchState) -> SearchState:
     """Without what the drive causes."""
     rest = [e for e in found.accepted.effects if not e.candidate.driven]
     if len(rest) == len(found.accepted.effects):
@@ -63,7 +63,7 @@ def without_driven(found: Search) -> Search:
     return replace(found, accepted=final)
 
 
-def _without(found: Search, effects: tuple[Effect, ...], one: Effect) -> Fitted:
+def _without(found: SearchState, effects: tuple[Effect, ...], one: Effect) -> JointFit:
     rest = [o for o in effects if o is not one]
     return found.problem.refit(rest, settle=0.3 * found.sigma**2) if rest else found.null
 

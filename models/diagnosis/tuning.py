@@ -7,6 +7,19 @@ from typing import NamedTuple
 class Tuning(NamedTuple):
     """`size`: rms, in rms of the noise; `share`: part of the power beyond the noise."""
 
+    # the recordings
+    least_samples: int = 200
+    time_blocks: int = 5  # of each recording, in which an effect must be the same
+    folds: int = 8  # groups left out in turn, each of so many short pieces of every recording:
+    fold_pieces: int = 5
+    long_gap: int = 100  # samples: behind a longer one the recording begins anew
+    stall: int = 3  # missing samples in a row, from which on the drive's way is not known
+    settling: int = 20  # rows left out behind a stall, at least; and times its length:
+    settling_times: int = 2
+    few_missing: float = 0.02  # of the samples: with more, the noise is that of neighbours
+    segment: int = 256  # samples of a spectrum, for the noise
+    ridge: float = 1e-9  # of the additive columns' mean square: against exact collinearity only
+    shared_parts: int = 24  # arrays of all samples, that simulations at the same weights keep
     # the search
     search_rows: int = 18_000  # counted in it; the last fit, shares and intervals use them all
     most_rows: int = 100_000  # of longer recordings a part is fitted
@@ -57,6 +70,7 @@ class Tuning(NamedTuple):
     # intervals
     widest: float = 10.0  # factor that an interval may span
     interval_width: float = 1.96  # standard deviations of white noise; blocks: Student's t
+    largest_leverage: float = 0.99
     bound_margin: float = 0.02  # of the (log) range: closer to a bound counts as on it
 
 

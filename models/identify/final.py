@@ -50,7 +50,7 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     start = regrid(best.params, coarse, r, shape)
     trial = Trial(setup, some, r, offset, lag, best.loose)
     trial.linearise(start, shape, shape.powers)
-    scored = trial.score(shape, setup.strengths)
+    scored = trial.weigh(shape, setup.strengths)
     strength, prior = scored.strength, Prior(r, setup.slope, 0.5 * setup.span)
     narrow = TUNING.narrow * setup.span * trial.loose
     picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // (2 * r.size)))

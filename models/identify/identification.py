@@ -27,6 +27,7 @@ from dehyst.models.identify.sense import (
     rms,
 )
 from dehyst.models.identify.setup import FitSetup, set_up
+from dehyst.models.identify.start import start_agrees
 from dehyst.models.identify.structure import Candidate, choose, list_shapes
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import estimate_covariance, estimate_noise, measure_band_hz
@@ -113,10 +114,11 @@ def identify(
     rows = [read_rows(r, max(spans, default=0.0)) for r in recordings]
     require_times_in_seconds(rows)
     require_drive_first(rows)
-    found = _search(set_up(rows, options.monotone), options, progress)
-    if not _start_agrees(found.setup, found.residuals()):
-        setup = set_up(rows, options.monotone, trust_start=False)
-        found = _search(setup, options, progress)
+    setup, late = set_up(rows, options.monotone), False
+    if not start_agrees(setup, options.rate is not False):
+        setup, late = set_up(rows, options.monotone, trust_start=False), True
+    found = _search(setup, options, progress)
+    if late:
         found.notes.append("the start does not fit a de-energised stage; it was left out")
     found = _follow_drift(found)
     residuals, picks = found.residuals(), found.setup.picks
@@ -322,20 +324,6 @@ def _require_following(setup: FitSetup, best: Candidate) -> None:
             f"{setup.rows[0].name}: the displacement does not follow the drive (a model explains "
             f"{max(0.0, explained):.0%} of it); check the sensor, its cable and the columns"
         )
-
-
-def _start_agrees(setup: FitSetup, errors: Sequence[Floats]) -> bool:
-    """Do the rows that depend on the assumed start state fit as the others do?"""
-    early, late = [np.empty(0)], [np.empty(0)]
-    for one, pick, error in zip(setup.rows, setup.picks, errors, strict=True):
-        early.append(error[pick & ~one.settled])
-        late.append(error[pick & one.settled])
-    first, rest = np.concatenate(early), np.concatenate(late)
-    if first.size == 0 or rest.size == 0:
-        return True
-    size = setup.slope * setup.span  # of the displacement's range
-    bound = max(TUNING.start_factor * float(np.sqrt(np.mean(rest**2))), TUNING.start_share * size)
-    return float(np.sqrt(np.mean(first**2))) <= bound
 
 
 def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:

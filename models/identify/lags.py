@@ -19,9 +19,8 @@ from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
 GOLDEN = 0.381966
-SHIFTS = (-1.0, -0.5, 0.5, 1.5, 5.0, 15.0)  # sampling periods
+DELAYS = (0.5, 1.5, 5.0, 15.0)  # sampling periods
 LAGS = (0.5, 3.0, 12.0, 40.0, 120.0, 360.0)
-HALF = 0.5  # sampling periods: the lead of a stage whose rate is the derivative at the sample
 
 
 class LagSearch:
@@ -41,32 +40,57 @@ class LagSearch:
         self.longest = TUNING.longest_lag * setup.span / max(setup.rate_max, 1e-300)
         self.period = float(np.median([one.period_s for one in setup.rows]))
 
-    def find(self) -> list[Candidate]:
-        """The best of each kind that helps.
+    def find(self) -> Candidate | None:
+        """What the recording needs; None: nothing.
 
-        A part of a sample is told by the fit alone, more must foretell what it has not seen.
+        A part of a sample is told by the fit alone; more must foretell what it has not seen, and
+        clearly so: a little is also gained by a lag where the hysteresis is of another class than
+        the model's. It is the drive's, which the inverse makes up for, unless one of the sensor
+        foretells better by more than chance.
         """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
-        found = [self._find_shift(without[True], without[True] * (1.0 - TUNING.worth_trying))]
+        delay = self._find_delay(without[True], without[True] * (1.0 - TUNING.worth_trying))
         # bounded, it must fit better than the free operators foretell
         known = float(self.candidate.held.sum())
         enough = min(without[False] * (1.0 - TUNING.worth_trying), known)
-        first = [self._find_lag(place, enough) for place in ("drive", "sensor")]
-        found += first
-        if first[1] is not None:
-            found.append(self._find_second(first[1]))
-        good = [self._round(lag) for lag in found if lag is not None and self._helps(lag)]
-        return [self._score(lag) for lag in good]
+        drive, sensor = (self._find_lag(place, enough) for place in ("drive", "sensor"))
+        second = self._find_second(sensor) if sensor is not None else None
+        of_drive = [self._score(lag) for lag in (delay, drive) if lag is not None]
+        of_sensor = [self._score(lag) for lag in (sensor, second) if lag is not None]
+        found = None
+        for group in (of_drive, of_sensor):
+            good = [c for c in group if c.lag is not None and self._helps(c, c.lag)]
+            best = min(good, key=lambda c: c.held_rms, default=None)
+            if found is None or (best is not None and pays(found, best, clear=0.0)):
+                found = best
+        return found
 
-    def _helps(self, lag: Dynamics) -> bool:
-        if abs(lag.delay_s) > self.period:
-            now, found = self.candidate, self._score(lag)
-            return pays(now, found) or (
-                shows(now, found) and found.held.sum() < now.held.sum() * (1.0 - TUNING.tolerance)
-            )
+    def _helps(self, scored: Candidate, lag: Dynamics) -> bool:
+        if not lag.delay_s > TUNING.jitters * self._measure_jitter(scored):
+            return False
+        if lag.delay_s > self.period:
+            now = self.candidate
+            better = scored.fitted.sum() < now.fitted.sum()
+            return bool(better and scored.held.sum() < TUNING.clear_lag * now.held.sum())
         shape, lightest = self.candidate.shape, TUNING.strengths[:1]
         here, there = (self._trial(x, True).score(shape, lightest) for x in (None, lag))
         return shows(here, there)
+
+    def _measure_jitter(self, scored: Candidate) -> float:
+        """How far readings lie from their times, as far as the fit tells [s]: the part of the
+        error that grows with the speed. Readings late by chance are late on average, too."""
+        setup, (r, _) = self.setup, self.begin[False]
+        error = setup.residuals(r, scored.shape, scored.params, scored.offset, scored.lag)
+        powers, speeds = [], []
+        for one, e, pick in zip(setup.rows, error, self.picks, strict=True):
+            at = np.flatnonzero(~np.isnan(e))
+            speed = np.gradient(one.y[at] - e[at], one.t_s[at])
+            keep = pick[at]
+            powers.append(e[at][keep] ** 2)
+            speeds.append(speed[keep] ** 2)
+        x, y = np.concatenate(speeds), np.concatenate(powers)
+        x = x - x.mean()
+        return float(np.sqrt(max(0.0, float(x @ y) / max(float(x @ x), 1e-300))))
 
     def _score(self, lag: Dynamics) -> Candidate:
         """The structure with this lag, as it foretells."""
@@ -84,26 +108,13 @@ class LagSearch:
         strength = TUNING.strengths[0] if loose else min(c.strength, TUNING.strengths[2])
         return self._trial(lag, loose).misfit(c.shape, strength, self.noise, loose)
 
-    def _find_shift(self, without: float, enough: float) -> Dynamics | None:
+    def _find_delay(self, without: float, enough: float) -> Dynamics | None:
         def make(periods: float) -> Dynamics | None:
-            if periods == 0.0:
-                return None
-            kind = "lead" if periods < 0.0 else "delay"
-            return Dynamics(kind, "drive", (abs(periods) * self.period,))
+            return Dynamics("delay", "drive", (periods * self.period,)) if periods > 0.0 else None
 
-        best = _search(
-            lambda x: self._misfit(make(x), True), self._grid(SHIFTS), 6, enough, {0.0: without}
-        )
-        return None if best is None else make(max(best, -TUNING.most_lead))
-
-    def _round(self, lag: Dynamics) -> Dynamics:
-        """A lead near half a period is that: a convention, and no measurement."""
-        near = abs(lag.theta[0] / self.period - HALF) < TUNING.near_half
-        return (
-            Dynamics("lead", "drive", (HALF * self.period,))
-            if (lag.kind == "lead" and near)
-            else lag
-        )
+        grid = self._grid(DELAYS)
+        best = _search(lambda x: self._misfit(make(x), True), grid, 6, enough, {0.0: without})
+        return None if best is None else make(best)
 
     def _grid(self, periods: Sequence[float]) -> list[float]:
         return [p for p in periods if p <= max(self.longest / self.period, 0.5)]

@@ -4,6 +4,8 @@ these show, all on few operators and few rows."""
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Shape
 from dehyst.models.identify.fit import make_start
@@ -93,7 +95,8 @@ class Search:
             trial = Trial(whole, self.picks, self.r, one.offset, one.lag, one.loose)
             trial.linearise(one.params, one.shape, one.shape.powers)
             scored.append(trial.score(one.shape, whole.strengths[::2]))
-        return rate if pays(scored[0], scored[1], clear=0.0) else static
+        enough = scored[1].held.sum() < TUNING.clear_ways * scored[0].held.sum()
+        return rate if enough and pays(scored[0], scored[1], clear=0.0) else static
 
     def _find_lags(self, tried: Sequence[Candidate]) -> list[Candidate]:
         """Candidates with linear dynamics, where the rate alone has something to say."""
@@ -105,11 +108,26 @@ class Search:
             if best.held_rms > TUNING.hopeless * least:
                 continue
             self.progress("looking for a lag")
+            if best.shape.rate:
+                out += self._try_derivative(best)
             found = LagSearch(self.setup, self.picks, self.r, best).find()
-            if found:
-                lag = min(found, key=lambda c: c.held_rms).lag
-                assert lag is not None
-                same = [s for s in self.wanted if s.rate == best.shape.rate]
-                for loose in (True,) if lag.short else (False, True):
-                    out += self._try(same, best.offset, lag, loose)
+            if found is None or found.lag is None:
+                continue
+            same = [s for s in self.wanted if s.rate == best.shape.rate]
+            for loose in (True,) if found.lag.short else (False, True):
+                out += self._try(same, best.offset, found.lag, loose)
         return out
+
+    def _try_derivative(self, best: Candidate) -> list[Candidate]:
+        """Candidates whose rate is the derivative at the sample, as a stage in continuous time has
+        it, and not the difference to the sample before; none where these tell the recording worse.
+
+        That is a convention and no richer model: the better of the two is taken, if only by a
+        little, where the fit and what is foretold agree.
+        """
+        period = float(np.median([one.period_s for one in self.setup.rows]))
+        same = [s for s in self.wanted if s.rate]
+        found = self._try(same, best.offset, Dynamics("lead", "drive", (0.5 * period,)))
+        lead = choose(found)
+        fits = lead.fitted.sum() < best.fitted.sum() and lead.held.sum() < best.held.sum()
+        return found if fits else []

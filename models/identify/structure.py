@@ -171,11 +171,16 @@ class Trial:
         self,
         shape: Shape,
         strengths: Sequence[float],
+        judged: Sequence[Normal] | None = None,
     ) -> Candidate:
-        """A structure by what it foretells, at the best of these strengths of the prior."""
+        """A structure by what it foretells, at the best of these strengths of the prior.
+
+        judged: normal equations of what is to be foretold of each stretch; None: all of it.
+        """
         loose = self.loose
         ties = self._tie(shape)
         parts = [_reduce(one, ties) for one in self.normals]
+        goals = parts if judged is None else [_reduce(one, ties) for one in judged]
         total = _sum(parts)
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
         narrow = TUNING.narrow * self.setup.span if loose else 0.0
@@ -194,14 +199,14 @@ class Trial:
                     right -= part.right
                 q, _ = bounded_solve(gram, right, low, high, free)
                 for i in range(fold, len(parts), self.setup.folds):
-                    held[i] = parts[i].misfit_at(q)
+                    held[i] = goals[i].misfit_at(q)
             if best is None or held.sum() < best[0]:
                 best = (float(held.sum()), held, p, strength)
         assert best is not None
         params = Params.unpacked(best[2], like)
         good = self.setup.margin(self.r, shape, params, self.offset) >= TUNING.least_saturation
-        sizes = np.array([float(part.count) for part in parts])
-        fitted = np.array([part.misfit_at(best[2]) for part in parts])
+        sizes = np.array([float(goal.count) for goal in goals])
+        fitted = np.array([goal.misfit_at(best[2]) for goal in goals])
         return Candidate(
             shape,
             self.offset,
@@ -214,6 +219,34 @@ class Trial:
             self.lag,
             self.loose,
         )
+
+    def weigh(self, shape: Shape, strengths: Sequence[float]) -> Candidate:
+        """A structure at the strength of the prior that makes the recording the most probable, of
+        those that can be inverted and that hold-out does not speak against.
+
+        Hold-out says little about a strength that acts where the recording is silent. This is the
+        evidence of a linear model with Gaussian noise and prior (D. J. C. MacKay, Neural
+        Computation 4, 1992), at the bounded solution.
+        """
+        each = [self.score(shape, (strength,)) for strength in strengths]
+        total = _sum([_reduce(one, self._tie(shape)) for one in self.normals])
+        noise = min(float(c.fitted.sum()) for c in each) / max(1, total.count)
+        size = each[0].params.slopes.size
+        level = np.full((size, size), 1.0 / (self.setup.slope**2 * size))
+
+        def evidence(c: Candidate) -> float:
+            slopes = c.params.slopes
+            prior = self.prior.gram(shape.rate, c.strength, self.loose)
+            whole = total.gram / noise
+            whole[:size, :size] += prior
+            cost = float(c.fitted.sum()) / noise + float(slopes @ prior @ slopes)
+            scale = np.sqrt(np.diag(whole))
+            spread = np.linalg.slogdet(whole / np.outer(scale, scale))[1] + 2 * np.log(scale).sum()
+            return 0.5 * float(np.linalg.slogdet(prior + level)[1] - spread - cost)
+
+        best = min(each, key=lambda c: c.held_rms)
+        good = [c for c in each if c.invertible and not pays(c, best, clear=0.0)]
+        return max(good, key=evidence, default=best)
 
     def refine(self, found: Candidate) -> Params:
         """The candidate's parameters after a few more steps, about themselves."""

@@ -48,7 +48,9 @@ class Tuning(NamedTuple):
     tolerance: float = 0.02  # of the held-out power: less is not worth a larger model
     climb: float = 0.003  # of the misfit, that a power of z must take away to show in the fit
     clear: float = 0.6  # of the held-out power: a structure that leaves no more pays at once
+    clear_lag: float = 0.85  # the same for a lag longer than a sampling period
     clear_rate: float = 0.1  # the same for rate-dependence, which else must foretell whole ways
+    clear_ways: float = 0.667  # of the power of these, at most
     coarse: int = 32  # operators while structures are compared
     fine: int = 40  # and in the model
     finest: int = 48  # where the number in the model is given, before some are dropped
@@ -57,14 +59,12 @@ class Tuning(NamedTuple):
     pull_price: float = 1.10  # rms that the pull may cost, against the plain bounded fit
     costs: float = 0.005  # of the misfit: so much the bounds must cost before there is a pull
     least_explained: float = 0.5  # of the displacement's power, held out: else it does not follow
-    start_factor: float = 2.0  # rms at the start over the rest, that the assumed start may leave
-    start_share: float = 0.01  # of the displacement's range that it may leave anyway
+    start_costs: float = 0.05  # of the other rows' misfit: so much a start may add and be trusted
     farthest: float = 5.0  # an offset may lie this many spans from the middle of the drive
     # linear dynamics
-    most_lead: float = 1.0  # sampling periods
-    near_half: float = 0.2  # sampling periods; a lead so near half a period is taken for that
     worth_trying: float = 0.003  # of the misfit, that a first try must take away
     hopeless: float = 2.5  # times the best error: a static structure so far off needs no lag
+    jitters: float = 5.0  # times the jitter of the readings in time, that a lag must be longer
     longest_lag: float = 0.5  # of the time in which the drive at its fastest crosses its range
     least_damping: float = 0.45  # below it rings: a resonance, and no lag
     blocks: int = 20  # of time, whose means tell a drift

@@ -9,12 +9,10 @@ import numpy as np
 from dehyst.models.cascade.step import Packed
 from dehyst.models.errors import BadInput
 from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.model import Model
 
 MODES = ("hold", "static", "causal", "preview")
-RATE_MARGIN = 1.25  # a rate-dependent model is used up to this multiple of its validity's rate
-NOISE_SHARE = 0.004  # of the stroke, where the model states no noise
-TOO_FAR = 0.1  # part of the stroke that the nearest monotone model may differ by
 
 
 class Choice(NamedTuple):
@@ -38,7 +36,7 @@ def choose(
     unit = model.displacement_unit
     low, high = model.validity.drive_min, model.validity.drive_max
     stroke = abs(signed_slope(model, low, high)) * (high - low)
-    if price > TOO_FAR * stroke:
+    if price > TUNING.too_far * stroke:
         why = f"the weights are so far from monotone ({price:.3g} {unit} rms) that only the"
         return Choice("static", f"{why} nearest monotone model is of use", False)
     if not h.static:
@@ -89,7 +87,7 @@ def limits_of(
     least, most, fastest = packed.limits
     low, high, rate = max(low, least), min(high, most), min(rate, fastest)
     if v.rate_max and not model.hysteresis.static:
-        rate = min(rate, RATE_MARGIN * v.rate_max)
+        rate = min(rate, TUNING.rate_margin * v.rate_max)
     if not low < high:
         raise BadInput(
             f"the drive limits leave nothing of the model's range, {v.drive_min:g} to "
@@ -110,4 +108,4 @@ def noise_of(model: Model, slope: float, low: float, high: float) -> float:
     """The model's noise [displacement unit], or a share of the stroke where it states none."""
     stroke = slope * (high - low)
     stated = model.fit.noise_rms or model.fit.rms
-    return max(stated, 1e-6 * stroke) if stated else NOISE_SHARE * stroke
+    return max(stated, 1e-6 * stroke) if stated else TUNING.noise_share * stroke

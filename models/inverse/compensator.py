@@ -30,6 +30,7 @@ from dehyst.models.inverse import lookahead, preview, sample
 from dehyst.models.inverse.choice import MODES, check, choose, limits_of, noise_of, signed_slope
 from dehyst.models.inverse.state import FRAME, RESULT, SETTING, STATE, Inverse, Nodes
 from dehyst.models.inverse.static import static_inverse
+from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.model import Floats, Model
 
 __all__ = ("CAUSAL", "FLAG_NAMES", "HOLD", "MODES", "PREVIEW", "STATIC", "Compensator")
@@ -51,8 +52,6 @@ FLAG_NAMES = {
     FLAG_BAD_TARGET: "target not finite: held",
     FLAG_OUTSIDE_VALIDITY: "outside the range or rate that the model was identified in",
 }
-
-CAUSAL_WINDOW_S = 0.1
 
 
 class CompensatorState:
@@ -134,7 +133,7 @@ class Compensator:
         looks = self.mode == "preview"
         nodes, per_node, self.window_samples = 4, 1, 2 if looks else 1
         if self.planned:
-            seconds = preview_s if looks else CAUSAL_WINDOW_S
+            seconds = preview_s if looks else TUNING.causal_window_s
             nodes, per_node = preview.nodes_of(seconds, period_s)
             self.window_samples = nodes * per_node if looks else 1
         late = packed.delay_s / period_s if looks else 0.0
@@ -205,6 +204,7 @@ class Compensator:
                 plays=plays,
                 ahead_plays=np.zeros(h.n),
                 static_plays=np.zeros(h.n),
+                after_plays=np.zeros(h.n),
                 plan=np.zeros(nodes),
                 trial=np.zeros(nodes),
                 blocks=blocks,

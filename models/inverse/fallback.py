@@ -1,10 +1,11 @@
 """Plan or static inverse: both run ahead from the same state over the known part of the window.
 
 Both are followed sample by sample with the model itself, the limits of drive and rate included. The
-plan pays for what it would cost to become the static inverse from there (terminal cost). It is used
-where, up to one of a few places along the window,
+plan is followed up to one of a few places along the window, and the static inverse takes over there
+until the next place: what that costs is the plan's terminal cost. The plan is used where, for one
+of the places,
 
-    sqrt(cost of the plan) <= sqrt(cost of the static inverse) + allowance * noise * sqrt(samples)
+    sqrt(cost of both) <= sqrt(cost of the static inverse alone) + allowance * noise * sqrt(samples)
 
 and is taken up again where it promises clearly less. A drive that comes from a plan stands some
 way off the static inverse's, its gap. Giving it up in one sample is a kick of gap * lag, the rate
@@ -24,62 +25,39 @@ from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.inverse.window import between
 from dehyst.models.model import Floats
 
-GONE = 1e-5  # of the drive range: a gap that is over
 
-
-@njit(cache=True, nogil=True)
-def limited(inv: Inverse, u: float, last: float) -> float:
-    """u within rate and range."""
+@njit(cache=True, nogil=True, inline="always")
+def limited(inv: Inverse, u: float, last: float, samples: int) -> float:
+    """u within rate and range, so many samples after `last`."""
     setting, limits = inv.setting[0], inv.static.limits[0]
-    travel = setting.rate * setting.period
+    travel = setting.rate * setting.period * samples
     return min(max(u, last - travel, limits.low), last + travel, limits.high)
 
 
-@njit(cache=True, nogil=True)
-def run_on(inv: Inverse, h: Floats, last: float, u: float) -> tuple[float, float]:
-    """Displacement when the drive goes from `last` to u, and the rate term's lag there in samples;
-    negative where the displacement first runs the wrong way. The plays h (n,) are advanced."""
-    setting, c = inv.setting[0], inv.hysteresis.c
+@njit(cache=True, nogil=True, inline="always")
+def _run_on(inv: Inverse, h: Floats, last: float, u: float, samples: int) -> float:
+    """Displacement when the drive goes from `last` to u in so many samples. The plays h (n,) are
+    advanced."""
     z, kh = move(inv.hysteresis.weights, h, u - inv.hysteresis.u_offset[0])
-    steep = slope(c, z)
-    z += kh * (u - last) / setting.period
-    lag = setting.sense * kh * steep / (setting.period * setting.slope)
-    return polynomial(c, z), min(max(lag, -1e6), 1e6)
+    return polynomial(inv.hysteresis.c, z + kh * (u - last) / (samples * inv.setting[0].period))
 
 
-@njit(cache=True, nogil=True)
-def lag_now(inv: Inverse) -> float:
-    """The rate term's lag where the stage is, in samples."""
-    setting, hysteresis = inv.setting[0], inv.hysteresis
-    z, kh = 0.0, 0.0
-    for i in range(inv.plays.size):
-        z += hysteresis.weights[1, i] * inv.plays[i]
-        kh += hysteresis.weights[2, i] * inv.plays[i]
-    lag = setting.sense * kh * slope(hysteresis.c, z) / (setting.period * setting.slope)
-    return min(max(lag, -1e6), 1e6)
-
-
-@njit(cache=True, nogil=True)
-def fading(lag: float) -> float:
-    """What is left of a gap after a sample."""
-    return abs(lag) / (1.0 + abs(lag))
-
-
-@njit(cache=True, nogil=True)
-def handover(off: float, lag: float, miss: float) -> float:
-    """Squared error that a gap adds while it fades; off: the gap as a displacement; miss: the
-    static inverse's error meanwhile.
-
-    With a lag the fading drive's rate term and its offset cancel. With a negative one they add up
-    to 2 lag / (1 + lag) off, which falls as the gap does.
-    """
-    if lag >= 0.0:
+@njit(cache=True, nogil=True, inline="always")
+def _faded(inv: Inverse, h: Floats, gap: float, samples: int) -> float:
+    """What is left of a gap after a step of so many samples, by the lag at the plays h (n,)."""
+    setting, hysteresis, limits = inv.setting[0], inv.hysteresis, inv.static.limits[0]
+    if gap == 0.0:
         return 0.0
-    lag = -lag
-    return max(4.0 * lag * off * miss + 4.0 * lag * lag / (1.0 + 2.0 * lag) * off * off, 0.0)
+    z, kh = 0.0, 0.0
+    for i in range(h.size):
+        z += hysteresis.weights[1, i] * h[i]
+        kh += hysteresis.weights[2, i] * h[i]
+    lag = min(abs(kh * slope(hysteresis.c, z)) / (setting.period * setting.slope), 1e6)
+    left = gap * (lag / (samples + lag))
+    return left if abs(left) >= TUNING.gone * (limits.high - limits.low) else 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def gap_of(inv: Inverse, h: Floats, last: float, target: float) -> float:
     """How far the drive `last` is from the static inverse's for the same target."""
     if not math.isfinite(target):
@@ -91,13 +69,10 @@ def gap_of(inv: Inverse, h: Floats, last: float, target: float) -> float:
 @njit(cache=True, nogil=True)
 def approach(inv: Inverse, target: float) -> float:
     """The static inverse's drive with what is left of the gap."""
-    limits, state = inv.static.limits[0], inv.state[0]
+    state = inv.state[0]
     home, _ = inverse_step(inv.static, inv.plays, state.last, target)
-    if state.gap != 0.0:
-        state.gap *= fading(lag_now(inv))
-        if abs(state.gap) < GONE * (limits.high - limits.low):
-            state.gap = 0.0
-    return limited(inv, home + state.gap, state.last)
+    state.gap = _faded(inv, inv.plays, state.gap, 1)
+    return limited(inv, home + state.gap, state.last, 1)
 
 
 @njit(cache=True, nogil=True)
@@ -110,56 +85,109 @@ def _line(ahead: Floats, known: int, at: float) -> float:
     return ahead[i] + q * (ahead[i + 1] - ahead[i])
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _asked(inv: Inverse, j: int, i: int) -> float:
+    """Displacement that is asked of the hysteresis at sample i after node j: the target there, and
+    what the blocks take of it, which is known at the nodes."""
+    setting, state, target = inv.setting[0], inv.state[0], inv.nodes.target
+    per_node, known = setting.per_node, state.known
+    end = setting.late + (j + 1.0) * per_node - 1.0
+    after = target[j] - _line(inv.ahead, known, end)
+    before = after if j == 0 else target[j - 1] - _line(inv.ahead, known, end - per_node)
+    q = (i + 1.0) / per_node
+    return _line(inv.ahead, known, end - per_node + 1.0 + i) + before + q * (after - before)
+
+
 @njit(cache=True, nogil=True)
-def _pays(inv: Inverse, share: float, noise: float) -> bool:
-    """Whether the plan costs no more than `share` of the static inverse and the noise, from the
-    present state up to one of LOOKS places along the known part of the window."""
-    setting, state = inv.setting[0], inv.state[0]
-    x, h, h_static = inv.plan, inv.ahead_plays, inv.static_plays
-    h[:], h_static[:] = inv.plays, inv.plays
-    per_node, late = setting.per_node, setting.late
-    u, v, gap, lag, y = state.last, state.last, state.gap, lag_now(inv), 0.0
-    lag_static, cost, other, miss = lag, 0.0, 0.0, 0.0
-    x_0, slope_0 = state.x_0, state.slope_0
-    undone = inv.nodes.target[0] - _line(inv.ahead, state.known, late + per_node - 1.0)
-    look = max(x.size // TUNING.looks, 1)
-    for j in range(state.nodes):
+def _plan_ahead(
+    inv: Inverse, h: Floats, u: float, stride: int, first: int, end: int
+) -> tuple[float, float]:
+    """Squared error of the plan from node `first` to `end`, every `stride` samples, and its last
+    drive. u: the drive before; the plays h (n,) there are advanced."""
+    state, x, per_node = inv.state[0], inv.plan, inv.setting[0].per_node
+    cost = 0.0
+    for j in range(first, end):
+        x_0 = x[j - 1] if j > 0 else state.x_0
+        before = x[j - 2] if j > 1 else state.x_0
+        slope_0 = 0.5 * (x[j] - before) if j > 0 else state.slope_0
         slope_1 = 0.5 * ((x[j + 1] if j + 1 < x.size else x[j]) - x_0)
-        end = late + (j + 1.0) * per_node - 1.0
-        before, undone = undone, inv.nodes.target[j] - _line(inv.ahead, state.known, end)
-        for i in range(per_node):
-            q = (i + 1.0) / per_node
-            y = _line(inv.ahead, state.known, end - per_node + 1.0 + i)
-            y += before + q * (undone - before)
-            was = u
-            u = limited(inv, between(x_0, x[j], slope_0, slope_1, q), was)
-            got, lag = run_on(inv, h, was, u)
-            cost += (got - y) * (got - y)
-            was = v
-            home, _ = inverse_step(inv.static, h_static, was, y)
-            gap *= fading(lag_static)
-            v = limited(inv, home + gap, was)
-            got, lag_static = run_on(inv, h_static, was, v)
-            miss = got - y
-            other += miss * miss
-        x_0, slope_0 = x[j], slope_1
-        if (j + 1) % look == 0:
-            off = setting.sense * setting.slope * gap_of(inv, h, u, y)
-            most = share * math.sqrt(other) + noise * math.sqrt((j + 1.0) * per_node)
-            if cost + handover(off, lag, miss) <= most * most:
-                return True
+        for i in range(stride - 1, per_node, stride):
+            was, q = u, (i + 1.0) / per_node
+            u = limited(inv, between(x_0, x[j], slope_0, slope_1, q), was, stride)
+            miss = _run_on(inv, h, was, u, stride) - _asked(inv, j, i)
+            cost += miss * miss
+    return cost, u
+
+
+@njit(cache=True, nogil=True)
+def _static_ahead(
+    inv: Inverse, h: Floats, u: float, gap: float, stride: int, first: int, end: int
+) -> tuple[float, float, float]:
+    """Squared error of the static inverse from node `first` to `end`, while a gap fades, and the
+    drive and the gap that it ends with; h as in `_plan_ahead`."""
+    cost = 0.0
+    for j in range(first, end):
+        for i in range(stride - 1, inv.setting[0].per_node, stride):
+            was, y = u, _asked(inv, j, i)
+            home, _ = inverse_step(inv.static, h, was, y)
+            gap = _faded(inv, h, gap, stride)
+            u = limited(inv, home + gap, was, stride)
+            miss = _run_on(inv, h, was, u, stride) - y
+            cost += miss * miss
+    return cost, u, gap
+
+
+@njit(cache=True, nogil=True)
+def _pays(inv: Inverse, share: float, noise: float, stride: int) -> bool:
+    """Whether the plan up to one of `looks` places along the known part of the window, and the
+    static inverse from there to the next place, cost no more than `share` of the static inverse
+    from the present state, and the noise. stride: samples from one that is looked at to the
+    next."""
+    setting, state = inv.setting[0], inv.state[0]
+    look = max(inv.plan.size // TUNING.looks, 1)
+    h, h_static, h_after = inv.ahead_plays, inv.static_plays, inv.after_plays
+    h[:], h_static[:] = inv.plays, inv.plays
+    u, v, gap, cost, other, begin = state.last, state.last, state.gap, 0.0, 0.0, 0
+    while begin + look < state.nodes:
+        end = begin + look
+        after = min(end + look, state.nodes)
+        if begin == 0:
+            other, v, gap = _static_ahead(inv, h_static, v, gap, stride, begin, end)
+        more, u = _plan_ahead(inv, h, u, stride, begin, end)
+        cost += more
+        more, v, gap = _static_ahead(inv, h_static, v, gap, stride, end, after)
+        other += more
+        h_after[:] = h
+        off = gap_of(inv, h, u, _asked(inv, end - 1, setting.per_node - 1))
+        back, _, _ = _static_ahead(inv, h_after, u, off, stride, end, after)
+        most = share * math.sqrt(other) + noise * math.sqrt(after * setting.per_node / stride)
+        if cost + back <= most * most:
+            return True
+        begin = end
     return False
 
 
 @njit(cache=True, nogil=True)
+def _is_off(inv: Inverse) -> bool:
+    """Whether the static inverse from the present state will be off by more than the noise."""
+    setting, state, h, begin = inv.setting[0], inv.state[0], inv.static_plays, 0
+    h[:] = inv.plays
+    end = min(max(inv.plan.size // TUNING.looks, 1), state.nodes)
+    cost, _, _ = _static_ahead(inv, h, state.last, state.gap, setting.per_node, begin, end)
+    return bool(cost > end * (TUNING.clear * setting.noise) ** 2)
+
+
+@njit(cache=True, nogil=True)
 def choose(inv: Inverse, error: float) -> None:
-    """Whether the plan is followed from this node on; error: its squared error at the nodes."""
-    setting, state = inv.setting[0], inv.state[0]
-    noise, share = TUNING.allowance * setting.noise, TUNING.gain
+    """Whether the plan is followed from this node on; error: its squared error at the nodes. While
+    that is within the noise the nodes alone are looked at."""
+    setting, state, share, stride, pays = inv.setting[0], inv.state[0], TUNING.gain, 1, False
+    noise = TUNING.allowance * setting.noise
     if state.followed != 0:
-        if error <= state.nodes * noise * noise:
-            return  # within the noise whatever the static inverse would do
         state.gap = gap_of(inv, inv.plays, state.last, state.target_before)
         share = 1.0
-    enough = state.nodes >= max(inv.plan.size // TUNING.looks, 1)
-    state.followed = 1 if enough and _pays(inv, share, noise) else 0
+        if error <= state.nodes * noise * noise:
+            stride = setting.per_node
+            # a plan that is all that is left of a window is followed to its end
+            pays = state.nodes <= inv.plan.size // TUNING.looks or _is_off(inv)
+    state.followed = 1 if pays or _pays(inv, share, noise, stride) else 0

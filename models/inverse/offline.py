@@ -19,8 +19,6 @@ from dehyst.models.inverse.refine import refine, swept, within
 from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.model import Floats
 
-ARRIVED = 3.0  # times the noise: within this of the target the approach is over
-EXACT_SAMPLES = 200_000  # longer trajectories are not refined
 UNREACHABLE = sample.BEYOND_DRIVE | sample.BEYOND_SATURATION
 
 
@@ -121,7 +119,7 @@ def invert_trajectory(
     drives = {"static": static, "sweeps": sweeps}
     reachable = (streamed.flags & UNREACHABLE) == 0
     settled = _settled(streamed.predicted - target, streamed.flags, comp)
-    if n <= EXACT_SAMPLES:
+    if n <= TUNING.refined_samples:
         drives["exact"] = refine(comp, sweeps, state, goal, 0)
         approach = int(np.argmax(settled))
         drives["exact from preview"] = refine(comp, streamed.drive.copy(), state, goal, approach)
@@ -142,7 +140,7 @@ def invert_trajectory(
 def _settled(error: Floats, flags: NDArray[np.int64], comp: Compensator) -> NDArray[np.bool_]:
     """(N,) where the target can be reached, the approach from where the stage rests left out."""
     inside = (flags & UNREACHABLE) == 0
-    arrived = inside & (np.abs(error) <= ARRIVED * comp.noise)
+    arrived = inside & (np.abs(error) <= TUNING.arrived * comp.noise)
     over = int(np.argmax(arrived)) + round(TUNING.settles_s / comp.period_s)
     if np.any(arrived) and np.any(inside[over:]):
         inside[:over] = False

@@ -20,8 +20,6 @@ from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.inverse.window import between, evaluate, sweep
 from dehyst.models.model import Floats
 
-STIFF_POWER = 6
-
 
 @njit(cache=True, nogil=True)
 def _begin(inv: Inverse) -> int:
@@ -120,7 +118,7 @@ def propose(inv: Inverse, guarded: bool) -> float:
         return fallback.approach(inv, state.target)
     q = (state.phase + 1.0) / setting.per_node
     u = between(state.x_0, x[0], state.slope_0, state.slope_1, q)
-    return fallback.limited(inv, u, state.last)
+    return fallback.limited(inv, u, state.last, 1)
 
 
 @njit(cache=True, nogil=True)
@@ -138,7 +136,7 @@ def smoothness(nodes: int, node_s: float, slope: float) -> Floats:
     """(P,) weights of the second differences of a plan; stiff at its end: the terminal cost."""
     base = TUNING.smooth * slope**2 * max((1e-3 / node_s) ** 4, TUNING.least_smooth)
     at = np.arange(1, nodes + 1) / nodes
-    return base * (1.0 + TUNING.stiff_end * at**STIFF_POWER)
+    return base * (1.0 + TUNING.stiff_end * at**TUNING.stiff_power)
 
 
 def nodes_of(seconds: float, period_s: float) -> tuple[int, int]:

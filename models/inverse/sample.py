@@ -9,14 +9,14 @@ from dehyst.models.cascade.step import Cascade, advance, beside, lead_drive
 from dehyst.models.inverse import fallback, lookahead, preview
 from dehyst.models.inverse.state import Inverse, inverse_at
 from dehyst.models.inverse.static import inverse_step
+from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.model import Floats
 
-SECANTS = 12
 HOLD, STATIC, CAUSAL, PREVIEW = range(4)
 BEYOND_SATURATION, BEYOND_DRIVE, SLEW, STARVED, BAD_TARGET, OUTSIDE = 1, 2, 4, 8, 16, 32
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _cascade(inv: Inverse) -> Cascade:
     return Cascade(inv.chain, inv.hysteresis, inv.channels)
 
@@ -31,7 +31,7 @@ def _aside(inv: Inverse, y: float) -> float:
     v, add = inv.y[:1], inv.y[1:2]
     guess, before, off_before = state.beside, 0.0, math.nan
     best, least = guess, math.inf
-    for _ in range(SECANTS):
+    for _ in range(TUNING.secants):
         v[0], _ = inverse_step(inv.static, inv.plays, state.last, y - guess)
         beside(inv.chain, inv.blocks, inv.scratch, setting.period, v, add)
         off = add[0] - guess

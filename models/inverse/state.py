@@ -117,11 +117,11 @@ class Nodes(NamedTuple):
 
 class Inverse(NamedTuple):
     """Everything. setting (1,) SETTING; state (1,) STATE; result (1,) RESULT; plays (n,): operator
-    outputs of the stage; ahead_plays, static_plays (n,): scratch; plan, trial (P,): drives at the
-    nodes; blocks, scratch: states of the cascade's blocks; ahead (W,): targets known from the
-    present sample on; ring: those that have passed; seq: targets while they are undone; y (5,):
-    what `advance` gives; channels: values of the model's further channels; targets: for a compiled
-    caller to fill."""
+    outputs of the stage; ahead_plays, static_plays, after_plays (n,): scratch; plan, trial (P,):
+    drives at the nodes; blocks, scratch: states of the cascade's blocks; ahead (W,): targets known
+    from the present sample on; ring: those that have passed; seq: targets while they are undone;
+    y (5,): what `advance` gives; channels: values of the model's further channels; targets: for a
+    compiled caller to fill."""
 
     hysteresis: Operators
     chain: Chain
@@ -133,6 +133,7 @@ class Inverse(NamedTuple):
     plays: NDArray[np.float64]
     ahead_plays: NDArray[np.float64]
     static_plays: NDArray[np.float64]
+    after_plays: NDArray[np.float64]
     plan: NDArray[np.float64]
     trial: NDArray[np.float64]
     blocks: NDArray[np.float64]
@@ -155,6 +156,6 @@ inverse_at = tuple_reader(
         np.zeros(1, SETTING),
         np.zeros(1, STATE),
         np.zeros(1, RESULT),
-        *(13 * (_Z,)),
+        *(14 * (_Z,)),
     )
 )  # the Inverse whose table lies at an address, for compiled code

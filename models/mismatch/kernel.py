@@ -97,7 +97,7 @@ class Plant(NamedTuple):
     misfit2: float
 
 
-class State(NamedTuple):
+class MonitorState(NamedTuple):
     """What the samples change. w, cov: baseline and its covariance; plays: the model's operators;
     z, low, steps: operators, low passes and newest steps behind the features; floors, weights:
     (3, N_CLASSES) mean squares and how long they were learned; past: residuals for the short
@@ -119,7 +119,7 @@ class State(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def _expect(state: State, row: int, at: int, misfit2: float) -> float:
+def _expect(state: MonitorState, row: int, at: int, misfit2: float) -> float:
     """Expected mean square in a class of motion; until it is known, the model's own figure."""
     known = state.weights[row, at]
     trust_s = TUNING.trust_s
@@ -127,7 +127,7 @@ def _expect(state: State, row: int, at: int, misfit2: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _learn(state: State, row: int, at: int, square: float, dt: float) -> None:
+def _learn(state: MonitorState, row: int, at: int, square: float, dt: float) -> None:
     """Follow the mean square of a class; lone large values count little."""
     learn, memory_s = state.now[0].learn, state.now[0].memory_s
     floors, weights = state.floors, state.weights
@@ -155,7 +155,7 @@ def _split_rate_part(plant: Plant, h: Floats, drive: float, rate: float) -> floa
 
 
 @njit(cache=True, nogil=True)
-def _fill_features(state: State, x: float, p: float, rate: float, dt: float) -> float:
+def _fill_features(state: MonitorState, x: float, p: float, rate: float, dt: float) -> float:
     """Fill phi; returns the creep direction."""
     phi, steps, z, low, now = state.phi, state.steps, state.z, state.low, state.now[0]
     phi[0], phi[1], phi[2], phi[3] = 1.0, p - 0.5, 2.0 * (p - 0.5) ** 2, rate
@@ -190,7 +190,7 @@ def _fill_features(state: State, x: float, p: float, rate: float, dt: float) -> 
 
 
 @njit(cache=True, nogil=True)
-def _correct(state: State, e: float, base: float, v: float, dt: float) -> None:
+def _correct(state: MonitorState, e: float, base: float, v: float, dt: float) -> None:
     """Take one residual (already without the baseline) into the weights."""
     w, cov, gain, learn = state.w, state.cov, state.gain, state.now[0].learn
     g = learn * min(1.0, 3.0 / math.sqrt(max(e * e / (base + v), 1e-12)))
@@ -205,7 +205,9 @@ def _correct(state: State, e: float, base: float, v: float, dt: float) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _take_mean(plant: Plant, state: State, x: float, p: float, rate: float, e: float) -> None:
+def _take_mean(
+    plant: Plant, state: MonitorState, x: float, p: float, rate: float, e: float
+) -> None:
     """One sample of the slow part: means over `every` samples."""
     now, s, phi = state.now[0], state.sums[0], state.phi
     dt, at = plant.dt * plant.every, int(now.motion_class)
@@ -248,7 +250,7 @@ def _take_mean(plant: Plant, state: State, x: float, p: float, rate: float, e: f
 
 
 @njit(cache=True, nogil=True)
-def _begin(state: State, x: float, p: float) -> None:
+def _begin(state: MonitorState, x: float, p: float) -> None:
     """The first sample: all low passes settled."""
     now, low = state.now[0], state.low
     now.filled = 1.0
@@ -260,7 +262,7 @@ def _begin(state: State, x: float, p: float) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _take_short(plant: Plant, state: State, e: float, at: int) -> None:
+def _take_short(plant: Plant, state: MonitorState, e: float, at: int) -> None:
     """The difference to the residual `lag` samples before; e: without the rate part."""
     now, sums, past = state.now[0], state.sums[0], state.past
     place = int(now.count) % past.size
@@ -275,7 +277,9 @@ def _take_short(plant: Plant, state: State, e: float, at: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def run(plant: Plant, state: State, drive: Floats, predicted: Floats, measured: Floats) -> int:
+def run(
+    plant: Plant, state: MonitorState, drive: Floats, predicted: Floats, measured: Floats
+) -> int:
     """Samples until the sums of one second are complete, or the batch ends; how many were taken.
 
     measured: NaN where there is no fresh reading. The second is complete when second_s >= 1.

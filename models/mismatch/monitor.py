@@ -117,7 +117,7 @@ class MismatchMonitor:
             dt=float(period_s),
             misfit2=float(misfit**2),
         )
-        self._state = kernel.State(
+        self._state = kernel.MonitorState(
             w=np.zeros(kernel.N_FEATURES),
             cov=np.diag(prior),
             plays=initial_plays(h)[used],

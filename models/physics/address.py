@@ -18,8 +18,10 @@ from llvmlite import ir
 from numba import carray, cfunc, njit, types
 from numba.extending import intrinsic
 
-from dehyst.models.addresses import pointer
+from dehyst.models.addresses import pointer, record
 from dehyst.models.model import Floats
+
+__all__ = ("Kernel", "behind", "call_at", "fields", "numbers", "record", "run")
 
 _WORD, _NUMBER = types.int64, types.float64
 SIGNATURE = _NUMBER(*[_WORD] * 4, *[_NUMBER] * 4)
@@ -34,12 +36,6 @@ def fields(*names: str) -> np.dtype[Any]:
 def numbers(address: int, n: int) -> Floats:
     """The n numbers at an address, (n,)."""
     return carray(pointer(address), n, np.float64)
-
-
-@njit(cache=True, nogil=True)
-def record(address: int, dtype: Any) -> Any:
-    """The record (see `fields`) at an address."""
-    return carray(pointer(address), 1, dtype)[0]
 
 
 @njit(cache=True, nogil=True)

@@ -7,7 +7,7 @@ recordings of smooth motion at any sampling. A block starts settled at its first
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -99,15 +99,6 @@ class Never:
 
 
 Inverse = Solved | Led | Shifted | Limited | Subtracted | Never
-
-
-def pack_in_order(*names: str) -> Callable[[Mapping[str, Floats], float], Floats]:
-    """A pack function that lays scalar parameters side by side."""
-
-    def pack(values: Mapping[str, Floats], dt: float) -> Floats:
-        return np.array([values[name][0] for name in names])
-
-    return pack
 
 
 def forgotten(p: Floats, s: Floats, x: float) -> None:

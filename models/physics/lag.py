@@ -14,7 +14,7 @@ from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import SAME, Kind, Led, Param, named
-from dehyst.models.signals.filters import lowpass, second_order
+from dehyst.models.signals.filters import lowpass, second_order, settle
 from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("tau")
@@ -32,7 +32,7 @@ def step(
             s.dt = dt
             s.decay = math.exp(-dt / p.tau)
         trail = p.tau * ((x - s.x) / dt)
-        s.y = x - trail + s.decay * (s.y - s.x + trail)
+        s.y = settle(s.y, s.x, x, trail, s.decay)
     s.x = x
     return s.y
 

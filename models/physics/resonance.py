@@ -15,7 +15,7 @@ from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import SAME, Kind, Led, Param, named
-from dehyst.models.signals.filters import free_decay, second_order
+from dehyst.models.signals.filters import free_decay, second_order, swing
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.peaks import peaks
 
@@ -27,24 +27,17 @@ STATE = fields(*MODE)
 
 
 @njit(cache=True, nogil=True)
-def _decay(s: Any, w: float, z: float, dt: float) -> None:
-    """The matrix of the free decay over dt."""
-    s.dt = dt
-    s.m11, s.m12, s.m21, s.m22 = free_decay(w, z, dt)
-
-
-@njit(cache=True, nogil=True)
 def move_mode(s: Any, frequency: float, damping: float, x: float, dt: float) -> None:
     """Advance a mode, a record with the fields MODE, to the input x."""
     if dt > 0.0:
         w, z = 2.0 * math.pi * frequency, damping
         if abs(dt - s.dt) > SAME * dt:
-            _decay(s, w, z, dt)
+            s.dt = dt
+            s.m11, s.m12, s.m21, s.m22 = free_decay(w, z, dt)
         ramp = (x - s.x) / dt
-        shift = 2.0 * z / w * ramp  # how far the mode trails a ramp
-        e, de = s.q - s.x + shift, s.speed - ramp
-        s.q = x - shift + s.m11 * e + s.m12 * de
-        s.speed = ramp + s.m21 * e + s.m22 * de
+        shift = 2.0 * z / w * ramp
+        decay = (s.m11, s.m12, s.m21, s.m22)
+        s.q, s.speed = swing(s.q, s.speed, s.x, x, ramp, shift, decay)
     s.x = x
 
 

@@ -1,6 +1,7 @@
-"""Operators and filters over joined recordings, compiled.
+"""Operators and filters over joined recordings, compiled; and how linear elements go on by one
+sample, which the blocks of models.physics use as well.
 
-All arrays are joined recordings; `starts` (N,) bool marks the first sample of each recording,
+All arrays of N are joined recordings; `starts` (N,) bool marks the first sample of each recording,
 where every state begins anew. Filters act on columns: x (N, k), each column for itself.
 """
 
@@ -10,6 +11,45 @@ import numpy as np
 from numba import njit
 
 from dehyst.models.signals.joined import Bools, Floats
+
+Decay = tuple[float, float, float, float]
+
+
+@njit(cache=True, nogil=True)
+def settle(y: float, before: float, x: float, trail: float, decay: float) -> float:
+    """Output of tau dy/dt + y = x after a sample in which the input ran straight from `before` to
+    x, from the output y. trail: tau times the input's slope; decay: exp(-dt / tau)."""
+    return x - trail + decay * (y - before + trail)
+
+
+@njit(cache=True, nogil=True)
+def free_decay(w: float, z: float, dt: float) -> Decay:
+    """The free motion of a mode or second-order lag (w: its undamped frequency [rad/s], z: damping)
+    over dt, as a matrix of displacement and speed, row by row."""
+    if abs(z - 1.0) < 1e-7:
+        fall = math.exp(-w * dt)
+        cosine, sine = fall, fall * dt
+    elif z < 1.0:
+        damped = w * math.sqrt(1.0 - z * z)
+        fall = math.exp(-z * w * dt)
+        cosine, sine = fall * math.cos(damped * dt), fall * math.sin(damped * dt) / damped
+    else:
+        damped = w * math.sqrt(z * z - 1.0)
+        slow, fast = math.exp((damped - z * w) * dt), math.exp((-damped - z * w) * dt)
+        cosine, sine = 0.5 * (slow + fast), 0.5 * (slow - fast) / damped
+    return cosine + z * w * sine, sine, -w * w * sine, cosine - z * w * sine
+
+
+@njit(cache=True, nogil=True)
+def swing(
+    q: float, speed: float, before: float, x: float, ramp: float, shift: float, decay: Decay
+) -> tuple[float, float]:
+    """Displacement and speed of q'' + 2 z w q' + w^2 q = w^2 x after a sample in which the input
+    ran straight from `before` to x. ramp: the input's slope; shift: 2 z / w times it, how far q
+    trails; decay: see `free_decay`."""
+    m11, m12, m21, m22 = decay
+    e, de = q - before + shift, speed - ramp
+    return x - shift + m11 * e + m12 * de, ramp + m21 * e + m22 * de
 
 
 @njit(cache=True, nogil=True)
@@ -66,7 +106,7 @@ def lowpass(x: Floats, ratio: Floats, starts: Bools) -> Floats:
             decay = np.exp(-last)
         for j in range(x.shape[1]):
             trail = (x[t, j] - x[t - 1, j]) / last
-            out[t, j] = x[t, j] - trail + decay * (out[t - 1, j] - x[t - 1, j] + trail)
+            out[t, j] = settle(out[t - 1, j], x[t - 1, j], x[t, j], trail, decay)
     return out
 
 
@@ -81,7 +121,6 @@ def relaxations(x: Floats, taus: Floats, dt: Floats, starts: Bools) -> Floats:
     n, m = taus.size, x.shape[1]
     state = np.zeros((n, m))
     decay = np.empty(n)
-    share = np.empty(n)
     last = -1.0
     for t in range(x.shape[0]):
         if starts[t]:
@@ -91,16 +130,13 @@ def relaxations(x: Floats, taus: Floats, dt: Floats, starts: Bools) -> Floats:
             continue
         if dt[t] != last:
             last = dt[t]
-            for k in range(n):
-                decay[k] = np.exp(-last / taus[k])
-                share[k] = taus[k] / last * (1.0 - decay[k])
-        for j in range(m):
-            out[t, j] = 0.0
+            decay[:] = np.exp(-last / taus)
+        out[t] = 0.0
         for k in range(n):
-            d, a = decay[k], share[k]
+            steps = taus[k] / last
             for j in range(m):
-                # exact for an input that runs straight over the step
-                state[k, j] = d * state[k, j] + (1.0 - a) * x[t, j] + (a - d) * x[t - 1, j]
+                trail = steps * (x[t, j] - x[t - 1, j])
+                state[k, j] = settle(state[k, j], x[t - 1, j], x[t, j], trail, decay[k])
                 out[t, j] += state[k, j]
     return out
 
@@ -129,48 +165,22 @@ def _second_order(
     x: Floats, omega: Floats, damping: float, starts: Bools, out: Floats, rates: Floats
 ) -> None:
     m = x.shape[1]
-    p = np.zeros(m)  # deviation of the mass from the input, d = y - x
-    v = np.zeros(m)  # velocity of the mass times dt
-    a11 = a12 = a21 = a22 = behind = 0.0
-    last = -1.0
+    q, speed = np.empty(m), np.empty(m)  # displacement, and its change in a sample
+    decay, last = (1.0, 0.0, 0.0, 1.0), -1.0
     for t in range(x.shape[0]):
-        if starts[t]:
-            p[:] = 0.0
-            v[:] = 0.0
-            out[t] = x[t]
-            if rates.size > 0:
-                rates[t] = 0.0
-            continue
         w = omega[t]
-        if w != last:
-            # d'' + 2 z w d' + w^2 d = -x'' - 2 z w x'; time in samples
-            e = np.exp(-damping * w)
-            wd2 = w * w * (1.0 - damping * damping)
-            if wd2 > 1e-12:
-                wd = np.sqrt(wd2)
-                c, s = np.cos(wd), np.sin(wd) / wd
-            elif wd2 < -1e-12:
-                wd = np.sqrt(-wd2)
-                c, s = np.cosh(wd), np.sinh(wd) / wd
-            else:
-                c, s = 1.0, 1.0
-            a11 = e * (c + damping * w * s)
-            a12 = e * s
-            a21 = -e * w * w * s
-            a22 = e * (c - damping * w * s)
-            behind = 2.0 * damping / w
-            last = w
+        if not starts[t] and w != last:
+            decay, last = free_decay(w, damping, 1.0), w
         for j in range(m):
-            # the input's slope over this step: y relative to the ramp x[t-1] + slope * time
-            slope = x[t, j] - x[t - 1, j]
-            lag = behind * slope  # steady deviation behind a ramp is -lag
-            q = p[j] + lag
-            rate = v[j] - slope
-            p[j] = a11 * q + a12 * rate - lag
-            v[j] = a21 * q + a22 * rate + slope
-            out[t, j] = x[t, j] + p[j]
+            if starts[t]:
+                q[j], speed[j] = x[t, j], 0.0
+            else:
+                ramp = x[t, j] - x[t - 1, j]
+                shift = 2.0 * damping / w * ramp
+                q[j], speed[j] = swing(q[j], speed[j], x[t - 1, j], x[t, j], ramp, shift, decay)
+            out[t, j] = q[j]
             if rates.size > 0:
-                rates[t, j] = v[j] / w
+                rates[t, j] = speed[j] / w
 
 
 @njit(cache=True, nogil=True)
@@ -215,21 +225,3 @@ def delayed(x: Floats, shift: Floats, starts: Bools) -> Floats:
             total += part
         out[t] = total
     return out
-
-
-@njit(cache=True, nogil=True)
-def free_decay(w: float, z: float, dt: float) -> tuple[float, float, float, float]:
-    """The free motion of a mode or second-order lag (w: its undamped frequency [rad/s], z: damping)
-    over dt, as a matrix of displacement and speed, row by row."""
-    if abs(z - 1.0) < 1e-7:
-        fall = math.exp(-w * dt)
-        cosine, sine = fall, fall * dt
-    elif z < 1.0:
-        damped = w * math.sqrt(1.0 - z * z)
-        fall = math.exp(-z * w * dt)
-        cosine, sine = fall * math.cos(damped * dt), fall * math.sin(damped * dt) / damped
-    else:
-        damped = w * math.sqrt(z * z - 1.0)
-        slow, fast = math.exp((damped - z * w) * dt), math.exp((-damped - z * w) * dt)
-        cosine, sine = 0.5 * (slow + fast), 0.5 * (slow - fast) / damped
-    return cosine + z * w * sine, sine, -w * w * sine, cosine - z * w * sine

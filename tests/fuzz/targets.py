@@ -24,7 +24,7 @@ from dehyst.daemon.files.models import load_model
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.rings.records import TELEMETRY, Command, State
-from dehyst.drivers.ksg101.codec import Decoder, encode
+from dehyst.drivers.ksg101.codec import Decoder, encode_apt
 from dehyst.drivers.mdt693b.codec import (
     Ack,
     Dialect,
@@ -315,9 +315,9 @@ def targets() -> dict[str, Target]:
         b"CMD_NOT_DEFINED",
     )  # fmt: skip
     units = [
-        encode("tsg_get_reading", source=0x50, destination=1, chan=1, reading=-5, smoothed=7),
-        encode("pz_get_maxtravel", source=0x50, destination=1, chan=1, travel_100nm=200),
-        encode(
+        encode_apt("tsg_get_reading", source=0x50, destination=1, chan=1, reading=-5, smoothed=7),
+        encode_apt("pz_get_maxtravel", source=0x50, destination=1, chan=1, travel_100nm=200),
+        encode_apt(
             "hw_get_info", source=0x50, destination=1, serial_number=59000001, model=b"KSG101",
             type=1, firmware=b"1234", notes=b"x", hardware_version=1, modification=2, channels=1,
         ),

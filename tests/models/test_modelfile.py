@@ -30,7 +30,7 @@ def test_shipped_models_survive_the_round_trip(name: str) -> None:
 numbers = st.floats(-1e6, 1e6, allow_nan=False)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     st.lists(st.tuples(st.floats(0, 100), numbers, numbers), min_size=1, max_size=12),
     st.lists(numbers, min_size=2, max_size=7),

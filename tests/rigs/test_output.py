@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.rigs.output import (
     check_held,
@@ -18,7 +18,6 @@ MS = 1_000_000
 logs = st.lists(st.tuples(st.integers(0, 30 * MS), st.floats(-20.0, 20.0)), min_size=2, max_size=25)
 
 
-@settings(deadline=None)
 @given(logs, st.floats(1.0, 3000.0))
 def test_the_worst_window_is_that_of_all_pairs(moves: list[tuple[int, float]], rate: float) -> None:
     time_ns = np.cumsum([gap for gap, _ in moves])

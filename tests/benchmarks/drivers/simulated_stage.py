@@ -7,7 +7,7 @@ import time
 import numpy as np
 from tests.benchmarks.bars import Bars, too_busy
 
-from dehyst.drivers.simulated.stage import Stage, warm_up
+from dehyst.drivers.simulated.stage import Stage, compile_stage
 
 STEPS = 20_000
 
@@ -19,7 +19,7 @@ MOST_US = 50.0
 def main() -> int:
     """Print a table: microseconds a step, one call at a time and as an array."""
     busy, bars = too_busy(), Bars()
-    warm_up()
+    compile_stage()
     Stage().run(np.arange(2) * 1e-3, np.zeros(2))
     print("period_us  advance+reading_us  run_us")
     for period_s in (1e-2, 1e-3, 1e-4):

@@ -27,7 +27,7 @@ from dehyst.models.identify import Identification, Options, identify  # noqa: E4
 from dehyst.models.model import Model  # noqa: E402
 from dehyst.models.recording import Floats, Recording  # noqa: E402
 
-SEEDS = range(7100, 7106)  # nothing was tuned on these
+SEEDS = range(7500, 7506)  # nothing was tuned on these
 NM = 1e3
 TEN = cases.times(10.0)
 
@@ -187,7 +187,7 @@ def static(bars: Bars) -> None:
     t = cases.times(4.0)
     other = cases.multisine(t, 0.0, 10.0)
     bad, worst, given = 0, 0.0, 0
-    for seed in range(7150, 7170):
+    for seed in range(7550, 7570):
         rng = np.random.default_rng(seed)
         run = cases.preisach if seed % 2 else cases.smooth().run
         parts = [

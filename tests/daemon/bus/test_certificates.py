@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dehyst.daemon.bus import topics
-from dehyst.daemon.bus.keys import DAEMON, Key, Keys
+from dehyst.daemon.bus.keys import DAEMON, Keys, ParsedKey
 from dehyst.models.errors import BadInput
 
 CHUNK = st.from_regex(r"[a-z0-9_-]{1,63}", fullmatch=True)
@@ -15,9 +15,9 @@ CHUNK = st.from_regex(r"[a-z0-9_-]{1,63}", fullmatch=True)
 @given(CHUNK, CHUNK, CHUNK, CHUNK)
 def test_built_keys_parse_back(base: str, name: str, subject: str, source: str) -> None:
     keys = Keys(f"{base}/lab", name)
-    assert keys.parse(keys.pubsub(subject, source)) == Key(name, "pubsub", subject, source)
-    assert keys.parse(keys.rpc("model")) == Key(name, "rpc", "model")
-    assert keys.parse(keys.alive()) == Key(name, "alive")
+    assert keys.parse(keys.pubsub(subject, source)) == ParsedKey(name, "pubsub", subject, source)
+    assert keys.parse(keys.rpc("model")) == ParsedKey(name, "rpc", "model")
+    assert keys.parse(keys.alive()) == ParsedKey(name, "alive")
     zenoh.KeyExpr(keys.pubsub(subject, source))  # zenoh takes it
 
 

@@ -168,7 +168,7 @@ def test_chunks_must_have_as_many_times_as_targets() -> None:
         chunk(np.arange(3), np.zeros(2)),
         chunk(np.arange(0), np.zeros(0)),
         chunk(np.arange(1), np.zeros(1), offset_ns=b"1234567", value=b"1234567"),
-        chunk(np.arange(messages.MAX_POINTS + 1), np.zeros(messages.MAX_POINTS + 1)),
+        chunk(np.arange(16_385), np.zeros(16_385)),
     ):
         with pytest.raises(encoding.BadMessage):
             encoding.decode_command(encoding.encode(bad))

@@ -1,5 +1,7 @@
 """The bus over real zenoh sessions on loopback."""
 
+import os
+import socket
 import subprocess
 import sys
 import threading
@@ -18,6 +20,21 @@ from dehyst.models.errors import BadInput
 @pytest.fixture
 def address() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
+
+
+def test_a_client_that_takes_nothing_for_3_s_is_ended_by_the_kernel(address: str) -> None:
+    """Read from the gateway's own sockets, whatever the machine is busy with."""
+    with Bus.serve([address], []), Bus.connect([address]):
+        port, limits = int(address.rpartition(":")[2]), []
+        for name in os.listdir("/proc/self/fd"):
+            if "socket:" not in os.path.realpath(f"/proc/self/fd/{name}"):
+                continue
+            with socket.socket(fileno=os.dup(int(name))) as one:
+                here = one.getsockname() if one.family == socket.AF_INET else ()
+                if here and here[1] == port:  # listening, and the link to the client
+                    limits.append(one.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT))
+    assert len(limits) == 2
+    assert set(limits) == {3000}
 
 
 def test_publish_ask_and_see_who_is_there(address: str) -> None:

@@ -9,7 +9,7 @@ import pytest
 from dehyst.daemon.main import main
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
 from dehyst.drivers.emulated.mdt693b_port import Mdt693bEmulator
-from dehyst.drivers.mdt693b.probe import QUERIES, Exchange, interpret
+from dehyst.drivers.mdt693b.probe import QUERIES, RecordedExchange, interpret
 from dehyst.drivers.mdt693b.tuning import ProbeTuning
 
 
@@ -35,7 +35,7 @@ def test_a_unit_is_recorded_and_understood(tmp_path, capsys, dialect):
     assert printed["timings"]["query"]["rate_hz"] > 0
     assert "set" not in printed["timings"]
     table = json.loads(fixture.read_text())
-    exchanges = [Exchange.from_dict(entry) for entry in table["exchanges"]]
+    exchanges = [RecordedExchange.from_dict(entry) for entry in table["exchanges"]]
     assert [e.sent for e in exchanges] == [q.encode() + b"\r" for q in QUERIES]
     assert all(e.received[0][0] >= e.sent_at_s for e in exchanges)
     assert interpret(exchanges).answers == printed["answers"]

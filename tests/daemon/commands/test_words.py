@@ -10,7 +10,7 @@ import pytest
 from tests.rigs.gateway_bench import environment
 
 from dehyst.daemon.main import main
-from dehyst.daemon.tools.demo import judge
+from dehyst.daemon.tools.demo import compare_errors
 
 
 @pytest.mark.parametrize(
@@ -37,11 +37,14 @@ def test_one_line(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_the_demo_judges_itself() -> None:
-    assert judge(0.5, 0.05, 0.0) == (True, "compensation makes the error 10.0 times smaller")
-    better, says = judge(0.5, 0.8, 0.0)
+    assert compare_errors(0.5, 0.05, 0.0) == (
+        True,
+        "compensation makes the error 10.0 times smaller",
+    )
+    better, says = compare_errors(0.5, 0.8, 0.0)
     assert not better
     assert "did not make the error smaller" in says
-    better, says = judge(0.5, 0.8, 0.17)
+    better, says = compare_errors(0.5, 0.8, 0.17)
     assert not better
     assert "too busy to judge: 17 %" in says
 

@@ -100,7 +100,7 @@ def test_displacement_can_be_demanded(tmp_path: Path) -> None:
         read_recording(path, need_displacement=True)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     hnp.arrays(float, st.integers(2, 30), elements=st.floats(-1e9, 1e9)),
     st.sampled_from([".csv", ".csv.gz", ".npz"]),

@@ -117,3 +117,22 @@ def test_an_hour_of_silence_ends_the_lease_whatever_the_drift() -> None:
     number = lease.acquire(1000 * S, 1, "first", 0)
     assert admission.lease.check(1003 * S, 1, number)
     assert not admission.lease.check(1003 * S + 1, 1, number)
+
+
+def test_who_takes_an_ended_lease_cannot_go_on_with_the_others_trajectory(gate: Gate) -> None:
+    """Numbers of two clients may be equal; nobody took over, so nothing has ended the first's."""
+    assert gate.chunk(0, grid(0.0, 1.0)).ok
+    gate.now += 4 * S
+    assert gate.request(2, "acquire").ok
+    own = {"client": 2, "lease": gate.leases[2], "sent_ns": gate.sent(2)}
+    assert gate.chunk(1, grid(1.0, 1.0), **own).code == "over"
+    assert gate.chunk(0, grid(0.0, 1.0), **own).ok
+    assert gate.chunk(1, grid(1.0, 1.0), **own).ok
+
+
+@pytest.mark.parametrize("client", [1, 2])
+def test_every_lease_counts_its_setpoints_from_0(gate: Gate, client: int) -> None:
+    assert gate.setpoint(500).ok
+    assert gate.request(client, "take-over").ok
+    assert gate.setpoint(0, client=client).ok
+    assert gate.setpoint(0, client=client).code == "old"

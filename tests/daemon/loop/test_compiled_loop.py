@@ -44,7 +44,7 @@ lateness = st.lists(st.integers(0, 3_500_000), min_size=1, max_size=7)
 
 
 @pytest.mark.parametrize("mode", ["static", "causal", "preview"])
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(batches, lateness)
 def test_both_engines_give_the_same_records(
     mode: str, todo: list[np.ndarray], late: list[int]

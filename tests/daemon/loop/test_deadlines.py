@@ -2,7 +2,7 @@
 
 import itertools
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dehyst.daemon.loop.deadlines import close
@@ -10,7 +10,6 @@ from dehyst.daemon.loop.deadlines import close
 PERIOD = 1000
 
 
-@settings(deadline=None)  # the first call compiles
 @given(st.lists(st.integers(0, 12_000), max_size=60))
 def test_every_grid_point_is_served_or_counted_as_missed(delays: list[int]) -> None:
     scheduled, missed = 5000, 0
@@ -28,7 +27,6 @@ def test_every_grid_point_is_served_or_counted_as_missed(delays: list[int]) -> N
     assert in_time + missed == (scheduled - 5000) // PERIOD
 
 
-@settings(deadline=None)  # the first call compiles
 @given(st.integers(0, 50_000))
 def test_a_stall_is_never_made_up_by_a_burst(delay: int) -> None:
     _, scheduled = close(0, PERIOD, delay)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.rigs.output import check_range, check_speed
+from tests.rigs.output import check_range, check_speed, during
 from tests.rigs.processes import SLEW, EmulatedBench, Rings, core, dehyst, simulated_config, until
 
 from dehyst.daemon.files.models import load_model, save_model
@@ -173,10 +173,14 @@ def test_kill_9_then_safe_then_restart_without_a_jump(bench: EmulatedBench, mode
         process.wait(10)
     left = rings.last()["volts"]
     assert left > 60.0
+    begun_ns = time.monotonic_ns()
     safe = dehyst("safe", "--config", str(config))
     _, words = safe.communicate(timeout=60)
     assert safe.returncode == 0
     assert "5.000 V" in words
+    time_ns, volts = during(*bench.output(), begun_ns)
+    check_speed(time_ns, volts, 200.0, 2.0)  # V/s of the ramp; two of its steps
+    assert (time_ns[-1] - time_ns[0]) * 1e-9 > 0.9 * (left - 5.0) / 200.0
     with core(config):
         time.sleep(0.3)
         assert rings.last()["volts"] == pytest.approx(5.0, abs=0.4)

@@ -185,8 +185,6 @@ def test_a_hundred_thousand_samples() -> None:
     Life.steps = 0
     rounds = 0
     while Life.steps < STEPS:
-        run_state_machine_as_test(
-            Life, settings=settings(max_examples=25, stateful_step_count=40, deadline=None)
-        )
+        run_state_machine_as_test(Life, settings=settings(max_examples=25, stateful_step_count=40))
         rounds += 1
         assert rounds < 100

@@ -11,12 +11,12 @@ import pytest
 from tests.daemon.loop.test_step import GAIN, Bench, compensator, model, points
 
 from dehyst.daemon.loop.records_in_memory import SETTINGS
-from dehyst.daemon.loop.states import NEXT, NOTHING, TABLE, Event
+from dehyst.daemon.loop.states import NEXT, NOTHING, TABLE, LoopEvent
 from dehyst.daemon.rings.records import Command, State
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "loop-states.md"
 SAFE_V, START_V = 3.0, 20.0
-S, E = State, Event
+S, E = State, LoopEvent
 FOLLOWS = {
     (S.START, E.FAULT): S.FAULT, (S.START, E.END): S.STOPPING,
     (S.READY, E.TARGET): S.RUNNING, (S.READY, E.RELEASE): S.HOLDING,
@@ -52,7 +52,7 @@ def in_state(state: State) -> Bench:
     return bench
 
 
-def inject(bench: Bench, event: Event, way: str = "") -> None:
+def inject(bench: Bench, event: LoopEvent, way: str = "") -> None:
     """Let this happen to a controller."""
     if way == "set-point":
         bench.tick((Command.SETPOINT, 2.0))
@@ -83,9 +83,9 @@ def inject(bench: Bench, event: Event, way: str = "") -> None:
 
 @pytest.mark.parametrize(
     ("state", "event", "way"),
-    [(s, e, w) for s, e in itertools.product(State, Event) for w in WAYS.get(e, ("",))],
+    [(s, e, w) for s, e in itertools.product(State, LoopEvent) for w in WAYS.get(e, ("",))],
 )
-def test_every_state_with_every_event(state: State, event: Event, way: str) -> None:
+def test_every_state_with_every_event(state: State, event: LoopEvent, way: str) -> None:
     bench = in_state(state)
     before = bench.stepper.volts
     expected = FOLLOWS.get((state, event), state)

@@ -42,7 +42,7 @@ actions = st.lists(
 )
 
 
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 @given(actions, st.booleans())
 def test_volts_stay_in_range_and_slew_whatever_happens(todo: list, end: bool) -> None:
     bench = Bench()

@@ -1,7 +1,7 @@
 """The trajectory queue against numpy's own interpolation."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dehyst.daemon.loop import targets
@@ -32,7 +32,6 @@ class Queue(TrajectoryQueue):
         return bool(targets.finished(self.numbers[0], self.times, now_ns))
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.tuples(st.integers(1, 5_000_000), st.floats(-10, 10)), min_size=2, max_size=40),
     st.integers(0, 60_000_000),

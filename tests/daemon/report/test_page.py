@@ -12,7 +12,7 @@ from dehyst.daemon.report.plotting import (
     draw_side_by_side,
     draw_trace,
     estimate_density,
-    rms,
+    finite_rms,
     white_density,
 )
 from dehyst.daemon.report.units import pick_unit, spell_unit
@@ -115,8 +115,8 @@ def test_white_noise_lies_on_its_line():
     noise = 0.3 * np.random.default_rng(1).standard_normal(200_000)
     f, density = estimate_density([noise], 1e-3)
     assert np.median(density[f > 10]) == pytest.approx(white_density(0.3, 1e-3), rel=0.05)
-    assert rms(np.r_[noise, np.nan]) == pytest.approx(0.3, rel=0.02)
-    assert rms(np.array([np.nan])) == 0.0
+    assert finite_rms(np.r_[noise, np.nan]) == pytest.approx(0.3, rel=0.02)
+    assert finite_rms(np.array([np.nan])) == 0.0
 
 
 def test_units_are_written_for_people():

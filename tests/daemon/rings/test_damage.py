@@ -39,7 +39,7 @@ def fnv1a(data: bytes, number: int) -> int:
 
 
 @given(st.binary(min_size=16, max_size=16), st.integers(-(2**63), 2**63 - 1))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_both_digests_are_fnv_1a(data: bytes, number: int) -> None:
     record = np.frombuffer(data, PAIR)
     expected = np.array([fnv1a(data, number)], np.uint64).view(np.int64)[0]
@@ -48,7 +48,7 @@ def test_both_digests_are_fnv_1a(data: bytes, number: int) -> None:
 
 
 @given(st.integers(HEADER, HEADER + 8 * 24 - 1), st.integers(1, 255))
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 def test_a_record_with_one_wrong_byte_is_dropped_and_counted(
     tmp_path_factory: pytest.TempPathFactory, at: int, change: int
 ) -> None:
@@ -69,7 +69,7 @@ def test_a_record_with_one_wrong_byte_is_dropped_and_counted(
 
 
 @given(st.binary(min_size=8, max_size=400), st.integers(0, 319))
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 def test_random_bytes_anywhere_stop_nobody(
     tmp_path_factory: pytest.TempPathFactory, junk: bytes, at: int
 ) -> None:

@@ -16,7 +16,7 @@ from dehyst.models.errors import BadInput
 PAIR = np.dtype([("a", "<i8"), ("b", "<f8")])
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.booleans(), st.integers(1, 9)), max_size=40))
 def test_reader_gets_the_newest_in_order_and_the_count_of_the_lost(
     tmp_path_factory: pytest.TempPathFactory, actions: list[tuple[bool, int]]

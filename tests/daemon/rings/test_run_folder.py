@@ -11,7 +11,7 @@ from tests.rigs.processes import dehyst, simulated_config
 
 from dehyst.daemon.config import parse_config
 from dehyst.daemon.rings.ring import Ring
-from dehyst.daemon.rings.run_folder import prepare
+from dehyst.daemon.rings.run_folder import make_run_folder
 from dehyst.models.errors import BadInput, NotNow
 
 PAIR = np.dtype([("a", "<i8"), ("b", "<f8")])
@@ -34,10 +34,10 @@ def refused(folder: Path, tmp_path: Path) -> str:
 
 
 def test_it_is_made_for_its_user_alone(tmp_path: Path) -> None:
-    prepare(tmp_path / "run")
+    make_run_folder(tmp_path / "run")
     assert (tmp_path / "run").stat().st_mode & 0o777 == 0o700
     os.chmod(tmp_path / "run", 0o755)  # readable by others, writable by none: closed
-    prepare(tmp_path / "run")
+    make_run_folder(tmp_path / "run")
     assert (tmp_path / "run").stat().st_mode & 0o777 == 0o700
 
 
@@ -70,9 +70,9 @@ def test_a_folder_that_others_could_exchange_is_refused(tmp_path: Path) -> None:
     shared.mkdir()
     os.chmod(shared, 0o777)
     with pytest.raises(BadInput, match="exchange"):
-        prepare(shared / "run")
+        make_run_folder(shared / "run")
     os.chmod(shared, 0o1777)  # as /tmp: only the owner may rename
-    prepare(shared / "run")
+    make_run_folder(shared / "run")
 
 
 def test_links_laid_for_the_files_overwrite_nothing(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_links_laid_for_the_files_overwrite_nothing(tmp_path: Path) -> None:
     victim = tmp_path / "victim"
     victim.write_text("precious")
     folder = tmp_path / "run"
-    prepare(folder)
+    make_run_folder(folder)
     for name in ("telemetry.ring", f"telemetry.{os.getpid()}.new", "output.lock"):
         (folder / name).symlink_to(victim)
     Ring.create(folder / "telemetry.ring", PAIR, 8)

@@ -61,7 +61,7 @@ def outcome(call: Any, *arguments: Any) -> Any:
 
 
 @given(st.floats(0.0, 150.0))
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_write_puts_the_same_bytes_into_the_file(tmp_path: Path, volts: float) -> None:
     folder = tmp_path / "d"
     actuator, _ = opened(folder if folder.exists() else stage(folder))
@@ -85,7 +85,7 @@ TEXTS = st.one_of(
 
 
 @given(TEXTS)
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_text_is_the_reading_or_the_fault_that_python_makes_of_it(
     tmp_path: Path, text: bytes
 ) -> None:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dehyst.drivers.interface import ProtocolError
 from dehyst.drivers.ksg101 import codec
-from dehyst.drivers.ksg101.codec import HOST, MESSAGES, UNIT, Decoder, encode
+from dehyst.drivers.ksg101.codec import HOST, MESSAGES, UNIT, Decoder, encode_apt
 
 # request or reply, its bytes written out by hand from the protocol document's layouts
 GOLDEN = [
@@ -49,7 +49,7 @@ GOLDEN = [
 def test_golden_bytes_both_ways(message: tuple, expected: str) -> None:
     name, values, source, destination = message
     raw = bytes.fromhex(expected)
-    assert encode(name, source=source, destination=destination, **values) == raw
+    assert encode_apt(name, source=source, destination=destination, **values) == raw
     (found,) = Decoder(receiver=destination, sender=source).feed(raw)
     assert found.name == name
     assert {key: found.values[key] for key in values} == values
@@ -66,7 +66,7 @@ def test_sizes_and_ids_of_the_protocol() -> None:
 
 
 def reading(value: int) -> bytes:
-    return encode(
+    return encode_apt(
         "tsg_get_reading", source=UNIT, destination=HOST, chan=1, reading=value, smoothed=0
     )
 
@@ -96,6 +96,26 @@ def test_garbage_without_a_header_costs_nothing() -> None:
     assert decoder.skipped == 9
 
 
+def test_another_units_reading_is_garbage() -> None:
+    decoder = Decoder()
+    others = encode_apt(
+        "tsg_get_reading", source=0x21, destination=HOST, chan=1, reading=99, smoothed=0
+    )
+    to_another = encode_apt(
+        "tsg_get_reading", source=UNIT, destination=0x11, chan=1, reading=98, smoothed=0
+    )
+    found = decoder.feed(others + to_another + reading(5))
+    assert [m.values["reading"] for m in found] == [5]
+    assert decoder.skipped == 24
+
+
+@pytest.mark.parametrize("length", [257, 5000, 65535])
+def test_a_header_that_announces_more_than_256_bytes_holds_nothing_up(length: int) -> None:
+    header = struct.pack("<HHBB", 0x07F6, length, HOST | 0x80, UNIT)
+    found = Decoder().feed(header + reading(7))
+    assert [m.values["reading"] for m in found] == [7]
+
+
 def test_unknown_message_is_passed_over_whole() -> None:
     unknown = struct.pack("<HHBB", 0x07F6, 4, HOST | 0x80, UNIT) + reading(9)[:4]
     found = Decoder().feed(unknown + reading(7))
@@ -118,4 +138,4 @@ def test_longer_reply_of_newer_firmware() -> None:
 )
 def test_wrong_messages_are_refused(name: str, values: dict, says: str) -> None:
     with pytest.raises(ProtocolError, match=says):
-        encode(name, **values)
+        encode_apt(name, **values)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dehyst.drivers.mdt693b.codec import (
     Ack,
-    Data,
+    Answer,
     Dialect,
     Garbled,
     Mdt693bCodec,
@@ -80,7 +80,7 @@ def test_readings_come_through_whole(volts, places, echo):
         sent = codec.send("xvoltage?")
         raw = (sent if echo else b"") + text.encode()
         events = [e for piece in cut(raw, places) for e in codec.receive(piece)]
-        assert [type(e) for e in events] == [Data]
+        assert [type(e) for e in events] == [Answer]
         assert abs(float(events[0].value) - volts) <= 0.0500001
         assert not codec.waiting
         assert not codec.unparsed.strip(b"\r")
@@ -95,7 +95,7 @@ def test_a_barrier_counts_late_replies_and_ends_only_with_its_own(dialect, acks,
     codec = Mdt693bCodec(dialect)
     codec.send("vlimit?", barrier=True)
     events = [e for piece in cut(raw, places) for e in codec.receive(piece)] + codec.silence()
-    assert events[-1] == Data(b"[ 100]", "100")
+    assert events[-1] == Answer(b"[ 100]", "100")
     assert events.count(Ack(late=True)) == acks
     assert sum(isinstance(e, Refused) and e.late for e in events) == errors
     assert not codec.waiting
@@ -109,8 +109,8 @@ def test_a_late_reading_is_not_taken_for_the_answer_of_a_barrier():
         codec = Mdt693bCodec(dialect)
         codec.send("vlimit?", barrier=True)
         events = codec.receive(raw) + codec.silence()
-        assert [type(e) for e in events] == [Garbled, Data]
-        assert events[-1] == Data(b"[ 100]", "100")
+        assert [type(e) for e in events] == [Garbled, Answer]
+        assert events[-1] == Answer(b"[ 100]", "100")
 
 
 @pytest.mark.parametrize("command", ["xvoltage=1", "", "serial?"])
@@ -155,3 +155,22 @@ def test_every_set_of_both_command_languages_waits_for_an_acknowledgement():
         assert form_of(command).ends is Ends.ACK, command
     for command in ("XR?", "ymin?", "XL?", "%", "id?", "echo=0", "msvoltage?"):
         assert form_of(command).pattern is not None, command
+
+
+@pytest.mark.parametrize("dialect", Dialect)
+def test_a_mark_behind_anything_but_the_echo_is_no_acknowledgement(dialect):
+    mark = b">" if dialect is Dialect.MODERN else b"*"
+    for payload in (b"[ 1.00]", b"xvoltage=9.000", b"1", b"ok"):
+        codec = Mdt693bCodec(dialect)
+        codec.send("xvoltage=1.000")
+        events = codec.receive(payload + b"\r" + mark) + codec.silence()
+        assert not any(isinstance(event, Ack) for event in events), (payload, events)
+        assert any(isinstance(event, Garbled) for event in events), (payload, events)
+
+
+@pytest.mark.parametrize("command", ["xmin?", "XL?", "sysmin?", "xvoltage?"])
+def test_a_negative_number_keeps_its_sign(command):
+    codec = Mdt693bCodec(Dialect.MODERN)
+    codec.send(command)
+    events = codec.receive(b"[-12.50]\r\n>") + codec.silence()
+    assert [event.value for event in events if isinstance(event, Answer)] == ["-12.50"]

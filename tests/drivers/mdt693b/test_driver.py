@@ -3,6 +3,7 @@
 import math
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 
@@ -158,6 +159,16 @@ def test_limits_set_on_the_unit_are_held_to(bench):
         emulator.call(lambda: emulator.unit.registers.max_v.update(x=80.0))
         driver.open()
         assert (driver.spec.minimum, driver.spec.maximum) == (10.0, 80.0)
+
+
+def test_a_minimum_between_two_millivolts_is_never_rounded_under(bench):
+    with bench() as (emulator, driver):
+        driver.spec = replace(driver.spec, minimum=10.0004)
+        driver.write(10.0004)
+        assert driver.output() == 10.001
+        with pytest.raises(OutOfRange):
+            driver.write(10.0)
+        assert round(emulator.output_v("x"), 1) == 10.0
 
 
 def test_half_a_command_left_in_the_unit_is_not_carried_out_by_open(bench):

@@ -5,7 +5,7 @@ import pytest
 
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
 from dehyst.drivers.emulated.mdt693b_unit import Mdt693bUnit
-from dehyst.drivers.mdt693b.codec import Ack, Data, Dialect, Mdt693bCodec, Refused, detect_dialect
+from dehyst.drivers.mdt693b.codec import Ack, Answer, Dialect, Mdt693bCodec, Refused, detect_dialect
 
 ID_110 = (
     b"\r\r\rModel MDT693B Piezo Control Module\rFirmware Version: 1.10\rVoltage Range: 0V to 150V\r"
@@ -16,35 +16,35 @@ ID_LINES = ID_110.strip(b"\r>").decode()
 
 # firmware, knobs, sent, received, the event that the codec makes of it
 RECORDED = [
-    ("1.05", {"limit_v": 100}, b"vlimit?\n", b"vlimit?\n*[ 100]\r*", Data),
-    ("1.05", {"start_v": 24.8}, b"xvoltage?\n", b"xvoltage?\n*[  24.8]\r", Data),
+    ("1.05", {"limit_v": 100}, b"vlimit?\n", b"vlimit?\n*[ 100]\r*", Answer),
+    ("1.05", {"start_v": 24.8}, b"xvoltage?\n", b"xvoltage?\n*[  24.8]\r", Answer),
     ("1.05", {}, b"xvoltage=12.500\n", b"xvoltage=12.500\n*", Ack),
-    ("1.05", {"echo": False}, b"xmin?\r", b"*0", Data),
-    ("1.05", {"echo": False, "limit_v": 100}, b"xmax?\r", b"*100.5", Data),
-    ("1.05", {"echo": False}, b"cm?\r", b"*[MDT693A Compatibility Mode Off]\r*", Data),
+    ("1.05", {"echo": False}, b"xmin?\r", b"*0", Answer),
+    ("1.05", {"echo": False, "limit_v": 100}, b"xmax?\r", b"*100.5", Answer),
+    ("1.05", {"echo": False}, b"cm?\r", b"*[MDT693A Compatibility Mode Off]\r*", Answer),
     (
         "1.05",
         {"echo": False, "serial_number": "140421-07"},
         b"serial?\r",
         b"140421-07\r*",
-        Data,
+        Answer,
     ),
     ("1.05", {"echo": False}, b"*IDN?\r", b"!", Refused),
     ("1.05", {"echo": False}, b"\r", b"!", Refused),
-    ("1.05", {}, b"echo=0\r", b"echo=0\r*[Echo Off]\r", Data),
-    ("1.10", {"echo": False}, b"xmin?\r", b"0\r>", Data),
-    ("1.10", {"echo": False}, b"xmax?\r", b"150.50\r>", Data),
-    ("1.10", {"echo": False}, b"XYZVOLTAGE?\r", b"[  0.24,  0.21,  0.22]\r>", Data),
-    ("1.10", {"echo": False}, b"serial?\r", b"150226175403\r>", Data),
-    ("1.10", {"echo": False, "serial_number": ""}, b"serial?\r", b"\r>", Data),
+    ("1.05", {}, b"echo=0\r", b"echo=0\r*[Echo Off]\r", Answer),
+    ("1.10", {"echo": False}, b"xmin?\r", b"0\r>", Answer),
+    ("1.10", {"echo": False}, b"xmax?\r", b"150.50\r>", Answer),
+    ("1.10", {"echo": False}, b"XYZVOLTAGE?\r", b"[  0.24,  0.21,  0.22]\r>", Answer),
+    ("1.10", {"echo": False}, b"serial?\r", b"150226175403\r>", Answer),
+    ("1.10", {"echo": False, "serial_number": ""}, b"serial?\r", b"\r>", Answer),
     ("1.10", {"echo": False}, b"*IDN?\r", b"CMD_NOT_DEFINED>", Refused),
     ("1.10", {"echo": False}, b"\r", b"CMD_NOT_DEFINED>", Refused),
-    ("1.10", {"echo": False}, b"xvoltage?\r", b"[  0.24]\r>", Data),
+    ("1.10", {"echo": False}, b"xvoltage?\r", b"[  0.24]\r>", Answer),
     ("1.10", {"echo": False}, b"xvoltage=12.500\r", b">", Ack),
-    ("1.10", {"echo": False}, b"ID?\r", ID_110, Data),
-    ("1.10", {}, b"xvoltage?\r", b"xvoltage?\r[  0.24]\r>", Data),
-    ("1.10", {}, b"echo=0\r", b"echo=0\r[Echo Off]\r>", Data),
-    ("1.10", {"echo": False}, b"echo=1\r", b"[Echo On]\r>", Data),
+    ("1.10", {"echo": False}, b"ID?\r", ID_110, Answer),
+    ("1.10", {}, b"xvoltage?\r", b"xvoltage?\r[  0.24]\r>", Answer),
+    ("1.10", {}, b"echo=0\r", b"echo=0\r[Echo Off]\r>", Answer),
+    ("1.10", {"echo": False}, b"echo=1\r", b"[Echo On]\r>", Answer),
     ("1.10", {"echo": False}, b"xvoltage=151\r", b"CMD_ARG_INVALID>", Refused),
     ("1.10", {"echo": False, "range_error": b"!"}, b"xvoltage=151\r", b"!>", Refused),
 ]

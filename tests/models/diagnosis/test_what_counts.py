@@ -10,7 +10,7 @@ from dehyst.models.diagnosis.base import compact_base
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import constancy
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.judge import Search, Trial, judge
+from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, judge
 from dehyst.models.diagnosis.limits import limits
 from dehyst.models.diagnosis.prepare import prepare
 from dehyst.models.diagnosis.search import search
@@ -39,10 +39,10 @@ def make(late_s: float = 0.0, gains: tuple[float, float] = (0.0, 0.0), n: int = 
     return prepare(out)
 
 
-def problem_of(data: Data) -> tuple[Problem, Search]:
+def problem_of(data: Data) -> tuple[Problem, SearchState]:
     problem = Problem(data, compact_base(data))
     null = problem.solve([])
-    return problem, Search(problem, SIGMA, null, null, counted=data.n)
+    return problem, SearchState(problem, SIGMA, null, null, counted=data.n)
 
 
 def candidate(data: Data, key: str) -> Candidate:
@@ -69,7 +69,7 @@ def test_what_is_not_worth_its_price_is_refused(gain_in_prices: float, refused: 
     problem, state = problem_of(data)
     coupling = candidate(data, "coupling-u2_v")
     fit = problem.refit([Effect(coupling, ())])
-    trial = Trial(coupling, fit, gain_in_prices * 400.0 * SIGMA**2, 400.0 * SIGMA**2)
+    trial = CandidateTrial(coupling, fit, gain_in_prices * 400.0 * SIGMA**2, 400.0 * SIGMA**2)
     said = judge(state, trial, 0.0).refused
     assert (said == "not worth its parameters") == refused
 
@@ -90,7 +90,9 @@ def test_what_removes_less_than_its_least_size_is_refused(
     fit = problem.refit([Effect(c, theta)])
     for share, refused in ((0.95, True), (1.05, False)):
         gain = data.n * (share * size * SIGMA) ** 2
-        said = judge(state, Trial(c, fit, gain, 0.0), 1e9 if key == "asymmetry" else 0.0).refused
+        said = judge(
+            state, CandidateTrial(c, fit, gain, 0.0), 1e9 if key == "asymmetry" else 0.0
+        ).refused
         assert (said == "too small against the noise") == refused, (share, said)
 
 
@@ -125,7 +127,9 @@ def judged(data: Data, share_of_block: np.ndarray) -> str:
     problem, state = problem_of(changed)
     c = candidate(changed, "coupling-u2_v")
     fit = problem.refit([Effect(c, ())])
-    return judge(state, Trial(c, fit, state.null.sse - fit.sse, 16 * SIGMA**2), 0.0).refused
+    return judge(
+        state, CandidateTrial(c, fit, state.null.sse - fit.sse, 16 * SIGMA**2), 0.0
+    ).refused
 
 
 def test_a_cause_that_is_the_same_everywhere_is_not_refused() -> None:

@@ -11,7 +11,7 @@ from dehyst.models.errors import BadInput, BadRecording
 from dehyst.models.recording import Recording
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     st.floats(-50, 80), st.floats(5, 100), st.floats(1, 40), st.integers(2, 5), st.integers(0, 99)
 )

@@ -43,7 +43,7 @@ def test_forward_is_the_brute_force_loop(name: str) -> None:
     assert np.max(np.abs(simulate(h, u, 1e-3) - _brute_force(h, u, 1e-3))) < 1e-12
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 100_000), st.integers(1, 14))
 def test_random_models_are_the_brute_force_loop(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
@@ -85,7 +85,7 @@ def test_initial_plays_stand_at_the_drive() -> None:
     assert np.array_equal(initial_plays(h, 2.0), np.maximum(2.0 - h.r, 0.0))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.floats(-10, 10), min_size=1, max_size=40), st.floats(0, 5), st.floats(0, 5))
 def test_play_stays_within_its_width_and_composes(u: list[float], r: float, s: float) -> None:
     """|H - u| <= r, and the play of width r + s is the play of width s on the play of width r."""

@@ -90,6 +90,19 @@ def test_unreachable_targets_are_flagged_and_the_nearest_is_given() -> None:
     assert flags[0] == flags[2] == flags[4] == 0
 
 
+@pytest.mark.parametrize(("way", "end"), [([1.0, 0.5, -5.0], 0.0), ([10.0, 9.0, 9.5, 30.0], 10.0)])
+def test_beyond_the_range_is_flagged_where_a_play_would_join_in_outside_of_it(
+    way: list[float], end: float
+) -> None:
+    """Displacements of drives inside the range, and then one that none reaches."""
+    model = Model(Hysteresis(r=[0.0, 2.0], b=[1.0, 1.0], c=[0.0, 1.0]), Validity(0.0, 10.0))
+    reached = simulate(model.hysteresis, np.array(way[:-1]), 1.0)
+    u, flags = static_inverse(model).run(np.append(reached, way[-1]))
+    assert flags[:-1].tolist() == [0] * (len(way) - 1)
+    assert flags[-1] & BEYOND_DRIVE
+    assert u[-1] == end
+
+
 def test_a_saturation_that_turns_over_is_inverted_up_to_its_extremum() -> None:
     # y = z - 0.05 z^2 turns at z = 10; the drive reaches z = 12.
     model = Model(Hysteresis(r=[0.0, 1.0], b=[1.0, 0.0], c=[0.0, 1.0, -0.05]), Validity(0.0, 12.0))

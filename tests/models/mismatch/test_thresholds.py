@@ -84,6 +84,21 @@ def test_thresholds_are_what_a_gumbel_distribution_exceeds_once_in_2000_blocks(
 
 
 @pytest.mark.parametrize("name", LEAST)
+def test_where_figures_scatter_widely_a_threshold_is_exceeded_once_in_2000_blocks(
+    learned: Watched, name: str
+) -> None:
+    """180 blocks count, whose largest figures are 4, 8 and 12 in turn: a scatter that neither the
+    least nor 1.3 times the largest covers."""
+    level = copy.deepcopy(learned.monitor)._levels[name]
+    for i in range(12 + 20 * 300):
+        level.see((4.0, 8.0, 12.0)[i // 20 % 3] if i % 20 == 10 else 1.0)
+    scale = (12.0 - 4.0) / (gumbel_r.ppf(0.75) - gumbel_r.ppf(0.25))
+    rare = 8.0 + scale * (gumbel_r.ppf(1 - 1 / 2000) - gumbel_r.ppf(0.5))
+    assert rare == pytest.approx(44.8, abs=0.1)
+    assert level.threshold == pytest.approx(rare * (1 + 4 / 180), rel=1e-2)
+
+
+@pytest.mark.parametrize("name", LEAST)
 def test_no_threshold_falls_below_its_least(learned: Watched, name: str) -> None:
     """What is of interest at all: figures of a stage that is in order all the time are smaller."""
     level = copy.deepcopy(learned.monitor)._levels[name]

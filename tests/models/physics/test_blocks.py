@@ -105,7 +105,7 @@ def test_creep_follows_the_logarithmic_law() -> None:
     assert np.max(np.abs(y[1:] - law)[inside]) < 0.015 * 0.03
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000), st.floats(-0.1, 0.2), st.floats(1e-3, 1.0))
 def test_creep_inverse_is_exact(seed: int, gain: float, tau: float) -> None:
     rng = np.random.default_rng(seed)

@@ -33,7 +33,7 @@ CHANGES = [
         Change(
             "leverage-left-out",
             INTERVALS,
-            "left = np.sqrt(1.0 - np.minimum(leverage, LARGEST_LEVERAGE))",
+            "left = np.sqrt(1.0 - np.minimum(leverage, TUNING.largest_leverage))",
             "left = 1.0",
             "with a rich base the intervals are too narrow",
         ),

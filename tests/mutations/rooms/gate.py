@@ -178,7 +178,6 @@ CHANGES = room(
         "others-trajectory", GATE,
         "if now.number == command.trajectory and now.client == command.client:",
         "if now.number == command.trajectory:", "another client's chunks continue a trajectory",
-        survives="the lease is checked before, and a take-over has ended the trajectory",
     ),
     Change(
         "drift-a-thousand-times", LEASE, "CLOCK_DRIFT = 1e-3", "CLOCK_DRIFT = 1.0",

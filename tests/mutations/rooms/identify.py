@@ -4,6 +4,8 @@ from tests.mutations.change import Change, room
 
 UNCERTAINTY = "models/identify/uncertainty.py"
 RESULT = "models/identify/identification.py"
+LAGS, START = "models/identify/lags.py", "models/identify/start.py"
+TUNING = "models/identify/tuning.py"
 
 CHANGES = room(
     ("tests/models/identify/test_intervals.py",),
@@ -28,5 +30,34 @@ CHANGES = room(
     Change(
         "few-stretches", "models/identify/tuning.py", "stretches: int = 50", "stretches: int = 4",
         "intervals are left to chance",
+    ),
+) + room(
+    ("tests/models/identify/test_timing.py",),
+    Change(
+        "any-start-is-believed", RESULT, "if not start_agrees(setup, options.rate is not False):",
+        "if False:", "a stage behind an exercise is fitted from the virgin curve on",
+    ),
+    Change(
+        "start-may-cost-much", TUNING, "start_costs: float = 0.05", "start_costs: float = 2.0",
+        "a wrong start is believed",
+    ),
+    Change(
+        "any-lag-that-helps", TUNING, "clear_lag: float = 0.85", "clear_lag: float = 0.999",
+        "a lag that the stage has not is taken for a little gain",
+    ),
+) + room(
+    ("tests/models/identify/test_dynamics.py",),
+    Change(
+        "no-lag-beats-jitter", TUNING, "jitters: float = 5.0", "jitters: float = 1e9",
+        "no lag is ever found",
+    ),
+    Change(
+        "every-lag-is-the-drives", LAGS, "for group in (of_drive, of_sensor):",
+        "for group in (of_drive, of_drive):",
+        "a slow sensor is taken for a slow drive, and made up for",
+    ),
+    Change(
+        "start-without-lag", START, "        lag = found.lag\n", "        return False\n",
+        "a lag makes a de-energised start look wrong",
     ),
 )  # fmt: skip

@@ -50,7 +50,7 @@ CHANGES = [
         ),
     ),
     *room(
-        ("tests/models/inverse/test_low_end.py",),
+        ("tests/models/inverse/test_low_end.py", "tests/models/inverse/test_static.py"),
         Change(
             "static-drive-not-flagged", STATIC, "        flags |= BEYOND_DRIVE\n    return",
             "        pass\n    return", "an unreachable target is not told",

@@ -88,6 +88,20 @@ CHANGES = [
             "after a fault the model is another than the stage",
         ),
         Change(
+            "first-step-whole",
+            STEP,
+            "* (FIRST_STEP if c.found != 0 else 1.0)",
+            "* 1.0",
+            "what a report is off by is moved beyond the slew limit",
+        ),
+        Change(
+            "found-for-granted",
+            STEP,
+            "    c.found = 1\n",
+            "",
+            "what a report after a fault is off by is moved beyond the slew limit",
+        ),
+        Change(
             "fault-keeps-targets",
             STEP,
             "    if happens(c, FAULT, now_ns):\n        drop_targets(c, queue_of(table))\n",
