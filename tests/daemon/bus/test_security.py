@@ -138,6 +138,32 @@ bus = {{listen = ["{endpoint}"]}}
             Bus.serve([endpoint], [])
 
 
+@pytest.mark.parametrize(
+    ("bus", "says"),
+    [
+        ('listen = []\nconnect = ["tcp/10.0.0.1:7447"]', "anybody at that router"),
+        ('connect = ["tcp/127.0.0.1:7447"]\n[bus.auth]\ncredentials = "me"', "bus.listen = \\[\\]"),
+        ('listen = []\n[bus.auth]\ncredentials = "me"', "are for the routers"),
+        (
+            'listen = []\nconnect = ["tcp/127.0.0.1:7447"]\n'
+            '[bus.auth]\noperators = ["alice"]\npasswords = "p"',
+            "cannot be told apart",
+        ),
+        ("listen = []\nconnect = []", "nobody could reach"),
+    ],
+)
+def test_a_way_past_the_roles_is_refused_before_anything_listens(bus: str, says: str) -> None:
+    head = """
+name = "x"
+model = {file = "paper-eq11"}
+actuator = {driver = "simulated"}
+sensor = {driver = "simulated"}
+limits = {min_v = 0.0, max_v = 10.0, slew_v_per_s = 100.0}
+"""
+    with pytest.raises(BadInput, match=says):
+        parse_config(f"{head}[bus]\n{bus}\n")
+
+
 def test_what_does_not_fit_is_refused_with_the_reason(tmp_path: Path) -> None:
     from dehyst.daemon.bus.keys import Keys
 
