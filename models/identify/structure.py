@@ -240,6 +240,9 @@ class Trial:
             whole = total.gram / noise
             whole[:size, :size] += prior
             cost = float(c.fitted.sum()) / noise + float(slopes @ prior @ slopes)
+            # what no row shows, as the zero of a recording without one, says nothing
+            shown = np.flatnonzero(np.diag(whole) > 0.0)
+            whole = whole[np.ix_(shown, shown)]
             scale = np.sqrt(np.diag(whole))
             spread = np.linalg.slogdet(whole / np.outer(scale, scale))[1] + 2 * np.log(scale).sum()
             return 0.5 * float(np.linalg.slogdet(prior + level)[1] - spread - cost)
