@@ -39,6 +39,14 @@ def test_recordings_of_different_stages() -> None:
     assert all(name in str(error.value) for name in ("a.csv", "b.csv", "alone"))
 
 
+def test_a_recording_of_steps_alone_beside_a_good_one_is_refused_by_its_name() -> None:
+    steps = np.repeat(np.random.default_rng(2).uniform(1, 9, 50), 100)
+    stood = simulate(STAGE, steps, T) + 0.01 * np.random.default_rng(3).standard_normal(t.size)
+    with pytest.raises(BadRecording, match="b.csv: no row of it can be judged") as error:
+        identify([Recording(t, u, y, name="a.csv"), Recording(t, steps, stood, name="b.csv")])
+    assert "\n" not in str(error.value)
+
+
 @pytest.mark.parametrize("every", [2, 3])
 def test_a_slow_sensor_is_used_for_what_it_is(every: int) -> None:
     slow = np.full(y.size, np.nan)
