@@ -54,7 +54,7 @@ class Tuning(NamedTuple):
     fine_structure: float = 2e-4  # of the displacement's range: less is no structure worth a name
     # intervals
     interval_width: float = 1.96  # standard deviations of white noise; blocks: Student's t
-    largest_leverage: float = 0.99
+    largest_leverage: float = 0.99  # told by one block alone: taken for no more than this
     bound_margin: float = 0.02  # of the (log) range: closer to a bound counts as on it
 
 
