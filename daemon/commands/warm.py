@@ -22,6 +22,7 @@ def run(args: argparse.Namespace) -> int:
     """Run everything that is compiled, briefly, on the simulated stage."""
     from dehyst.daemon.tools.bench_config import simulated_model
     from dehyst.daemon.tools.latency import Setup, measure
+    from dehyst.models.mismatch.monitor import compile_monitor
     from dehyst.models.physics import KINDS
 
     if not sys.stderr.isatty():
@@ -30,6 +31,7 @@ def run(args: argparse.Namespace) -> int:
         for kind in KINDS.values():
             kind.compile()
         simulated_model()
+        compile_monitor()
         progress(0.3)
         for i, engine in enumerate(("compiled", "python")):
             measure(Setup(rate_hz=200.0, seconds=0.2, engine=engine))

@@ -28,6 +28,7 @@ from dehyst.daemon.gateway.core_rings import CoreRings
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.gateway.publisher import Publisher
 from dehyst.models.errors import BadInput, DehystError
+from dehyst.models.mismatch.monitor import compile_monitor
 
 log = logging.getLogger(__name__)
 ROUTER_S = 1.0
@@ -54,6 +55,8 @@ class Gateway:
         lease = Lease(round(config.setpoint.lease_s * clock.NS))
         admission = Admission("", config.setpoint.queue_s, config.setpoint.stale_s, lease)
         refuse_a_namesake(config, keys)
+        if config.watch.enabled:
+            compile_monitor()  # a thread that compiles would keep the others from answering
         with Bus.serve(config.bus.listen, config.bus.connect, security_of(config)) as bus:
             started_ns = clock.monotonic_ns()
             publisher = Publisher(config, bus, keys, rings, admission, started_ns)

@@ -27,6 +27,7 @@ from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, Command, Miss
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS
 from dehyst.daemon.service.supervisor import BenchProcess
+from dehyst.daemon.tools.interrupts import ended_at_once
 from dehyst.drivers.interface import Actuator, Sensor
 from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor
@@ -138,11 +139,12 @@ def measure(setup: Setup) -> Outcome:
     """
     name: dict[str, Any] = {"stage": "latency"}
     actuator, sensor = SimulatedActuator.from_settings(name), SimulatedSensor.from_settings(name)
-    actuator.open()
-    sensor.open()
-    links = DeviceLink("actuator", actuator), DeviceLink("sensor", sensor)
     compiled = setup.engine == "compiled"
-    warm_up(_monitor(setup, links, _rings(16)), compiled)
+    with ended_at_once("dehyst"):  # an interrupt while a kernel is loaded would be lost
+        actuator.open()
+        sensor.open()
+        links = DeviceLink("actuator", actuator), DeviceLink("sensor", sensor)
+        warm_up(_monitor(setup, links, _rings(16)), compiled)
     rings = _rings(32768)
     monitor = _monitor(setup, links, rings)
     rings["command"].push_many(_sine(setup))

@@ -16,8 +16,6 @@ from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Floats
 
-"""Where one block alone tells a parameter, so much of it is taken for told by that block."""
-
 
 def intervals(problem: Problem, fitted: JointFit, sigma: float) -> list[dict[str, Value]]:
     """For each effect of the fit, in order: parameter key -> value with its interval."""

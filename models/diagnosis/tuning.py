@@ -70,7 +70,7 @@ class Tuning(NamedTuple):
     # intervals
     widest: float = 10.0  # factor that an interval may span
     interval_width: float = 1.96  # standard deviations of white noise; blocks: Student's t
-    largest_leverage: float = 0.99
+    largest_leverage: float = 0.99  # told by one block alone: taken for no more than this
     bound_margin: float = 0.02  # of the (log) range: closer to a bound counts as on it
 
 

@@ -69,6 +69,11 @@ def require_better_than_a_line(
     of several recordings, it names the one that does not belong to the others."""
     shares = []
     for one, error, pick in zip(setup.rows, residuals, picks, strict=True):
+        if not pick.any():
+            raise BadRecording(
+                f"{one.name}: no row of it can be judged (a drive of steps alone, or readings that "
+                "are missing); record a drive that moves all the time (dehyst excite designs one)"
+            )
         shares.append((rms(error[pick]) / max(float(np.ptp(one.y[pick])), 1e-300), one.name))
         line = measure_line(one.u[pick], one.y[pick])
         left = rms(error[pick])

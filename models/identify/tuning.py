@@ -59,7 +59,7 @@ class Tuning(NamedTuple):
     pull_price: float = 1.10  # rms that the pull may cost, against the plain bounded fit
     costs: float = 0.005  # of the misfit: so much the bounds must cost before there is a pull
     least_explained: float = 0.5  # of the displacement's power, held out: else it does not follow
-    start_costs: float = 0.05  # of the other rows' misfit: so much a start may add and be trusted
+    start_costs: float = 0.11  # of the other rows' misfit: true starts 0.06, others 0.22 and more
     farthest: float = 5.0  # an offset may lie this many spans from the middle of the drive
     # linear dynamics
     worth_trying: float = 0.003  # of the misfit, that a first try must take away

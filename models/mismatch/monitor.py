@@ -44,7 +44,7 @@ import numpy as np
 from dehyst.models.hysteresis.forward import initial_plays, simulate
 from dehyst.models.mismatch import kernel
 from dehyst.models.mismatch.tuning import LEAST, QUARTILES, TUNING
-from dehyst.models.model import Floats, Model
+from dehyst.models.model import Floats, Hysteresis, Model, Validity
 from dehyst.models.recording import Bools
 
 
@@ -221,6 +221,14 @@ class MismatchMonitor:
         if self.motion_s > TUNING.settled_s:
             self._state.now[0]["memory_s"] = TUNING.floor_s
         self._state.now[0]["learn"] = goes_on / (1.0 + max(0.0, 4.0 * health - 2.0))
+
+
+def compile_monitor() -> None:
+    """Compile what a monitor runs, or load it, before it is needed: four samples of no meaning."""
+    plays = Hysteresis(np.array([0.0, 1.0]), np.array([1.0, 0.1]), np.array([0.0, 1.0]))
+    model = Model(plays, Validity(0.0, 10.0))
+    nothing = np.zeros(4)
+    MismatchMonitor(model, 1e-3).update(nothing, nothing, nothing, np.zeros(4, np.bool_))
 
 
 def _measure_motion(s: Any) -> float:

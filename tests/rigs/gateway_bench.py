@@ -164,10 +164,7 @@ class Bench:
         client = Client("bench", self.address, label=label)
         self.clients.append(client)
 
-        def alive() -> bool:
-            return client.status().core_alive
-
-        wait_until("the gateway has seen the loop", alive)
+        wait_until("the gateway has seen the loop", lambda: follows(client))
         return client
 
     def kill_gateway(self, number: int = signal.SIGKILL) -> int:
@@ -187,10 +184,16 @@ class Bench:
             self.loop.close()
 
 
+def follows(client: Client) -> bool:
+    """The loop is seen and past its start: a command is not refused for its state."""
+    status = client.status()
+    return status.core_alive and status.state != "start"
+
+
 def observer_only_hears(operator: Client, observer: Client) -> tuple[TelemetryStream, set[float]]:
     """The operator commands; the observer sees it, asks, and is refused what commands: its stream
     and the targets heard so far."""
-    wait_until("the loop is seen", lambda: operator.status().core_alive)
+    wait_until("the loop is seen", lambda: follows(operator))
     feed, stream = observer.feed(), observer.stream()
     assert observer.model().displacement_unit == "um"
     operator.send(3.0)

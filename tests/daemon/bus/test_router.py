@@ -13,6 +13,7 @@ from tests.rigs import controllers
 from tests.rigs.gateway_bench import (
     ROOT,
     Bench,
+    follows,
     forged_setpoint,
     free_port,
     observer_only_hears,
@@ -115,7 +116,7 @@ def test_clients_find_and_command_controllers_through_a_router(
                 Client(connect=address)
             client = Client("stage-02", address)
             benches[1].clients.append(client)
-            wait_until("the loop is seen", lambda: client.status().core_alive)
+            wait_until("the loop is seen", lambda: follows(client))
             stream = client.stream()
             assert client.send(3.0).ok
             targets: set[float] = set()
@@ -305,7 +306,7 @@ def test_the_daemon_gives_a_password_to_a_router(tmp_path: Path) -> None:
         try:
             wait_for("stage-01", address, str(tmp_path / "bob"))
             with Client("stage-01", address, credentials=str(tmp_path / "bob")) as client:
-                wait_until("the loop is seen", lambda: client.status().core_alive)
+                wait_until("the loop is seen", lambda: follows(client))
             with pytest.raises(BusError, match="credentials"):
                 Bus.connect([address], timeout_s=0.5)
         finally:

@@ -5,7 +5,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.rigs.gateway_bench import Bench, forged_setpoint, observer_only_hears, wait_until
+from tests.rigs.gateway_bench import (
+    Bench,
+    follows,
+    forged_setpoint,
+    observer_only_hears,
+    wait_until,
+)
 
 from dehyst.daemon.bus import encoding, topics
 from dehyst.daemon.bus.security import check_open, client_settings, is_loopback, server_settings
@@ -93,7 +99,7 @@ def test_operator_commands_observer_sees_nobody_else_connects(secured: Secured) 
 
 def test_a_command_sent_again_under_the_same_lease_is_refused(secured: Secured) -> None:
     operator = secured.client("alice")
-    wait_until("the loop is seen", lambda: operator.status().core_alive)
+    wait_until("the loop is seen", lambda: follows(operator))
     operator.send(3.0)
     again = operator._setpoint(2.0, False)
     assert operator._ask(again).ok

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.rigs.gateway_bench import follows
 from tests.rigs.processes import dehyst, until
 from tests.rigs.service import SAFE_V, Service
 
@@ -76,7 +77,7 @@ def test_safe_and_a_new_start_with_a_damaged_ring(service: Service, how: str) ->
 def test_random_bytes_in_a_ring_that_is_in_use(service: Service, name: str) -> None:
     service.start()
     with service.client() as client:
-        until(lambda: client.status().core_alive, 60.0, "the core is seen")
+        until(lambda: follows(client), 60.0, "the core follows commands")
         client.send(5.0)
         before = client.status()
         for _ in range(3):
@@ -98,7 +99,7 @@ def test_a_ring_cut_short_in_use_costs_a_restart_at_most(service: Service, name:
     """The loop may touch what is missing before it notices: then the kernel ends it."""
     service.start()
     with service.client() as client:
-        until(lambda: client.status().core_alive, 60.0, "the core is seen")
+        until(lambda: follows(client), 60.0, "the core follows commands")
         service.high()
         damage(service.folder / "run" / f"{name}.ring", "cut")
 

@@ -1,11 +1,14 @@
 """What cannot be drive and displacement of one stage is refused in one sentence."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from dehyst.models.errors import BadRecording
 from dehyst.models.hysteresis.forward import simulate
 from dehyst.models.identify import describe, identify
+from dehyst.models.identify.sense import require_better_than_a_line
 from dehyst.models.model import Hysteresis
 from dehyst.models.recording import Recording
 
@@ -37,6 +40,16 @@ def test_recordings_of_different_stages() -> None:
     with pytest.raises(BadRecording, match="does not belong") as error:
         identify(recordings)
     assert all(name in str(error.value) for name in ("a.csv", "b.csv", "alone"))
+
+
+def test_a_recording_none_of_whose_rows_counts_is_refused_by_its_name() -> None:
+    both = [SimpleNamespace(u=u, y=y, name=name) for name in ("a.csv", "b.csv")]
+    counted, none = np.ones(t.size, bool), np.zeros(t.size, bool)
+    setup = SimpleNamespace(rows=both)
+    with pytest.raises(BadRecording, match=r"b\.csv: no row of it can be judged") as error:
+        require_better_than_a_line(setup, [0.01 * y, y], [counted, none])  # type: ignore[arg-type]
+    assert "\n" not in str(error.value)
+    require_better_than_a_line(setup, [0.01 * y, 0.01 * y], [counted, counted])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("every", [2, 3])

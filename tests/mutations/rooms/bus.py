@@ -5,6 +5,7 @@ from tests.mutations.change import Change, room
 ENCODING, MESSAGES = "daemon/bus/encoding.py", "daemon/bus/messages.py"
 SECURITY, KEYS = "daemon/bus/security.py", "daemon/bus/keys.py"
 MESSAGE_TESTS = ("tests/daemon/bus/test_encoding.py",)
+ROUTED = "tests/daemon/bus/test_router.py::test_no_way_through_a_router_without_credentials"
 SECURITY_TESTS = ("tests/daemon/bus/test_security.py", "tests/daemon/bus/test_certificates.py")
 
 
@@ -115,6 +116,7 @@ CHANGES = [
             "if not credentials and not is_loopback(endpoint):",
             "if False:",
             "anybody at the router moves the stage",
+            tests=(ROUTED,),
         ),
         Change(
             "listens-behind-router",
@@ -122,6 +124,7 @@ CHANGES = [
             "if credentials and listen:",
             "if False:",
             "the way past the router is open",
+            tests=(ROUTED,),
         ),
         Change(
             "roles-behind-router",
@@ -129,6 +132,7 @@ CHANGES = [
             "if roles and connect:",
             "if False:",
             "roles are configured where they cannot hold",
+            tests=(ROUTED,),
         ),
         Change(
             "allow-by-default",

@@ -38,7 +38,7 @@ CHANGES = room(
         "if False:", "a stage behind an exercise is fitted from the virgin curve on",
     ),
     Change(
-        "start-may-cost-much", TUNING, "start_costs: float = 0.05", "start_costs: float = 2.0",
+        "start-may-cost-much", TUNING, "start_costs: float = 0.11", "start_costs: float = 2.0",
         "a wrong start is believed",
     ),
     Change(
