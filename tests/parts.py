@@ -1,19 +1,20 @@
-"""All tests in four parts, and one closing line for them.
+"""All tests in five parts, and one closing line for them.
 
-    python -m tests.parts [quick] [thorough] [processes] [timing]
+    python -m tests.parts [quick] [thorough] [processes] [timing] [alone]
 
 quick      what starts no process, no zenoh session and no pty, on all processors; a file's tests in
            one worker, which compiles their kernels and makes their fixtures once
 thorough   the same where it takes longer: identification, diagnosis, the mismatch watch, recordings
 processes  what does; tests that share a rig of their module in one worker, and one worker more
            than there are processors, because they mostly wait
-timing     what judges times, alone
+timing     what judges times and mostly waits, on all processors; nothing that computes is beside it
+alone      what judges times and takes a processor for itself, one after another
 
 `thorough` runs beside `processes`, at the lowest priority, and is shown after it.
 
 Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
 Real processes on a machine that stands still for a second now and then miss a time-out now and
-then: in the two latter parts a test that fails is run again, twice at most, and is named RERUN in
+then: in the three latter parts a test that fails is run again, twice at most, and is named RERUN in
 the summary and counted in the closing line. Exit status: 0 where all passed, else 1.
 """
 
@@ -42,7 +43,11 @@ PARTS = {
         *("-m", "processes and not timing"),
         *AGAIN,
     ],
-    "timing": ["-m", "timing", *AGAIN],
+    "timing": [
+        *("-n", JOBS, "--dist", "loadgroup", "--tb=native", "-m", "timing and not alone"),
+        *AGAIN,
+    ],
+    "alone": ["-m", "alone", *AGAIN],
 }
 SHOWN = ("failed", "passed", "skipped", "error", "rerun")
 
