@@ -99,6 +99,15 @@ def show_validation(rows: Sequence[tuple[str, Recording, Validation]]) -> str:
 def show_diagnosis(diagnosis: Diagnosis) -> str:
     """The verdict, what was found, and the errors before and after."""
     out = Page(f"Diagnosis: {diagnosis.verdict}")
+    out.add_bullets(diagnosis.data.says)
+    before, after = diagnosis.before_after
+    out.add_cards(
+        [
+            ("the model in use leaves", _figure(before, diagnosis.unit)),
+            ("the augmented model leaves", _figure(after, diagnosis.unit)),
+            ("noise of the recordings", _figure(diagnosis.noise, diagnosis.unit)),
+        ]
+    )
     for finding in diagnosis.findings:
         with out.open_box(warn=finding.name == "unknown"):
             out.add_subheading(finding.title or finding.name)

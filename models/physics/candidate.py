@@ -16,7 +16,7 @@ from dehyst.models.model import Block
 from dehyst.models.signals.joined import Data, Floats
 
 # readings and targets are effects; the temperature has a file of its own
-NOT_A_CAUSE = re.compile(r"(temp|target|t_|y\d*_)")
+NOT_A_CAUSE = re.compile(r"(temp|target|t_|y\d*_|trim|learned|missed)")
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,9 @@ class Candidate:
     rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
     bounds_told: bool = True  # a parameter on its bound is told as not identified
     repeatable: bool = False
+    widest_spread: float = (
+        1.0  # of its amplitude over time, rms: with more it is not the same there
+    )
     mode: str = "columns"  # or "drive", "output"
     parameters: tuple[Parameter, ...] = ()
     channel: str = ""
@@ -173,9 +176,9 @@ class Candidate:
 
 
 def small(entry: tuple[float, str]) -> str:
-    """A value of the displacement's size, micrometres told as nanometres: "12 nm/K"."""
+    """A value of the displacement's size, micrometres below one told as nanometres: "12 nm/K"."""
     value, unit = entry
-    if unit == "um" or unit.startswith("um/"):
+    if (unit == "um" or unit.startswith("um/")) and abs(value) < 1.0:
         return f"{1e3 * value:.3g} nm{unit[2:]}"
     return f"{value:.3g} {unit}"
 
