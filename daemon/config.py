@@ -148,7 +148,7 @@ class TrimConfig(_Strict, frozen=True):
     enabled: bool = True
     """false: feed-forward alone; the gauge is recorded and watched, and corrects nothing."""
     time_constant_s: Positive | None = None
-    """Of the integral correction. Left out: 0.4 s, more with a gauge that is slow. Refused where
+    """Of the integral correction. Left out: 0.3 s, more with a gauge that is slow. Refused where
     the gauge's lag and delay make it unstable."""
     limit_um: Positive | None = None
     """Largest correction; left out: a tenth of the reach. In the model's displacement unit."""

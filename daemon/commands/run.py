@@ -119,8 +119,8 @@ def check(path: Path) -> int:
     unit = model.displacement_unit
     print(
         f"{path}: ok. Set-points from {low - zero:.4g} to {high - zero:.4g} {unit}; set-point 0 is "
-        f"the model's {zero:.4g} {unit}; {config.loop.rate_hz:g} Hz; {trim_words(trimmed[0], unit)}; "
-        f"rings in {config.directory}",
+        f"the model's {zero:.4g} {unit}; {config.loop.rate_hz:g} Hz; "
+        f"{trim_words(trimmed[0], unit)}; rings in {config.directory}",
         file=sys.stderr,
     )
     if config.longest_ramp_s > UNIT_STOP_S - SPARE_S and config.safe.on_stop == "ramp":

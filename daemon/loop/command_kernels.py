@@ -115,6 +115,8 @@ def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
         happens(c, TARGET, now_ns)
         return
     points = points_of(table)
+    if correction != 0.0:
+        c.corrected = 1
     if not targets.append(q, points, offset_ns, value, correction, last):
         full = q.count == points.times.size
         note(table, c, POINT_FULL if full else POINT_LATE, offset_ns * 1e-9)
@@ -141,6 +143,7 @@ def _approach(
     q.start_ns = now_ns + way_ns - offset_ns
     targets.append(q, points, offset_ns - way_ns, start, 0.0, False)
     targets.append(q, points, offset_ns, value, correction, last)
+    c.corrected = 1 if correction != 0.0 else 0
     c.approach_until_ns = now_ns + way_ns
 
 

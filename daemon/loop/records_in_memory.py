@@ -42,6 +42,7 @@ CONTROL_T = np.dtype(
         ("predicted", "<f8"),  # the model's next reading, from the origin
         ("target", "<f8"),  # newest target, from the origin; NaN: none
         ("learned", "<f8"),  # learned correction of the present target
+        ("corrected", "<i8"),  # 1: the trajectory has learned corrections
         ("held", "<i8"),  # 1: the reading of this sample is the one before
         ("target_ns", "<i8"),  # when it was last confirmed by a client
         ("since_ns", "<i8"),  # when the present state began

@@ -189,7 +189,7 @@ def _trim(table: Table, c: Any, reading: float) -> int:
     setting, state = trim_setting_of(table), trim_of(table)
     before = state.lasting
     if trim.take(setting, state, reading, c.predicted, c.held != 0, c.state == RUNNING):
-        silent = state.lasting == NOTHING and (before == NOT_RUNNING or before == OFF)
+        silent = state.lasting == NOTHING and before in (NOT_RUNNING, OFF)
         words = NOTES_OF_TRIM[state.lasting]
         if words != 0 and not silent:
             note(table, c, words, state.seen)

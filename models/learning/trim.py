@@ -9,10 +9,11 @@ The model is led by the drive that was really written, after range and slew, so 
 while the output stands at a limit: the anti-windup is part of the structure (internal model
 control: Morari & Zafiriou, Robust Process Control, 1989, ch. 3). With a model whose gain is right
 this is plain integral control of the target's error with the time constant T: a constant d leaves
-the error d exp(-t / T), and no frequency is amplified. A lag or delay L of the sensor that the
-model does not have leaves it stable for L / T < pi / 2 (`least_time_constant_s` keeps a margin).
+the error d exp(-t / T), by backward differences d (1 + h / T)^-n after n samples of h, and no
+frequency is amplified. A lag or delay L of the sensor that the model does not have leaves it
+stable for L / T < pi / 2 (`least_time_constant_s` keeps a margin).
 
-Readings are judged before they count (`Why`). A frozen trim keeps its value, and goes on from there.
+Readings are judged before they count (`Why`). A frozen trim keeps its value, and goes on from it.
 """
 
 import math
@@ -29,9 +30,9 @@ from dehyst.models.physics.kind import Led, Shifted
 
 
 class Tuning(NamedTuple):
-    """Set by `python -m tests.benchmarks.models.learning`: rows on trim, staircase and faults."""
+    """Set by `python -m tests.benchmarks.daemon.learning`: rows on trim, staircase and faults."""
 
-    time_constant_s: float = 0.4  # a step's creep is followed to 5 nm, and the gauge's noise is not
+    time_constant_s: float = 0.3  # a step's creep is followed to 5 nm, and the gauge's noise is not
     limit: float = 0.1  # of the reach
     rate: float = 0.02  # of the reach, a second
     belief: float = 2.0  # limits: a reading further from the model is not believed
@@ -100,9 +101,9 @@ STATE = np.dtype(
     ]
 )
 
-NOTHING, OFF, NOT_RUNNING = (np.int64(w) for w in (Why.NOTHING, Why.OFF, Why.NOT_RUNNING))
-NO_READING, STUCK, JUMPED = (np.int64(w) for w in (Why.NO_READING, Why.STUCK, Why.JUMPED))
-BEYOND, DISTRUSTED = (np.int64(w) for w in (Why.BEYOND, Why.DISTRUSTED))
+NOTHING, OFF, NOT_RUNNING = int(Why.NOTHING), int(Why.OFF), int(Why.NOT_RUNNING)
+NO_READING, STUCK, JUMPED = int(Why.NO_READING), int(Why.STUCK), int(Why.JUMPED)
+BEYOND, DISTRUSTED = int(Why.BEYOND), int(Why.DISTRUSTED)
 
 
 def setting_of(
@@ -199,12 +200,12 @@ def take(p: Any, s: Any, reading: float, predicted: float, held: bool, running: 
         why = NOT_RUNNING
     if why == NOTHING and s.out_s == 0.0:
         goal = min(max(predicted - reading, -p.limit), p.limit)
-        s.aim += -math.expm1(-dt / p.time_constant_s) * (goal - s.aim)
+        s.aim += dt / (p.time_constant_s + dt) * (goal - s.aim)
     elif why == STUCK:
         s.aim = s.aim_then  # what a reading that stood still has moved
     elif why != NOTHING:
         s.aim = s.trim
-    _move(p, s, running and (why == NOTHING or why == STUCK))
+    _move(p, s, running and why in (NOTHING, STUCK))
     s.why_s = s.why_s + period if why == s.why else 0.0
     s.why = why
     if s.why_s >= TUNING.told_s and s.lasting != why:
@@ -230,7 +231,7 @@ def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
     dt = min(s.since_s, 10.0 * p.jump_s)
     if math.isnan(s.predicted):
         s.predicted = predicted
-    s.moved = s.moved * math.exp(-dt / p.jump_s) + abs(predicted - s.predicted)
+    s.moved = s.moved * p.jump_s / (p.jump_s + dt) + abs(predicted - s.predicted)
     s.predicted = predicted
     if reading != s.reading:
         s.reading, s.predicted_then, s.aim_then = reading, predicted, s.aim
@@ -240,7 +241,7 @@ def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
     difference = reading - predicted
     if math.isnan(s.seen):
         s.seen = difference
-    s.seen -= math.expm1(-dt / TUNING.told_s) * (difference - s.seen)
+    s.seen += dt / (TUNING.told_s + dt) * (difference - s.seen)
     if s.stuck != 0:
         return STUCK
     beyond = abs(difference) > p.belief
@@ -256,7 +257,7 @@ def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
             s.aim = s.trim
     else:
         s.in_s, s.out_s = s.in_s + dt, 0.0
-        s.difference -= math.expm1(-dt / p.jump_s) * off
+        s.difference += dt / (p.jump_s + dt) * off
         if s.in_s >= TUNING.back_s:
             s.jumped = 0
     if beyond:
