@@ -82,6 +82,7 @@ def run_samples(table: Table, samples: int) -> None:
                 m.measured = NAN
                 m.sensor_ok, m.sensor_code = 0, code
             io_ns = now_of(table, buffer) - before
+        m.held = 1 if flags == HELD else 0
         volts = begin(table, now_of(table, buffer))
         wrote = NOT_WRITTEN
         if volts == volts:

@@ -60,6 +60,7 @@ def begin(table: Table, clock_ns: int) -> float:
     m.begun_ns = clock_ns
     since_ns = clock_ns - c.wrote_ns if c.wrote_ns != 0 else p.period_ns
     c.move_ns = min(max(since_ns, 0), p.period_ns)
+    c.held = m.held
     if m.stop != 0:
         stop(table, now_ns)
     if m.swap != 0:

@@ -176,6 +176,11 @@ class LoopMonitor:
         row["sensor_ok"] = self.sensor.ok
         row["actuator_errors"], row["sensor_errors"] = self.actuator.errors, self.sensor.errors
         row["volts"] = stepper.volts
+        trim, control = stepper.trim[0], stepper.control[0]
+        row["trimmed"], row["trim"] = stepper.trim_setting["on"][0], trim["trim"]
+        row["trim_frozen"], row["differs"] = trim["lasting"], trim["seen"]
+        row["learned"], row["gauge_zero"] = control["corrected"], trim["zero"]
+        row["trajectory_start_ns"] = stepper.queue.numbers["start_ns"][0]
         row["queue_s"] = stepper.queue.ahead_s(now_ns)
         row["trajectory"], row["trajectory_done"] = stepper.trajectory, stepper.trajectory_done
         row["origin"], row["period_ns"] = stepper.origin, stepper.settings.period_ns
