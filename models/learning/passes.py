@@ -1,32 +1,34 @@
 """What repeats is learned from pass to pass (iterative learning control).
 
-A trajectory is played again and again. The error of pass k is e_k = d + P u_k + noise, with u_k the
-correction of the targets in force, d what the stage does again in each pass, and P close to 1: the
-inverse has taken the stage's dynamics off. So D_k = e_k - u_k is an observation of d, and
+A trajectory is played again and again. The error of pass k is e_k = d + P u_k + noise, with u_k
+the correction of the targets in force, d what the stage does again in each pass, and P close to
+1: the inverse has taken the stage's dynamics off. So D_k = e_k - u_k is an observation of d, and
 
     d_k = d_(k-1) + a_k (D_k - d_(k-1)),      u_(k+1) = -W_k d_k,
 
-which is u_(k+1) = u_k - a_k e_k where W = 1. The gain a_k is below one and falls as passes go on: the
-average over passes takes the noise off (Saab, IEEE Trans. Autom. Control 46, 2001: stochastic
-learning; Bristow, Tharayil & Alleyne, IEEE Control Syst. Mag. 26, 2006: the survey). W_k works on
-the spectrum of the whole pass and is real, so it is zero-phase: per frequency
+which is u_(k+1) = u_k - a_k e_k where W = 1. The gain a_k is below one and falls as passes go on:
+the average over passes takes the noise off (Saab, IEEE Trans. Autom. Control 46, 2001; Bristow,
+Tharayil & Alleyne, IEEE Control Syst. Mag. 26, 2006: the survey). The first pass comes from
+elsewhere and is not learned from. W_k works on the spectrum of the whole pass and is real, so it is
+zero-phase: per frequency
 
     W = 1 - c v N / |d|^2, not below 0,
 
-with N the noise's spectrum and v N what the average has left of it (spectral subtraction, Boll, IEEE
-Trans. ASSP 27, 1979). N comes from the model's noise and from what differs between passes, so the
-filter is as wide as what repeats stands out, and nobody tunes it. A pass that ends where it began
-is taken as periodic, another one is mirrored at its ends (cosine transform), so that no edge rings.
+with N the noise's spectrum and v N what the average has left of it (spectral subtraction: Boll,
+IEEE Trans. ASSP 27, 1979). N comes from the model's noise and from what differs between passes, so
+the filter is as wide as what repeats stands out, and nobody tunes it. A pass that ends where it
+began is taken as periodic, another one is mirrored at its ends (cosine transform), so that no edge
+rings.
 
 Contraction is checked where the correction has changed enough to be seen: P in each third of an
 octave, by regression of the change of the error on that of the correction. Where |1 - a P| is not
-below `contracts`, nothing is learned. A pass whose error has grown brings back the best correction
-and halves the gain.
+below `contracts` and the error grows, nothing more is learned. When the error of whole passes has
+grown, the best correction comes back and the gain is halved.
 """
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -53,10 +55,12 @@ class Tuning(NamedTuple):
     least_noise: float = 0.5  # of the model's noise power
     contracts: float = 0.9
     seen: float = 10.0  # noise powers by which a correction must change for P to be told
-    grown: float = 1.25  # times the best error
+    grown: float = 1.25  # times the best error, twice in a row,
+    grown_at_once: float = 2.5  # or once by so much,
     grown_noises: float = 0.25  # and by so many noises
+    taken_up: float = 0.1  # what is left of a correction that was given up, before it counts again
     least_factor: float = 1.0 / 16.0  # the gain is halved down to this
-    missing: float = 0.002  # share of a pass that may be without a reading
+    missing: float = 0.005  # share of a pass that may be without a reading (or one sample)
     longest_gap: int = 3  # samples
     knock_noises: float = 8.0  # of the smoothed change from pass to pass
     knock_smooth: int = 5  # samples
@@ -128,7 +132,8 @@ class Learner:
         self.hertz = np.arange(lines) / (n * period_s * (1.0 if self.closed else 2.0))
         self.passes = self.learned = 0
         self.outcomes: list[Outcome] = []
-        self._repeats: Spectrum = np.zeros(lines, np.complex128 if self.closed else np.float64)
+        kind: Any = np.complex128 if self.closed else np.float64
+        self._repeats: Any = np.zeros(lines, kind)
         self._known = correction is not None
         self.correction = np.zeros(n)
         if correction is not None:
@@ -142,6 +147,8 @@ class Learner:
         self._before: tuple[Spectrum, Spectrum] | None = None  # error, correction
         self._doubted: Floats | None = None
         self._best: tuple[float, Spectrum] | None = None
+        self._grown = 0
+        self._given_up: Spectrum | None = None
 
     # -- one pass ---------------------------------------------------------------------------------
 
@@ -239,15 +246,25 @@ class Learner:
     def _growth(self, e: Spectrum, u: Spectrum) -> str:
         """Go back to the best correction where the error has grown."""
         figure = math.sqrt(max(self._figure(e), 0.0))
+        if self._given_up is not None:  # what was sent before may still play
+            there = -self._repeats
+            if _power(u - there) > TUNING.taken_up * _power(self._given_up - there):
+                return ""
+            self._given_up = None
         if self._best is None or figure < self._best[0]:
-            self._best = figure, u
+            self._best, self._grown = (figure, u), 0
             return ""
-        worse = figure > TUNING.grown * self._best[0] + TUNING.grown_noises * self.noise
-        if not worse or not np.any(np.abs(u - self._best[1]) > 0.0):
+        more = TUNING.grown_noises * self.noise
+        at_once = figure > TUNING.grown_at_once * self._best[0] + more
+        if not (at_once or figure > TUNING.grown * self._best[0] + more):
+            self._grown = 0
             return ""
-        self._repeats = -self._best[1]
+        self._grown += 1
+        if (self._grown < 2 and not at_once) or _power(u - self._best[1]) == 0.0:
+            return ""
+        self._repeats, self._given_up = -self._best[1], u
         self._factor = max(0.5 * self._factor, TUNING.least_factor)
-        self._best = None
+        self._best, self._grown = None, 0
         return "the error has grown: back to the best correction, with half the gain"
 
     def _figure(self, e: Spectrum) -> float:
@@ -258,7 +275,11 @@ class Learner:
     def _unsettled(self, repeats: Floats) -> str:
         """In words, where a first pass still comes from elsewhere: what repeats in a closed pass
         is at its end what it was at its beginning."""
-        if not self.closed or self._known or self.passes > TUNING.settling:
+        if self._known or self.passes > TUNING.settling:
+            return ""
+        if self.passes == 1:
+            return "the first pass comes from elsewhere"
+        if not self.closed:
             return ""
         w = max(TUNING.seam, self.n // 100)
         apart = float(repeats[-w:].mean() - repeats[:w].mean())
@@ -310,6 +331,10 @@ class Learner:
         return x if most <= self.bound else x * (self.bound / most)
 
 
+def _power(x: Spectrum) -> float:
+    return float(np.sum(np.abs(x) ** 2))
+
+
 def _missing(valid: NDArray[np.bool_]) -> str:
     """In words, where too much of a pass has no reading."""
     lost = int(np.count_nonzero(~valid))
@@ -317,7 +342,7 @@ def _missing(valid: NDArray[np.bool_]) -> str:
         return ""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], valid, [True]]).astype(np.int8)))
     longest = int(np.max(edges[1::2] - edges[::2]))
-    if lost <= TUNING.missing * valid.size and longest <= TUNING.longest_gap:
+    if lost <= max(1.0, TUNING.missing * valid.size) and longest <= TUNING.longest_gap:
         return ""
     return f"{lost} of {valid.size} samples are missing or without a reading"
 
@@ -350,8 +375,8 @@ def _thirds(hertz: Floats) -> list[slice]:
     return bands
 
 
-def fade(before: Floats, after: Floats, samples: int) -> Floats:
-    """(n,) from one correction (n,) to the next over the first `samples`, with no step in it."""
-    share = np.clip((np.arange(after.size) + 1.0) / max(1, samples), 0.0, 1.0)
-    share = share * share * (3.0 - 2.0 * share)
-    return before + share * (after - before)
+def fade_share(samples: NDArray[np.int64], over: int) -> Floats:
+    """(n,) share of the new correction so many samples after it was begun: 0 to 1, with no step in
+    it or in its slope."""
+    share = np.clip((samples + 1.0) / max(1, over), 0.0, 1.0)
+    return np.asarray(share * share * (3.0 - 2.0 * share), np.float64)
