@@ -60,7 +60,8 @@ def differences(samples: NDArray[Any]) -> Disagreement:
 
 def compare(client: Client) -> Disagreement:
     """Listen for REST_S; moves nothing. Raises NotNow where no telemetry comes."""
-    stream, parts = client.stream(), []
+    stream = client.stream()
+    parts: list[NDArray[Any]] = []
     begun_ns = clock.monotonic_ns()
     period_s = client.status().period_ns * 1e-9
     wanted = round(REST_S / period_s)
