@@ -57,7 +57,7 @@ class Tuning(NamedTuple):
     seen: float = 10.0  # noise powers by which a correction must change for P to be told
     grown: float = 1.25  # times the best error, twice in a row,
     grown_at_once: float = 2.5  # or once by so much,
-    grown_noises: float = 0.25  # and by so many noises
+    grown_noises: float = 5.0  # and by so many standard deviations of the noise's power
     taken_up: float = 0.1  # what is left of a correction that was given up, before it counts again
     least_factor: float = 1.0 / 16.0  # the gain is halved down to this
     missing: float = 0.005  # share of a pass that may be without a reading (or one sample)
@@ -245,7 +245,7 @@ class Learner:
 
     def _growth(self, e: Spectrum, u: Spectrum) -> str:
         """Go back to the best correction where the error has grown."""
-        figure = math.sqrt(max(self._figure(e), 0.0))
+        figure = max(self._figure(e), 0.0)
         if self._given_up is not None:  # what was sent before may still play
             there = -self._repeats
             if _power(u - there) > TUNING.taken_up * _power(self._given_up - there):
@@ -254,9 +254,9 @@ class Learner:
         if self._best is None or figure < self._best[0]:
             self._best, self._grown = (figure, u), 0
             return ""
-        more = TUNING.grown_noises * self.noise
-        at_once = figure > TUNING.grown_at_once * self._best[0] + more
-        if not (at_once or figure > TUNING.grown * self._best[0] + more):
+        more = TUNING.grown_noises * self.noise**2 * math.sqrt(2.0 / self.n)
+        at_once = figure > TUNING.grown_at_once**2 * self._best[0] + more
+        if not (at_once or figure > TUNING.grown**2 * self._best[0] + more):
             self._grown = 0
             return ""
         self._grown += 1
@@ -308,6 +308,7 @@ class Learner:
         again = _running_mean(repeats - doubted, TUNING.knock_smooth)
         if np.abs(again - np.median(again)).max() < TUNING.same * abs(smooth[at]):
             self._doubted = None  # twice the same: the stage has changed, nobody knocked
+            self.learned, self._best, self._grown, self._before = 1, None, 0, None
             return ""
         return f"a knock of {smooth[at]:+.3g} at {at * self.period_s:.3f} s"
 

@@ -144,11 +144,11 @@ def tampers() -> dict[str, tuple[Callable[[int], Tamper | None], str]]:
     return {
         "stuck": (during(stuck), "has not changed"),
         "NaN for 0.3 s": (during(glitches), "no valid reading"),
-        "out of range": (during(lambda rig, reading: 69.6), "beyond belief"),
+        "out of range": (during(lambda rig, reading: 69.6 + 0.01 * reading), "beyond belief"),
         "unplugged for a pass": (during(lambda rig, reading: float("nan")), "no valid reading"),
         "a jump of 1 um, for a pass": (during(lambda rig, reading: reading + 1.0), "jumped"),
-        "a drift of 20 nm a second": (
-            lambda number: lambda rig, reading: reading + 2e-5 * max(0, len(rig.records) - 10_000),
+        "a drift of 5 nm a second": (
+            lambda number: lambda rig, reading: reading + 5e-6 * max(0, len(rig.records) - 10_000),
             "",
         ),
         "a knock of 1 um": (during(knock), "a knock"),
@@ -156,7 +156,7 @@ def tampers() -> dict[str, tuple[Callable[[int], Tamper | None], str]]:
 
 
 def faults(model: Model, bars: Bars) -> None:
-    """Row 5: while learning and trimming at once; a drift is followed, so its mean is not judged."""
+    """Row 5: while learning and trimming; a drift is followed, so its mean is not judged."""
     coupled = StageSettings(coupling_um_per_v=0.01)
     target, passes = sine(5.0, 6.0), FAULT_AT + 8
     every = np.random.default_rng(5)
@@ -173,9 +173,8 @@ def faults(model: Model, bars: Bars) -> None:
         before, after = max(one.std_nm[FAULT_AT - 3 : FAULT_AT]), one.std_nm[FAULT_AT + 3 :]
         told = [t for t in (*one.events, *one.said[FAULT_AT : FAULT_AT + 3]) if word and word in t]
         worst = max(one.std_nm[FAULT_AT:])
-        print(
-            f"{name:28s} before {before:.1f}, worst {worst:.1f}, then {max(after):.1f} nm: {told[:1]}"
-        )
+        text = f"before {before:.1f}, worst {worst:.1f}, then {max(after):.1f} nm"
+        print(f"{name:28s} {text}: {told[:1]}")
         bars.most(f"{name}: level after three passes", max(after), 1.2 * before + 0.5, "nm")
         bars.most(f"{name}: largest step", max(one.step_v), SLEW * PERIOD_S * (1 + 1e-9), "V")
         bars.most(f"{name}: correction", max(one.correction_um), 1.75, "um")
