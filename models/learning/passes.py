@@ -68,7 +68,7 @@ class Tuning(NamedTuple):
     same: float = 0.5  # two passes that differ by less than this part of their change agree
     band_grown: float = 1.5  # times its power, where a band is given up
     settling: int = 2  # first passes that may still settle,
-    seam: int = 8  # judged over so many samples at both ends, at the least
+    seam: int = 16  # judged over so many samples at both ends, at the least
     seam_noises: float = 5.0
     closed: float = 3.0  # a pass ends where it began: within so many of its typical steps
 
@@ -281,9 +281,12 @@ class Learner:
             return "the first pass comes from elsewhere"
         if not self.closed:
             return ""
-        w = max(TUNING.seam, self.n // 100)
-        apart = float(repeats[-w:].mean() - repeats[:w].mean())
-        if abs(apart) <= TUNING.seam_noises * self.noise * math.sqrt(2.0 / w):
+        m = min(max(TUNING.seam, self.n // 50), self.n // 2)
+        places = np.arange(m) + 0.5  # straight lines to both sides of the seam, which lies at 0
+        after = float(np.polyval(np.polyfit(places, repeats[:m], 1), 0.0))
+        before = float(np.polyval(np.polyfit(-places[::-1], repeats[-m:], 1), 0.0))
+        apart = before - after
+        if abs(apart) <= TUNING.seam_noises * self.noise * math.sqrt(8.0 / m):
             return ""
         return f"it still settles, by {apart:+.3g} from its beginning to its end"
 

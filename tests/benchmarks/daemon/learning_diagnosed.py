@@ -1,7 +1,7 @@
 """Does the diagnosis find in a recording made with trim, or while learning, what it finds in one
 without?
 
-    python -m tests.benchmarks.daemon.learning_diagnosed [--seeds N]
+    python -m tests.benchmarks.daemon.learning_diagnosed [--seeds N] [--effects creep ...]
 
 Creep, a resonance and a lag of the sensor on the simulated stage; the model is identified from an
 open-loop drive of the same stage; the diagnosis gets that recording and one of 24 s of tracking,
@@ -72,9 +72,10 @@ def tracked(model: Model, settings: StageSettings, way: str, seed: int) -> Recor
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--effects", nargs="+", default=[one.name for one in CHOSEN])
     args = parser.parse_args()
     bars = Bars()
-    for trial in CHOSEN:
+    for trial in (one for one in CHOSEN if one.name in args.effects):
         named = dict.fromkeys(WAYS, 0)
         for seed in range(1, args.seeds + 1):
             drive = exploring(seed)
