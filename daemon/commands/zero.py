@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     if args.exercise and args.look:
         raise BadInput("--look moves nothing; leave out --exercise")
     with connect(args, "zero") as client:
-        status, config = client.status(), client.config()
+        config = client.config()
         if args.take_over:
             client.take_over()
         if args.exercise:
@@ -77,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
             found = zero.exercise(client, args.share, args.seconds)
         else:
             found = zero.compare(client)
+        status = client.status()  # newer than the shift that came before this command
         shift = 0.0 if args.look else -found.mean
         if found.samples and shift:
             client.move_zero(shift)

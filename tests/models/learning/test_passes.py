@@ -160,11 +160,15 @@ def test_a_stage_that_has_changed_is_learned_anew() -> None:
     assert plant.rms[-1] < 0.3 * plant.rms[10]
 
 
-def test_a_first_pass_that_comes_from_elsewhere_is_not_learned_from() -> None:
+@pytest.mark.parametrize("settles", [0.0, 0.3])
+def test_a_first_pass_that_comes_from_elsewhere_is_not_learned_from(settles: float) -> None:
+    """Nor is a second one whose end is not its beginning."""
     plant = Plant()
-    plant.go(1, REPEATS + 0.3 * np.exp(-T / 0.1))
+    plant.go(1, REPEATS + settles * np.exp(-T / 0.1))
     assert not plant.outcomes[0].learned
-    assert not plant.learner.correction.any()
+    plant.go(1, REPEATS + settles * np.exp(-T / 0.1))
+    assert plant.outcomes[1].learned == (settles == 0.0)
+    assert plant.learner.correction.any() == (settles == 0.0)
 
 
 def test_what_was_learned_is_taken_up() -> None:

@@ -74,8 +74,7 @@ CHANGES = [
             TRIM,
             "if why == NOTHING and s.out_s == 0.0:",
             "if why == NOTHING:",
-            "single wild readings move the stage",
-            survives="the rate and 20 ms of patience keep what a glitch moves below the noise",
+            "wild readings move the stage before they are known for what they are",
         ),
         Change(
             "trim-beyond-belief",
