@@ -141,6 +141,7 @@ class _Player:
         except KeyboardInterrupt:
             self.client.stop()
             if self.points.total is None:  # that is how one without an end is ended
+                self.tracking.expected = self.tracking.samples
                 return self.result("")
             raise
         finally:
