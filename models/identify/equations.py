@@ -232,7 +232,7 @@ def linearise(lot: Equations, shape: Shape, params: Params) -> tuple[Floats, Flo
     jac = np.empty((n, params.packed().size))
     err = np.empty(n)
     powers = np.array(shape.powers, dtype=np.int64)
-    _linearise(lot, powers, params, jac, err)
+    _linearise(lot._replace(weight=1.0), powers, params, jac, err)
     return jac, err
 
 
@@ -299,7 +299,11 @@ def assemble(equations: Iterable[Equations], shape: Shape, params: Params) -> No
     misfit, count = 0.0, 0
     for lot in equations:
         jac, err = linearise(lot, shape, params)
-        if lot.weight != 1.0:
+        if np.ndim(lot.weight):
+            root = np.sqrt(lot.weight)
+            jac *= root[:, None]
+            err *= root
+        elif lot.weight != 1.0:
             jac *= np.sqrt(lot.weight)
             err *= np.sqrt(lot.weight)
         add_products(jac, err, gram, right)

@@ -12,7 +12,7 @@ from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.lags import LagSearch
 from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, Trial, choose, pays
+from dehyst.models.identify.structure import Candidate, Trial, choose, pays, shows
 from dehyst.models.identify.thresholds import space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools
@@ -82,21 +82,34 @@ class Search:
         """The structure to take: rate-dependence only where it foretells ways of the drive that it
         has not seen, as a rate and a place on one loop go together."""
         bests = self._bests(tried)
-        if len(bests) == 1:
-            return bests[0]
-        static, rate = bests
+        best = bests[0] if len(bests) == 1 else self._choose_rate(*bests)
+        return self._drop_constant(best)
+
+    def _choose_rate(self, static: Candidate, rate: Candidate) -> Candidate:
         if rate.held.sum() < TUNING.clear_rate * static.held.sum():
             return rate
         if not pays(static, rate):
             return static
         whole = self.setup.by_ways()
         scored = []
-        for one in bests:
+        for one in (static, rate):
             trial = Trial(whole, self.picks, self.r, one.offset, one.lag, one.loose)
             trial.linearise(one.params, one.shape, one.shape.powers)
             scored.append(trial.score(one.shape, whole.strengths[::2]))
         enough = scored[1].held.sum() < TUNING.clear_ways * scored[0].held.sum()
         return rate if enough and pays(scored[0], scored[1], clear=0.0) else static
+
+    def _drop_constant(self, best: Candidate) -> Candidate:
+        """The same without a constant where a de-energised stage shows none (Eq. 3 has none): what
+        is not there is not estimated."""
+        if not self.setup.virgin or 0 not in best.shape.powers:
+            return best
+        shape = Shape(best.shape.rate, tuple(p for p in best.shape.powers if p))
+        trial = Trial(self.setup, self.picks, self.r, best.offset, best.lag, best.loose)
+        trial.linearise(best.params, best.shape, best.shape.powers)
+        now, without = (trial.score(s, self.setup.strengths[::2]) for s in (best.shape, shape))
+        needed = shows(without, now, TUNING.climb) or pays(without, now)
+        return without if without.invertible and not needed else best
 
     def _find_lags(self, tried: Sequence[Candidate]) -> list[Candidate]:
         """Candidates with linear dynamics, where the rate alone has something to say."""

@@ -40,7 +40,7 @@ def start_agrees(setup: FitSetup, rate: bool) -> bool:
     while True:
         assumed = _prepare(setup, some, shape, lag)
         known = Trial(setup, settled, assumed.r, 0.0, lag)
-        known.linearise(assumed.like, Shape(True, POWERS), POWERS)
+        known.linearise(assumed.like, shape, POWERS)
         with_start = assumed.score(shape, strengths, known.normals)
         without = known.score(shape, strengths)
         if not shows(with_start, without, TUNING.start_costs):
