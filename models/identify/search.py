@@ -107,9 +107,14 @@ class Search:
         shape = Shape(best.shape.rate, tuple(p for p in best.shape.powers if p))
         trial = Trial(self.setup, self.picks, self.r, best.offset, best.lag, best.loose)
         trial.linearise(best.params, best.shape, best.shape.powers)
-        now, without = (trial.score(s, self.setup.strengths[::2]) for s in (best.shape, shape))
-        needed = shows(without, now, TUNING.climb) or pays(without, now)
-        return without if without.invertible and not needed else best
+        without = best
+        for loose in {best.loose, False}:  # the bounds may want one that the data do not
+            trial.loose = loose
+            now, rest = (trial.score(s, self.setup.strengths[::2]) for s in (best.shape, shape))
+            if not rest.invertible or shows(rest, now, TUNING.climb) or pays(rest, now):
+                return best
+            without = rest if loose == best.loose else without
+        return without
 
     def _find_lags(self, tried: Sequence[Candidate]) -> list[Candidate]:
         """Candidates with linear dynamics, where the rate alone has something to say."""

@@ -189,8 +189,7 @@ class Trial:
         goals = self.normals if judged is None else judged
         total = _sum(folded)
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
-        narrow = TUNING.narrow * self.setup.span if loose else 0.0
-        low, high = make_bounds(like, self.setup.limits, self.r, narrow)
+        low, high = self._bound(shape)
         p, free = bounded_solve(total.gram, total.right, low, high)
         noise = max(total.misfit_at(p) / max(1, total.count), 1e-300)
         best: tuple[float, Floats, Floats, float] | None = None
@@ -225,7 +224,7 @@ class Trial:
             self.loose,
         )
 
-    def weigh(self, shape: Shape, strengths: Sequence[float]) -> Candidate:
+    def weigh(self, shape: Shape) -> Candidate:
         """A structure at the strength of the prior that makes the recording the most probable, of
         those that can be inverted and that hold-out does not speak against.
 
@@ -233,28 +232,52 @@ class Trial:
         evidence of a linear model with Gaussian noise and prior (D. J. C. MacKay, Neural
         Computation 4, 1992), at the bounded solution.
         """
-        each = [self.score(shape, (strength,)) for strength in strengths]
-        total = _reduce(_sum(self.folded), self._find(shape))
-        noise = min(float(c.fitted.sum()) for c in each) / max(1, total.count)
-        size = each[0].params.slopes.size
-        level = np.full((size, size), 1.0 / (self.setup.slope**2 * size))
-
-        def evidence(c: Candidate) -> float:
-            slopes = c.params.slopes
-            prior = self.prior.gram(shape.rate, c.strength, self.loose)
-            whole = total.gram / noise
-            whole[:size, :size] += prior
-            cost = float(c.fitted.sum()) / noise + float(slopes @ prior @ slopes)
-            # what no row shows, as the zero of a recording without one, says nothing
-            shown = np.flatnonzero(np.diag(whole) > 0.0)
-            whole = whole[np.ix_(shown, shown)]
-            scale = np.sqrt(np.diag(whole))
-            spread = np.linalg.slogdet(whole / np.outer(scale, scale))[1] + 2 * np.log(scale).sum()
-            return 0.5 * float(np.linalg.slogdet(prior + level)[1] - spread - cost)
-
+        known = self.setup.strengths
+        each = [self.score(shape, (strength,)) for strength in known[::2]]
         best = min(each, key=lambda c: c.held_rms)
-        good = [c for c in each if c.invertible and not pays(c, best, clear=0.0)]
-        return max(good, key=evidence, default=best)
+        finer = [s for s in TUNING.weighed if known[0] <= s <= known[-1]]
+        evidence = self._weigh(shape, finer)
+        for at in np.argsort(-evidence, kind="stable"):
+            found = self.score(shape, (finer[at],))
+            if found.invertible and not pays(found, best, clear=0.0):
+                return found
+        return best
+
+    def _weigh(self, shape: Shape, strengths: Sequence[float]) -> Floats:
+        """(len(strengths),) logarithm of the evidence, but for a constant."""
+        total = _reduce(_sum(self.folded), self._find(shape))
+        low, high = self._bound(shape)
+        solved = []
+        p, free = bounded_solve(total.gram, total.right, low, high)
+        noise = max(total.misfit_at(p) / max(1, total.count), 1e-300)
+        for strength in strengths:
+            whole = self.prior.add_to(total, shape.rate, strength, noise, self.loose)
+            p, free = bounded_solve(whole.gram, whole.right, low, high, free)
+            solved.append((strength, p, total.misfit_at(p)))
+        noise = min(misfit for _, _, misfit in solved) / max(1, total.count)
+        size = self.like.slopes.size
+        level = np.full((size, size), 1.0 / (self.setup.slope**2 * size))
+        out = []
+        for strength, p, misfit in solved:
+            slopes = p[:size]
+            prior = self.prior.gram(shape.rate, strength, self.loose)
+            whole_gram = total.gram / noise
+            whole_gram[:size, :size] += prior
+            cost = misfit / noise + float(slopes @ prior @ slopes)
+            # what no row shows, as the zero of a recording without one, says nothing
+            shown = np.flatnonzero(np.diag(whole_gram) > 0.0)
+            whole_gram = whole_gram[np.ix_(shown, shown)]
+            scale = np.sqrt(np.diag(whole_gram))
+            unit = whole_gram / np.outer(scale, scale)
+            spread = np.linalg.slogdet(unit)[1] + 2 * np.log(scale).sum()
+            out.append(0.5 * float(np.linalg.slogdet(prior + level)[1] - spread - cost))
+        return np.array(out)
+
+    def _bound(self, shape: Shape) -> tuple[Floats, Floats]:
+        """Bounds of a structure's unknowns."""
+        like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
+        narrow = TUNING.narrow * self.setup.span if self.loose else 0.0
+        return make_bounds(like, self.setup.limits, self.r, narrow)
 
     def refine(self, found: Candidate) -> Params:
         """The candidate's parameters after a few more steps, about themselves."""
