@@ -32,23 +32,26 @@ Ints = NDArray[np.int64]
 class Equations(NamedTuple):
     """d: (n, M) play differences D_i; e: (n, M) v / R times these, both as the sensor's lag
     passes them on, or (n, 0) where no rate is wanted; y: (n,); group: (n,)
-    recording number; piece: (n,) stretch of the drive; weight: how often each of these
-    equations counts."""
+    recording number; piece: (n,) stretch of the drive; pace: (n,) v / R; weight: how often each of
+    these equations counts."""
 
     d: Floats
     e: Floats
     y: Floats
     group: Ints
     piece: Ints
+    pace: Floats
     weight: float = 1.0
 
 
 @dataclass(frozen=True)
 class Shape:
-    """rate: weights depend on the rate; powers: powers of z beside the first, 0 included."""
+    """rate: weights depend on the rate; powers: powers of z beside the first, 0 included;
+    free_offset: the drive offset about which the rate acts is fitted as well."""
 
     rate: bool
     powers: tuple[int, ...]
+    free_offset: bool = False
 
     @property
     def even(self) -> bool:
@@ -66,11 +69,13 @@ class Shape:
 
 class Params(NamedTuple):
     """slopes: (M,) or (2M,) alpha then beta; c: (len(powers),); shifts: (G - 1,) offsets of the
-    further recordings against the first."""
+    further recordings against the first; lead: (1,) z per v / R alone where the drive offset of the
+    rate is free, else (0,)."""
 
     slopes: Floats
     c: Floats
     shifts: Floats
+    lead: Floats = np.zeros(0)
 
     def packed(self) -> Floats:
         """All in one array."""
@@ -108,7 +113,7 @@ def make_equations(
     rows: Sequence[Rows],
     picks: Sequence[Bools],
     r: Floats,
-    offset: float,
+    offsets: tuple[float, float],
     rate_max: float,
     sign: float,
     lag: Dynamics | None = None,
@@ -116,7 +121,8 @@ def make_equations(
 ) -> Iterator[Equations]:
     """Lots of equations for the picked rows of each recording; the plays see every row.
 
-    lag: what acts on drive or sensor; rate: whether the rate's columns are wanted.
+    offsets: of the drive, for the plays and for what the rate does with them, which are settled
+    where the two differ; lag: what acts on drive or sensor; rate: whether the rate's columns are wanted.
     """
     for number, (one, pick) in enumerate(zip(rows, picks, strict=True)):
         if lag is not None:
@@ -124,14 +130,14 @@ def make_equations(
         h = np.zeros(r.size)
         fresh = np.zeros(one.u.size, dtype=bool)
         fresh[one.resets] = True
-        width = r.size * (2 if rate else 1)
+        width = r.size * (2 if rate else 1) + 1
         through = lag.behind(width) if lag is not None else None
         with_rate = rate and rate_max > 0.0
         for start in range(0, one.u.size, ROWS_HELD):
             part = slice(start, min(start + ROWS_HELD, one.u.size))
             size = part.stop - part.start
             d, at = np.empty((size, r.size)), np.empty(size, dtype=np.int64)
-            count = _run_plays(r, h, one.u[part], offset, fresh[part], d, at)
+            count = _run_plays(r, h, one.u[part], offsets[0], fresh[part], d, at)
             d, at = d[:count], at[:count]
             keep = pick[part][at]
             if through is None:
@@ -140,16 +146,17 @@ def make_equations(
                 d, at = d[keep], at[keep]
             pace = one.rate[part][at] / rate_max if with_rate else np.zeros(at.size)
             e = d * pace[:, None] if rate else np.empty((at.size, 0))
+            if rate:
+                e[:, -1] += (offsets[0] - offsets[1]) * pace
             if through is not None:
-                both = np.ascontiguousarray(np.hstack([d, np.nan_to_num(e)]))
-                through.run(both, one.t_s[part][at], fresh[part][at])
-                both = both[keep]
-                d, e, at = np.ascontiguousarray(both[:, : r.size]), both[:, r.size :], at[keep]
+                all_of_them = np.hstack([d, np.nan_to_num(e), np.nan_to_num(pace)[:, None]])
+                through.run(all_of_them, one.t_s[part][at], fresh[part][at])
+                d, e, pace = np.split(all_of_them[keep], [r.size, width - 1], axis=1)
+                d, e, pace = np.ascontiguousarray(d), np.ascontiguousarray(e), pace[:, 0].copy()
+                at = at[keep]
             if at.size:
                 group = np.full(at.size, number, dtype=np.int64)
-                yield Equations(
-                    d, np.ascontiguousarray(e), sign * one.y[part][at], group, one.piece[part][at]
-                )
+                yield Equations(d, e, sign * one.y[part][at], group, one.piece[part][at], pace)
 
 
 def gather(equations: Iterable[Equations]) -> list[Equations]:
@@ -175,21 +182,24 @@ def _join(lots: Sequence[Equations]) -> Equations:
         np.concatenate([lot.y for lot in lots]),
         np.concatenate([lot.group for lot in lots]),
         np.concatenate([lot.piece for lot in lots]),
+        np.concatenate([lot.pace for lot in lots]),
         lots[0].weight,
     )
 
 
 def sort_by_piece(equations: Sequence[Equations], count: int) -> list[Equations]:
     """One lot for each of `count` pieces."""
-    d, e, y, group, piece, weight = _join(equations)
-    rows = [np.flatnonzero(piece == number) for number in range(count)]
-    return [Equations(d[at], e[at], y[at], group[at], piece[at], weight) for at in rows]
+    *columns, weight = _join(equations)
+    order = np.argsort(columns[4], kind="stable")
+    ends = np.searchsorted(columns[4][order], np.arange(1, count))
+    parts = zip(*(np.split(column[order], ends) for column in columns), strict=True)
+    return [Equations(*part, weight) for part in parts]
 
 
 @njit(cache=True, nogil=True)
 def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: Floats) -> None:
     d, e, group = lot.d, lot.e, lot.group
-    slopes, c, shifts = params.slopes, params.c, params.shifts
+    slopes, c, shifts, lead = params.slopes, params.c, params.shifts, params.lead
     m = d.shape[1]
     rate = slopes.size == 2 * m
     for t in range(d.shape[0]):
@@ -200,6 +210,8 @@ def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: F
         else:
             for i in range(m):
                 z += slopes[i] * d[t, i]
+        if lead.size:
+            z += lead[0] * lot.pace[t]
         model, gradient = z, 1.0
         at = slopes.size
         for j in range(powers.size):
@@ -216,6 +228,8 @@ def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: F
             jac[t, at + j] = 1.0 if group[t] == j + 1 else 0.0
         if group[t] > 0:
             model += shifts[group[t] - 1]
+        if lead.size:
+            jac[t, at + shifts.size] = gradient * lot.pace[t]
         if rate:
             for i in range(m):
                 jac[t, i] = 0.5 * gradient * (d[t, i] + e[t, i])
@@ -232,7 +246,7 @@ def linearise(lot: Equations, shape: Shape, params: Params) -> tuple[Floats, Flo
     jac = np.empty((n, params.packed().size))
     err = np.empty(n)
     powers = np.array(shape.powers, dtype=np.int64)
-    _linearise(lot._replace(weight=1.0), powers, params, jac, err)
+    _linearise(lot, powers, params, jac, err)
     return jac, err
 
 
@@ -299,11 +313,7 @@ def assemble(equations: Iterable[Equations], shape: Shape, params: Params) -> No
     misfit, count = 0.0, 0
     for lot in equations:
         jac, err = linearise(lot, shape, params)
-        if np.ndim(lot.weight):
-            root = np.sqrt(lot.weight)
-            jac *= root[:, None]
-            err *= root
-        elif lot.weight != 1.0:
+        if lot.weight != 1.0:
             jac *= np.sqrt(lot.weight)
             err *= np.sqrt(lot.weight)
         add_products(jac, err, gram, right)

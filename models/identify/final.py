@@ -64,7 +64,9 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
         bounds, loose = make_bounds(begin, setup.limits, r, above), above > 0.0
         return solve(lambda: lots, shape, begin, bounds, prior, strength, loose, (12, 1e-4))
 
-    loose = run(equations, scored.params, narrow)
+    begins = (scored.params, start)  # the first was fitted to linear equations about the second
+    begin = min(begins, key=lambda p: assemble(equations, shape, p).misfit)
+    loose = run(equations, begin, narrow)
     tight = run(equations, loose.params, 0.0)
     costly = False
     pull: list[Equations] = []
@@ -116,6 +118,8 @@ def _predict(lot: Equations, shape: Shape, params: Params) -> Floats:
         z = 0.5 * (lot.d @ (up + down) + lot.e[:, :n] @ (up - down))
     else:
         z = lot.d @ params.slopes
+    if shape.free_offset:
+        z = z + params.lead[0] * lot.pace
     return z + sum(c * z**p for p, c in zip(shape.powers, params.c, strict=True))
 
 

@@ -16,6 +16,7 @@ from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
 from dehyst.models.identify.final import Fitted, fit_all
+from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.rows import Rows, read_rows
 from dehyst.models.identify.search import Search
@@ -223,7 +224,7 @@ def _require_one_stage(
 ) -> None:
     """Raise BadRecording where one of several recordings is told much better by its own model."""
     setup, f = found.setup, found.fitted
-    best = replace(f.scored, params=f.params._replace(shifts=np.zeros(0)))
+    best = replace(f.scored, params=make_start(f.r.size, f.shape, setup.slope, 1))
     alone, together = [], []
     for one, pick, error in zip(setup.rows, setup.picks, residuals, strict=True):
         if int(np.count_nonzero(pick)) < TUNING.fewest_rows:

@@ -33,9 +33,9 @@ class Search:
         tried: list[Candidate] = []
         for number, offset in enumerate(self.setup.offsets):
             shapes = self.wanted
-            if number and offset != self.setup.running:
-                # a full polynomial takes up a static model's offset
+            if number and offset != self.setup.running:  # a static model is the same about any
                 shapes = [s for s in shapes if s.rate or 2 not in s.powers]
+                shapes = [s for s in shapes if s.rate or self.setup.running is not None]
             tried += self._try(shapes, offset, None)
         found = self._find_lags(tried)
         shifted = {c.shape.rate for c in found if c.lag is not None and c.lag.short}
@@ -52,12 +52,13 @@ class Search:
         """Every one of the shapes, linearised about the straight fit and then about the best."""
         if not shapes:
             return []
+        shapes = [replace(s, free_offset=s.rate and self.setup.is_free(offset)) for s in shapes]
         trial = Trial(self.setup, self.picks, self.r, offset, lag, loose)
         out: list[Candidate] = []
         for rate in sorted({s.rate for s in shapes}):
             same = [s for s in shapes if s.rate == rate]
             powers = tuple(sorted({p for s in same for p in s.powers}))
-            flat = Shape(rate, powers[:1] if powers[:1] == (0,) else ())
+            flat = replace(same[0], powers=powers[:1] if powers[:1] == (0,) else ())
             start = make_start(self.r.size, flat, self.setup.slope, len(self.setup.rows))
             trial.linearise(start, flat, powers)
             straight = trial.score(flat, (1.0,))
@@ -104,7 +105,7 @@ class Search:
         is not there is not estimated."""
         if not self.setup.virgin or 0 not in best.shape.powers:
             return best
-        shape = Shape(best.shape.rate, tuple(p for p in best.shape.powers if p))
+        shape = replace(best.shape, powers=tuple(p for p in best.shape.powers if p))
         trial = Trial(self.setup, self.picks, self.r, best.offset, best.lag, best.loose)
         trial.linearise(best.params, best.shape, best.shape.powers)
         without = best

@@ -6,7 +6,7 @@ structure is taken only where what it gains over the stretches is more than chan
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,7 +77,8 @@ class Candidate:
     def size(self) -> int:
         """How much it has beyond the simplest."""
         shape = self.shape
-        return len(shape.powers) + shape.even + 3 * shape.rate + 2 * (self.lag is not None)
+        base = len(shape.powers) + shape.even + 3 * shape.rate + shape.free_offset
+        return base + 2 * (self.lag is not None)
 
 
 def pays(simple: Candidate, rich: Candidate, clear: float = TUNING.clear) -> bool:
@@ -167,7 +168,7 @@ class Trial:
     def linearise(self, params: Params, shape: Shape, powers: tuple[int, ...]) -> None:
         """Normal equations of every stretch about these parameters, with all of `powers`."""
         known = dict(zip(shape.powers, params.c, strict=True))
-        self.shape = Shape(shape.rate, powers)
+        self.shape = replace(shape, powers=powers)
         self.like = params._replace(c=np.array([known.get(p, 0.0) for p in powers]))
         self.normals = [assemble([lot], self.shape, self.like) for lot in self.lots]
         folds = self.setup.folds
@@ -309,7 +310,7 @@ class Trial:
         """(some,) places of a structure's unknowns among those of the whole."""
         slopes, powers = self.like.slopes.size, self.shape.powers
         known = [slopes + powers.index(p) for p in shape.powers]
-        rest = slopes + len(powers) + np.arange(self.like.shifts.size)
+        rest = np.arange(slopes + len(powers), self.like.packed().size)
         return np.concatenate([np.arange(slopes), np.array(known, dtype=np.int64), rest])
 
 
