@@ -77,7 +77,7 @@ class Tuning(NamedTuple):
     rows_slope: int = 1_000_000  # for the mean slope
     rows_fitted: int = 1_000_000  # for the last fit: more do not lower its error by a nanometre
     most_held: int = 30_000_000  # numbers in the equations of the last fit
-    stretches: int = 50  # of time, for the intervals
+    stretches: int = 30  # of time, for the intervals
 
 
 TUNING = Tuning()
