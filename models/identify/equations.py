@@ -275,30 +275,40 @@ def add_products(jac: Floats, err: Floats, gram: Floats, right: Floats) -> None:
     """
     n, p = jac.shape
     t = 0
-    while t + 8 <= n:
+    while t + 4 <= n:  # four rows by four columns at once
+        a, b, c, d = jac[t], jac[t + 1], jac[t + 2], jac[t + 3]
         for i in range(p):
-            a, b, c, d = jac[t, i], jac[t + 1, i], jac[t + 2, i], jac[t + 3, i]
-            e, f, g, h = jac[t + 4, i], jac[t + 5, i], jac[t + 6, i], jac[t + 7, i]
-            right[i] += a * err[t] + b * err[t + 1] + c * err[t + 2] + d * err[t + 3]
-            right[i] += e * err[t + 4] + f * err[t + 5] + g * err[t + 6] + h * err[t + 7]
+            right[i] += a[i] * err[t] + b[i] * err[t + 1] + c[i] * err[t + 2] + d[i] * err[t + 3]
+        i = 0
+        while i + 4 <= p:
+            a0, a1, a2, a3 = a[i], a[i + 1], a[i + 2], a[i + 3]
+            b0, b1, b2, b3 = b[i], b[i + 1], b[i + 2], b[i + 3]
+            c0, c1, c2, c3 = c[i], c[i + 1], c[i + 2], c[i + 3]
+            d0, d1, d2, d3 = d[i], d[i + 1], d[i + 2], d[i + 3]
+            g0, g1, g2, g3 = gram[i], gram[i + 1], gram[i + 2], gram[i + 3]
             for j in range(i, p):
-                gram[i, j] += (
-                    a * jac[t, j]
-                    + b * jac[t + 1, j]
-                    + c * jac[t + 2, j]
-                    + d * jac[t + 3, j]
-                    + e * jac[t + 4, j]
-                    + f * jac[t + 5, j]
-                    + g * jac[t + 6, j]
-                    + h * jac[t + 7, j]
-                )
-        t += 8
+                w, x, y, z = a[j], b[j], c[j], d[j]
+                g0[j] += a0 * w + b0 * x + c0 * y + d0 * z
+                g1[j] += a1 * w + b1 * x + c1 * y + d1 * z
+                g2[j] += a2 * w + b2 * x + c2 * y + d2 * z
+                g3[j] += a3 * w + b3 * x + c3 * y + d3 * z
+            i += 4
+        while i < p:
+            for j in range(i, p):
+                gram[i, j] += a[i] * a[j] + b[i] * b[j] + c[i] * c[j] + d[i] * d[j]
+            i += 1
+        t += 4
     while t < n:
         for i in range(p):
             right[i] += jac[t, i] * err[t]
             for j in range(i, p):
                 gram[i, j] += jac[t, i] * jac[t, j]
         t += 1
+
+
+def measure_misfit(equations: Iterable[Equations], shape: Shape, params: Params) -> float:
+    """Sum of the squares that the parameters leave."""
+    return sum(float(np.sum(linearise(lot, shape, params)[1] ** 2)) for lot in equations)
 
 
 def fill_lower(upper: Floats) -> Floats:

@@ -13,7 +13,14 @@ import numpy as np
 
 from dehyst.models.identify.bounded import bounded_solve
 from dehyst.models.identify.comparison_drive import make_comparison_drive
-from dehyst.models.identify.equations import Equations, Normal, Params, Shape, assemble
+from dehyst.models.identify.equations import (
+    Equations,
+    Normal,
+    Params,
+    Shape,
+    assemble,
+    measure_misfit,
+)
 from dehyst.models.identify.fit import Solution, make_bounds, make_start, solve
 from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.rows import Rows
@@ -60,14 +67,16 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // (2 * r.size)))
     equations = setup.equations(picks, r, offset, lag, shape.rate)
 
-    def run(lots: list[Equations], begin: Params, above: float) -> Solution:
+    def run(
+        lots: list[Equations], begin: Params, above: float, close: float = 1e-4
+    ) -> Solution:
         bounds, loose = make_bounds(begin, setup.limits, r, above), above > 0.0
-        return solve(lambda: lots, shape, begin, bounds, prior, strength, loose, (12, 1e-4))
+        return solve(lambda: lots, shape, begin, bounds, prior, strength, loose, (12, close))
 
     begins = (scored.params, start)  # the first was fitted to linear equations about the second
-    begin = min(begins, key=lambda p: assemble(equations, shape, p).misfit)
+    begin = min(begins, key=lambda p: measure_misfit(equations, shape, p))
     loose = run(equations, begin, narrow)
-    tight = run(equations, loose.params, 0.0)
+    tight = run(equations, loose.params, 0.0, 1e-3)
     costly = False
     pull: list[Equations] = []
     worse = tight.normal.misfit > loose.normal.misfit * (1.0 + TUNING.costs)
@@ -82,6 +91,8 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
             tight = run(equations + pull, tight.params, 0.0)
         else:
             pull = []
+    if not costly:
+        tight = run(equations, tight.params, 0.0)
     orders: tuple[tuple[int, float], ...] = ()
     if order is not None:
         r, tight, orders = _reduce(setup, trial, tight, r, shape, order, prior, strength)

@@ -67,7 +67,9 @@ class Search:
             for turn in range(2):
                 for shape in same:
                     self.progress(f"trying: {shape.name}")
-                found = [trial.score(shape, self.setup.strengths[::2]) for shape in same]
+                strengths = self.setup.strengths
+                strengths = strengths[::2] if turn else strengths[len(strengths) // 2 :][:1]
+                found = [trial.score(shape, strengths) for shape in same]
                 if turn == 0 and powers != (0,):
                     best = choose(found)
                     trial.linearise(trial.refine(best), best.shape, powers)
@@ -111,7 +113,7 @@ class Search:
         without = best
         for loose in {best.loose, False}:  # the bounds may want one that the data do not
             trial.loose = loose
-            now, rest = (trial.score(s, self.setup.strengths[::2]) for s in (best.shape, shape))
+            now, rest = (trial.score(s, (best.strength,)) for s in (best.shape, shape))
             if not rest.invertible or shows(rest, now, TUNING.climb) or pays(rest, now):
                 return best
             without = rest if loose == best.loose else without
@@ -145,8 +147,13 @@ class Search:
         little, where the fit and what is foretold agree.
         """
         period = float(np.median([one.period_s for one in self.setup.rows]))
+        half = Dynamics("lead", "drive", (0.5 * period,))
+        trial = Trial(self.setup, self.picks, self.r, best.offset, half)
+        trial.linearise(best.params, best.shape, best.shape.powers)
+        if trial.score(best.shape, (best.strength,)).fitted.sum() > best.fitted.sum():
+            return []
         same = [s for s in self.wanted if s.rate]
-        found = self._try(same, best.offset, Dynamics("lead", "drive", (0.5 * period,)))
+        found = self._try(same, best.offset, half)
         lead = choose(found)
         fits = lead.fitted.sum() < best.fitted.sum() and lead.held.sum() < best.held.sum()
         return found if fits else []

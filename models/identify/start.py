@@ -56,7 +56,7 @@ def start_agrees(setup: FitSetup, rate: bool) -> bool:
 
 def _prepare(setup: FitSetup, picks: list[Bools], shape: Shape, lag: Dynamics | None) -> Trial:
     """The equations of these rows about the straight fit."""
-    r = space_thresholds(TUNING.coarse, setup.span, setup.virgin)
+    r = space_thresholds(TUNING.lag_operators, setup.span, setup.virgin)
     trial = Trial(setup, picks, r, 0.0, lag)
     flat = Shape(shape.rate, (0,))
     start = make_start(r.size, flat, setup.slope, len(setup.rows))

@@ -153,13 +153,16 @@ class Trial:
         offset: float,
         lag: Dynamics | None = None,
         loose: bool | None = None,
+        split: bool = True,
     ) -> None:
+        """split: into stretches, of which some can be held out."""
         self.setup, self.r, self.offset, self.lag = setup, r, offset, lag
         # narrow operators may at first run the wrong way
         self.loose = (lag is None or lag.short) if loose is None else loose
         self.prior = Prior(r, setup.slope, 0.5 * setup.span)
         equations = setup.equations(picks, r, offset, lag)
-        self.lots = sort_by_piece(equations, setup.folds * TUNING.pieces)
+        self.folds = setup.folds if split else 1
+        self.lots = sort_by_piece(equations, self.folds * TUNING.pieces) if split else equations
         self.normals: list[Normal] = []
         self.folded: list[Normal] = []
         self.shape = Shape(True, ())
@@ -171,8 +174,7 @@ class Trial:
         self.shape = replace(shape, powers=powers)
         self.like = params._replace(c=np.array([known.get(p, 0.0) for p in powers]))
         self.normals = [assemble([lot], self.shape, self.like) for lot in self.lots]
-        folds = self.setup.folds
-        self.folded = [_sum(self.normals[fold::folds]) for fold in range(folds)]
+        self.folded = [_sum(self.normals[fold :: self.folds]) for fold in range(self.folds)]
 
     def score(
         self,
