@@ -35,7 +35,8 @@ from dehyst.models.recording import Bools, Floats
 class Fitted:
     """The model's numbers. r: (n,) thresholds; free: unknowns off their bounds; strength: of the
     prior; scored: the structure on these operators, as it foretells stretches; costly: the data
-    want what no invertible model gives; equations: what was fitted, the pull's last; normal: the
+    want what no invertible model gives; unreachable: rms of that on a drive of all kinds;
+    equations: what was fitted, the pull's last; normal: the
     normal equations at the end, the prior's with them."""
 
     r: Floats
@@ -44,6 +45,7 @@ class Fitted:
     free: Bools
     scored: Candidate
     costly: bool
+    unreachable: float
     equations: list[Equations]
     normal: Normal
     orders: tuple[tuple[int, float], ...]
@@ -102,8 +104,12 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
             pull = weigh_pull(setup, wish, r, offset, shape.rate, share)
         tight = run(equations + pull, tight.params, 0.0)
     normal = prior.add_to(tight.normal, shape.rate, strength)
+    alone = [lot._replace(weight=1.0) for lot in pull]
+    rows = sum(lot.y.size for lot in alone)
+    off = float(np.sqrt(measure_misfit(alone, shape, tight.params) / max(1, rows)))
+    every = equations + pull
     return Fitted(
-        r, shape, tight.params, tight.free, scored, costly, equations + pull, normal, orders
+        r, shape, tight.params, tight.free, scored, costly, off, every, normal, orders
     )
 
 
