@@ -16,7 +16,7 @@ import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,7 +39,6 @@ from dehyst.daemon.bus.messages import (
 from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError, Nobody
 from dehyst.daemon.bus.topics import SETPOINT, subject
-from dehyst.daemon.client.learning import LessonTaker
 from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, play
 from dehyst.daemon.client.repeated import Repeated
 from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
@@ -48,6 +47,9 @@ from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.errors import BadInput, DehystError
 from dehyst.models.model import Model
 from dehyst.models.modelfile import loads
+
+if TYPE_CHECKING:  # scipy takes its time
+    from dehyst.daemon.client.learning import LessonTaker
 
 log = logging.getLogger(__name__)
 DEFAULT = "tcp/127.0.0.1:7447"
@@ -286,7 +288,7 @@ class Client:
     def play_learning(
         self,
         points: Repeated,
-        lessons: LessonTaker,
+        lessons: "LessonTaker",
         allow_unreachable: bool = False,
         progress: Callable[[float, float], None] | None = None,
     ) -> Played:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from dehyst.daemon.client.repeated import Numbers
 from dehyst.daemon.rings.records import Flag
-from dehyst.models.learning.passes import TUNING, Learner, Outcome, Pass, fade_share
+from dehyst.models.learning.passes import Learner, Outcome, Pass, fade_share
+from dehyst.models.learning.tuning import TUNING
 from dehyst.models.recording import Floats
 
 UNUSABLE = Flag.SENSOR_INVALID | Flag.MISSED

@@ -7,7 +7,7 @@ holds, and ramps to its safe voltage.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.bus.messages import MAX_POINTS, Event, Reply, Status, new_number
 from dehyst.daemon.bus.session import BusError
-from dehyst.daemon.client.learning import LessonTaker
 from dehyst.daemon.client.repeated import Numbers, Repeated
 from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
 from dehyst.daemon.client.tracking import Tracking
 from dehyst.models.errors import DehystError
 from dehyst.models.recording import Floats
+
+if TYPE_CHECKING:  # scipy takes its time
+    from dehyst.daemon.client.learning import LessonTaker
 
 CHUNK_S = 0.25
 LEAD_S = 3.0
@@ -80,7 +82,7 @@ def play(
     progress: Callable[[float, float], None] | None = None,
     on_samples: Callable[[NDArray[Any]], None] | None = None,
     lead_s: float = LEAD_S,
-    lessons: LessonTaker | None = None,
+    lessons: "LessonTaker | None" = None,
 ) -> Played:
     """See Client.play. lessons: learns from each pass, and corrects the points of the next."""
     return _Player(client, points, allow_unreachable, lead_s, lessons).run(progress, on_samples)
@@ -93,7 +95,7 @@ class _Player:
         points: Repeated,
         allow_unreachable: bool,
         lead_s: float,
-        lessons: LessonTaker | None,
+        lessons: "LessonTaker | None",
     ) -> None:
         self.lead_s, self.lessons = lead_s, lessons
         self.client, self.points = client, points

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from dehyst.daemon import clock, notify
 from dehyst.daemon.config import Config
 from dehyst.daemon.files.models import load_model, write_text
-from dehyst.daemon.loop import realtime
 from dehyst.daemon.loop.channels import Channels
 from dehyst.daemon.loop.checks import (
     REPLAY_SAMPLES,
@@ -33,8 +32,9 @@ from dehyst.daemon.loop.readback import ReadbackCheck
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.status import LoopMonitor, Reading
 from dehyst.daemon.loop.step import Stepper
+from dehyst.daemon.loop.timing import realtime
+from dehyst.daemon.loop.timing.witness import Witness
 from dehyst.daemon.loop.trim import trim_setting
-from dehyst.daemon.loop.witness import Witness
 from dehyst.daemon.rings.records import (
     COMMAND,
     EVENT,

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
-from dehyst.daemon.loop import realtime, records_in_memory
-from dehyst.daemon.loop.deadlines import next_ns
+from dehyst.daemon.loop import records_in_memory
 from dehyst.daemon.loop.devices import DeviceLink
-from dehyst.daemon.loop.histogram import Histogram
 from dehyst.daemon.loop.records_in_memory import CAUSES, CONTROL_T, METER_T
 from dehyst.daemon.loop.step import Stepper
-from dehyst.daemon.loop.witness import Witness
+from dehyst.daemon.loop.timing import realtime
+from dehyst.daemon.loop.timing.deadlines import next_ns
+from dehyst.daemon.loop.timing.histogram import Histogram
+from dehyst.daemon.loop.timing.witness import Witness
 from dehyst.daemon.rings.records import EVENT, State
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS

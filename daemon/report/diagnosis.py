@@ -1,6 +1,5 @@
 """The report of a diagnosis: what stands in it, in which order. A technician can read it."""
 
-from collections.abc import Mapping
 from functools import partial
 
 from dehyst.daemon.report import diagnosis_pictures as pictures
@@ -16,30 +15,32 @@ VERDICTS = {
     "partly": "Part of what was left out was found and modelled; something else remains.",
     "unknown": "Something acts here that no entry of the library explains.",
 }
-MODELS = (
-    "hysteresis model alone",
-    "hysteresis of any shape, held out",
-    "augmented model, held out",
-)
+MODELS = ("model in use", "augmented model")
 MOST_VIEWS = 4
 
 
 def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:
-    """The page as text. names: the recordings' file names."""
+    """The page as text: the data first, then the verdict and its pair of figures. names: the
+    recordings' file names."""
     out = Page(f"Diagnosis: {diagnosis.verdict}")
+    if diagnosis.data.says:
+        with out.open_box(warn=True):
+            out.add_subheading("The recordings")
+            out.add_bullets([f"{s[0].upper()}{s[1:]}." for s in diagnosis.data.says])
     out.add_text(VERDICTS[diagnosis.verdict], "lead")
-    out.add_text(f"Recordings: {', '.join(names)}", "soft")
+    out.add_text(f"Recordings: {', '.join(names)} ({diagnosis.data.rows} rows)", "soft")
     _cards(out, diagnosis)
     if diagnosis.findings:
         out.add_heading("What was left out")
         for finding in diagnosis.findings:
             _finding(out, finding)
+    _limits(out, diagnosis)
     if diagnosis.next_experiment:
         out.add_heading("Next experiment")
         out.add_text(diagnosis.next_experiment)
     out.add_heading("Before and after")
     out.add_text(
-        "Every sample is predicted by a fit that did not see its stretch of the recording.", "soft"
+        "Both models as they simulate the recordings, each with its mean error taken off.", "soft"
     )
     for view in diagnosis.views[:MOST_VIEWS]:
         if len(diagnosis.views) > 1:
@@ -48,45 +49,30 @@ def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:
             partial(pictures.draw_model_error, diagnosis, view),
             partial(pictures.draw_close_look, diagnosis, view),
         )
+    out.add_heading("The loop")
+    out.add_pictures(*pictures.list_loop(diagnosis))
     out.add_heading("Where the misfit sits")
     out.add_text(
         "Rms error where the recording was at that time, drive, rate and so on. Orange above green "
-        "is what the hysteresis model alone misses, blue above green what the augmented model "
-        "still misses.",
+        "is what the model in use misses, blue above green what the augmented model still misses.",
         "soft",
     )
     out.add_pictures(*pictures.list_places(diagnosis))
     out.add_heading("What remains against the noise")
     out.add_pictures(partial(pictures.draw_error_spectrum, diagnosis))
-    _limits(out, diagnosis)
     _errors_by_recording(out, diagnosis)
-    if diagnosis.notes:
-        out.add_heading("Notes")
-        out.add_bullets(diagnosis.notes)
     return out.to_html()
 
 
 def _cards(out: Page, diagnosis: Diagnosis) -> None:
     k, unit = choose_scale(diagnosis)
-    figures = [("noise of the recording", diagnosis.noise)]
-    for key, label in (
-        ("base", "error, hysteresis model alone"),
-        ("heldout_base", "held-out error, hysteresis of any shape"),
-        ("heldout_augmented", "held-out error, augmented model"),
-    ):
-        value = _overall(diagnosis, diagnosis.rms.get(key))
-        if value is not None:
-            figures.append((label, value))
+    before, after = diagnosis.before_after
+    figures = [
+        ("noise of the recording", diagnosis.noise),
+        ("error, model in use", before),
+        ("error, augmented model", after),
+    ]
     out.add_cards([(label, f"{k * value:.3g} {unit}") for label, value in figures])
-
-
-def _overall(diagnosis: Diagnosis, error: float | Mapping[str, float] | None) -> float | None:
-    """One rms from a number, or from one number a recording."""
-    if not isinstance(error, Mapping):
-        return None if error is None else float(error)
-    sizes = {v.name: v.t_s.size for v in diagnosis.views}
-    total = sum(sizes.get(name, 1) for name in error)
-    return float((sum(sizes.get(name, 1) * r**2 for name, r in error.items()) / total) ** 0.5)
 
 
 def _finding(out: Page, finding: Finding) -> None:
@@ -98,8 +84,7 @@ def _finding(out: Page, finding: Finding) -> None:
             out.add_share(finding.share)
             percent = 100 * min(max(finding.share, 0.0), 1.0)
             out.add_text(
-                f"takes {percent:.0f} % of the explainable misfit (held out); acts on the "
-                f"{finding.place}",
+                f"takes {percent:.0f} % of the explainable misfit; acts on the {finding.place}",
                 "soft",
             )
         if finding.ambiguous_with:
@@ -149,7 +134,7 @@ def _errors_by_recording(out: Page, diagnosis: Diagnosis) -> None:
     out.add_heading("Errors by recording")
     rows = []
     for view in diagnosis.views:
-        models = (view.base, view.shape, view.augmented)
+        models = (view.base, view.augmented)
         errors = [k * finite_rms((view.displacement - y)[view.held_out]) for y in models]
         rows.append([view.name, *(f"{error:.3g} {unit}" for error in errors)])
     out.add_table(["recording", *MODELS], rows)

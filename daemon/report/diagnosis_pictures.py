@@ -29,7 +29,7 @@ from dehyst.models.diagnosis import Diagnosis, View
 from dehyst.models.recording import Bools, Floats
 
 MODELS = (
-    ("base", BEFORE, "hysteresis model alone"),
+    ("base", BEFORE, "model in use"),
     ("augmented", MODEL, "augmented model"),
 )
 STILL = 1e-3  # share of the drive's range within 20 ms below which the drive holds
@@ -97,6 +97,79 @@ def draw_error_spectrum(diagnosis: Diagnosis, axes: Axes) -> str:
     axes.set(xlabel="frequency, Hz", ylabel=f"error, {unit}/√Hz", title="spectrum of the errors")
     add_legend(axes)
     return "Spectrum of the errors before and after, against white noise."
+
+
+def list_loop(diagnosis: Diagnosis) -> list[Draw]:
+    """What the model in use misses of the loop: by level on both branches, its centre line and
+    width, and by the amplitude of the swing."""
+    return [partial(_draw_branches, diagnosis), partial(_draw_swings, diagnosis)]
+
+
+def _draw_branches(diagnosis: Diagnosis, axes: Axes) -> str:
+    """Mean error by drive while rising and while falling, and their mean: the centre line."""
+    k, unit = choose_scale(diagnosis)
+    drive, error, rising = _loop_samples(diagnosis)
+    edges = np.linspace(drive.min(), drive.max(), 25)
+    centre = 0.5 * (edges[1:] + edges[:-1])
+    means = []
+    for where, color, label in ((rising, BEFORE, "rising"), (~rising, MODEL, "falling")):
+        index = np.digitize(drive[where], edges) - 1
+        means.append(k * _mean_in(index, error[where], edges.size - 1))
+        axes.plot(centre, means[-1], color=color, lw=2, label=label)
+    axes.plot(centre, 0.5 * (means[0] + means[1]), "--", color=MEASURED, label="centre line")
+    volts = spell_unit(diagnosis.drive_unit)
+    axes.set(
+        xlabel=f"drive, {volts}", ylabel=f"mean error, {unit}", title="model in use, by branch"
+    )
+    add_legend(axes)
+    width = float(np.nanmax(np.abs(means[0] - means[1]))) if np.isfinite(means).any() else 0.0
+    return (
+        "Mean error of the model in use over the drive, rising and falling, and its centre line; "
+        f"the branches differ by up to {width:.3g} {unit}."
+    )
+
+
+def _draw_swings(diagnosis: Diagnosis, axes: Axes) -> str:
+    """Mean difference of the branches by the swing since the last turn."""
+    k, unit = choose_scale(diagnosis)
+    _, error, rising = _loop_samples(diagnosis)
+    swing = np.concatenate([_swing(v)[v.held_out] for v in diagnosis.views])
+    top = float(swing.max()) or 1.0
+    edges = np.linspace(0.0, top, 16)
+    centre = 0.5 * (edges[1:] + edges[:-1])
+    sign = np.where(rising, 1.0, -1.0)
+    index = np.digitize(swing, edges) - 1
+    axes.plot(centre, k * _mean_in(index, sign * error, edges.size - 1), color=BEFORE, lw=2)
+    axes.axhline(0.0, color=NOISE, lw=1)
+    volts = spell_unit(diagnosis.drive_unit)
+    axes.set(
+        xlabel=f"way since the last turn, {volts}",
+        ylabel=f"error along the way, {unit}",
+        title="model in use, after a turn",
+    )
+    return "Mean error of the model in use along the way since the last turn of the drive."
+
+
+def _loop_samples(diagnosis: Diagnosis) -> tuple[Floats, Floats, Bools]:
+    views = diagnosis.views
+    drive = np.concatenate([v.drive[v.held_out] for v in views])
+    error = np.concatenate([(v.displacement - v.base)[v.held_out] for v in views])
+    rising = np.concatenate([(_last_direction(v) > 0)[v.held_out] for v in views])
+    return drive, error, rising
+
+
+def _swing(view: View) -> Floats:
+    """Way of the drive since its direction last changed."""
+    turned = np.r_[True, np.diff(_last_direction(view)) != 0]
+    at = np.maximum.accumulate(np.where(turned, np.arange(turned.size), 0))
+    return np.abs(view.drive - view.drive[np.maximum(at - 1, 0)])
+
+
+def _mean_in(index: np.ndarray, x: Floats, count: int) -> Floats:
+    ok = (index >= 0) & (index < count) & np.isfinite(x)
+    number = np.bincount(index[ok], minlength=count)
+    total = np.bincount(index[ok], x[ok], minlength=count)
+    return np.where(number >= 8, total / np.maximum(number, 1), np.nan)
 
 
 def list_places(diagnosis: Diagnosis) -> list[Draw]:

@@ -1,7 +1,9 @@
 """The augmented model: a joint fit written as hysteresis and blocks of the model file.
 
-The hysteresis is the compact monotone one (non-negative play weights, for the inverse); a shape
-block carries what the rich base knows beyond it; the accepted effects are the other blocks.
+The hysteresis is the given model's own where that carries the fit, else the compact monotone one
+nearest to the fit (non-negative play weights, for the inverse); a shape and a memory block carry
+what the base knows beyond it; the accepted effects are the other blocks. Simulated, the written
+model gives what was fitted.
 """
 
 from dataclasses import replace
@@ -10,9 +12,9 @@ from math import comb
 import numpy as np
 from scipy.optimize import nnls
 
-from dehyst.models.diagnosis.effects import behind_output, drive_behind
+from dehyst.models.diagnosis.effects import behind_output
 from dehyst.models.diagnosis.fit import JointFit, Problem
-from dehyst.models.model import Block, Hysteresis, Model, Validity
+from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance
 from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays
 from dehyst.models.signals.filters import plays
 
@@ -20,10 +22,10 @@ from dehyst.models.signals.filters import plays
 def compact(problem: Problem, fitted: JointFit) -> Hysteresis:
     """Monotone static model nearest to a fit's hysteresis output: play weights >= 0."""
     data, base = problem.data, problem.base
-    v = drive_behind(data, fitted.effects)
+    v = problem.drive_at_hysteresis(fitted.effects)
     r = base.thresholds * base.span
-    h = plays(r, v - base.low, data.starts)
-    target = base.combine(v, data.starts, fitted.weights)
+    h = plays(r, v - base.low, data.forgets)
+    target = base.combine(v, data.forgets, fitted.weights)
     mean_h, mean_y = h.mean(axis=0), float(target.mean())
     a = h - mean_h
     gram = a.T @ a
@@ -31,40 +33,64 @@ def compact(problem: Problem, fitted: JointFit) -> Hysteresis:
     sign = 1.0 if float(a[:, 0] @ (target - mean_y)) >= 0 else -1.0
     b, _ = nnls(factor.T, np.linalg.solve(factor, sign * (a.T @ (target - mean_y))))
     b[0] = max(b[0], 1e-3 * float(b.sum()))
-    b *= sign
-    settled = behind_output(data, fitted.effects, np.ones((data.n, 1)))[0, 0]  # their gain at rest
-    c0 = mean_y - float(mean_h @ b) + float(fitted.offsets.mean()) / settled
-    return Hysteresis(r=r, b=b, c=np.array([c0, 1.0]), u_offset=base.low)
+    return Hysteresis(r=r, b=sign * b, c=np.array([0.0, 1.0]), u_offset=base.low)
 
 
-def augmented(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> Model:
+def augmented(problem: Problem, fitted: JointFit) -> Model:
     """Model with the shape and the effects as blocks."""
-    data = problem.data
-    shape, constant = _shape(problem, fitted, hysteresis)
-    settled = behind_output(data, fitted.effects, np.ones((data.n, 1)))[0, 0]
-    c0 = constant + float(fitted.offsets.mean()) / settled
-    hysteresis = replace(hysteresis, c=np.array([c0, 1.0]))
-    blocks = [shape, _memory(problem, fitted)]
-    for effect, amplitudes in zip(fitted.effects, fitted.amplitudes, strict=True):
-        blocks.extend(effect.candidate.blocks(effect.theta, amplitudes, data))
+    data, model = problem.data, problem.subject.model
+    if not problem.subject.carries:
+        model = replace(model, hysteresis=compact(problem, fitted), blocks=())
+    added, constant = _added(problem, fitted, model.hysteresis)
+    settled = behind_output(data, fitted.effects, np.ones((data.n, 1)))[0, 0]  # their gain at rest
+    c = np.array(model.hysteresis.c)
+    c[0] += constant + float(fitted.offsets.mean()) / settled
+    first = [Block("lead", "drive", {"tau_s": 0.5 * data.period})] if data.early else []
+    own = [*first, *model.blocks, *added]
+    effects = [
+        block
+        for effect, amplitudes in zip(fitted.effects, fitted.amplitudes, strict=True)
+        for block in effect.candidate.blocks(effect.theta, amplitudes, data)
+    ]
+    # the effects stand around the model: before its drive's blocks, behind its others
+    before = [b for b in effects if b.place == "drive"]
+    behind = [b for b in effects if b.place != "drive"]
     rank = {"drive": 0, "stage": 1, "sensor": 2}
-    blocks.sort(key=lambda b: 0.5 if KINDS[b.kind].beside else rank[b.place])
+    blocks = sorted(
+        [*before, *own, *behind], key=lambda b: 0.5 if KINDS[b.kind].beside else rank[b.place]
+    )
     rate = np.abs(np.diff(data.u)) / data.dt[1:]
     rate = rate[~data.starts[1:]]
-    validity = Validity(
-        data.u_min,
-        data.u_min + data.span,
+    validity = replace(
+        model.validity,
+        drive_min=min(model.validity.drive_min, data.u_min),
+        drive_max=max(model.validity.drive_max, data.u_min + data.span),
         rate_max=float(rate.max()) if rate.size and rate.max() > 0 else None,
         period_s=data.period,
     )
-    return Model(hysteresis, validity, data.drive_unit, data.unit, tuple(blocks))
+    return replace(
+        model,
+        hysteresis=replace(model.hysteresis, c=c),
+        validity=validity,
+        blocks=tuple(blocks),
+        fit=Fit(),
+        provenance=Provenance(),
+    )
+
+
+def _added(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[list[Block], float]:
+    """The blocks of what the base adds to the hysteresis, and the constant that is left."""
+    if problem.base.width == 0:
+        return [], 0.0
+    shape, constant = _shape(problem, fitted, hysteresis)
+    return [shape, _memory(problem, fitted)], constant
 
 
 def _shape(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[Block, float]:
-    """The rich base less the compact hysteresis, in plays from 0 upwards.
+    """The base's curved plays, in plays from 0 upwards, less a hysteresis that is made of them.
 
-    The rich base's columns are powers of h = H - 1 with H the play of the drive scaled to 0..2;
-    powers of H follow by the binomial rule; returns the block and the constant that is left.
+    The base's columns are powers of h = H - 1 with H the play of the drive scaled to 0..2; powers
+    of H follow by the binomial rule; returns the block and the constant that is left.
     """
     base = problem.base
     w = base.full(fitted.weights)
@@ -75,7 +101,8 @@ def _shape(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[
     for power in range(1, 6):
         for k in range(power + 1):
             e[k] += comb(power, k) * (-1.0) ** (power - k) * powers[power - 1]
-    e[1] -= hysteresis.b * half
+    if not problem.subject.carries:
+        e[1] -= hysteresis.b * half
     scale = DriveScale(base.low, half, problem.data.drive_unit)
     return curved_plays(base.thresholds * base.span, e[1:], scale), float(np.sum(e[0]))
 

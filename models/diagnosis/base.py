@@ -14,12 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from dehyst.models.model import Hysteresis
 from dehyst.models.signals.filters import dahl, plays
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
 # fractions of the drive's range
 THRESHOLDS = np.array([0, 0.01, 0.025, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.37, 0.45, 0.55])
 LENGTHS = np.array([0.005, 0.015, 0.04, 0.1, 0.2, 0.4, 0.8])
+POWERS_OF_Z = 5  # of the saturation
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,10 @@ class Base:
     def width(self) -> int:
         """Number of columns."""
         return int(self.keep.size)
+
+    def without(self) -> "Base":
+        """Nothing, on the same scale."""
+        return Base(self.low, self.span, self.thresholds, self.lengths, np.zeros(0, dtype=np.int64))
 
     @property
     def _all(self) -> int:
@@ -62,6 +68,8 @@ class Base:
 
     def columns(self, v: Floats, starts: Bools) -> Floats:
         """(N, width) columns for a drive v (N,)."""
+        if self.width == 0:
+            return np.zeros((v.size, 0))
         x = self.scaled(v)
         # plays start at the drive's low end, where a de-energised stage stands
         h = plays(2.0 * self.thresholds, x + 1.0, starts) - 1.0
@@ -72,6 +80,8 @@ class Base:
 
     def combine(self, v: Floats, starts: Bools, weights: Floats) -> Floats:
         """columns(v) @ weights (N,) without building the columns."""
+        if self.width == 0:
+            return np.zeros(v.size)
         x = self.scaled(v)
         return _combine(x, starts, 2.0 * self.thresholds, 2.0 * self.lengths, self.full(weights))
 
@@ -86,6 +96,48 @@ def compact_base(data: Data) -> Base:
     """Plays and a cubic of the drive: what a few loops of one waveform can support."""
     n = THRESHOLDS.size
     return Base(data.u_min, data.span, THRESHOLDS, LENGTHS, np.r_[0:n, n, 2 * n])
+
+
+def no_base(data: Data) -> Base:
+    """Nothing beside the model in use."""
+    return Base(data.u_min, data.span, THRESHOLDS, LENGTHS, np.zeros(0, dtype=np.int64))
+
+
+@dataclass(frozen=True)
+class NumbersBase(Base):
+    """What other numbers in the model in use would change, to the first order: its class, not more.
+
+    y = P(z), z = sum_i b_i H_i: the columns are P'(z) H_i with the model's thresholds, and powers
+    of z (Gauss-Newton about the model).
+    """
+
+    hysteresis: Hysteresis
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return self.hysteresis.n + POWERS_OF_Z - 1
+
+    @property
+    def priors(self) -> Floats:
+        """(width,) ridge of the columns."""
+        return np.full(self.width, 1e-9)
+
+    def columns(self, v: Floats, starts: Bools) -> Floats:
+        """(N, width) columns for a drive v (N,)."""
+        one = self.hysteresis
+        h = plays(one.r, v - one.u_offset, starts)
+        z = h @ one.b
+        slope = sum(p * c * z ** (p - 1) for p, c in enumerate(one.c.tolist()) if p)
+        size = max(float(np.abs(z).max()), 1e-300)
+        bent = [(z / size) ** p for p in range(2, POWERS_OF_Z + 1)]
+        return np.column_stack([h * np.reshape(slope, (-1, 1)), *bent])
+
+
+def numbers_base(data: Data, hysteresis: Hysteresis) -> Base:
+    """The base of a hysteresis' own class."""
+    none = no_base(data)
+    return NumbersBase(none.low, none.span, none.thresholds, none.lengths, none.keep, hysteresis)
 
 
 @njit(cache=True, nogil=True)

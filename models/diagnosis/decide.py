@@ -2,40 +2,46 @@
 to what should be recorded next."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from dehyst.models.diagnosis.effects import Effect, on_bound
-from dehyst.models.diagnosis.evidence import HeldOut, by_blocks, constancy, contribution
+from dehyst.models.diagnosis.evidence import by_blocks, constancy, contribution
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.intervals import intervals
 from dehyst.models.diagnosis.judge import SearchState
 from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.rivals import Rival, rivals
+from dehyst.models.diagnosis.told import unidentified
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import PHYSICS
 from dehyst.models.physics.candidate import Candidate, small
 
 
 def verdict_of(
-    findings: Sequence[Finding], left: float, at_first: float, sigma: float, stroke: float
+    findings: Sequence[Finding], left: float, at_first: float, beside: float, sigma: float
 ) -> str:
-    """clean, explained, partly or unknown. left, at_first: rms excess over the noise, with all
-    findings and without any."""
-    structure = left > TUNING.structure_left * sigma and left > TUNING.fine_structure * stroke
+    """clean, explained, partly or unknown. Rms excess over the noise: left, at_first: that the
+    augmented model and the model in use leave; beside: that a loop of any shape leaves without
+    physics, against which what physics explains is measured."""
+    structure = TUNING.structure_left * sigma
     if not findings:
-        return "unknown" if structure else "clean"
-    return "partly" if structure and left**2 > TUNING.explained_left * at_first**2 else "explained"
+        return "unknown" if at_first > structure else "clean"
+    if left <= TUNING.surely_nothing * sigma or left**2 <= TUNING.explained_best * at_first**2:
+        return "explained"
+    if all(f.name == "shape" for f in findings):
+        return "partly" if left > structure else "explained"
+    part = TUNING.explained_left if left > structure else TUNING.explained_small
+    return "partly" if left**2 > part * beside**2 else "explained"
 
 
-def named(
-    problem: Problem, found: SearchState, held_null: HeldOut, held_final: HeldOut
-) -> list[Finding]:
-    """Findings of the accepted effects, strongest first; two of one kind are told as one."""
+def named(problem: Problem, found: SearchState, held: float) -> list[Finding]:
+    """Findings of the accepted effects; two of one kind are told as one. share: mean square that
+    each removes of held-out samples, to be made a part of the whole. held: what all leave."""
     final, data, sigma = found.accepted, problem.data, found.sigma
-    whole = held_final.mean_square
-    explainable = max(held_null.mean_square - sigma**2, 1e-30)
     values = intervals(problem, final, sigma)
     keys = {"_um": f"_{data.unit}", "_v_": f"_{data.drive_unit}_", "_v": f"_{data.drive_unit}"}
     out = []
@@ -47,8 +53,9 @@ def named(
         near = rivals(found, effect)
         c = effect.candidate
         plain = {k: (v.value, v.unit) for k, v in values[i].items()}
+        wide = unidentified(effect, values[i])
         evidence = {
-            "removed_rms": float(np.sqrt(max(without - whole, 0.0))),
+            "removed_rms": float(np.sqrt(max(without - held, 0.0))),
             "spread": steady.spread,
         }
         for name, amount in zip(data.names, steady.by_recording, strict=True):
@@ -61,15 +68,28 @@ def named(
                 title=c.title,
                 equation=c.equation,
                 source=c.source,
-                share=float(np.clip((without - whole) / explainable, 0.0, 1.0)),
+                share=max(without - held, 0.0),
                 evidence=evidence,
-                parameters={_in_units(k, keys): v for k, v in values[i].items()},
+                parameters={_in_units(k, keys): v for k, v in values[i].items() if k not in wide},
                 ambiguous_with=_other_names(c, near),
                 where=hot_spots(locate(data, r, sigma)),
-                says=c.says(plain) + _reservations(effect, near, steady.spread),
+                says=c.says(plain) + _reservations(effect, near, steady.spread, wide),
             )
         )
-    return sorted(out, key=lambda f: -f.share)
+    return out
+
+
+def shared_out(findings: Sequence[Finding], removed: float) -> list[Finding]:
+    """Findings, strongest first and the shape behind them, with shares that add up to `removed`,
+    the part of the explainable misfit that all remove together."""
+    total = max(sum(f.share for f in findings), 1e-300)
+    return in_rank([replace(f, share=removed * f.share / total) for f in findings])
+
+
+def in_rank(findings: Sequence[Finding]) -> list[Finding]:
+    """Strongest first; the shape behind the physics. A cause can be acted upon, while another shape
+    of the loop is what the model's own class could not follow beside it."""
+    return sorted(findings, key=lambda f: (f.name == "shape", -f.share))
 
 
 def _in_units(key: str, units: dict[str, str]) -> str:
@@ -89,7 +109,7 @@ def _other_names(c: Candidate, near: Sequence[Rival]) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _reservations(effect: Effect, near: Sequence[Rival], spread: float) -> str:
+def _reservations(effect: Effect, near: Sequence[Rival], spread: float, wide: Sequence[str]) -> str:
     """What the sentence must add so that it does not promise too much."""
     c, text = effect.candidate, ""
     if any(r.name == c.name and r.place != c.place for r in near):
@@ -99,14 +119,15 @@ def _reservations(effect: Effect, near: Sequence[Rival], spread: float) -> str:
         text += f" It could as well be {' or '.join(others)}."
     if spread > 0.5:
         text += " Its size is not the same everywhere: like it, unconfirmed."
-    bounds = on_bound(effect)
+    bounds = list(dict.fromkeys([*on_bound(effect), *wide]))
     if bounds and c.bounds_told:
         text += f" Not identified here: {', '.join(bounds)}."
     return text
 
 
-def unknown(left: float, at_first: float, where: dict[str, str], unit: str) -> Finding:
-    """The finding for structure that nothing in the library explains."""
+def unknown(left: float, share: float, where: dict[str, str], unit: str, when: str = "") -> Finding:
+    """The finding for structure that nothing in the library explains. left: rms; share: part of the
+    explainable misfit; when: what is to be said of its time."""
     places = "; ".join(f"{k.replace('_', ' ')}: {v}" for k, v in where.items())
     return Finding(
         name="unknown",
@@ -115,14 +136,21 @@ def unknown(left: float, at_first: float, where: dict[str, str], unit: str) -> F
         title="Unexplained structure",
         equation="",
         source="",
-        share=float(np.clip(left**2 / max(at_first**2, 1e-30), 0.0, 1.0)),
+        share=share,
         evidence={"left_rms": left},
         parameters={},
         ambiguous_with=(),
         where=where,
         says=(
             f"Something acts here that nothing in the library explains ({small((left, unit))} rms)"
-            + (f"; it sits at {places}." if places else ", spread over everything.")
+            + (f"; {when}" if when else "")
+            + (
+                f"; it sits at {places}."
+                if places
+                else "."
+                if when
+                else ", spread over everything."
+            )
         ),
     )
 
@@ -135,12 +163,13 @@ def next_experiment(verdict: str, findings: Sequence[Finding], blind: Sequence[s
         for rival, drive in one.told_from.items()
     }
     for f in findings:
-        for rival in f.ambiguous_with:
-            text = apart.get(frozenset({f.name, rival}))
+        # a shape has no experiment of its own: what it may be is told apart
+        for one, other in combinations((f.name, *f.ambiguous_with), 2):
+            text = apart.get(frozenset({one, other}))
             if text:
                 return (
-                    f"To tell {f.name} from {rival}, record {text} "
-                    f"(dehyst excite --separate {f.name} {rival})."
+                    f"To tell {one} from {other}, record {text} "
+                    f"(dehyst excite --separate {one} {other})."
                 )
     if verdict in ("unknown", "partly"):
         return (

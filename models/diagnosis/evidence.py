@@ -98,9 +98,9 @@ def by_blocks(problem: Problem, fitted: JointFit) -> HeldOut:
     for g in ids:
         here = np.flatnonzero((groups == g) & data.rows)
         slices.append(here)
-        xg = x[here[0] : here[-1] + 1] if here.size == here[-1] - here[0] + 1 else x[here]
+        xg = x[here]
         grams.append(xg.T @ xg)
-        moments.append(xg.T @ data.y[here])
+        moments.append(xg.T @ (data.y[here] - fitted.fixed[here]))
     total, moment = np.sum(grams, axis=0), np.sum(moments, axis=0)
     scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
     penalty = problem.penalty(scale.size)
@@ -109,7 +109,7 @@ def by_blocks(problem: Problem, fitted: JointFit) -> HeldOut:
     for k, here in enumerate(slices):
         gram = (total - grams[k]) / np.outer(scale, scale) + np.diag(penalty)
         w = np.linalg.solve(gram, (moment - moments[k]) / scale) / scale
-        guess = x[here] @ w
+        guess = fitted.fixed[here] + x[here] @ w
         prediction[here] = guess
         sse[k] = float(np.sum((data.y[here] - guess) ** 2))
         count[k] = here.size

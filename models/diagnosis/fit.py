@@ -1,10 +1,11 @@
 """Joint refits: the base and every effect at once, nonlinear parameters by variable projection.
 
-The drive passes the effects' drive parts, the rich base makes columns of it, the effects' output
-parts filter them, additive columns and one offset per recording join, and the linear weights
-follow from ridge-regularised normal equations. Nonlinear parameters follow by Gauss-Newton on
-the projected residual (Golub and Pereyra 1973, in Kaufman's 1975 approximation: the derivative
-at fixed weights, projected off the columns).
+A given model stands fixed, and the base's columns correct its hysteresis. The drive passes the
+effects' drive parts and the model's, the base makes columns of it, the model's further parts and
+the effects' output parts filter them, additive columns and one offset per recording join, and the
+linear weights follow from ridge-regularised normal equations. Nonlinear parameters follow by
+Gauss-Newton on the projected residual (Golub and Pereyra 1973, in Kaufman's 1975 approximation: the
+derivative at fixed weights, projected off the columns).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -23,6 +24,7 @@ from dehyst.models.diagnosis.effects import (
     internal,
     moved,
 )
+from dehyst.models.diagnosis.subject import NO_MODEL, Subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Context
 from dehyst.models.signals.joined import Bools, Data, Floats
@@ -40,6 +42,7 @@ class JointFit:
     sse: float
     cov: Floats  # inverse of the normal matrix, times noise variance: covariance of all weights
     design: Floats = field(repr=False)  # (N, columns): offsets, base, additive
+    fixed: Floats = field(repr=False)  # (N,): the model in use, behind the effects
 
     def residual(self, data: Data) -> Floats:
         """Measured minus predicted (N,)."""
@@ -53,13 +56,14 @@ class JointFit:
 
 @dataclass
 class Problem:
-    """Data and base of one diagnosis, with what the fits share.
+    """Data, base and model in use of one diagnosis, with what the fits share.
 
     several: how independent fits are run: `map`, or an executor's for some at once.
     """
 
     data: Data
     base: Base
+    subject: Subject = NO_MODEL
     several: Callable[..., Iterable[Any]] = map
 
     def __post_init__(self) -> None:
@@ -104,8 +108,10 @@ class Problem:
         """
         data = self.data
         effects = in_order(effects)
-        v = drive_behind(data, effects)
-        columns = behind_output(data, effects, self.base.columns(v, data.starts))
+        v = self.drive_at_hysteresis(effects)
+        columns = self.subject.passed(data, self.base.columns(v, data.forgets))
+        columns = behind_output(data, effects, columns)
+        fixed = behind_output(data, effects, self.subject.reading(data, v)[:, None])[:, 0]
         context = Context(v, data.y if output is None else output)
         extra = [
             e.candidate.columns(data, context, e.theta)
@@ -116,7 +122,8 @@ class Problem:
         x = np.concatenate([self.offset_columns, columns, *extra], axis=1)
         self._solutions.append(x.shape[1])
         used = data.rows if rows is None else rows
-        xr, yr = (x, data.y) if used.all() else (x[used], data.y[used])
+        y = data.y - fixed
+        xr, yr = (x, y) if used.all() else (x[used], y[used])
         gram, moment = xr.T @ xr, xr.T @ yr
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
         normed = gram / np.outer(scale, scale) + np.diag(self.penalty(scale.size))
@@ -128,7 +135,7 @@ class Problem:
             pinv = np.linalg.pinv(normed, rcond=1e-12, hermitian=True)
             w = pinv @ (moment / scale) / scale
             cov = pinv / np.outer(scale, scale)
-        prediction = x @ w
+        prediction = fixed + x @ w
         sse = float(np.sum(self.counted(data.y - prediction) ** 2))
         k = len(data.names)
         weights = w[k : k + self.base.width]
@@ -136,7 +143,7 @@ class Problem:
         for block in extra:
             amplitudes.append(w[at : at + block.shape[1]])
             at += block.shape[1]
-        return JointFit(effects, weights, w[:k], tuple(amplitudes), prediction, sse, cov, x)
+        return JointFit(effects, weights, w[:k], tuple(amplitudes), prediction, sse, cov, x, fixed)
 
     def simulate(
         self,
@@ -155,10 +162,12 @@ class Problem:
             known.pop(next(iter(known)))
         way = tuple(e for e in effects if e.candidate.mode == "drive")
         if way not in known:
-            known[way] = drive_behind(data, way)
+            known[way] = self.drive_at_hysteresis(way)
         v = known[way]
         if (way, "base") not in known:
-            known[way, "base"] = self.base.combine(v, data.starts, fitted.weights)
+            added = self.base.combine(v, data.forgets, fitted.weights)
+            added = self.subject.passed(data, added[:, None])[:, 0]
+            known[way, "base"] = self.subject.reading(data, v) + added
         h = known[way, "base"]
         y = behind_output(data, effects, h[:, None])[:, 0] + self.offset_columns @ fitted.offsets
         context = Context(v, output)
@@ -174,7 +183,11 @@ class Problem:
         """The stage's displacement (N,) without additive parts, with the mean offset."""
         k = len(self.data.names)
         inner = fitted.design[:, k : k + self.base.width] @ fitted.weights
-        return inner + float(fitted.offsets.mean())
+        return fitted.fixed + inner + float(fitted.offsets.mean())
+
+    def drive_at_hysteresis(self, effects: Sequence[Effect]) -> Floats:
+        """(N,) drive behind the effects' drive parts and the model's."""
+        return self.subject.drive(self.data, drive_behind(self.data, effects))
 
     def projector(self, fitted: JointFit) -> Callable[[Floats], Floats]:
         """Maps x (N, k) to its counted rows, less what the columns of a fit can make."""

@@ -1,5 +1,6 @@
 """Whether a candidate's joint refit may count: its size, its share, its values, its constancy."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -66,9 +67,28 @@ def least_power(state: SearchState, candidate: Candidate, size: float | None = N
     return least**2
 
 
+def least_share(state: SearchState, left: float) -> float:
+    """Part of the misfit that a cause driven by the drive must take. In a quiet recording what is
+    left of a fine part of the stroke, far above the noise, is the base's own error for the most."""
+    stroke = float(np.ptp(state.problem.data.y))
+    quiet = TUNING.quiet_times * state.sigma < np.sqrt(left) < TUNING.quiet_size * stroke
+    return max(state.share, TUNING.quiet_share) if quiet else state.share
+
+
 def effect_of(fit: JointFit, key: str) -> Effect:
     """The effect of a fit with this candidate's key."""
     return next(e for e in fit.effects if e.candidate.key == key)
+
+
+def tried(
+    problem: Problem, sigma: float, current: JointFit, c: Candidate, start: Sequence[float]
+) -> CandidateTrial:
+    """A candidate refitted jointly with what was accepted, and its price."""
+    fit = problem.refit([*current.effects, Effect(c, tuple(start))], start=current)
+    count = sum(len(e.theta) for e in fit.effects) - sum(len(e.theta) for e in current.effects)
+    columns = fit.design.shape[1] - current.design.shape[1]
+    price = TUNING.price * sigma**2 * max(count + columns, 1)
+    return CandidateTrial(c, fit, current.sse - fit.sse, price)
 
 
 def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTrial:
@@ -90,14 +110,14 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
         why = why or "not worth its parameters"
     elif mean_square < least_power(state, trial.candidate) and not is_sure(state, trial, left):
         why = why or "too small against the noise"
-    elif trial.candidate.driven and mean_square < state.share * left:
+    elif trial.candidate.driven and mean_square < least_share(state, left) * left:
         why = why or "too small a part of the misfit"
     else:
         steady = constancy(problem, sigma, *contribution(problem, trial.fit, effect))
         leaves = excess(problem, trial.fit, sigma)
         if trial.candidate.last and leaves > max((0.3 * sigma) ** 2, 0.25 * left):
             why = why or "structure remains that it does not explain"
-        if not why and (steady.wrong > 0.3 or steady.spread > 1.0):
+        if not why and (steady.wrong > 0.3 or steady.spread > trial.candidate.widest_spread):
             why = "not the same everywhere"
     return replace(trial, constancy=steady, refused=why, impossible=impossible)
 

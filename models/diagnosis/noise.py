@@ -20,8 +20,8 @@ def noise_rms(data: Data, residual: Floats) -> float:
 
     The upper two thirds of the band of windowed segments: the median over time of each
     frequency, then the median over frequencies, so that fixed lines, ringing and moves do not
-    count. Never zero: a quarter of the
-    reading's resolution at least.
+    count. Where rows are missing all over, the differences of neighbours that are both there, in
+    place of spectra. Never less than what the reading's steps make: one step over the root of 12.
     """
     powers = []
     window = np.hanning(TUNING.segment)
@@ -33,7 +33,12 @@ def noise_rms(data: Data, residual: Floats) -> float:
             slope = np.linspace(-0.5, 0.5, TUNING.segment)
             x = x - x.mean() - slope * (12.0 * float((x * slope).mean()))
             powers.append(np.abs(np.fft.rfft(x * window)) ** 2 / norm)
-    floor = 0.25 * _resolution(data.y)
+    floor = quantum(data.y) / np.sqrt(12.0)
+    if data.missing > TUNING.few_missing * data.n:
+        both = data.rows[1:] & data.rows[:-1] & ~data.starts[1:]
+        d = np.diff(residual)[both]
+        if d.size > TUNING.segment:
+            return max(floor, float(1.4826 * np.median(np.abs(d)) / np.sqrt(2.0)), 1e-12)
     repeated = _unrepeated(data)
     if not powers:
         d = np.diff(residual, 4)
@@ -60,7 +65,7 @@ def _unrepeated(data: Data) -> float:
     return best
 
 
-def _resolution(y: Floats) -> float:
+def quantum(y: Floats) -> float:
     """Smallest step of the reading that occurs."""
     steps = np.diff(np.unique(y[: min(y.size, 20000)]))
     steps = steps[steps > 1e-9 * max(1.0, float(np.abs(y).max()))]

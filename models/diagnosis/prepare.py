@@ -1,11 +1,18 @@
-"""Recordings made ready for the diagnosis: joined, cut at gaps, with rows to leave out.
+"""Recordings made ready for the diagnosis: laid on their sampling grid, joined, with rows to leave
+out.
 
-Times, drive, displacement and channels of all recordings stand in one array each; `starts`
-marks where a recording (or the part behind a gap) begins. `rows` are the samples the fits
-count; the states of all operators run through every sample.
+A row that is missing stays missing: it stands on the grid with the drive between its neighbours,
+so that every operator runs through it, and no fit counts it. Behind a stall of the recorder the
+drive's way is not known, and what follows is left out until it has settled. Behind a long gap the
+recording begins anew, in another part.
+
+Times, drive, displacement and channels of all recordings stand in one array each; `starts` marks
+where a part begins. `rows` are the samples the fits count; the states of all operators run through
+every sample.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -13,19 +20,99 @@ from numpy.typing import NDArray
 
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadRecording
-from dehyst.models.recording import Recording
+from dehyst.models.recording import Recording, typical_step
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
+
+MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came late
+
+
+@dataclass(frozen=True)
+class Laid:
+    """One recording on its sampling grid: arrays (n,).
+
+    raw: row of the recording, -1 where there is none; cut: a part begins; known: the reading is
+    there and the drive's way to it too.
+    """
+
+    t: Floats
+    u: Floats
+    y: Floats
+    raw: Ints
+    cut: Bools
+    known: Bools
+    dt: float
+    missing: int
+    stalls: int
+
+
+def lay_on_grid(one: Recording) -> Laid:
+    """A recording on the grid of its sampling period. Raises BadRecording where too few samples
+    are there."""
+    assert one.displacement is not None
+    t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
+    raw = np.flatnonzero(np.isfinite(t) & np.isfinite(u))
+    there = int(np.count_nonzero(np.isfinite(y[raw])))
+    if there < TUNING.least_samples:
+        raise BadRecording(
+            f"{one.name}: only {there} usable samples; at least {TUNING.least_samples} are needed"
+        )
+    late = one.channels.get(MISSED)
+    dt = _period(np.diff(t[raw]), typical_step(t))
+    steps = np.maximum(np.round(np.diff(t[raw]) / dt), 1.0)
+    near = steps <= TUNING.stall
+    if np.sum(steps[near]) > 1.001 * np.sum(np.diff(t[raw])[near]) / dt + 2:
+        steps[near] = 1.0  # the stamps jitter, the samples do not
+    long = steps > TUNING.long_gap
+    place = np.r_[0, np.cumsum(np.where(long, 1.0, steps))].astype(np.int64)
+    n = int(place[-1]) + 1
+    grid = np.arange(n)
+    laid_raw = np.full(n, -1, dtype=np.int64)
+    laid_raw[place] = raw
+    reading = np.full(n, np.nan)
+    reading[place] = y[raw]
+    known = np.isfinite(reading)
+    cut = np.zeros(n, dtype=bool)
+    cut[0] = True
+    cut[place[1:][long]] = True
+    stalled = (steps > TUNING.stall) & ~long
+    held_up = np.zeros(n, dtype=bool)
+    for at, size in zip(place[1:][stalled], steps[stalled], strict=True):
+        held_up[at : at + max(TUNING.settling, TUNING.settling_times * int(size))] = True
+    if late is not None:
+        for at in place[np.nan_to_num(late[raw]) > 0]:
+            held_up[at : at + TUNING.settling] = True
+    reading = np.interp(grid, np.flatnonzero(known), reading[known])
+    return Laid(
+        t=np.interp(grid, place, t[raw]),
+        u=np.interp(grid, place, u[raw]),
+        y=reading,
+        raw=laid_raw,
+        cut=cut,
+        known=known & ~held_up,
+        dt=dt,
+        missing=int(np.count_nonzero(~known)) + int(np.sum(steps[long] - 1.0)),
+        stalls=int(np.count_nonzero(steps > TUNING.stall)),
+    )
+
+
+def _period(steps: Floats, typical: float) -> float:
+    """Sampling period [s]: that of the short steps, where these are of one length; the typical step
+    is a mean of one and two periods where every third row is missing."""
+    shortest = float(np.quantile(steps, 0.1))
+    alike = steps[(steps > 0.5 * shortest) & (steps < 1.5 * shortest)]
+    tight = float(np.std(alike)) < 0.1 * shortest
+    return float(np.mean(alike)) if tight and typical > 1.3 * shortest else typical
 
 
 def prepare(recordings: Sequence[Recording]) -> Data:
     """Join recordings of one stage. Raises BadRecording where they cannot be diagnosed."""
     if not recordings:
         raise BadRecording("no recording given; the diagnosis needs at least one")
-    shared = set(recordings[0].channels)
+    shared = set(recordings[0].channels) - {MISSED}
     for one in recordings[1:]:
         shared &= set(one.channels)
     pieces: list[dict[str, NDArray]] = []
-    part = block = 0
+    part = block = missing = stalls = 0
     units = {(_units(one)) for one in recordings}
     if len(units) > 1:
         raise BadRecording("the recordings have different units; diagnose one stage at a time")
@@ -34,37 +121,34 @@ def prepare(recordings: Sequence[Recording]) -> Data:
             raise BadRecording(
                 f"{one.name}: no displacement column (y_um, ...); a diagnosis compares with it"
             )
-        t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
-        good = np.isfinite(t) & np.isfinite(u) & np.isfinite(y)
-        raw = np.flatnonzero(good)
-        if raw.size < TUNING.least_samples:
-            raise BadRecording(
-                f"{one.name}: only {raw.size} usable samples; at least {TUNING.least_samples} are "
-                "needed"
-            )
-        channels = {
-            k: _filled(np.asarray(one.channels[k], dtype=float))[raw] for k in sorted(shared)
-        }
-        t, u, y = t[raw], u[raw], y[raw]
-        dt = float(np.median(np.diff(t)))
-        cut = np.r_[True, np.diff(t) > 1.9 * dt]
+        laid = lay_on_grid(one)
+        n = laid.u.size
+        there = laid.raw >= 0
+        missing, stalls = missing + laid.missing, stalls + laid.stalls
+        channels = {}
+        for k in sorted(shared):
+            values = _filled(np.asarray(one.channels[k], dtype=float))[laid.raw[there]]
+            channels[k] = np.interp(np.arange(n), np.flatnonzero(there), values)
+        first = np.zeros(n, dtype=bool)
+        first[0] = True
         pieces.append(
             {
-                "t": t,
-                "u": u,
-                "y": y,
-                "dt": np.full(raw.size, dt),
-                "rec": np.full(raw.size, index),
-                "starts": cut,
-                "part": part + np.cumsum(cut) - 1,
-                "rows": _known_history(u, cut),
-                "block": block + _cut_evenly(raw.size, TUNING.time_blocks),
-                "fold": _cut_evenly(raw.size, TUNING.folds * TUNING.fold_pieces) % TUNING.folds,
-                "raw": raw,
+                "t": laid.t,
+                "u": laid.u,
+                "y": laid.y,
+                "dt": np.full(n, laid.dt),
+                "rec": np.full(n, index),
+                "starts": laid.cut,
+                "forgets": first,
+                "part": part + np.cumsum(laid.cut) - 1,
+                "rows": _known_history(laid.u, laid.cut) & laid.known,
+                "block": block + _cut_evenly(n, TUNING.time_blocks),
+                "fold": _cut_evenly(n, TUNING.folds * TUNING.fold_pieces) % TUNING.folds,
+                "raw": laid.raw,
                 **{"ch_" + k: v for k, v in channels.items()},
             }
         )
-        part += int(cut.sum())
+        part += int(laid.cut.sum())
         block += TUNING.time_blocks
     joined = {k: np.concatenate([p[k] for p in pieces]) for k in pieces[0]}
     drive_unit, unit = next(iter(units))
@@ -77,6 +161,7 @@ def prepare(recordings: Sequence[Recording]) -> Data:
         rec=joined["rec"],
         part=joined["part"],
         starts=joined["starts"],
+        forgets=joined["forgets"],
         rows=joined["rows"],
         block=joined["block"],
         fold=joined["fold"],
@@ -87,6 +172,8 @@ def prepare(recordings: Sequence[Recording]) -> Data:
         },
         drive_unit=drive_unit,
         unit=unit,
+        missing=missing,
+        stalls=stalls,
         raw_index=joined["raw"],
     )
     if data.span <= 0:

@@ -8,7 +8,7 @@ from typing import Any
 from dehyst.models.model import Model
 from dehyst.models.signals.joined import Bools, Floats
 
-FORMAT = 1
+FORMAT = 2
 VERDICTS = ("clean", "explained", "partly", "unknown")
 
 
@@ -32,8 +32,32 @@ class Value:
 
 
 @dataclass(frozen=True)
+class DataQuality:
+    """What the recordings are worth: rows on their grids, readings that are missing, stalls of the
+    recorder, and what must be said of them before anything else."""
+
+    rows: int
+    missing: int
+    stalls: int
+    says: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract's `data`."""
+        return {
+            "rows": self.rows,
+            "missing": self.missing,
+            "stalls": self.stalls,
+            "says": " ".join(f"{s[0].upper()}{s[1:]}." for s in self.says),
+        }
+
+
+@dataclass(frozen=True)
 class Finding:
-    """One piece of physics that was left out, or `unknown` structure."""
+    """One piece of physics that was left out, or `unknown` structure.
+
+    place: what it acts on; share: part of the explainable misfit that it removes; where: places in
+    the recordings that hold much of it.
+    """
 
     name: str
     key: str
@@ -52,7 +76,7 @@ class Finding:
         """The contract's entry of `effects`."""
         return {
             "name": self.name,
-            "place": self.place,
+            "acts_on": self.place or "stage",
             "share": _plain(self.share),
             "evidence": {k: _plain(v) for k, v in self.evidence.items()},
             "parameters": {k: v.to_dict() for k, v in self.parameters.items()},
@@ -83,24 +107,24 @@ class Limit:
 
 @dataclass(frozen=True)
 class View:
-    """One recording for pictures; arrays (M,). Predictions of held_out samples come from fits
-    that did not see them."""
+    """One recording for pictures; arrays (M,). base: the model in use; augmented: the augmented
+    model; each as simulated, its mean error taken off; held_out: samples that count."""
 
     name: str
     t_s: Floats
     drive: Floats
     displacement: Floats
     base: Floats
-    shape: Floats  # rich rate-independent base, without the effects
     augmented: Floats
     held_out: Bools
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The verdict on one stage. `to_dict()` is diagnosis.json."""
+    """The verdict on one stage. `to_dict()` is diagnosis.json. base_model: the model in use."""
 
     verdict: str
+    data: DataQuality
     noise: float
     unit: str
     drive_unit: str
@@ -113,12 +137,23 @@ class Diagnosis:
     views: tuple[View, ...] = field(repr=False)
     locate: Mapping[str, Any] = field(repr=False)
     tried: tuple[Mapping[str, Any], ...] = ()
-    notes: tuple[str, ...] = ()
 
     @property
     def found_something(self) -> bool:
         """True when physics was left out."""
         return self.verdict != "clean"
+
+    @property
+    def before_after(self) -> tuple[float, float]:
+        """Rms error of the model in use and of the augmented one, over all samples that count."""
+        total = sum(int(v.held_out.sum()) for v in self.views)
+        return tuple(  # type: ignore[return-value]
+            math.sqrt(
+                sum(float((((v.displacement - y(v))[v.held_out]) ** 2).sum()) for v in self.views)
+                / max(total, 1)
+            )
+            for y in (lambda v: v.base, lambda v: v.augmented)
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data by the contract of diagnosis.json."""
@@ -126,11 +161,11 @@ class Diagnosis:
             "format": FORMAT,
             "verdict": self.verdict,
             "noise": {"rms": _plain(self.noise), "unit": self.unit},
+            "data": self.data.to_dict(),
             "effects": [f.to_dict() for f in self.findings],
             "would_have_seen": [limit.to_dict() for limit in self.would_have_seen],
             "rms": _plain(self.rms),
             "next_experiment": self.next_experiment,
-            "notes": list(self.notes),
         }
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from dehyst.models.diagnosis.effects import Effect, drive_behind, in_order
+from dehyst.models.diagnosis.effects import Effect, in_order
 from dehyst.models.diagnosis.fit import JointFit, Problem
-from dehyst.models.physics.candidate import Candidate, Context
+from dehyst.models.physics.candidate import Candidate, Context, Probe
 from dehyst.models.signals.joined import Floats
 
 
@@ -23,7 +23,7 @@ class Screen:
         self.output = problem.output_of(current)
         self.known: dict[Any, Floats] = {}
         problem.simulate(current, current.effects, self.output, self.known)
-        self.drive = drive_behind(problem.data, current.effects)
+        self.drive = problem.drive_at_hysteresis(current.effects)
         self._design = np.ascontiguousarray(current.design[self.rows])
         gram = self._design.T @ self._design
         self._scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
@@ -84,3 +84,9 @@ class Screen:
                     theta = candidate.scaled(theta, float(g[0] / a[0, 0]))
             scores.append((gain, theta))
         return sorted(scores, key=lambda s: -s[0] * candidate.likely(s[1]))
+
+
+def contribution_of(look: Screen, c: Candidate, probe: Probe) -> Floats:
+    """(N,) what the candidate adds to the reading at a strength."""
+    x = look.contribution(Effect(c, probe.theta))
+    return x @ np.array(probe.amplitudes) if c.mode == "columns" else x[:, 0]

@@ -15,6 +15,7 @@ from dehyst.models.diagnosis.judge import (
     excess,
     judge,
     least_size,
+    tried,
 )
 from dehyst.models.diagnosis.prepare import turns
 from dehyst.models.diagnosis.screen import Screen
@@ -110,13 +111,6 @@ def _round(
     ]
     look = Screen(problem, current)
 
-    def tried(c: Candidate, start: Sequence[float]) -> CandidateTrial:
-        fit = problem.refit([*current.effects, Effect(c, tuple(start))], start=current)
-        count = sum(len(e.theta) for e in fit.effects) - sum(len(e.theta) for e in current.effects)
-        columns = fit.design.shape[1] - current.design.shape[1]
-        price = TUNING.price * sigma**2 * max(count + columns, 1)
-        return CandidateTrial(c, fit, current.sse - fit.sse, price)
-
     scored = []
     for c, starts in zip(pool, problem.several(look.starts, pool), strict=True):
         if starts and starts[0][0] > n * (0.5 * least_size(c) * sigma) ** 2:
@@ -128,7 +122,11 @@ def _round(
         if gain > TUNING.weak_gain * scored[0][0]
     ]
     trials = []
-    for k, trial in enumerate(problem.several(tried, *zip(*short, strict=True)) if short else ()):
+
+    def attempt(c: Candidate, start: Sequence[float]) -> CandidateTrial:
+        return tried(problem, sigma, current, c, start)
+
+    for k, trial in enumerate(problem.several(attempt, *zip(*short, strict=True)) if short else ()):
         say(f"tried {trial.candidate.key}", min(0.85, 0.1 + 0.15 * (number + k / TUNING.shortlist)))
         trials.append(trial)
     return sorted(trials, key=lambda t: -t.worth)

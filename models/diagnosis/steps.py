@@ -1,27 +1,41 @@
 """The diagnosis from recordings to verdict. See the steps in the package's text."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from dehyst.models.diagnosis.augment import augmented, compact
-from dehyst.models.diagnosis.base import compact_base, rich_base
-from dehyst.models.diagnosis.decide import named, next_experiment, unknown, verdict_of
+from dehyst.models.diagnosis.augment import augmented
+from dehyst.models.diagnosis.base import compact_base, no_base, rich_base
+from dehyst.models.diagnosis.colour import is_coloured
+from dehyst.models.diagnosis.decide import (
+    in_rank,
+    named,
+    next_experiment,
+    shared_out,
+    unknown,
+    verdict_of,
+)
+from dehyst.models.diagnosis.episodes import Episode, find_episodes, tell_time
 from dehyst.models.diagnosis.evidence import by_blocks
+from dehyst.models.diagnosis.excerpt import excerpt
 from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, excess
 from dehyst.models.diagnosis.limits import limits
 from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.noise import noise_rms
-from dehyst.models.diagnosis.prepare import prepare, turns
-from dehyst.models.diagnosis.result import Diagnosis, View
+from dehyst.models.diagnosis.prepare import prepare
+from dehyst.models.diagnosis.result import Diagnosis, Finding, View
 from dehyst.models.diagnosis.search import search
+from dehyst.models.diagnosis.shape import Correction, measure_correction, shape_finding
 from dehyst.models.diagnosis.sightings import accept, retell, sightings
+from dehyst.models.diagnosis.subject import Subject, identify_plain, take_model
+from dehyst.models.diagnosis.survey import comes_back, follows, left_of, survey
+from dehyst.models.diagnosis.told import only_told, without_driven, worth_telling
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.hysteresis.forward import simulate
 from dehyst.models.model import Model
+from dehyst.models.physics.candidate import small
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data, Floats
 
@@ -34,44 +48,88 @@ def diagnose(
     progress: Progress | None = None,
     several: Callable[..., Iterable[Any]] = map,
 ) -> Diagnosis:
-    """Find the physics that the model of one stage leaves out.
+    """Find the physics that the model in use leaves out.
 
-    recordings: of one stage, with displacement. model: the model in use; None: the base is
-    identified here. progress(text, fraction) is called now and then. several: how candidates are
-    tried: `map`, or the map of a pool of threads, of which each needs a design of all samples.
-    Raises BadRecording where the recordings cannot be diagnosed.
+    recordings: of one stage, with displacement. model: the model in use; None: the plain modified
+    Prandtl-Ishlinskii model is identified here. progress(text, fraction) is called now and then.
+    several: how candidates are tried: `map`, or the map of a pool of threads, of which each needs a
+    design of all samples. Raises BadRecording where the recordings cannot be diagnosed, BadInput
+    where the model cannot be run on them.
     """
     say = progress or (lambda text, fraction: None)
     say("preparing", 0.0)
-    data = prepare(recordings)
-    problem = Problem(data, rich_base(data), several)
+    whole = prepare(recordings)
+    say("the model in use", 0.02)
+    data = excerpt(whole)
+    subject = identify_plain(recordings, data) if model is None else take_model(model, data)
+    problem = Problem(data, rich_base(data), subject, several)
     null = problem.solve([])
     sigma = noise_rms(data, null.residual(data))
+    bare = Problem(data, no_base(data), replace(subject, carries=True), several)
+    foreign = of_another_stage(bare, null, sigma)
+    if foreign:
+        say(foreign, 0.1)
     say("base fitted", 0.1)
     early = held_drive(problem, null, sigma)
     if early is not None:
         data, problem, null = early.data, early, early.solve([])
-    rich, found = problem, _search(problem, sigma, null, say)
-    over_rich = found
-    in_sample = null.sse / int(data.rows.sum())
-    if by_blocks(problem, null).mean_square > TUNING.compact_doubt**2 * in_sample:
-        # too rich for what was recorded: does a compact base with effects foretell better?
-        plain = replace(problem, base=compact_base(data))
-        other = _search(plain, sigma, plain.solve([]), say, share=TUNING.compact_share)
-        rich_error = by_blocks(problem, found.accepted).mean_square
-        if by_blocks(plain, other.accepted).mean_square < rich_error:
-            problem, found = plain, other
-    found = _worth_telling(problem, found)
+    found = find(problem, sigma, null, say)
+    unexplained = by_blocks(problem, null).mean_square
+    if comes_back(data) or not follows(data, unexplained):
+        # out of the class: what the drive causes cannot be told from the loop
+        found = replace(found, search=without_driven(found.search))
     seen = sightings(data, sigma)
     for candidate, sighting in seen:
-        other = accept(_worth_telling(rich, over_rich), candidate, sighting)
+        other = accept(found.over_rich, candidate, sighting)
         if candidate.key in other.accepted.effect_names:
-            problem, found = rich, other
-    diagnosis = _conclude(problem, found, model, say)
+            found = replace(found, search=other)
+    shown = bool({c.key for c, _ in seen} & set(found.search.accepted.effect_names))
+    diagnosis = _conclude(whole, bare, found.search, [foreign] if foreign else [], shown, say)
     for candidate, sighting in seen:
         findings = retell(diagnosis.findings, candidate, sighting)
         diagnosis = replace(diagnosis, findings=findings)
     return diagnosis
+
+
+def of_another_stage(bare: Problem, null: JointFit, sigma: float) -> str:
+    """What is to be said of a given model that is far off these recordings; "" where it is not."""
+    if not bare.subject.given:
+        return ""
+    n = int(bare.data.rows.sum())
+    left = float(np.sqrt(bare.solve([]).sse / n))
+    best = max(float(np.sqrt(null.sse / n)), sigma)
+    stroke = float(np.ptp(bare.data.y))
+    if left < max(TUNING.foreign_share * stroke, TUNING.foreign_times * best):
+        return ""
+    unit = bare.data.unit
+    return (
+        f"the model is not of this stage, or of another state of it: it leaves "
+        f"{small((left, unit))} rms of a stroke of {stroke:.3g} {unit}, where a hysteresis fitted "
+        f"here leaves {small((best, unit))}; identify a model from these recordings"
+    )
+
+
+@dataclass(frozen=True)
+class Found:
+    """The search's result, and the same over the rich base."""
+
+    search: SearchState
+    over_rich: SearchState
+
+
+def find(problem: Problem, sigma: float, null: JointFit, say: Progress) -> Found:
+    """The effects over the rich base, or over a compact one where the rich one is too rich for what
+    was recorded."""
+    found = over_rich = _search(problem, sigma, null, say)
+    in_sample = null.sse / int(problem.data.rows.sum())
+    if by_blocks(problem, null).mean_square > TUNING.compact_doubt**2 * in_sample:
+        plain = replace(problem, base=compact_base(problem.data))
+        other = _search(plain, sigma, plain.solve([]), say, share=TUNING.compact_share)
+        rich_error = by_blocks(problem, found.accepted).mean_square
+        if by_blocks(plain, other.accepted).mean_square < rich_error:
+            found = other
+    told = only_told(worth_telling(found))
+    return Found(told, told if found is over_rich else only_told(worth_telling(over_rich)))
 
 
 def held_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
@@ -81,12 +139,9 @@ def held_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None
     the sample does, against the straight lines between samples that all models here assume.
     """
     data = problem.data
-    ahead = 0.5 * (data.u + np.r_[data.u[1:], data.u[-1]])
-    last = np.r_[data.starts[1:], True]
-    ahead[last] = data.u[last]
-    shifted = replace(data, u=ahead, early=True)
-    if shifted.span <= 0:
-        return None
+    step = np.diff(data.u, prepend=data.u[0])
+    step[data.starts] = 0.0
+    shifted = replace(data, u=data.u + 0.5 * step, early=True)
     whole = replace(problem, data=shifted, base=rich_base(shifted))
     light = whole.light(TUNING.search_rows)
     fit = light.solve([])
@@ -113,72 +168,117 @@ def _search(
     return replace(found, problem=problem, null=null, accepted=final)
 
 
-def _worth_telling(problem: Problem, found: SearchState) -> SearchState:
-    """Without the effects that do not help on held-out samples."""
-    final, sigma = found.accepted, found.sigma
-    first = by_blocks(problem, found.null).mean_square
-    while final.effects:
-        whole = by_blocks(problem, final).mean_square
-        # beside a cause a hundred times as large, a second one of some noise rms still counts
-        of_all = TUNING.helps_share * max(first - sigma**2, 0.0)
-        of_rest = TUNING.helps_rest * max(whole - sigma**2, 0.0)
-        losses = []
-        for e in final.effects:
-            most = TUNING.beside_driven if e.candidate.driven else TUNING.beside_free
-            least = max((TUNING.helps * sigma) ** 2, min(of_all, (most * sigma) ** 2), of_rest)
-            rest = [o for o in final.effects if o is not e]
-            without = problem.solve(rest, problem.output_of(final))
-            loss = by_blocks(problem, without).mean_square - whole
-            losses.append((loss / least, e))
-        loss, weakest = min(losses, key=lambda pair: pair[0])
-        if loss > 1.0:
-            break
-        rest = [o for o in final.effects if o is not weakest]
-        final = problem.refit(rest, settle=0.3 * sigma**2) if rest else found.null
-    if (
-        final.effects
-        and first - by_blocks(problem, final).mean_square < (TUNING.helps * sigma) ** 2
-    ):
-        final = found.null  # each seems to need the others, and together they foretell nothing
-    return replace(found, accepted=final)
+@dataclass(frozen=True)
+class Weighed:
+    """What is concluded: findings with shares, what was fitted, and mean squares on held-out
+    samples (all of the model in use: it was not fitted here)."""
+
+    findings: tuple[Finding, ...]
+    problem: Problem
+    final: JointFit
+    bare: float
+    held: float
+
+
+def weigh(bare: Problem, found: SearchState, shown: bool) -> Weighed:
+    """What helps against the model in use, on held-out samples; nothing where it all does not,
+    unless a recording shows an effect directly."""
+    data, sigma = bare.data, found.sigma
+    alone = bare.solve([])
+    first = alone.sse / int(data.rows.sum())
+    held = by_blocks(found.problem, found.accepted).mean_square
+    nothing = Weighed((), bare, alone, first, first)
+    if held > first - (TUNING.helps * sigma) ** 2 and not shown:
+        return nothing
+    correction = measure_correction(found.problem, found.accepted, first, held)
+    shape = _has_shape(correction, first, sigma)
+    findings = named(found.problem, found, held) if found.accepted.effects else []
+    if not findings and not shape:
+        return nothing
+    if shape:
+        findings.append(
+            shape_finding(found.problem, found.accepted, sigma, correction, correction.gain)
+        )
+    removed = float(np.clip((first - held) / max(first - sigma**2, 1e-300), 0.0, 1.0))
+    told = tuple(shared_out(findings, removed))
+    return Weighed(told, found.problem, found.accepted, first, held)
+
+
+def with_episode(
+    findings: Sequence[Finding], episode: Episode, weighed: Weighed, sigma: float
+) -> list[Finding]:
+    """Findings with one that is there for a part of the time."""
+    explainable = max(weighed.bare - sigma**2, 1e-300)
+    taken = sum(f.share for f in findings)
+    share = min(episode.finding.share / explainable, 1.0 - taken)
+    return in_rank([*findings, replace(episode.finding, share=share)])
+
+
+def _has_shape(correction: Correction, first: float, sigma: float) -> bool:
+    least = max((TUNING.shape_size * sigma) ** 2, TUNING.shape_share * (first - sigma**2))
+    return correction.gain > least
 
 
 def _conclude(
-    problem: Problem, found: SearchState, model: Model | None, say: Progress
+    recorded: Data,
+    bare: Problem,
+    found: SearchState,
+    warnings: list[str],
+    shown: bool,
+    say: Progress,
 ) -> Diagnosis:
-    data, sigma = problem.data, found.sigma
-    final = found.accepted
+    """recorded: all samples; bare, found: of those that were fitted; shown: a recording shows an
+    effect directly, beside any fit."""
+    sigma, subject = found.sigma, bare.subject
     say("holding out", 0.88)
-    held_null, held_final = by_blocks(problem, found.null), by_blocks(problem, final)
-    left = float(np.sqrt(_structure(problem, final, sigma)))
-    at_first = float(np.sqrt(excess(problem, found.null, sigma)))
+    weighed = weigh(bare, found, shown)
+    problem, final, findings = weighed.problem, weighed.final, list(weighed.findings)
     say("intervals and rivals", 0.92)
+    data = problem.data
     residual = final.residual(data)
-    tables = locate(data, found.null.residual(data), sigma)
-    findings = named(problem, found, held_null, held_final)
-    verdict = verdict_of(findings, left, at_first, sigma, float(np.ptp(data.y)))
+    at_first = float(np.sqrt(max(weighed.bare - sigma**2, 0.0)))
+    left = float(np.sqrt(excess(problem, final, sigma)))
+    whole_noise = sigma
+    episode = find_episodes(data, residual, sigma)
+    if episode is not None:
+        residual = residual - episode.removed
+        findings = with_episode(findings, episode, weighed, sigma)
+        n = int(data.rows.sum())
+        left = float(np.sqrt(max(np.sum(residual[data.rows] ** 2) / n - sigma**2, 0.0)))
+    if left > TUNING.structure_left * sigma and is_coloured(data, residual, sigma):
+        # all that is left is noise
+        whole_noise = float(np.sqrt(np.mean(residual[data.rows] ** 2)))
+        at_first = float(np.sqrt(max(weighed.bare - whole_noise**2, 0.0)))
+        left = 0.0
+    unexplained = by_blocks(found.problem, found.null).mean_square
+    beside = float(np.sqrt(excess(found.problem, found.null, sigma)))
+    verdict = verdict_of(findings, left, at_first, beside, whole_noise)
+    if not follows(data, unexplained) and not shown:
+        findings, verdict = [f for f in findings if f.name != "shape"], "unknown"
     if verdict in ("unknown", "partly"):
-        where = hot_spots(locate(data, residual, sigma))
-        findings = [*findings, unknown(left, at_first, where, data.unit)]
+        where: dict[str, Any] = dict(hot_spots(locate(data, residual, sigma)))
+        when, times = tell_time(data, residual, sigma)
+        share = max(0.0, 1.0 - sum(f.share for f in findings))
+        rest = unknown(left, min(share, 1.0), where, data.unit, when)
+        findings = [*findings, replace(rest, where={**where, **times})]
     say("limits", 0.96)
-    limited = tuple(limits(found))
-    base = model or base_model(problem, found)
-    whole = augmented(problem, final, compact(problem, final))
-    y_base = _base_prediction(data, base)
-    views = tuple(_views(data, y_base, held_null.prediction, held_final.prediction))
+    untold = {n for f in findings for n in (f.name, *f.ambiguous_with)}
+    limited = tuple(limits(found, untold)) if verdict in ("clean", "explained") else ()
+    whole = augmented(problem, final)
+    views = tuple(_views(recorded, subject, whole))
+    heldout = max(weighed.held, 0.0)
     rms: dict[str, Any] = {
-        "base": _by_recording(data, y_base),
-        "shape": _by_recording(data, found.null.prediction),
-        "augmented": _by_recording(data, final.prediction),
-        "heldout_base": float(np.sqrt(held_null.mean_square)),
-        "heldout_augmented": float(np.sqrt(held_final.mean_square)),
-        "excess_first": at_first,
-        "excess_left": left,
+        "model": {v.name: _rms((v.displacement - v.base)[v.held_out]) for v in views},
+        "augmented": {v.name: _rms((v.displacement - v.augmented)[v.held_out]) for v in views},
+        "heldout_model": float(np.sqrt(weighed.bare)),
+        "heldout_augmented": float(np.sqrt(heldout)),
     }
+    quality = survey(recorded, data, (sigma, whole_noise), unexplained, warnings)
     say("done", 1.0)
     return Diagnosis(
         verdict=verdict,
-        noise=sigma,
+        data=quality,
+        noise=whole_noise,
         unit=data.unit,
         drive_unit=data.drive_unit,
         findings=tuple(findings),
@@ -188,46 +288,11 @@ def _conclude(
             verdict, findings, sorted({x.name for x in limited if x.value is None})
         ),
         model=whole,
-        base_model=base,
+        base_model=subject.model,
         views=views,
-        locate=tables,
+        locate=locate(recorded, left_of(recorded, subject.whole(recorded)), sigma),
         tried=tuple(_tried(found.counted, found)),
-        notes=tuple(notes_of(data)),
     )
-
-
-def _structure(problem: Problem, final: JointFit, sigma: float) -> float:
-    """Mean square misfit that no rate-independent memory could make either."""
-    rich = rich_base(problem.data)
-    if rich.width > problem.base.width:
-        final = Problem(problem.data, rich).solve(final.effects, problem.output_of(final))
-    return excess(problem, final, sigma)
-
-
-def base_model(problem: Problem, found: SearchState) -> Model:
-    """The hysteresis alone, compact and monotone, fitted without any effect."""
-    plain = augmented(problem, found.null, compact(problem, found.null))
-    return replace(plain, blocks=(), hysteresis=compact(problem, found.null))
-
-
-def notes_of(data: Data) -> list[str]:
-    """What the reader should know of the recordings."""
-    out = []
-    left_out = int((~data.rows).sum())
-    if left_out:
-        out.append(
-            f"{left_out} samples at the start were left out: what the stage did before is unknown"
-        )
-    if data.early:
-        out.append(
-            "the reading leads the drive by half a sample: each command is held, not ramped; the "
-            "diagnosis has taken it so"
-        )
-    if turns(data) < TUNING.few_turns:
-        out.append("the drive hardly turns round: nothing that it causes can be told from the loop")
-    if len(data.names) == 1:
-        out.append("one recording only: nothing was held out on another waveform")
-    return out
 
 
 def _tried(n: int, found: SearchState) -> list[dict[str, str]]:
@@ -243,31 +308,16 @@ def _told(t: CandidateTrial, n: int) -> str:
     return text + (f" ({t.refused})" if t.refused else "")
 
 
-def _base_prediction(data: Data, base: Model) -> Floats:
-    """The base model alone (N,), with one offset per recording as a nuisance."""
-    out = np.empty(data.n)
-    for i in range(len(data.names)):
-        for p in np.unique(data.part[data.rec == i]):
-            here = data.part == p
-            out[here] = simulate(base.hysteresis, data.u[here], float(data.dt[here][0]))
-        here = (data.rec == i) & data.rows
-        out[data.rec == i] += float(np.mean(data.y[here] - out[here]))
-    return out
-
-
-def _views(data: Data, base: Floats, shape: Floats, aug: Floats) -> list[View]:
+def _views(data: Data, subject: Subject, whole: Model) -> list[View]:
+    """Each recording with what both models, simulated, say of it."""
+    base = data.y - left_of(data, subject.whole(data))
+    full = data.y - left_of(data, replace(subject, model=whole).whole(data))
     out = []
     for i, name in enumerate(data.names):
-        k = data.rec == i
-        out.append(
-            View(name, data.t[k], data.u[k], data.y[k], base[k], shape[k], aug[k], data.rows[k])
-        )
+        k = (data.rec == i) & (data.raw_index >= 0)
+        out.append(View(name, data.t[k], data.u[k], data.y[k], base[k], full[k], data.rows[k]))
     return out
 
 
-def _by_recording(data: Data, prediction: Floats) -> dict[str, float]:
-    e = data.y - prediction
-    return {
-        name: float(np.sqrt(np.mean(e[(data.rec == i) & data.rows] ** 2)))
-        for i, name in enumerate(data.names)
-    }
+def _rms(x: Floats) -> float:
+    return float(np.sqrt(np.mean(x**2))) if x.size else 0.0

@@ -12,11 +12,17 @@ class Tuning(NamedTuple):
     time_blocks: int = 5  # of each recording, in which an effect must be the same
     folds: int = 8  # groups left out in turn, each of so many short pieces of every recording:
     fold_pieces: int = 5
+    long_gap: int = 100  # samples: behind a longer one the recording begins anew
+    stall: int = 3  # missing samples in a row, from which on the drive's way is not known
+    settling: int = 20  # rows left out behind a stall, at least; and times its length:
+    settling_times: int = 2
+    few_missing: float = 0.02  # of the samples: with more, the noise is that of neighbours
     segment: int = 256  # samples of a spectrum, for the noise
     ridge: float = 1e-9  # of the additive columns' mean square: against exact collinearity only
     shared_parts: int = 24  # arrays of all samples, that simulations at the same weights keep
     # the search
     search_rows: int = 18_000  # counted in it; the last fit, shares and intervals use them all
+    most_rows: int = 100_000  # of longer recordings a part is fitted
     max_effects: int = 5
     shortlist: int = 5  # candidates that get the full nonlinear refit in each round
     weak_gain: float = 0.1  # of the best screened gain: what is below is not refitted
@@ -35,6 +41,9 @@ class Tuning(NamedTuple):
     free_size: float = 0.12  # where it lies beside the drive
     part_share: float = 0.02  # for one more part (a mode) of a chosen effect
     finest: float = 1e-4  # of the displacement's range: no base is better than this
+    quiet_times: float = 5.0  # size of the misfit from which, and
+    quiet_size: float = 1e-3  # part of the displacement's range up to which it is the base's own,
+    quiet_share: float = 0.4  # so that a cause must take more of it
     compact_share: float = 0.3  # over a compact base
     compact_doubt: float = 1.5  # held-out over in-sample rms of the rich base: a compact one too
     early_share: float = 0.4  # for a drive half a sample earlier
@@ -50,9 +59,17 @@ class Tuning(NamedTuple):
     rival_noise: float = 0.15  # a difference of a smaller size is none
     # the verdict
     structure_left: float = 0.45  # size that counts as structure left over
-    explained_left: float = 0.15  # share of the first that may be left when things are explained
-    fine_structure: float = 2e-4  # of the displacement's range: less is no structure worth a name
+    surely_nothing: float = 0.25  # size that the noise's own estimate may be off by
+    explained_left: float = 0.15  # share of the first that may be left when things are explained,
+    explained_small: float = 0.5  # and where what is left is below structure
+    explained_best: float = 0.01  # of what the model in use leaves: less is always explained
+    # shape
+    shape_size: float = 0.3  # size that the base must remove of held-out samples,
+    shape_share: float = 0.03  # and share of what the model in use leaves
+    foreign_share: float = 0.03  # of the stroke: a given model that leaves more, and
+    foreign_times: float = 4.0  # times what a model of its class would, is of another stage
     # intervals
+    widest: float = 10.0  # factor that an interval may span
     interval_width: float = 1.96  # standard deviations of white noise; blocks: Student's t
     largest_leverage: float = 0.99  # told by one block alone: taken for no more than this
     bound_margin: float = 0.02  # of the (log) range: closer to a bound counts as on it

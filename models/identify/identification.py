@@ -13,9 +13,11 @@ import numpy as np
 
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
+from dehyst.models.identify.band import estimate_band
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
 from dehyst.models.identify.final import Fitted, fit_all
+from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.rows import Rows, read_rows
 from dehyst.models.identify.search import Search
@@ -223,7 +225,7 @@ def _require_one_stage(
 ) -> None:
     """Raise BadRecording where one of several recordings is told much better by its own model."""
     setup, f = found.setup, found.fitted
-    best = replace(f.scored, params=f.params._replace(shifts=np.zeros(0)))
+    best = replace(f.scored, params=make_start(f.r.size, f.shape, setup.slope, 1))
     alone, together = [], []
     for one, pick, error in zip(setup.rows, setup.picks, residuals, strict=True):
         if int(np.count_nonzero(pick)) < TUNING.fewest_rows:
@@ -249,6 +251,8 @@ def _result(
     noise = float(np.nanmedian([estimate_noise(e) for e in residuals]))
     power = sum(float(np.sum(e[p] ** 2)) for e, p in zip(residuals, picks, strict=True))
     size = sum(int(np.count_nonzero(p)) for p in picks)
+    left = float(np.sqrt(power / size))
+    band = estimate_band(setup, fitted, found.offset, cov, left, noise)
     model = setup.model(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)
     rate_max = setup.rate_max if fitted.shape.rate else 0.0
     if setup.limits is not None and not is_invertible(
@@ -263,7 +267,7 @@ def _result(
         validity=_find_validity(setup, setup.rows),
         drive_unit=recordings[0].drive_unit,
         displacement_unit=recordings[0].displacement_unit,
-        fit=Fit(float(np.sqrt(power / size)), fitted.scored.held_rms, noise),
+        fit=Fit(left, fitted.scored.held_rms, noise, band),
         provenance=Provenance(
             source="dehyst identify",
             recordings=tuple((one.name, one.sha256) for one in recordings),

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from scipy.linalg import eigh
+from scipy.special import stdtrit
 
 from dehyst.models.identify.equations import (
     Equations,
@@ -78,7 +79,9 @@ def estimate_covariance(
         moves.append(white @ (along @ ((along.T @ (white.T @ score[at])) / without)))
     out = np.zeros((size, size))
     count = len(moves)
-    out[here] = (count - 1) / max(count, 1) * (np.transpose(moves) @ np.array(moves))
+    # 1.96 standard errors are to be a 95 % interval, of so few stretches Student's
+    few = (stdtrit(max(count - 1, 1), 0.975) / 1.96) ** 2
+    out[here] = few * (count - 1) / max(count, 1) * (np.transpose(moves) @ np.array(moves))
     return out
 
 

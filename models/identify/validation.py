@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dehyst.models.cascade.simulate import channels_of, simulate
+from dehyst.models.cascade.history import replay
+from dehyst.models.cascade.simulate import channels_of
 from dehyst.models.errors import BadInput
-from dehyst.models.hysteresis.play import play_step
 from dehyst.models.identify.uncertainty import estimate_noise
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
@@ -86,28 +86,22 @@ def validate(model: Model, recording: Recording) -> Validation:
     channels = {name: recording.channels[name][known] for name in channels_of(model)}
     u, t, y = recording.drive[known], recording.t_s[known], recording.displacement[known]
     settled = _find_settled(u)
-    best: tuple[float, str, Floats] | None = None
-    for start, plays in _list_starts(model, float(u[0])).items():
-        predicted = simulate(model, t, u, channels, plays)
-        left = float(np.nanstd((y - predicted)[settled]))
-        if best is None or left < best[0] * (1.0 - 1e-9):
-            best = (left, start, predicted)
-    assert best is not None
+    start, predicted = replay(model, t, u, channels, y)
     out = np.full(recording.size, np.nan)
-    out[known] = best[2]
-    error = np.where(settled, y - best[2], np.nan)
+    out[known] = predicted
+    error = np.where(settled, y - predicted, np.nan)
     offset = float(np.nanmean(error))
     own, drive = _correlate(error - offset, u)
     fit = model.fit
     return Validation(
         name=recording.name,
         unit=model.displacement_unit,
-        rms=best[0],
+        rms=float(np.nanstd(error)),
         offset=offset,
         span=float(np.nanmax(y) - np.nanmin(y)),
         noise=estimate_noise(error),
         claim=max((x for x in (fit.holdout_rms, fit.rms) if x is not None), default=None),
-        start=best[1],
+        start=start,
         predicted=out,
         autocorrelation=own,
         with_drive=drive,
@@ -122,19 +116,6 @@ def _find_settled(u: Floats) -> Bools:
     low, high = np.minimum.accumulate(u), np.maximum.accumulate(u)
     out = np.asarray(high - low >= COVERED * (high[-1] - low[-1]))
     return out if np.count_nonzero(out) >= ENOUGH * u.size else np.ones(u.size, dtype=bool)
-
-
-def _list_starts(model: Model, u: float) -> dict[str, Floats]:
-    """(n,) plays before the first row, by the stage's history."""
-    h, v = model.hysteresis, model.validity
-    out = {"de-energised": np.zeros(h.n)}
-    for name, end in (("from above", v.drive_max), ("from below", v.drive_min)):
-        plays = np.zeros(h.n)
-        other = v.drive_min if end == v.drive_max else v.drive_max
-        for drive in (other, end, u):
-            play_step(h.r, plays, drive - h.u_offset)
-        out[name] = plays
-    return out
 
 
 def _correlate(error: Floats, u: Floats) -> tuple[Floats, Floats]:

@@ -28,52 +28,18 @@ grown, the best correction comes back and the gain is halved.
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
 from dehyst.models.errors import BadInput
+from dehyst.models.learning.gaps import bridge, running_mean, say_missing
+from dehyst.models.learning.tuning import TUNING
 from dehyst.models.model import Floats
 
 Spectrum = NDArray[np.complex128] | Floats
-
-
-class Tuning(NamedTuple):
-    """Set by `python -m tests.benchmarks.daemon.learning`: sines, raster, staircase, faults."""
-
-    gain: float = 0.8  # of the first two passes
-    falls: float = 0.35  # a_k = gain / (1 + falls (k - 2)),
-    least_gain: float = 0.08  # not below this: what changes slowly is followed
-    mean_gain: float = 0.7  # of the mean, which needs no average over passes
-    fade_s: float = 0.1  # from one correction to the next
-    subtract: float = 3.0  # c, of a complex line
-    subtract_real: float = 5.0  # of a real one, whose power scatters more
-    noise_width: int = 25  # lines over which the noise's spectrum is averaged, at the least
-    noise_memory: float = 0.5  # of its average over passes
-    least_noise: float = 0.5  # of the model's noise power
-    contracts: float = 0.9
-    seen: float = 10.0  # noise powers by which a correction must change for P to be told
-    grown: float = 1.25  # times the best error, twice in a row,
-    grown_at_once: float = 2.5  # or once by so much,
-    grown_noises: float = 5.0  # and by so many standard deviations of the noise's power
-    taken_up: float = 0.1  # what is left of a correction that was given up, before it counts again
-    least_factor: float = 1.0 / 16.0  # the gain is halved down to this
-    missing: float = 0.005  # share of a pass that may be without a reading (or one sample)
-    longest_gap: int = 3  # samples
-    knock_noises: float = 8.0  # of the smoothed change from pass to pass
-    knock_smooth: int = 5  # samples
-    knock_share: float = 0.5  # of the error that is known, in the first passes
-    same: float = 0.5  # two passes that differ by less than this part of their change agree
-    band_grown: float = 1.5  # times its power, where a band is given up
-    settling: int = 2  # first passes that may still settle,
-    seam: int = 16  # judged over so many samples at both ends, at the least
-    seam_noises: float = 5.0
-    closed: float = 3.0  # a pass ends where it began: within so many of its typical steps
-
-
-TUNING = Tuning()
 
 
 @dataclass(frozen=True)
@@ -160,8 +126,8 @@ class Learner:
         mean = float(known.mean()) if known.size else math.nan
         spread = float(known.std()) if known.size else math.nan
         rms = math.sqrt(max(spread**2 - self.noise**2, 0.0)) if known.size else math.nan
-        wrong = _missing(valid)
-        error = _bridged(one.error) if not wrong else one.error
+        wrong = say_missing(valid)
+        error = bridge(one.error) if not wrong else one.error
         repeats = error - one.used
         if not wrong and one.trimmed:
             repeats = repeats - repeats.mean()
@@ -219,7 +185,7 @@ class Learner:
         """The noise's spectrum from what differs between a pass and the average of those before."""
         power = np.abs(change) ** 2 / (1.0 + self._left)
         width = max(TUNING.noise_width, power.size // 200)
-        seen = _running_mean(power, width)
+        seen = running_mean(power, width)
         mixed = self._noise_power + (1.0 - TUNING.noise_memory) * (seen - self._noise_power)
         self._noise_power = np.maximum(mixed, TUNING.least_noise * self.noise**2)
 
@@ -296,7 +262,7 @@ class Learner:
             return ""
         known = self._back(self._repeats)
         change = repeats - known
-        smooth = _running_mean(change - np.median(change), TUNING.knock_smooth)
+        smooth = running_mean(change - np.median(change), TUNING.knock_smooth)
         scatter = 1.4826 * float(np.median(np.abs(smooth - np.median(smooth))))
         few = TUNING.knock_share / max(1, self.learned)
         allowed = TUNING.knock_noises * max(scatter, self.noise / math.sqrt(TUNING.knock_smooth))
@@ -308,7 +274,7 @@ class Learner:
         doubted, self._doubted = self._doubted, repeats
         if doubted is None:
             return f"a knock of {smooth[at]:+.3g} at {at * self.period_s:.3f} s"
-        again = _running_mean(repeats - doubted, TUNING.knock_smooth)
+        again = running_mean(repeats - doubted, TUNING.knock_smooth)
         if np.abs(again - np.median(again)).max() < TUNING.same * abs(smooth[at]):
             self._doubted = None  # twice the same: the stage has changed, nobody knocked
             self.learned, self._best, self._grown, self._before = 1, None, 0, None
@@ -337,36 +303,6 @@ class Learner:
 
 def _power(x: Spectrum) -> float:
     return float(np.sum(np.abs(x) ** 2))
-
-
-def _missing(valid: NDArray[np.bool_]) -> str:
-    """In words, where too much of a pass has no reading."""
-    lost = int(np.count_nonzero(~valid))
-    if not lost:
-        return ""
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], valid, [True]]).astype(np.int8)))
-    longest = int(np.max(edges[1::2] - edges[::2]))
-    if lost <= max(1.0, TUNING.missing * valid.size) and longest <= TUNING.longest_gap:
-        return ""
-    return f"{lost} of {valid.size} samples are missing or without a reading"
-
-
-def _bridged(x: Floats) -> Floats:
-    """Single missing samples by a straight line."""
-    good = np.isfinite(x)
-    if good.all():
-        return x
-    places = np.arange(x.size)
-    return np.asarray(np.interp(places, places[good], x[good]), np.float64)
-
-
-def _running_mean(x: Floats, width: int) -> Floats:
-    """(n,) over `width` neighbours, fewer at the ends."""
-    width = min(width, x.size)
-    total = np.cumsum(np.concatenate([[0.0], x]))
-    first = np.maximum(np.arange(x.size) - width // 2, 0)
-    last = np.minimum(first + width, x.size)
-    return np.asarray((total[last] - total[first]) / (last - first), np.float64)
 
 
 def _thirds(hertz: Floats) -> list[slice]:

@@ -17,7 +17,7 @@ from dehyst.models.signals.joined import Data, Floats
 
 # readings, targets, what was added to them because of the readings, and flags are effects; the
 # temperature has a file of its own
-NOT_A_CAUSE = re.compile(r"(temp|target|trim_|learned_|flags|missed|t_|y\d*_)")
+NOT_A_CAUSE = re.compile(r"(temp|target|trim|learned|flags|missed|t_|y\d*_)")
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,9 @@ class Candidate:
     rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
     bounds_told: bool = True  # a parameter on its bound is told as not identified
     repeatable: bool = False
+    widest_spread: float = (
+        1.0  # of its amplitude over time, rms: with more it is not the same there
+    )
     mode: str = "columns"  # or "drive", "output"
     parameters: tuple[Parameter, ...] = ()
     channel: str = ""
@@ -174,9 +177,9 @@ class Candidate:
 
 
 def small(entry: tuple[float, str]) -> str:
-    """A value of the displacement's size, micrometres told as nanometres: "12 nm/K"."""
+    """A value of the displacement's size, micrometres below one told as nanometres: "12 nm/K"."""
     value, unit = entry
-    if unit == "um" or unit.startswith("um/"):
+    if (unit == "um" or unit.startswith("um/")) and abs(value) < 1.0:
         return f"{1e3 * value:.3g} nm{unit[2:]}"
     return f"{value:.3g} {unit}"
 

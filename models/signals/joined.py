@@ -1,6 +1,7 @@
 """Recordings of one stage, joined: one array for each quantity, of all of them.
 
-`starts` marks where a recording (or the part behind a gap) begins: there every state begins anew.
+`starts` marks where a recording (or the part behind a long gap) begins: there every filter begins
+anew. `forgets` marks where the memory of the drive's path does: behind a gap it goes on.
 """
 
 from dataclasses import dataclass, field
@@ -25,6 +26,7 @@ class Data:
     rec: Ints  # index into names
     part: Ints  # contiguous stretch: a recording, or what lies between two gaps
     starts: Bools
+    forgets: Bools
     rows: Bools  # counted in the fits
     block: Ints  # time block, unique over the recordings
     fold: Ints  # cross-validation group
@@ -32,7 +34,9 @@ class Data:
     drive_unit: str = "v"
     unit: str = "um"
     early: bool = False  # the drive stands half a sample earlier than recorded
-    raw_index: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    missing: int = 0  # samples of the grid without a reading
+    stalls: int = 0  # times the recorder stood still
+    raw_index: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # -1: no row
 
     @property
     def n(self) -> int:

@@ -1,13 +1,27 @@
-"""Lines of fixed frequency that stand out of a residual in every recording."""
+"""Lines of fixed frequency that stand out of a residual in every recording.
+
+Blind are the bins where the drive or what a hysteresis makes of it has lines: its own frequencies,
+their harmonics and intermodulation products, each as wide as the window's main lobe. A line of the
+surroundings that falls there cannot be told from the loop's shape.
+
+Under feedback a line of the reading stands in the drive too. It is one of the surroundings where
+the residual has it about as strong as the drive would make it, while the drive moves by other
+frequencies: no loop is wrong by as much as it is high.
+"""
 
 import numpy as np
 
+from dehyst.models.signals.filters import dahl, plays
 from dehyst.models.signals.joined import Bools, Data, Floats
 from dehyst.models.signals.periodic import fundamental_hz
 
 MAX_LINES = 4
-ISOLATED = 4.0  # times the multiples beside it, that a line on a multiple of the drive must reach
-ISOLATED_ORDER = 10
+PADDED = 4  # times the samples, in a transform
+LOBE = 2  # bins to either side, that the main lobe of the window (Hann) reaches
+WIDTHS = np.array([0.03, 0.2])  # of the drive's range: of the plays and memories that make products
+AS_STRONG = 0.5  # of a line's height over its neighbours, that a product's must reach to hide it
+AS_HIGH = 0.7  # of what the drive's line would make, that a residual's must reach to be no product,
+MINOR = 0.05  # where the drive's line is no more than this part of its strongest
 STANDS_OUT = 4.5  # amplitude over the rms of its neighbourhood; by chance once in 1e5 records
 
 
@@ -16,6 +30,8 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
     first."""
     work = residual.astype(float).copy()
     found: list[float] = []
+    products: dict[int, Floats] = {}
+    slope = _slope(data)
     names = range(len(data.names))
     fundamentals = [
         fundamental_hz(data.u[data.rec == i], float(data.dt[data.rec == i][0])) for i in names
@@ -27,6 +43,7 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
         grid = np.arange(2.0 / longest, top, step)
         total = np.full(grid.size, np.inf)
         driven = np.full(grid.size, np.inf)
+        fed_back = np.ones(grid.size, dtype=bool)
         harmonic = np.ones(grid.size, dtype=bool)
         for i in names:
             here = data.rec == i
@@ -34,25 +51,20 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
             dt = float(data.dt[here][0])
             if e.size < 400:
                 continue
-            window = np.hanning(e.size)
-            size = 4 * e.size
-            spectrum: Floats = np.abs(np.fft.rfft((e - e.mean()) * window, size))
-            f: Floats = np.fft.rfftfreq(size, dt).astype(np.float64)
+            f, spectrum = _spectrum(e, dt)
             local = _local_rms(spectrum)
             ratio = spectrum / (local + 1e-300)
             total = np.minimum(total, np.interp(grid, f, ratio))
-            own = np.abs(
-                np.fft.rfft((drive := data.u[here]) * window - drive.mean() * window, size)
-            )
-            driven = np.minimum(
-                driven, np.interp(grid, f, own / (_local_rms(own) + 1e-9 * own.max()))
-            )
+            if i not in products:
+                products[i] = _products(data, here, dt)
+            driven = np.minimum(driven, np.interp(grid, f, products[i]))
+            fed_back &= np.interp(grid, f, _as_high(spectrum, data.u[here], slope)) > 0.5
             first = fundamentals[i]
-            harmonic &= _harmonics(grid, first, longest, f, spectrum) if first else False
+            harmonic &= _harmonics(grid, first, longest) if first else False
         if not np.isfinite(total).any():
             return found
         # a line that the drive has in every recording is the drive's doing
-        total[(driven > 0.5 * total) | harmonic] = 0.0
+        total[(driven > AS_STRONG * total) & ~fed_back | harmonic] = 0.0
         for known in found:
             total[np.abs(grid - known) < 6 * step] = 0.0
         at = int(np.argmax(np.where(np.isfinite(total), total, 0)))
@@ -64,16 +76,51 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
     return found
 
 
-def _harmonics(grid: Floats, first: float, longest: float, f: Floats, spectrum: Floats) -> Bools:
+def _spectrum(x: Floats, dt: float) -> tuple[Floats, Floats]:
+    """Frequencies [Hz] and amplitudes, through a window of Hann."""
+    size = PADDED * x.size
+    amplitude = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size), size))
+    return np.fft.rfftfreq(size, dt).astype(np.float64), amplitude.astype(np.float64)
+
+
+def _slope(data: Data) -> float:
+    """Displacement for a unit of drive, over all recordings."""
+    u, y = data.u[data.rows], data.y[data.rows]
+    u = u - u.mean()
+    return abs(float(u @ (y - y.mean()))) / max(float(u @ u), 1e-300)
+
+
+def _as_high(spectrum: Floats, u: Floats, slope: float) -> Floats:
+    """1 in the bins where a residual's line is about as high as the drive's own would make it, and
+    the drive's is a minor one; 0 elsewhere."""
+    drive = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size), PADDED * u.size))
+    line = (drive < MINOR * drive.max()) & (drive > 3.0 * _local_rms(drive))
+    return np.asarray(line & (spectrum > AS_HIGH * slope * drive), dtype=np.float64)
+
+
+def _products(data: Data, here: Bools, dt: float) -> Floats:
+    """Height over their neighbours of the lines that a hysteresis makes of a recording's drive, by
+    frequency; each as wide as the main lobe."""
+    from scipy.ndimage import maximum_filter1d  # takes its time, and the loop does not need it
+
+    u, forgets = data.u[here], data.forgets[here]
+    x = 2.0 * (u - data.u_min) / data.span - 1.0
+    h, z = plays(2.0 * WIDTHS, x + 1.0, forgets) - 1.0, dahl(2.0 * WIDTHS, x, forgets)
+    columns = [x, x**2, x**3, *h.T, *(h**2).T, *(h**3).T, *z.T, *(z**2).T, *(z**3).T]
+    top = np.zeros(0)
+    for column in columns:
+        _, own = _spectrum(column, dt)
+        # by what the column does without a line: its own leakage, and rounding
+        ratio = own / (_local_rms(own) + 1e-9 * own.max() + 1e-300)
+        top = ratio if top.size == 0 else np.maximum(top, ratio)
+    return np.asarray(maximum_filter1d(top, 2 * LOBE * PADDED + 1))
+
+
+def _harmonics(grid: Floats, first: float, longest: float) -> Bools:
     """Where a frequency is a multiple of the drive's own: what the loop's shape leaves there is
-    locked to the drive. A line of high order that towers over the multiples beside it is not."""
+    locked to the drive."""
     order = np.round(grid / first)
-    out = np.abs(grid - order * first) < min(1.0 / longest, 0.25 * first)
-    for k in np.unique(order[out & (order >= ISOLATED_ORDER)]):
-        near = np.interp(first * (k + np.r_[-4:5]), f, spectrum, right=0.0)
-        if near[4] > ISOLATED * np.delete(near, 4).max():
-            out[order == k] = False
-    return out
+    return np.abs(grid - order * first) < min((LOBE + 0.5) / longest, 0.45 * first)
 
 
 def _local_rms(spectrum: Floats, half: int = 160, hole: int = 12) -> Floats:

@@ -2,9 +2,10 @@
 
     python tests/concealed/make_answers.py ROUND_FOLDER [--all-rows] [--jobs 2]
 
-Every folder case-NN is diagnosed from its own identify.csv, check.csv and hold.csv alone. Writes
-answers.json and predictions/case-NN.csv.gz (t_s, y_base_um, y_model_um, five significant digits;
-every tenth row, or all) into the folder of the round's name beside this file.
+Every folder case-NN is diagnosed from its own recordings alone, all its files but the held-out
+one. Writes answers.json and predictions/case-NN.csv.gz (t_s, y_base and y_model in the recordings'
+unit, five significant digits; every tenth row, or all) into the folder of the round's name beside
+this file.
 """
 
 import argparse
@@ -25,18 +26,22 @@ from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.recording import Recording
 
-GIVEN = ("identify.csv", "check.csv", "hold.csv")
-HELD_OUT = "holdout.csv"
+GIVEN = ("identify", "check", "hold", "recording-*")  # .csv or .csv.gz
+HELD_OUT = "holdout"
 EVERY = 10
+
+
+def files(folder: Path, pattern: str) -> list[Path]:
+    """The case's files of this name, packed or not."""
+    return sorted({*folder.glob(f"{pattern}.csv"), *folder.glob(f"{pattern}.csv.gz")})
 
 
 def answer(diagnosis: Diagnosis) -> dict[str, Any]:
     """The case's entry in answers.json, strongest effect first."""
     said = diagnosis.to_dict()
-    effects = [
-        {"name": e["name"], "ambiguous_with": list(e["ambiguous_with"])} for e in said["effects"]
-    ]
-    return {"verdict": said["verdict"], "effects": effects}
+    effects = [{k: e[k] for k in ("name", "acts_on", "ambiguous_with")} for e in said["effects"]]
+    limits = said["would_have_seen"]
+    return {"verdict": said["verdict"], "effects": effects, "would_have_seen": limits}
 
 
 def predictions(diagnosis: Diagnosis, held: Recording, every: int) -> bytes:
@@ -46,18 +51,19 @@ def predictions(diagnosis: Diagnosis, held: Recording, every: int) -> bytes:
         for model in (diagnosis.base_model, diagnosis.model)
     )
     text = io.StringIO()
-    text.write("t_s,y_base_um,y_model_um\n")
+    unit = diagnosis.unit
+    text.write(f"t_s,y_base_{unit},y_model_{unit}\n")
     for t, b, m in zip(held.t_s[::every], base[::every], full[::every], strict=True):
-        text.write(f"{t:.3f},{b:.5g},{m:.5g}\n")
+        text.write(f"{t:.9g},{b:.5g},{m:.5g}\n")
     return gzip.compress(text.getvalue().encode(), mtime=0)
 
 
 def one_case(folder: Path, every: int) -> tuple[str, dict[str, Any], bytes, float]:
     """Name, answer, predictions and seconds of one folder."""
     start = time.perf_counter()
-    recordings = [read_recording(folder / n, need_displacement=True) for n in GIVEN]
-    diagnosis = diagnose(recordings)
-    table = predictions(diagnosis, read_recording(folder / HELD_OUT), every)
+    given = [path for pattern in GIVEN for path in files(folder, pattern)]
+    diagnosis = diagnose([read_recording(path, need_displacement=True) for path in given])
+    table = predictions(diagnosis, read_recording(files(folder, HELD_OUT)[0]), every)
     return folder.name, answer(diagnosis), table, time.perf_counter() - start
 
 

@@ -9,8 +9,9 @@ from tests.rigs.trimmed_stage import Player, Tamper, TrimmedStage
 
 from dehyst.daemon.rings.records import TELEMETRY, Flag
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.models.learning.passes import TUNING, Learner, Pass, fade_share
+from dehyst.models.learning.passes import Learner, Pass, fade_share
 from dehyst.models.learning.reading import expected_reading
+from dehyst.models.learning.tuning import TUNING
 from dehyst.models.model import Floats, Model
 
 PERIOD_S = 1e-3

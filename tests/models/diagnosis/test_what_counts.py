@@ -147,7 +147,8 @@ def test_a_cause_that_is_there_in_a_fifth_of_the_time_is_refused() -> None:
 
 
 def test_a_limit_is_the_strength_that_would_remove_the_least_size() -> None:
-    """Put in at its limit, a coupling leaves 0.12 noises rms in a fit without it, a delay 0.17."""
+    """Put in at its limit, a coupling leaves 0.126 noises rms in a fit without it, a delay 0.179:
+    5 % more than the least."""
     data = make()
     quiet = replace(data, y=1.1 * data.u)
     _, state = problem_of(quiet)
@@ -157,13 +158,13 @@ def test_a_limit_is_the_strength_that_would_remove_the_least_size() -> None:
     assert (coupling.unit, coupling.side) == ("um/v", "above")
     with_it = replace(quiet, y=quiet.y + coupling.value * data.channels["u2_v"])
     left = problem_of(with_it)[1].null.sse / data.n
-    assert np.sqrt(left) == pytest.approx(0.12 * SIGMA, rel=0.02)
+    assert np.sqrt(left) == pytest.approx(0.126 * SIGMA, rel=0.02)
     late = found["delay"]
     assert late.value is not None
     stage = candidate(quiet, "delay")
     with_it = replace(quiet, y=1.1 * stage.drive(quiet, quiet.u, (late.value,)))
     left = problem_of(with_it)[1].null.sse / data.n
-    assert np.sqrt(left) == pytest.approx(0.17 * SIGMA, rel=0.1)
+    assert np.sqrt(left) == pytest.approx(0.1785 * SIGMA, rel=0.1)
 
 
 def test_a_cause_that_was_found_has_no_limit() -> None:

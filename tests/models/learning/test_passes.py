@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dehyst.models.errors import BadInput
-from dehyst.models.learning.passes import TUNING, Learner, Outcome, Pass, fade_share
+from dehyst.models.learning.passes import Learner, Outcome, Pass, fade_share
 from dehyst.models.learning.reading import expected_reading
+from dehyst.models.learning.tuning import TUNING
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 
 PERIOD_S, N, NOISE, BOUND = 1e-3, 1000, 0.02, 1.5

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dehyst.models.learning import trim
-from dehyst.models.learning.trim import Why
+from dehyst.models.learning.why import Why
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 
 PERIOD_S = 1e-3

@@ -56,9 +56,9 @@ CHANGES = [
         ),
         Change(
             "price-for-one",
-            SEARCH,
-            "* max(count + columns, 1)\n        return",
-            "\n        return",
+            JUDGE,
+            "* max(count + columns, 1)\n    return",
+            "\n    return",
             "causes with many parameters are told too easily",
         ),
         Change(
@@ -128,9 +128,9 @@ CHANGES = [
         Change(
             "limits-three-times",
             LIMITS,
-            "_limit(look, c, float(np.sqrt(least)))",
-            "_limit(look, c, float(np.sqrt(least)) / 3)",
-            "the user is told that effects were excluded that could not be seen",
+            "_guess(look, c, SURELY * float(np.sqrt(least)))",
+            "_guess(look, c, 2.1 * float(np.sqrt(least)))",
+            "the user is told of limits that are twice what would be seen",
         ),
         Change(
             "limits-of-other-size",
@@ -142,8 +142,8 @@ CHANGES = [
         Change(
             "limit-of-what-was-found",
             LIMITS,
-            "        if c.name in named:\n            continue\n",
-            "",
+            "if c.name in named or not",
+            "if not",
             "a cause is told and excluded at once",
         ),
         Change(

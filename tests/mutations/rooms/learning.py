@@ -3,6 +3,7 @@
 from tests.mutations.change import Change, room
 
 TRIM, PASSES = "models/learning/trim.py", "models/learning/passes.py"
+TUNING, GAPS = "models/learning/tuning.py", "models/learning/gaps.py"
 STEP, COMMANDS = "daemon/loop/step_kernel.py", "daemon/loop/command_kernels.py"
 GATE = "daemon/gateway/admission.py"
 IN_THE_LOOP = ("tests/daemon/loop/test_trim.py",)
@@ -190,7 +191,7 @@ CHANGES = [
         ),
         Change(
             "noise-is-learned",
-            PASSES,
+            TUNING,
             "subtract: float = 3.0",
             "subtract: float = 0.0",
             "the gauge's noise comes into the motion",
@@ -204,7 +205,7 @@ CHANGES = [
         ),
         Change(
             "gaps-are-learned",
-            PASSES,
+            GAPS,
             "    if lost <= max(1.0, TUNING.missing * valid.size)",
             "    if lost < valid.size or lost <= max(1.0, TUNING.missing * valid.size)",
             "what is missing in a pass is invented",
@@ -225,14 +226,14 @@ CHANGES = [
         ),
         Change(
             "gain-never-falls",
-            PASSES,
+            TUNING,
             "falls: float = 0.35",
             "falls: float = 0.0",
             "the last pass' noise is in every correction",
         ),
         Change(
             "changed-stage-is-a-knock",
-            PASSES,
+            TUNING,
             "same: float = 0.5",
             "same: float = 0.0",
             "a stage that has changed is never learned again",

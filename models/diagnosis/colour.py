@@ -1,0 +1,162 @@
+"""The colour of the noise: misfit that has nothing to do with the drive, at all times alike.
+
+What is left after the best fit counts as noise where
+    - its spectrum falls smoothly, without lines, and not all of it is slower than a few waves of
+      the longest recording (that is drift);
+    - it is as strong at all times, at every scale;
+    - the drive tells nothing of it: functions of the drive, and the displacement with an amplitude
+      of its own in each block of time, explain no more of it than they do when shifted in time (the
+      shifted ones have the drive's spectrum and the noise's, and only the relation is lost);
+    - what repeats with a periodic drive is no stronger than what does not.
+It is told as coloured noise then, not as structure.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from dehyst.models.diagnosis.locate import since_turn
+from dehyst.models.signals.filters import plays
+from dehyst.models.signals.joined import Data, Floats, Ints
+from dehyst.models.signals.lines import find_lines
+from dehyst.models.signals.periodic import fundamental_hz
+
+LEAST = 64  # differences at a scale, for it to be judged
+TOWERS = 6.0  # times the usual size, that no difference reaches
+GROUPS = 8  # of time, in each recording
+EVEN = 0.7  # power in every group, at least and at most one over it, of the mean
+CHANCE = 4.0  # times what independent samples would scatter, is allowed beside
+SHIFTS = 29  # of the drive's functions in time, for what chance explains
+MORE = 1.5  # times the most that chance explains: the drive has to do with it
+ROWS = 12_000  # for these
+OCTAVES = 10
+PEAK = 2.5  # times the band below it, that no band's density may reach
+WAVES = 6.0  # of the longest recording: what is slower is drift,
+SLOW = 0.5  # where it holds more than this of what is beyond the white noise
+REPEATS = 2.0  # density on the harmonics of a periodic drive over that between them
+
+
+def is_coloured(data: Data, residual: Floats, sigma: float) -> bool:
+    """Whether what is left (N,) is noise of another colour than white."""
+    return (
+        _falls(data, residual)
+        and not _is_slow(data, residual, sigma)
+        and _is_steady(data, residual)
+        and not _repeats(data, residual)
+        and not _is_driven(data, residual)
+        and not find_lines(data, residual)
+    )
+
+
+def _is_steady(data: Data, residual: Floats) -> bool:
+    """Whether at every scale of time the differences of neighbouring means are as large throughout,
+    and none of them towers: of noise they are independent and normal, whatever its colour (wavelets
+    of Haar)."""
+    for i in range(len(data.names)):
+        means = residual[data.rows & (data.rec == i)]
+        while means.size >= 2 * LEAST:
+            means = means[: means.size // 2 * 2].reshape(-1, 2)
+            d = means[:, 1] - means[:, 0]
+            means = means.mean(axis=1)
+            whole = float(np.mean(d**2))
+            usual = 1.4826 * float(np.median(np.abs(d)))
+            if usual > 0.0 and float(np.abs(d).max()) > TOWERS * usual:
+                return False
+            for piece in np.array_split(d**2, GROUPS):
+                chance = CHANCE * np.sqrt(2.0 / piece.size)
+                power = float(np.mean(piece)) / max(whole, 1e-300)
+                if not EVEN / (1.0 + chance) < power < (1.0 + chance) / EVEN:
+                    return False
+    return True
+
+
+def _is_driven(data: Data, residual: Floats) -> bool:
+    """Whether functions of the drive tell more of the residual than the same, shifted in time."""
+    every = max(1, int(data.rows.sum()) // ROWS)
+    x = _functions(data)
+    rng = np.random.default_rng(0)
+    at = [np.flatnonzero(data.rec == i) for i in range(len(data.names))]
+    used = np.zeros(data.n, bool)
+    used[np.flatnonzero(data.rows)[::every]] = True
+    e = residual[used] - residual[used].mean()
+
+    def explained(shifts: Ints) -> float:
+        order = np.concatenate([np.roll(k, -s) for k, s in zip(at, shifts, strict=True)])
+        z = x[order[used]]
+        z = z - z.mean(axis=0)
+        size = np.sqrt(np.mean(z**2, axis=0))
+        z = z[:, size > 0] / size[size > 0]
+        gram = z.T @ z + 1e-6 * z.shape[0] * np.eye(z.shape[1])
+        moment = z.T @ e
+        return float(moment @ np.linalg.solve(gram, moment))
+
+    sizes = np.array([k.size for k in at])
+    still: Ints = np.zeros(sizes.size, dtype=np.int64)
+    chance = [
+        explained((sizes * rng.uniform(0.1, 0.9, sizes.size)).astype(np.int64))
+        for _ in range(SHIFTS)
+    ]
+    return explained(still) > MORE * max(chance)
+
+
+def _functions(data: Data) -> Floats:
+    """(N, k) what misfit that the drive causes might look like."""
+    x = 2.0 * (data.u - data.u_min) / data.span - 1.0
+    h = plays(np.array([0.1, 0.5]), x + 1.0, data.forgets) - 1.0
+    rate = np.diff(x, prepend=x[0]) / data.dt
+    rate[data.starts] = 0.0
+    turned = np.log(since_turn(data) + data.period)
+    blocks = [x * (data.block == b) for b in np.unique(data.block)]
+    return np.column_stack(
+        [x, x**2, x**3, *h.T, *(h**2).T, rate, np.abs(rate), x * rate, turned, *blocks]
+    )
+
+
+def _repeats(data: Data, residual: Floats) -> bool:
+    """Whether a periodic drive's harmonics hold more of the residual than what lies between."""
+    on, off = [], []
+    for i in range(len(data.names)):
+        here = data.rec == i
+        dt = float(data.dt[here][0])
+        first = fundamental_hz(data.u[here], dt)
+        e = residual[here]
+        if not first or first * e.size * dt < 8.0:
+            continue
+        power = np.abs(np.fft.rfft((e - e.mean()) * np.hanning(e.size))) ** 2
+        order = np.fft.rfftfreq(e.size, dt) / first
+        apart = np.abs(order - np.round(order)) * first * e.size * dt  # in bins
+        for k in range(1, 30):
+            near = np.abs(order - k) < 0.5
+            if not np.any(near & (apart > 2.5)):
+                break
+            on.append(float(np.mean(power[near & (apart < 1.5)])))
+            off.append(float(np.mean(power[near & (apart > 2.5)])))
+    return bool(on) and sum(on) > REPEATS * sum(off)
+
+
+def _falls(data: Data, residual: Floats) -> bool:
+    """Whether the density falls from octave to octave, without a peak, in the longest part."""
+    power, _ = _spectrum(data, residual)
+    edges = power.size / 2.0 ** np.arange(OCTAVES, -1, -1)
+    density = [
+        float(np.mean(power[max(int(a), 2) : int(b)]))
+        for a, b in pairwise(edges)
+        if int(b) - max(int(a), 2) >= 8
+    ]
+    return all(b < PEAK * min(density[:k]) for k, b in enumerate(density) if k)
+
+
+def _is_slow(data: Data, residual: Floats, sigma: float) -> bool:
+    """Whether most of what is beyond the white noise takes as long as the recordings."""
+    power, length = _spectrum(data, residual)
+    white = sigma**2 * float(np.sum(np.hanning(length) ** 2))
+    over = float(np.sum(power[1:] - white))
+    return float(np.sum(power[1 : int(WAVES) + 1])) > SLOW * max(over, 0.0)
+
+
+def _spectrum(data: Data, residual: Floats) -> tuple[Floats, int]:
+    """Power by bin of the longest part, through a window of Hann, and its samples."""
+    part = int(np.argmax(np.bincount(data.part)))
+    e = residual[data.part == part]
+    power = np.abs(np.fft.rfft((e - e.mean()) * np.hanning(e.size))) ** 2
+    return power.astype(np.float64), e.size

@@ -1,0 +1,214 @@
+"""Shape: what a hysteresis of any shape explains of the misfit of the model in use.
+
+The rich base, fitted jointly with the effects, corrects the model's hysteresis. Where it foretells
+held-out samples better than other numbers in the model's own class would, the loop is not the
+model's. What the correction looks like is measured by what explains it: a function of the
+displacement alone (centre line: a sensor or a stage that is not linear), one that differs between
+the branches (asymmetry of the ceramic), a memory of the displacement of a fixed length (presliding
+friction), or none of these (another class of hysteresis). One stage's recordings tell the look, not
+the cause: each stands for what else makes the same.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dehyst.models.diagnosis.base import numbers_base
+from dehyst.models.diagnosis.effects import behind_output
+from dehyst.models.diagnosis.evidence import by_blocks
+from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.locate import hot_spots, locate
+from dehyst.models.diagnosis.result import Finding
+from dehyst.models.diagnosis.screen import Screen, contribution_of
+from dehyst.models.physics import library
+from dehyst.models.physics.candidate import small
+from dehyst.models.signals.filters import dahl
+from dehyst.models.signals.joined import Floats
+
+DEGREE = 5  # of functions of the displacement
+LENGTHS = np.array([0.003, 0.006, 0.012, 0.025, 0.05])  # of presliding, of the stroke
+MOSTLY = 0.6  # of the correction's power, that one look must explain to be told
+MORE = 0.15  # that a richer look must explain beyond a plainer one
+ROWS = 20_000
+SHOWN = 0.15  # of a cause's rms, that the base must leave for it to be told from a shape
+
+LOOKS = {
+    "centre": (
+        "it is a function of the displacement alone, the same on both branches: a sensor or a "
+        "stage that is not linear",
+        ("sensor", "asymmetry"),
+    ),
+    "branches": (
+        "the rising and the falling branch are bent differently: an asymmetry of the ceramic, or a "
+        "sensor that is not linear",
+        ("asymmetry", "sensor", "friction"),
+    ),
+    "presliding": (
+        "it is a memory of the displacement that is used up after each turn within a fixed way: "
+        "presliding friction in the guide, or an asymmetry",
+        ("friction", "asymmetry", "sensor"),
+    ),
+    "class": (
+        "it is spread over the loop: a hysteresis of another class, or several of asymmetry, "
+        "sensor and friction at once",
+        ("asymmetry", "friction", "sensor"),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Correction:
+    """gain: mean square that the base removes of held-out samples, beyond what the effects do and,
+    for a model that was identified here beside effects that distort it, beyond other numbers in its
+    class; numbers: mean square that these leave; rms: of the correction."""
+
+    gain: float
+    numbers: float
+    rms: float
+
+
+def measure_correction(
+    problem: Problem, final: JointFit, bare_square: float, held_square: float
+) -> Correction:
+    """What the base does for the model in use. bare_square, held_square: mean square that the
+    model alone leaves, and the final fit on held-out samples."""
+    data = problem.data
+    own = numbers_base(data, problem.subject.model.hysteresis)
+    numbers = Problem(data, own, problem.subject)
+    fit = numbers.solve(final.effects, problem.output_of(final) if final.effects else None)
+    left = by_blocks(numbers, fit).mean_square
+    before = left
+    if problem.subject.given:
+        alone = Problem(data, problem.base.without(), problem.subject)
+        before = alone.solve(final.effects, problem.output_of(final)).sse / int(data.rows.sum())
+    elif not final.effects:
+        before = bare_square  # without effects all that the base explains is a matter of shape
+    return Correction(before - held_square, left, float(np.std(_correction(problem, final))))
+
+
+def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str, ...]:
+    """Names of causes driven by the drive that the base takes nearly whole, at an rms of about
+    `size`: with this drive they cannot be told from a loop of another shape."""
+    look = Screen(problem, final)
+    best: dict[str, float] = {}
+    taken = {e.candidate.key for e in final.effects}
+    for c in library(problem.data):
+        probes = c.probes(problem.data)
+        if not c.driven or c.static or c.key in taken or not probes:
+            continue
+        for probe in probes:
+            x = contribution_of(look, c, probe)
+            raw = float(np.std(x[problem.data.rows]))
+            if raw >= 0.7 * size or probe is probes[-1]:
+                shown = float(np.sqrt(np.mean(look.projected(x[:, None]) ** 2)))
+                best[c.name] = max(best.get(c.name, 0.0), shown / raw if raw > 1e-12 else 0.0)
+                break
+    return tuple(name for name, shown in best.items() if shown < SHOWN)
+
+
+def shape_finding(
+    problem: Problem, final: JointFit, sigma: float, correction: Correction, share: float
+) -> Finding:
+    """The finding with its look."""
+    data = problem.data
+    d = _correction(problem, final)
+    parts = _looks(problem, final, d)
+    look = _choose(parts)
+    words, names = LOOKS[look]
+    hidden = absorbed_names(problem, final, correction.rms)
+    if hidden:
+        words += f"; with this drive {' or '.join(hidden)} would look the same"
+    names = (*names, *hidden)
+    where = hot_spots(locate(data, np.where(data.rows, d, 0.0), 0.0))
+    evidence = {
+        "correction_rms": correction.rms,
+        "removed_rms": float(np.sqrt(max(correction.gain, 0.0))),
+        "other_numbers_leave_rms": float(np.sqrt(correction.numbers)),
+        **{f"explained_by_{k}": v for k, v in parts.items()},
+    }
+    says = (
+        f"The loop is not the model's, by {small((correction.rms, data.unit))} rms: {words}. The "
+        "augmented model contains it, and it is compensated."
+    )
+    if problem.subject.given:
+        numbers = float(np.sqrt(correction.numbers))
+        if correction.numbers < sigma**2 + 0.3 * max(correction.gain, 0.0):
+            says = (
+                f"The model's numbers are not this stage's, by {small((correction.rms, data.unit))}"
+                f" rms: other numbers in the same class would leave {small((numbers, data.unit))}. "
+                "Identify again from these recordings; the augmented model contains the difference."
+            )
+    return Finding(
+        name="shape",
+        key="shape",
+        place="stage",
+        title="Loop of another shape than the model's",
+        equation="y = h(u) + sum_i sum_p w_ip H_i^p + sum_j (w_j + ...) Z_j",
+        source="play operators with polynomial envelopes; Dahl operators (Dahl 1976)",
+        share=share,
+        evidence=evidence,
+        parameters={},
+        ambiguous_with=names,
+        where=where,
+        says=says,
+    )
+
+
+def _correction(problem: Problem, final: JointFit) -> Floats:
+    """(N,) what the base adds to the model that carries it; else what it makes that no other
+    numbers in the model's class do. Without its mean over the counted rows."""
+    data = problem.data
+    k = len(data.names)
+    d = final.design[:, k : k + problem.base.width] @ final.weights
+    if not problem.subject.carries:
+        own = numbers_base(data, problem.subject.model.hysteresis)
+        v = problem.drive_at_hysteresis(final.effects)
+        columns = behind_output(data, final.effects, own.columns(v, data.forgets))
+        x = np.column_stack([np.ones(data.n), columns])
+        x /= np.sqrt(np.maximum(np.mean(x**2, axis=0), 1e-30))
+        xr = x[data.rows]
+        gram = xr.T @ xr + 1e-9 * xr.shape[0] * np.eye(xr.shape[1])
+        d = d - x @ np.linalg.solve(gram, xr.T @ d[data.rows])
+    return np.asarray(d - d[data.rows].mean())
+
+
+def _looks(problem: Problem, final: JointFit, d: Floats) -> dict[str, float]:
+    """Part of the correction's power that each look explains, each with the plainer ones' terms."""
+    data = problem.data
+    y = problem.output_of(final)
+    rows = problem.row_index[:: max(1, problem.row_index.size // ROWS)]
+    low, stroke = float(y[rows].min()), max(float(np.ptp(y[rows])), 1e-300)
+    x = 2.0 * (y - low) / stroke - 1.0
+    level: Floats = np.polynomial.legendre.legvander(x[rows], DEGREE).astype(np.float64)
+    smooth = np.convolve(np.diff(y, prepend=y[0]), np.ones(5), "same")
+    moving = np.where(np.abs(smooth) > 1e-9 * stroke, np.sign(smooth), 0.0)
+    held = np.maximum.accumulate(np.where(moving != 0, np.arange(y.size), 0))
+    rising = moving[held][rows]
+    branches: Floats = np.hstack([level, level * rising[:, None]]).astype(np.float64)
+    memory = dahl(LENGTHS * stroke, y, data.forgets)[rows]
+    presliding = max(
+        _explained(np.column_stack([level, memory[:, j]]), d[rows]) for j in range(LENGTHS.size)
+    )
+    return {
+        "centre": _explained(level, d[rows]),
+        "branches": _explained(branches, d[rows]),
+        "presliding": presliding,
+    }
+
+
+def _choose(parts: dict[str, float]) -> str:
+    """The plainest look that explains most of it."""
+    best = "class"
+    if parts["branches"] > MOSTLY:
+        best = "branches"
+    if parts["presliding"] > max(MOSTLY, parts["branches"] - 0.05):
+        best = "presliding"
+    if parts["centre"] > MOSTLY and parts["centre"] > max(parts.values()) - MORE:
+        best = "centre"
+    return best
+
+
+def _explained(x: Floats, d: Floats) -> float:
+    d = d - d.mean()
+    w = np.linalg.lstsq(x, d, rcond=1e-10)[0]
+    return float(1.0 - np.sum((d - x @ w) ** 2) / max(float(d @ d), 1e-300))

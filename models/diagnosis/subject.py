@@ -1,0 +1,268 @@
+"""The model in use, whose misfit is what a diagnosis explains.
+
+A model that the user gives carries the fits: its blocks stand around all that they add. What
+reaches its hysteresis has passed its drive blocks, and what is added to the hysteresis'
+displacement passes its further blocks, as far as they are linear. A block that is not (a ripple of
+the reading, friction) acts on the model alone.
+
+Without a model it is the plain modified Prandtl-Ishlinskii model (Eq. 6 of Qin et al., k = 0, no
+blocks), identified from these recordings. It carries no fit: what it makes of an effect that
+it does not know, a wider loop for a delay, would have to be undone first.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import nnls
+
+from dehyst.models.cascade.simulate import channels_of, simulate, simulate_parts
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.errors import BadInput, DehystError
+from dehyst.models.hysteresis.forward import simulate as simulate_hysteresis
+from dehyst.models.identify import Options, identify
+from dehyst.models.model import Block, Hysteresis, Model, Validity
+from dehyst.models.physics import KINDS
+from dehyst.models.recording import Recording
+from dehyst.models.signals.filters import plays
+from dehyst.models.signals.joined import Data, Floats
+
+# of the drive's range, where identification has none to offer
+THRESHOLDS = np.array([0, 0.01, 0.025, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.37, 0.45])
+POWERS = ((2, 3, 4, 5), (2, 3), ())  # the first with which the model does not turn over
+LEAST_SLOPE = 0.1  # of the polynomial, over the recorded range
+ROUNDS = 12  # Gauss-Newton steps of the plain fit
+PROBE_SAMPLES = 400
+
+
+@dataclass(frozen=True)
+class Subject:
+    """model: in use; given: by the user, not identified here; carries: fits stand on it; refused:
+    why identification would not take the recordings."""
+
+    model: Model
+    given: bool = False
+    carries: bool = False
+    refused: str = ""
+
+    @cached_property
+    def drive_blocks(self) -> tuple[Block, ...]:
+        """What stands before the hysteresis."""
+        return tuple(b for b in self.model.blocks if b.place == "drive")
+
+    @cached_property
+    def further_blocks(self) -> tuple[Block, ...]:
+        """What stands beside and behind the hysteresis."""
+        return tuple(b for b in self.model.blocks if b.place != "drive")
+
+    @cached_property
+    def linear_blocks(self) -> tuple[Block, ...]:
+        """Those behind the hysteresis that are linear, or linear but for what they add."""
+        model = self.model
+        behind = [b for b in self.further_blocks if not KINDS[b.kind].beside]
+        return tuple(b for b in behind if _is_affine(b, model))
+
+    def drive(self, data: Data, v: Floats) -> Floats:
+        """(N,) drive that reaches the hysteresis."""
+        if not self.drive_blocks or not self.carries:
+            return v
+        return self._run(data, v, replace(self.model, blocks=self.drive_blocks), "drive")
+
+    def reading(self, data: Data, v: Floats) -> Floats:
+        """(N,) reading for a drive behind the drive blocks."""
+        if not self.carries:
+            return np.zeros(data.n)
+        if not self.model.blocks and self.model.hysteresis.static:
+            out = np.empty(data.n)
+            for k in _recordings(data):
+                out[k] = simulate_hysteresis(self.model.hysteresis, v[k], 1.0)
+            return out
+        return self._run(data, v, replace(self.model, blocks=self.further_blocks), "reading")
+
+    def passed(self, data: Data, x: Floats) -> Floats:
+        """Columns (N, k) of what is added to the displacement, behind the linear blocks."""
+        if not self.carries or not self.linear_blocks:
+            return x
+        x = np.array(x)
+        m = self.model
+        for block in self.linear_blocks:
+            kind = KINDS[block.kind]
+            values = kind.values(block, m.drive_unit, m.displacement_unit)
+            for k in _recordings(data):
+                t, channel = data.t[k], data.channels[block.channel][k] if block.channel else None
+                zero = kind.run(values, np.zeros(t.size), t, channel)
+                for j in range(x.shape[1]):
+                    x[k, j] = kind.run(values, x[k, j], t, channel) - zero
+        return x
+
+    def whole(self, data: Data) -> Floats:
+        """(N,) what the model says of these recordings."""
+        return self._run(data, data.u, self.model, "reading")
+
+    def _run(self, data: Data, v: Floats, model: Model, which: str) -> Floats:
+        out = np.empty(data.n)
+        for k in _recordings(data):
+            channels = {name: data.channels[name][k] for name in channels_of(model)}
+            out[k] = getattr(simulate_parts(model, data.t[k], v[k], channels), which)
+        return out
+
+
+NO_MODEL = Subject(
+    Model(Hysteresis(r=np.zeros(1), b=np.ones(1), c=np.array([0.0, 1.0])), Validity(0.0, 1.0))
+)
+
+
+def take_model(model: Model, data: Data) -> Subject:
+    """The user's model. Raises BadInput where it cannot be run on these recordings."""
+    for what, ours, theirs in (
+        ("drive", data.drive_unit, model.drive_unit),
+        ("displacement", data.unit, model.displacement_unit),
+    ):
+        if ours != theirs:
+            raise BadInput(
+                f"{data.names[0]}: the {what} is in {ours}, the model's in {theirs}; diagnose with "
+                "a model of this stage"
+            )
+    for name in channels_of(model):
+        if name not in data.channels:
+            raise BadInput(
+                f"{data.names[0]}: the model reads the channel {name}, which is absent or does not "
+                "move here"
+            )
+    return Subject(model, given=True, carries=True)
+
+
+def identify_plain(recordings: Sequence[Recording], data: Data) -> Subject:
+    """The plain model of these recordings. Where identification finds linear dynamics beside the
+    hysteresis, or refuses, the hysteresis is fitted here without."""
+    refused, r = "", THRESHOLDS * data.span
+    try:
+        model = identify(recordings, Options(rate=False)).model
+    except (DehystError, ValueError) as error:  # also what it meets with no row to fit
+        refused = str(error)
+    else:
+        if not model.blocks:
+            return Subject(model)
+        r = model.hysteresis.r
+    return Subject(fit_plain(data, r), refused=refused)
+
+
+def fit_plain(data: Data, r: Floats) -> Model:
+    """Plays with thresholds r (n,) and a polynomial behind them, by Gauss-Newton; what can be
+    inverted: partial sums of the weights >= 0 (Kuhnen 2003), and a polynomial that does not turn
+    over."""
+    used = np.flatnonzero(data.rows)
+    used = used[:: max(1, used.size // TUNING.search_rows)]
+    h = plays(r, data.u - data.u_min, data.forgets)[used]
+    # columns of which the weights are the partial sums
+    h[:, :-1] -= h[:, 1:].copy()
+    y, rec = data.y[used], data.rec[used]
+    groups = (rec[:, None] == np.arange(len(data.names))[None, :]).astype(float)
+    du = data.u[used] - data.u[used].mean()
+    sign = 1.0 if float(du @ (y - y.mean())) >= 0 else -1.0
+    slope = max(abs(float(du @ (y - y.mean()))) / float(du @ du), 1e-12)
+    size = slope * data.span  # the polynomial is of z / size: its terms are of one size
+    for powers in POWERS:
+        fit = _bent_fit(h, sign * y, groups, powers, size)
+        if fit.least_slope > LEAST_SLOPE:
+            break
+    coefficients = np.zeros(max((1, *powers)) + 1)
+    coefficients[0], coefficients[1] = fit.offset, 1.0
+    for p, cp in zip(powers, fit.c, strict=True):
+        coefficients[p] = cp / size**p
+    sums = np.maximum(fit.sums, 1e-3 * float(fit.sums.max()))
+    b = np.diff(sums, prepend=0.0)
+    hysteresis = Hysteresis(r=r, b=b, c=sign * coefficients, u_offset=data.u_min)
+    validity = Validity(data.u_min, data.u_min + data.span, period_s=data.period)
+    return Model(hysteresis, validity, data.drive_unit, data.unit)
+
+
+@dataclass(frozen=True)
+class _BentFit:
+    """Partial sums (n,), coefficients of the powers, mean offset, sum of squares, least slope of
+    the polynomial."""
+
+    sums: Floats
+    c: Floats
+    offset: float
+    sse: float
+    least_slope: float
+
+
+def _bent_fit(
+    h: Floats, y: Floats, groups: Floats, powers: tuple[int, ...], size: float
+) -> _BentFit:
+    """P(h @ sums) + an offset for each group, P(z) = z + sum_p c_p (z / size)^p; Gauss-Newton from
+    the straight fit, each step halved until it helps."""
+    count = np.maximum(groups.sum(axis=0), 1.0)
+
+    def judge(sums: Floats, c: Floats) -> _BentFit:
+        z = h @ sums / size
+        left = y - h @ sums - sum(cp * z**p for p, cp in zip(powers, c.tolist(), strict=True))
+        offsets = groups.T @ left / count
+        left = left - groups @ offsets
+        turn = 1.0 + sum(p * cp * z ** (p - 1) for p, cp in zip(powers, c, strict=True)) / size
+        least = float(np.min(turn)) if powers else 1.0
+        return _BentFit(sums, c, float(offsets.mean()), float(left @ left), least)
+
+    n, m = h.shape[1], len(powers)
+    sums, _ = _solve_bounded(np.hstack([h, groups, -groups]), y, n, 0)
+    best = judge(sums, np.zeros(m))
+    for _ in range(ROUNDS if powers else 0):
+        z = h @ best.sums / size
+        slope = (
+            1.0 + sum(p * cp * z ** (p - 1) for p, cp in zip(powers, best.c, strict=True)) / size
+        )
+        bent = np.stack([z**p for p in powers], axis=1)
+        straight = h * np.reshape(slope, (-1, 1))
+        # P(z) about here, linear in the weights: constant + straight @ sums + bent @ c
+        constant = h @ best.sums - straight @ best.sums
+        x = np.hstack([straight, bent, -bent, groups, -groups])
+        sums, c = _solve_bounded(x, y - constant, n, m)
+        for part in (1.0, 0.5, 0.25, 0.125):
+            trial = judge(best.sums + part * (sums - best.sums), best.c + part * (c - best.c))
+            if trial.sse < best.sse:
+                break
+        else:
+            break
+        fall, best = best.sse - trial.sse, trial
+        if fall < 1e-4 * best.sse:
+            break
+    return best
+
+
+def _solve_bounded(x: Floats, y: Floats, n: int, m: int) -> tuple[Floats, Floats]:
+    """Weights (n,) >= 0 and free coefficients (m,); x: the weights' columns, the coefficients' with
+    both signs, then others."""
+    gram = x.T @ x
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
+    normed = gram / np.outer(scale, scale) + 1e-9 * np.eye(scale.size)
+    factor = np.linalg.cholesky(normed)
+    w, _ = nnls(factor.T, np.linalg.solve(factor, x.T @ y / scale), maxiter=50 * scale.size)
+    w = w / scale
+    return w[:n], w[n : n + m] - w[n + m : n + 2 * m]
+
+
+def _recordings(data: Data) -> list[slice]:
+    ends = np.r_[np.flatnonzero(np.diff(data.rec)) + 1, data.n]
+    return [slice(int(a), int(b)) for a, b in zip(np.r_[0, ends[:-1]], ends, strict=True)]
+
+
+def _is_affine(block: Block, model: Model) -> bool:
+    """Whether twice the input gives twice the change of the output."""
+    kind = KINDS[block.kind]
+    values = kind.values(block, model.drive_unit, model.displacement_unit)
+    dt = model.validity.period_s or 1e-3
+    t: Floats = (np.arange(PROBE_SAMPLES) * dt).astype(np.float64)
+    stroke = max(float(np.abs(simulate(replace(model, blocks=()), t, _sweep(model))).max()), 1e-9)
+    x = stroke * np.random.default_rng(1).random(PROBE_SAMPLES)
+    channel = np.random.default_rng(2).random(PROBE_SAMPLES) if block.channel else None
+    zero, one, two = (kind.run(values, k * x, t, channel) for k in (0.0, 1.0, 2.0))
+    change = float(np.abs(one - zero).max())
+    return bool(np.abs(two - 2.0 * one + zero).max() <= 1e-6 * max(change, 1e-300))
+
+
+def _sweep(model: Model) -> Floats:
+    v = model.validity
+    return np.linspace(v.drive_min, v.drive_max, PROBE_SAMPLES).astype(np.float64)

@@ -1,0 +1,135 @@
+"""What must be said of recordings before anything is said of the stage."""
+
+import numpy as np
+
+from dehyst.models.diagnosis.noise import quantum
+from dehyst.models.diagnosis.prepare import turns
+from dehyst.models.diagnosis.result import DataQuality
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics.candidate import small
+from dehyst.models.signals.joined import Data, Floats
+
+COARSE = 1.5  # noise rms that a step of the reading must reach to be told
+FOLLOWS = 0.2  # part of the displacement's power that a memory of the drive must explain
+BACK = 0.25  # part of the displacement's range that it must come back by in one way of the drive
+ENDS = 0.6  # of the way's own range: its ends lie no further apart
+WAY = 0.5  # of the drive's range, that such a way is long
+SLOW = 0.2  # drive's mean step between samples, of its mean size: more is slow sampling
+
+
+def survey(
+    data: Data, fitted: Data, noise: tuple[float, float], unexplained: float, more: list[str]
+) -> DataQuality:
+    """data: all samples; fitted: those that were fitted; noise: white and whole rms; unexplained:
+    mean square that a memory of the drive of any shape leaves; more: what else is to be said, of
+    the model in use first."""
+    said = list(more)
+    sigma, whole = noise
+    if data.missing:
+        share = data.missing / max(data.n, 1)
+        said.append(f"{data.missing} readings are missing ({share:.1%}); none was filled in")
+    if data.stalls:
+        said.append(
+            f"the recorder stood still {data.stalls} times; what follows each stall was left out, "
+            "as the drive's way is not known"
+        )
+    step = quantum(data.y)
+    if step > COARSE * sigma:
+        said.append(
+            f"the reading has steps of {small((step, data.unit))}, coarser than its noise: finer "
+            "effects do not show"
+        )
+    if whole > 1.2 * sigma:
+        said.append(
+            f"the noise is coloured: {small((whole, data.unit))} rms in all, of which "
+            f"{small((sigma, data.unit))} from sample to sample"
+        )
+    if not follows(data, unexplained):
+        said.append(
+            "the displacement does not follow the drive: a memory of the drive of any shape "
+            f"explains {max(0.0, 1.0 - unexplained / _variance(data)):.0%} of it; check the sensor "
+            "and the columns, and whether the recording was made under feedback"
+        )
+    elif comes_back(data):
+        said.append(
+            "the displacement falls and rises again while the drive goes one way (a butterfly, as "
+            "of a ferroelectric that is driven through its coercive field): no model with one "
+            "direction fits, and none can be inverted; drive it on one side only"
+        )
+    if _is_slow(data):
+        said.append(
+            "the sampling is slow for this drive: what happens within a sample or two cannot be "
+            "told from the loop"
+        )
+    if turns(data) < TUNING.few_turns:
+        said.append(
+            "the drive hardly turns round: nothing that it causes can be told from the loop"
+        )
+    left_out = int(np.count_nonzero(~data.rows & (data.raw_index >= 0)))
+    if left_out:
+        said.append(
+            f"{left_out} samples were left out of the fits, where what the stage did before is "
+            "unknown"
+        )
+    if fitted.n < data.n:
+        said.append(
+            f"of {data.n} samples {int(np.count_nonzero(fitted.rows))} in stretches were fitted; "
+            "the errors are of all"
+        )
+    if fitted.early:
+        said.append(
+            "the reading leads the drive by half a sample: each command is held, not ramped; the "
+            "diagnosis has taken it so"
+        )
+    if len(data.names) == 1:
+        said.append("one recording only: nothing was held out on another waveform")
+    rows = int(np.count_nonzero(data.raw_index >= 0))
+    return DataQuality(rows, data.missing, data.stalls, tuple(said))
+
+
+def follows(data: Data, unexplained: float) -> bool:
+    """Whether the drive explains something of the displacement."""
+    return unexplained < (1.0 - FOLLOWS) * _variance(data)
+
+
+def _variance(data: Data) -> float:
+    return max(float(np.var(data.y[data.rows])), 1e-300)
+
+
+def comes_back(data: Data) -> bool:
+    """Whether the displacement turns round within ways of the drive, on most of them."""
+    reach = float(np.ptp(data.y))
+    ways = backs = 0
+    for p in np.unique(data.part):
+        k = data.part == p
+        u, y = data.u[k], data.y[k]
+        each = max(1, u.size // 2000)
+        u, y = u[::each], y[: u.size // each * each].reshape(-1, each).mean(axis=1)
+        u = u[: y.size]
+        turn = np.flatnonzero(np.diff(np.sign(np.diff(u)[np.diff(u) != 0])) != 0)
+        at = np.flatnonzero(np.diff(u) != 0)[turn] + 1 if turn.size else np.zeros(0, int)
+        for a, b in zip(np.r_[0, at], np.r_[at, u.size - 1], strict=True):
+            if abs(u[b] - u[a]) < WAY * data.span or b - a < 8:
+                continue
+            way = y[a : b + 1]
+            net = abs(float(way[-1] - way[0]))
+            ways += 1
+            size = float(np.ptp(way))
+            backs += size - net > BACK * reach and net < ENDS * size
+    return ways > 0 and backs > 0.5 * ways
+
+
+def _is_slow(data: Data) -> bool:
+    """Whether the drive moves far between two samples, again and again."""
+    step = np.diff(data.u)[~data.starts[1:]]
+    return bool(np.sqrt(np.mean(step**2)) > SLOW * np.std(data.u))
+
+
+def left_of(data: Data, prediction: Floats) -> Floats:
+    """(N,) reading less a prediction, without its mean over the rows of each recording."""
+    e = data.y - prediction
+    out = np.empty(data.n)
+    for i in range(len(data.names)):
+        k = data.rec == i
+        out[k] = e[k] - float(np.mean(e[k & data.rows])) if np.any(k & data.rows) else e[k]
+    return out

@@ -1,0 +1,92 @@
+"""Which accepted effects are worth telling: those that help on held-out samples, and whose size is
+known to a factor of ten."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from dehyst.models.diagnosis.effects import Effect
+from dehyst.models.diagnosis.evidence import by_blocks
+from dehyst.models.diagnosis.fit import JointFit
+from dehyst.models.diagnosis.intervals import intervals
+from dehyst.models.diagnosis.judge import SearchState
+from dehyst.models.diagnosis.result import Value
+from dehyst.models.diagnosis.tuning import TUNING
+
+
+def worth_telling(found: SearchState) -> SearchState:
+    """Without the effects that do not help on held-out samples."""
+    problem, final, sigma = found.problem, found.accepted, found.sigma
+    first = by_blocks(problem, found.null).mean_square
+    while final.effects:
+        whole = by_blocks(problem, final).mean_square
+        # beside a cause a hundred times as large, a second one of some noise rms still counts
+        of_all = TUNING.helps_share * max(first - sigma**2, 0.0)
+        of_rest = TUNING.helps_rest * max(whole - sigma**2, 0.0)
+        losses = []
+        for e in final.effects:
+            most = TUNING.beside_driven if e.candidate.driven else TUNING.beside_free
+            least = max((TUNING.helps * sigma) ** 2, min(of_all, (most * sigma) ** 2), of_rest)
+            rest = [o for o in final.effects if o is not e]
+            without = problem.solve(rest, problem.output_of(final))
+            loss = by_blocks(problem, without).mean_square - whole
+            losses.append((loss / least, e))
+        loss, weakest = min(losses, key=lambda pair: pair[0])
+        if loss > 1.0:
+            break
+        final = _without(found, final.effects, weakest)
+    if (
+        final.effects
+        and first - by_blocks(problem, final).mean_square < (TUNING.helps * sigma) ** 2
+    ):
+        final = found.null  # each seems to need the others, and together they foretell nothing
+    return replace(found, accepted=final)
+
+
+def only_told(found: SearchState) -> SearchState:
+    """Without the effects whose size is not known to a factor of ten."""
+    final = found.accepted
+    while final.effects:
+        values = intervals(found.problem, final, found.sigma)
+        wide = [e for e, v in zip(final.effects, values, strict=True) if not size_is_known(e, v)]
+        if not wide:
+            break
+        final = _without(found, final.effects, wide[0])
+    return replace(found, accepted=final)
+
+
+def without_driven(found: SearchState) -> SearchState:
+    """Without what the drive causes."""
+    rest = [e for e in found.accepted.effects if not e.candidate.driven]
+    if len(rest) == len(found.accepted.effects):
+        return found
+    final = found.problem.refit(rest, settle=0.3 * found.sigma**2) if rest else found.null
+    return replace(found, accepted=final)
+
+
+def _without(found: SearchState, effects: tuple[Effect, ...], one: Effect) -> JointFit:
+    rest = [o for o in effects if o is not one]
+    return found.problem.refit(rest, settle=0.3 * found.sigma**2) if rest else found.null
+
+
+def size_is_known(effect: Effect, values: Mapping[str, Value]) -> bool:
+    """Whether what says how large an effect is has an interval of less than a factor of ten."""
+    parameters = effect.parameters
+    if effect.candidate.size_index is not None:
+        return is_narrow(values[parameters[effect.candidate.size_index].key])
+    own = {p.key for p in parameters}
+    sizes = [v for k, v in values.items() if k not in own]
+    if not sizes:  # the parameters are the size; a level has no factor
+        sizes = [values[p.key] for p in parameters if p.log and p.key in values][:1]
+    return any(is_narrow(v) for v in sizes) if sizes else True
+
+
+def unidentified(effect: Effect, values: Mapping[str, Value]) -> list[str]:
+    """Keys whose interval spans more than a factor of ten, levels aside: they are not told."""
+    levels = {p.key for p in effect.parameters if not p.log}
+    return [k for k, v in values.items() if k not in levels and not is_narrow(v)]
+
+
+def is_narrow(v: Value) -> bool:
+    """Whether an interval spans less than a factor of ten."""
+    low, high = sorted((abs(v.low), abs(v.high)))
+    return bool(v.low * v.high > 0 and high < TUNING.widest * low)

@@ -1,0 +1,120 @@
+"""Creep that still runs from before the recording: y = x + amount log10(1 + t / since).
+
+The last move before the recording ended `since` before its first sample; t counts from there.
+Log-type creep of that move (Jung and Gweon 2000) goes on through the recording, whatever its drive
+does. It belongs to one recording: forward only. A new recording begins with its own past.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from dehyst.models.model import Block
+from dehyst.models.physics.address import Kernel, fields, record
+from dehyst.models.physics.candidate import Candidate, Context, Parameter, small
+from dehyst.models.physics.entry import Physics, Scales, Specimen
+from dehyst.models.physics.kind import Kind, Never, Param
+from dehyst.models.signals.joined import Data, Floats
+
+PACKED = fields("amount", "since")
+STATE = fields("elapsed")  # since the first sample
+MOST = 0.1  # of the stroke, that a decade of time may move
+EARLIEST, LATEST = 0.002, 3.0  # of the recording's length: the last move's end before it
+
+
+@Kernel
+def step(
+    p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
+) -> float:
+    """Forward."""
+    p, s = record(p_at, PACKED), record(s_at, STATE)
+    s.elapsed += dt
+    return x + p.amount * math.log10(1.0 + s.elapsed / p.since)
+
+
+KIND = Kind(
+    name="earlier_creep",
+    says="creep of a move before the recording",
+    places=("stage", "sensor"),
+    params=(
+        Param("amount_{y}", "amount", "", -1e9, 1e9, "per decade of time"),
+        Param("since_s", "since", "s", 1e-9, 1e9, "from the last move to the first sample"),
+    ),
+    packed=PACKED,
+    state=STATE,
+    step=step,
+    inverse=Never("it belongs to one recording"),
+)
+
+
+class EarlierCreep(Candidate):
+    """y + a log10(1 + t / since) in each recording, its own a."""
+
+    name = "creep"
+    key = "creep-earlier"
+    title = "Creep from before the recording"
+    equation = "y(t) = f(u) + a log10(1 + t / since)"
+    source = "the move that ended shortly before the recording began"
+    typical = "1 to 2 % of that move per decade of time"
+    revealed_by = "the first seconds of a recording that begins after a move"
+    confused_with = ("drift",)
+    order = 56
+    driven = False
+
+    def __init__(self, data: Data) -> None:
+        self._count = len(data.names)
+        self._unit = data.unit
+        self._longest = float(data.t.max() - data.t.min())
+        low, high = EARLIEST * self._longest, LATEST * self._longest
+        self.parameters = (Parameter("since_s", "s", max(low, 4 * data.period), high),)
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        p = self.parameters[0]
+        return [
+            (min(max(f * self._longest, 1.1 * p.low), 0.9 * p.high),) for f in (0.01, 0.05, 0.3)
+        ]
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        first = np.array([data.t[np.argmax(data.rec == i)] for i in range(self._count)])
+        grown = np.log10(1.0 + (data.t - first[data.rec]) / theta[0])
+        return grown[:, None] * (data.rec[:, None] == np.arange(self._count)[None, :])
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        largest = float(amplitudes[np.argmax(np.abs(amplitudes))])
+        return {"since_s": (float(theta[0]), "s"), "per_decade_um": (largest, self._unit)}
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        params: dict[str, float | tuple[float, ...]] = {
+            f"amount_{data.unit}": float(np.mean(amplitudes)),
+            "since_s": float(theta[0]),
+        }
+        return (Block("earlier_creep", "stage", params),)
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        return (
+            f"The stage still creeps from a move that ended about {values['since_s'][0]:.2g} s "
+            f"before the recording began, by {small(values['per_decade_um'])} for each tenfold of "
+            "time: wait before recording, or record the move as well."
+        )
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        if float(np.abs(amplitudes).max()) > MOST * float(np.ptp(data.y)):
+            return "creep of more than a tenth of the stroke"
+        return ""
+
+
+def _variants(s: Scales) -> list[Block]:
+    size = {f"amount_{s.unit}": 0.01 * s.stroke}
+    return [
+        Block("earlier_creep", "stage", {**size, "since_s": k * s.seconds})
+        for k in (0.03, 0.01, 0.1)
+    ]
+
+
+PHYSICS = Physics(
+    name="creep",
+    kinds=(KIND,),
+    candidates=lambda data: [EarlierCreep(data)],
+    specimens={"earlier-creep": Specimen(_variants, "begin the recording right after a move")},
+)

@@ -1,0 +1,110 @@
+"""What recordings lack is said before anything else, and never becomes physics."""
+
+import numpy as np
+import pytest
+from tests.models.diagnosis.test_subject import DT, NOISE_UM, N, drive, plain, recordings
+
+from dehyst.models.diagnosis import diagnose
+from dehyst.models.diagnosis.prepare import prepare
+from dehyst.models.recording import Recording
+
+PHYSICS = {"shape", "unknown"}
+
+
+def names(d: object) -> set[str]:
+    return {f.name for f in d.findings}  # type: ignore[attr-defined]
+
+
+def test_readings_that_are_missing_cost_nothing_but_themselves() -> None:
+    given = []
+    for one in recordings(plain):
+        y = np.array(one.displacement)
+        y[::3] = np.nan
+        given.append(Recording(one.t_s, one.drive, y, name=one.name))
+    d = diagnose(given)
+    assert d.verdict == "clean"
+    assert d.noise == pytest.approx(NOISE_UM, rel=0.1)
+    assert d.data.missing == 2 * len(range(0, N, 3))
+    assert "missing" in d.data.says[0]
+
+
+def test_rows_that_are_missing_stand_on_the_grid() -> None:
+    one = recordings(plain)[0]
+    keep = np.arange(N) % 3 != 0
+    data = prepare([Recording(one.t_s[keep], one.drive[keep], one.displacement[keep])])
+    assert data.n == N - 1  # the first row is missing too
+    assert data.missing == (N - 1) // 3
+    assert not data.starts[1:].any()
+    np.testing.assert_allclose(data.t, one.t_s[1:], atol=1e-9)
+    assert not np.any(data.rows & (data.raw_index < 0))
+
+
+def test_stalls_of_the_recorder_are_no_physics() -> None:
+    """The drive is held for up to 32 ms, nine times, and no row is written."""
+    rng, t = np.random.default_rng(3), np.arange(N) * DT
+    given = []
+    for k in range(2):
+        u = drive(k)
+        keep = np.ones(N, bool)
+        for at in rng.integers(500, N - 500, 9):
+            size = int(rng.integers(8, 33))
+            u[at : at + size] = u[at - 1]
+            keep[at : at + size] = False
+        y = plain(u) + NOISE_UM * rng.standard_normal(N)
+        given.append(Recording(t[keep], u[keep], y[keep], name=f"r{k}.csv"))
+    d = diagnose(given)
+    assert names(d) <= PHYSICS - {"unknown"}
+    assert 15 <= d.data.stalls <= 18
+    assert any("stood still" in s for s in d.data.says)
+
+
+def test_coarse_steps_of_the_reading_are_noise() -> None:
+    given = []
+    for one in recordings(plain):
+        y = np.round(np.array(one.displacement) / 0.15) * 0.15
+        given.append(Recording(one.t_s, one.drive, y, name=one.name))
+    d = diagnose(given)
+    assert d.verdict == "clean"
+    assert d.noise == pytest.approx(0.15 / np.sqrt(12), rel=0.15)
+    assert any("steps of 150 nm" in s for s in d.data.says)
+
+
+def test_coloured_noise_is_noise() -> None:
+    """Noise through a pole at 8 ms, twice as strong as the white part."""
+    given = []
+    for k, one in enumerate(recordings(plain)):
+        rng = np.random.default_rng(50 + k)
+        slow, keep = np.zeros(N), np.exp(-1 / 8)
+        for i, w in enumerate(rng.standard_normal(N)):
+            slow[i] = keep * slow[i - 1] + np.sqrt(1 - keep**2) * w
+        y = one.displacement + 2 * NOISE_UM * slow
+        given.append(Recording(one.t_s, one.drive, y, name=one.name))
+    d = diagnose(given)
+    assert d.verdict == "clean"
+    assert d.noise == pytest.approx(np.sqrt(5) * NOISE_UM, rel=0.1)
+    assert any("coloured" in s for s in d.data.says)
+
+
+def test_a_reading_that_is_noise_is_not_clean() -> None:
+    rng, t = np.random.default_rng(0), np.arange(N) * DT
+    d = diagnose([Recording(t, drive(0), rng.standard_normal(N))])
+    assert d.verdict == "unknown"
+    assert "does not follow the drive" in " ".join(d.data.says)
+    assert names(d) == {"unknown"}
+
+
+def test_a_butterfly_is_told() -> None:
+    """Strain goes with the square of a polarisation that switches late."""
+    t = np.arange(N) * DT
+    u = 10 * np.sin(2 * np.pi * 0.5 * t)
+    p = np.zeros(N)
+    for i in range(1, N):
+        sign = np.sign(u[i] - u[i - 1]) or 1.0
+        p[i] = p[i - 1] + (np.tanh((u[i] - 4 * sign) / 2) - p[i - 1]) * min(
+            1.0, abs(u[i] - u[i - 1]) / 0.8
+        )
+    y = p**2 + 0.02 * u * p + 0.002 * np.random.default_rng(1).standard_normal(N)
+    d = diagnose([Recording(t, u, y)])
+    assert d.verdict != "clean"
+    assert any("butterfly" in s for s in d.data.says)
+    assert names(d) <= PHYSICS

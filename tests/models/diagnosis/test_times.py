@@ -1,0 +1,125 @@
+"""What has a time: creep from before the recording, a line for a part of it, a slip; lines of the
+drive that are none of the surroundings; recordings that are too long to be fitted whole."""
+
+import numpy as np
+import pytest
+from tests.models.diagnosis.test_subject import DT, NOISE_UM, drive, plain, recordings
+
+from dehyst.models.diagnosis import diagnose
+from dehyst.models.diagnosis.base import rich_base
+from dehyst.models.diagnosis.episodes import find_line, tell_time
+from dehyst.models.diagnosis.excerpt import excerpt
+from dehyst.models.diagnosis.prepare import prepare
+from dehyst.models.recording import Recording
+from dehyst.models.signals.lines import find_lines
+
+
+def changed(add: object) -> list[Recording]:
+    """The plain stage's recordings with so much more in the reading: add(t, number)."""
+    return [
+        Recording(r.t_s, r.drive, r.displacement + add(r.t_s, k), name=r.name)  # type: ignore[operator]
+        for k, r in enumerate(recordings(plain))
+    ]
+
+
+def test_creep_of_an_earlier_move_is_named_as_creep() -> None:
+    """A second after a move of 10 um: 1.2 % of it a decade, as Kelvin and Voigt's elements make it
+    (four relaxations of 0.3 to 30 s)."""
+
+    def past(t: np.ndarray, k: int) -> np.ndarray:
+        taus = np.array([0.3, 1.4, 6.5, 30.0])
+        size = 0.12 * (1 - 2 * k) / 1.5
+        return sum(size * np.exp(-1.0 / tau) * (1 - np.exp(-t / tau)) for tau in taus)
+
+    d = diagnose(changed(past))
+    first = d.findings[0]
+    assert first.name == "creep"
+    assert "before the recording" in first.says
+    assert d.verdict == "explained"
+    assert d.rms["heldout_augmented"] < 1.1 * NOISE_UM
+
+
+def test_hum_for_a_third_of_the_time_is_named_with_its_time() -> None:
+    def hum(t: np.ndarray, k: int) -> np.ndarray:
+        return 0.04 * np.sin(2 * np.pi * 57.3 * t) * ((t > 3.0) & (t < 5.7)) * (k == 0)
+
+    d = diagnose(changed(hum))
+    named = {f.name: f for f in d.findings}
+    assert "hum" in named
+    where = named["hum"].where
+    assert where["recording"] == "r0.csv"
+    assert where["from_s"] == pytest.approx(3.0, abs=0.4)
+    assert where["to_s"] == pytest.approx(5.7, abs=0.4)
+    assert named["hum"].parameters["frequency_hz"].value == pytest.approx(57.3, abs=0.2)
+    assert {x.name for x in d.would_have_seen}.isdisjoint({"hum"})
+
+
+def test_a_line_is_found_in_its_stretches_only() -> None:
+    data = prepare(recordings(plain))
+    rng = np.random.default_rng(2)
+    noise = NOISE_UM * rng.standard_normal(data.n)
+    assert find_line(data, noise, NOISE_UM) is None
+    always = noise + 0.03 * np.sin(2 * np.pi * 57.3 * data.t)
+    assert find_line(data, always, NOISE_UM) is None
+    some = noise + 0.03 * np.sin(2 * np.pi * 57.3 * data.t) * (data.t < 2.0) * (data.rec == 1)
+    episode = find_line(data, some, NOISE_UM)
+    assert episode is not None
+    assert episode.finding.where["to_s"] == pytest.approx(2.0, abs=0.4)
+    assert np.std(some - episode.removed) < 1.05 * NOISE_UM
+
+
+def test_the_time_of_a_slip_and_of_a_change_is_told() -> None:
+    data = prepare(recordings(plain))
+    noise = NOISE_UM * np.random.default_rng(3).standard_normal(data.n)
+    text, places = tell_time(data, noise + 0.1 * ((data.t > 4.2) & (data.rec == 0)), NOISE_UM)
+    assert "slips" in text
+    assert places["from_s"] == pytest.approx(4.2, abs=0.05)
+    late = noise * np.where((data.t > 5.0) & (data.rec == 1), 6.0, 1.0)
+    text, places = tell_time(data, late, NOISE_UM)
+    assert "from" in text
+    assert places["from_s"] == pytest.approx(5.0, abs=0.1)
+    assert tell_time(data, noise, NOISE_UM) == ("", {})
+
+
+@pytest.mark.parametrize("f", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("form", ["sine", "triangle"])
+def test_a_periodic_drive_makes_no_lines_of_the_surroundings(f: float, form: str) -> None:
+    """What a hysteresis of another class leaves repeats with the drive."""
+    t = np.arange(12_000) * DT
+    phase = f * t % 1.0
+    u = 5 - 4.5 * np.cos(2 * np.pi * phase) if form == "sine" else 9 * (1 - np.abs(2 * phase - 1))
+    ahead = np.maximum(u - np.roll(u, 37), 0.0)  # turns sharply twice a period
+    noise = 0.002 * np.random.default_rng(1).standard_normal(t.size)
+    data = prepare([Recording(t, u, plain(u) + noise)])
+    residual = 0.02 * np.tanh(3 * ahead) * np.sin(2 * np.pi * phase) ** 2 + noise
+    assert find_lines(data, residual - residual.mean()) == []
+
+
+def test_products_of_two_lines_of_the_drive_are_blind() -> None:
+    t = np.arange(12_000) * DT
+    u = 5 + 2.5 * np.sin(2 * np.pi * 3.13 * t) + 2 * np.sin(2 * np.pi * 11.71 * t + 1)
+    noise = 0.002 * np.random.default_rng(1).standard_normal(t.size)
+    data = prepare([Recording(t, u, u + noise)])
+    product = 0.01 * np.sin(2 * np.pi * (11.71 + 3.13) * t) + 0.01 * np.sin(
+        2 * np.pi * (2 * 11.71 - 3.13) * t
+    )
+    assert find_lines(data, noise + product) == []
+    beside = 0.01 * np.sin(2 * np.pi * 47.9 * t)
+    assert find_lines(data, noise + product + beside) == [pytest.approx(47.9, abs=0.05)]
+
+
+def test_an_excerpt_keeps_the_memory_of_the_drive() -> None:
+    """The base's columns at the samples of an excerpt are those of the whole recording: of the
+    plays to the last digit that the extremes between hold, of the others nearly."""
+    t = np.arange(60_000) * DT
+    u = np.concatenate([drive(k) for k in (0, 1) * 4])[: t.size]
+    data = prepare([Recording(t, u, u + 0.01 * np.random.default_rng(0).standard_normal(t.size))])
+    part = excerpt(data, 12_000)
+    assert 8_000 < part.n < 20_000
+    base = rich_base(data)
+    whole = base.columns(data.u, data.forgets)[part.raw_index]
+    own = base.columns(part.u, part.forgets)
+    np.testing.assert_allclose(own[part.rows], whole[part.rows], atol=0.02)
+    assert np.all(np.diff(part.t) > 0)
+    assert not np.any((part.rows & part.starts)[1:])
+    assert excerpt(data, 100_000) is data
