@@ -180,7 +180,9 @@ class LoopMonitor:
         trim, control = stepper.trim[0], stepper.control[0]
         row["trimmed"], row["trim"] = stepper.trim_setting["on"][0], trim["trim"]
         row["trim_frozen"], row["differs"] = trim["lasting"], trim["seen"]
-        row["learned"], row["gauge_zero"] = control["corrected"], trim["zero"]
+        played = stepper.queue.numbers["count"][0] or control["learned"]
+        row["learned"] = control["corrected"] and played and self._last_state == State.RUNNING
+        row["gauge_zero"] = trim["zero"]
         row["trajectory_start_ns"] = stepper.queue.numbers["start_ns"][0]
         row["queue_s"] = stepper.queue.ahead_s(now_ns)
         row["trajectory"], row["trajectory_done"] = stepper.trajectory, stepper.trajectory_done

@@ -18,6 +18,8 @@ from dehyst.models.recording import Floats
 
 NO_NOISE = 0.002
 """Of the reach: the noise of a gauge whose model states none."""
+WITHIN = 0.99
+"""Part of the loop's own bound that is used."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ def play_learning(
         values,
         period_s,
         model.fit.noise_rms or model.fit.rms or NO_NOISE * reach,
-        trim.TUNING.limit * reach,
+        WITHIN * trim.TUNING.limit * reach,
         known,
     )
     expected = expected_reading(model, values, period_s)

@@ -157,11 +157,15 @@ def test_a_learned_correction_moves_the_stage_and_not_the_target() -> None:
     assert record["trim"] == 0.0
 
 
-def test_a_learned_correction_beyond_its_bound_is_dropped_and_told() -> None:
+@pytest.mark.parametrize(("asked", "taken"), [(1.5, 1.0), (-7e9, -1.0), (math.nan, 0.0)])
+def test_a_learned_correction_beyond_its_bound_is_held_there_and_told(
+    asked: float, taken: float
+) -> None:
     bench = Trimmed(on=False)
-    bench.send(learned(points(5, [4.0] * 300, 0, False), 1.5), n=600)
-    assert not np.any([r["learned"] for r in bench.records])
-    assert any("dropped" in text for text in bench.stepper.events)
+    bench.send(learned(points(5, [4.0] * 300, 0, False), asked), n=600)
+    assert {float(r["learned"]) for r in bench.records} <= {0.0, taken}
+    assert bench.records[-1]["learned"] == taken
+    assert any("largest that is taken" in text for text in bench.stepper.events)
 
 
 def test_what_was_learned_fades_after_its_trajectory() -> None:

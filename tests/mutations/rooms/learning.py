@@ -125,7 +125,7 @@ CHANGES = [
         Change(
             "correction-without-bound",
             COMMANDS,
-            "if not abs(correction) <= trim_setting_of(table).learned:",
+            "if not abs(correction) <= most:",
             "if False:",
             "a client's correction moves the stage anywhere",
         ),
