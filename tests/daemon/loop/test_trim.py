@@ -163,7 +163,7 @@ def test_a_learned_correction_beyond_its_bound_is_held_there_and_told(
 ) -> None:
     bench = Trimmed(on=False)
     bench.send(learned(points(5, [4.0] * 300, 0, False), asked), n=600)
-    assert {float(r["learned"]) for r in bench.records} <= {0.0, taken}
+    assert max(abs(float(r["learned"])) for r in bench.records) <= 1.0
     assert bench.records[-1]["learned"] == taken
     assert any("largest that is taken" in text for text in bench.stepper.events)
 
