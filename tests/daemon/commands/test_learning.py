@@ -1,11 +1,14 @@
 """`dehyst play --learn` and `dehyst zero` against a running gateway and loop."""
 
 import json
+import signal
 from pathlib import Path
 
 import numpy as np
-from tests.daemon.commands.test_remote import run, trajectory
-from tests.rigs.gateway_bench import Bench
+from tests.daemon.commands.test_remote import run, start, trajectory
+from tests.rigs.gateway_bench import Bench, wait_until
+
+from dehyst.daemon.rings.records import Flag, State
 
 
 def test_play_learns_keeps_it_and_takes_it_up(bench: Bench, tmp_path: Path) -> None:
@@ -78,3 +81,24 @@ def test_exercise_shows_it_by_place_and_a_set_point_stands_there(bench: Bench) -
     assert found["by_place"][2]["to"] - found["by_place"][0]["from"] > 0.85 * span
     means = [one["gauge_minus_model"] for one in found["by_place"]]
     assert abs(np.mean(means) + found["zero_moved_by"]) < 1e-9
+
+
+def test_a_scan_without_an_end_ends_with_an_interrupt(bench: Bench, tmp_path: Path) -> None:
+    bench.client()
+    path, kept, picture = (tmp_path / name for name in ("way.csv", "way.json", "way.png"))
+    trajectory(path, 3.0, 7.0, 0.5)
+    play = ("play", str(path), "--learned", str(kept), "--picture", str(picture), "--json")
+    playing = start(*play, "--repeat", "0", bench=bench)
+    wait_until("nine passes", lambda: bench.loop.seq > 1000 and bench.loop.state is State.RUNNING)
+    begun = bench.loop.seq
+    wait_until("and some more", lambda: bench.loop.seq > begun + 900)
+    playing.send_signal(signal.SIGINT)
+    out, err = playing.communicate(timeout=60)
+    result = json.loads(out)
+    assert result["completed"], err
+    assert result["samples"] == result["expected_samples"] > 800
+    assert len(result["passes"]) >= 6
+    records = bench.loop.samples()
+    own = np.flatnonzero(np.isfinite(records["target"]) & (records["state"] == State.RUNNING))
+    assert not np.any(records["flags"][own] & Flag.FALLBACK)  # nothing ran dry between passes
+    assert picture.exists()
