@@ -62,6 +62,7 @@ def scan(
     trim: bool = True,
     tamper: Callable[[int], Tamper | None] = lambda number: None,
     missed: Callable[[int], frozenset[int]] = lambda number: frozenset(),
+    learn: bool = True,
 ) -> Scan:
     """Play `target` so often. tamper, missed: what goes wrong in pass number 0, 1 ..."""
     rig = TrimmedStage(model, stage, trim)
@@ -72,8 +73,8 @@ def scan(
     share = fade_share(np.arange(target.size), round(TUNING.fade_s / PERIOD_S))
     old = learner.correction
     for number in range(passes):
-        used = old + share * (learner.correction - old)
-        old = learner.correction
+        used = old + share * (learner.correction - old) * learn
+        old = learner.correction * learn
         own = player.play(target, used, tamper(number), missed=missed(number))
         rows = [MISSING[0] if row is None else row for row in rig.records[own]]
         records = np.array(rows, TELEMETRY)

@@ -155,26 +155,34 @@ def tampers() -> dict[str, tuple[Callable[[int], Tamper | None], str]]:
     }
 
 
-def faults(model: Model, bars: Bars) -> None:
-    """Row 5: while learning and trimming; a drift is followed, so its mean is not judged."""
+def faults(model: Model, learn: bool, bars: Bars) -> None:
+    """Row 5: while trimming, and while learning too. A drift is followed: no mean to be judged."""
     coupled = StageSettings(coupling_um_per_v=0.01)
     target, passes = sine(5.0, 6.0), FAULT_AT + 8
     every = np.random.default_rng(5)
     cases: dict[str, tuple[Scan, str]] = {
-        name: (scan(model, target, passes, coupled, tamper=tamper), word)
+        name: (scan(model, target, passes, coupled, tamper=tamper, learn=learn), word)
         for name, (tamper, word) in tampers().items()
     }
-    lost = [frozenset(every.choice(np.arange(5, 1000), 10, False).tolist()) for _ in range(passes)]
+    lost = frozenset(every.choice(np.arange(5, 1000), 10, False).tolist())
     cases["1 % of samples missed"] = (
-        scan(model, target, passes, missed=lambda n: lost[n] if n == FAULT_AT else frozenset()),
+        scan(
+            model,
+            target,
+            passes,
+            missed=lambda number: lost if number == FAULT_AT else frozenset(),
+            learn=learn,
+        ),
         "missing",
     )
-    for name, (one, word) in cases.items():
+    what = "learning" if learn else "trim alone"
+    for fault, (one, word) in cases.items():
+        name = f"{what}, {fault}"
         before, after = max(one.std_nm[FAULT_AT - 3 : FAULT_AT]), one.std_nm[FAULT_AT + 3 :]
         told = [t for t in (*one.events, *one.said[FAULT_AT : FAULT_AT + 3]) if word and word in t]
         worst = max(one.std_nm[FAULT_AT:])
         text = f"before {before:.1f}, worst {worst:.1f}, then {max(after):.1f} nm"
-        print(f"{name:28s} {text}: {told[:1]}")
+        print(f"{name:40s} {text}: {told[:1]}")
         bars.most(f"{name}: level after three passes", max(after), 1.2 * before + 0.5, "nm")
         bars.most(f"{name}: largest step", max(one.step_v), SLEW * PERIOD_S * (1 + 1e-9), "V")
         bars.most(f"{name}: correction", max(one.correction_um), 1.75, "um")
@@ -195,24 +203,21 @@ def cost(model: Model, bars: Bars) -> None:
         learner.take(Pass(error + learner.correction + row, learner.correction))
         took.append(time.process_time() - begun)
     bars.most("a pass of 100 000 samples, CPU time", max(took[1:]), 0.2, "s")
-    step_us = {}
-    for trim in (False, True):
-        rig = TrimmedStage(model, trim=trim)
+    rigs = {trim: TrimmedStage(model, trim=trim) for trim in (False, True)}
+    for rig in rigs.values():
         rig.play(sine(5.0, 6.0))
-        stepper, best = rig.stepper, []
-        words = stepper.table.words
-        for _ in range(20):
+    us = dict.fromkeys(rigs, float("inf"))
+    for _ in range(60):  # in turn: the machine is as busy for the one as for the other
+        for trim, rig in rigs.items():
+            words, stepper = rig.stepper.table.words, rig.stepper
             begun = time.perf_counter()
-            for i in range(500):
+            for i in range(200):
                 take_step(words, rig.now_ns + i * rig.period_ns, 5.0 + 1e-4 * i, 0)
                 follow_output(words, stepper.volts)
-            best.append((time.perf_counter() - begun) / 500)
-            rig.now_ns += 500 * rig.period_ns
-        step_us[trim] = 1e6 * min(best)
-    print(
-        f"a step and its model: {step_us[False]:.2f} us without trim, {step_us[True]:.2f} us with"
-    )
-    bars.most("trim in a step", step_us[True] - step_us[False], 0.5, "us")
+            us[trim] = min(us[trim], 1e6 * (time.perf_counter() - begun) / 200)
+            rig.now_ns += 200 * rig.period_ns
+    print(f"a step and its model: {us[False]:.2f} us without trim, {us[True]:.2f} us with")
+    bars.most("trim in a step", us[True] - us[False], 0.5, "us")
 
 
 def main() -> int:
@@ -229,7 +234,8 @@ def main() -> int:
     if "models" in args.rows:
         models(model, args.passes, bars)
     if "faults" in args.rows:
-        faults(model, bars)
+        faults(model, True, bars)
+        faults(model, False, bars)
     if "cost" in args.rows:
         cost(model, bars)
     return bars.end()
