@@ -123,12 +123,13 @@ def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: P
     for lot in alone.equations(alone.picks, r, offset, rate=shape.rate):
         one = params._replace(shifts=np.zeros(0))
         stop = start + lot.y.size
-        y[start:stop] = setup.sign * (_predict(lot, shape, one))
+        y[start:stop] = setup.sign * predict_lot(lot, shape, one)
         start = stop
     return replace(rows, y=y)
 
 
-def _predict(lot: Equations, shape: Shape, params: Params) -> Floats:
+def predict_lot(lot: Equations, shape: Shape, params: Params) -> Floats:
+    """(n,) what the parameters give for these equations, but for the recordings' shifts."""
     n = lot.d.shape[1]
     if shape.rate:
         up, down = params.slopes[:n], params.slopes[n:]
