@@ -51,6 +51,7 @@ def run(args: argparse.Namespace) -> int:
                     "rows": recording.size,
                     "unit": unit,
                     "outside": outside,
+                    "band": model.fit.band,
                     "rms": error and error.rms,
                     "rms_settled": error and (error.rms_settled if error.rows_settled else None),
                     "settled_from_s": error and (error.from_s if error.rows_settled else None),
@@ -60,6 +61,8 @@ def run(args: argparse.Namespace) -> int:
         )
         return 0
     print(f"{args.output}: {recording.size} rows, column y_model_{unit}")
+    if model.fit.band is not None:
+        print(f"95 % of it within +-{model.fit.band:.4g} {unit}, inside the model's validity")
     if error is not None:
         print(f"against the measured displacement: {describe(error, unit)}")
     for what, share in outside.items():

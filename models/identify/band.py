@@ -66,9 +66,7 @@ def measure_spread(
     return float(np.sqrt(power / count)) if count else 0.0
 
 
-def _list_equations(
-    setup: FitSetup, r: Floats, offset: float, rate: bool
-) -> Iterator[Equations]:
+def _list_equations(setup: FitSetup, r: Floats, offset: float, rate: bool) -> Iterator[Equations]:
     """Equations of some rows of the drive of all kinds."""
     rows = make_comparison_drive(setup.drive_min, setup.drive_max, setup.rate_max if rate else 0.0)
     use = np.arange(rows.u.size) % EVERY == 0

@@ -69,9 +69,7 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // (2 * r.size)))
     equations = setup.equations(picks, r, offset, lag, shape.rate)
 
-    def run(
-        lots: list[Equations], begin: Params, above: float, close: float = 1e-4
-    ) -> Solution:
+    def run(lots: list[Equations], begin: Params, above: float, close: float = 1e-4) -> Solution:
         bounds, loose = make_bounds(begin, setup.limits, r, above), above > 0.0
         return solve(lambda: lots, shape, begin, bounds, prior, strength, loose, (12, close))
 
@@ -108,9 +106,7 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     rows = sum(lot.y.size for lot in alone)
     off = float(np.sqrt(measure_misfit(alone, shape, tight.params) / max(1, rows)))
     every = equations + pull
-    return Fitted(
-        r, shape, tight.params, tight.free, scored, costly, off, every, normal, orders
-    )
+    return Fitted(r, shape, tight.params, tight.free, scored, costly, off, every, normal, orders)
 
 
 def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:

@@ -32,7 +32,12 @@ from dehyst.models.identify.setup import FitSetup, set_up
 from dehyst.models.identify.start import start_agrees
 from dehyst.models.identify.structure import Candidate, choose, list_shapes
 from dehyst.models.identify.tuning import TUNING
-from dehyst.models.identify.uncertainty import estimate_covariance, estimate_noise, measure_band_hz
+from dehyst.models.identify.uncertainty import (
+    estimate_covariance,
+    estimate_noise,
+    measure_band_hz,
+    move_saturation,
+)
 from dehyst.models.model import Fit, Model, Provenance, Validity
 from dehyst.models.recording import Bools, Floats, Recording
 
@@ -285,13 +290,18 @@ def _result(
             recordings=tuple((one.name, one.sha256) for one in recordings),
         ),
     )
+    errors = Params.unpacked(np.sqrt(np.maximum(np.diag(cov), 0.0)), fitted.params)
+    if shift := setup.centre(found.offset) - model.hysteresis.u_offset:
+        here = slice(errors.slopes.size, errors.slopes.size + errors.c.size)
+        shift *= float(model.hysteresis.b.sum())
+        errors = errors._replace(c=move_saturation(cov[here, here], fitted.shape.powers, shift))
     return Identification(
         model=model,
         residuals=tuple(residuals),
         used=tuple(picks),
         shape=fitted.shape,
         params=fitted.params,
-        errors=Params.unpacked(np.sqrt(np.maximum(np.diag(cov), 0.0)), fitted.params),
+        errors=errors,
         at_bound=~fitted.free,
         tried=tuple(found.tried),
         orders=fitted.orders,
