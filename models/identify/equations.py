@@ -40,7 +40,7 @@ class Equations(NamedTuple):
     e: Floats
     y: Floats
     group: Ints
-    piece: Ints
+    piece: NDArray[np.int8]
     pace: Floats
     weight: float = 1.0
 
