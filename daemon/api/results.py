@@ -125,6 +125,12 @@ class Simulated:
         return self.model.displacement_unit
 
     @property
+    def band(self) -> float | None:
+        """Half the width of the band that holds 95 % of the displacement inside the model's
+        validity; None: the model states none."""
+        return self.model.fit.band
+
+    @property
     def rms(self) -> float | None:
         """Of measured minus model over all rows."""
         return self.error.rms if self.error else None

@@ -38,6 +38,7 @@ def run(args: argparse.Namespace) -> int:
             "rows": rows,
             "unit": unit,
             "outside": found.outside,
+            "band": found.band,
             "start": found.start,
             "rms": found.rms,
             "rms_settled": settled and settled.rms_settled,
@@ -46,6 +47,8 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(said, indent=2))
         return 0
     print(f"{args.output}: {rows} rows, column y_model_{unit}")
+    if found.band is not None:
+        print(f"95 % of it within +-{found.band:.4g} {unit}, inside the model's validity")
     if error is not None:
         print(f"against the measured displacement, start {found.start}: {found}")
     for what, share in found.outside.items():

@@ -128,6 +128,6 @@ def _solve(g: Floats, h: Floats, side: Floats, low: Floats, high: Floats, p: Flo
                 rest[i] -= lower[k, i] * rest[k]
             rest[i] /= lower[i, i]
     elif m:
-        rest = np.linalg.lstsq(part, rest, 1e-12)[0]
+        rest[:] = np.linalg.lstsq(part, rest, 1e-12)[0]
     for i in range(m):
         p[at[i]] = rest[i]

@@ -14,6 +14,7 @@ Rows come in lots of bounded size; the Jacobian of one lot is all that is held.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ class Equations(NamedTuple):
     e: Floats
     y: Floats
     group: Ints
-    piece: Ints
+    piece: NDArray[np.int8]
     pace: Floats
     weight: float = 1.0
 
@@ -122,7 +123,8 @@ def make_equations(
     """Lots of equations for the picked rows of each recording; the plays see every row.
 
     offsets: of the drive, for the plays and for what the rate does with them, which are settled
-    where the two differ; lag: what acts on drive or sensor; rate: whether the rate's columns are wanted.
+    where the two differ; lag: what acts on drive or sensor; rate: whether the rate's columns are
+    wanted.
     """
     for number, (one, pick) in enumerate(zip(rows, picks, strict=True)):
         if lag is not None:
@@ -189,11 +191,11 @@ def _join(lots: Sequence[Equations]) -> Equations:
 
 def sort_by_piece(equations: Sequence[Equations], count: int) -> list[Equations]:
     """One lot for each of `count` pieces."""
-    *columns, weight = _join(equations)
-    order = np.argsort(columns[4], kind="stable")
-    ends = np.searchsorted(columns[4][order], np.arange(1, count))
-    parts = zip(*(np.split(column[order], ends) for column in columns), strict=True)
-    return [Equations(*part, weight) for part in parts]
+    d, e, y, group, piece, pace, weight = _join(equations)
+    order = np.argsort(piece, kind="stable")
+    ends = np.searchsorted(piece[order], np.arange(count + 1))
+    rows = [order[a:b] for a, b in pairwise(ends)]
+    return [Equations(d[at], e[at], y[at], group[at], piece[at], pace[at], weight) for at in rows]
 
 
 @njit(cache=True, nogil=True)

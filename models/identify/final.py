@@ -69,9 +69,7 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // (2 * r.size)))
     equations = setup.equations(picks, r, offset, lag, shape.rate)
 
-    def run(
-        lots: list[Equations], begin: Params, above: float, close: float = 1e-4
-    ) -> Solution:
+    def run(lots: list[Equations], begin: Params, above: float, close: float = 1e-4) -> Solution:
         bounds, loose = make_bounds(begin, setup.limits, r, above), above > 0.0
         return solve(lambda: lots, shape, begin, bounds, prior, strength, loose, (12, close))
 
@@ -108,9 +106,7 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     rows = sum(lot.y.size for lot in alone)
     off = float(np.sqrt(measure_misfit(alone, shape, tight.params) / max(1, rows)))
     every = equations + pull
-    return Fitted(
-        r, shape, tight.params, tight.free, scored, costly, off, every, normal, orders
-    )
+    return Fitted(r, shape, tight.params, tight.free, scored, costly, off, every, normal, orders)
 
 
 def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:
@@ -123,12 +119,13 @@ def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: P
     for lot in alone.equations(alone.picks, r, offset, rate=shape.rate):
         one = params._replace(shifts=np.zeros(0))
         stop = start + lot.y.size
-        y[start:stop] = setup.sign * (_predict(lot, shape, one))
+        y[start:stop] = setup.sign * predict_lot(lot, shape, one)
         start = stop
     return replace(rows, y=y)
 
 
-def _predict(lot: Equations, shape: Shape, params: Params) -> Floats:
+def predict_lot(lot: Equations, shape: Shape, params: Params) -> Floats:
+    """(n,) what the parameters give for these equations, but for the recordings' shifts."""
     n = lot.d.shape[1]
     if shape.rate:
         up, down = params.slopes[:n], params.slopes[n:]

@@ -131,7 +131,7 @@ class FitSetup:
                 q = q + (np.copysign(abs(g) / far, q[-1]) - q[-1]) * (r == r[-1])
             x = g / float(q[-1]) if g else 0.0
         if x:
-            c = Polynomial(c)(Polynomial([-x * p[-1], 1.0])).coef
+            c = np.asarray(Polynomial(c)(Polynomial([-x * p[-1], 1.0])).coef, np.float64)
         offset = self.centre(offset) - x
         return Hysteresis(
             r=r,

@@ -111,6 +111,12 @@ def _is_sure(gain: Floats) -> bool:
     return float(np.mean(gain)) > TUNING.sure * error
 
 
+def _extends(simple: Candidate, rich: Candidate) -> bool:
+    """Has the richer one all powers of the other, and do the further ones show?"""
+    nested = set(simple.shape.powers) <= set(rich.shape.powers)
+    return nested and shows(simple, rich, TUNING.climb)
+
+
 def choose(tried: Sequence[Candidate]) -> Candidate:
     """The simplest candidate that can be inverted against which no richer one pays.
 
@@ -128,14 +134,14 @@ def choose(tried: Sequence[Candidate]) -> Candidate:
 
 
 def _climb(group: Sequence[Candidate]) -> Candidate:
-    """From the simplest to richer ones, as long as one pays or shows."""
+    """From the simplest to richer ones, as long as one pays or, with more powers yet, shows."""
     now = group[0]
     while True:
         richer = [
             c
             for c in group
             if c.size > now.size
-            and (pays(now, c) or (shows(now, c, TUNING.climb) and c.held.sum() < now.held.sum()))
+            and (pays(now, c) or (_extends(now, c) and c.held.sum() < now.held.sum()))
         ]
         if not richer:
             return now

@@ -19,9 +19,7 @@ from dehyst.models.recording import Floats
 FINE = 48
 
 
-def space_thresholds(
-    n: int, drive_span: float, whole: bool = False, power: float = 3.0
-) -> Floats:
+def space_thresholds(n: int, drive_span: float, whole: bool = False, power: float = 3.0) -> Floats:
     """(n,) thresholds from 0 to below half the span, fine where small (Eq. 10 with its power).
 
     Of many the first lies no lower than that of FINE: data cannot tell thresholds much closer.

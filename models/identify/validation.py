@@ -28,7 +28,8 @@ class Validation:
     span: of the displacement; noise: rms from row to row; claim: what the model states of itself;
     start: the history that fits; predicted: (N,); autocorrelation: (LAGS,) of what is left, from
     one row on; with_drive: (LAGS + 1,) its correlation with the drive so many rows before; chance:
-    what such a correlation is by chance; outside: share of the rows beyond the validity."""
+    what such a correlation is by chance; outside: share of the rows beyond the validity; within:
+    share of the rows, but for the offset, that the model's 95 % band and the noise explain."""
 
     name: str
     unit: str
@@ -43,6 +44,7 @@ class Validation:
     with_drive: Floats
     chance: float
     outside: float
+    within: float | None
 
     @property
     def share(self) -> float:
@@ -93,13 +95,17 @@ def validate(model: Model, recording: Recording) -> Validation:
     offset = float(np.nanmean(error))
     own, drive = _correlate(error - offset, u)
     fit = model.fit
+    noise, within = estimate_noise(error), None
+    if fit.band is not None:
+        reach = np.hypot(fit.band, SURE * noise)
+        within = float(np.mean(np.abs(error - offset)[~np.isnan(error)] <= reach))
     return Validation(
         name=recording.name,
         unit=model.displacement_unit,
         rms=float(np.nanstd(error)),
         offset=offset,
         span=float(np.nanmax(y) - np.nanmin(y)),
-        noise=estimate_noise(error),
+        noise=noise,
         claim=max((x for x in (fit.holdout_rms, fit.rms) if x is not None), default=None),
         start=start,
         predicted=out,
@@ -107,6 +113,7 @@ def validate(model: Model, recording: Recording) -> Validation:
         with_drive=drive,
         chance=SURE / max(1.0, float(np.count_nonzero(~np.isnan(error)))) ** 0.5,
         outside=_measure_outside(model, u, t),
+        within=within,
     )
 
 
