@@ -148,14 +148,17 @@ class LoopMonitor:
 
     def attend(self, now_ns: int) -> None:
         """Publish what is due: cheap when nothing is."""
+        due = now_ns - self._status_ns >= clock.NS
         if self._control[_NOTES] != self._notes:
             self._notes = self._control[_NOTES]
+            # readings behind a zero that has moved must not be compared with those before
+            due |= self.stepper.trim["zero"][0] != self._status["gauge_zero"][0]
             self.stepper.tell()
             self._settle_reload()
         for link in (self.actuator, self.sensor):
             while link.news:  # one by one: the reconnecting thread may add one meanwhile
                 self.stepper.events.append(link.news.popleft())
-        if self._control[_STATE] != self._last_state or now_ns - self._status_ns >= clock.NS:
+        if due or self._control[_STATE] != self._last_state:
             self.publish_status(now_ns)
         if self.stepper.events:
             self._publish_events(now_ns)

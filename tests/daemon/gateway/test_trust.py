@@ -57,6 +57,24 @@ def test_a_stuck_gauge_is_distrusted_and_trusted_again(tmp_path: Path) -> None:
     assert told == [True, False, True]
 
 
+def test_a_zero_that_was_moved_on_purpose_is_no_mismatch(tmp_path: Path) -> None:
+    """What was learned of the stage, and what is judged, are bit by bit those without the shift."""
+    save_model(model(), tmp_path / "model.toml")
+    health = []
+    for shift in (0.0, 3.0):
+        watch = MismatchWatch(parse_config(CONFIG), TelemetryHistory(10_000), lambda *_: None)
+        watch.model_path = tmp_path / "model.toml"
+        records = telemetry(0, 12.0, False)
+        for number, part in enumerate(np.array_split(records, 40)):
+            zero = shift * (number >= 20)
+            part["measured"] += zero
+            watch.add(1, part, 0.0, zero)
+        watch.run(Endless(watch))  # type: ignore[arg-type]
+        assert watch._watch is not None
+        health.append(list(watch._watch.figures.values()))
+    np.testing.assert_allclose(health[0], health[1], rtol=1e-6)
+
+
 def test_another_run_of_the_loop_begins_with_trust(tmp_path: Path) -> None:
     save_model(model(), tmp_path / "model.toml")
     told: list[bool] = []

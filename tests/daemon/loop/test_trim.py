@@ -227,6 +227,19 @@ def test_volts_keep_range_and_slew_whatever_the_gauge_says(todo: list) -> None:
     assert np.abs(np.diff(volts)).max(initial=0.0) <= SLEW * 1e-3 * (1 + 1e-12)
 
 
+def test_a_moved_zero_is_in_the_status_at_once() -> None:
+    """For whoever compares readings with those before it."""
+    rig = Rig(next(names))
+    shift = setpoint(-0.25)
+    shift["kind"] = Command.ZERO
+    rig.play([setpoint(4.0)], 30, compiled=False)
+    rig.play([shift], 3, compiled=False)
+    status, _, _ = rig.rings["status"].read(0)
+    assert status["gauge_zero"].tolist()[-1] == -0.25
+    at = int(status["samples"][np.flatnonzero(status["gauge_zero"])[0]])
+    assert at == 31
+
+
 @settings(max_examples=8)
 @given(
     st.lists(st.floats(0, 12), min_size=1, max_size=4),

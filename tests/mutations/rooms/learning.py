@@ -264,6 +264,23 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/daemon/gateway/test_trust.py",),
+        Change(
+            "trust-is-never-told",
+            "daemon/gateway/mismatch.py",
+            "            self.trust(not wrong)",
+            "            self.trust(True)",
+            "the trim follows a gauge that the watch knows to be stuck",
+        ),
+        Change(
+            "a-moved-zero-is-a-mismatch",
+            "daemon/gateway/mismatch.py",
+            'samples["measured"] + origin - zero,',
+            'samples["measured"] + origin,',
+            "after `dehyst zero` the watch distrusts the gauge, and the trim stands still",
+        ),
+    ),
+    *room(
         ("tests/daemon/gateway/test_admission.py",),
         Change(
             "zero-anywhere",
