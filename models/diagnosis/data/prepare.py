@@ -23,6 +23,7 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Recording, typical_step
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
+FIRST_WAY = 0.8  # of the drive's range
 MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came late
 
 
@@ -97,10 +98,12 @@ def lay_on_grid(one: Recording) -> Laid:
 
 def _period(steps: Floats, typical: float) -> float:
     """Sampling period [s]: that of the short steps, where these are of one length; the typical step
-    is a mean of one and two periods where every third row is missing."""
+    is a mean of one and two periods where every third row is missing. Not where most of that grid
+    would be empty."""
     shortest = float(np.quantile(steps, 0.1))
     alike = steps[(steps > 0.5 * shortest) & (steps < 1.5 * shortest)]
     tight = float(np.std(alike)) < 0.1 * shortest
+    tight &= float(np.mean(steps)) < TUNING.few_of_grid * shortest
     return float(np.mean(alike)) if tight and typical > 1.3 * shortest else typical
 
 
@@ -143,7 +146,7 @@ def prepare(recordings: Sequence[Recording]) -> Data:
                 "part": part + np.cumsum(laid.cut) - 1,
                 "rows": _known_history(laid.u, laid.cut) & laid.known,
                 "block": block + _cut_evenly(n, TUNING.time_blocks),
-                "fold": _cut_evenly(n, TUNING.folds * TUNING.fold_pieces) % TUNING.folds,
+                "fold": _groups(laid.u),
                 "raw": laid.raw,
                 **{"ch_" + k: v for k, v in channels.items()},
             }
@@ -216,6 +219,16 @@ def _filled(x: Floats) -> Floats:
 def _cut_evenly(size: int, pieces: int) -> Ints:
     """(size,) the piece that each sample is in, when so many of equal length follow each other."""
     return np.arange(size) * pieces // size
+
+
+def _groups(u: Floats) -> Ints:
+    """(n,) cross-validation group of each sample, -1 where it is in none: the first way over the
+    drive's range is shown once, and nothing else foretells it."""
+    out = _cut_evenly(u.size, TUNING.folds * TUNING.fold_pieces) % TUNING.folds
+    swept = np.maximum.accumulate(u) - np.minimum.accumulate(u)
+    head = int(np.searchsorted(swept, FIRST_WAY * float(swept[-1])))
+    out[: min(head, u.size // 4)] = -1
+    return out
 
 
 def _known_history(u: Floats, cut: Bools) -> Bools:
