@@ -50,9 +50,10 @@ class LagSearch:
         """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
         delay = self._find_delay(without[True], without[True] * (1.0 - TUNING.worth_trying))
-        # bounded, it must fit better than the free operators foretell
+        # bounded, it must fit better than the free operators foretell, and near to clearly so
         known = float(self.candidate.held.sum())
-        enough = min(without[False] * (1.0 - TUNING.worth_trying), TUNING.near_lag * known)
+        near = 1.0 - (1.0 - TUNING.clear_lag) / 3.0
+        enough = min(without[False] * (1.0 - TUNING.worth_trying), near * known)
         drive, sensor = (self._find_lag(place, enough) for place in ("drive", "sensor"))
         second = self._find_second(sensor) if sensor is not None else None
         of_drive = [self._score(lag) for lag in (delay, drive) if lag is not None]

@@ -15,7 +15,14 @@ from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
 from dehyst.models.hysteresis.z_range import find_least_slope
 from dehyst.models.identify.dynamics import Dynamics
-from dehyst.models.identify.equations import Equations, Params, Shape, gather, make_equations
+from dehyst.models.identify.equations import (
+    Equations,
+    Ints,
+    Params,
+    Shape,
+    gather,
+    make_equations,
+)
 from dehyst.models.identify.folds import assign_pieces
 from dehyst.models.identify.outliers import measure_deviation, measure_jumps, sample, thin
 from dehyst.models.identify.rows import Rows, find_drive_range, find_rate_range
@@ -173,9 +180,14 @@ class FitSetup:
         for one, shift in zip(self.rows, (0.0, *(self.sign * params.shifts)), strict=True):
             error = np.full(one.u.size, np.nan)
             resets = [*one.resets, one.u.size]
+            whole = not np.isnan(one.u).any()
             for start, stop in pairwise(resets):  # after a long gap the stage starts anew
-                at = start + np.flatnonzero(~np.isnan(one.u[start:stop]))
-                error[at] = one.y[at] - shift - simulate(model, one.t_s[at], one.u[at])
+                at: slice | Ints = slice(start, stop)
+                if not whole:
+                    at = start + np.flatnonzero(~np.isnan(one.u[start:stop]))
+                predicted = simulate(model, one.t_s[at], one.u[at])
+                np.subtract(one.y[at] - shift if shift else one.y[at], predicted, out=predicted)
+                error[at] = predicted
             error[~one.use] = np.nan
             out.append(error)
         return tuple(out)
@@ -187,7 +199,9 @@ class FitSetup:
         itself jumps there and back. Misfit is none: there the model jumps, or neither does.
         """
         picks, count = [], 0
-        known = [np.abs(measure_deviation(e)) for e in residuals]
+        known = [measure_deviation(e) for e in residuals]
+        for off in known:
+            np.abs(off, out=off)
         middle = np.concatenate([some[~np.isnan(some)] for some in map(sample, known)])
         usual = TUNING.usual_rows
         chances = np.log(max(usual, sum(k.size for k in known))) / np.log(usual)

@@ -134,7 +134,7 @@ def choose(tried: Sequence[Candidate]) -> Candidate:
 
 
 def _climb(group: Sequence[Candidate]) -> Candidate:
-    """From the simplest to richer ones, as long as one pays or, with more powers yet, shows."""
+    """From the simplest to richer ones, as long as one pays, or shows with powers beside these."""
     now = group[0]
     while True:
         richer = [

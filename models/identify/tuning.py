@@ -50,7 +50,6 @@ class Tuning(NamedTuple):
     climb: float = 0.003  # of the misfit, that a power of z must take away to show in the fit
     clear: float = 0.6  # of the held-out power: a structure that leaves no more pays at once
     clear_lag: float = 0.85  # the same for a lag longer than a sampling period
-    near_lag: float = 0.95  # of that power: what a first try of such a lag must leave less than
     lag_operators: int = 24  # while a lag is sought, or the start judged
     clear_rate: float = 0.1  # the same for rate-dependence, which else must foretell whole ways
     clear_ways: float = 0.667  # of the power of these, at most

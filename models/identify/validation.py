@@ -85,8 +85,9 @@ def validate(model: Model, recording: Recording) -> Validation:
         known &= ~np.isnan(recording.channels[name])
     if int(np.count_nonzero(known & ~recording.missing_displacement)) < 2 * LAGS:
         raise BadInput(f"{recording.name}: too few rows have all that the model reads")
-    channels = {name: recording.channels[name][known] for name in channels_of(model)}
-    u, t, y = recording.drive[known], recording.t_s[known], recording.displacement[known]
+    at: slice | Bools = slice(None) if known.all() else known  # of a long one no second copy
+    channels = {name: recording.channels[name][at] for name in channels_of(model)}
+    u, t, y = recording.drive[at], recording.t_s[at], recording.displacement[at]
     settled = _find_settled(u)
     start, predicted = replay(model, t, u, channels, y)
     out = np.full(recording.size, np.nan)
@@ -120,8 +121,9 @@ def validate(model: Model, recording: Recording) -> Validation:
 def _find_settled(u: Floats) -> Bools:
     """(N,) rows from the first time on that the drive has covered nearly all of its own range, or
     all rows where that comes late: before, what the stage has been through has its say."""
-    low, high = np.minimum.accumulate(u), np.maximum.accumulate(u)
-    out = np.asarray(high - low >= COVERED * (high[-1] - low[-1]))
+    covered = np.maximum.accumulate(u)
+    covered -= np.minimum.accumulate(u)
+    out = np.asarray(covered >= COVERED * covered[-1])
     return out if np.count_nonzero(out) >= ENOUGH * u.size else np.ones(u.size, dtype=bool)
 
 

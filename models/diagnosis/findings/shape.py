@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dehyst.models.diagnosis.base import numbers_base
+from dehyst.models.diagnosis.data.locate import hot_spots, locate
 from dehyst.models.diagnosis.effects import behind_output
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.fit import JointFit, Problem
-from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.physics import library
@@ -83,7 +83,8 @@ def measure_correction(
         before = alone.solve(final.effects, problem.output_of(final)).sse / int(data.rows.sum())
     elif not final.effects:
         before = bare_square  # without effects all that the base explains is a matter of shape
-    return Correction(before - held_square, left, float(np.std(_correction(problem, final))))
+    added = _correction(problem, final)[data.rows]
+    return Correction(before - held_square, left, float(np.std(added)))
 
 
 def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str, ...]:
@@ -169,7 +170,7 @@ def _correction(problem: Problem, final: JointFit) -> Floats:
         xr = x[data.rows]
         gram = xr.T @ xr + 1e-9 * xr.shape[0] * np.eye(xr.shape[1])
         d = d - x @ np.linalg.solve(gram, xr.T @ d[data.rows])
-    return np.asarray(d - d[data.rows].mean())
+    return np.where(data.rows, d - d[data.rows].mean(), 0.0)
 
 
 def _looks(problem: Problem, final: JointFit, d: Floats) -> dict[str, float]:
