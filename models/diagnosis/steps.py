@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dehyst.models.diagnosis.augment import augmented
+from dehyst.models.diagnosis.augment import augmented, stays_in_reach
 from dehyst.models.diagnosis.base import no_base, rich_base
 from dehyst.models.diagnosis.data.colour import is_coloured
 from dehyst.models.diagnosis.data.excerpt import excerpt
@@ -29,6 +29,7 @@ from dehyst.models.diagnosis.findings.decide import (
 )
 from dehyst.models.diagnosis.findings.episodes import Episode, find_episodes, tell_time
 from dehyst.models.diagnosis.findings.limits import limits
+from dehyst.models.diagnosis.findings.shape import not_contained
 from dehyst.models.diagnosis.findings.sightings import accept, retell, sightings
 from dehyst.models.diagnosis.findings.told import without_driven
 from dehyst.models.diagnosis.findings.weigh import weigh, with_episode
@@ -152,14 +153,18 @@ def _conclude(
     say("limits", 0.96)
     untold = {n for f in findings for n in (f.name, *f.ambiguous_with)}
     limited = tuple(limits(found, untold)) if verdict in ("clean", "explained") else ()
-    whole = augmented(problem, final)
+    whole, heldout = augmented(problem, final), weighed.held
+    if not stays_in_reach(whole, recorded):
+        # a shape that goes astray where nothing was recorded is told, and not handed out
+        effects_alone = bare.refit(final.effects) if final.effects else bare.solve([])
+        whole, heldout = augmented(bare, effects_alone), by_blocks(bare, effects_alone).mean_square
+        findings = [not_contained(f) for f in findings]
     views = tuple(_views(recorded, subject, whole))
-    heldout = max(weighed.held, 0.0)
     rms: dict[str, Any] = {
         "model": {v.name: _rms((v.displacement - v.base)[v.held_out]) for v in views},
         "augmented": {v.name: _rms((v.displacement - v.augmented)[v.held_out]) for v in views},
         "heldout_model": float(np.sqrt(weighed.bare)),
-        "heldout_augmented": float(np.sqrt(heldout)),
+        "heldout_augmented": float(np.sqrt(max(heldout, 0.0))),
     }
     quality = survey(recorded, data, (sigma, whole_noise), unexplained, warnings)
     say("done", 1.0)

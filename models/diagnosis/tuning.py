@@ -71,6 +71,7 @@ class Tuning(NamedTuple):
     # shape
     shape_size: float = 0.3  # size that the base must remove of held-out samples,
     shape_share: float = 0.03  # and share of what the model in use leaves
+    reach_room: float = 0.25  # of the stroke: an augmented model that leaves it further is not kept
     mostly_shape: float = 0.7  # of what is explained: more that effects leave to the base is shape
     foreign_share: float = 0.03  # of the stroke: a given model that leaves more, and
     foreign_times: float = 4.0  # times what a model of its class would, is of another stage

@@ -9,7 +9,7 @@ friction), or none of these (another class of hysteresis). One stage's recording
 the cause: each stands for what else makes the same.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,6 +65,17 @@ class Correction:
     gain: float
     numbers: float
     rms: float
+
+
+CONTAINED = "The augmented model contains it, and it is compensated"
+NOT_CONTAINED = (
+    "The augmented model does not contain it: beyond what was recorded it would go astray"
+)
+
+
+def not_contained(finding: Finding) -> Finding:
+    """The finding where the augmented model is handed out without the shape."""
+    return replace(finding, says=finding.says.replace(CONTAINED, NOT_CONTAINED))
 
 
 def measure_correction(
@@ -128,8 +139,8 @@ def shape_finding(
         **{f"explained_by_{k}": v for k, v in parts.items()},
     }
     says = (
-        f"The loop is not the model's, by {small((correction.rms, data.unit))} rms: {words}. The "
-        "augmented model contains it, and it is compensated."
+        f"The loop is not the model's, by {small((correction.rms, data.unit))} rms: {words}. "
+        f"{CONTAINED}."
     )
     numbers = small((float(np.sqrt(correction.numbers)), data.unit))
     if correction.numbers < sigma**2 + 0.3 * max(correction.gain, 0.0):
@@ -142,7 +153,7 @@ def shape_finding(
             says += "Identify again from these recordings"
         else:
             says += "These recordings show too little of the loop to identify it"
-        says += "; the augmented model contains the difference."
+        says += f". {CONTAINED}."
     return Finding(
         name="shape",
         key="shape",
