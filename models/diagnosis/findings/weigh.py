@@ -50,8 +50,9 @@ def weigh(
     correction = measure_correction(found.problem, found.accepted, without, held)
     findings = named(found.problem, found, held) if found.accepted.effects else []
     rest = without - held - sum(f.share for f in findings)
-    if rest > TUNING.mostly_shape * (without - held):
-        # the effects are a small part of what is explained: the rest is the base's
+    if rest > TUNING.mostly_shape * (without - held) and correction.rms**2 > 0.25 * rest:
+        # the effects are a small part of what is explained: the rest is the base's, as far as its
+        # correction is of that size; without the effects it would have stood for them
         correction = replace(correction, gain=max(correction.gain, rest))
     shape = _has_shape(correction, without, sigma)
     if not findings and not shape:
