@@ -126,18 +126,16 @@ def _secret(path: Path, what: str) -> str:
     return Path(_readable(path, what, private=True)).read_text("utf-8")
 
 
-def names(passwords: Path) -> list[str]:
-    """The users in a file of name:password lines."""
-    found = []
-    for number, line in enumerate(_secret(passwords, "bus.auth.passwords").splitlines(), 1):
+def read_passwords(path: Path, what: str) -> dict[str, str]:
+    """Passwords by name, from a file of name:password lines that nobody else may read."""
+    found = {}
+    for number, line in enumerate(_secret(path, what).splitlines(), 1):
         name, colon, password = line.partition(":")
         if not line.strip():
             continue
         if not (name and colon and len(password) >= 8):
-            raise BadInput(
-                f"{passwords}: line {number} must be name:password with 8 characters or more"
-            )
-        found.append(name)
+            raise BadInput(f"{path}: line {number} must be name:password with 8 characters or more")
+        found[name] = password
     return found
 
 
@@ -159,7 +157,7 @@ def server_settings(
     if len(set(people)) < len(people):
         raise BadInput("bus.auth: a name stands twice; an operator may observe anyway")
     if passwords:
-        missing = sorted(set(people) - set(names(Path(passwords))))
+        missing = sorted(set(people) - set(read_passwords(Path(passwords), "bus.auth.passwords")))
         if missing:
             raise BadInput(f"bus.auth: {', '.join(missing)}: no password in {passwords}")
         user = "transport/auth/usrpwd"
