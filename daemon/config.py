@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 from msgspec import Meta
 
-from dehyst.daemon.bus.security import check_open, check_routers
+from dehyst.daemon.bus.security import check_open, check_page, check_routers
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.models.errors import BadInput
 from dehyst.models.toml_text import parse_toml
@@ -309,6 +309,8 @@ def _check(config: Config, where: str) -> None:
     try:
         check_routers(config.bus.listen, config.bus.connect, config.bus.auth)
         check_open(config.bus.listen, config.bus.auth is not None)
+        if (page := config.page) is not None:
+            check_page(page.listen, page.certificate, page.key, page.passwords)
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
     if config.sensor.scale == 0:

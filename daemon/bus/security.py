@@ -71,6 +71,21 @@ def check_open(listen: Sequence[str], authenticated: bool) -> None:
             )
 
 
+def check_page(listen: str, certificate: str, key: str, passwords: str) -> None:
+    """BadInput where the page in a browser would be open to the network."""
+    check_address(f"tcp/{listen}", "page.listen")
+    if bool(certificate) != bool(key):
+        raise BadInput("page: `certificate` and `key` go together")
+    if is_loopback(f"tcp/{listen}") or (certificate and passwords):
+        return
+    lacks = [] if certificate else ["certificate and key (TLS)"]
+    lacks += [] if passwords else ["passwords, with operators or observers,"]
+    raise BadInput(
+        f"page.listen: {listen} can be reached from the network: anybody could move the stage. "
+        f"Give {' and '.join(lacks)}, or listen on 127.0.0.1"
+    )
+
+
 def check_routers(listen: Sequence[str], connect: Sequence[str], auth: Any) -> None:
     """BadInput where the way through a router would leave out the authentication. auth: an
     AuthConfig or None."""

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from dehyst.daemon.bus.security import check_page
 from dehyst.daemon.client.connection import add_connection, address_of
 from dehyst.daemon.config import PageConfig, load_config
 from dehyst.models.errors import BadInput
@@ -45,12 +46,12 @@ def run(args: argparse.Namespace) -> int:
     realtime.die_with_parent(signal.SIGTERM)
     config, addresses, credentials, base = settings_of(args)
     # the server's packages take their time
-    from dehyst.daemon.page.people import People, check_reach
+    from dehyst.daemon.page.people import People
     from dehyst.daemon.page.server import Listen, serve
     from dehyst.daemon.page.watching import Controllers
 
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
-    check_reach(config.listen, config.certificate, config.key, config.passwords)
+    check_page(config.listen, config.certificate, config.key, config.passwords)
     people = People(config.passwords, config.operators, config.observers, config.observe)
     check_files(config)
     controllers = Controllers(addresses, base, args.name, credentials)

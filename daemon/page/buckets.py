@@ -64,7 +64,7 @@ class Level:
     def since(self, cursor: int, first: int) -> Piece:
         """What was finished since `cursor`, from bucket `first` on; everything where the cursor is
         too old or -1."""
-        anew = not self.end - KEPT <= cursor <= self.end
+        anew = not max(0, self.end - KEPT) <= cursor <= self.end
         start = max(0, self.end - KEPT) if anew else cursor
         places = np.arange(start, self.end) % KEPT
         if anew:

@@ -8,7 +8,6 @@ A request of another site's page is told by its Origin, and a name that was bent
 import base64
 import binascii
 import hmac
-import ipaddress
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,46 +36,6 @@ class Person:
     def commands(self) -> bool:
         """May move the stage."""
         return self.role == "operator"
-
-
-def split_address(listen: str) -> tuple[str, int]:
-    """(host, port) of HOST:PORT. Raises BadInput."""
-    host, _, port = listen.rpartition(":")
-    if not host or not port.isascii() or not port.isdigit() or not 0 <= int(port) < 65536:
-        raise BadInput(f"page.listen: {listen[:80]!r} is no address; write 127.0.0.1:8080")
-    return host.strip("[]"), int(port)
-
-
-def on_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def check_reach(listen: str, certificate: str, key: str, passwords: str) -> None:
-    """BadInput where the page would be open to the network."""
-    host, _ = split_address(listen)
-    if bool(certificate) != bool(key):
-        raise BadInput("page: `certificate` and `key` go together")
-    if on_loopback(host):
-        return
-    if not certificate or not passwords:
-        lacks = " and ".join(
-            what
-            for what, given in (
-                ("certificate and key (TLS)", certificate),
-                ("passwords, with operators or observers,", passwords),
-            )
-            if not given
-        )
-        raise BadInput(
-            f"page.listen: {listen} can be reached from the network: anybody could move the stage. "
-            f"Give {lacks}, or listen on 127.0.0.1"
-        )
 
 
 class People:

@@ -23,7 +23,7 @@ from dehyst import __version__
 from dehyst.daemon.page import metrics
 from dehyst.daemon.page.guard import Guard
 from dehyst.daemon.page.jobs import KINDS, LARGEST_BYTES, Job, Jobs, Setting
-from dehyst.daemon.page.people import COOKIE, SESSION_S, People, Person, split_address
+from dehyst.daemon.page.people import COOKIE, SESSION_S, People, Person
 from dehyst.daemon.page.visits import Ticks, Visit
 from dehyst.daemon.page.watching import Controllers, Watch
 from dehyst.models.errors import BadInput, DehystError
@@ -257,15 +257,15 @@ class Server(uvicorn.Server):
 
 def serve(controllers: Controllers, people: People, listen: Listen) -> int:
     """Until SIGTERM or SIGINT; exit code."""
-    host, port = split_address(listen.address)
+    host, _, port = listen.address.rpartition(":")
     site = Site(controllers, people, bool(listen.certificate))
     options: dict[str, Any] = {}
     if listen.certificate:
         options = {"ssl_certfile": listen.certificate, "ssl_keyfile": listen.key}
     settings = uvicorn.Config(
         site.app(),
-        host=host,
-        port=port,
+        host=host.strip("[]"),
+        port=int(port),
         log_level="warning",
         access_log=False,
         server_header=False,

@@ -43,7 +43,7 @@ async function begin() {
   $("who").textContent = page.me.open ? (page.operator ? "" : "observer") : `${page.me.name}, ${page.me.role}`;
   $("leave").hidden = page.me.open;
   document.body.classList.toggle("observer", !page.operator);
-  for (const item of document.querySelectorAll("#command button, #command input, #file")) item.disabled = !page.operator;
+  for (const item of document.querySelectorAll("#stop, #command button, #command input, #file")) item.disabled = !page.operator;
   files.enable();
   connect();
 }
@@ -292,7 +292,7 @@ $("theme").addEventListener("click", () => {
   const root = document.documentElement;
   root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
   localStorage.setItem("theme", root.dataset.theme);
-  plots.restyle();
+  plots.remake();
 });
 document.addEventListener("keydown", (e) => {
   if (e.ctrlKey || e.altKey || e.metaKey || $("main").hidden) return;

@@ -27,8 +27,8 @@ function axis(extra) {
   };
 }
 
-function curve(label, name, dash) {
-  return { label, stroke: () => colour(name), width: 1.25, dash, points: { show: false }, value: (u, v) => number(v) };
+function curve(label, name, more) {
+  return { label, stroke: () => colour(name), width: 1.25, ...more, points: { show: false }, value: (u, v) => number(v) };
 }
 
 // One binary frame, see dehyst.daemon.page.wire.
@@ -70,7 +70,7 @@ export class Plots {
     const sync = { key: "time" };
     const one = (place, height, series, label) => new uPlot({
       width: this.width(), height, series: [{ label: "time", value: (u, v) => (v === null ? "-" : clockTime(v, 0.01)) }, ...series],
-      scales: { x: { time: true, auto: false } }, legend: { live: true },
+      scales: { x: { time: true, auto: false } }, legend: { show: series.length > 1 },
       cursor: { sync, drag: { x: true, y: false, setScale: false }, points: { size: 5 } },
       axes: [axis({ values: (u, splits, i, space, step) => splits.map((s) => clockTime(s, step)), space: 80 }),
         axis({ size: 62, label, labelSize: 18, labelGap: 0, values: (u, splits) => splits.map((s) => number(s)) })],
@@ -78,10 +78,10 @@ export class Plots {
     }, [[], ...series.map(() => [])], place);
     const p = this.places;
     this.plots = {
-      position: one(p.position, this.height(0.34), [curve("target", "target"), curve("measured", "measured")], this.unit),
-      error: one(p.error, this.height(0.2), [curve("error", "error")], this.unit),
-      trim: one(p.trim, this.height(0.2), [curve("trim", "target"), curve("learned", "measured")], this.unit),
-      volts: one(p.volts, this.height(0.2), [curve("volts", "good")], "V"),
+      position: one(p.position, this.height(0.34), [curve("target", "target", { width: 3 }), curve("measured", "measured")], `position, ${this.unit}`),
+      error: one(p.error, this.height(0.2), [curve("error", "error")], `error, ${this.unit}`),
+      trim: one(p.trim, this.height(0.2), [curve("trim", "target"), curve("learned", "measured")], `added, ${this.unit}`),
+      volts: one(p.volts, this.height(0.2), [curve("volts", "good")], "drive, V"),
     };
     this.columns = { position: [0, 1], error: [2], trim: [3, 4], volts: [5] };
   }
@@ -96,14 +96,16 @@ export class Plots {
     this.fresh = true;
   }
 
-  restyle() { for (const plot of Object.values(this.plots)) plot.redraw(false, true); }
+  remake() {
+    for (const plot of Object.values(this.plots)) plot.destroy();
+    this.make();
+    this.fresh = true;
+  }
 
   setUnit(unit) {
     if (unit === this.unit) return;
     this.unit = unit;
-    for (const plot of Object.values(this.plots)) plot.destroy();
-    this.make();
-    this.fresh = true;
+    this.remake();
   }
 
   add(frame) {
@@ -195,7 +197,7 @@ export function drawStill(place, height, x, curves, label, ranges = {}) {
   place.replaceChildren();
   return new uPlot({
     width: Math.max(180, place.clientWidth), height,
-    series: [{ label: "s", value: (u, v) => number(v) }, ...curves.map((c) => curve(c.label, c.colour, c.dash))],
+    series: [{ label: "s", value: (u, v) => number(v) }, ...curves.map((c) => curve(c.label, c.colour, { dash: c.dash }))],
     scales: { x: { time: false }, ...ranges }, cursor: { drag: { x: false, y: false } },
     legend: { live: false },
     axes: [axis({ values: (u, splits) => splits.map((s) => number(s)) }),
