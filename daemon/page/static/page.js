@@ -286,7 +286,7 @@ $("more").addEventListener("change", () => {
   plots.fresh = true;
 });
 $("controller").addEventListener("change", () => choose($("controller").value));
-$("go").addEventListener("submit", (e) => { e.preventDefault(); commands.go(); });
+$("going").addEventListener("submit", (e) => { e.preventDefault(); commands.go(); });
 for (const name of ["stop", "release", "hold"]) $(name).addEventListener("click", commands[name]);
 $("theme").addEventListener("click", () => {
   const root = document.documentElement;
@@ -300,7 +300,7 @@ document.addEventListener("keydown", (e) => {
   if (e.target.closest("input, select, pre, #events") || (e.key === " " && e.target.closest("button, a"))) return;
   if (e.key === " ") { e.preventDefault(); pause(); }
   else if (e.key === "0") look();
-  else if (e.key === "g") { e.preventDefault(); $("target").focus(); }
+  else if (e.key === "g") { e.preventDefault(); $("target").focus(); $("target").select(); }
   else if (e.key === "h" && page.operator) commands.hold();
   else if (e.key >= "1" && e.key <= "9") { plots.window_s = WINDOWS[Number(e.key) - 1][0]; look(); }
 });
