@@ -18,6 +18,7 @@ and passwords, for operators (command and look) and observers (look). /metrics i
 
 examples: dehyst page
           dehyst page --connect tcp/stage-pc:7447 --credentials observer/ --observe
+          dehyst page --connect tcp/10.0.0.5:7447,tcp/10.0.0.6:7447        (several controllers)
           dehyst page --config /etc/dehyst/stage.toml      (what its [page] says)
 """
 
@@ -77,7 +78,7 @@ def settings_of(args: argparse.Namespace) -> tuple[PageConfig, list[str], str, s
         }
         if args.listen:
             given["listen"] = args.listen
-        return PageConfig(**given), [where], credentials, args.base
+        return PageConfig(**given), where.split(","), credentials, args.base
     for name in ("listen", "observe", "certificate", "key", "passwords", "operators", "observers",
                  "connect", "credentials"):  # fmt: skip
         if getattr(args, name):

@@ -211,6 +211,25 @@ def test_it_waits_for_a_daemon_that_is_not_there_yet(tmp_path: Path) -> None:
         bench.close()
 
 
+def test_one_page_for_two_controllers(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "second").mkdir()
+    second = Bench(tmp_path / "second", **{'name = "bench"': 'name = "other"'})
+    page = PageProcess(f"{bench.address},{second.address}", log=tmp_path / "page.txt")
+    try:
+        second.start_gateway()
+        browser = looking(page)
+        browser.until("both", lambda: browser.said["controllers"]["names"] == ["bench", "other"])
+        browser.look("other")
+        browser.until("the other's status", lambda: browser.said["status"]["name"] == "other")
+        browser.ask("go", value=6.0, seconds=5.0)
+        wait_until("it goes", lambda: followed(second, 6.0))
+        assert bench.loop.state is State.READY
+        browser.close()
+    finally:
+        page.close()
+        second.close()
+
+
 def test_with_passwords_nothing_without_one_and_an_observer_cannot_command(
     bench: Bench, tmp_path: Path
 ) -> None:
