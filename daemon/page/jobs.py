@@ -1,4 +1,5 @@
-"""What takes long or reads a stranger's file: in a process of its own, one at a time, with bounds.
+"""What takes long or reads a stranger's file: in a process of its own, with bounds. One look at a
+trajectory and one long task at a time, so that neither waits for the other.
 
 The child has the lowest priority, so much memory and so much time, no way to the bus, and dies with
 the server. It answers in JSON; what it makes are files in a folder that goes with the job.
@@ -29,6 +30,7 @@ from dehyst.models.errors import BadInput, DehystError, NotNow
 
 Kind = Literal["trajectory", "identify", "diagnose"]
 KINDS = ("trajectory", "identify", "diagnose")
+LANES: tuple[tuple[Kind, ...], ...] = (("trajectory",), ("identify", "diagnose"))
 LARGEST_BYTES = 64 << 20
 MEMORY_BYTES = 6 << 30
 TIME_S = {"trajectory": 120.0, "identify": 600.0, "diagnose": 1800.0}
@@ -84,26 +86,30 @@ class Job:
 
 
 class Jobs:
-    """The newest KEPT jobs. One thread works on them, in their order."""
+    """The newest KEPT jobs. A thread for each lane works on them, in their order."""
 
     def __init__(self) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="dehyst-page-")
         self._jobs: dict[str, Job] = {}
         self._wake = threading.Condition()
         self._ended = False
-        self._child: Any = None
-        self._thread = threading.Thread(target=self._run, name="jobs", daemon=True)
-        self._thread.start()
+        self._children: set[Any] = set()
+        self._threads = [
+            threading.Thread(target=self._run, args=(lane,), name="jobs", daemon=True)
+            for lane in LANES
+        ]
+        for thread in self._threads:
+            thread.start()
 
     def close(self) -> None:
         """End what runs and delete all files."""
         with self._wake:
             self._ended = True
             self._wake.notify_all()
-        child = self._child
-        if child is not None:
+        for child in list(self._children):
             child.kill()
-        self._thread.join(5.0)
+        for thread in self._threads:
+            thread.join(5.0)
         self._folder.cleanup()
 
     def add(self, kind: Kind, file: str, data: bytes, setting: Setting | None) -> Job:
@@ -129,11 +135,11 @@ class Jobs:
         """A job that is still kept."""
         return self._jobs.get(number)
 
-    def _run(self) -> None:
+    def _run(self, lane: tuple[Kind, ...]) -> None:
         while True:
             with self._wake:
-                self._wake.wait_for(lambda: self._ended or self._next() is not None)
-                job = self._next()
+                self._wake.wait_for(lambda: self._ended or self._next(lane) is not None)
+                job = self._next(lane)
                 if self._ended or job is None:
                     return
                 job.state, job.text = "working", "begins"
@@ -144,8 +150,9 @@ class Jobs:
             except Exception as error:  # whatever a child dies of
                 job.text, job.state = f"not possible: {error!r}"[:300], "failed"
 
-    def _next(self) -> Job | None:
-        return next((j for j in self._jobs.values() if j.state == "waiting"), None)
+    def _next(self, lane: tuple[Kind, ...]) -> Job | None:
+        waiting = (j for j in self._jobs.values() if j.state == "waiting" and j.kind in lane)
+        return next(waiting, None)
 
     def _work(self, job: Job) -> None:
         ours, theirs = multiprocessing.Pipe(duplex=False)
@@ -153,8 +160,8 @@ class Jobs:
         child = spawn.Process(target=work, args=(job.kind, str(job.folder), job.file, job.setting,
                                                  theirs))  # fmt: skip
         end_ns = clock.monotonic_ns() + round(TIME_S[job.kind] * clock.NS)
-        self._child = child
         child.start()
+        self._children.add(child)
         theirs.close()
         try:
             while job.state == "working":
@@ -165,7 +172,7 @@ class Jobs:
         finally:
             child.kill()
             child.join(5.0)
-            self._child = None
+            self._children.discard(child)
             ours.close()
 
 

@@ -100,15 +100,21 @@ export class Files {
     }
   }
 
-  preview(job) {
-    const r = job.result, unit = this.page.unit();
-    $("preview").hidden = false;
+  restyle() { if (!$("preview").hidden) this.draw(this.job.result); }
+
+  draw(r) {
     const line = (y) => r.t_s.map(() => y);
     drawStill($("plot-preview"), 170, r.t_s, [
       { label: "target", colour: "target", y: r.target },
       { label: "reach", colour: "warn", y: line(r.reach[0]), dash: [4, 4] },
       { label: "reach", colour: "warn", y: line(r.reach[1]), dash: [4, 4] },
-    ], unit);
+    ], this.page.unit());
+  }
+
+  preview(job) {
+    const r = job.result, unit = this.page.unit();
+    $("preview").hidden = false;
+    this.draw(r);
     const fits = r.outside === 0;
     fillList($("preview-figures"), [
       ["length", `${number(r.duration_s)} s, ${r.points} points`],
