@@ -15,6 +15,8 @@ from websockets.exceptions import InvalidStatus
 
 from dehyst.daemon.main import main
 from dehyst.daemon.rings.records import Command, State
+from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.models.hysteresis.forward import simulate
 
 
 @pytest.fixture
@@ -367,3 +369,33 @@ def test_a_file_that_is_none_is_said_in_one_line(bench: Bench, page: PageProcess
     assert "/tmp" not in said["text"]
     assert page.http.get(f"/job/{number}/report").status_code == 404
     assert page.post("/upload/paint", content=b"x").status_code == 404
+
+
+def test_a_dropped_recording_is_identified_beside_a_look_at_a_trajectory(
+    page: PageProcess,
+) -> None:
+    t_s = np.arange(0.0, 40.0, 0.02)
+    drive = 75.0 - 75.0 * np.cos(2 * np.pi * 0.2 * t_s) * np.exp(-t_s / 40.0)
+    drive *= np.minimum(1.0, t_s / 5.0)
+    noise = 0.005 * np.random.default_rng(3).normal(size=t_s.size)
+    um = simulate(simulated_model().hysteresis, drive, 0.02) + noise
+    rows = "".join(f"{t:.2f},{u:.5f},{y:.5f}\n" for t, u, y in zip(t_s, drive, um, strict=True))
+    asked = page.post("/upload/identify?file=run.csv", content="t_s,u_v,y_um\n" + rows)
+    number = asked.json()["number"]
+
+    def state(of: str) -> str:
+        return str(page.http.get(f"/job/{of}").json()["state"])
+
+    wait_until("it works", lambda: state(number) == "working")
+    wait_until(
+        "the model is known",
+        lambda: page.post("/upload/trajectory?controller=bench", content=b"").status_code == 200,
+    )
+    wait_until("done", lambda: state(number) in ("done", "failed"), 280.0)
+    job = page.http.get(f"/job/{number}").json()
+    assert job["state"] == "done", job["text"]
+    assert "rms" in job["result"]["said"]
+    assert "hysteresis" in page.http.get(f"/job/{number}/model").text
+    report = page.http.get(f"/job/{number}/report")
+    assert report.headers["content-security-policy"].startswith("sandbox; default-src 'none'")
+    assert "<html" in report.text
