@@ -329,17 +329,17 @@ def load_config(path: str | Path) -> Config:
     if model.exists():
         config = msgspec.structs.replace(config, model=ModelConfig(file=str(model.resolve())))
     if config.bus.auth is not None:
-        keys = ("passwords", "certificates", "credentials")
-        auth = _resolved(config.bus.auth, path.parent, keys)
+        files = ("passwords", "certificates", "credentials")
+        auth = _resolved(config.bus.auth, path.parent, *files)
         bus = msgspec.structs.replace(config.bus, auth=auth)
         config = msgspec.structs.replace(config, bus=bus)
     if config.page is not None:
-        keys = ("certificate", "key", "passwords", "credentials")
-        config = msgspec.structs.replace(config, page=_resolved(config.page, path.parent, keys))
+        page = _resolved(config.page, path.parent, "certificate", "key", "passwords", "credentials")
+        config = msgspec.structs.replace(config, page=page)
     return config
 
 
-def _resolved(section: Section, folder: Path, keys: tuple[str, ...]) -> Section:
+def _resolved(section: Section, folder: Path, *keys: str) -> Section:
     """The section with its paths relative to the configuration's folder."""
     paths = {key: str(folder.resolve() / value) for key in keys if (value := getattr(section, key))}
     return msgspec.structs.replace(section, **paths)

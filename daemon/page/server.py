@@ -20,6 +20,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
 
 from dehyst import __version__
+from dehyst.daemon import notify
 from dehyst.daemon.page import metrics
 from dehyst.daemon.page.guard import Guard
 from dehyst.daemon.page.jobs import KINDS, LARGEST_BYTES, Job, Jobs, Setting
@@ -80,9 +81,11 @@ class Site:
     @asynccontextmanager
     async def _life(self, _: Starlette) -> AsyncIterator[None]:
         ticking = asyncio.create_task(self.ticks.run())
+        notify.send("READY=1")
         try:
             yield
         finally:
+            notify.send("STOPPING=1")
             ticking.cancel()
             self.jobs.close()
 

@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from dehyst.daemon import notify
 from dehyst.daemon.page import wire
 from dehyst.daemon.page.buckets import FINEST_NS, level_between, level_for
 from dehyst.daemon.page.commanding import Commander, target_now
@@ -21,7 +22,7 @@ from dehyst.daemon.page.people import Person
 from dehyst.daemon.page.watching import TICK_S, Controllers, Watch
 from dehyst.models.errors import BadInput, DehystError
 
-STATUS_TICKS = 5
+STATUS_TICKS, BEAT_TICKS = 5, 10
 MOST_WAITING = 100
 STOPPED, RELEASED = "stopped: holding, then to the safe voltage", "released: to the safe voltage"
 
@@ -39,6 +40,8 @@ class Ticks:
         while True:
             await asyncio.sleep(TICK_S)
             self.number += 1
+            if self.number % BEAT_TICKS == 0:
+                notify.send("WATCHDOG=1")
             self._shared.clear()
             event, self._event = self._event, asyncio.Event()
             event.set()
