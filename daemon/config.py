@@ -9,12 +9,12 @@ import os
 import re
 import tempfile
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 from msgspec import Meta
 
-from dehyst.daemon.bus.security import check_open, check_routers
+from dehyst.daemon.bus.security import check_open, check_page, check_routers
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.models.errors import BadInput
 from dehyst.models.toml_text import parse_toml
@@ -22,6 +22,7 @@ from dehyst.models.toml_text import parse_toml
 LARGEST_BYTES = 1 << 18
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
+Section = TypeVar("Section", bound=msgspec.Struct)
 Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,62}$")]
 
 
@@ -207,6 +208,29 @@ class WatchConfig(_Strict, frozen=True):
     """How many recordings; the oldest make room."""
 
 
+class PageConfig(_Strict, frozen=True):
+    """[page]: where it stands in the file, `dehyst run` serves the page in a browser, too."""
+
+    listen: str = "127.0.0.1:8080"
+    """HOST:PORT. Beyond loopback only with certificate, key and passwords."""
+    certificate: str = ""
+    """PEM files for TLS; all paths are relative to the configuration."""
+    key: str = ""
+    passwords: str = ""
+    """File of name:password lines, readable by the daemon alone; left out: everybody on this
+    machine may command."""
+    operators: tuple[str, ...] = ()
+    """May command and look."""
+    observers: tuple[str, ...] = ()
+    """May look."""
+    observe: bool = False
+    """true: nobody may command from the page."""
+    connect: tuple[str, ...] = ()
+    """Where the page finds controllers; left out: the daemon's own address."""
+    credentials: str = ""
+    """What it shows there, as --credentials of any client."""
+
+
 class Config(_Strict, frozen=True):
     """The whole file."""
 
@@ -225,6 +249,7 @@ class Config(_Strict, frozen=True):
     bus: BusConfig = BusConfig()
     telemetry: TelemetryConfig = TelemetryConfig()
     watch: WatchConfig = WatchConfig()
+    page: PageConfig | None = None
     run_dir: str = ""
     """Directory of the memory-mapped rings, the user's own; default: `dehyst-NAME` in
     $RUNTIME_DIRECTORY or $XDG_RUNTIME_DIR, else `dehyst-USER-NAME` in the temporary directory."""
@@ -284,6 +309,8 @@ def _check(config: Config, where: str) -> None:
     try:
         check_routers(config.bus.listen, config.bus.connect, config.bus.auth)
         check_open(config.bus.listen, config.bus.auth is not None)
+        if (page := config.page) is not None:
+            check_page(page.listen, page.certificate, page.key, page.passwords)
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
     if config.sensor.scale == 0:
@@ -302,12 +329,17 @@ def load_config(path: str | Path) -> Config:
     if model.exists():
         config = msgspec.structs.replace(config, model=ModelConfig(file=str(model.resolve())))
     if config.bus.auth is not None:
-        paths = {
-            key: str(path.parent.resolve() / value)
-            for key in ("passwords", "certificates", "credentials")
-            if (value := getattr(config.bus.auth, key))
-        }
-        auth = msgspec.structs.replace(config.bus.auth, **paths)
+        files = ("passwords", "certificates", "credentials")
+        auth = _resolved(config.bus.auth, path.parent, *files)
         bus = msgspec.structs.replace(config.bus, auth=auth)
         config = msgspec.structs.replace(config, bus=bus)
+    if config.page is not None:
+        page = _resolved(config.page, path.parent, "certificate", "key", "passwords", "credentials")
+        config = msgspec.structs.replace(config, page=page)
     return config
+
+
+def _resolved(section: Section, folder: Path, *keys: str) -> Section:
+    """The section with its paths relative to the configuration's folder."""
+    paths = {key: str(folder.resolve() / value) for key in keys if (value := getattr(section, key))}
+    return msgspec.structs.replace(section, **paths)

@@ -71,6 +71,21 @@ def check_open(listen: Sequence[str], authenticated: bool) -> None:
             )
 
 
+def check_page(listen: str, certificate: str, key: str, passwords: str) -> None:
+    """BadInput where the page in a browser would be open to the network."""
+    check_address(f"tcp/{listen}", "page.listen")
+    if bool(certificate) != bool(key):
+        raise BadInput("page: `certificate` and `key` go together")
+    if is_loopback(f"tcp/{listen}") or (certificate and passwords):
+        return
+    lacks = [] if certificate else ["certificate and key (TLS)"]
+    lacks += [] if passwords else ["passwords, with operators or observers,"]
+    raise BadInput(
+        f"page.listen: {listen} can be reached from the network: anybody could move the stage. "
+        f"Give {' and '.join(lacks)}, or listen on 127.0.0.1"
+    )
+
+
 def check_routers(listen: Sequence[str], connect: Sequence[str], auth: Any) -> None:
     """BadInput where the way through a router would leave out the authentication. auth: an
     AuthConfig or None."""
@@ -126,18 +141,16 @@ def _secret(path: Path, what: str) -> str:
     return Path(_readable(path, what, private=True)).read_text("utf-8")
 
 
-def names(passwords: Path) -> list[str]:
-    """The users in a file of name:password lines."""
-    found = []
-    for number, line in enumerate(_secret(passwords, "bus.auth.passwords").splitlines(), 1):
+def read_passwords(path: Path, what: str) -> dict[str, str]:
+    """Passwords by name, from a file of name:password lines that nobody else may read."""
+    found = {}
+    for number, line in enumerate(_secret(path, what).splitlines(), 1):
         name, colon, password = line.partition(":")
         if not line.strip():
             continue
         if not (name and colon and len(password) >= 8):
-            raise BadInput(
-                f"{passwords}: line {number} must be name:password with 8 characters or more"
-            )
-        found.append(name)
+            raise BadInput(f"{path}: line {number} must be name:password with 8 characters or more")
+        found[name] = password
     return found
 
 
@@ -159,7 +172,7 @@ def server_settings(
     if len(set(people)) < len(people):
         raise BadInput("bus.auth: a name stands twice; an operator may observe anyway")
     if passwords:
-        missing = sorted(set(people) - set(names(Path(passwords))))
+        missing = sorted(set(people) - set(read_passwords(Path(passwords), "bus.auth.passwords")))
         if missing:
             raise BadInput(f"bus.auth: {', '.join(missing)}: no password in {passwords}")
         user = "transport/auth/usrpwd"

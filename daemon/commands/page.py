@@ -1,0 +1,102 @@
+"""A page in a browser for one or many controllers."""
+
+import argparse
+import logging
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+from dehyst.daemon.bus.security import check_page
+from dehyst.daemon.client.connection import add_connection, address_of
+from dehyst.daemon.config import PageConfig, load_config
+from dehyst.models.errors import BadInput
+
+EPILOG = """Who opens the page on this machine may look and command. Beyond it only with TLS
+and passwords, for operators (command and look) and observers (look). /metrics is for Prometheus.
+
+examples: dehyst page
+          dehyst page --connect tcp/stage-pc:7447 --credentials observer/ --observe
+          dehyst page --connect tcp/10.0.0.5:7447,tcp/10.0.0.6:7447        (several controllers)
+          dehyst page --config /etc/dehyst/stage.toml      (what its [page] says)
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst page`."""
+    parser.epilog = EPILOG
+    default = PageConfig()
+    parser.add_argument(
+        "--listen", metavar="HOST:PORT", help=f"where it is served (default: {default.listen})"
+    )
+    parser.add_argument("--observe", action="store_true", help="nobody may command from here")
+    parser.add_argument("--certificate", metavar="FILE", help="for TLS: the certificate (PEM)")
+    parser.add_argument("--key", metavar="FILE", help="for TLS: its private key (PEM)")
+    parser.add_argument("--passwords", metavar="FILE", help="name:password lines")
+    for role in ("operators", "observers"):
+        parser.add_argument(f"--{role}", metavar="NAMES", help="names in it, with commas between")
+    parser.add_argument("--config", metavar="FILE", type=Path, help="the daemon's; uses its [page]")
+    add_connection(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Until SIGTERM or Ctrl-C."""
+    from dehyst.daemon.loop.timing import realtime
+
+    realtime.die_with_parent(signal.SIGTERM)
+    config, addresses, credentials, base = settings_of(args)
+    # the server's packages take their time
+    from dehyst.daemon.page.people import People
+    from dehyst.daemon.page.server import Listen, serve
+    from dehyst.daemon.page.watching import Controllers
+
+    logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
+    check_page(config.listen, config.certificate, config.key, config.passwords)
+    people = People(config.passwords, config.operators, config.observers, config.observe)
+    check_files(config)
+    controllers = Controllers(addresses, base, args.name, credentials)
+    scheme = "https" if config.certificate else "http"
+    print(f"dehyst page: {scheme}://{config.listen}/", file=sys.stderr, flush=True)
+    try:
+        return serve(controllers, people, Listen(config.listen, config.certificate, config.key))
+    finally:
+        controllers.close()
+
+
+def settings_of(args: argparse.Namespace) -> tuple[PageConfig, list[str], str, str]:
+    """([page], addresses of the bus, credentials, base of the keys)."""
+    if args.config is None:
+        where, credentials = address_of(args)
+        given: dict[str, Any] = {
+            "certificate": args.certificate or "",
+            "key": args.key or "",
+            "passwords": args.passwords or "",
+            "operators": split(args.operators),
+            "observers": split(args.observers),
+            "observe": args.observe,
+        }
+        if args.listen:
+            given["listen"] = args.listen
+        return PageConfig(**given), where.split(","), credentials, args.base
+    for name in ("listen", "observe", "certificate", "key", "passwords", "operators", "observers",
+                 "connect", "credentials"):  # fmt: skip
+        if getattr(args, name):
+            raise BadInput(f"--{name} goes without --config: its [page] says it itself")
+    config = load_config(args.config)
+    page = config.page or PageConfig()
+    addresses = [*(page.connect or (*config.bus.listen, *config.bus.connect)[:1])]
+    return page, addresses, page.credentials, config.bus.base
+
+
+def split(names: str | None) -> tuple[str, ...]:
+    """Names with commas between."""
+    return tuple(n for n in (names or "").split(",") if n)
+
+
+def check_files(config: PageConfig) -> None:
+    """BadInput where a file of TLS cannot be read."""
+    for what in ("certificate", "key"):
+        path = getattr(config, what)
+        if path and not os.access(path, os.R_OK):
+            raise BadInput(f"page.{what}: {path} cannot be read")

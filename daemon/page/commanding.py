@@ -1,0 +1,149 @@
+"""One person's command of one controller: a client of its own, with a lease of its own.
+
+What is asked for runs in a thread, one thing at a time; the next one ends the one before. A
+set-point is sent again before it goes stale, for as long as was asked for and as the browser is
+there; a trajectory is stopped when its browser has gone. Then the daemon holds and ramps by itself.
+"""
+
+import logging
+import threading
+from collections.abc import Callable
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.page.watching import Watch
+from dehyst.models.errors import DehystError
+
+log = logging.getLogger(__name__)
+Say = Callable[[str, bool], None]
+"""Tells the person something; True: it went wrong."""
+Task = Callable[[Client, threading.Event], None]
+LONGEST_S = 86_400.0
+SETTLE_S = 4.0
+"""An answer that is waited for comes within this time or not at all."""
+
+
+class Ended(DehystError):
+    """The motion was ended by the next command, or by the end of the page."""
+
+
+class Commander:
+    """Commands for one controller by one person."""
+
+    def __init__(self, watch: Watch, label: str, say: Say) -> None:
+        self._watch, self._label, self._say = watch, label, say
+        self._tasks: SimpleQueue[tuple[Task | None, threading.Event]] = SimpleQueue()
+        self._over = threading.Event()
+        self._waiting, self._settled = 0, threading.Condition()
+        self._thread = threading.Thread(target=self._run, name="command", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End what runs and give up the lease; returns at once."""
+        self._begin(None)
+
+    def go(self, value: float, seconds: float, take_over: bool) -> None:
+        """Go to a set-point and stay there for so many seconds."""
+
+        def task(client: Client, over: threading.Event) -> None:
+            if take_over:
+                client.take_over()
+            client.send(value)
+            config = self._watch.config or client.config()
+            pause_s = min(config.setpoint.stale_s, config.setpoint.lease_s) / 4
+            end_ns = clock.monotonic_ns() + round(min(seconds, LONGEST_S) * clock.NS)
+            self._say(f"going to {value:g} {client.unit}, held for {seconds:g} s", False)
+            while (left_s := (end_ns - clock.monotonic_ns()) / clock.NS) > 0:
+                if over.wait(min(pause_s, left_s)):
+                    return
+                client.send(value)
+
+        self._begin(task)
+
+    def play(
+        self, t_s: NDArray[np.float64], target: NDArray[np.float64], name: str, take_over: bool
+    ) -> None:
+        """Play a trajectory that was checked before, once, to its end."""
+
+        def task(client: Client, over: threading.Event) -> None:
+            def progress(_at_s: float, _total_s: float) -> None:
+                if over.is_set():
+                    raise Ended(f"{name} was ended")
+
+            if take_over:
+                client.take_over()
+            self._say(f"playing {name}", False)
+            played = client.play(t_s, target, progress=progress)
+            if played.completed:
+                rms = played.tracking.rms_error
+                self._say(f"{name} played to the end, rms error {rms:.4g} {played.unit}", False)
+            else:
+                self._say(f"{name} ended early: {played.reason}", True)
+
+        self._begin(task)
+
+    def stop(self, at_once: bool) -> None:
+        """Stop the stage, whoever commands it; at_once: ramp now. Raises BusError, Refusal."""
+        self._over.set()
+        with self._settled:
+            busy = self._waiting > 0
+        self._watch.stop(at_once)
+        if busy:  # a set-point that was on its way may have come after it
+            with self._settled:
+                self._settled.wait_for(lambda: not self._waiting, SETTLE_S)
+            self._watch.stop(at_once)
+
+    def _begin(self, task: Task | None) -> None:
+        self._over.set()
+        self._over = threading.Event()
+        with self._settled:
+            self._waiting += 1
+        self._tasks.put((task, self._over))
+
+    def _run(self) -> None:
+        client: Client | None = None
+        cut_short = False
+        w = self._watch
+        while True:
+            task, over = self._tasks.get()
+            if task is None:
+                break
+            try:
+                if not over.is_set():
+                    client = client or Client(w.name, w.address, w.base, self._label, w.credentials)
+                    task(client, over)
+            except Ended as ended:
+                self._say(str(ended), False)
+            except DehystError as error:
+                self._say(str(error), True)
+            finally:
+                cut_short = over.is_set()
+                with self._settled:
+                    self._waiting -= 1
+                    self._settled.notify_all()
+        if client is not None:
+            if cut_short:
+                stop_own(client)
+            client.close()
+
+
+def stop_own(client: Client) -> None:
+    """Stop the stage where it is this client that commands it."""
+    try:
+        if client.status().gateway.lease_client == client.client:
+            client.stop()
+    except DehystError as error:
+        log.debug("the daemon holds by itself: %s", error)
+
+
+def target_now(newest: Any) -> float:
+    """Where to hold: the present target, without one the reading; NaN: neither."""
+    if newest is None:
+        return float("nan")
+    target, measured = float(newest["target"]), float(newest["measured"])
+    return target if np.isfinite(target) else measured

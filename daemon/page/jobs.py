@@ -1,0 +1,284 @@
+"""What takes long or reads a stranger's file: in a process of its own, with bounds. One look at a
+trajectory and one long task at a time, so that neither waits for the other.
+
+The child has the lowest priority, so much memory and so much time, no way to the bus, and dies with
+the server. It answers in JSON; what it makes are files in a folder that goes with the job.
+"""
+
+import multiprocessing
+import os
+import re
+import resource
+import secrets
+import shutil
+import signal
+import tempfile
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.loop.timing import realtime
+from dehyst.models.errors import BadInput, DehystError, NotNow
+
+Kind = Literal["trajectory", "identify", "diagnose"]
+KINDS = ("trajectory", "identify", "diagnose")
+LANES: tuple[tuple[Kind, ...], ...] = (("trajectory",), ("identify", "diagnose"))
+LARGEST_BYTES = 64 << 20
+MEMORY_BYTES = 6 << 30
+TIME_S = {"trajectory": 120.0, "identify": 600.0, "diagnose": 1800.0}
+KEPT, WAITING = 12, 4
+PREVIEWED = 2000
+MOST_POINTS = 2_000_000
+
+
+class Setting(msgspec.Struct, frozen=True):
+    """What a preview needs of the controller. low, high: drives; slew: of the drive a second;
+    origin: model displacement at set-point 0; reach: set-points."""
+
+    model: str
+    unit: str
+    origin: float
+    reach: tuple[float, float]
+    low: float
+    high: float
+    slew: float
+    mode: str
+    preview_s: float
+    period_s: float
+
+
+@dataclass
+class Job:
+    """state: waiting, working, done or failed; text: what it does, or what went wrong."""
+
+    number: str
+    kind: Kind
+    file: str
+    folder: Path
+    setting: Setting | None
+    state: str = "waiting"
+    text: str = "waits for its turn"
+    share: float = 0.0
+    result: dict[str, Any] = field(default_factory=dict)
+
+    def describe(self) -> dict[str, Any]:
+        """For the browser."""
+        names = ("number", "kind", "file", "state", "text", "share", "result")
+        said = {name: getattr(self, name) for name in names}
+        said["report"] = self.state == "done" and (self.folder / "report.html").exists()
+        said["model"] = self.state == "done" and (self.folder / "model.toml").exists()
+        return said
+
+    def trajectory(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(t_s, target) of a trajectory that was looked at. Raises BadInput."""
+        if self.kind != "trajectory" or self.state != "done":
+            raise BadInput(f"{self.file}: is no trajectory that was looked at")
+        rows = np.load(self.folder / "trajectory.npy", allow_pickle=False)
+        return rows[0], rows[1]
+
+
+class Jobs:
+    """The newest KEPT jobs. A thread for each lane works on them, in their order."""
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="dehyst-page-")
+        self._jobs: dict[str, Job] = {}
+        self._wake = threading.Condition()
+        self._ended = False
+        self._children: set[Any] = set()
+        self._threads = [
+            threading.Thread(target=self._run, args=(lane,), name="jobs", daemon=True)
+            for lane in LANES
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """End what runs and delete all files."""
+        with self._wake:
+            self._ended = True
+            self._wake.notify_all()
+        for child in list(self._children):
+            child.kill()
+        for thread in self._threads:
+            thread.join(5.0)
+        self._folder.cleanup()
+
+    def add(self, kind: Kind, file: str, data: bytes, setting: Setting | None) -> Job:
+        """Begin a job. Raises NotNow where too many wait."""
+        with self._wake:
+            if sum(j.state == "waiting" for j in self._jobs.values()) >= WAITING:
+                raise NotNow("too many files wait already; try again when they are done")
+            while len(self._jobs) >= KEPT:
+                old = next(n for n, j in self._jobs.items() if j.state in ("done", "failed"))
+                shutil.rmtree(self._jobs.pop(old).folder, ignore_errors=True)
+        number = secrets.token_hex(8)
+        folder = Path(self._folder.name) / number
+        folder.mkdir()
+        name = re.sub(r"[^A-Za-z0-9._-]", "_", Path(file).name)[-80:].lstrip(".") or "file"
+        (folder / name).write_bytes(data)
+        job = Job(number, kind, name, folder, setting)
+        with self._wake:
+            self._jobs[number] = job
+            self._wake.notify_all()
+        return job
+
+    def get(self, number: str) -> Job | None:
+        """A job that is still kept."""
+        return self._jobs.get(number)
+
+    def _run(self, lane: tuple[Kind, ...]) -> None:
+        while True:
+            with self._wake:
+                self._wake.wait_for(lambda: self._ended or self._next(lane) is not None)
+                job = self._next(lane)
+                if self._ended or job is None:
+                    return
+                job.state, job.text = "working", "begins"
+            try:
+                self._work(job)
+            except DehystError as error:
+                job.text, job.state = str(error), "failed"
+            except Exception as error:  # whatever a child dies of
+                job.text, job.state = f"not possible: {error!r}"[:300], "failed"
+
+    def _next(self, lane: tuple[Kind, ...]) -> Job | None:
+        waiting = (j for j in self._jobs.values() if j.state == "waiting" and j.kind in lane)
+        return next(waiting, None)
+
+    def _work(self, job: Job) -> None:
+        ours, theirs = multiprocessing.Pipe(duplex=False)
+        spawn = multiprocessing.get_context("spawn")
+        child = spawn.Process(target=work, args=(job.kind, str(job.folder), job.file, job.setting,
+                                                 theirs))  # fmt: skip
+        end_ns = clock.monotonic_ns() + round(TIME_S[job.kind] * clock.NS)
+        child.start()
+        self._children.add(child)
+        theirs.close()
+        try:
+            while job.state == "working":
+                left_s = (end_ns - clock.monotonic_ns()) / clock.NS
+                if left_s <= 0 or not ours.poll(left_s):
+                    raise NotNow(f"{job.file}: not done within {TIME_S[job.kind]:g} s")
+                job_hears(job, ours)
+        finally:
+            child.kill()
+            child.join(5.0)
+            self._children.discard(child)
+            ours.close()
+
+
+def job_hears(job: Job, pipe: Connection) -> None:
+    """One message of the child."""
+    try:
+        said = msgspec.json.decode(pipe.recv_bytes(32 << 20))
+    except EOFError:
+        raise NotNow(
+            f"{job.file}: the process ended; it may take at most {MEMORY_BYTES >> 30} GB"
+        ) from None
+    job.text, job.share = said["text"], said["share"]
+    job.result = said["result"]
+    job.state = said["state"]
+
+
+# -- in the child ---------------------------------------------------------------------------------
+
+
+def work(kind: Kind, folder: str, file: str, setting: Setting | None, pipe: Connection) -> None:
+    """The child's whole life."""
+    os.environ["DEHYST_SUPERVISED"] = "1"
+    realtime.die_with_parent(signal.SIGKILL)
+    os.nice(19)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+    def say(text: str, share: float = 0.0, state: str = "working", **result: Any) -> None:
+        message = {"text": text, "share": share, "state": state, "result": result}
+        pipe.send_bytes(msgspec.json.encode(message))
+
+    tasks: dict[str, Callable[..., dict[str, Any]]] = {
+        "trajectory": look_at_trajectory,
+        "identify": identify_file,
+        "diagnose": diagnose_file,
+    }
+    try:
+        say("reading")
+        result = tasks[kind](Path(folder), Path(folder) / file, setting, say)
+        say("done", 1.0, "done", **result)
+    except DehystError as error:
+        say(str(error).replace(f"{folder}/", ""), state="failed")
+    except MemoryError:
+        say(f"{file}: takes more than {MEMORY_BYTES >> 30} GB", state="failed")
+
+
+def identify_file(folder: Path, path: Path, _: Setting | None, say: Any) -> dict[str, Any]:
+    """`dehyst identify` on one recording."""
+    from dehyst.daemon.api.functions import identify
+
+    found = identify(path, progress=say)
+    found.save(folder / "model.toml")
+    say("writing the report", 0.95)
+    found.report(folder / "report.html", "model.toml")
+    return {"said": str(found)}
+
+
+def diagnose_file(folder: Path, path: Path, setting: Setting | None, say: Any) -> dict[str, Any]:
+    """`dehyst diagnose` on one recording, about the model in use where there is one."""
+    from dehyst.daemon.api.functions import diagnose
+    from dehyst.models.modelfile import loads
+
+    model = loads(setting.model) if setting is not None else None
+    found = diagnose(path, model=model, progress=say)
+    found.save(folder)
+    return {"said": str(found)}
+
+
+def look_at_trajectory(folder: Path, path: Path, setting: Setting, say: Any) -> dict[str, Any]:
+    """Reach and slew of a trajectory before it is played."""
+    from dehyst.daemon.api.functions import invert
+    from dehyst.daemon.files.recordings import read_trajectory
+    from dehyst.models.modelfile import loads
+
+    way = read_trajectory(path, min_rows=2)
+    if way.unit != setting.unit:
+        raise BadInput(f"{path.name}: is in {way.unit}, the controller takes {setting.unit}")
+    if way.t_s.size > MOST_POINTS:
+        raise BadInput(f"{path.name}: {way.t_s.size} points; at most {MOST_POINTS} are looked at")
+    np.save(folder / "trajectory.npy", np.stack([way.t_s, way.target]))
+    low, high = setting.reach
+    outside = (way.target < low) | (way.target > high)
+    say("what the drive has to do", 0.3)
+    drive = invert(
+        loads(setting.model),
+        way.t_s - way.t_s[0],
+        np.clip(way.target, low, high) + setting.origin,
+        preview=setting.preview_s, mode=setting.mode, low=setting.low, high=setting.high,
+        period=setting.period_s, unit=setting.unit,
+    )  # fmt: skip
+    rate = np.abs(np.diff(drive.drive)) / setting.period_s
+    places = np.unique(np.linspace(0, way.t_s.size - 1, PREVIEWED).astype(int))
+    shown = np.unique(np.linspace(0, drive.t_s.size - 1, PREVIEWED).astype(int))
+    return {
+        "t_s": (way.t_s[places] - way.t_s[0]).tolist(),
+        "target": way.target[places].tolist(),
+        "drive_t_s": drive.t_s[shown].tolist(),
+        "drive": drive.drive[shown].tolist(),
+        "points": int(way.t_s.size),
+        "duration_s": float(way.t_s[-1] - way.t_s[0]),
+        "least": float(way.target.min()),
+        "most": float(way.target.max()),
+        "reach": [low, high],
+        "outside": float(np.mean(outside)),
+        "fastest": float(rate.max()) if rate.size else 0.0,
+        "slew": setting.slew,
+        "too_fast": float(np.mean(rate > setting.slew * (1 + 1e-9))) if rate.size else 0.0,
+        "drive_unit": drive.model.drive_unit,
+    }

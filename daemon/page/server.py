@@ -1,0 +1,287 @@
+"""The page's server: static files, the WebSocket, uploads, metrics. ASGI: Starlette and uvicorn."""
+
+import asyncio
+import signal
+from collections.abc import AsyncIterator, Generator
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import uvicorn
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket
+
+from dehyst import __version__
+from dehyst.daemon import notify
+from dehyst.daemon.page import metrics
+from dehyst.daemon.page.guard import Guard
+from dehyst.daemon.page.jobs import KINDS, LARGEST_BYTES, Job, Jobs, Setting
+from dehyst.daemon.page.people import COOKIE, SESSION_S, People, Person
+from dehyst.daemon.page.visits import Ticks, Visit
+from dehyst.daemon.page.watching import Controllers, Watch
+from dehyst.models.errors import BadInput, DehystError
+from dehyst.models.modelfile import dumps
+
+STATIC = Path(__file__).resolve().parent / "static"
+REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+"""A report is drawn from a stranger's file: it is shown, and nothing in it runs or loads."""
+MOST_VISITS = 64
+WRONG_PASSWORD_S = 1.0
+SMALL_BYTES = 4096
+
+
+@dataclass(frozen=True)
+class Listen:
+    """Where the page is served. certificate, key: "": without TLS."""
+
+    address: str = "127.0.0.1:8080"
+    certificate: str = ""
+    key: str = ""
+
+
+class Site:
+    """Answers requests."""
+
+    def __init__(self, controllers: Controllers, people: People, secure: bool) -> None:
+        self.controllers, self.people, self.secure = controllers, people, secure
+        self.jobs, self.ticks = Jobs(), Ticks()
+        self._visits = 0
+        self._logins = asyncio.Semaphore(4)
+
+    def app(self) -> Starlette:
+        """The ASGI application."""
+        routes = [
+            Route("/", self.index),
+            Mount("/static", StaticFiles(directory=STATIC)),
+            Route("/me", self.me),
+            Route("/login", self.login, methods=["POST"]),
+            Route("/logout", self.logout, methods=["POST"]),
+            Route("/metrics", self.metrics),
+            Route("/upload/{kind}", self.upload, methods=["POST"]),
+            Route("/job/{number}", self.job),
+            Route("/job/{number}/{what}", self.job_file),
+            WebSocketRoute("/stream", self.stream),
+        ]
+        guard = Middleware(Guard, people=self.people, secure=self.secure)
+        return Starlette(
+            routes=routes,
+            middleware=[guard],
+            lifespan=self._life,
+            exception_handlers={DehystError: _say_why},
+        )
+
+    @asynccontextmanager
+    async def _life(self, _: Starlette) -> AsyncIterator[None]:
+        ticking = asyncio.create_task(self.ticks.run())
+        notify.send("READY=1")
+        try:
+            yield
+        finally:
+            notify.send("STOPPING=1")
+            ticking.cancel()
+            self.jobs.close()
+
+    # -- who ------------------------------------------------------------------------------------
+
+    def _who(self, asked: HTTPConnection) -> Person | None:
+        return self.people.who(asked.headers, asked.cookies.get(COOKIE, ""))
+
+    def _known(self, asked: HTTPConnection, operator: bool = False) -> Person:
+        person = self._who(asked)
+        if person is None:
+            raise HTTPException(401, "log in first", {"www-authenticate": "FormBased"})
+        if operator and not person.commands:
+            raise HTTPException(403, "an observer may look, not command")
+        return person
+
+    async def me(self, request: Request) -> Response:
+        """Who I am."""
+        person = self._known(request)
+        return JSONResponse(
+            {
+                "name": person.name,
+                "role": person.role,
+                "open": self.people.open,
+                "version": __version__,
+            }
+        )
+
+    async def login(self, request: Request) -> Response:
+        """Name and password for a session."""
+        try:
+            given = msgspec.json.decode(await _body(request, SMALL_BYTES), type=dict[str, str])
+        except msgspec.MsgspecError:
+            raise HTTPException(400, "name and password are wanted, as JSON") from None
+        async with self._logins:
+            person = self.people.check(given.get("name", ""), given.get("password", ""))
+            if person is None:
+                await asyncio.sleep(WRONG_PASSWORD_S)
+                raise HTTPException(401, "no such name and password")
+        answer = JSONResponse({"name": person.name, "role": person.role})
+        answer.set_cookie(
+            COOKIE,
+            self.people.begin(person),
+            max_age=round(SESSION_S),
+            secure=self.secure,
+            httponly=True,
+            samesite="strict",
+        )
+        return answer
+
+    async def logout(self, request: Request) -> Response:
+        """End the session."""
+        self.people.finish(request.cookies.get(COOKIE, ""))
+        answer = JSONResponse({})
+        answer.delete_cookie(COOKIE)
+        return answer
+
+    # -- what -----------------------------------------------------------------------------------
+
+    async def index(self, _: Request) -> Response:
+        """The page itself: no data in it."""
+        return FileResponse(STATIC / "index.html")
+
+    async def metrics(self, request: Request) -> Response:
+        """For Prometheus."""
+        self._known(request)
+        body, content_type = metrics.expose(self.controllers, request.headers.get("accept", ""))
+        return Response(body, headers={"content-type": content_type})
+
+    async def stream(self, socket: WebSocket) -> None:
+        """One browser."""
+        person = self._who(socket)
+        if person is None or self._visits >= MOST_VISITS:
+            await socket.close(1008)
+            return
+        await socket.accept()
+        self._visits += 1
+        try:
+            await Visit(socket, person, self.controllers, self.jobs, self.ticks).run()
+        finally:
+            self._visits -= 1
+
+    async def upload(self, request: Request) -> Response:
+        """A file to look at; the job that does it."""
+        self._known(request, operator=True)
+        kind = request.path_params["kind"]
+        if kind not in KINDS:
+            raise HTTPException(404, f"a file is for {', '.join(KINDS)}")
+        watch = self.controllers.watches.get(request.query_params.get("controller", ""))
+        setting = setting_of(watch) if watch is not None else None
+        if setting is None and kind == "trajectory":
+            raise BadInput("the controller's model and limits are not known yet")
+        data = await _body(request, LARGEST_BYTES)
+        file = request.query_params.get("file", "file")
+        return JSONResponse(self.jobs.add(kind, file, data, setting).describe())
+
+    def _job(self, request: Request) -> Job:
+        self._known(request, operator=True)
+        job = self.jobs.get(request.path_params["number"])
+        if job is None:
+            raise HTTPException(404, "this job is not kept any more")
+        return job
+
+    async def job(self, request: Request) -> Response:
+        """How far a job is."""
+        return Response(msgspec.json.encode(self._job(request).describe()), media_type=JSON)
+
+    async def job_file(self, request: Request) -> Response:
+        """The report or the model that a job made."""
+        job, what = self._job(request), request.path_params["what"]
+        said = job.describe()
+        if what == "report" and said["report"]:
+            return FileResponse(
+                job.folder / "report.html", headers={"content-security-policy": REPORT_POLICY}
+            )
+        if what == "model" and said["model"]:
+            return FileResponse(job.folder / "model.toml", filename="model.toml")
+        raise HTTPException(404, "there is none")
+
+
+JSON = "application/json"
+
+
+def setting_of(watch: Watch) -> Setting | None:
+    """What a look at a trajectory needs; None: not known yet."""
+    model, config, status = watch.model, watch.config, watch.status
+    if model is None or config is None or status is None:
+        return None
+    gain, valid = config.actuator.gain, model.validity
+    return Setting(
+        model=dumps(model),
+        unit=status.unit,
+        origin=status.origin,
+        reach=(status.reach_min, status.reach_max),
+        low=max(config.limits.min_v / gain, valid.drive_min),
+        high=min(config.limits.max_v / gain, valid.drive_max),
+        slew=config.limits.slew_v_per_s / gain,
+        mode=config.inverse.mode,
+        preview_s=config.inverse.preview_s,
+        period_s=config.period_ns * 1e-9,
+    )
+
+
+async def _body(request: Request, most: int) -> bytes:
+    """The body, with a bound that is held while it comes."""
+    parts, size = [], 0
+    try:
+        async for part in request.stream():
+            size += len(part)
+            if size > most:
+                raise HTTPException(413, f"more than {most} bytes")
+            parts.append(part)
+    except ClientDisconnect:
+        raise HTTPException(400, "the rest did not come") from None
+    return b"".join(parts)
+
+
+async def _say_why(_: Request, error: Exception) -> Response:
+    return JSONResponse({"detail": str(error)}, 400)
+
+
+class Server(uvicorn.Server):
+    """Ends at a signal, and leaves the process to end as it likes."""
+
+    @contextmanager
+    def capture_signals(self) -> Generator[None]:
+        """Without sending the signal again afterwards."""
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self.handle_exit)
+        yield
+
+
+def serve(controllers: Controllers, people: People, listen: Listen) -> int:
+    """Until SIGTERM or SIGINT; exit code."""
+    host, _, port = listen.address.rpartition(":")
+    site = Site(controllers, people, bool(listen.certificate))
+    options: dict[str, Any] = {}
+    if listen.certificate:
+        options = {"ssl_certfile": listen.certificate, "ssl_keyfile": listen.key}
+    settings = uvicorn.Config(
+        site.app(),
+        host=host.strip("[]"),
+        port=int(port),
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        ws="websockets-sansio",
+        ws_max_size=65_536,
+        ws_ping_interval=5.0,
+        ws_ping_timeout=10.0,
+        ws_per_message_deflate=False,
+        limit_concurrency=256,
+        timeout_graceful_shutdown=2,
+        **options,
+    )
+    server = Server(settings)
+    server.run()
+    return 0 if server.started else 1

@@ -1,0 +1,311 @@
+// The page: one WebSocket to the server that it came from. Whatever comes over it is text and
+// numbers; nothing of it is ever put in as markup.
+"use strict";
+import { Files, fillList } from "./files.js";
+import { Plots, clockTime, drawStill, number, readFrame } from "./plot.js";
+
+const $ = (id) => document.getElementById(id);
+const WINDOWS = [[1, "1 s"], [2, "2 s"], [5, "5 s"], [10, "10 s"], [30, "30 s"], [60, "1 min"], [120, "2 min"], [300, "5 min"], [600, "10 min"]];
+const MOST_EVENTS = 200, SILENT_S = 3;
+
+const page = {
+  socket: null, me: null, operator: false, name: "", names: [], status: null, model: null, retry_ms: 300,
+  controller() { return page.name; },
+  unit() { return page.status ? page.status.status.unit : "um"; },
+  ask(message) {
+    if (page.socket && page.socket.readyState === WebSocket.OPEN) page.socket.send(JSON.stringify(message));
+    else page.say("not connected: nothing was sent", true);
+  },
+  say(text, wrong) {
+    $("said").textContent = text;
+    $("said").classList.toggle("wrong", Boolean(wrong));
+  },
+};
+window.dehystPage = page; // for a look from the console
+
+const plots = new Plots(
+  { position: $("plot-position"), error: $("plot-error"), trim: $("plot-trim"), volts: $("plot-volts") },
+  (first_s, end_s, width_px) => { page.ask({ ask: "past", first_s: Math.max(0, first_s), end_s, width_px }); showMode(); },
+);
+page.plots = plots;
+const files = new Files(page);
+
+// -- connection ---------------------------------------------------------------------------------
+
+async function begin() {
+  let answer;
+  try { answer = await fetch("/me"); } catch { later(); return; }
+  if (answer.status === 401) { showLogin(true); return; }
+  if (!answer.ok) { later(); return; }
+  page.me = await answer.json();
+  page.operator = page.me.role === "operator";
+  showLogin(false);
+  $("who").textContent = page.me.open ? (page.operator ? "" : "observer") : `${page.me.name}, ${page.me.role}`;
+  $("leave").hidden = page.me.open;
+  document.body.classList.toggle("observer", !page.operator);
+  for (const item of document.querySelectorAll("#stop, #command button, #command input, #file")) item.disabled = !page.operator;
+  files.enable();
+  connect();
+}
+
+function connect() {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  const socket = new WebSocket(`${scheme}://${location.host}/stream`);
+  socket.binaryType = "arraybuffer";
+  page.socket = socket;
+  socket.addEventListener("open", () => { page.retry_ms = 300; page.name && look(); });
+  socket.addEventListener("message", (e) => (typeof e.data === "string" ? hear(JSON.parse(e.data)) : frame(e.data)));
+  socket.addEventListener("close", () => {
+    pill("link", "no connection to the page's server", false);
+    document.body.classList.add("stale");
+    later();
+  });
+}
+
+function later() {
+  page.retry_ms = Math.min(5000, 1.7 * page.retry_ms);
+  setTimeout(begin, page.retry_ms);
+}
+
+function showLogin(shown) {
+  $("login").hidden = !shown;
+  $("main").hidden = shown;
+  if (shown) { pill("link", "not logged in", false); $("login-name").focus(); }
+}
+
+$("login").addEventListener("submit", async (e) => {
+  e.preventDefault();
+  const answer = await fetch("/login", {
+    method: "POST", body: JSON.stringify({ name: $("login-name").value, password: $("login-password").value }),
+  });
+  $("login-password").value = "";
+  $("login-said").textContent = answer.ok ? "" : "no such name and password";
+  if (answer.ok) begin();
+});
+$("leave").addEventListener("click", async () => {
+  await fetch("/logout", { method: "POST" });
+  location.reload();
+});
+
+// -- what is heard ------------------------------------------------------------------------------
+
+function hear(said) {
+  switch (said.kind) {
+    case "controllers": hearControllers(said); break;
+    case "status": if (said.name === page.name) showStatus(said); break;
+    case "model": if (said.name === page.name) showModel(said); break;
+    case "events": if (said.name === page.name) said.events.forEach(addEvent); break;
+    case "said": page.say(said.text, said.wrong); break;
+    default: break;
+  }
+}
+
+function frame(buffer) {
+  plots.add(readFrame(buffer));
+  $("plot-empty").hidden = true;
+}
+
+function pill(id, text, good) {
+  const item = $(id);
+  item.textContent = text;
+  item.className = `pill ${good ? "good" : "bad"}`;
+}
+
+function hearControllers(said) {
+  if (said.names.join() !== page.names.join()) {
+    page.names = said.names;
+    $("controller").replaceChildren(...said.names.map((name) => {
+      const option = document.createElement("option");
+      option.value = option.textContent = name;
+      return option;
+    }));
+    if (page.name) $("controller").value = page.name;
+  }
+  if (!page.name && said.names.length) {
+    const wanted = decodeURIComponent(location.hash.slice(1));
+    choose(said.names.includes(wanted) ? wanted : said.names[0]);
+  }
+  page.problems = said.problems;
+  if (!said.names.length) pill("link", said.problems[0] || "no controller", false);
+}
+
+function choose(name) {
+  page.name = name;
+  $("controller").value = name;
+  location.hash = encodeURIComponent(name);
+  document.title = `${name} · dehyst`;
+  $("events").replaceChildren();
+  page.status = null;
+  look();
+}
+
+function look() {
+  plots.live();
+  showMode();
+  page.ask({ ask: "look", name: page.name, window_s: plots.window_s, width_px: Math.round(plots.width()) });
+}
+
+// -- what is shown ------------------------------------------------------------------------------
+
+function showStatus(said) {
+  page.status = said;
+  const s = said.status;
+  const silent = said.silent_s > SILENT_S;
+  document.body.classList.toggle("stale", silent || !s);
+  if (!s) { pill("link", said.problem || "no word yet", false); return; }
+  if (silent) pill("link", `silent for ${Math.round(said.silent_s)} s${said.problem ? `: ${said.problem}` : ""}`, false);
+  else pill("link", "connected", true);
+  const state = s.core_alive ? s.state : "no loop";
+  $("state").textContent = `${state}${s.core_alive && s.state === "running" ? ` (${s.mode})` : ""}`;
+  $("state").className = `pill ${s.core_alive ? s.state : "bad"}`;
+  $("reason").textContent = page.why && page.why.state === s.state ? page.why.text : "";
+  plots.setUnit(s.unit);
+  $("figures").textContent = `error rms ${number(said.error_rms, 3)}, largest ${number(said.error_max, 3)} ${s.unit} · ${number(s.volts)} V`;
+  const g = s.gateway;
+  $("commander").textContent = g.lease_label ? `commanded by ${g.lease_label}` : "nobody commands";
+  $("target-unit").textContent = s.unit;
+  $("reach").textContent = `reach ${number(s.reach_min)} to ${number(s.reach_max)} ${s.unit}`;
+  const causes = Object.entries(s.missed_by).map(([cause, n]) => `${cause} ${n}`).join(", ");
+  fillList($("deadlines"), [
+    ["rate", `${number(1e9 / s.period_ns)} Hz, ${s.policy} ${s.priority}`],
+    ["samples", String(s.samples)],
+    ["missed", `${s.missed}${causes ? ` (${causes})` : ""}`],
+    ["wake-up p50, p99, max", `${number(s.wake_us.p50, 3)}, ${number(s.wake_us.p99, 3)}, ${number(s.wake_us.max, 3)} us`],
+    ["step p99, I/O p99", `${number(s.exec_us.p99, 3)}, ${number(s.io_us.p99, 3)} us`],
+    ["actuator", `${s.actuator_ok ? "ok" : "FAILED"}, ${s.actuator_errors} errors`],
+    ["sensor", `${s.sensor_ok ? "ok" : "FAILED"}, ${s.sensor_errors} errors`],
+    ["telemetry lost here", String(said.lost)],
+  ]);
+  showWakeups(said.wakeups);
+  showHealth(said, s);
+}
+
+function showWakeups(counts) {
+  const box = $("wakeups");
+  while (box.children.length < counts.length) box.append(document.createElement("div"));
+  const most = Math.log1p(Math.max(1, ...counts));
+  counts.forEach((n, i) => {
+    box.children[i].style.height = `${(100 * Math.log1p(n)) / most}%`;
+    box.children[i].title = `${page.model ? number(page.model.wakeup_edges_us[i], 3) : ""} us: ${n}`;
+  });
+}
+
+function showHealth(said, s) {
+  const health = s.gateway.health, wrong = s.gateway.mismatch;
+  $("health").textContent = health < 0 ? "learning" : number(health, 3);
+  $("health-words").textContent = wrong ? `the stage does not behave as its model: ${wrong}`
+    : health < 0 ? `${number(-100 * health, 2)} % of the first motion is still to be seen` : "below 1 the stage behaves as its model";
+  const bar = $("health-bar");
+  bar.style.width = `${Math.min(100, 50 * Math.max(0, health))}%`;
+  bar.classList.toggle("over", health > 1 || Boolean(wrong));
+  const now = said.healths.length ? said.healths[said.healths.length - 1][0] : 0;
+  if (said.healths.length > 1) {
+    drawStill($("plot-health"), 110, said.healths.map(([t]) => t - now), [
+      { label: "health", colour: "target", y: said.healths.map(([, h]) => Math.max(0, h)) },
+      { label: "limit", colour: "warn", y: said.healths.map(() => 1), dash: [4, 4] },
+    ], "");
+  }
+  fillList($("positioning"), [
+    ["trim", s.trimmed ? `${number(said.trim, 3)} ${s.unit}${s.trim_frozen ? `, frozen: ${s.trim_frozen}` : ""}` : "open loop"],
+    ["learned", s.learned ? `${number(said.learned, 3)} ${s.unit}` : "nothing"],
+    ["gauge above model", `${number(s.differs, 3)} ${s.unit}`],
+  ]);
+}
+
+function showModel(said) {
+  page.model = said;
+  const m = said.model, l = said.limits;
+  if (!m) { fillList($("model"), [["model", "not known yet"]]); return; }
+  const v = m.validity, u = m.drive_unit, y = m.displacement_unit;
+  fillList($("model"), [
+    ["operators", `${m.operators}, ${m.rate_dependent ? "rate-dependent" : "static"}`],
+    ["saturation", `degree ${m.saturation}`],
+    ["blocks", m.blocks.map((b) => `${b.kind} (${b.place})`).join(", ") || "none"],
+    ["valid for", `${number(v.drive_min)} to ${number(v.drive_max)} ${u}`],
+    ["up to", [v.rate_max && `${number(v.rate_max)} ${u}/s`, v.band_hz && `${number(v.band_hz)} Hz`].filter(Boolean).join(", ") || "not known"],
+    ["fit, held out", `${number(m.fit.rms, 3)}, ${number(m.fit.holdout_rms, 3)} ${y} rms`],
+    ["from", [m.source, m.created, ...m.recordings].filter(Boolean).join(", ") || "not said"],
+    ["limits", l ? `${number(l.min_v)} to ${number(l.max_v)} V, ${number(l.slew_v_per_s)} V/s` : "not known"],
+  ]);
+}
+
+function addEvent(event) {
+  const item = document.createElement("li"), time = document.createElement("time"), code = document.createElement("b");
+  time.textContent = clockTime(event.wall_s, 1);
+  time.dateTime = new Date(event.wall_s * 1000).toISOString();
+  code.textContent = event.code;
+  item.className = `level-${Number(event.level)}`;
+  item.append(time, code, document.createTextNode(event.text));
+  $("events").prepend(item);
+  while ($("events").children.length > MOST_EVENTS) $("events").lastChild.remove();
+  page.why = { state: event.code, text: event.text };
+}
+
+// -- what is asked for --------------------------------------------------------------------------
+
+WINDOWS.forEach(([seconds, text], i) => {
+  const button = document.createElement("button");
+  button.textContent = text;
+  button.title = `key ${i + 1}`;
+  button.addEventListener("click", () => { plots.window_s = seconds; look(); });
+  $("windows").append(button);
+});
+
+function showMode() {
+  [...$("windows").children].forEach((b, i) => b.setAttribute("aria-pressed", String(WINDOWS[i][0] === plots.window_s && !plots.range)));
+  $("pause").setAttribute("aria-pressed", String(plots.paused));
+  $("live").hidden = !plots.paused && !plots.range;
+}
+
+function pause() {
+  if (plots.paused || plots.range) look();
+  else { plots.pause(true); showMode(); }
+}
+
+function parse(id) {
+  const text = $(id).value.trim().replace(",", ".");
+  return text === "" ? NaN : Number(text);
+}
+
+const commands = {
+  stop() { page.ask({ ask: "stop" }); },
+  release() { page.ask({ ask: "stop", at_once: true }); },
+  hold() { page.ask({ ask: "hold", seconds: parse("seconds") || 10, take_over: $("take-over").checked }); },
+  go() {
+    const value = parse("target"), seconds = parse("seconds");
+    if (!Number.isFinite(value)) { page.say("a set-point is a number", true); return; }
+    if (!(seconds > 0)) { page.say("for how many seconds? a number above 0", true); return; }
+    page.ask({ ask: "go", value, seconds, take_over: $("take-over").checked });
+  },
+};
+
+$("pause").addEventListener("click", pause);
+$("live").addEventListener("click", look);
+$("more").addEventListener("change", () => {
+  for (const name of ["trim", "volts"]) plots.places[name].hidden = !$("more").checked;
+  plots.fresh = true;
+});
+$("controller").addEventListener("change", () => choose($("controller").value));
+$("going").addEventListener("submit", (e) => { e.preventDefault(); commands.go(); });
+for (const name of ["stop", "release", "hold"]) $(name).addEventListener("click", commands[name]);
+$("theme").addEventListener("click", () => {
+  const root = document.documentElement;
+  root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
+  localStorage.setItem("theme", root.dataset.theme);
+  plots.remake();
+  files.restyle();
+});
+document.addEventListener("keydown", (e) => {
+  if (e.ctrlKey || e.altKey || e.metaKey || $("main").hidden) return;
+  if (e.key === "Escape") { if (page.operator) commands.stop(); return; }
+  if (e.target.closest("input, select, pre, #events") || (e.key === " " && e.target.closest("button, a"))) return;
+  if (e.key === " ") { e.preventDefault(); pause(); }
+  else if (e.key === "0") look();
+  else if (e.key === "g") { e.preventDefault(); $("target").focus(); $("target").select(); }
+  else if (e.key === "h" && page.operator) commands.hold();
+  else if (e.key >= "1" && e.key <= "9") { plots.window_s = WINDOWS[Number(e.key) - 1][0]; look(); }
+});
+let resized;
+window.addEventListener("resize", () => { clearTimeout(resized); resized = setTimeout(() => { if (page.name && !plots.paused && !plots.range) look(); }, 400); });
+
+begin();

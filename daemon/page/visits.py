@@ -1,0 +1,229 @@
+"""One browser's WebSocket: what it looks at, what it commands, what it is told.
+
+Every TICK_S a visit gets what has been finished since it was last served. Visits that look at the
+same thing share the bytes. A browser that reads slowly waits alone, and gets more at once later.
+"""
+
+import asyncio
+import contextlib
+import math
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from dehyst.daemon import notify
+from dehyst.daemon.page import wire
+from dehyst.daemon.page.buckets import FINEST_NS, level_between, level_for
+from dehyst.daemon.page.commanding import Commander, target_now
+from dehyst.daemon.page.jobs import Jobs
+from dehyst.daemon.page.people import Person
+from dehyst.daemon.page.watching import TICK_S, Controllers, Watch
+from dehyst.models.errors import BadInput, DehystError
+
+STATUS_TICKS, BEAT_TICKS = 5, 10
+MOST_WAITING = 100
+STOPPED, RELEASED = "stopped: holding, then to the safe voltage", "released: to the safe voltage"
+
+
+class Ticks:
+    """Wakes all visits together, and keeps what they share for one tick."""
+
+    def __init__(self) -> None:
+        self.number = 0
+        self._event = asyncio.Event()
+        self._shared: dict[Any, Any] = {}
+
+    async def run(self) -> None:
+        """For ever."""
+        while True:
+            await asyncio.sleep(TICK_S)
+            self.number += 1
+            if self.number % BEAT_TICKS == 0:
+                notify.send("WATCHDOG=1")
+            self._shared.clear()
+            event, self._event = self._event, asyncio.Event()
+            event.set()
+
+    async def next(self) -> int:
+        """The number of the next tick, when it comes."""
+        await self._event.wait()
+        return self.number
+
+    def share(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What `make` gives, made once a tick."""
+        if key not in self._shared:
+            self._shared[key] = make()
+        return self._shared[key]
+
+
+class Visit:
+    """One WebSocket. person: who it is; where: from where, for the lease's label."""
+
+    def __init__(
+        self, socket: WebSocket, person: Person, controllers: Controllers, jobs: Jobs, ticks: Ticks
+    ) -> None:
+        self.socket, self.person = socket, person
+        self.controllers, self.jobs, self.ticks = controllers, jobs, ticks
+        self._look: wire.Look | None = None
+        self._cursor = -1
+        self._run = self._event = self._changes = -1
+        self._commanders: dict[str, Commander] = {}
+        self._waiting: asyncio.Queue[str | bytes] = asyncio.Queue(MOST_WAITING)
+        self._loop = asyncio.get_running_loop()
+
+    async def run(self) -> None:
+        """Until the browser goes."""
+        serving = asyncio.create_task(self._serve())
+        hearing = asyncio.create_task(self._hear())
+        try:
+            await asyncio.wait([serving, hearing], return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in (serving, hearing):
+                task.cancel()
+            for commander in self._commanders.values():
+                commander.close()
+        for task in (serving, hearing):
+            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+                await task
+
+    # -- to the browser -------------------------------------------------------------------------
+
+    async def _serve(self) -> None:
+        first = True
+        while True:
+            number = await self.ticks.next()
+            while not self._waiting.empty():
+                await self._send(self._waiting.get_nowait())
+            if first or number % STATUS_TICKS == 0:
+                await self._send(
+                    self.ticks.share(
+                        "controllers", lambda: wire.describe_controllers(self.controllers)
+                    )
+                )
+            first = False
+            watch = self._watch()
+            if watch is not None and self._look is not None:
+                await self._serve_watch(watch, self._look, number)
+
+    async def _serve_watch(self, watch: Watch, look: wire.Look, number: int) -> None:
+        share = self.ticks.share
+        if watch.changes != self._changes:
+            self._changes = watch.changes
+            await self._send(share((watch, "model"), lambda: wire.describe_model(watch)))
+        frame, self._cursor, self._run = share(
+            (watch, level_for(look.window_s, look.width_px), self._cursor, self._run),
+            lambda: self._frame(watch, look),
+        )
+        if frame:
+            await self._send(frame)
+        events = [said for told, said in list(watch.events) if told > self._event]
+        if events:
+            self._event = watch.events[-1][0]
+            await self._send(wire.encode("events", name=watch.name, events=events))
+        if number % STATUS_TICKS == 0:
+            await self._send(share((watch, "status"), lambda: wire.describe_status(watch)))
+
+    def _frame(self, watch: Watch, look: wire.Look) -> tuple[bytes, int, int]:
+        level = level_for(look.window_s, look.width_px)
+        with watch.lock:
+            run = watch.buckets.run
+            cursor = self._cursor if run == self._run else -1
+            piece = watch.buckets.since(level, cursor, look.window_s)
+        frame = b""
+        if piece.number.size or piece.anew:
+            frame = wire.plot_frame(piece, level, watch.wall_offset_ns)
+        return frame, piece.cursor, run
+
+    async def _send(self, message: str | bytes) -> None:
+        if isinstance(message, bytes):
+            await self.socket.send_bytes(message)
+        else:
+            await self.socket.send_text(message)
+
+    def say(self, text: str, wrong: bool = False) -> None:
+        """Tell this person something; from any thread."""
+        message = wire.encode("said", text=text, wrong=wrong)
+
+        def put() -> None:
+            with contextlib.suppress(asyncio.QueueFull):
+                self._waiting.put_nowait(message)
+
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(put)
+
+    # -- from the browser -----------------------------------------------------------------------
+
+    async def _hear(self) -> None:
+        while True:
+            text = await self.socket.receive_text()
+            try:
+                await self._do(wire.ASK.decode(text))
+            except msgspec.MsgspecError as error:
+                self.say(f"not understood: {error}", True)
+            except DehystError as error:
+                self.say(str(error), True)
+
+    async def _do(self, ask: wire.Ask) -> None:
+        if isinstance(ask, wire.Look):
+            if self._look is None or self._look.name != ask.name:
+                self._event = self._changes = -1
+            self._look, self._cursor = ask, -1
+            return
+        watch = self._watch()
+        if watch is None:
+            raise BadInput("no controller is chosen, or it is not known any more")
+        if isinstance(ask, wire.Past):
+            self._waiting.put_nowait(self._past(watch, ask))
+            return
+        if not self.person.commands:
+            raise BadInput("an observer may look, not command")
+        commander = self._commander(watch)
+        if isinstance(ask, wire.Stop):
+            await asyncio.to_thread(commander.stop, ask.at_once)
+            self.say(RELEASED if ask.at_once else STOPPED)
+        elif isinstance(ask, wire.Go):
+            if not math.isfinite(ask.value):
+                raise BadInput("the set-point must be a finite number")
+            commander.go(ask.value, ask.seconds, ask.take_over)
+        elif isinstance(ask, wire.Hold):
+            value = target_now(watch.newest)
+            if not math.isfinite(value):
+                raise BadInput("neither a target nor a reading to hold at")
+            commander.go(value, ask.seconds, ask.take_over)
+        else:
+            self._play(commander, ask)
+
+    def _play(self, commander: Commander, ask: wire.Play) -> None:
+        job = self.jobs.get(ask.job)
+        if job is None:
+            raise BadInput("this trajectory is not kept any more; give it again")
+        if job.result.get("outside", 1.0) > 0:
+            raise BadInput(f"{job.file} leaves the reach; shift or scale it")
+        t_s, target = job.trajectory()
+        commander.play(t_s, target, job.file, ask.take_over)
+
+    def _past(self, watch: Watch, ask: wire.Past) -> bytes:
+        first_ns, end_ns = round(ask.first_s * 1e9), round(ask.end_s * 1e9)
+        with watch.lock:
+            newest_ns = watch.buckets.newest_ns
+            if not end_ns - first_ns > 0 or newest_ns < 0:
+                raise BadInput("this stretch of the past holds nothing")
+            level = level_between(newest_ns, first_ns, end_ns, ask.width_px)
+            piece = watch.buckets.since(level, -1, (newest_ns - first_ns) * 1e-9)
+        inside = piece.number * (FINEST_NS << level) <= end_ns
+        cut = piece._replace(
+            number=piece.number[inside], least=piece.least[inside], largest=piece.largest[inside]
+        )
+        return wire.plot_frame(cut, level, watch.wall_offset_ns, wire.MAGIC_PAST)
+
+    def _watch(self) -> Watch | None:
+        return self.controllers.watches.get(self._look.name) if self._look is not None else None
+
+    def _commander(self, watch: Watch) -> Commander:
+        if watch.name not in self._commanders:
+            client = self.socket.client
+            who = f"{self.person.name or 'somebody'} on the page, {client.host if client else ''}"
+            self._commanders[watch.name] = Commander(watch, who[:64], self.say)
+        return self._commanders[watch.name]

@@ -1,0 +1,223 @@
+"""The controllers that the page shows: found on the bus, each followed by a thread of its own.
+
+A thread asks for what has arrived ten times a second and keeps it for every browser that looks:
+buckets for the plots, the histogram of wake-ups, status, events, the model. Nothing here commands,
+but for `stop` and `release`, which need no lease and are for everybody who may command.
+"""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.bus.messages import Event, Rejection, Status
+from dehyst.daemon.bus.security import client_settings
+from dehyst.daemon.bus.session import Bus, BusError
+from dehyst.daemon.client.client import Client, daemons
+from dehyst.daemon.config import Config
+from dehyst.daemon.page.buckets import Buckets
+from dehyst.daemon.page.wakeups import Wakeups
+from dehyst.models.errors import DehystError
+from dehyst.models.model import Model
+
+log = logging.getLogger(__name__)
+TICK_S = 0.1
+FIND_S = 2.0
+MOST_CONTROLLERS = 64
+EVENTS, HEALTHS = 200, 600
+PAST_SAMPLES, PAST_S = 60_000, 60.0
+"""What is fetched from the daemon's history, so that the page does not begin empty."""
+MODEL_S = 10.0
+
+
+class Watch:
+    """One controller. `status`, `config`, `model`: None as long as nothing came; problem: why."""
+
+    def __init__(self, address: str, base: str, name: str, credentials: str) -> None:
+        self.address, self.base, self.name, self.credentials = address, base, name, credentials
+        self.buckets, self.wakeups = Buckets(), Wakeups()
+        self.lock = threading.Lock()
+        self.status: Status | None = None
+        self.status_at_ns = 0
+        self.config: Config | None = None
+        self.model: Model | None = None
+        self.newest: Any = None
+        self.problem = "no word yet"
+        self.lost = 0
+        self.wall_offset_ns = 0
+        self.events: deque[tuple[int, dict[str, Any]]] = deque(maxlen=EVENTS)
+        self.healths: deque[tuple[float, float]] = deque(maxlen=HEALTHS)
+        self.changes = 0  # of model and configuration
+        self._told = 0
+        self._errors: deque[tuple[float, float, int]] = deque(maxlen=round(1.0 / TICK_S))
+        self._client: Client | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"watch {name}", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the connection."""
+        self._stop.set()
+        self._thread.join(5.0)
+
+    @property
+    def silent_s(self) -> float:
+        """So long no status has come."""
+        return (clock.monotonic_ns() - self.status_at_ns) / clock.NS if self.status_at_ns else 1e9
+
+    def error(self) -> tuple[float, float]:
+        """(rms, largest) of measured minus target over the last second; NaN without targets."""
+        parts = list(self._errors)
+        count = sum(n for _, _, n in parts)
+        if not count:
+            return float("nan"), float("nan")
+        return float(np.sqrt(sum(s for s, _, _ in parts) / count)), max(m for _, m, _ in parts)
+
+    def stop(self, at_once: bool) -> None:
+        """Drop all targets: hold, then ramp; at_once: ramp now. Raises BusError, Refusal."""
+        client = self._client
+        if client is None:
+            raise BusError(f"{self.name} cannot be reached: {self.problem}")
+        client.release() if at_once else client.stop()
+
+    # -- the thread -----------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                with Client(
+                    self.name, self.address, self.base, "the page", self.credentials
+                ) as client:
+                    self._client = client
+                    self._follow(client)
+            except DehystError as error:
+                self.problem = str(error)
+            except Exception:
+                self.problem = "an error in the page's server; its log has the details"
+                log.exception("watching %s", self.name)
+            finally:
+                self._client = None
+            self._stop.wait(1.0)
+
+    def _follow(self, client: Client) -> None:
+        feed, stream = client.feed(), client.stream()
+        feed.status, feed.status_at_ns = client.status(), clock.monotonic_ns()
+        self._take_status(feed.status, feed.status_at_ns)
+        seconds = min(PAST_S, PAST_SAMPLES * feed.status.period_ns * 1e-9)
+        self._take_samples(client.history(seconds=seconds))
+        self.problem = ""
+        asked_ns = told_run = 0
+        while not self._stop.wait(TICK_S):
+            samples = stream.read(0.0)
+            self.lost = stream.lost
+            self.wall_offset_ns = stream.wall_offset_ns or self.wall_offset_ns
+            self._take_samples(samples)
+            if feed.status is not None and feed.status_at_ns != self.status_at_ns:
+                self._take_status(feed.status, feed.status_at_ns)
+            self._take_words(feed.events, feed.rejections)
+            now_ns = clock.monotonic_ns()
+            status = self.status
+            if status is not None and (
+                status.run != told_run or now_ns - asked_ns > MODEL_S * clock.NS
+            ):
+                asked_ns, told_run = now_ns, status.run
+                self._ask(client)
+
+    def _ask(self, client: Client) -> None:
+        """Model and configuration in force."""
+        client.patience_s = 0.0
+        try:
+            model, config = client.model(), client.config()
+        except DehystError as error:
+            log.debug("%s: %s", self.name, error)
+            return
+        if self.model is None or model.provenance != self.model.provenance or config != self.config:
+            self.changes += 1
+        self.model, self.config = model, config
+
+    def _take_samples(self, samples: NDArray[Any]) -> None:
+        if not samples.size:
+            self._errors.append((0.0, 0.0, 0))
+            return
+        error = samples["measured"] - samples["target"]
+        error = np.abs(error[np.isfinite(error)])
+        most = float(error.max()) if error.size else 0.0
+        self._errors.append((float(np.dot(error, error)), most, error.size))
+        with self.lock:
+            self.buckets.add(samples)
+            self.wakeups.add(samples)
+        self.newest = samples[-1]
+
+    def _take_status(self, status: Status, at_ns: int) -> None:
+        self.status, self.status_at_ns = status, at_ns
+        self.wall_offset_ns = self.wall_offset_ns or status.wall_ns - status.time_ns
+        self.healths.append((status.wall_ns * 1e-9, status.gateway.health))
+
+    def _take_words(self, events: deque[Event], rejections: deque[Rejection]) -> None:
+        while events:
+            e = events.popleft()
+            self._tell(e.wall_ns, e.level, e.code, e.text)
+        while rejections:
+            r = rejections.popleft()
+            wall_ns = r.time_ns + self.wall_offset_ns if self.wall_offset_ns else clock.wall_ns()
+            self._tell(wall_ns, 2, "refused", f"{r.count} x: {r.text}")
+
+    def _tell(self, wall_ns: int, level: int, code: str, text: str) -> None:
+        self._told += 1
+        said = {"wall_s": wall_ns * 1e-9, "level": level, "code": code, "text": text}
+        self.events.append((self._told, said))
+
+
+class Controllers:
+    """All controllers at the given addresses, by name; new ones are found while it runs."""
+
+    def __init__(
+        self, addresses: Sequence[str], base: str, name: str | None, credentials: str
+    ) -> None:
+        self.watches: dict[str, Watch] = {}
+        self.problems: dict[str, str] = dict.fromkeys(addresses, "no controller has answered yet")
+        self._base, self._name, self._credentials = base, name, credentials
+        self._settings = client_settings(credentials)
+        self._stop = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._find, args=(a,), name=f"find {a}", daemon=True)
+            for a in addresses
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """End all connections."""
+        self._stop.set()
+        for thread in self._threads:
+            thread.join(5.0)
+        for watch in self.watches.values():
+            watch.close()
+
+    def _find(self, address: str) -> None:
+        while not self._stop.is_set():
+            try:
+                with Bus.connect([address], security=self._settings) as bus:
+                    self._look(address, lambda bus=bus: daemons(bus, self._base, set()))  # type: ignore[misc]
+            except DehystError as error:
+                self.problems[address] = str(error)
+            self._stop.wait(FIND_S)
+
+    def _look(self, address: str, find: Callable[[], list[str]]) -> None:
+        while not self._stop.is_set():
+            names = find()
+            self.problems[address] = (
+                "" if names else f"{address} is there, but no controller answers"
+            )
+            for name in names:
+                if self._name in (None, name) and name not in self.watches:
+                    if len(self.watches) >= MOST_CONTROLLERS:
+                        self.problems[address] = f"more than {MOST_CONTROLLERS} controllers"
+                        break
+                    self.watches[name] = Watch(address, self._base, name, self._credentials)
+            self._stop.wait(FIND_S)

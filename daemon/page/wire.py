@@ -1,0 +1,161 @@
+"""What server and browser say to each other over the WebSocket.
+
+The browser asks in JSON, strictly checked. The server answers in JSON with a `kind`, and sends
+plots as binary frames, little-endian: magic u32, n u32, anew u32, level u32, time of bucket 0 of
+the frame [s, monotonic] f64, a bucket's length [s] f64, wall clock minus monotonic clock [s] f64,
+then n offsets in buckets i32, then for each signal of dehyst.daemon.page.buckets n least and n
+largest values f32.
+"""
+
+import struct
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from dehyst.daemon.page.buckets import FINEST_NS, Piece
+from dehyst.daemon.page.commanding import LONGEST_S
+from dehyst.daemon.page.wakeups import edges_us
+from dehyst.daemon.page.watching import Controllers, Watch
+from dehyst.models.model import Model
+
+MAGIC_LIVE, MAGIC_PAST = 0x31504844, 0x32504844
+Name = Annotated[str, Meta(max_length=64)]
+Seconds = Annotated[float, Meta(gt=0, le=LONGEST_S)]
+
+
+class _Ask(msgspec.Struct, tag_field="ask", forbid_unknown_fields=True, frozen=True):
+    pass
+
+
+class Look(_Ask, tag="look", frozen=True):
+    """Show this controller, over so many seconds on so many pixels."""
+
+    name: Name
+    window_s: Annotated[float, Meta(ge=0.1, le=3600)]
+    width_px: Annotated[int, Meta(ge=50, le=8192)]
+
+
+class Past(_Ask, tag="past", frozen=True):
+    """Show a stretch of the past once, in monotonic seconds, as fine as it is still kept."""
+
+    first_s: Annotated[float, Meta(ge=0, le=1e12)]
+    end_s: Annotated[float, Meta(ge=0, le=1e12)]
+    width_px: Annotated[int, Meta(ge=50, le=8192)]
+
+
+class Go(_Ask, tag="go", frozen=True):
+    """Go to a set-point and stay."""
+
+    value: float
+    seconds: Seconds
+    take_over: bool = False
+
+
+class Hold(_Ask, tag="hold", frozen=True):
+    """Stay at the present target."""
+
+    seconds: Seconds
+    take_over: bool = False
+
+
+class Play(_Ask, tag="play", frozen=True):
+    """Play a trajectory that was uploaded and looked at."""
+
+    job: Name
+    take_over: bool = False
+
+
+class Stop(_Ask, tag="stop", frozen=True):
+    """Drop all targets: hold, then ramp; at_once: ramp now."""
+
+    at_once: bool = False
+
+
+Ask = Look | Past | Go | Hold | Play | Stop
+ASK: msgspec.json.Decoder[Ask] = msgspec.json.Decoder(Ask)
+
+
+def plot_frame(piece: Piece, level: int, wall_offset_ns: int, magic: int = MAGIC_LIVE) -> bytes:
+    """A binary frame."""
+    bucket_s = (FINEST_NS << level) * 1e-9
+    first = int(piece.number[0]) if piece.number.size else 0
+    times = first * bucket_s, bucket_s, wall_offset_ns * 1e-9
+    head = struct.pack("<IIIIddd", magic, piece.number.size, int(piece.anew), level, *times)
+    both = np.stack([piece.least.T, piece.largest.T], axis=1)  # (signals, 2, n)
+    offsets = (piece.number - first).astype("<i4")
+    return head + offsets.tobytes() + np.ascontiguousarray(both, "<f4").tobytes()
+
+
+def encode(kind: str, **fields: Any) -> str:
+    """A JSON message; NaN becomes null."""
+    return msgspec.json.encode({"kind": kind, **fields}).decode()
+
+
+def describe_controllers(controllers: Controllers) -> str:
+    """Which controllers there are, and what keeps others away."""
+    return encode(
+        "controllers",
+        names=sorted(controllers.watches),
+        problems=[text for text in controllers.problems.values() if text],
+        silent=sorted(n for n, w in controllers.watches.items() if w.silent_s > 3.0),
+    )
+
+
+def describe_status(watch: Watch) -> str:
+    """Everything about one controller that has a present value."""
+    with watch.lock:
+        wakeups, newest_ns = watch.wakeups.counts(), watch.buckets.newest_ns
+    newest = watch.newest
+    rms, most = watch.error()
+    return encode(
+        "status",
+        name=watch.name,
+        status=watch.status,
+        problem=watch.problem,
+        silent_s=round(min(watch.silent_s, 1e6), 1),
+        wall_offset_s=watch.wall_offset_ns * 1e-9,
+        newest_s=newest_ns * 1e-9,
+        error_rms=rms,
+        error_max=most,
+        trim=None if newest is None else float(newest["trim"]),
+        learned=None if newest is None else float(newest["learned"]),
+        flags=0 if newest is None else int(newest["flags"]),
+        lost=watch.lost,
+        wakeups=wakeups,
+        healths=list(watch.healths),
+        changes=watch.changes,
+    )
+
+
+def describe_model(watch: Watch) -> str:
+    """The model that the loop runs, and the limits that the page needs."""
+    model, config = watch.model, watch.config
+    return encode(
+        "model",
+        name=watch.name,
+        model=None if model is None else _model(model),
+        limits=None if config is None else config.limits,
+        setpoint=None if config is None else config.setpoint,
+        wakeup_edges_us=edges_us(),
+    )
+
+
+def _model(model: Model) -> dict[str, Any]:
+    h = model.hysteresis
+    return {
+        "operators": h.n,
+        "rate_dependent": not h.static,
+        "saturation": h.c.size - 1,
+        "drive_unit": model.drive_unit,
+        "displacement_unit": model.displacement_unit,
+        "validity": vars(model.validity),
+        "fit": vars(model.fit),
+        "blocks": [
+            {"kind": b.kind, "place": b.place, "params": dict(b.params)} for b in model.blocks
+        ],
+        "source": model.provenance.source,
+        "created": model.provenance.created,
+        "recordings": [name for name, _ in model.provenance.recordings],
+    }

@@ -1,0 +1,295 @@
+"""The page in a real Chromium, before `dehyst run` on the emulated amplifier and gauge.
+
+Skipped where there is no Chromium with its driver (Debian: chromium, chromium-driver). Nothing is
+downloaded for it.
+"""
+
+import json
+import os
+import shutil
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.rigs.gateway_bench import free_port
+from tests.rigs.page import PageProcess
+from tests.rigs.processes import until
+from tests.rigs.service import SAFE_V, Service
+
+from dehyst.daemon.bus import encoding
+from dehyst.daemon.bus.keys import Keys
+from dehyst.daemon.bus.messages import Event
+from dehyst.daemon.bus.session import Bus
+from dehyst.daemon.bus.topics import EVENT, subject
+from dehyst.daemon.files.models import save_model
+from dehyst.daemon.tools.bench_config import simulated_model
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+DRIVER = shutil.which("chromedriver")
+pytestmark = pytest.mark.skipif(
+    not (CHROMIUM and DRIVER), reason="no chromium with chromedriver on this machine"
+)
+PATIENCE_S = 90.0
+MARKUP = "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
+
+
+class Chromium:
+    """One window. `ask` runs JavaScript."""
+
+    def __init__(self, width: int = 1280, height: int = 1200) -> None:
+        from selenium.webdriver import Chrome, ChromeOptions
+        from selenium.webdriver.chrome.service import Service as Driver
+
+        options = ChromeOptions()
+        options.binary_location = CHROMIUM
+        for option in ("--headless=new", "--no-sandbox", "--disable-gpu",
+                       "--disable-dev-shm-usage", f"--window-size={width},{height}"):  # fmt: skip
+            options.add_argument(option)
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+        self.chrome = Chrome(options=options, service=Driver(DRIVER))
+
+    def ask(self, script: str) -> Any:
+        """The value of a JavaScript expression."""
+        return self.chrome.execute_script(f"return {script}")
+
+    def text(self, element: str) -> str:
+        """What stands in an element."""
+        return str(self.ask(f"document.getElementById({json.dumps(element)}).textContent"))
+
+    def write(self, element: str, text: str) -> None:
+        """Into a field, as a person does."""
+        field = self.chrome.find_element("id", element)
+        field.clear()
+        field.send_keys(text)
+
+    def click(self, element: str) -> None:
+        """As a person does."""
+        self.chrome.find_element("id", element).click()
+
+    def until(self, what: str, check: Callable[[], Any]) -> Any:
+        """Look until it is true; its value."""
+        try:
+            return until(check, PATIENCE_S, what)
+        except AssertionError:
+            self.chrome.save_screenshot(str(Path.cwd() / "out-of-time.png"))
+            raise
+
+    def complaints(self) -> list[str]:
+        """What the browser's console holds against the page."""
+        return [str(line["message"]) for line in self.chrome.get_log("browser")]
+
+    def close(self) -> None:
+        """End the browser."""
+        self.chrome.quit()
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    folder = tmp_path_factory.mktemp("browser")
+    save_model(simulated_model(), folder / "model.toml")
+    service = Service(folder, folder / "model.toml")
+    service.page_port = free_port()  # type: ignore[attr-defined]
+    text = service.config.read_text()
+    page = f'[page]\nlisten = "127.0.0.1:{service.page_port}"\n'  # type: ignore[attr-defined]
+    service.config.write_text(text + page)
+    try:
+        service.start()
+        yield service
+    finally:
+        service.close()
+
+
+@pytest.fixture(scope="module")
+def window(service: Service) -> Iterator[Chromium]:
+    window = Chromium()
+    try:
+        service.client().close()  # the gateway answers
+        url = f"http://127.0.0.1:{service.page_port}/"  # type: ignore[attr-defined]
+
+        def served() -> bool:
+            window.chrome.get(url)
+            return "dehyst" in window.ask("document.title")
+
+        def unafraid() -> bool:
+            try:
+                return served()
+            except Exception:  # refused, until it is served
+                return False
+
+        window.until("the page is served", unafraid)
+        window.until("it is connected", lambda: window.text("link") == "connected")
+        yield window
+    finally:
+        window.close()
+
+
+def drawn(window: Chromium) -> tuple[int, float]:
+    """(pictures drawn so far, time of the newest point)."""
+    frames, newest = window.ask("[dehystPage.plots.frames, dehystPage.plots.newest()]")
+    return int(frames), float(newest or 0.0)
+
+
+def test_it_loads_and_what_it_shows_moves(window: Chromium) -> None:
+    assert window.ask("document.getElementById('state').textContent") != "no word yet"
+    window.until("points come", lambda: drawn(window)[1] > 0)
+    frames, newest = drawn(window)
+    window.until("they move", lambda: drawn(window)[1] > newest + 1 and drawn(window)[0] > frames)
+    assert abs(drawn(window)[1] - time.time()) < 10.0
+    painted = window.ask(
+        "[...document.querySelectorAll('#plot-position canvas')].map(c => c.getContext('2d')"
+        ".getImageData(0, 0, c.width, c.height).data.some(v => v > 0))"
+    )
+    assert painted == [True]
+    assert window.text("reach").startswith("reach ")
+    assert "Hz" in window.text("deadlines")
+    assert "operators" in window.text("model")
+    assert window.complaints() == []
+
+
+def test_a_set_point_arrives_at_the_amplifier_and_stop_works(
+    window: Chromium, service: Service
+) -> None:
+    before = service.bench.output()[0][-1]
+    window.write("target", "8")
+    window.write("seconds", "120")
+    window.click("go")
+    window.until("it runs", lambda: "running" in window.text("state"))
+    until(lambda: service.output() > 40.0, PATIENCE_S, "the amplifier's output is up")
+    window.until("measured", lambda: abs(window.ask(NEWEST_MEASURED) - 8.0) < 1.0)
+    window.click("stop")
+    window.until("stopped", lambda: "stopped" in window.text("said"))
+    until(lambda: abs(service.output() - SAFE_V) < 0.05, PATIENCE_S, "the safe voltage")
+    window.until("ready", lambda: window.text("state") == "ready")
+    time_ns, volts = service.bench.output()
+    since = volts[time_ns > before]
+    top = int(np.argmax(since))
+    assert since[top] > 40.0
+    assert since[-1] == pytest.approx(SAFE_V, abs=0.05)
+    assert np.all(np.diff(since[top:]) <= 0.05)  # the way down is a ramp, nothing came again
+
+
+NEWEST_MEASURED = "dehystPage.plots.y[1].filter(v => v !== null).at(-1)"
+
+
+def test_keys_pause_windows_and_stop(window: Chromium, service: Service) -> None:
+    from selenium.webdriver.common.keys import Keys as Key
+
+    body = window.chrome.find_element("tag name", "body")
+    window.ask("document.activeElement.blur()")
+    body.send_keys("6")
+    window.until("a minute", lambda: window.ask("dehystPage.plots.window_s") == 60)
+    body.send_keys(" ")
+    assert window.ask("dehystPage.plots.paused") is True
+    newest = drawn(window)[1]
+    time.sleep(0.5)
+    assert drawn(window)[1] == newest
+    body.send_keys("0")
+    window.until("live", lambda: drawn(window)[1] > newest)
+    body.send_keys("4", "g", "7", Key.ENTER)
+    window.until("going", lambda: "going to 7 um" in window.text("said"))
+    window.chrome.find_element("id", "target").send_keys(Key.ESCAPE)
+    window.until("stopped", lambda: "stopped" in window.text("said"))
+
+
+def test_a_zoom_asks_for_what_is_finer(window: Chromium) -> None:
+    window.ask("document.activeElement.blur()")
+    window.chrome.find_element("tag name", "body").send_keys("5")
+    window.until("half a minute", lambda: window.ask("dehystPage.plots.x.length") > 50)
+    window.ask(
+        "(() => { const p = dehystPage.plots.plots.position, w = p.bbox.width / devicePixelRatio;"
+        "p.setSelect({left: 0.9 * w, width: 0.08 * w, top: 0, height: 9}); })()"
+    )
+    window.until("the stretch", lambda: window.ask("dehystPage.plots.range !== null"))
+    first, end = window.ask("dehystPage.plots.range")
+    assert 1.0 < end - first < 4.0
+    ends = "[dehystPage.plots.x[0], dehystPage.plots.x.at(-1), dehystPage.plots.x.length]"
+    window.until("its points", lambda: window.ask(ends)[0] > first - 1.0)
+    assert window.ask(ends)[1] < end + 1.0
+    assert window.ask(ends)[2] > 50
+    window.click("live")
+    newest = drawn(window)[1]
+    window.until("live again", lambda: drawn(window)[1] > newest + 1)
+
+
+def test_an_event_with_markup_stays_text(window: Chromium, service: Service) -> None:
+    now_ns = time.monotonic_ns()
+    event = Event(time_ns=now_ns, wall_ns=time.time_ns(), level=2, code="<b>code</b>", text=MARKUP)
+    with Bus.connect([f"tcp/127.0.0.1:{service.port}"]) as bus:
+        sender = bus.sender(Keys("dehyst", "test").pubsub(subject(EVENT)), EVENT)
+        until(lambda: sender.put(encoding.encode(event)) or MARKUP in window.text("events"))
+    assert window.ask("document.querySelectorAll('#events img, #events script').length") == 0
+    assert "<b>code</b>" in window.text("events")
+    assert "owned" not in window.chrome.title
+    assert window.complaints() == []
+
+
+def test_an_observer_sees_and_cannot_command(window: Chromium, service: Service) -> None:
+    folder = service.folder
+    page = PageProcess(f"tcp/127.0.0.1:{service.port}", "--observe", log=folder / "observe.txt")
+    try:
+        window.chrome.switch_to.new_window("tab")
+        window.chrome.get(page.url)
+        window.until("it is connected", lambda: window.text("link") == "connected")
+        window.until("it moves", lambda: drawn(window)[1] > 0)
+        assert window.text("who") == "observer"
+        for button in ("stop", "hold", "release", "target"):
+            assert not window.chrome.find_element("id", button).is_enabled(), button
+        before = service.output()
+        window.ask("dehystPage.ask({ask: 'go', value: 8, seconds: 5})")  # past the buttons
+        window.until("refused", lambda: "observer" in window.text("said"))
+        assert service.output() == pytest.approx(before, abs=0.05)
+    finally:
+        window.chrome.close()
+        window.chrome.switch_to.window(window.chrome.window_handles[0])
+        page.close()
+
+
+def process_of(service: Service, verb: str) -> int:
+    """The supervisor's child that runs this verb; 0: none."""
+    assert service.supervisor is not None
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            words = (folder / "cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if parent == service.supervisor.pid and verb.encode() in words:
+            found.append(int(folder.name))
+    return found[0] if found else 0
+
+
+def test_a_killed_gateway_and_a_killed_page_come_back(window: Chromium, service: Service) -> None:
+    for verb in ("gateway", "page"):
+        pid = process_of(service, verb)
+        assert pid
+        os.kill(pid, signal.SIGKILL)
+        window.until("it is said", lambda: window.text("link") != "connected")
+        until(lambda old=pid, v=verb: process_of(service, v) not in (0, old), PATIENCE_S, verb)  # type: ignore[misc]
+        window.until("it is connected again", lambda: window.text("link") == "connected")
+        newest = drawn(window)[1]
+        window.until("and moves", lambda n=newest: drawn(window)[1] > n + 1)  # type: ignore[misc]
+
+
+def test_on_a_telephone_nothing_is_wider_than_the_screen(service: Service) -> None:
+    window = Chromium(390, 844)
+    try:
+        window.chrome.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True},
+        )
+        window.chrome.get(f"http://127.0.0.1:{service.page_port}/")  # type: ignore[attr-defined]
+        window.until("it is connected", lambda: window.text("link") == "connected")
+        window.until("it moves", lambda: drawn(window)[1] > 0)
+        assert window.ask("document.documentElement.scrollWidth") == 390
+        wide = window.ask(
+            "[...document.querySelectorAll('main *')].filter(e => e.getBoundingClientRect().right"
+            " > 391).map(e => e.id || e.tagName)"
+        )
+        assert wide == []
+    finally:
+        window.close()
