@@ -55,15 +55,16 @@ def is_rival(best: Candidate, other: Candidate) -> bool:
 def measure_spread(
     setup: FitSetup, r: Floats, best: Candidate, rivals: Sequence[Candidate]
 ) -> float:
-    """Rms of what these structures, on thresholds r, differ from the best on a drive of all
-    kinds."""
-    power = count = 0.0
+    """Rms of what the farthest of these structures, on thresholds r, differs from the best on a
+    drive of all kinds."""
+    powers, count = np.zeros(len(rivals) + 1), 0
     for lot in _list_equations(setup, r, best.offset, best.shape.rate):
         here = predict_lot(lot, best.shape, best.params)
-        for other in rivals:
-            power += float(np.sum((predict_lot(lot, other.shape, other.params) - here) ** 2))
-            count += here.size
-    return float(np.sqrt(power / count)) if count else 0.0
+        count += here.size
+        for at, other in enumerate(rivals):
+            off = predict_lot(lot, other.shape, other.params) - here
+            powers[at] += float(np.sum(off**2))
+    return float(np.sqrt(np.max(powers) / count))
 
 
 def _list_equations(setup: FitSetup, r: Floats, offset: float, rate: bool) -> Iterator[Equations]:

@@ -15,6 +15,7 @@ from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, Trial, choose, pays, shows
 from dehyst.models.identify.thresholds import space_thresholds
 from dehyst.models.identify.tuning import TUNING
+from dehyst.models.identify.uncertainty import estimate_noise
 from dehyst.models.recording import Bools
 
 
@@ -99,8 +100,18 @@ class Search:
             trial = Trial(whole, self.picks, self.r, one.offset, one.lag, one.loose)
             trial.linearise(one.params, one.shape, one.shape.powers)
             scored.append(trial.score(one.shape, whole.strengths[::2]))
-        enough = scored[1].held.sum() < TUNING.clear_ways * scored[0].held.sum()
+        left = float(scored[1].held.sum() / scored[0].held.sum())
+        explained = self._reaches_noise(static, rate)
+        enough = left < (TUNING.clear_ways if explained else TUNING.clearer_ways)
         return rate if enough and pays(scored[0], scored[1], clear=0.0) else static
+
+    def _reaches_noise(self, static: Candidate, rate: Candidate) -> bool:
+        """Does the rate explain all that a static structure leaves beyond the noise? What only
+        stands in for a hysteresis of another class does not."""
+        errors = self.setup.residuals(self.r, rate.shape, rate.params, rate.offset, rate.lag)
+        noise = float(np.nanmedian([estimate_noise(e) for e in errors])) ** 2 * rate.sizes.sum()
+        beyond = [float(c.held.sum()) - noise for c in (static, rate)]
+        return beyond[1] < TUNING.at_noise * beyond[0]
 
     def _drop_constant(self, best: Candidate) -> Candidate:
         """The same without a constant where a de-energised stage shows none (Eq. 3 has none): what

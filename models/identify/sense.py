@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dehyst.models.errors import BadRecording
-from dehyst.models.identify.outliers import sample
+from dehyst.models.identify.outliers import sample, thin
 from dehyst.models.identify.rows import Rows
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.tuning import TUNING
@@ -67,16 +67,15 @@ def require_better_than_a_line(
 ) -> None:
     """Raise BadRecording where the last fit leaves more than a straight line does, or is no number:
     of several recordings, it names the one that does not belong to the others."""
-    shares = []
     for one, error, pick in zip(setup.rows, residuals, picks, strict=True):
         if not pick.any():
             raise BadRecording(
                 f"{one.name}: no row of it can be judged (a drive of steps alone, or readings that "
                 "are missing); record a drive that moves all the time (dehyst excite designs one)"
             )
-        shares.append((rms(error[pick]) / max(float(np.ptp(one.y[pick])), 1e-300), one.name))
-        line = measure_line(one.u[pick], one.y[pick])
-        left = rms(error[pick])
+        (some,) = thin([pick], TUNING.rows_slope)
+        line = measure_line(one.u[some], one.y[some])
+        left = rms(error[some])
         if not left <= line * TUNING.no_worse:
             belongs = (
                 "the recordings are of different stages"

@@ -19,6 +19,7 @@ from dehyst.models.identify.equations import (
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
+LONG, PARTS = 1_000_000, 20  # of a longer residual, rows that tell the noise, and in how many parts
 LARGEST_LEVERAGE = 0.99
 """Where one stretch alone tells a parameter, what is left without it is taken for so little."""
 
@@ -30,6 +31,9 @@ def estimate_noise(residual: Floats) -> float:
     var(e) for white noise, with the median so that lone outliers do not count. Noise that a
     filter has made smooth is underestimated; NaN when fewer than ten triples are known.
     """
+    if residual.size > LONG:  # parts of it tell as much
+        parts = np.array_split(residual, PARTS)
+        residual = np.concatenate([part[: LONG // PARTS] for part in parts])
     second = np.diff(residual, 2)
     second = second[~np.isnan(second)]
     if second.size < 10:  # a slow sensor: from reading to reading
