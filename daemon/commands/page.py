@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     config, addresses, credentials, base = settings_of(args)
     # the server's packages take their time
     from dehyst.daemon.page.people import People
-    from dehyst.daemon.page.server import Listen, serve
+    from dehyst.daemon.page.server import Listen, serve_page
     from dehyst.daemon.page.watching import Controllers
 
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
@@ -59,7 +59,9 @@ def run(args: argparse.Namespace) -> int:
     scheme = "https" if config.certificate else "http"
     print(f"dehyst page: {scheme}://{config.listen}/", file=sys.stderr, flush=True)
     try:
-        return serve(controllers, people, Listen(config.listen, config.certificate, config.key))
+        return serve_page(
+            controllers, people, Listen(config.listen, config.certificate, config.key)
+        )
     finally:
         controllers.close()
 

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     config = Mdt693bConfig(port=args.port, baud=args.baud)
     with closing(SerialPort(find_port(config), config.baud)) as port:
         with progress_bar("queries") as progress:
-            exchanges = probe.record(port, progress)
+            exchanges = probe.record_exchanges(port, progress)
         unit = probe.interpret(exchanges)
         timings: dict[str, Any] = {}
         if unit.dialect:

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
             client.take_over()
         if args.exercise:
             say(f"through {100 * args.share:g} % of the reach, twice, {args.seconds:g} s each")
-            found = zero.exercise(client, args.share, args.seconds)
+            found = zero.exercise_and_compare(client, args.share, args.seconds)
         else:
             found = zero.compare(client)
         status = client.status()  # newer than the shift that came before this command

@@ -55,7 +55,7 @@ class Publisher:
         self._started_ns = self._heard_ns = self._said_ns = started_ns
         self._published = self._lost = self._cores = 0
         self._waiting: SimpleQueue[tuple[int, str, str]] = SimpleQueue()
-        self._refused = refused = refused_starts.settle(config.directory)
+        self._refused = refused = refused_starts.take_refusals(config.directory)
         self._unreachable_s = (started_ns - refused.since_ns) * 1e-9 if refused.starts else 0.0
         if refused.starts:
             away = f"no client could reach this daemon for {self._unreachable_s:.1f} s"

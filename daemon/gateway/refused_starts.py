@@ -46,7 +46,7 @@ def add(folder: Path, because: str) -> None:
         return
 
 
-def settle(folder: Path) -> RefusedStarts:
+def take_refusals(folder: Path) -> RefusedStarts:
     """The note, and it is taken away: the gateway has begun."""
     note = read(folder)
     try:

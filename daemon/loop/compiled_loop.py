@@ -17,7 +17,7 @@ from dehyst.daemon import clock
 from dehyst.daemon.loop import systemcalls
 from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.daemon.loop.records_in_memory import CLOCK, NAN, Table, meter_of
-from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, begin, finish
+from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, begin_sample, finish
 from dehyst.daemon.loop.status import PLACE, LoopMonitor
 from dehyst.daemon.loop.step_kernel import stopped
 from dehyst.daemon.loop.timing import realtime
@@ -84,7 +84,7 @@ def run_samples(table: Table, samples: int) -> None:
                 m.sensor_ok, m.sensor_code = 0, code
             io_ns = now_of(table, buffer) - before
         m.held = 1 if flags == HELD else 0
-        volts = begin(table, now_of(table, buffer))
+        volts = begin_sample(table, now_of(table, buffer))
         wrote = NOT_WRITTEN
         if volts == volts:
             before = now_of(table, buffer)
@@ -115,7 +115,7 @@ def warm_up(monitor: LoopMonitor, compiled: bool) -> None:
         run_samples(table.words, 5)
     for _ in range(5):
         systemcalls.sleeper()(0)
-        begin(table.words, 0)
+        begin_sample(table.words, 0)
         finish(table.words, NOT_WRITTEN, INVALID, 0, 1, 0)
         stopped(table.words, 0)
     monitor.attend(clock.monotonic_ns())

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dehyst.daemon import clock
 from dehyst.daemon.loop import systemcalls
 from dehyst.daemon.loop.readback import ReadbackCheck
-from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, begin, finish
+from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, begin_sample, finish
 from dehyst.daemon.loop.status import PLACE, LoopMonitor
 from dehyst.daemon.loop.step_kernel import stopped
 from dehyst.daemon.rings.records import Flag, State
@@ -72,7 +72,7 @@ class PythonLoop:
             monitor.numbers[DOUBTFUL] = 0
             if self.readback is not None:
                 self.readback.begin(actuator.device.output())
-        volts = begin(self._words, self._now())
+        volts = begin_sample(self._words, self._now())
         wrote = NOT_WRITTEN
         if volts == volts:
             before_ns = self._now()

@@ -4,7 +4,7 @@ import numpy as np
 
 from dehyst.daemon.config import Config
 from dehyst.models.errors import BadInput
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Model
 
 REMANENCE = 0.2  # of the range: how far the loop may stay off the virgin stage's zero
@@ -13,7 +13,9 @@ REMANENCE = 0.2  # of the range: how far the loop may stay off the virgin stage'
 def displacement_range(model: Model, drive_min: float, drive_max: float) -> tuple[float, float]:
     """Displacements on the major loop between two drives [model units]."""
     way = np.linspace(drive_min, drive_max, 2001)
-    y = simulate(model.hysteresis, np.concatenate([way, way[::-1], way]), 1e9)[way.size :]
+    y = simulate_hysteresis(model.hysteresis, np.concatenate([way, way[::-1], way]), 1e9)[
+        way.size :
+    ]
     return float(np.min(y)), float(np.max(y))
 
 

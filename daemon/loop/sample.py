@@ -50,7 +50,7 @@ ENOUGH = 100
 
 
 @njit(cache=True, nogil=True)
-def begin(table: Table, clock_ns: int) -> float:
+def begin_sample(table: Table, clock_ns: int) -> float:
     """Take requests and commands, step; the voltage to write, NaN where none is to be written.
 
     The reading has been put into the meter before. clock_ns: the time now, which may be late: the

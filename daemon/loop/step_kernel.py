@@ -123,7 +123,7 @@ def swap(table: Table, inverse: int, origin: float) -> None:
     c, p = control_of(table), settings_of(table)
     c.inverse, c.pending = inverse, 0
     p.origin = origin
-    trim.forget(trim_of(table))
+    trim.forget_trim(trim_of(table))
     c.glide = NAN
 
 

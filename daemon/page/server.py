@@ -175,7 +175,7 @@ class Site:
         if kind not in KINDS:
             raise HTTPException(404, f"a file is for {', '.join(KINDS)}")
         watch = self.controllers.watches.get(request.query_params.get("controller", ""))
-        setting = setting_of(watch) if watch is not None else None
+        setting = setting_wanted(watch) if watch is not None else None
         if setting is None and kind == "trajectory":
             raise BadInput("the controller's model and limits are not known yet")
         data = await _body(request, LARGEST_BYTES)
@@ -209,7 +209,7 @@ class Site:
 JSON = "application/json"
 
 
-def setting_of(watch: Watch) -> Setting | None:
+def setting_wanted(watch: Watch) -> Setting | None:
     """What a look at a trajectory needs; None: not known yet."""
     model, config, status = watch.model, watch.config, watch.status
     if model is None or config is None or status is None:
@@ -258,7 +258,7 @@ class Server(uvicorn.Server):
         yield
 
 
-def serve(controllers: Controllers, people: People, listen: Listen) -> int:
+def serve_page(controllers: Controllers, people: People, listen: Listen) -> int:
     """Until SIGTERM or SIGINT; exit code."""
     host, _, port = listen.address.rpartition(":")
     site = Site(controllers, people, bool(listen.certificate))

@@ -121,7 +121,7 @@ class Visit:
         events = [said for told, said in list(watch.events) if told > self._event]
         if events:
             self._event = watch.events[-1][0]
-            await self._send(wire.encode("events", name=watch.name, events=events))
+            await self._send(wire.encode_view("events", name=watch.name, events=events))
         if number % STATUS_TICKS == 0:
             await self._send(share((watch, "status"), lambda: wire.describe_status(watch)))
 
@@ -144,7 +144,7 @@ class Visit:
 
     def say(self, text: str, wrong: bool = False) -> None:
         """Tell this person something; from any thread."""
-        message = wire.encode("said", text=text, wrong=wrong)
+        message = wire.encode_view("said", text=text, wrong=wrong)
 
         def put() -> None:
             with contextlib.suppress(asyncio.QueueFull):
@@ -187,7 +187,7 @@ class Visit:
             if not math.isfinite(ask.value):
                 raise BadInput("the set-point must be a finite number")
             commander.go(ask.value, ask.seconds, ask.take_over)
-        elif isinstance(ask, wire.Hold):
+        elif isinstance(ask, wire.HoldAsked):
             value = target_now(watch.newest)
             if not math.isfinite(value):
                 raise BadInput("neither a target nor a reading to hold at")

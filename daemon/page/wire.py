@@ -53,7 +53,7 @@ class Go(_Ask, tag="go", frozen=True):
     take_over: bool = False
 
 
-class Hold(_Ask, tag="hold", frozen=True):
+class HoldAsked(_Ask, tag="hold", frozen=True):
     """Stay at the present target."""
 
     seconds: Seconds
@@ -73,7 +73,7 @@ class Stop(_Ask, tag="stop", frozen=True):
     at_once: bool = False
 
 
-Ask = Look | Past | Go | Hold | Play | Stop
+Ask = Look | Past | Go | HoldAsked | Play | Stop
 ASK: msgspec.json.Decoder[Ask] = msgspec.json.Decoder(Ask)
 
 
@@ -88,14 +88,14 @@ def plot_frame(piece: Piece, level: int, wall_offset_ns: int, magic: int = MAGIC
     return head + offsets.tobytes() + np.ascontiguousarray(both, "<f4").tobytes()
 
 
-def encode(kind: str, **fields: Any) -> str:
+def encode_view(kind: str, **fields: Any) -> str:
     """A JSON message; NaN becomes null."""
     return msgspec.json.encode({"kind": kind, **fields}).decode()
 
 
 def describe_controllers(controllers: Controllers) -> str:
     """Which controllers there are, and what keeps others away."""
-    return encode(
+    return encode_view(
         "controllers",
         names=sorted(controllers.watches),
         problems=[text for text in controllers.problems.values() if text],
@@ -109,7 +109,7 @@ def describe_status(watch: Watch) -> str:
         wakeups, newest_ns = watch.wakeups.counts(), watch.buckets.newest_ns
     newest = watch.newest
     rms, most = watch.error()
-    return encode(
+    return encode_view(
         "status",
         name=watch.name,
         status=watch.status,
@@ -132,7 +132,7 @@ def describe_status(watch: Watch) -> str:
 def describe_model(watch: Watch) -> str:
     """The model that the loop runs, and the limits that the page needs."""
     model, config = watch.model, watch.config
-    return encode(
+    return encode_view(
         "model",
         name=watch.name,
         model=None if model is None else _model(model),

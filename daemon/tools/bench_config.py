@@ -13,7 +13,7 @@ import numpy as np
 from dehyst.daemon.files.models import save_model, write_text
 from dehyst.drivers.simulated.stage import Stage
 from dehyst.models.errors import BadModel
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.identify import identify
 from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
@@ -98,7 +98,7 @@ class Imitation:
                 f"amplifier gives 0 to {FULL_SCALE_V:g} V"
             )
         drives = np.linspace(0.0, valid.drive_max, 1001)
-        y = simulate(model.hysteresis, drives, 1e9)
+        y = simulate_hysteresis(model.hysteresis, drives, 1e9)
         return cls(
             FULL_SCALE_V / valid.drive_max,
             float(y[0]),

@@ -63,7 +63,7 @@ class Setup:
 
 
 @dataclass
-class Outcome:
+class LatencyOutcome:
     """What was measured. Durations in microseconds."""
 
     setup: Setup
@@ -132,7 +132,7 @@ def _rings(commands: int) -> dict[str, Ring]:
     return {name: Ring.scratch(kinds[name], size) for name, size in sizes.items()}
 
 
-def measure(setup: Setup) -> Outcome:
+def measure(setup: Setup) -> LatencyOutcome:
     """Run the loop on the simulated stage in this process; takes setup.seconds.
 
     The process keeps its priority and locked memory afterwards.
@@ -172,7 +172,7 @@ def measure(setup: Setup) -> Outcome:
     finally:
         witness.close()
     causes = {MissCause(i).name.lower(): int(n) for i, n in enumerate(monitor.missed_by) if n}
-    return Outcome(
+    return LatencyOutcome(
         setup,
         monitor.samples,
         monitor.missed,

@@ -4,7 +4,7 @@ from typing import Any
 
 from dehyst.daemon.loop.timing.histogram import Histogram
 from dehyst.daemon.rings.records import MissCause
-from dehyst.daemon.tools.latency import Outcome
+from dehyst.daemon.tools.latency import LatencyOutcome
 
 BAR = 46  # characters of the longest bar
 
@@ -14,7 +14,7 @@ def _figures(histogram: Histogram) -> dict[str, float]:
     return dict(zip(names, (round(v, 1) for v in histogram.summary()), strict=True))
 
 
-def table(outcome: Outcome, found: dict[str, str], hints: list[str]) -> dict[str, Any]:
+def table(outcome: LatencyOutcome, found: dict[str, str], hints: list[str]) -> dict[str, Any]:
     """The figures for machines. found, hints: dehyst.daemon.tools.machine.facts and advice."""
     setup, obtained = outcome.setup, outcome.obtained
     return {
@@ -51,7 +51,9 @@ def table(outcome: Outcome, found: dict[str, str], hints: list[str]) -> dict[str
     }
 
 
-def lines(outcome: Outcome, found: dict[str, str], hints: list[str], pictures: bool) -> list[str]:
+def lines(
+    outcome: LatencyOutcome, found: dict[str, str], hints: list[str], pictures: bool
+) -> list[str]:
     """What a person reads; pictures: the histograms as well."""
     setup, obtained = outcome.setup, outcome.obtained
     policy = f"FIFO {obtained.priority}" if obtained.fifo else "ordinary scheduling"
@@ -87,7 +89,7 @@ def _bars(histogram: Histogram) -> list[str]:
     return text
 
 
-def _verdict(outcome: Outcome) -> list[str]:
+def _verdict(outcome: LatencyOutcome) -> list[str]:
     own = outcome.missed - outcome.excused
     causes = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in outcome.missed_by.items())
     text = [f"deadlines: {outcome.missed} of {outcome.samples} missed"]

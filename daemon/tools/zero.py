@@ -78,7 +78,7 @@ def compare(client: Client) -> Disagreement:
     return differences(samples)
 
 
-def exercise(client: Client, share: float, seconds: float) -> Disagreement:
+def exercise_and_compare(client: Client, share: float, seconds: float) -> Disagreement:
     """Through `share` of the reach, there and back twice in `seconds` each; the second time counts.
     It ends at the low end of that way. Raises Refusal, BusError."""
     status = client.status()

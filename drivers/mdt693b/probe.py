@@ -75,7 +75,7 @@ class ProbedUnit:
     answers: dict[str, str] = field(default_factory=dict)
 
 
-def record(
+def record_exchanges(
     port: SerialPort,
     progress: Callable[[float], None] = lambda share: None,
     clock: Callable[[], float] = time.monotonic,

@@ -36,7 +36,7 @@ from dehyst.models.diagnosis.findings.weigh import weigh, with_episode
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, base_error, excess
 from dehyst.models.diagnosis.result import Diagnosis, View
-from dehyst.models.diagnosis.subject import Subject, identify_plain, take_model
+from dehyst.models.diagnosis.subject import Subject, identify_plain, take_subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.recording import Recording
@@ -62,7 +62,7 @@ def diagnose(
     whole = prepare(recordings, were_de_energised(recordings))
     say("the model in use", 0.02)
     data = excerpt(whole)
-    subject = identify_plain(recordings, data) if model is None else take_model(model, data)
+    subject = identify_plain(recordings, data) if model is None else take_subject(model, data)
     problem = Problem(data, rich_base(data), subject, several)
     null = problem.solve([])
     sigma = noise_rms(data, null.residual(data))

@@ -20,7 +20,7 @@ from scipy.optimize import nnls
 from dehyst.models.cascade.simulate import channels_of, simulate, simulate_parts
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadInput, DehystError
-from dehyst.models.hysteresis.forward import simulate as simulate_hysteresis
+from dehyst.models.hysteresis.forward import simulate_hysteresis as simulate_hysteresis
 from dehyst.models.identify import Options, identify
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.physics import KINDS
@@ -113,7 +113,7 @@ NO_MODEL = Subject(
 )
 
 
-def take_model(model: Model, data: Data) -> Subject:
+def take_subject(model: Model, data: Data) -> Subject:
     """The user's model. Raises BadInput where it cannot be run on these recordings."""
     for what, ours, theirs in (
         ("drive", data.drive_unit, model.drive_unit),

@@ -53,7 +53,9 @@ def initial_plays(model: Hysteresis, u: float = 0.0) -> Floats:
     return h
 
 
-def simulate(model: Hysteresis, u: Floats, dt: float, h0: Floats | None = None) -> Floats:
+def simulate_hysteresis(
+    model: Hysteresis, u: Floats, dt: float, h0: Floats | None = None
+) -> Floats:
     """Displacement (N,) for a drive u (N,) sampled every dt seconds.
 
     h0: (n,) operator outputs before the first sample; None: de-energised (zero). Not changed.

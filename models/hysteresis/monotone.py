@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dehyst.models.errors import NotInvertible
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.hysteresis.play import play_matrix
 from dehyst.models.model import Floats, Hysteresis, Model
 
@@ -187,5 +187,6 @@ def nearest_monotone(model: Model, rate: float = 0.0) -> tuple[Model, float]:
     else:
         p, q_sum = sums, np.zeros(h.n)
     near = replace(h, b=np.diff(p, prepend=0.0), k=np.diff(q_sum, prepend=0.0))
-    price = float(np.sqrt(np.mean((simulate(near, u, dt) - simulate(h, u, dt)) ** 2)))
+    apart = simulate_hysteresis(near, u, dt) - simulate_hysteresis(h, u, dt)
+    price = float(np.sqrt(np.mean(apart**2)))
     return model.with_hysteresis(near), price

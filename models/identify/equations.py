@@ -161,7 +161,7 @@ def make_equations(
                 yield Equations(d, e, sign * one.y[part][at], group, one.piece[part][at], pace)
 
 
-def gather(equations: Iterable[Equations]) -> list[Equations]:
+def gather_equations(equations: Iterable[Equations]) -> list[Equations]:
     """The same equations in fewer lots: those of few rows are joined."""
     out: list[Equations] = []
     few: list[Equations] = []

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Model
 
 POINTS = 400
@@ -40,7 +40,7 @@ def describe(model: Model) -> Figures:
     v = model.validity
     h = replace(model.hysteresis, k=np.zeros(model.hysteresis.n))
     up = np.linspace(v.drive_min, v.drive_max, POINTS)
-    y = simulate(h, np.concatenate([up[::-1], up, up[::-1]]), 1.0)
+    y = simulate_hysteresis(h, np.concatenate([up[::-1], up, up[::-1]]), 1.0)
     rising, falling = y[POINTS : 2 * POINTS], y[2 * POINTS :][::-1]
     stroke = abs(float(rising[-1] - rising[0]))
     rest = min(max(0.0, v.drive_min), v.drive_max)
@@ -48,7 +48,7 @@ def describe(model: Model) -> Figures:
         stroke=stroke,
         gain=float(rising[-1] - rising[0]) / (v.drive_max - v.drive_min),
         hysteresis=float(np.max(np.abs(falling - rising))) / stroke if stroke else 0.0,
-        offset=float(simulate(h, np.array([rest]), 1.0)[0]),
+        offset=float(simulate_hysteresis(h, np.array([rest]), 1.0)[0]),
         drive_min=v.drive_min,
         drive_max=v.drive_max,
         drive_unit=model.drive_unit,

@@ -30,7 +30,7 @@ from dehyst.models.identify.sense import (
 )
 from dehyst.models.identify.setup import FitSetup, set_up
 from dehyst.models.identify.start import start_agrees
-from dehyst.models.identify.structure import Candidate, choose, list_shapes
+from dehyst.models.identify.structure import Candidate, choose_structure, list_shapes
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import (
     estimate_covariance,
@@ -199,7 +199,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         ]
         if not fewer:  # the user fixed the saturation: a straight line takes its place
             fewer = Search(setup, [Shape(shape.rate, (0,))], progress).run()
-        best = choose(fewer)
+        best = choose_structure(fewer)
     if fitted.costly:
         notes.append(
             "right after a reversal the data run back, by more than an invertible model can "

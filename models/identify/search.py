@@ -12,7 +12,7 @@ from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.lags import LagSearch
 from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, Trial, choose, pays, shows
+from dehyst.models.identify.structure import Candidate, Trial, choose_structure, pays, shows
 from dehyst.models.identify.thresholds import space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import estimate_noise
@@ -72,7 +72,7 @@ class Search:
                 strengths = strengths[::2] if turn else strengths[len(strengths) // 2 :][:1]
                 found = [trial.score(shape, strengths) for shape in same]
                 if turn == 0 and powers != (0,):
-                    best = choose(found)
+                    best = choose_structure(found)
                     trial.linearise(trial.refine(best), best.shape, powers)
             out += found
         return out
@@ -80,7 +80,7 @@ class Search:
     def _bests(self, tried: Sequence[Candidate]) -> list[Candidate]:
         """The chosen static and the chosen rate-dependent one."""
         groups = [[c for c in tried if c.shape.rate == rate] for rate in (False, True)]
-        return [choose(group) for group in groups if group]
+        return [choose_structure(group) for group in groups if group]
 
     def choose(self, tried: Sequence[Candidate]) -> Candidate:
         """The structure to take: rate-dependence only where it foretells ways of the drive that it
@@ -165,6 +165,6 @@ class Search:
             return []
         same = [s for s in self.wanted if s.rate]
         found = self._try(same, best.offset, half)
-        lead = choose(found)
+        lead = choose_structure(found)
         fits = lead.fitted.sum() < best.fitted.sum() and lead.held.sum() < best.held.sum()
         return found if fits else []

@@ -20,7 +20,7 @@ from dehyst.models.identify.equations import (
     Ints,
     Params,
     Shape,
-    gather,
+    gather_equations,
     make_equations,
 )
 from dehyst.models.identify.folds import assign_pieces
@@ -99,7 +99,7 @@ class FitSetup:
         rate: bool = True,
     ) -> list[Equations]:
         """Equations of the picked rows, held in memory."""
-        return gather(
+        return gather_equations(
             make_equations(
                 self.rows,
                 picks,

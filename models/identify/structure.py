@@ -117,7 +117,7 @@ def _extends(simple: Candidate, rich: Candidate) -> bool:
     return nested and shows(simple, rich, TUNING.climb)
 
 
-def choose(tried: Sequence[Candidate]) -> Candidate:
+def choose_structure(tried: Sequence[Candidate]) -> Candidate:
     """The simplest candidate that can be inverted against which no richer one pays.
 
     Of one kind (rate, offset, lag) first, where they differ in a few powers of z: there what shows

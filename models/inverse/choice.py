@@ -8,7 +8,7 @@ import numpy as np
 
 from dehyst.models.cascade.step import Packed
 from dehyst.models.errors import BadInput
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.model import Model
 
@@ -24,7 +24,7 @@ class Choice(NamedTuple):
     planned: bool
 
 
-def choose(
+def choose_mode(
     model: Model, dynamic: Sequence[str], price: float, mode: str, preview_s: float
 ) -> Choice:
     """Which mode suits the model and the look-ahead that the stream can give.
@@ -99,7 +99,7 @@ def limits_of(
 def signed_slope(model: Model, low: float, high: float) -> float:
     """Mean slope of the displacement over the drive range; 1 where it has none."""
     h = model.hysteresis
-    ends = simulate(h, np.array([low, high, low, high]), 1e9)
+    ends = simulate_hysteresis(h, np.array([low, high, low, high]), 1e9)
     slope = float(ends[3] - ends[2]) / (high - low)
     return slope if slope != 0.0 and math.isfinite(slope) else 1.0
 

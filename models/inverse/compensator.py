@@ -22,12 +22,19 @@ from numpy.typing import NDArray
 
 from dehyst.models.addresses import Addresses
 from dehyst.models.cascade.step import lead_drive, pack
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.hysteresis.monotone import nearest_monotone
 from dehyst.models.hysteresis.operators import operators
 from dehyst.models.hysteresis.play import play_step
 from dehyst.models.inverse import lookahead, preview, sample
-from dehyst.models.inverse.choice import MODES, check, choose, limits_of, noise_of, signed_slope
+from dehyst.models.inverse.choice import (
+    MODES,
+    check,
+    choose_mode,
+    limits_of,
+    noise_of,
+    signed_slope,
+)
 from dehyst.models.inverse.state import FRAME, RESULT, SETTING, STATE, Inverse, Nodes
 from dehyst.models.inverse.static import static_inverse
 from dehyst.models.inverse.tuning import TUNING
@@ -127,7 +134,7 @@ class Compensator:
         self.low, self.high, self.rate = limits_of(model, packed, drive_min, drive_max, slew_per_s)
         monotone, self.price = nearest_monotone(model)
         self.static = static_inverse(monotone, self.low, self.high)
-        self.mode, self.reason, self.planned = choose(
+        self.mode, self.reason, self.planned = choose_mode(
             model, packed.dynamic, self.price, mode, preview_s
         )
         looks = self.mode == "preview"
@@ -178,7 +185,7 @@ class Compensator:
         play_step(h.r, plays, drive_now - h.u_offset)
         if displacement is not None and math.isfinite(displacement):
             plays = self._led_to(drive_now, displacement)
-        y = float(simulate(h, np.array([drive_now], np.float64), 1.0, plays)[0])
+        y = float(simulate_hysteresis(h, np.array([drive_now], np.float64), 1.0, plays)[0])
         blocks = self._packed.settle(drive_now, y)
         numbers = np.zeros(1, STATE)
         for name in ("last", "command", "x_0", "x_before"):
@@ -269,7 +276,7 @@ class Compensator:
                 trial = np.zeros(h.n)
                 for u in (first, float(end), drive):
                     play_step(h.r, trial, u - h.u_offset)
-                y = float(simulate(h, np.array([drive]), 1.0, trial)[0])
+                y = float(simulate_hysteresis(h, np.array([drive]), 1.0, trial)[0])
                 if abs(y - displacement) < best:
                     best, plays = abs(y - displacement), trial
         return plays

@@ -178,7 +178,7 @@ def _is_off(inv: Inverse) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def choose(inv: Inverse, error: float) -> None:
+def choose_drive(inv: Inverse, error: float) -> None:
     """Whether the plan is followed from this node on; error: its squared error at the nodes. While
     that is within the noise the nodes alone are looked at."""
     setting, state, share, stride, pays = inv.setting[0], inv.state[0], TUNING.gain, 1, False

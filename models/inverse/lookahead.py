@@ -80,7 +80,7 @@ def target_at(inv: Inverse, at: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def gather(inv: Inverse) -> None:
+def gather_targets(inv: Inverse) -> None:
     """Targets at the nodes, undone to the hysteresis, into `inv.nodes`; continued where the window
     ends before the plan."""
     setting, state, trust, seq = inv.setting[0], inv.state[0], inv.nodes.trust, inv.seq
@@ -144,7 +144,7 @@ def see(inv: Inverse) -> None:
 
 
 @njit(cache=True, nogil=True)
-def forget(inv: Inverse) -> None:
+def forget_plan(inv: Inverse) -> None:
     """Begin anew: nothing is known of what has passed."""
     state = inv.state[0]
     state.ring_fill = 0

@@ -111,7 +111,7 @@ def propose(inv: Inverse, guarded: bool) -> float:
         state.slope_0 = 0.5 * (x[0] - state.x_before)
         state.slope_1 = 0.5 * (after - state.x_0)
         if guarded:
-            fallback.choose(inv, error)
+            fallback.choose_drive(inv, error)
         else:
             state.followed = 1
     if state.followed == 0:

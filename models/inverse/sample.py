@@ -62,7 +62,7 @@ def _follow(inv: Inverse) -> tuple[float, float, int]:
         mode = PREVIEW if guarded and state.known >= setting.wanted else STATIC
         return v, (v - state.last) / setting.period, mode
     if state.phase == 0:
-        lookahead.gather(inv)
+        lookahead.gather_targets(inv)
     v = preview.propose(inv, guarded)
     if state.followed == 0:
         return v, (v - state.last) / setting.period, STATIC
@@ -96,7 +96,7 @@ def step(inv: Inverse, window: Floats, n_valid: int) -> None:
         flags |= BAD_TARGET
     if lookahead.remember(inv, window, valid) > 0:
         if state.begun == 0:
-            lookahead.forget(inv)
+            lookahead.forget_plan(inv)
         lookahead.see(inv)
         v, rate, mode = _follow(inv)
         state.begun = 1

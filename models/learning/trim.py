@@ -117,10 +117,10 @@ def setting_of(
     return out
 
 
-def begin() -> NDArray[Any]:
+def begin_trim() -> NDArray[Any]:
     """(1,) STATE of a trim that has seen nothing."""
     out = np.zeros(1, STATE)
-    forget(out[0])
+    forget_trim(out[0])
     return out
 
 
@@ -146,7 +146,7 @@ def least_time_constant_s(lag_s: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def forget(s: Any) -> None:
+def forget_trim(s: Any) -> None:
     """Begin anew with readings and correction; the gauge's zero stays."""
     s.trim = s.aim = s.moved = s.since_s = s.out_s = s.in_s = s.why_s = 0.0
     s.difference = s.seen = s.predicted = s.reading = s.predicted_then = math.nan

@@ -41,7 +41,7 @@ from typing import Any
 
 import numpy as np
 
-from dehyst.models.hysteresis.forward import initial_plays, simulate
+from dehyst.models.hysteresis.forward import initial_plays, simulate_hysteresis
 from dehyst.models.mismatch import kernel
 from dehyst.models.mismatch.tuning import LEAST, QUARTILES, TUNING
 from dehyst.models.model import Floats, Hysteresis, Model, Validity
@@ -92,7 +92,9 @@ class MismatchMonitor:
 
     def __init__(self, model: Model, period_s: float) -> None:
         v = model.validity
-        ends = simulate(model.hysteresis, np.array([v.drive_min, v.drive_max, v.drive_min]), 1e9)
+        ends = simulate_hysteresis(
+            model.hysteresis, np.array([v.drive_min, v.drive_max, v.drive_min]), 1e9
+        )
         stroke = max(float(np.ptp(ends)), 1e-12)
         fit = model.fit
         self.noise = max(fit.noise_rms or fit.rms or 0.002 * stroke, 1e-5 * stroke)

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.inverse import sample
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.state import inverse_at
@@ -60,7 +60,7 @@ def random_target(
     """One of TARGETS (N,), and the stroke it is made for."""
     v = model.validity
     u = np.linspace(v.drive_min, v.drive_max, 60)
-    y = simulate(model.hysteresis, np.concatenate([u, u[::-1]]), 1e9)
+    y = simulate_hysteresis(model.hysteresis, np.concatenate([u, u[::-1]]), 1e9)
     low, high = float(y.min()), float(y.max())
     t = np.arange(samples) * period_s
     f = 10.0 ** rng.uniform(0.0, 1.3)
@@ -160,6 +160,6 @@ def outcome(seed: int, modes: tuple[str, ...] = ("static", "causal", "preview"))
         steps = np.abs(np.diff(drive, prepend=v.drive_min))
         limits = limits and bool(np.all(np.isfinite(drive)) and steps.max() <= slew * dt * 1.000001)
         limits = limits and drive.min() >= v.drive_min - 1e-9 and drive.max() <= v.drive_max + 1e-9
-        y = simulate(model.hysteresis, np.concatenate([[v.drive_min], drive]), dt)[1:]
+        y = simulate_hysteresis(model.hysteresis, np.concatenate([[v.drive_min], drive]), dt)[1:]
         rms[mode] = float(np.sqrt(np.mean((y - target) ** 2))) / c.noise
     return Outcome(limits, starving, rms)

@@ -22,10 +22,10 @@ import numpy as np
 from tests.rigs.random_models import driven, random_case
 
 from dehyst.daemon.files.recordings import read_recording
-from dehyst.models.cascade.simulate import simulate as simulate_model
+from dehyst.models.cascade.simulate import simulate_hysteresis as simulate_model
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.errors import DehystError, NotInvertible
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.identify import Options, identify
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_trajectory
@@ -54,13 +54,15 @@ def forward(models: int) -> Arrays:
         v = model.validity
         low, high = target.min(), target.max()
         part = (target - low) / max(high - low, 1e-300)
-        yield simulate(model.hysteresis, v.drive_min + part * (v.drive_max - v.drive_min), period)
+        yield simulate_hysteresis(
+            model.hysteresis, v.drive_min + part * (v.drive_max - v.drive_min), period
+        )
     for recording in recordings():
         for name in ("paper-eq11", "paper-eq12"):
             h = shipped(name).hysteresis
             u = recording.drive
             u = 10 * (u - np.nanmin(u)) / np.ptp(u[np.isfinite(u)])
-            yield simulate(h, u, recording.period_s)
+            yield simulate_hysteresis(h, u, recording.period_s)
 
 
 def static(models: int) -> Arrays:

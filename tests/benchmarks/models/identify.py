@@ -25,7 +25,7 @@ from dehyst.daemon.tools.prediction import outside_validity  # noqa: E402
 from dehyst.drivers.simulated.settings import StageSettings  # noqa: E402
 from dehyst.drivers.simulated.stage import Stage  # noqa: E402
 from dehyst.models.errors import DehystError  # noqa: E402
-from dehyst.models.hysteresis.forward import simulate  # noqa: E402
+from dehyst.models.hysteresis.forward import simulate_hysteresis  # noqa: E402
 from dehyst.models.identify import Identification, Options, identify  # noqa: E402
 from dehyst.models.model import Hysteresis  # noqa: E402
 from dehyst.models.modelfile import shipped  # noqa: E402
@@ -56,14 +56,22 @@ def accuracy(bars: Bars) -> None:
         ):
             model = identify([rec], options).model
             h = model.hysteresis
-            fit = cases.rms(rec.displacement - simulate(h, u, cases.T_S)) * NM
+            fit = cases.rms(rec.displacement - simulate_hysteresis(h, u, cases.T_S)) * NM
             if name == "unconstrained":  # the truth is in its class
                 bars.most(f"seed {seed}: fit over the noise", fit / (NM * NOISE_UM), 1.02)
             elif name == "monotone":  # the truth is not monotone
                 bars.most(f"seed {seed}: monotone fit over the noise", fit / (NM * NOISE_UM), 1.1)
-            against = cases.rms(simulate(h, u, cases.T_S) - simulate(truth, u, cases.T_S)) * NM
+            against = (
+                cases.rms(
+                    simulate_hysteresis(h, u, cases.T_S) - simulate_hysteresis(truth, u, cases.T_S)
+                )
+                * NM
+            )
             errors = [
-                cases.rms(simulate(h, d, cases.T_S) - simulate(truth, d, cases.T_S)) * NM
+                cases.rms(
+                    simulate_hysteresis(h, d, cases.T_S) - simulate_hysteresis(truth, d, cases.T_S)
+                )
+                * NM
                 for d in drives.values()
             ]
             flags = [
@@ -154,7 +162,7 @@ def paper() -> None:
     fast = identify([two], Options(rate=True)).model.hysteresis
 
     def error(h: Hysteresis, rec: Recording) -> Floats:
-        return (rec.displacement - simulate(h, rec.drive, cases.T_S)) * NM
+        return (rec.displacement - simulate_hysteresis(h, rec.drive, cases.T_S)) * NM
 
     def show(name: str, e: Floats, printed: str) -> None:
         print(f"{name:44} {np.mean(e):8.2f} +- {np.std(e):6.2f}   {printed}")
@@ -190,7 +198,7 @@ def real() -> None:
         cells = []
         for options in (Options(), Options(rate=False), Options(rate=False, bias=False)):
             h = identify([part], options).model.hysteresis
-            cells.append(_held(rec, simulate(h, rec.drive, rec.period_s), cut))
+            cells.append(_held(rec, simulate_hysteresis(h, rec.drive, rec.period_s), cut))
         cells.append(_held(rec, cases.uniform_pi(rec, cut), cut))
         print(f"{name:16}" + "".join(f"{c:>26}" for c in cells))
 
@@ -218,7 +226,10 @@ def faults() -> None:
             continue
         h = found.model.hysteresis
         errors = [
-            cases.rms(np.abs(simulate(h, u, cases.T_S)) - np.abs(simulate(truth, u, cases.T_S)))
+            cases.rms(
+                np.abs(simulate_hysteresis(h, u, cases.T_S))
+                - np.abs(simulate_hysteresis(truth, u, cases.T_S))
+            )
             for u in drives.values()
         ]
         print(f"{name:20} " + " ".join(f"{NM * e:5.1f}" for e in errors)

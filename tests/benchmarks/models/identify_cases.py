@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from scipy.optimize import least_squares, nnls
 
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.hysteresis.play import play_matrix
 from dehyst.models.model import Hysteresis
 from dehyst.models.recording import Floats, Recording
@@ -51,7 +51,9 @@ def sweep(low: float, high: float, seconds: float = 20.0) -> Floats:
 
 def recording(u: Floats, truth: Hysteresis, noise_um: float, seed: int) -> Recording:
     """What a perfect rig with white sensor noise records of a stage that is `truth`."""
-    y = simulate(truth, u, T_S) + noise_um * np.random.default_rng(seed).standard_normal(u.size)
+    y = simulate_hysteresis(truth, u, T_S) + noise_um * np.random.default_rng(seed).standard_normal(
+        u.size
+    )
     return Recording(np.arange(u.size) * T_S, u, y, name="two-sines.csv")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from tests.benchmarks.models import identify_cases as cases
 
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Hysteresis
 from dehyst.models.recording import Recording
 
@@ -23,7 +23,7 @@ def recordings(truth: Hysteresis, seed: int = 5) -> Iterator[tuple[str, Recordin
     rng = np.random.default_rng(seed)
     u = cases.two_sines()
     t = np.arange(u.size) * cases.T_S
-    y = simulate(truth, u, cases.T_S) + 0.045 * rng.standard_normal(u.size)
+    y = simulate_hysteresis(truth, u, cases.T_S) + 0.045 * rng.standard_normal(u.size)
     some = rng.choice(u.size, u.size // 100, replace=False)
     gone = np.zeros(u.size, dtype=bool)
     gone[rng.choice(u.size, u.size // 20, replace=False)] = True
@@ -45,7 +45,7 @@ def recordings(truth: Hysteresis, seed: int = 5) -> Iterator[tuple[str, Recordin
     yield "starts in mid-motion", Recording(t[:-333], u[333:], y[333:])
     yield "constant voltage", Recording(t, np.full(u.size, 3.0), y)
     ramp = np.linspace(0.0, 7.5, u.size)
-    yield "single ramp", Recording(t, ramp, simulate(truth, ramp, cases.T_S))
+    yield "single ramp", Recording(t, ramp, simulate_hysteresis(truth, ramp, cases.T_S))
     yield "nothing moves", Recording(t, u, 0.045 * rng.standard_normal(u.size))
     yield "dead sensor", Recording(t, u, np.zeros(u.size))
     yield "three lines", Recording(t[:3], u[:3], y[:3])

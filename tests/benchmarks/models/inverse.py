@@ -20,7 +20,7 @@ from tests.benchmarks.bars import Bars
 from tests.benchmarks.models import inverse_speed, inverse_stage
 from tests.rigs.random_models import NEVER, Outcome, driven, outcome, random_case
 
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_streamed, invert_trajectory
 from dehyst.models.model import Model
@@ -53,7 +53,7 @@ def target_of(
 
 def rms_nm(model: Model, drive: Floats, target: Floats, rate_hz: float, skip: int) -> float:
     """Error of the forward model along a drive from rest at 0."""
-    y = simulate(model.hysteresis, np.concatenate([[0.0], drive]), 1.0 / rate_hz)[1:]
+    y = simulate_hysteresis(model.hysteresis, np.concatenate([[0.0], drive]), 1.0 / rate_hz)[1:]
     return 1e3 * float(np.sqrt(np.mean((y - target)[skip:] ** 2)))
 
 

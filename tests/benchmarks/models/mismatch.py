@@ -31,7 +31,7 @@ from tests.benchmarks.bars import Bars
 from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.mismatch.monitor import MismatchMonitor
 from dehyst.models.model import Model
@@ -191,7 +191,7 @@ def drive_quickly(
     volts_per_um = 150.0 / 17.4
     volts = np.clip(held * volts_per_um, 0.0, 150.0)
     for _ in range(3):
-        missing = held - simulate(model.hysteresis, volts, 1 / RATE)
+        missing = held - simulate_hysteresis(model.hysteresis, volts, 1 / RATE)
         volts = np.clip(volts + 0.7 * volts_per_um * missing, 0.0, 150.0)
     step, now_v = SLEW_V_PER_S / RATE, 0.0
     for i, wanted in enumerate(volts.tolist()):
@@ -200,7 +200,7 @@ def drive_quickly(
     in_force = np.concatenate([[0.0], volts[:-1]])
     stage = Stage(StageSettings(rc_tau_s=0.0, mode_hz=0.0, seed=seed))
     measured = stage.run(np.arange(volts.size) / RATE, volts)[1]
-    return in_force, simulate(model.hysteresis, in_force, 1 / RATE), measured
+    return in_force, simulate_hysteresis(model.hysteresis, in_force, 1 / RATE), measured
 
 
 def added(kind: str, moved: np.ndarray, rng: Any) -> np.ndarray:

@@ -23,7 +23,7 @@ def run() -> dict[str, np.ndarray]:
     """Two sines on the paper's stage, and 45 nm of noise."""
     t = np.arange(4000) * T
     u = 4.5 - 3.0 * np.cos(2 * np.pi * 1 * t) - 1.5 * np.cos(2 * np.pi * 5 * t)
-    y = forward.simulate(shipped("paper-eq12").hysteresis, u, T)
+    y = forward.simulate_hysteresis(shipped("paper-eq12").hysteresis, u, T)
     return {"t_s": t, "u_v": u, "y_um": y + NOISE * np.random.default_rng(1).normal(size=t.size)}
 
 
@@ -56,14 +56,14 @@ def test_arrays_columns_files_and_recordings_give_the_same(
 def test_what_is_identified_foretells_and_inverts(found: Any, tmp_path: Path) -> None:
     assert found.rms == pytest.approx(NOISE, rel=0.15)
     up = np.linspace(0.0, 9.0, 900)
-    slowly = forward.simulate(
+    slowly = forward.simulate_hysteresis(
         shipped("paper-eq12").hysteresis, np.concatenate([up, up[::-1], up]), 1e3
     )
     stroke = np.ptp(slowly[1800:])  # exercised
     assert found.figures.stroke == pytest.approx(stroke, rel=0.03)
     t = np.arange(1500) * T
     u = 4.0 - 3.0 * np.cos(2 * np.pi * 2 * t)
-    truth = forward.simulate(shipped("paper-eq12").hysteresis, u, T)
+    truth = forward.simulate_hysteresis(shipped("paper-eq12").hysteresis, u, T)
     simulated = dehyst.simulate(found, t, u)
     assert np.std(np.asarray(simulated) - truth) < NOISE
     path = found.save(tmp_path / "stage.toml")
@@ -72,7 +72,9 @@ def test_what_is_identified_foretells_and_inverts(found: Any, tmp_path: Path) ->
     assert again.rms == pytest.approx(np.sqrt(np.mean((np.asarray(simulated) - truth) ** 2)))
     target = CubicSpline([0.0, 0.5, 1.5], [1.0, 7.0, 4.0])(t)
     drive = dehyst.invert(path, t, target)
-    reached = forward.simulate(found.model.hysteresis, np.concatenate([[0.0], drive]), T)[1:]
+    reached = forward.simulate_hysteresis(
+        found.model.hysteresis, np.concatenate([[0.0], drive]), T
+    )[1:]
     assert np.sqrt(np.mean((reached - target)[200:] ** 2)) < 0.002
     streamed = dehyst.invert(found, t, target, preview=0.05, slew=200.0)
     assert streamed.mode == "preview"

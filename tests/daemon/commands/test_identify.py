@@ -11,7 +11,7 @@ from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.main import main
 from dehyst.models.errors import BadModel
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.modelfile import shipped
 
 
@@ -19,7 +19,7 @@ from dehyst.models.modelfile import shipped
 def recording(tmp_path: Path) -> Path:
     t = np.arange(4000) * 1e-3
     u = 5 - 2 * np.cos(2 * np.pi * 10 * t) - 3 * np.cos(2 * np.pi * 5 * t)
-    y = simulate(shipped("paper-eq12").hysteresis, u, 1e-3)
+    y = simulate_hysteresis(shipped("paper-eq12").hysteresis, u, 1e-3)
     y += 0.045 * np.random.default_rng(0).standard_normal(t.size)
     write_recording(tmp_path / "run.csv", t, {"u_v": u, "y_um": y})
     return tmp_path / "run.csv"
@@ -112,7 +112,7 @@ def test_simulate_adds_the_model(recording: Path, capsys: pytest.CaptureFixture[
     assert main(["simulate", "paper-eq12", str(recording), "-o", str(output)]) == 0
     assert "um rms" in capsys.readouterr().out
     rec = read_recording(output)
-    want = simulate(shipped("paper-eq12").hysteresis, rec.drive, 1e-3)
+    want = simulate_hysteresis(shipped("paper-eq12").hysteresis, rec.drive, 1e-3)
     np.testing.assert_allclose(rec.channels["y_model_um"], want, atol=1e-6)
 
 
@@ -126,7 +126,11 @@ def test_simulate_says_which_samples_its_error_is_over(
     t = np.arange(3000) * 1e-3
     u = 5 - 5 * np.cos(2 * np.pi * t)  # 9.844 V are covered at 0.4601 s
     before = np.concatenate([np.linspace(0, 10, 500), np.linspace(10, 0, 500)])
-    y = simulate(h, np.concatenate([before, u]), 1e-3)[1000:] if wound_up else simulate(h, u, 1e-3)
+    y = (
+        simulate_hysteresis(h, np.concatenate([before, u]), 1e-3)[1000:]
+        if wound_up
+        else simulate_hysteresis(h, u, 1e-3)
+    )
     y += 0.01 * np.random.default_rng(0).standard_normal(t.size)
     recording, output = tmp_path / "run.csv", tmp_path / "out.csv"
     write_recording(recording, t, {"u_v": u, "y_um": y})

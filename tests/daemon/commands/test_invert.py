@@ -8,7 +8,7 @@ import pytest
 
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.main import main
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_streamed
 from dehyst.models.modelfile import shipped
@@ -30,7 +30,9 @@ def test_whole_trajectory_tracks_on_the_forward_model(tmp_path: Path) -> None:
     source, out = _trajectory(tmp_path / "t.csv", _sine()), tmp_path / "u.csv"
     assert main(["invert", "paper-eq12", str(source), "-o", str(out)]) == 0
     drive = read_recording(out).drive
-    y = simulate(shipped("paper-eq12").hysteresis, np.concatenate([[0.0], drive]), DT)[1:]
+    y = simulate_hysteresis(shipped("paper-eq12").hysteresis, np.concatenate([[0.0], drive]), DT)[
+        1:
+    ]
     assert np.sqrt(np.mean((y - _sine())[200:] ** 2)) < 2e-3
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from dehyst.daemon.loop.timing.histogram import Histogram
 from dehyst.daemon.loop.timing.realtime import IDLE_LATENCY, Obtained
-from dehyst.daemon.tools.latency import Outcome, Setup
+from dehyst.daemon.tools.latency import LatencyOutcome, Setup
 from dehyst.daemon.tools.machine import advice
 
 
@@ -54,10 +54,10 @@ def test_bad_arguments_are_one_line(bad: tuple[str, str]) -> None:
     assert len(done.stderr.strip().splitlines()) == 1
 
 
-def outcome(missed: int, io_us: float = 0.0) -> Outcome:
+def outcome(missed: int, io_us: float = 0.0) -> LatencyOutcome:
     io = Histogram()
     io.add(io_us)
-    made = Outcome(Setup(1000.0), 100_000, missed, {"late_wake": missed}, io={"read": io})
+    made = LatencyOutcome(Setup(1000.0), 100_000, missed, {"late_wake": missed}, io={"read": io})
     made.execution.add(20.0)
     return made
 
@@ -68,11 +68,11 @@ def test_a_rate_is_held_up_to_one_miss_in_ten_thousand_and_with_time_for_the_dev
     assert not outcome(11).held
     assert outcome(0, 900.0).held
     assert not outcome(0, 1100.0).held
-    assert not Outcome(Setup()).held
+    assert not LatencyOutcome(Setup()).held
 
 
 def test_misses_that_a_witness_explains_are_told_apart() -> None:
-    made = Outcome(Setup(), 1000, 9, {"stall": 4, "driver_io": 3, "steal": 2})
+    made = LatencyOutcome(Setup(), 1000, 9, {"stall": 4, "driver_io": 3, "steal": 2})
     assert made.excused == 6
 
 

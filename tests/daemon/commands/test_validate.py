@@ -10,7 +10,7 @@ import pytest
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.daemon.main import main
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Fit
 from dehyst.models.modelfile import shipped
 
@@ -27,7 +27,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     save_model(replace(model, hysteresis=h, fit=Fit(0.045, 0.045, 0.045)), "bad.toml")
     t = np.arange(6000) * T
     u = 3.5 - 3.5 * np.cos(2 * np.pi * 3 * t)
-    y = simulate(model.hysteresis, u, T) + 0.045 * np.random.default_rng(1).standard_normal(t.size)
+    y = simulate_hysteresis(model.hysteresis, u, T) + 0.045 * np.random.default_rng(
+        1
+    ).standard_normal(t.size)
     write_recording(tmp_path / "run.csv", t, {"u_v": u, "y_um": y + 7.0})
     return tmp_path
 
@@ -58,7 +60,7 @@ def test_a_recording_may_begin_anywhere(folder: Path, capsys: pytest.CaptureFixt
     """The first loop has run before the recording begins."""
     t = np.arange(6000) * T
     u = 3.5 - 3.5 * np.cos(2 * np.pi * 3 * t)
-    y = simulate(shipped("paper-eq12").hysteresis, u, T)
+    y = simulate_hysteresis(shipped("paper-eq12").hysteresis, u, T)
     y += 0.045 * np.random.default_rng(2).standard_normal(t.size)
     write_recording(folder / "late.csv", t[:-500], {"u_v": u[500:], "y_um": y[500:]})
     assert main(["validate", "good.toml", "late.csv", "--json"]) == 0

@@ -11,7 +11,7 @@ from dehyst.daemon.gateway.admission import trust
 from dehyst.daemon.gateway.history import TelemetryHistory
 from dehyst.daemon.gateway.mismatch import MismatchWatch
 from dehyst.daemon.rings.records import TELEMETRY, Command, State
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 
 
 class Endless:
@@ -34,7 +34,9 @@ def telemetry(first: int, seconds: float, stuck: bool) -> np.ndarray:
     records = np.zeros(k.size, TELEMETRY)
     records["seq"], records["state"] = k, State.RUNNING
     records["volts"] = 7.5 * drive
-    records["predicted"] = simulate(model().hysteresis, np.r_[drive[0], drive[:-1]], 1e-3)
+    records["predicted"] = simulate_hysteresis(
+        model().hysteresis, np.r_[drive[0], drive[:-1]], 1e-3
+    )
     records["measured"] = records["predicted"] + np.random.default_rng(1).normal(0, 0.01, k.size)
     if stuck:
         records["measured"] = 3.0

@@ -14,7 +14,7 @@ from dehyst.daemon.loop.channels import Channels
 from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.drivers.interface import DeviceNotFound
 from dehyst.models.errors import BadInput
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Block
 
 PER_K_UM, REFERENCE_C = 0.1, 20.0
@@ -120,5 +120,7 @@ um_per_mv = 0.001
         after = rings.drive(9.0, lambda last: last["target"] == 9.0)["volts"]
     drift_um = PER_K_UM * (25.0 - REFERENCE_C)
     path = np.concatenate([[0.0], volts])
-    assert simulate(bare.hysteresis, path, 1 / 500)[-1] + drift_um == pytest.approx(9.0, abs=0.02)
+    assert simulate_hysteresis(bare.hysteresis, path, 1 / 500)[-1] + drift_um == pytest.approx(
+        9.0, abs=0.02
+    )
     assert after == volts[-1]

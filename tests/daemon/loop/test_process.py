@@ -16,7 +16,7 @@ from dehyst.daemon.rings.records import Command, Flag, MissCause, State
 from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Block
 
 
@@ -92,7 +92,9 @@ def check_reached(records: np.ndarray, followed: np.ndarray, model: Path, origin
     loop's doing.
     """
     settled = followed[followed.size // 2 :]
-    promised = simulate(load_model(model).hysteresis, records["volts"], 1e-3)[settled] - origin
+    promised = (
+        simulate_hysteresis(load_model(model).hysteresis, records["volts"], 1e-3)[settled] - origin
+    )
     assert np.abs(promised - 9.0).max() < 1e-3
     t_s = (records["scheduled_ns"] - records["scheduled_ns"][0]) * 1e-9
     true_um, _ = Stage(StageSettings()).run(t_s, records["volts"])

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dehyst.models.cascade.simulate import simulate as simulate_model
-from dehyst.models.hysteresis.forward import forward_step, initial_plays, simulate
+from dehyst.models.cascade.simulate import simulate_hysteresis as simulate_model
+from dehyst.models.hysteresis.forward import forward_step, initial_plays, simulate_hysteresis
 from dehyst.models.hysteresis.play import play_matrix, play_step
 from dehyst.models.model import Hysteresis
 from dehyst.models.modelfile import shipped
@@ -30,7 +30,7 @@ def _brute_force(h: Hysteresis, u: np.ndarray, dt: float) -> np.ndarray:
 @pytest.mark.parametrize(("name", "at_ten_volts"), [("paper-eq11", 11.69), ("paper-eq12", 11.49)])
 def test_paper_models_reach_the_stated_stroke(name: str, at_ten_volts: float) -> None:
     model = shipped(name).hysteresis
-    y = simulate(model, np.linspace(0.0, 10.0, 1_000_001), 1.0)
+    y = simulate_hysteresis(model, np.linspace(0.0, 10.0, 1_000_001), 1.0)
     assert y[0] == 0.0
     assert y[-1] == pytest.approx(at_ten_volts, abs=0.005)
 
@@ -40,7 +40,7 @@ def test_forward_is_the_brute_force_loop(name: str) -> None:
     h = shipped(name).hysteresis
     t = np.arange(2000) * 1e-3
     u = 5 + 3 * np.sin(2 * np.pi * 5 * t - np.pi / 2) + 2 * np.sin(2 * np.pi * 10 * t - np.pi / 2)
-    assert np.max(np.abs(simulate(h, u, 1e-3) - _brute_force(h, u, 1e-3))) < 1e-12
+    assert np.max(np.abs(simulate_hysteresis(h, u, 1e-3) - _brute_force(h, u, 1e-3))) < 1e-12
 
 
 @settings(max_examples=40)
@@ -57,7 +57,7 @@ def test_random_models_are_the_brute_force_loop(seed: int, n: int) -> None:
     u = rng.uniform(-5, 5, 150)
     want = _brute_force(h, u, 2e-3)
     scale = 1.0 + np.max(np.abs(want))
-    assert np.max(np.abs(simulate(h, u, 2e-3) - want)) < 1e-12 * scale
+    assert np.max(np.abs(simulate_hysteresis(h, u, 2e-3) - want)) < 1e-12 * scale
 
 
 def test_one_sample_form_gives_the_bits_of_the_array_form() -> None:
@@ -68,7 +68,7 @@ def test_one_sample_form_gives_the_bits_of_the_array_form() -> None:
         rate = (value - before) / 1e-3
         y.append(forward_step(h.r, h.b, h.k, h.c, h.u_offset, plays, value, rate))
         before = value
-    assert np.array_equal(simulate(h, u, 1e-3), y)
+    assert np.array_equal(simulate_hysteresis(h, u, 1e-3), y)
 
 
 def test_state_can_be_carried_over() -> None:
@@ -76,7 +76,9 @@ def test_state_can_be_carried_over() -> None:
     u = 5 + 5 * np.sin(np.arange(400) * 0.05)
     plays = play_matrix(h.r, u[:200], np.zeros(h.n))[-1]
     kept = plays.copy()
-    assert np.array_equal(simulate(h, u[200:], 1e-3, plays), simulate(h, u, 1e-3)[200:])
+    assert np.array_equal(
+        simulate_hysteresis(h, u[200:], 1e-3, plays), simulate_hysteresis(h, u, 1e-3)[200:]
+    )
     assert np.array_equal(plays, kept)
 
 
@@ -102,4 +104,4 @@ def test_cascade_without_blocks_is_the_hysteresis() -> None:
     model = shipped("paper-eq12")
     u = 5 + 4 * np.sin(np.arange(1000) * 0.02)
     a = simulate_model(model, 1e-3, u)
-    assert np.allclose(a, simulate(model.hysteresis, u, 1e-3), atol=1e-9)
+    assert np.allclose(a, simulate_hysteresis(model.hysteresis, u, 1e-3), atol=1e-9)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.identify.equations import Params, Shape, assemble, linearise, make_equations
 from dehyst.models.identify.fit import make_bounds, make_start, solve
 from dehyst.models.identify.rows import read_rows
@@ -62,7 +62,9 @@ def test_equations_and_forward_model_agree(shape: Shape) -> None:
     params = Params(slopes, rng.normal(0, 1e-3, len(shape.powers)), np.zeros(0))
     (error,) = setup.residuals(r, shape, params, 0.3)
     h = setup.hysteresis(r, shape, params, 0.3)
-    np.testing.assert_allclose(error, rec.displacement - simulate(h, rec.drive, 1e-3), atol=1e-9)
+    np.testing.assert_allclose(
+        error, rec.displacement - simulate_hysteresis(h, rec.drive, 1e-3), atol=1e-9
+    )
 
 
 def test_static_fit_without_saturation_is_plain_least_squares() -> None:

@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from dehyst.models.errors import BadInput, BadRecording
-from dehyst.models.hysteresis.forward import initial_plays, simulate
+from dehyst.models.hysteresis.forward import initial_plays, simulate_hysteresis
 from dehyst.models.hysteresis.monotone import find_wrong_way
 from dehyst.models.hysteresis.z_range import bound_z, find_least_slope, is_invertible, sum_weights
 from dehyst.models.identify import Identification, Options, identify
@@ -29,7 +29,9 @@ def rms(x: Floats) -> float:
 
 
 def measured(truth: Hysteresis, u: Floats, noise: float, seed: int = 0) -> Recording:
-    y = simulate(truth, u, T) + noise * np.random.default_rng(seed).standard_normal(u.size)
+    y = simulate_hysteresis(truth, u, T) + noise * np.random.default_rng(seed).standard_normal(
+        u.size
+    )
     return Recording(np.arange(u.size) * T, u, y)
 
 
@@ -49,9 +51,9 @@ def require_invertible(result: Identification) -> None:
         inverse = static_inverse(model, v.drive_min, v.drive_max)
         plays = initial_plays(h, v.drive_min)
         for u in np.linspace(v.drive_min, v.drive_max, 7):
-            y = simulate(h, np.array([u]), 1.0, plays)[0]
+            y = simulate_hysteresis(h, np.array([u]), 1.0, plays)[0]
             drive, _ = inverse.step(plays.copy(), v.drive_min, y)
-            again = simulate(h, np.array([drive]), 1.0, plays)[0]
+            again = simulate_hysteresis(h, np.array([drive]), 1.0, plays)[0]
             assert again == pytest.approx(y, abs=1e-6)
 
 
@@ -61,7 +63,7 @@ def test_paper_recording(paper: Identification) -> None:
     assert not h.static
     assert paper.model.fit.rms < 0.0485
     assert paper.noise_rms == pytest.approx(0.045, rel=0.1)
-    assert rms(simulate(h, u, T) - simulate(truth, u, T)) < 0.018
+    assert rms(simulate_hysteresis(h, u, T) - simulate_hysteresis(truth, u, T)) < 0.018
     require_invertible(paper)
 
 
@@ -69,7 +71,10 @@ def test_paper_recording_unconstrained() -> None:
     truth, u = shipped("paper-eq12").hysteresis, two_sines(10000)
     result = identify([measured(truth, u, 0.045)], Options(monotone=False))
     assert result.model.fit.rms < 1.02 * 0.045
-    assert rms(simulate(result.model.hysteresis, u, T) - simulate(truth, u, T)) < 0.010
+    assert (
+        rms(simulate_hysteresis(result.model.hysteresis, u, T) - simulate_hysteresis(truth, u, T))
+        < 0.010
+    )
 
 
 def test_a_very_long_recording_is_fitted_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,7 +84,10 @@ def test_a_very_long_recording_is_fitted_in_part(monkeypatch: pytest.MonkeyPatch
     truth = Hysteresis(r=[0.0, 0.4, 1.5], b=[0.8, 0.3, 0.3], c=[0.0, 1.0, 0.0, -0.002])
     u = two_sines(20000)
     result = identify([measured(truth, u, 0.02)])
-    assert rms(simulate(result.model.hysteresis, u, T) - simulate(truth, u, T)) < 0.004
+    assert (
+        rms(simulate_hysteresis(result.model.hysteresis, u, T) - simulate_hysteresis(truth, u, T))
+        < 0.004
+    )
     assert any("a part, by chance" in note for note in result.notes)
     assert np.count_nonzero(result.used[0]) > 19_000
 
@@ -93,11 +101,14 @@ def test_monotone_static_stage_is_found_again() -> None:
     other = 4.5 - 4.5 * np.cos(2 * np.pi * 3 * np.arange(2000) * T)
     other[1000:] *= 0.6
     inside = other <= u.max()
-    assert rms((simulate(h, other, T) - simulate(truth, other, T))[inside]) < 0.01
+    assert (
+        rms((simulate_hysteresis(h, other, T) - simulate_hysteresis(truth, other, T))[inside])
+        < 0.01
+    )
     # the slope dy/du after a reversal does not depend on the gauge
     travel = 2 * 0.25
     at_top = np.array([0.0, 7.0, 7.0 - travel, 7.0 - travel - 0.1])
-    ys, yt = simulate(h, at_top, 1.0), simulate(truth, at_top, 1.0)
+    ys, yt = simulate_hysteresis(h, at_top, 1.0), simulate_hysteresis(truth, at_top, 1.0)
     assert ys[2] - ys[3] == pytest.approx(yt[2] - yt[3], rel=0.05)
     require_invertible(result)
 
@@ -171,7 +182,11 @@ def test_damage_does_no_harm(name: str) -> None:
     sign = -1.0 if name == "reversed" else 1.0
     truth = Hysteresis(r=[0.0, 0.4, 1.5], b=[0.8, 0.3, 0.3], c=[0.0, 1.0, 0.0, -0.002])
     u = two_sines()
-    error = simulate(result.model.hysteresis, u, T) - sign * simulate(truth, u, T) - shift
+    error = (
+        simulate_hysteresis(result.model.hysteresis, u, T)
+        - sign * simulate_hysteresis(truth, u, T)
+        - shift
+    )
     assert rms(error[500:]) < 0.01
 
 
@@ -209,7 +224,10 @@ def test_several_recordings_with_their_own_offsets() -> None:
     second = Recording(second.t_s, second.drive, second.displacement + 0.4)
     result = identify([first, second])
     assert result.params.shifts[0] == pytest.approx(0.4, abs=0.02)
-    assert rms(simulate(result.model.hysteresis, u, T) - simulate(truth, u, T)) < 0.01
+    assert (
+        rms(simulate_hysteresis(result.model.hysteresis, u, T) - simulate_hysteresis(truth, u, T))
+        < 0.01
+    )
     mixed = Recording(second.t_s, second.drive, second.displacement, displacement_unit="nm")
     with pytest.raises(BadInput, match="one pair of units"):
         identify([first, mixed])
@@ -222,11 +240,13 @@ def test_a_single_way_down_and_part_of_the_way_back() -> None:
     )
     before, down, up = np.linspace(30, 8, 500), np.linspace(8, 0, 3000), np.linspace(0, 8, 3000)
     u = np.concatenate([before, down, up])
-    y = simulate(truth, u, T)[500:] + 0.002 * np.random.default_rng(0).standard_normal(6000)
+    y = simulate_hysteresis(truth, u, T)[500:] + 0.002 * np.random.default_rng(0).standard_normal(
+        6000
+    )
     u = u[500:]
     rec = Recording(np.arange(3750) * T, u[:3750], y[:3750])  # to 2 of 8 on the way back
     h = identify([rec]).model.hysteresis
-    error = simulate(h, u, T) - y
+    error = simulate_hysteresis(h, u, T) - y
     assert rms(error[:3750]) < 0.004
     assert rms(error[3750:]) < 0.05 * np.ptp(y)
 
@@ -242,9 +262,9 @@ def test_asymmetric_stage_gets_even_powers() -> None:
 def test_reach_is_a_bound_on_what_the_model_does() -> None:
     h = shipped("paper-eq12").hysteresis
     u = two_sines(4000)
-    plays = simulate(Hysteresis(r=h.r, b=h.b, k=h.k, c=[0.0, 1.0]), u, T)
+    plays = simulate_hysteresis(Hysteresis(r=h.r, b=h.b, k=h.k, c=[0.0, 1.0]), u, T)
     near = Hysteresis(r=h.r, b=np.maximum(h.b, 0.01), k=np.zeros(10), c=[0.0, 1.0])
-    z = simulate(near, u, T)
+    z = simulate_hysteresis(near, u, T)
     low, high = bound_z(near, u.min(), u.max(), 0.0)
     assert low <= z.min()
     assert z.max() <= high

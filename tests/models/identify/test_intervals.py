@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.identify import Options, identify
 from dehyst.models.identify.uncertainty import move_saturation
 from dehyst.models.model import Hysteresis
@@ -31,7 +31,7 @@ def drive() -> np.ndarray:
 def test_95_of_100_intervals_hold_the_true_value(together: int) -> None:
     """together: samples over which the noise is correlated. Between 90 and 98 of 100, no slack."""
     u = drive()
-    y, t = simulate(TRUTH, u, T), np.arange(N) * T
+    y, t = simulate_hysteresis(TRUTH, u, T), np.arange(N) * T
     pole = np.exp(-1 / together) if together else 0.0
     hits: list[bool] = []
     for seed in range(RUNS):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dehyst.models.errors import BadRecording
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.identify import describe, identify
 from dehyst.models.identify.sense import require_better_than_a_line
 from dehyst.models.model import Hysteresis
@@ -16,7 +16,7 @@ T = 1e-3
 STAGE = Hysteresis(r=[0.0, 0.4, 1.5], b=[0.8, 0.3, 0.3], c=[2.0, 1.0])
 t = np.arange(5000) * T
 u = 5 - 2 * np.cos(2 * np.pi * 10 * t) - 3 * np.cos(2 * np.pi * 5 * t)
-y = simulate(STAGE, u, T) + 0.01 * np.random.default_rng(0).standard_normal(t.size)
+y = simulate_hysteresis(STAGE, u, T) + 0.01 * np.random.default_rng(0).standard_normal(t.size)
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,9 @@ def test_swapped_columns_and_milliseconds(recording: Recording, says: str) -> No
 def test_recordings_of_different_stages() -> None:
     """The sentence has a figure for each, and names the one that does not belong."""
     v = 4 - 4 * np.cos(2 * np.pi * 3 * t)
-    other = 1.6 * simulate(STAGE, v, T) + 0.01 * np.random.default_rng(1).standard_normal(t.size)
+    other = 1.6 * simulate_hysteresis(STAGE, v, T) + 0.01 * np.random.default_rng(
+        1
+    ).standard_normal(t.size)
     recordings = [Recording(t, u, y, name="a.csv"), Recording(t, v, other, name="b.csv")]
     with pytest.raises(BadRecording, match="does not belong") as error:
         identify(recordings)
@@ -59,7 +61,7 @@ def test_a_slow_sensor_is_used_for_what_it_is(every: int) -> None:
     found = identify([Recording(t, u, slow)])
     assert found.noise_rms == pytest.approx(0.01, rel=0.15)
     v = 3.5 - 3.5 * np.cos(2 * np.pi * 2 * t)
-    error = simulate(found.model.hysteresis, v, T) - simulate(STAGE, v, T)
+    error = simulate_hysteresis(found.model.hysteresis, v, T) - simulate_hysteresis(STAGE, v, T)
     assert np.sqrt(np.mean(error**2)) < 0.01
 
 

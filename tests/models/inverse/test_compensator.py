@@ -11,7 +11,7 @@ from numba.core.runtime import _nrt_python, rtsys
 from tests.rigs.random_models import DROUGHT, NEVER, driven, outcome
 
 from dehyst.models.errors import BadInput
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.inverse import compensator as comp
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_streamed, invert_trajectory
@@ -28,7 +28,7 @@ def _sine(f: float, size: float, seconds: float) -> np.ndarray:
 
 def _error(model: Model, drive: np.ndarray, target: np.ndarray, dt: float = DT) -> np.ndarray:
     start = min(max(0.0, model.validity.drive_min), model.validity.drive_max)
-    return simulate(model.hysteresis, np.concatenate([[start], drive]), dt)[1:] - target
+    return simulate_hysteresis(model.hysteresis, np.concatenate([[start], drive]), dt)[1:] - target
 
 
 def _rms(error: np.ndarray) -> float:
@@ -138,13 +138,13 @@ def test_the_applied_drive_leads_the_model() -> None:
         drive[i] = round(state.drive / 10 * 65535) * 10 / 65535
         c.applied(state, drive[i])
         assert state.drive == drive[i]
-    y = simulate(model.hysteresis, np.concatenate([[0.0], drive]), DT)[1:]
+    y = simulate_hysteresis(model.hysteresis, np.concatenate([[0.0], drive]), DT)[1:]
     assert state.predicted == pytest.approx(y[-1], abs=1e-9)
     assert _rms((y - target)[300:]) < 0.03
 
 
 def y_at_rest(model: Model, drive: np.ndarray) -> float:
-    return float(simulate(model.hysteresis, np.concatenate([[0.0], drive]), DT)[-1])
+    return float(simulate_hysteresis(model.hysteresis, np.concatenate([[0.0], drive]), DT)[-1])
 
 
 def test_preview_runs_dry_and_returns_without_a_jump() -> None:
@@ -170,7 +170,7 @@ def test_preview_runs_dry_and_returns_without_a_jump() -> None:
     assert abs(y_at_rest(model, drive[:900]) - target[699]) < 0.03
     quiet = np.abs(np.diff(drive[200:1000]))
     assert quiet.max() < 0.2
-    y = simulate(model.hysteresis, np.concatenate([[0.0], drive]), DT)[1:]
+    y = simulate_hysteresis(model.hysteresis, np.concatenate([[0.0], drive]), DT)[1:]
     assert _rms((y - target)[1200:]) < 0.03
 
 

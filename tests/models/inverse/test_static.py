@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dehyst.models.errors import BadModel, NotInvertible
-from dehyst.models.hysteresis.forward import simulate
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.hysteresis.monotone import find_wrong_way, nearest_monotone
 from dehyst.models.inverse.static import (
     BEYOND_DRIVE,
@@ -57,11 +57,11 @@ def test_round_trip_from_displacement_to_displacement(seed: int) -> None:
     u = np.concatenate(
         [[start], u, [v.drive_min, v.drive_max, v.drive_max], np.linspace(*u[:2], 20), u[-3:]]
     )
-    y = simulate(model.hysteresis, u, 1.0)
+    y = simulate_hysteresis(model.hysteresis, u, 1.0)
     got, flags = inverse.run(y, None, start)
     assert np.all(got >= v.drive_min)
     assert np.all(got <= v.drive_max)
-    back = simulate(model.hysteresis, np.concatenate([[start], got]), 1.0)[1:]
+    back = simulate_hysteresis(model.hysteresis, np.concatenate([[start], got]), 1.0)[1:]
     assert np.max(np.abs(back - y)) < 1e-9 * max(1.0, float(np.max(np.abs(y))))
     scale = abs(v.drive_max - v.drive_min)
     assert np.count_nonzero((flags != REACHED) & (np.abs(back - y) > 1e-9 * scale)) == 0
@@ -76,7 +76,7 @@ def test_round_trip_on_the_papers_nearest_monotone_models(name: str) -> None:
     y = 6.0 + 3.5 * np.sin(2 * np.pi * 1.3 * t) * np.cos(2 * np.pi * 0.21 * t)
     u, flags = inverse.run(y)
     assert np.all(flags == 0)
-    assert np.max(np.abs(simulate(model.hysteresis, u, 1e-3) - y)) < 1e-9
+    assert np.max(np.abs(simulate_hysteresis(model.hysteresis, u, 1e-3) - y)) < 1e-9
 
 
 def test_unreachable_targets_are_flagged_and_the_nearest_is_given() -> None:
@@ -96,7 +96,7 @@ def test_beyond_the_range_is_flagged_where_a_play_would_join_in_outside_of_it(
 ) -> None:
     """Displacements of drives inside the range, and then one that none reaches."""
     model = Model(Hysteresis(r=[0.0, 2.0], b=[1.0, 1.0], c=[0.0, 1.0]), Validity(0.0, 10.0))
-    reached = simulate(model.hysteresis, np.array(way[:-1]), 1.0)
+    reached = simulate_hysteresis(model.hysteresis, np.array(way[:-1]), 1.0)
     u, flags = static_inverse(model).run(np.append(reached, way[-1]))
     assert flags[:-1].tolist() == [0] * (len(way) - 1)
     assert flags[-1] & BEYOND_DRIVE
@@ -110,7 +110,7 @@ def test_a_saturation_that_turns_over_is_inverted_up_to_its_extremum() -> None:
     u, flags = inverse.run(np.array([2.0, 4.999, 5.5]))
     assert flags.tolist() == [0, 0, BEYOND_SATURATION]
     assert u[2] == pytest.approx(10.0, abs=1e-6)
-    assert np.allclose(simulate(model.hysteresis, u[:2], 1.0), [2.0, 4.999], atol=1e-9)
+    assert np.allclose(simulate_hysteresis(model.hysteresis, u[:2], 1.0), [2.0, 4.999], atol=1e-9)
 
 
 def test_refusal_says_at_which_reversal_and_by_how_much() -> None:
@@ -122,7 +122,7 @@ def test_refusal_says_at_which_reversal_and_by_how_much() -> None:
     # Independent: drive up, turn, and see how far the output runs on.
     h = shipped("paper-eq11").hysteresis
     u = np.concatenate([np.linspace(0, 9, 200), np.linspace(9, 8.8, 20001)])
-    y = simulate(h, u, 1.0)[200:]
+    y = simulate_hysteresis(h, u, 1.0)[200:]
     overshoot = y.max() - y[0]
     assert overshoot > 0.0
     assert 0.5 * overshoot < found.wrong_way < 2.0 * overshoot

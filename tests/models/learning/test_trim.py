@@ -20,7 +20,7 @@ class Loop:
 
     def __init__(self, **given: float) -> None:
         self.setting = trim.setting_of(PERIOD_S, REACH, NOISE, True, **given)
-        self.state = trim.begin()
+        self.state = trim.begin_trim()
         self.trims: list[float] = []
         self.told: list[Why] = []
         self.predicted = self.reading = 0.0
@@ -226,7 +226,7 @@ def test_a_late_gauge_is_stable_down_to_the_least_time_constant() -> None:
     late_s = 0.05
     for time_constant_s, stable in ((trim.least_time_constant_s(late_s), True), (0.025, False)):
         setting = trim.setting_of(PERIOD_S, REACH, NOISE, True, time_constant_s, rate=100.0)
-        state, line = trim.begin(), [0.0] * round(late_s / PERIOD_S)
+        state, line = trim.begin_trim(), [0.0] * round(late_s / PERIOD_S)
         path = []
         for i in range(3000):
             now = float(state["trim"][0])

@@ -56,8 +56,8 @@ CHANGES = [
         Change(
             "price-mean",
             MONOTONE,
-            "simulate(near, u, dt) - simulate(h, u, dt)) ** 2",
-            "simulate(near, u, 2 * dt) - simulate(h, u, 2 * dt)) ** 2",
+            "simulate_hysteresis(near, u, dt) - simulate_hysteresis(h, u, dt)",
+            "simulate_hysteresis(near, u, 2 * dt) - simulate_hysteresis(h, u, 2 * dt)",
             "the price is that of half the rate",
         ),
         Change(

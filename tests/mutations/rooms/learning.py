@@ -118,7 +118,7 @@ CHANGES = [
         Change(
             "old-trim-with-a-new-model",
             STEP,
-            "    trim.forget(trim_of(table))\n",
+            "    trim.forget_trim(trim_of(table))\n",
             "",
             "another model is trimmed by what was wrong with the old one",
         ),

@@ -54,8 +54,8 @@ CHANGES = [
         Change(
             "no-glide-to-a-new-model",
             STEP,
-            "    trim.forget(trim_of(table))\n    c.glide = NAN\n",
-            "    trim.forget(trim_of(table))\n",
+            "    trim.forget_trim(trim_of(table))\n    c.glide = NAN\n",
+            "    trim.forget_trim(trim_of(table))\n",
             "another model makes the stage jump",
             tests=("tests/daemon/loop/test_step.py",),
         ),
