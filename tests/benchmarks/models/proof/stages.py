@@ -125,13 +125,14 @@ class Case:
     stage: "Stage" = field(repr=False)
     chain: tuple[tuple[Effect, float], ...] = field(repr=False)
     tables: dict[str, Table] = field(repr=False)
+    zero: float  # what the reading shows at rest [um]
 
     def recording(self, name: str, more: tuple[Effect, float] | None = None) -> Recording:
         """As the tool gets it; more: one more effect in the stage."""
         table, rig = self.tables[name], self.plan.rig
         y = table.exact
         if more is not None:
-            y = self.stage.read([*self.chain, more], name)
+            y = self.stage.read([*self.chain, more], name) + self.zero
         y = (y + table.noise) / rig.step_um
         y = np.round(y) * rig.step_um * rig.per_um
         y[table.missing] = np.nan
@@ -232,7 +233,7 @@ def make_case(plan: Plan) -> Case:
         kept, missing = _faults(rng, t.size, plan.fault if name != HELD else "", dt)
         hiss = _noise(rng, t.size, rig, dt)
         tables[name] = Table(np.round(t, 9), written[name], exact, hiss, channels, kept, missing)
-    return Case(plan, tuple(hidden), stage, tuple(chain), tables)
+    return Case(plan, tuple(hidden), stage, tuple(chain), tables, zero)
 
 
 def _world(rng: np.random.Generator, plan: Plan, number: int, every: int, quiet: bool) -> World:
