@@ -9,8 +9,9 @@ import pytest
 from tests.benchmarks.models.proof import limits
 from tests.benchmarks.models.proof.base import RichBase, least_left, rms
 from tests.benchmarks.models.proof.families import COUNTS, parse, plan, plans
+from tests.benchmarks.models.proof.recorder import Rig
 from tests.benchmarks.models.proof.score import Truth, converted, score
-from tests.benchmarks.models.proof.stages import HELD, Case, Hidden, Rig, Wanted, make_case
+from tests.benchmarks.models.proof.stages import HELD, Case, Hidden, Wanted, make_case
 from tests.benchmarks.models.proof.tables import bars_of, wrong
 
 Row = dict[str, Any]

@@ -1,9 +1,9 @@
 """What a rich base cannot absorb: the judge's own measure of whether an effect can be told at all.
 
-The base: 40 plays of the recorded drive, their squares, an offset for each recording, and one lag
-of the stage's own displacement, with the time constant that absorbs most (none where the effect
-is itself a lag or a delay). What is left of the difference that an effect makes is that effect's
-size. Shares no code with the library.
+The base: 40 plays of the recorded drive with their squares and cubes (which a Preisach stage
+needs), an offset for each recording, and one lag of the stage's own displacement, with the time
+constant that absorbs most (none where the effect is itself a lag or a delay). What is left of the
+difference that an effect makes is that effect's size. Shares no code with the library.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ class RichBase:
     """
 
     def __init__(
-        self, drives: Sequence[Floats], dt: float, powers: tuple[int, ...] = (1, 2)
+        self, drives: Sequence[Floats], dt: float, powers: tuple[int, ...] = (1, 2, 3)
     ) -> None:
         self.sizes, self.dt = [u.size for u in drives], dt
         halves = np.r_[0.0, np.exp(np.linspace(np.log(0.02), np.log(5.0), 39))]

@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from tests.benchmarks.models.proof.stages import FOREIGN, HELD, OUTSIDE, PARTED, Plan, Rig, Wanted
+from tests.benchmarks.models.proof.recorder import Rig
+from tests.benchmarks.models.proof.stages import FOREIGN, HELD, OUTSIDE, PARTED, Plan, Wanted
 from tests.rigs.plants import drives
 from tests.rigs.plants.effects_shape import SHAPES
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from tests.benchmarks.models.proof.stages import HELD, Case, Hidden, Rig
+from tests.benchmarks.models.proof.recorder import Rig
+from tests.benchmarks.models.proof.stages import HELD, Case, Hidden
 
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.model import Model

@@ -7,13 +7,13 @@ run through, and is not shown.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 from tests.benchmarks.models.proof.base import Size, rms
+from tests.benchmarks.models.proof.recorder import Rig, faults, noise_of
 from tests.rigs.plants import drives
 from tests.rigs.plants.drives import Floats
 from tests.rigs.plants.effects import Effect, World
@@ -32,28 +32,6 @@ FINE_HZ, LEAST_FINE = 5000.0, 4
 ABOVE_CLASS = 1.3
 HELD = "holdout"
 Drive = Callable[[np.random.Generator, Floats, float], Floats]
-
-
-@dataclass(frozen=True)
-class Rig:
-    """How a stage is driven and recorded. low, high: drive for the plant's 0 and 10 V; per_um:
-    units of displacement in a micrometre; corner_hz: noise is coloured below it (0: white)."""
-
-    rate_hz: float = 1000.0
-    drive_unit: str = "v"
-    unit: str = "um"
-    low: float = 0.0
-    high: float = 10.0
-    per_um: float = 1.0
-    noise_um: float = 0.03
-    step_um: float = 5e-4
-    corner_hz: float = 0.0
-    channels: tuple[str, ...] = ("temp_c", "u2_v")
-
-    @property
-    def per_volt(self) -> float:
-        """Drive units in one of the plant's volts."""
-        return (self.high - self.low) / 10.0
 
 
 @dataclass(frozen=True)
@@ -230,8 +208,8 @@ def make_case(plan: Plan) -> Case:
             k: np.round(given[k][seen[name]][::every], 3 if k == "temp_c" else 4)
             for k in rig.channels
         }
-        kept, missing = _faults(rng, t.size, plan.fault if name != HELD else "", dt)
-        hiss = _noise(rng, t.size, rig, dt)
+        kept, missing = faults(rng, t.size, plan.fault if name != HELD else "", dt)
+        hiss = noise_of(rng, t.size, rig, dt)
         tables[name] = Table(np.round(t, 9), written[name], exact, hiss, channels, kept, missing)
     return Case(plan, tuple(hidden), stage, tuple(chain), tables, zero)
 
@@ -259,32 +237,6 @@ def _from_rest(shape: Callable[[Floats], Floats], u: Floats, bipolar: bool) -> F
     return shape(np.r_[lead, u])[lead.size :]
 
 
-def _noise(rng: np.random.Generator, n: int, rig: Rig, dt: float) -> Floats:
-    white = rng.standard_normal(n)
-    if rig.corner_hz <= 0:
-        return rig.noise_um * white
-    keep = float(np.exp(-2 * np.pi * rig.corner_hz * dt))
-    slow = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal(n))
-    return rig.noise_um * np.asarray(0.9 * slow + np.sqrt(1 - 0.81) * white)
-
-
-def _faults(rng: np.random.Generator, n: int, fault: str, dt: float) -> tuple[Any, Any]:
-    """Rows that are there (n,), and readings that are missing among them (n,)."""
-    kept, missing = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
-    if fault == "every third reading missing":
-        missing[2::3] = True
-    elif fault == "rows missing":
-        kept[rng.random(n) < 0.05] = False
-        kept[0] = True
-    elif fault == "readings missing in blocks":
-        for at in rng.integers(n // 20, n - n // 20, 6):
-            missing[at : at + n // 60] = True
-    elif fault == "stalls":
-        for at in rng.integers(n // 20, n - n // 20, 9):
-            kept[at : at + max(3, round(rng.uniform(0.008, 0.032) / dt))] = False
-    return kept, missing
-
-
 def _solve(size_of: Callable[[float], float], target: float, effect: Effect) -> float:
     """Strength that leaves the target, by secants in the logarithm, within the plausible range."""
     s, low, high = effect.start, 0.0, effect.top
@@ -300,8 +252,3 @@ def _solve(size_of: Callable[[float], float], target: float, effect: Effect) -> 
             break
         s = guess
     return s
-
-
-def bare_plan(plan: Plan) -> Plan:
-    """The same stage with nothing hidden in it."""
-    return replace(plan, effects=())
