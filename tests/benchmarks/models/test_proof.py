@@ -55,7 +55,11 @@ def row(family: str, truth: Truth, said: Row, after: float = 0.2, limit: bool = 
     return {
         "case": f"{family}-0", "family": family, "truth": truth.to_dict(), "answer": said,
         "score": score(truth, said, RIG), "seconds": 1.0,
-        "figures": {"model": 3.0, "held_model": 3.0, "held_augmented": after},
+        "figures": {
+            "model": 3.0, "held_model": 3.0, "held_augmented": after, "noise_said": 1.0,
+            "disagrees": 1.0,
+        },
+        "fault": "",
         "limits": [{"limit": "lag above 1", "name": "lag", "true": limit, "answer": "clean: -"}],
     }  # fmt: skip
 
@@ -92,6 +96,7 @@ def test_an_empty_answer_misses_what_is_to_be_named() -> None:
         ("augmented model worse held out", lambda: all_rows(perfect, after=4.1)),
         ("parameters inside their interval", lambda: [off_by_a_fifth()]),
         ("limits that what is there proves false", lambda: [blind()]),
+        ("answers against their own rules", lambda: [rash()]),
     ],
 )
 def test_each_mistake_is_noticed(missed: str, rows: Any) -> None:
@@ -113,6 +118,25 @@ def blind() -> Row:
     said = {"name": "delay", "above": 9.9e-5, "unit": "s"}
     answer = {"verdict": "clean", "effects": [], "would_have_seen": [said]}
     return row("single", Truth((hidden("delay", delay_s=3e-4),), True), answer)
+
+
+def rash() -> Row:
+    one = row("clean", Truth((), True), perfect(Truth((), True)))
+    limit = {"name": "friction", "above": 1.0, "unit": "um"}
+    said = {
+        **one["answer"], "effects": [effect("shape", ("friction",))], "would_have_seen": [limit],
+    }  # fmt: skip
+    return row("clean", Truth((), True), said)
+
+
+def test_a_line_on_a_harmonic_of_the_drive_is_not_asked_for() -> None:
+    own = replace(plan(5, "waveform", 0), effects=(Wanted("hum", 3.0, True),))
+    hz = make_case(own).hidden[0].truth["frequency_hz"]
+    beside = replace(own, repeats_hz=hz / 25.5)
+    assert make_case(beside).hidden[0].separable
+    on = replace(own, repeats_hz=hz / 25.0)
+    assert make_case(on).hidden[0].blind
+    assert not make_case(on).hidden[0].separable
 
 
 def test_a_double_counts_only_where_both_say_that_it_is_one() -> None:

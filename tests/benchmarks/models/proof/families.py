@@ -108,7 +108,7 @@ def past(rng: Rng, number: int) -> dict[str, Any]:
     scan = drives.small_scan(level, swing)
     waves = (("scan-1", scan, 12.0), ("scan-2", scan, 16.0), (HELD, scan, 8.0))
     effects = (_effect(rng, kind, False, 1.5, 8.0),) if kind else ()
-    return {"effects": effects, "waves": waves, "before_s": before, "level": level}
+    return {"effects": effects, "waves": waves, "before_s": before}
 
 
 def part(rng: Rng, number: int) -> dict[str, Any]:
@@ -152,17 +152,20 @@ def waveform(rng: Rng, number: int) -> dict[str, Any]:
         drive = drives.sine_at(hz)
     name = ("hum", "creep", "lag")[(number // 3) % 3] if number % 3 == 2 else ""
     effects = (_effect(rng, name, False, 1.5),) if name else ()
-    return {"effects": effects, "waves": (("run", drive, seconds), (HELD, drive, 8.0))}
+    waves = (("run", drive, seconds), (HELD, drive, 8.0))
+    return {"effects": effects, "waves": waves, "repeats_hz": hz}
 
 
 def slow(rng: Rng, number: int) -> dict[str, Any]:
     """Sines of 5 and 10 Hz, sampled at 50 Hz (every second at 100 Hz)."""
     rig = Rig(rate_hz=50.0 if number % 2 else 100.0, noise_um=0.02, channels=())
     name = ("delay", "", "lag", "hum")[number // 2 % 4]
-    sines = drives.sine_at(*(5.0, 10.0) if number % 3 else (5.0 * rng.uniform(0.9, 1.1), 8.1))
+    whole = bool(number % 3)
+    sines = drives.sine_at(*(5.0, 10.0) if whole else (5.0 * rng.uniform(0.9, 1.1), 8.1))
     effects = (_effect(rng, name, True, 2.0, 10.0),) if name else ()
     waves = (("sines", sines, 60.0), ("again", sines, 40.0), (HELD, sines, 20.0))
-    return {"rig": rig, "effects": effects, "waves": waves}
+    hz = 5.0 if whole else 0.0
+    return {"rig": rig, "effects": effects, "waves": waves, "repeats_hz": hz}
 
 
 RIGS: tuple[dict[str, Any], ...] = (

@@ -19,6 +19,7 @@ from dehyst.models.model import Model
 SHAPES = ("shape", "asymmetry", "sensor")
 LOOPS = ("rate", "friction", "clip", "slew")  # these bend the loop too: `shape` beside is true
 OF_ONE_RECORDING = ("hum", "trend", "earlier_creep")  # blocks: their phase, their past
+HOLES = ("every third", "rows", "readings", "stalls")
 SETTLED = 0.06  # of the held-out recording, not judged
 
 
@@ -99,6 +100,7 @@ def score(truth: Truth, said: dict[str, Any], rig: Rig) -> dict[str, Any]:
             for p in inside(h, e["parameters"], rig)
         ],
         "contradicted": contradicted(truth, said.get("would_have_seen") or [], names, rig),
+        "rules": broken_rules(said),
     }
 
 
@@ -126,6 +128,31 @@ def inside(h: Hidden, stated: dict[str, Any], rig: Rig) -> list[dict[str, Any]]:
                 "low": found["low"], "high": found["high"], "inside": held,
             }
         )  # fmt: skip
+    return out
+
+
+WIDEST = 10.0  # factor that a finding's interval may span
+
+
+def broken_rules(said: dict[str, Any]) -> list[str]:
+    """What an answer says against what answers may say, whatever is hidden."""
+    out = []
+    effects, limits = said["effects"], said.get("would_have_seen") or []
+    tied = {tie for e in effects for tie in e.get("ambiguous_with") or []}
+    stated = [x["name"] for x in limits if x.get("above", x.get("below")) is not None]
+    if stated and said["verdict"] in ("unknown", "partly"):
+        out.append(f"limits under the verdict {said['verdict']}")
+    out += [f"a limit for {n}, which is in a tie" for n in stated if n in tied]
+    out += [f"a limit for {e['name']}, which is named" for e in effects if e["name"] in stated]
+    if sum(e.get("share") or 0.0 for e in effects) > 1.005:
+        out.append("shares of more than 100 %")
+    for e in effects:
+        for key, p in e["parameters"].items():
+            low, high = p.get("low"), p.get("high")
+            if low is None or high is None or low * high <= 0:
+                continue
+            if max(high / low, low / high) > WIDEST:
+                out.append(f"{e['name']}.{key} from {low:.3g} to {high:.3g}")
     return out
 
 
@@ -195,7 +222,25 @@ def figures(case: Case, base: Model, augmented: Model, said: dict[str, Any]) -> 
         error = _error(case, HELD, model, lines)
         out[key] = float(np.sqrt(np.mean(error[int(SETTLED * error.size) :] ** 2)))
     noise = case.noise
-    return {k: v / noise for k, v in out.items()} | {"noise": noise}
+    return {k: v / noise for k, v in out.items()} | {
+        "noise": noise,
+        "noise_said": said["noise"]["rms"] / noise,
+        "disagrees": disagreement(case, base, augmented, said),
+    }
+
+
+def disagreement(case: Case, base: Model, augmented: Model, said: dict[str, Any]) -> float:
+    """Largest factor between an rms error that is stated and that of the written model; 1 where
+    rows are missing, as what counts is then a matter of choice."""
+    worst = 1.0
+    for recording in case.given() if not case.plan.fault.startswith(HOLES) else []:
+        assert recording.displacement is not None
+        for key, model in (("model", base), ("augmented", augmented)):
+            y = simulate(model, recording.t_s, recording.drive, recording.channels)
+            error = float(np.sqrt(np.mean((recording.displacement - y) ** 2)))
+            ratio = error / max(said["rms"][key][recording.name], 1e-12)
+            worst = max(worst, ratio, 1.0 / max(ratio, 1e-12))
+    return worst
 
 
 def _error(case: Case, name: str, model: Model, lines: tuple[float, ...]) -> Any:

@@ -46,8 +46,9 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Plan:
-    """A case before it is made. waves: name, drive, seconds; before_s, level: a move to a level so
-    long before the recording began; fault: what happens to the rows."""
+    """A case before it is made. waves: name, drive, seconds; before_s: from 0 V to the
+    drive's start so long before the recording began; fault: what happens to the rows; repeats_hz:
+    frequency of which all that the drive does is a multiple, where there is one."""
 
     case: str
     family: str
@@ -57,14 +58,15 @@ class Plan:
     effects: tuple[Wanted, ...]
     waves: tuple[tuple[str, Drive, float], ...]
     before_s: float = 0.0
-    level: float = 0.0
     fault: str = ""
+    repeats_hz: float = 0.0
 
 
 @dataclass(frozen=True)
 class Hidden:
     """One effect as it came out. left: what a rich base leaves of it [rms of the noise];
-    class_left: what it leaves of the bare stage; ties: names that would do as well."""
+    class_left: what it leaves of the bare stage; ties: names that would do as well; blind: a line
+    on a harmonic of the drive, of which nobody can say whose it is."""
 
     name: str
     form: str
@@ -73,11 +75,12 @@ class Hidden:
     class_left: float
     ties: tuple[str, ...]
     truth: dict[str, float]
+    blind: bool = False
 
     @property
     def separable(self) -> bool:
         """Whether it can be asked for by name."""
-        return self.left >= max(1.0, self.class_left)
+        return self.left >= max(1.0, self.class_left) and not self.blind
 
 
 @dataclass(frozen=True)
@@ -196,6 +199,7 @@ def make_case(plan: Plan) -> Case:
                 effect.name, effect.form, ACTS_ON[effect.place],
                 size.left(effect.name, difference) / noise, class_left,
                 tuple(size.ties(effect.name, difference, noise)), effect.truth(strength),
+                _on_a_harmonic(effect.truth(strength), plan),
             )
         )  # fmt: skip
     tables = {}
@@ -212,6 +216,15 @@ def make_case(plan: Plan) -> Case:
         hiss = noise_of(rng, t.size, rig, dt)
         tables[name] = Table(np.round(t, 9), written[name], exact, hiss, channels, kept, missing)
     return Case(plan, tuple(hidden), stage, tuple(chain), tables, zero)
+
+
+def _on_a_harmonic(truth: dict[str, float], plan: Plan) -> bool:
+    """A line closer to a multiple of the drive's frequency than the recording can tell apart."""
+    hz = truth.get("frequency_hz", 0.0)
+    if plan.repeats_hz <= 0 or hz <= 0:
+        return False
+    off = abs(hz - plan.repeats_hz * round(hz / plan.repeats_hz))
+    return off < 2.5 / min(seconds for name, _, seconds in plan.waves if name != HELD)
 
 
 def _world(rng: np.random.Generator, plan: Plan, number: int, every: int, quiet: bool) -> World:

@@ -7,6 +7,8 @@ import numpy as np
 from tests.benchmarks.bars import Bars
 
 Row = dict[str, Any]
+AGREES = 1.05  # factor between an rms that is stated and the written model's
+NEAR = 1.5  # factor by which the noise that is stated may be off, in the table beside
 TWICE = 2.0  # what the model in use leaves, from which a shape must be named [rms of the noise]
 
 
@@ -83,6 +85,8 @@ def bars_of(rows: Iterable[Row]) -> Bars:
     bars.none("limits that what is there proves false", sum(map(_contradictions, good)))
     parameters = [p for r in good for p in r["score"]["parameters"]]
     share("parameters inside their interval", parameters, lambda p: bool(p["inside"]), least=0.9)
+    bars.none("answers against their own rules", sum(bool(r["score"]["rules"]) for r in good))
+    bars.none("rms stated that the written model does not have", sum(map(_disagrees, good)))
     bars.none("augmented model worse held out", sum(map(worse_held_out, good)))
     bars.none("cases that failed", len(everything) - len(good))
     return bars
@@ -92,7 +96,7 @@ def tables(rows: Iterable[Row]) -> str:
     """All tables as text, the bars last."""
     everything = list(rows)
     good = judged(everything)
-    parts = [_families(good), _by_effect(good), _failed(everything), _times(good)]
+    parts = [_families(good), _beside(good), _failed(everything), _times(good)]
     parts.append("Against the bars\n" + bars_of(everything).table())
     return "\n\n".join(p for p in parts if p)
 
@@ -121,6 +125,9 @@ def wrong(row: Row) -> list[str]:
     out += [f"{name} is not there" for name in s["spurious"]]
     out += [f"false limit: {x['limit']} ({x['answer']})" for x in row["limits"] if not x["true"]]
     out += [f"false limit: {text}" for text in s["contradicted"]]
+    out += s["rules"]
+    if _disagrees(row):
+        out.append(f"an rms is stated {row['figures']['disagrees']:.2f} times off")
     out += [
         f"{p['key']} {p['true']:.4g} not in [{p['low']:.4g}, {p['high']:.4g}]"
         for p in s["parameters"] if not p["inside"]
@@ -148,6 +155,10 @@ def _nothing_named(row: Row) -> bool:
     return not row["score"]["spurious"]
 
 
+def _disagrees(row: Row) -> bool:
+    return bool(row["figures"]["disagrees"] > AGREES)
+
+
 def _limits(rows: Iterable[Row]) -> list[Row]:
     return [one for r in rows for one in r["limits"]]
 
@@ -168,10 +179,8 @@ def _families(good: list[Row]) -> str:
     return "\n".join(lines)
 
 
-def _by_effect(good: list[Row]) -> str:
+def _beside(good: list[Row]) -> str:
     group = singles(good)
-    if not group:
-        return ""
     lines = ["Single effects by name: first, and what was named instead"]
     for name in sorted({r["score"]["asked"][0] for r in group}):
         mine = [r for r in group if r["score"]["asked"] == [name]]
@@ -180,7 +189,16 @@ def _by_effect(good: list[Row]) -> str:
     right = [ok for r in good for ok in r["score"]["acts_on"]]
     if right:
         lines.append(f"what it acts on, of those named: {rate(right, bool)}")
+    noises = [r["figures"]["noise_said"] for r in good]
+    near = rate(noises, lambda x: 1 / NEAR < x < NEAR)
+    lines.append(f"noise stated within a factor of {NEAR:g}: {near}")
+    faults = [r for r in good if r["fault"]]
+    lines.append(f"faults of the recorder said: {rate(faults, _said_of_data)}")
     return "\n".join(lines)
+
+
+def _said_of_data(row: Row) -> bool:
+    return bool(row["answer"]["data"]["says"])
 
 
 def _failed(everything: list[Row]) -> str:
