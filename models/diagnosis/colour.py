@@ -1,8 +1,14 @@
-"""The colour of the noise: misfit that is the same at all times and places and has no lines.
+"""The colour of the noise: misfit that has nothing to do with the drive, at all times alike.
 
-What is left after the best fit counts as noise where its power does not depend on time, drive,
-rate or the way since the last turn, and where its spectrum falls smoothly: nothing then says that
-the drive has to do with it. It is told as coloured noise, not as structure.
+What is left after the best fit counts as noise where
+    - its spectrum falls smoothly, without lines, and not all of it is slower than a few waves of the
+      longest recording (that is drift);
+    - it is as strong at all times, at every scale;
+    - the drive tells nothing of it: functions of the drive, and the displacement with an amplitude
+      of its own in each block of time, explain no more of it than they do when shifted in time (the
+      shifted ones have the drive's spectrum and the noise's, and only the relation is lost);
+    - what repeats with a periodic drive is no stronger than what does not.
+It is told as coloured noise then, not as structure.
 """
 
 from itertools import pairwise
@@ -10,69 +16,127 @@ from itertools import pairwise
 import numpy as np
 
 from dehyst.models.diagnosis.locate import since_turn
-from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.filters import plays
+from dehyst.models.signals.joined import Data, Floats, Ints
 from dehyst.models.signals.lines import find_lines
+from dehyst.models.signals.periodic import fundamental_hz
 
-GROUPS = 8  # in each respect
-EVEN = 0.6  # power in every group, at least and at most one over it, of the mean
-MEMORY = 4.0  # times what independent samples would scatter, is allowed beside
+LEAST = 64  # differences at a scale, for it to be judged
+TOWERS = 6.0  # times the usual size, that no difference reaches
+GROUPS = 8  # of time, in each recording
+EVEN = 0.7  # power in every group, at least and at most one over it, of the mean
+CHANCE = 4.0  # times what independent samples would scatter, is allowed beside
+SHIFTS = 29  # of the drive's functions in time, for what chance explains
+MORE = 1.5  # times the most that chance explains: the drive has to do with it
+ROWS = 12_000  # for these
 OCTAVES = 10
 PEAK = 2.5  # times the band below it, that no band's density may reach
+WAVES = 6.0  # of the longest recording: what is slower is drift,
+SLOW = 0.5  # where it holds more than this of what is beyond the white noise
+REPEATS = 2.0  # density on the harmonics of a periodic drive over that between them
 
 
 def is_coloured(data: Data, residual: Floats, sigma: float) -> bool:
     """Whether what is left (N,) is noise of another colour than white."""
-    rows = data.rows
-    e = residual[rows]
-    correlation = _correlation_samples(e)
-    rate = np.abs(np.diff(data.u, prepend=data.u[0]) / data.dt)[rows]
-    for place in (data.t, data.u, since_turn(data)):
-        if not _is_even(e, place[rows], correlation):
-            return False
+    return (
+        _falls(data, residual)
+        and not _is_slow(data, residual, sigma)
+        and _is_steady(data, residual)
+        and not _repeats(data, residual)
+        and not _is_driven(data, residual)
+        and not find_lines(data, residual)
+    )
+
+
+def _is_steady(data: Data, residual: Floats) -> bool:
+    """Whether at every scale of time the differences of neighbouring means are as large throughout,
+    and none of them towers: of noise they are independent and normal, whatever its colour (wavelets
+    of Haar)."""
     for i in range(len(data.names)):
-        if not _is_even(
-            residual[rows & (data.rec == i)], data.t[rows & (data.rec == i)], correlation
-        ):
-            return False
-    still = rate < 1e-3 * float(rate.max())
-    if 0.1 < np.mean(still) < 0.9 and not _is_even(e, still.astype(float), correlation):
-        return False
-    return _falls(data, residual) and not find_lines(data, residual)
+        means = residual[data.rows & (data.rec == i)]
+        while means.size >= 2 * LEAST:
+            means = means[: means.size // 2 * 2].reshape(-1, 2)
+            d = means[:, 1] - means[:, 0]
+            means = means.mean(axis=1)
+            whole = float(np.mean(d**2))
+            usual = 1.4826 * float(np.median(np.abs(d)))
+            if usual > 0.0 and float(np.abs(d).max()) > TOWERS * usual:
+                return False
+            for piece in np.array_split(d**2, GROUPS):
+                chance = CHANCE * np.sqrt(2.0 / piece.size)
+                power = float(np.mean(piece)) / max(whole, 1e-300)
+                if not EVEN / (1.0 + chance) < power < (1.0 + chance) / EVEN:
+                    return False
+    return True
 
 
-def _correlation_samples(e: Floats) -> float:
-    """Samples over which a residual hangs together: the integral of its autocorrelation."""
-    x = e - e.mean()
-    n = 1 << int(np.ceil(np.log2(2 * x.size)))
-    own = np.fft.irfft(np.abs(np.fft.rfft(x, n)) ** 2)[: x.size // 4]
-    own = own / max(float(own[0]), 1e-300)
-    end = int(np.argmax(own < 0.05)) or own.size
-    return float(1.0 + 2.0 * np.sum(own[1:end]))
+def _is_driven(data: Data, residual: Floats) -> bool:
+    """Whether functions of the drive tell more of the residual than the same, shifted in time."""
+    every = max(1, int(data.rows.sum()) // ROWS)
+    x = _functions(data)
+    rng = np.random.default_rng(0)
+    at = [np.flatnonzero(data.rec == i) for i in range(len(data.names))]
+    used = np.zeros(data.n, bool)
+    used[np.flatnonzero(data.rows)[::every]] = True
+    e = residual[used] - residual[used].mean()
+
+    def explained(shifts: Ints) -> float:
+        order = np.concatenate([np.roll(k, -s) for k, s in zip(at, shifts, strict=True)])
+        z = x[order[used]]
+        z = z - z.mean(axis=0)
+        size = np.sqrt(np.mean(z**2, axis=0))
+        z = z[:, size > 0] / size[size > 0]
+        gram = z.T @ z + 1e-6 * z.shape[0] * np.eye(z.shape[1])
+        moment = z.T @ e
+        return float(moment @ np.linalg.solve(gram, moment))
+
+    sizes = np.array([k.size for k in at])
+    still: Ints = np.zeros(sizes.size, dtype=np.int64)
+    chance = [
+        explained((sizes * rng.uniform(0.1, 0.9, sizes.size)).astype(np.int64))
+        for _ in range(SHIFTS)
+    ]
+    return explained(still) > MORE * max(chance)
 
 
-def _is_even(e: Floats, place: Floats, correlation: float) -> bool:
-    """Whether the power and the mean are the same in all groups, by chance allowing."""
-    if e.size < 20 * GROUPS:
-        return False
-    edges = np.quantile(place, np.linspace(0, 1, GROUPS + 1)[1:-1])
-    group = np.searchsorted(edges, place, side="right")
-    count = np.bincount(group, minlength=GROUPS).astype(float)
-    power = np.bincount(group, e**2, GROUPS) / np.maximum(count, 1)
-    mean = np.bincount(group, e, GROUPS) / np.maximum(count, 1)
-    whole = float(np.mean(e**2))
-    free = np.maximum(count / correlation, 1.0)
-    chance = MEMORY * np.sqrt(2.0 / free)
-    good = count > 0.02 * e.size
-    low, high = EVEN / (1.0 + chance), (1.0 / EVEN) * (1.0 + chance)
-    off = np.abs(mean) > MEMORY * np.sqrt(whole / free)
-    return bool(np.all((power > low * whole)[good] & (power < high * whole)[good] & ~off[good]))
+def _functions(data: Data) -> Floats:
+    """(N, k) what misfit that the drive causes might look like."""
+    x = 2.0 * (data.u - data.u_min) / data.span - 1.0
+    h = plays(np.array([0.1, 0.5]), x + 1.0, data.forgets) - 1.0
+    rate = np.diff(x, prepend=x[0]) / data.dt
+    rate[data.starts] = 0.0
+    turned = np.log(since_turn(data) + data.period)
+    blocks = [x * (data.block == b) for b in np.unique(data.block)]
+    return np.column_stack(
+        [x, x**2, x**3, *h.T, *(h**2).T, rate, np.abs(rate), x * rate, turned, *blocks]
+    )
+
+
+def _repeats(data: Data, residual: Floats) -> bool:
+    """Whether a periodic drive's harmonics hold more of the residual than what lies between."""
+    on, off = [], []
+    for i in range(len(data.names)):
+        here = data.rec == i
+        dt = float(data.dt[here][0])
+        first = fundamental_hz(data.u[here], dt)
+        e = residual[here]
+        if not first or first * e.size * dt < 8.0:
+            continue
+        power = np.abs(np.fft.rfft((e - e.mean()) * np.hanning(e.size))) ** 2
+        order = np.fft.rfftfreq(e.size, dt) / first
+        apart = np.abs(order - np.round(order)) * first * e.size * dt  # in bins
+        for k in range(1, 30):
+            near = np.abs(order - k) < 0.5
+            if not np.any(near & (apart > 2.5)):
+                break
+            on.append(float(np.mean(power[near & (apart < 1.5)])))
+            off.append(float(np.mean(power[near & (apart > 2.5)])))
+    return bool(on) and sum(on) > REPEATS * sum(off)
 
 
 def _falls(data: Data, residual: Floats) -> bool:
     """Whether the density falls from octave to octave, without a peak, in the longest part."""
-    part = int(np.argmax(np.bincount(data.part)))
-    e = residual[data.part == part]
-    power = np.abs(np.fft.rfft((e - e.mean()) * np.hanning(e.size))) ** 2
+    power, _ = _spectrum(data, residual)
     edges = power.size / 2.0 ** np.arange(OCTAVES, -1, -1)
     density = [
         float(np.mean(power[max(int(a), 2) : int(b)]))
@@ -80,3 +144,19 @@ def _falls(data: Data, residual: Floats) -> bool:
         if int(b) - max(int(a), 2) >= 8
     ]
     return all(b < PEAK * min(density[:k]) for k, b in enumerate(density) if k)
+
+
+def _is_slow(data: Data, residual: Floats, sigma: float) -> bool:
+    """Whether most of what is beyond the white noise takes as long as the recordings."""
+    power, length = _spectrum(data, residual)
+    white = sigma**2 * float(np.sum(np.hanning(length) ** 2))
+    over = float(np.sum(power[1:] - white))
+    return float(np.sum(power[1 : int(WAVES) + 1])) > SLOW * max(over, 0.0)
+
+
+def _spectrum(data: Data, residual: Floats) -> tuple[Floats, int]:
+    """Power by bin of the longest part, through a window of Hann, and its samples."""
+    part = int(np.argmax(np.bincount(data.part)))
+    e = residual[data.part == part]
+    power = np.abs(np.fft.rfft((e - e.mean()) * np.hanning(e.size))) ** 2
+    return power.astype(np.float64), e.size

@@ -21,16 +21,21 @@ from dehyst.models.physics import PHYSICS
 from dehyst.models.physics.candidate import Candidate, small
 
 
-def verdict_of(findings: Sequence[Finding], left: float, at_first: float, sigma: float) -> str:
-    """clean, explained, partly or unknown. left, at_first: rms excess over the noise that the
-    augmented model and the model in use leave."""
+def verdict_of(
+    findings: Sequence[Finding], left: float, at_first: float, beside: float, sigma: float
+) -> str:
+    """clean, explained, partly or unknown. Rms excess over the noise: left, at_first: that the
+    augmented model and the model in use leave; beside: that a loop of any shape leaves without
+    physics, against which what physics explains is measured."""
     structure = TUNING.structure_left * sigma
     if not findings:
         return "unknown" if at_first > structure else "clean"
-    if left <= TUNING.surely_nothing * sigma:
+    if left <= TUNING.surely_nothing * sigma or left**2 <= TUNING.explained_best * at_first**2:
         return "explained"
+    if all(f.name == "shape" for f in findings):
+        return "partly" if left > structure else "explained"
     part = TUNING.explained_left if left > structure else TUNING.explained_small
-    return "partly" if left**2 > part * at_first**2 else "explained"
+    return "partly" if left**2 > part * beside**2 else "explained"
 
 
 def named(problem: Problem, found: SearchState, held: float) -> list[Finding]:
@@ -75,11 +80,16 @@ def named(problem: Problem, found: SearchState, held: float) -> list[Finding]:
 
 
 def shared_out(findings: Sequence[Finding], removed: float) -> list[Finding]:
-    """Findings, strongest first, with shares that add up to `removed`, the part of the explainable
-    misfit that all remove together."""
+    """Findings, strongest first and the shape behind them, with shares that add up to `removed`, the
+    part of the explainable misfit that all remove together."""
     total = max(sum(f.share for f in findings), 1e-300)
-    out = [replace(f, share=removed * f.share / total) for f in findings]
-    return sorted(out, key=lambda f: -f.share)
+    return in_rank([replace(f, share=removed * f.share / total) for f in findings])
+
+
+def in_rank(findings: Sequence[Finding]) -> list[Finding]:
+    """Strongest first; the shape behind the physics. A cause can be acted upon, while another shape
+    of the loop is what the model's own class could not follow beside it."""
+    return sorted(findings, key=lambda f: (f.name == "shape", -f.share))
 
 
 def _in_units(key: str, units: dict[str, str]) -> str:

@@ -5,13 +5,13 @@ its neighbours in stretches that follow each other, and be absent in others; a s
 the level; a change is an excess that begins, or ends, at a time.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dehyst.models.diagnosis.result import Finding, Value
 from dehyst.models.physics.candidate import small
-from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
 STRETCHES = 24
 LEAST = 128  # samples of a stretch
@@ -20,6 +20,9 @@ ABSENT = 0.35  # of the largest amplitude: below, the line is not there
 MOST_OF_TIME = 0.75  # there for longer is no episode
 NEIGHBOURS = 20  # bins to either side
 WIDTH = 1.96
+SAME_LINE = 0.01  # relative distance of frequencies
+BAND = 1.25  # factor of frequency to either side, in which a line must be alone:
+LEFT = 0.3  # of its power there may be beside it, and at other times
 SLIP = 0.4  # of the excess, that one step of the level must explain
 CHANGE = 0.6  # of the excess, that must lie on one side of a time,
 CHANGES_BY = 5.0  # and so many times as dense as on the other
@@ -33,48 +36,44 @@ class Episode:
     removed: Floats
 
 
+def find_episodes(data: Data, residual: Floats, sigma: float) -> Episode | None:
+    """The strongest line that is there for a part of the time, with all its times; None without."""
+    first = find_line(data, residual, sigma)
+    if first is None:
+        return None
+    frequency = first.finding.parameters["frequency_hz"].value
+    removed, whens = first.removed, [first.finding.where["time"]]
+    for _ in data.names:
+        more = find_line(data, residual - removed, sigma)
+        if more is None:
+            break
+        if abs(more.finding.parameters["frequency_hz"].value / frequency - 1.0) > SAME_LINE:
+            break
+        removed = removed + more.removed
+        whens.append(more.finding.where["time"])
+    where = {**first.finding.where, "time": "; ".join(whens)}
+    share = float(np.sum(removed**2)) / max(int(data.rows.sum()), 1)
+    return Episode(replace(first.finding, share=share, where=where), removed)
+
+
 def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
-    """The strongest line that is there in a part of the time."""
-    best: tuple[float, int, float, float, float, list[float]] | None = None
-    for i in range(len(data.names)):
-        at = np.flatnonzero((data.rec == i) & (data.raw_index >= 0))
-        each = at.size // STRETCHES
-        if each < LEAST:
-            continue
-        e = residual[at[: each * STRETCHES]].reshape(STRETCHES, each)
-        u = data.u[at[: each * STRETCHES]].reshape(STRETCHES, each)
-        window = np.hanning(each)
-        amplitude = np.abs(np.fft.rfft((e - e.mean(axis=1, keepdims=True)) * window)) / (each / 4)
-        driven = np.abs(np.fft.rfft((u - u.mean(axis=1, keepdims=True)) * window)) / (each / 4)
-        floor = _floor(amplitude)
-        towers = (amplitude > TOWERS * floor) & (driven < TOWERS * _floor(driven) + 1e-9)
-        towers[:, :4] = False
-        for k in np.flatnonzero(towers.sum(axis=0) >= 2):
-            a = amplitude[:, k - 1 : k + 2].max(axis=1)
-            there = a > ABSENT * a.max()
-            runs = np.flatnonzero(there)
-            share = runs.size / STRETCHES
-            together = runs.size == runs[-1] - runs[0] + 1
-            if share > MOST_OF_TIME or runs.size < 2 or not together or not towers[runs, k].any():
-                continue
-            power = float(np.sum(a[runs] ** 2)) * each / 2
-            dt = float(data.dt[at[0]])
-            if best is None or power > best[0]:
-                first, last = at[runs[0] * each], at[min((runs[-1] + 1) * each, at.size) - 1]
-                sizes = a[runs[1:-1]] if runs.size > 3 else a[runs]
-                peak = k - 1 + int(np.argmax(np.sum(amplitude[runs, k - 1 : k + 2] ** 2, axis=0)))
-                best = (power, i, peak / (each * dt), data.t[first], data.t[last], sizes.tolist())
-    if best is None:
+    """The strongest line that is there in a part of one recording."""
+    found = [
+        line
+        for i in range(len(data.names))
+        for line in _lines_of(data, residual, i)
+        if _is_alone(data, residual, sigma, line)
+    ]
+    if not found:
         return None
-    _, i, f, start, end, sizes = best
-    here = (data.rec == i) & (data.t >= start) & (data.t <= end)
-    f, removed = _fit_line(data, residual, here, f)
-    if float(np.sum(removed[here] ** 2)) < (5.0 * sigma) ** 2 * 8:
-        return None
-    size = float(np.sqrt(2.0 * np.mean(removed[here] ** 2)))
-    half = max(WIDTH * float(np.std(sizes)), 0.1 * size)
-    name = data.names[i]
+    line = max(found, key=lambda one: float(np.sum(one.removed**2)))
+    here, f = line.here, line.frequency
+    start, end = float(data.t[here].min()), float(data.t[here].max())
+    size = float(np.sqrt(2.0 * np.mean(line.removed[here] ** 2)))
+    half = max(WIDTH * float(np.std(line.sizes)), 0.1 * size)
+    name = data.names[line.recording]
     span = f"{start:.3g} to {end:.3g} s"
+    sure = 0.5 / max(end - start, 1e-9)
     finding = Finding(
         name="hum",
         key="hum-for-a-time",
@@ -82,12 +81,10 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
         title="A line for a part of the time",
         equation="y(t) = f(u) + A sin(2 pi f t + phase) from start to end",
         source="a machine that runs at times, a supply that is switched",
-        share=float(np.sum(removed**2)) / max(int(data.rows.sum()), 1),
-        evidence={"removed_rms": float(np.sqrt(np.mean(removed[here] ** 2)))},
+        share=float(np.sum(line.removed**2)) / max(int(data.rows.sum()), 1),
+        evidence={"removed_rms": float(np.sqrt(np.mean(line.removed[here] ** 2)))},
         parameters={
-            "frequency_hz": Value(
-                f, f - 0.5 / max(end - start, 1e-9), f + 0.5 / (end - start), "Hz"
-            ),
+            "frequency_hz": Value(f, f - sure, f + sure, "Hz"),
             f"amplitude_{data.unit}": Value(
                 size, max(size - half, 0.1 * size), size + half, data.unit
             ),
@@ -99,7 +96,81 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
             "and not at other times: look for a machine that ran then."
         ),
     )
-    return Episode(finding, removed)
+    return Episode(finding, line.removed)
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A line in some stretches of a recording. here, removed: (N,) where, and the line itself;
+    sizes: its amplitude by stretch."""
+
+    recording: int
+    frequency: float
+    sizes: list[float]
+    here: Bools
+    removed: Floats
+
+
+def _lines_of(data: Data, residual: Floats, i: int) -> list[_Line]:
+    """Lines that tower in stretches that follow each other, and are absent in others."""
+    at = np.flatnonzero((data.rec == i) & (data.raw_index >= 0))
+    each = at.size // STRETCHES
+    if each < LEAST:
+        return []
+    e = residual[at[: each * STRETCHES]].reshape(STRETCHES, each)
+    u = data.u[at[: each * STRETCHES]].reshape(STRETCHES, each)
+    window = np.hanning(each)
+    amplitude = np.abs(np.fft.rfft((e - e.mean(axis=1, keepdims=True)) * window)) / (each / 4)
+    driven = np.abs(np.fft.rfft((u - u.mean(axis=1, keepdims=True)) * window)) / (each / 4)
+    floor = _floor(amplitude)
+    towers = (amplitude > TOWERS * floor) & (driven < TOWERS * _floor(driven) + 1e-9)
+    towers[:, :4] = False
+    dt = float(data.dt[at[0]])
+    out: list[tuple[float, int, Ints]] = []
+    for k in np.flatnonzero(towers.sum(axis=0) >= 2):
+        a = amplitude[:, k - 1 : k + 2].max(axis=1)
+        runs = np.flatnonzero(a > ABSENT * a.max())
+        together = runs.size == runs[-1] - runs[0] + 1
+        if runs.size > MOST_OF_TIME * STRETCHES or runs.size < 2 or not together:
+            continue
+        if towers[runs, k].any():
+            out.append((float(np.sum(a[runs] ** 2)), int(k), runs))
+    lines = []
+    for _, k, runs in sorted(out, key=lambda one: -one[0])[:3]:
+        first, last = at[runs[0] * each], at[min((runs[-1] + 1) * each, at.size) - 1]
+        here = (data.rec == i) & (data.t >= data.t[first]) & (data.t <= data.t[last])
+        peak = k - 1 + int(np.argmax(np.sum(amplitude[runs, k - 1 : k + 2] ** 2, axis=0)))
+        f, removed = _fit_line(data, residual, here, peak / (each * dt))
+        inner = runs[1:-1] if runs.size > 3 else runs
+        sizes = amplitude[inner, k - 1 : k + 2].max(axis=1).tolist()
+        lines.append(_Line(i, f, sizes, here, removed))
+    return lines
+
+
+def _is_alone(data: Data, residual: Floats, sigma: float, line: _Line) -> bool:
+    """Whether the line is most of what there is about its frequency, while it is there, and at
+    other times there is little: what wanders, or rings now and then, is no line."""
+    here = line.here
+    if float(np.sum(line.removed[here] ** 2)) < (5.0 * sigma) ** 2 * 8:
+        return False
+    whole = data.rec == line.recording
+    dt = float(data.dt[whole][0])
+    before = _band(residual[whole], dt, line.frequency)
+    after = _band((residual - line.removed)[whole], dt, line.frequency)
+    inside = here[whole]
+    noise = 2.0 * sigma**2 * dt * line.frequency * (BAND - 1.0 / BAND)
+    power = float(np.mean(before[inside] ** 2))
+    left = max(float(np.mean(after[inside] ** 2)) - noise, 0.0)
+    other = max(float(np.mean(before[~inside] ** 2)) - noise, 0.0) if np.any(~inside) else 0.0
+    return left < LEFT * power and other < LEFT * power
+
+
+def _band(x: Floats, dt: float, f: float) -> Floats:
+    """The part of a signal about a frequency."""
+    spectrum = np.fft.rfft(x - x.mean())
+    at = np.fft.rfftfreq(x.size, dt)
+    spectrum[(at < f / BAND) | (at > f * BAND)] = 0.0
+    return np.fft.irfft(spectrum, x.size).astype(np.float64)
 
 
 def tell_time(data: Data, residual: Floats, sigma: float) -> tuple[str, dict[str, float | str]]:
@@ -153,7 +224,7 @@ def _floor(amplitude: Floats) -> Floats:
     return out + 1e-300
 
 
-def _fit_line(data: Data, residual: Floats, here: np.ndarray, f0: float) -> tuple[float, Floats]:
+def _fit_line(data: Data, residual: Floats, here: Bools, f0: float) -> tuple[float, Floats]:
     """The frequency near f0 that takes most, and the line (N,), 0 elsewhere."""
     t, e = data.t[here], residual[here] - residual[here].mean()
     width = 1.5 / max(float(np.ptp(t)), 1e-9) * 4

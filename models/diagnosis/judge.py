@@ -117,7 +117,7 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
         leaves = excess(problem, trial.fit, sigma)
         if trial.candidate.last and leaves > max((0.3 * sigma) ** 2, 0.25 * left):
             why = why or "structure remains that it does not explain"
-        if not why and (steady.wrong > 0.3 or steady.spread > 1.0):
+        if not why and (steady.wrong > 0.3 or steady.spread > trial.candidate.widest_spread):
             why = "not the same everywhere"
     return replace(trial, constancy=steady, refused=why, impossible=impossible)
 

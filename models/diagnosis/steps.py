@@ -9,8 +9,15 @@ import numpy as np
 from dehyst.models.diagnosis.augment import augmented
 from dehyst.models.diagnosis.base import compact_base, no_base, rich_base
 from dehyst.models.diagnosis.colour import is_coloured
-from dehyst.models.diagnosis.decide import named, next_experiment, shared_out, unknown, verdict_of
-from dehyst.models.diagnosis.episodes import Episode, find_line, tell_time
+from dehyst.models.diagnosis.decide import (
+    in_rank,
+    named,
+    next_experiment,
+    shared_out,
+    unknown,
+    verdict_of,
+)
+from dehyst.models.diagnosis.episodes import Episode, find_episodes, tell_time
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.excerpt import excerpt
 from dehyst.models.diagnosis.fit import JointFit, Problem
@@ -204,7 +211,7 @@ def with_episode(
     explainable = max(weighed.bare - sigma**2, 1e-300)
     taken = sum(f.share for f in findings)
     share = min(episode.finding.share / explainable, 1.0 - taken)
-    return sorted([*findings, replace(episode.finding, share=share)], key=lambda f: -f.share)
+    return in_rank([*findings, replace(episode.finding, share=share)])
 
 
 def _has_shape(correction: Correction, first: float, sigma: float) -> bool:
@@ -232,7 +239,7 @@ def _conclude(
     at_first = float(np.sqrt(max(weighed.bare - sigma**2, 0.0)))
     left = float(np.sqrt(excess(problem, final, sigma)))
     whole_noise = sigma
-    episode = find_line(data, residual, sigma)
+    episode = find_episodes(data, residual, sigma)
     if episode is not None:
         residual = residual - episode.removed
         findings = with_episode(findings, episode, weighed, sigma)
@@ -244,7 +251,8 @@ def _conclude(
         at_first = float(np.sqrt(max(weighed.bare - whole_noise**2, 0.0)))
         left = 0.0
     unexplained = by_blocks(found.problem, found.null).mean_square
-    verdict = verdict_of(findings, left, at_first, whole_noise)
+    beside = float(np.sqrt(excess(found.problem, found.null, sigma)))
+    verdict = verdict_of(findings, left, at_first, beside, whole_noise)
     if not follows(data, unexplained) and not shown:
         findings, verdict = [f for f in findings if f.name != "shape"], "unknown"
     if verdict in ("unknown", "partly"):

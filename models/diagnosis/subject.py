@@ -32,7 +32,7 @@ from dehyst.models.signals.joined import Data, Floats
 THRESHOLDS = np.array([0, 0.01, 0.025, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.37, 0.45])
 POWERS = ((2, 3, 4, 5), (2, 3), ())  # the first with which the model does not turn over
 LEAST_SLOPE = 0.1  # of the polynomial, over the recorded range
-ROUNDS = 6  # Gauss-Newton steps of the plain fit
+ROUNDS = 12  # Gauss-Newton steps of the plain fit
 PROBE_SAMPLES = 400
 
 
@@ -149,10 +149,14 @@ def identify_plain(recordings: Sequence[Recording], data: Data) -> Subject:
 
 
 def fit_plain(data: Data, r: Floats) -> Model:
-    """Weights >= 0 of plays with thresholds r, and a polynomial behind them, by Gauss-Newton."""
+    """Plays with thresholds r (n,) and a polynomial behind them, by Gauss-Newton; what can be
+    inverted: partial sums of the weights >= 0 (Kuhnen 2003), and a polynomial that does not turn
+    over."""
     used = np.flatnonzero(data.rows)
     used = used[:: max(1, used.size // TUNING.search_rows)]
     h = plays(r, data.u - data.u_min, data.forgets)[used]
+    # columns of which the weights are the partial sums
+    h[:, :-1] -= h[:, 1:].copy()
     y, rec = data.y[used], data.rec[used]
     groups = (rec[:, None] == np.arange(len(data.names))[None, :]).astype(float)
     du = data.u[used] - data.u[used].mean()
@@ -160,57 +164,84 @@ def fit_plain(data: Data, r: Floats) -> Model:
     slope = max(abs(float(du @ (y - y.mean()))) / float(du @ du), 1e-12)
     size = slope * data.span  # the polynomial is of z / size: its terms are of one size
     for powers in POWERS:
-        b, c, offset, least = _bent_fit(h, sign * y, groups, powers, slope, size)
-        if least > LEAST_SLOPE:
+        fit = _bent_fit(h, sign * y, groups, powers, size)
+        if fit.least_slope > LEAST_SLOPE:
             break
     coefficients = np.zeros(max((1, *powers)) + 1)
-    coefficients[0], coefficients[1] = offset, 1.0
-    for p, cp in zip(powers, c, strict=True):
+    coefficients[0], coefficients[1] = fit.offset, 1.0
+    for p, cp in zip(powers, fit.c, strict=True):
         coefficients[p] = cp / size**p
-    b[0] = max(b[0], 1e-3 * float(b.sum()))
+    sums = np.maximum(fit.sums, 1e-3 * float(fit.sums.max()))
+    b = np.diff(sums, prepend=0.0)
     hysteresis = Hysteresis(r=r, b=b, c=sign * coefficients, u_offset=data.u_min)
     validity = Validity(data.u_min, data.u_min + data.span, period_s=data.period)
     return Model(hysteresis, validity, data.drive_unit, data.unit)
 
 
+@dataclass(frozen=True)
+class _BentFit:
+    """Partial sums (n,), coefficients of the powers, mean offset, sum of squares, least slope of
+    the polynomial."""
+
+    sums: Floats
+    c: Floats
+    offset: float
+    sse: float
+    least_slope: float
+
+
 def _bent_fit(
-    h: Floats, y: Floats, groups: Floats, powers: tuple[int, ...], slope: float, size: float
-) -> tuple[Floats, Floats, float, float]:
-    """Weights (n,), coefficients, mean offset, and the polynomial's least slope."""
-    b, c = np.full(h.shape[1], slope / h.shape[1]), np.zeros(len(powers))
-    best = (np.inf, b, c, 0.0, 1.0)
-    for _ in range(ROUNDS if powers else 1):
-        z = h @ b / size
-        gradient = 1.0 + sum(p * cp * z ** (p - 1) for p, cp in zip(powers, c, strict=True)) / size
-        bent = np.stack([z**p for p in powers], axis=1) if powers else np.zeros((z.size, 0))
-        straight = h * np.reshape(gradient, (-1, 1)) if powers else h
-        # P(z) about here, linear in the weights: constant + straight @ b + bent @ c
-        constant = h @ b - straight @ b
-        x = np.hstack([straight, bent, -bent, groups, -groups])
-        b, c, offset = _solve_bounded(x, y - constant, h.shape[1], len(powers))
-        z = h @ b / size
-        said = h @ b + sum(cp * z**p for p, cp in zip(powers, c, strict=True))
-        left = y - said
-        left = left - groups @ (groups.T @ left / np.maximum(groups.sum(axis=0), 1.0))
-        sse = float(left @ left)
-        if not sse < best[0]:
-            break
+    h: Floats, y: Floats, groups: Floats, powers: tuple[int, ...], size: float
+) -> _BentFit:
+    """P(h @ sums) + an offset for each group, P(z) = z + sum_p c_p (z / size)^p; Gauss-Newton from
+    the straight fit, each step halved until it helps."""
+    count = np.maximum(groups.sum(axis=0), 1.0)
+
+    def judge(sums: Floats, c: Floats) -> _BentFit:
+        z = h @ sums / size
+        left = y - h @ sums - sum(cp * z**p for p, cp in zip(powers, c.tolist(), strict=True))
+        offsets = groups.T @ left / count
+        left = left - groups @ offsets
         turn = 1.0 + sum(p * cp * z ** (p - 1) for p, cp in zip(powers, c, strict=True)) / size
-        best = (sse, b, c, offset, float(np.min(turn)))
-    return np.array(best[1]), best[2], best[3], best[4]
+        least = float(np.min(turn)) if powers else 1.0
+        return _BentFit(sums, c, float(offsets.mean()), float(left @ left), least)
+
+    n, m = h.shape[1], len(powers)
+    sums, _ = _solve_bounded(np.hstack([h, groups, -groups]), y, n, 0)
+    best = judge(sums, np.zeros(m))
+    for _ in range(ROUNDS if powers else 0):
+        z = h @ best.sums / size
+        slope = (
+            1.0 + sum(p * cp * z ** (p - 1) for p, cp in zip(powers, best.c, strict=True)) / size
+        )
+        bent = np.stack([z**p for p in powers], axis=1)
+        straight = h * np.reshape(slope, (-1, 1))
+        # P(z) about here, linear in the weights: constant + straight @ sums + bent @ c
+        constant = h @ best.sums - straight @ best.sums
+        x = np.hstack([straight, bent, -bent, groups, -groups])
+        sums, c = _solve_bounded(x, y - constant, n, m)
+        for part in (1.0, 0.5, 0.25, 0.125):
+            trial = judge(best.sums + part * (sums - best.sums), best.c + part * (c - best.c))
+            if trial.sse < best.sse:
+                break
+        else:
+            break
+        fall, best = best.sse - trial.sse, trial
+        if fall < 1e-4 * best.sse:
+            break
+    return best
 
 
-def _solve_bounded(x: Floats, y: Floats, n: int, m: int) -> tuple[Floats, Floats, float]:
-    """Weights (n,) >= 0, free coefficients (m,) of the polynomial, mean offset."""
+def _solve_bounded(x: Floats, y: Floats, n: int, m: int) -> tuple[Floats, Floats]:
+    """Weights (n,) >= 0 and free coefficients (m,); x: the weights' columns, the coefficients' with
+    both signs, then others."""
     gram = x.T @ x
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
     normed = gram / np.outer(scale, scale) + 1e-9 * np.eye(scale.size)
     factor = np.linalg.cholesky(normed)
     w, _ = nnls(factor.T, np.linalg.solve(factor, x.T @ y / scale), maxiter=50 * scale.size)
     w = w / scale
-    rest = w[n + 2 * m :]
-    half = rest.size // 2
-    return w[:n], w[n : n + m] - w[n + m : n + 2 * m], float(np.mean(rest[:half] - rest[half:]))
+    return w[:n], w[n : n + m] - w[n + m : n + 2 * m]
 
 
 def _recordings(data: Data) -> list[slice]:

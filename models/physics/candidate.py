@@ -94,6 +94,9 @@ class Candidate:
     rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
     bounds_told: bool = True  # a parameter on its bound is told as not identified
     repeatable: bool = False
+    widest_spread: float = (
+        1.0  # of its amplitude over time, rms: with more it is not the same there
+    )
     mode: str = "columns"  # or "drive", "output"
     parameters: tuple[Parameter, ...] = ()
     channel: str = ""

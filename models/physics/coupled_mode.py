@@ -160,7 +160,12 @@ class CoupledMode(Coupling):
         return np.concatenate([self._mode(data, f, z) for f, z in modes], axis=1)
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
-        out = {"gain_um_per_unit": (float(np.sum(amplitudes[::2])), self.limit_unit)}
+        out = {}
+        for tail, gain, quadrature in zip(
+            _tails(theta), amplitudes[::2], amplitudes[1::2], strict=True
+        ):
+            size = float(np.copysign(np.hypot(gain, quadrature), gain))
+            out[f"gain{tail}_um_per_unit"] = (size, self.limit_unit)
         for p, v in zip(self.params_at(theta), theta, strict=True):
             out[p.key] = (float(v), p.unit)
         return out
@@ -183,13 +188,12 @@ class CoupledMode(Coupling):
         return tuple(out)
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
-        gain = small(values["gain_um_per_unit"])
-        f = ", ".join(f"{v:.4g}" for k, (v, _) in values.items() if k.startswith("frequency"))
-        through = "a mode" if "," not in f else "modes"
+        gains = [small(v) for k, v in values.items() if k.startswith("gain")]
+        at = [f"{v:.4g}" for k, (v, _) in values.items() if k.startswith("frequency")]
+        modes = " and ".join(f"{g} by one at {f} Hz" for g, f in zip(gains, at, strict=False))
         return (
-            f"The channel {self.channel} moves this reading by {gain} when at rest, through "
-            f"{through} at {f} Hz: the axes are not decoupled, and the drives should stay away "
-            "from there."
+            f"The channel {self.channel} moves this reading through modes, {modes}: the axes are not "
+            "decoupled, and the drives should stay away from there."
         )
 
 

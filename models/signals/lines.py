@@ -3,6 +3,10 @@
 Blind are the bins where the drive or what a hysteresis makes of it has lines: its own frequencies,
 their harmonics and intermodulation products, each as wide as the window's main lobe. A line of the
 surroundings that falls there cannot be told from the loop's shape.
+
+Under feedback a line of the reading stands in the drive too. It is one of the surroundings where the
+residual has it about as strong as the drive would make it, while the drive moves by other
+frequencies: no loop is wrong by as much as it is high.
 """
 
 import numpy as np
@@ -17,6 +21,8 @@ PADDED = 4  # times the samples, in a transform
 LOBE = 2  # bins to either side, that the main lobe of the window (Hann) reaches
 WIDTHS = np.array([0.03, 0.2])  # of the drive's range: of the plays and memories that make products
 AS_STRONG = 0.5  # of a line's height over its neighbours, that a product's must reach to hide it
+AS_HIGH = 0.7  # of what the drive's line would make, that a residual's must reach to be no product,
+MINOR = 0.05  # where the drive's line is no more than this part of its strongest
 STANDS_OUT = 4.5  # amplitude over the rms of its neighbourhood; by chance once in 1e5 records
 
 
@@ -26,6 +32,7 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
     work = residual.astype(float).copy()
     found: list[float] = []
     products: dict[int, Floats] = {}
+    slope = _slope(data)
     names = range(len(data.names))
     fundamentals = [
         fundamental_hz(data.u[data.rec == i], float(data.dt[data.rec == i][0])) for i in names
@@ -37,6 +44,7 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
         grid = np.arange(2.0 / longest, top, step)
         total = np.full(grid.size, np.inf)
         driven = np.full(grid.size, np.inf)
+        fed_back = np.ones(grid.size, dtype=bool)
         harmonic = np.ones(grid.size, dtype=bool)
         for i in names:
             here = data.rec == i
@@ -51,12 +59,13 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
             if i not in products:
                 products[i] = _products(data, here, dt)
             driven = np.minimum(driven, np.interp(grid, f, products[i]))
+            fed_back &= np.interp(grid, f, _as_high(spectrum, data.u[here], slope)) > 0.5
             first = fundamentals[i]
             harmonic &= _harmonics(grid, first, longest) if first else False
         if not np.isfinite(total).any():
             return found
         # a line that the drive has in every recording is the drive's doing
-        total[(driven > AS_STRONG * total) | harmonic] = 0.0
+        total[(driven > AS_STRONG * total) & ~fed_back | harmonic] = 0.0
         for known in found:
             total[np.abs(grid - known) < 6 * step] = 0.0
         at = int(np.argmax(np.where(np.isfinite(total), total, 0)))
@@ -73,6 +82,21 @@ def _spectrum(x: Floats, dt: float) -> tuple[Floats, Floats]:
     size = PADDED * x.size
     amplitude = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size), size))
     return np.fft.rfftfreq(size, dt).astype(np.float64), amplitude.astype(np.float64)
+
+
+def _slope(data: Data) -> float:
+    """Displacement for a unit of drive, over all recordings."""
+    u, y = data.u[data.rows], data.y[data.rows]
+    u = u - u.mean()
+    return abs(float(u @ (y - y.mean()))) / max(float(u @ u), 1e-300)
+
+
+def _as_high(spectrum: Floats, u: Floats, slope: float) -> Floats:
+    """1 in the bins where a residual's line is about as high as the drive's own would make it, and
+    the drive's is a minor one; 0 elsewhere."""
+    drive = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size), PADDED * u.size))
+    line = (drive < MINOR * drive.max()) & (drive > 3.0 * _local_rms(drive))
+    return np.asarray(line & (spectrum > AS_HIGH * slope * drive), dtype=np.float64)
 
 
 def _products(data: Data, here: Bools, dt: float) -> Floats:
