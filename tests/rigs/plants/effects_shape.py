@@ -74,7 +74,7 @@ def asymmetric(rng: np.random.Generator, own: bool, dt: float) -> Effect:
     halves, middle = rng.uniform(0.3, 2.5, 4), rng.uniform(3.5, 6.5)
 
     def run(x: Floats, w: World, s: float) -> Floats:
-        return x + s * _one_sided(w.u, halves) * np.exp(-(((w.u - middle) / 2.5) ** 2))
+        return x - s * _one_sided(w.u, halves) * np.exp(-(((w.u - middle) / 2.5) ** 2))
 
     return Effect("shape", "asymmetric ceramic", "stage", run, 0.1, 4.0, lambda s: {})
 

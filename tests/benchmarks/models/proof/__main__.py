@@ -24,7 +24,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, as the comma
 import numpy as np
 from tests.benchmarks.models.proof.families import COUNTS, parse, plans
 from tests.benchmarks.models.proof.real import real_recordings
-from tests.benchmarks.models.proof.run import one_line, run_case
+from tests.benchmarks.models.proof.run import one_line, run_and_keep, run_case
 from tests.benchmarks.models.proof.tables import bars_of, tables
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -105,9 +105,9 @@ def show(seed: int, name: str, checks: int, folder: Path) -> int:
         parse(name)
     except ValueError as error:
         raise SystemExit(str(error)) from None
-    row = run_case(seed, name, checks)
+    row, case, diagnosis = run_and_keep(seed, name, checks)
     print(one_line(row))
-    if "failed" in row:
+    if "failed" in row or case is None:
         print(row["failed"])
         return 1
     for h in row["truth"]["hidden"]:
@@ -120,7 +120,9 @@ def show(seed: int, name: str, checks: int, folder: Path) -> int:
     print(f"  next: {row['answer']['next_experiment']}")
     found = wrong(row)
     print("\n".join(f"  WRONG: {text}" for text in found) or "  nothing wrong")
-    print(draw(seed, name, folder))
+    path = folder / f"{seed}-{name}.png"
+    draw(case, diagnosis, path)
+    print(path)
     return 1 if found else 0
 
 

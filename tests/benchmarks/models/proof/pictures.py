@@ -7,18 +7,15 @@ import matplotlib
 matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
-from tests.benchmarks.models.proof.families import parse, plan
-from tests.benchmarks.models.proof.stages import make_case
+from tests.benchmarks.models.proof.stages import Case
 
-from dehyst.models.diagnosis import diagnose
+from dehyst.models.diagnosis import Diagnosis
 
 BLUE, GREY, RED = "#1f5fbf", "#9a9a9a", "#c0392b"
 
 
-def draw(seed: int, name: str, folder: Path) -> Path:
-    """The picture of a case; where it was written."""
-    case = make_case(plan(seed, *parse(name)))
-    diagnosis = diagnose(case.given())
+def draw(case: Case, diagnosis: Diagnosis, path: Path) -> None:
+    """The picture of a case."""
     bare = case.stage
     figure, axes = plt.subplots(
         4, len(diagnosis.views), figsize=(5.5 * len(diagnosis.views), 11), layout="constrained",
@@ -42,9 +39,7 @@ def draw(seed: int, name: str, folder: Path) -> Path:
         column[3].set_title(f"what is hidden does / {diagnosis.unit}")
     hidden = ", ".join(f"{h.name} ({h.form}) {h.left:.1f}" for h in case.hidden) or "nothing"
     named = ", ".join(f.name for f in diagnosis.findings) or "-"
-    figure.suptitle(f"seed {seed}, {name}, {case.plan.hysteresis}. Hidden: {hidden}. Said: {named}")
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{seed}-{name}.png"
+    figure.suptitle(f"{path.stem}, {case.plan.hysteresis}. Hidden: {hidden}. Said: {named}")
+    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=90)
     plt.close(figure)
-    return path

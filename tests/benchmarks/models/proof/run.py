@@ -16,32 +16,36 @@ Row = dict[str, Any]
 
 def run_case(seed: int, name: str, checks: int) -> Row:
     """Make, diagnose and judge one case; `checks` of its limits are asked again."""
+    return run_and_keep(seed, name, checks)[0]
+
+
+def run_and_keep(seed: int, name: str, checks: int) -> tuple[Row, Case | None, Any]:
+    """The same, with the case and its Diagnosis as far as they came to be."""
+    from dehyst.models.diagnosis import diagnose
+
     start = time.perf_counter()
     row: Row = {"case": name, "family": parse(name)[0], "seed": seed}
+    case = diagnosis = None
     try:
         case = make_case(plan(seed, *parse(name)))
         row |= {
             "hysteresis": case.plan.hysteresis, "fault": case.plan.fault,
             "truth": truth_of(case).to_dict(), "rows": sum(r.size for r in case.given()),
-            "made_s": time.perf_counter() - start,
         }  # fmt: skip
-        row |= judge(case, checks, np.random.default_rng([seed, case.plan.seed]))
+        begun = time.perf_counter()
+        diagnosis = diagnose(case.given())
+        row["seconds"] = time.perf_counter() - begun
+        row |= judge(case, diagnosis, checks, np.random.default_rng([seed, case.plan.seed]))
     except Exception:  # a crash must show in the table, not end the run
         row["failed"] = traceback.format_exc()
-    return row | {"total_s": time.perf_counter() - start}
+    return row | {"total_s": time.perf_counter() - start}, case, diagnosis
 
 
-def judge(case: Case, checks: int, rng: np.random.Generator) -> Row:
+def judge(case: Case, diagnosis: Any, checks: int, rng: np.random.Generator) -> Row:
     """Answer and figures of a case."""
-    from dehyst.models.diagnosis import diagnose
-
-    start = time.perf_counter()
-    diagnosis = diagnose(case.given())
-    seconds = time.perf_counter() - start
     said = diagnosis.to_dict()
     row = {
         "answer": said,
-        "seconds": seconds,
         "score": score(truth_of(case), said, case.plan.rig),
         "figures": figures(case, diagnosis.base_model, diagnosis.model, said),
     }
