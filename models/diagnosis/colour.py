@@ -1,8 +1,8 @@
 """The colour of the noise: misfit that has nothing to do with the drive, at all times alike.
 
 What is left after the best fit counts as noise where
-    - its spectrum falls smoothly, without lines, and not all of it is slower than a few waves of the
-      longest recording (that is drift);
+    - its spectrum falls smoothly, without lines, and not all of it is slower than a few waves of
+      the longest recording (that is drift);
     - it is as strong at all times, at every scale;
     - the drive tells nothing of it: functions of the drive, and the displacement with an amplitude
       of its own in each block of time, explain no more of it than they do when shifted in time (the

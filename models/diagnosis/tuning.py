@@ -64,7 +64,7 @@ class Tuning(NamedTuple):
     explained_small: float = 0.5  # and where what is left is below structure
     explained_best: float = 0.01  # of what the model in use leaves: less is always explained
     # shape
-    shape_size: float = 0.45  # size that the base must remove of held-out samples,
+    shape_size: float = 0.3  # size that the base must remove of held-out samples,
     shape_share: float = 0.03  # and share of what the model in use leaves
     foreign_share: float = 0.03  # of the stroke: a given model that leaves more, and
     foreign_times: float = 4.0  # times what a model of its class would, is of another stage

@@ -192,8 +192,8 @@ class CoupledMode(Coupling):
         at = [f"{v:.4g}" for k, (v, _) in values.items() if k.startswith("frequency")]
         modes = " and ".join(f"{g} by one at {f} Hz" for g, f in zip(gains, at, strict=False))
         return (
-            f"The channel {self.channel} moves this reading through modes, {modes}: the axes are not "
-            "decoupled, and the drives should stay away from there."
+            f"The channel {self.channel} moves this reading through modes, {modes}: the axes are "
+            "not decoupled, and the drives should stay away from there."
         )
 
 
