@@ -60,7 +60,9 @@ def row(family: str, truth: Truth, said: Row, after: float = 0.2, limit: bool = 
             "disagrees": 1.0,
         },
         "fault": "",
-        "limits": [{"limit": "lag above 1", "name": "lag", "true": limit, "answer": "clean: -"}],
+        "limits": [
+            {"limit": "lag above 1", "name": "lag", "left": 1.0, "true": limit, "answer": "clean"}
+        ],
     }  # fmt: skip
 
 

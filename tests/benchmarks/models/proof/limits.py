@@ -38,14 +38,19 @@ def bound(limit: dict[str, Any]) -> float | None:
 
 
 def holds(case: Case, limit: dict[str, Any], ask: Ask, rng: np.random.Generator) -> dict[str, Any]:
-    """Whether a limit is true; ask: diagnosis.json of the case with one more effect."""
-    said = ask(case, beyond(case, limit, rng))
+    """Whether a limit is true; ask: diagnosis.json of the case with one more effect. left: what a
+    rich base leaves of the effect [rms of the noise]."""
+    more = beyond(case, limit, rng)
+    said = ask(case, more)
+    without, stage = case.stage.readings(case.chain), case.stage
+    left = case.size.left(limit["name"], stage.readings([*case.chain, more]) - without)
     names = [e["name"] for e in said["effects"]]
     ties = [tie for e in said["effects"] for tie in e.get("ambiguous_with") or []]
     side = "above" if "above" in limit else "below"
     return {
         "limit": f"{limit['name']} {side} {bound(limit):.4g} {limit['unit']}",
         "name": limit["name"],
+        "left": left * case.plan.rig.per_um / case.noise,
         "true": limit["name"] in names or limit["name"] in ties,
         "answer": f"{said['verdict']}: {', '.join(names) or '-'}",
     }

@@ -107,6 +107,7 @@ class Case:
     chain: tuple[tuple[Effect, float], ...] = field(repr=False)
     tables: dict[str, Table] = field(repr=False)
     zero: float  # what the reading shows at rest [um]
+    size: Size = field(repr=False)
 
     def recording(self, name: str, more: tuple[Effect, float] | None = None) -> Recording:
         """As the tool gets it; more: one more effect in the stage."""
@@ -215,7 +216,7 @@ def make_case(plan: Plan) -> Case:
         kept, missing = faults(rng, t.size, plan.fault if name != HELD else "", dt)
         hiss = noise_of(rng, t.size, rig, dt)
         tables[name] = Table(np.round(t, 9), written[name], exact, hiss, channels, kept, missing)
-    return Case(plan, tuple(hidden), stage, tuple(chain), tables, zero)
+    return Case(plan, tuple(hidden), stage, tuple(chain), tables, zero, size)
 
 
 def _on_a_harmonic(truth: dict[str, float], plan: Plan) -> bool:

@@ -123,7 +123,11 @@ def wrong(row: Row) -> list[str]:
     if row in outside([row]) and not s["told"]:
         out.append("not told that something is outside the library")
     out += [f"{name} is not there" for name in s["spurious"]]
-    out += [f"false limit: {x['limit']} ({x['answer']})" for x in row["limits"] if not x["true"]]
+    out += [
+        f"false limit: {x['limit']} ({x['left']:.2f} noises; {x['answer']})"
+        for x in row["limits"]
+        if not x["true"]
+    ]
     out += [f"false limit: {text}" for text in s["contradicted"]]
     out += s["rules"]
     if _disagrees(row):
