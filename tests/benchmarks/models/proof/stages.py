@@ -186,15 +186,19 @@ def make_case(plan: Plan) -> Case:
     size = Size([u for n, u in written.items() if n != HELD], dt, nothing)
     noise = float(np.hypot(rig.noise_um, rig.step_um / np.sqrt(12.0)))
     class_left = rms(size.base.residual(nothing)) / noise
-    chain, hidden = [], []
+    chain: list[tuple[Effect, float]] = []
     for effect, wanted in zip(effects, plan.effects, strict=True):
+        so_far = stage.readings(chain)
 
-        def left(s: float, e: Effect = effect) -> float:
-            return size.left(e.name, stage.readings([(e, s)]) - nothing)
+        def left(s: float, e: Effect = effect, before: Floats = so_far) -> float:
+            return size.left(e.name, stage.readings([*chain, (e, s)]) - before)
 
-        strength = _solve(left, noise * max(wanted.size, ABOVE_CLASS * class_left), effect)
-        difference = stage.readings([(effect, strength)]) - nothing
-        chain.append((effect, strength))
+        target = noise * max(wanted.size, ABOVE_CLASS * class_left)
+        chain.append((effect, _solve(left, target, effect)))
+    hidden = []
+    for effect, strength in chain:  # each beside the others: a slew limit hides a resonance
+        others = [other for other in chain if other[0] is not effect]
+        difference = stage.readings(chain) - stage.readings(others)
         hidden.append(
             Hidden(
                 effect.name, effect.form, ACTS_ON[effect.place],
