@@ -22,15 +22,16 @@ from dehyst.models.physics.candidate import Candidate, small
 
 
 def verdict_of(
-    findings: Sequence[Finding], left: float, at_first: float, beside: float, sigma: float
+    findings: Sequence[Finding], left: float, at_first: float, beside: float, floor: float
 ) -> str:
     """clean, explained, partly or unknown. Rms excess over the noise: left, at_first: that the
     augmented model and the model in use leave; beside: that a loop of any shape leaves without
-    physics, against which what physics explains is measured."""
-    structure = TUNING.structure_left * sigma
+    physics, against which what physics explains is measured. floor: rms of the noise, or of what
+    no base is better than."""
+    structure = TUNING.structure_left * floor
     if not findings:
         return "unknown" if at_first > structure else "clean"
-    if left <= TUNING.surely_nothing * sigma or left**2 <= TUNING.explained_best * at_first**2:
+    if left <= TUNING.surely_nothing * floor or left**2 <= TUNING.explained_best * at_first**2:
         return "explained"
     if all(f.name == "shape" for f in findings):
         return "partly" if left > structure else "explained"

@@ -127,19 +127,19 @@ def _lines_of(data: Data, residual: Floats, i: int) -> list[_Line]:
     towers[:, :4] = False
     dt = float(data.dt[at[0]])
     out: list[tuple[float, int, Ints]] = []
-    for k in np.flatnonzero(towers.sum(axis=0) >= 2):
+    for k in np.flatnonzero(towers.sum(axis=0) >= 2).tolist():
         a = amplitude[:, k - 1 : k + 2].max(axis=1)
         runs = np.flatnonzero(a > ABSENT * a.max())
         together = runs.size == runs[-1] - runs[0] + 1
         if runs.size > MOST_OF_TIME * STRETCHES or runs.size < 2 or not together:
             continue
         if towers[runs, k].any():
-            out.append((float(np.sum(a[runs] ** 2)), int(k), runs))
+            out.append((float(np.sum(a[runs] ** 2)), k, runs))
     lines = []
     for _, k, runs in sorted(out, key=lambda one: -one[0])[:3]:
         first, last = at[runs[0] * each], at[min((runs[-1] + 1) * each, at.size) - 1]
         here = (data.rec == i) & (data.t >= data.t[first]) & (data.t <= data.t[last])
-        peak = k - 1 + int(np.argmax(np.sum(amplitude[runs, k - 1 : k + 2] ** 2, axis=0)))
+        peak = int(k - 1 + np.argmax(np.sum(amplitude[runs, k - 1 : k + 2] ** 2, axis=0)))
         f, removed = _fit_line(data, residual, here, peak / (each * dt))
         inner = runs[1:-1] if runs.size > 3 else runs
         sizes = amplitude[inner, k - 1 : k + 2].max(axis=1).tolist()

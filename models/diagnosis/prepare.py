@@ -23,6 +23,7 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Recording, typical_step
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
+FIRST_WAY = 0.8  # of the drive's range
 MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came late
 
 
@@ -143,7 +144,7 @@ def prepare(recordings: Sequence[Recording]) -> Data:
                 "part": part + np.cumsum(laid.cut) - 1,
                 "rows": _known_history(laid.u, laid.cut) & laid.known,
                 "block": block + _cut_evenly(n, TUNING.time_blocks),
-                "fold": _cut_evenly(n, TUNING.folds * TUNING.fold_pieces) % TUNING.folds,
+                "fold": _groups(laid.u),
                 "raw": laid.raw,
                 **{"ch_" + k: v for k, v in channels.items()},
             }
@@ -216,6 +217,16 @@ def _filled(x: Floats) -> Floats:
 def _cut_evenly(size: int, pieces: int) -> Ints:
     """(size,) the piece that each sample is in, when so many of equal length follow each other."""
     return np.arange(size) * pieces // size
+
+
+def _groups(u: Floats) -> Ints:
+    """(n,) cross-validation group of each sample, -1 where it is in none: the first way over the
+    drive's range is shown once, and nothing else foretells it."""
+    out = _cut_evenly(u.size, TUNING.folds * TUNING.fold_pieces) % TUNING.folds
+    swept = np.maximum.accumulate(u) - np.minimum.accumulate(u)
+    head = int(np.searchsorted(swept, FIRST_WAY * float(swept[-1])))
+    out[: min(head, u.size // 4)] = -1
+    return out
 
 
 def _known_history(u: Floats, cut: Bools) -> Bools:

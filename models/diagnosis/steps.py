@@ -21,7 +21,7 @@ from dehyst.models.diagnosis.episodes import Episode, find_episodes, tell_time
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.excerpt import excerpt
 from dehyst.models.diagnosis.fit import JointFit, Problem
-from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, excess
+from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, base_error, excess
 from dehyst.models.diagnosis.limits import limits
 from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.noise import noise_rms
@@ -31,7 +31,7 @@ from dehyst.models.diagnosis.search import search
 from dehyst.models.diagnosis.shape import Correction, measure_correction, shape_finding
 from dehyst.models.diagnosis.sightings import accept, retell, sightings
 from dehyst.models.diagnosis.subject import Subject, identify_plain, take_model
-from dehyst.models.diagnosis.survey import comes_back, follows, left_of, survey
+from dehyst.models.diagnosis.survey import BUTTERFLY, comes_back, follows, left_of, survey
 from dehyst.models.diagnosis.told import only_told, without_driven, worth_telling
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
@@ -73,9 +73,15 @@ def diagnose(
     early = held_drive(problem, null, sigma)
     if early is not None:
         data, problem, null = early.data, early, early.solve([])
-    found = find(problem, sigma, null, say)
+    other = on_the_model(problem, null)
+    if other is not problem:
+        problem, null = other, other.solve([])
+    found = find_above_noise(problem, null, say)
+    sigma = found.search.sigma
     unexplained = by_blocks(problem, null).mean_square
-    if comes_back(data) or not follows(data, unexplained):
+    explained = by_blocks(found.search.problem, found.search.accepted).mean_square
+    butterfly = comes_back(data) and explained > TUNING.follows_late * unexplained
+    if butterfly or not follows(data, min(unexplained, explained)):
         # out of the class: what the drive causes cannot be told from the loop
         found = replace(found, search=without_driven(found.search))
     seen = sightings(data, sigma)
@@ -84,7 +90,8 @@ def diagnose(
         if candidate.key in other.accepted.effect_names:
             found = replace(found, search=other)
     shown = bool({c.key for c, _ in seen} & set(found.search.accepted.effect_names))
-    diagnosis = _conclude(whole, bare, found.search, [foreign] if foreign else [], shown, say)
+    warnings = [text for text in (foreign, BUTTERFLY if butterfly else "") if text]
+    diagnosis = _conclude(whole, bare, found.search, warnings, shown, say)
     for candidate, sighting in seen:
         findings = retell(diagnosis.findings, candidate, sighting)
         diagnosis = replace(diagnosis, findings=findings)
@@ -130,6 +137,32 @@ def find(problem: Problem, sigma: float, null: JointFit, say: Progress) -> Found
             found = other
     told = only_told(worth_telling(found))
     return Found(told, told if found is over_rich else only_told(worth_telling(over_rich)))
+
+
+def find_above_noise(problem: Problem, null: JointFit, say: Progress) -> Found:
+    """The same with the noise of what it leaves: where the drive fills the band, what an effect
+    leaves in it stands for noise until the effect is known."""
+    sigma = noise_rms(problem.data, null.residual(problem.data))
+    found = find(problem, sigma, null, say)
+    left = noise_rms(problem.data, found.search.accepted.residual(problem.data))
+    if left > TUNING.noise_again * sigma:
+        return found
+    again = find(problem, left, null, say)
+    first, second = (by_blocks(f.search.problem, f.search.accepted) for f in (found, again))
+    if second.mean_square < first.mean_square - (TUNING.helps * left) ** 2:
+        return again
+    return Found(replace(found.search, sigma=left), replace(found.over_rich, sigma=left))
+
+
+def on_the_model(problem: Problem, null: JointFit) -> Problem:
+    """The problem with the identified model under the base, where that alone foretells better than
+    the base does: then no effect has distorted it, and the base need not find it again."""
+    if problem.subject.carries:
+        return problem
+    data = problem.data
+    carried = replace(problem, subject=replace(problem.subject, carries=True))
+    alone = replace(carried, base=no_base(data)).solve([]).sse / int(data.rows.sum())
+    return carried if alone < by_blocks(problem, null).mean_square else problem
 
 
 def held_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
@@ -252,7 +285,9 @@ def _conclude(
         left = 0.0
     unexplained = by_blocks(found.problem, found.null).mean_square
     beside = float(np.sqrt(excess(found.problem, found.null, sigma)))
-    verdict = verdict_of(findings, left, at_first, beside, whole_noise)
+    floor = max(whole_noise, base_error(data) / TUNING.structure_left)
+    verdict = verdict_of(findings, left, at_first, beside, floor)
+    unexplained = min(unexplained, by_blocks(found.problem, found.accepted).mean_square)
     if not follows(data, unexplained) and not shown:
         findings, verdict = [f for f in findings if f.name != "shape"], "unknown"
     if verdict in ("unknown", "partly"):

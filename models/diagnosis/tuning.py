@@ -40,14 +40,18 @@ class Tuning(NamedTuple):
     sure_spread: float = 0.2
     free_size: float = 0.12  # where it lies beside the drive
     part_share: float = 0.02  # for one more part (a mode) of a chosen effect
-    finest: float = 1e-4  # of the displacement's range: no base is better than this
-    quiet_times: float = 5.0  # size of the misfit from which, and
+    finest: float = 2.5e-4  # of the displacement's range: no base is better than this,
+    finest_static: float = 5e-4  # nor than this, for what resembles a hysteresis
+    between: float = 0.1  # of what the drive does between two samples, that a loop may show of it
+    quiet_times: float = 2.0  # size of the misfit from which, and
     quiet_size: float = 1e-3  # part of the displacement's range up to which it is the base's own,
     quiet_share: float = 0.4  # so that a cause must take more of it
     compact_share: float = 0.3  # over a compact base
     compact_doubt: float = 1.5  # held-out over in-sample rms of the rich base: a compact one too
     early_share: float = 0.4  # for a drive half a sample earlier
     early_size: float = 0.5
+    noise_again: float = 0.7  # of the noise at first: below, the effects are looked for again
+    follows_late: float = 0.2  # of the unexplained, where a displacement that comes back is late
     # what is worth telling, by held-out samples
     helps: float = 0.1  # size that an effect must remove
     helps_share: float = 0.005  # the same as a share of the misfit at first

@@ -12,7 +12,13 @@ import numpy as np
 
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
-from dehyst.models.physics.candidate import Candidate, Context, Parameter, small
+from dehyst.models.physics.candidate import (
+    Candidate,
+    Context,
+    Parameter,
+    common_amplitude,
+    small,
+)
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Never, Param
 from dehyst.models.signals.joined import Data, Floats
@@ -86,7 +92,9 @@ class EarlierCreep(Candidate):
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {
-            f"amount_{data.unit}": float(np.mean(amplitudes)),
+            f"amount_{data.unit}": common_amplitude(
+                data, self.columns(data, Context(data.u, data.y), theta), amplitudes
+            ),
             "since_s": float(theta[0]),
         }
         return (Block("earlier_creep", "stage", params),)
