@@ -47,7 +47,7 @@ def judge(case: Case, diagnosis: Any, checks: int, rng: np.random.Generator) -> 
     row = {
         "answer": said,
         "score": score(truth_of(case), said, case.plan.rig),
-        "figures": figures(case, diagnosis.base_model, diagnosis.model, said),
+        "figures": figures(case, diagnosis),
     }
     could = limits.checkable(said.get("would_have_seen") or [])
     picked = rng.permutation(len(could))[:checks]

@@ -14,6 +14,7 @@ from tests.benchmarks.models.proof.recorder import Rig
 from tests.benchmarks.models.proof.stages import HELD, Case, Hidden
 
 from dehyst.models.cascade.simulate import simulate
+from dehyst.models.diagnosis import Diagnosis
 from dehyst.models.model import Model
 
 SHAPES = ("shape", "asymmetry", "sensor")
@@ -205,9 +206,10 @@ def contradicted(
     return out
 
 
-def figures(case: Case, base: Model, augmented: Model, said: dict[str, Any]) -> dict[str, Any]:
+def figures(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
     """Errors against the exact displacement, in rms of the noise: the model in use on what was
     given, and both on the held-out recording (offset and phases of named lines refitted)."""
+    said, base = diagnosis.to_dict(), diagnosis.base_model
     lines = tuple(
         float(p["value"])
         for e in said["effects"]
@@ -218,27 +220,30 @@ def figures(case: Case, base: Model, augmented: Model, said: dict[str, Any]) -> 
     given = [name for name in case.tables if name != HELD]
     errors = np.concatenate([_error(case, name, base, ()) for name in given])
     out = {"model": float(np.sqrt(np.mean(errors**2)))}
-    for key, model in (("held_model", base), ("held_augmented", augmented)):
+    for key, model in (("held_model", base), ("held_augmented", diagnosis.model)):
         error = _error(case, HELD, model, lines)
         out[key] = float(np.sqrt(np.mean(error[int(SETTLED * error.size) :] ** 2)))
     noise = case.noise
     return {k: v / noise for k, v in out.items()} | {
         "noise": noise,
         "noise_said": said["noise"]["rms"] / noise,
-        "disagrees": disagreement(case, base, augmented, said),
+        "disagrees": disagreement(case, diagnosis),
     }
 
 
-def disagreement(case: Case, base: Model, augmented: Model, said: dict[str, Any]) -> float:
+def disagreement(case: Case, diagnosis: Diagnosis) -> float:
     """Largest factor between an rms error that is stated and that of the written model, both about
-    their mean; 1 where rows are missing, as what counts is then a matter of choice."""
-    worst = 1.0
-    for recording in case.given() if not case.plan.fault.startswith(HOLES) else []:
+    their mean and over the samples that count; 1 where rows are missing."""
+    worst, stated = 1.0, diagnosis.to_dict()["rms"]
+    if case.plan.fault.startswith(HOLES):
+        return worst
+    for recording, view in zip(case.given(), diagnosis.views, strict=True):
         assert recording.displacement is not None
-        for key, model in (("model", base), ("augmented", augmented)):
+        for key, model in (("model", diagnosis.base_model), ("augmented", diagnosis.model)):
             y = simulate(model, recording.t_s, recording.drive, recording.channels)
-            error = float(np.std(recording.displacement - y))
-            ratio = error / max(said["rms"][key][recording.name], 1e-12)
+            left = recording.displacement - y
+            error = float(np.sqrt(np.mean((left - left.mean())[view.held_out] ** 2)))
+            ratio = error / max(stated[key][recording.name], 1e-12)
             worst = max(worst, ratio, 1.0 / max(ratio, 1e-12))
     return worst
 
