@@ -242,7 +242,7 @@ def disagreement(case: Case, diagnosis: Diagnosis) -> float:
         for key, model in (("model", diagnosis.base_model), ("augmented", diagnosis.model)):
             y = simulate(model, recording.t_s, recording.drive, recording.channels)
             left = recording.displacement - y
-            error = float(np.sqrt(np.mean((left - left.mean())[view.held_out] ** 2)))
+            error = float(np.std(left[view.held_out]))
             ratio = error / max(stated[key][recording.name], 1e-12)
             worst = max(worst, ratio, 1.0 / max(ratio, 1e-12))
     return worst
