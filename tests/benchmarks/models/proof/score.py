@@ -19,6 +19,9 @@ from dehyst.models.model import Model
 
 SHAPES = ("shape", "asymmetry", "sensor")
 LOOPS = ("rate", "friction", "clip", "slew")  # these bend the loop too: `shape` beside is true
+IN_IT = {"slew": ("lag",), "friction": ("lag", "delay", "rate")}
+"""What a plant's equation has in it beside its name: the amplifier's resistor before the current
+limit, the viscous part of a guide's friction. To name that too is not spurious."""
 OF_ONE_RECORDING = ("hum", "trend", "earlier_creep")  # blocks: their phase, their past
 HOLES = ("every third", "rows", "readings", "stalls")
 SETTLED = 0.06  # of the held-out recording, not judged
@@ -75,7 +78,7 @@ def score(truth: Truth, said: dict[str, Any], rig: Rig) -> dict[str, Any]:
     physics = [n for n in names if n not in (*SHAPES, "unknown")]
     asked = [h for h in truth.physics if h.separable]
     there = {h.name for h in truth.physics}
-    fair = there | {tie for h in truth.physics for tie in h.ties}
+    fair = there | {n for h in truth.physics for n in (*h.ties, *IN_IT.get(h.name, ()))}
     spurious = [n for n in physics if n not in fair]
     if not truth.bent:
         spurious += [n for n in names if n in SHAPES]
