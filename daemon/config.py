@@ -142,6 +142,20 @@ class InverseConfig(_Strict, frozen=True):
     preview_s: Annotated[float, Meta(ge=0, le=1)] = 0.1
 
 
+class TrimConfig(_Strict, frozen=True):
+    """[trim]: the gauge corrects the target slowly, so that the mean is right."""
+
+    enabled: bool = True
+    """false: feed-forward alone; the gauge is recorded and watched, and corrects nothing."""
+    time_constant_s: Positive | None = None
+    """Of the integral correction. Left out: 0.3 s, more with a gauge that is slow. Refused where
+    the gauge's lag and delay make it unstable."""
+    limit_um: Positive | None = None
+    """Largest correction; left out: a tenth of the reach. In the model's displacement unit."""
+    rate_um_per_s: Positive | None = None
+    """Fastest correction; left out: a fiftieth of the reach a second."""
+
+
 class AuthConfig(_Strict, frozen=True):
     """[bus.auth]: who may connect, needed to listen beyond loopback; or, with `credentials`, who
     this daemon is to a router that enforces the roles. Names are user names, or the common names
@@ -207,6 +221,7 @@ class Config(_Strict, frozen=True):
     safe: SafeConfig = SafeConfig()
     setpoint: SetpointConfig = SetpointConfig()
     inverse: InverseConfig = InverseConfig()
+    trim: TrimConfig = TrimConfig()
     bus: BusConfig = BusConfig()
     telemetry: TelemetryConfig = TelemetryConfig()
     watch: WatchConfig = WatchConfig()

@@ -25,6 +25,7 @@ COMMANDS = {
     "excite": "design the drive for a recording, or check that a recording excites enough",
     "simulate": "run a model on a recording's drive",
     "validate": "how well a model foretells recordings that it has not seen",
+    "convert": "write a recording in another kind of file: .csv, .csv.gz, .npz, .mcap",
     "invert": "turn a trajectory in micrometres into a drive in volts",
     "diagnose": "say what physics a model leaves out of a recording, and model it",
     "send": "send one set-point to a running daemon",

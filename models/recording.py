@@ -115,19 +115,24 @@ class Recording:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Where a stage should be and when. t_s, target: (N,), finite, time strictly increasing."""
+    """Where a stage should be and when. t_s, target: (N,), finite, time strictly increasing;
+    channels: further columns by name, each (N,)."""
 
     t_s: Floats
     target: Floats
     unit: str = "um"
     name: str = "trajectory"
     sha256: str = ""
+    channels: Mapping[str, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t_s", _column(self.t_s, -1, f"{self.name}: t_s"))
         object.__setattr__(
             self, "target", _column(self.target, self.t_s.size, f"{self.name}: target")
         )
+        n = self.t_s.size
+        channels = {key: _column(v, n, f"{self.name}: {key}") for key, v in self.channels.items()}
+        object.__setattr__(self, "channels", channels)
         row = first_not_increasing(self.t_s)
         if row >= 0:
             raise BadRecording(f"{self.name}: t_s does not increase at sample {row}")

@@ -81,7 +81,16 @@ def points(chunk: Chunk) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     size = len(chunk.value)
     if size != len(chunk.offset_ns) or size % 8 or not size:
         raise BadMessage("offset_ns and value must hold the same number of 8-byte numbers")
+    if chunk.correction and len(chunk.correction) != size:
+        raise BadMessage("correction must hold as many 8-byte numbers as value, or none")
     return np.frombuffer(chunk.offset_ns, "<i8"), np.frombuffer(chunk.value, "<f8")
+
+
+def corrections(chunk: Chunk) -> NDArray[np.float64]:
+    """(n,) learned corrections of a chunk's points, zeros where it has none."""
+    if not chunk.correction:
+        return np.zeros(len(chunk.value) // 8)
+    return np.frombuffer(chunk.correction, "<f8")
 
 
 _COLUMNS = [name for name in TELEMETRY.names or () if name != "seq"]

@@ -65,16 +65,20 @@ class Chunk(Message, tag_field="schema", tag="dehyst.trajectory", frozen=True, k
     """int64 little-endian: time since the trajectory's start, strictly increasing."""
     value: Points
     """float64 little-endian: target of each point."""
+    correction: Points = b""
+    """float64 little-endian: what was learned for each point and is added to its target, which
+    stays the target that errors count from; empty: nothing."""
     last: bool = False
     allow_unreachable: bool = False
 
 
-Action = Literal["acquire", "take-over", "renew", "give-up", "stop", "release", "clear"]
+Action = Literal["acquire", "take-over", "renew", "give-up", "stop", "release", "clear", "zero"]
 
 
 class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw_only=True):
     """Lease: acquire, take-over, renew, give-up. Motion: stop (hold, then ramp to the safe
-    voltage), release (ramp now), clear (forget what is queued of `trajectory`)."""
+    voltage), release (ramp now), clear (forget what is queued of `trajectory`). Gauge: zero (add
+    `value` to every reading from now on)."""
 
     version: Version = 1
     client: Id
@@ -82,6 +86,7 @@ class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw
     sent_ns: int
     action: Action
     trajectory: Id = 0
+    value: float = 0.0
     label: Name = ""
     """Who this is, for the other client that is told so."""
 
@@ -157,6 +162,8 @@ class TelemetryBatch(
     target: Column
     measured: Column
     predicted: Column
+    trim: Column
+    learned: Column
     volts_raw: Column
     volts: Column
     flags: Column

@@ -4,7 +4,7 @@ import argparse
 import signal
 
 from dehyst.daemon.config import load_config
-from dehyst.daemon.loop import realtime
+from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.rings import run_folder
 
 

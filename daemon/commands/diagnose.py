@@ -4,26 +4,18 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from dehyst import __version__
-from dehyst.daemon.files.models import load_model, save_model, write_text
+from dehyst.daemon.api.functions import diagnose, load_model
 from dehyst.daemon.files.outputs import check_outputs
 from dehyst.daemon.files.recordings import read_recording
-from dehyst.daemon.report.units import pick_unit
-from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.errors import BadInput
-from dehyst.models.model import Model, Provenance
 from dehyst.models.recording import Recording
-
-THREADS = 2  # candidates tried at once: each needs a design of all samples
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -57,49 +49,14 @@ def run(args: argparse.Namespace) -> int:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"{args.output}: cannot be made: {error.strerror or error}") from None
-    console = Console(stderr=True)
-    with _progress(console) as say, ThreadPoolExecutor(THREADS) as threads:
-        diagnosis = diagnose(recordings, model, say, threads.map)
-    said = json.dumps(diagnosis.to_dict(), indent=2, allow_nan=False)
-    _write(args.output / "diagnosis.json", said + "\n")
-    save_model(with_provenance(diagnosis.model, recordings), args.output / "model.toml")
-    from dehyst.daemon.report.diagnosis import report_diagnosis  # matplotlib takes its time
-
-    _write(args.output / "report.html", report_diagnosis(diagnosis, [r.name for r in recordings]))
-    print(said if args.json else summary(diagnosis, args.output))
-    return 1 if diagnosis.found_something else 0
-
-
-def with_provenance(model: Model, recordings: list[Recording]) -> Model:
-    """The model with the recordings it was fitted to."""
-    return replace(
-        model,
-        provenance=Provenance(
-            created=datetime.now(UTC).isoformat(timespec="seconds"),
-            version=__version__,
-            source="dehyst diagnose",
-            recordings=tuple((r.name, r.sha256) for r in recordings),
-        ),
-    )
-
-
-def summary(diagnosis: Diagnosis, folder: Path) -> str:
-    """What a person reads on the terminal: the data first, then the verdict with one pair of
-    figures, what was found, and what to do next."""
-    before, after = diagnosis.before_after
-    k, unit = pick_unit(diagnosis.unit, max(before, diagnosis.noise))
-    lines = [f"data: {said}" for said in diagnosis.data.says]
-    lines.append(
-        f"{diagnosis.verdict}: the model in use leaves {k * before:.3g} {unit} rms, the augmented "
-        f"model {k * after:.3g} (noise {k * diagnosis.noise:.3g})"
-    )
-    for f in diagnosis.findings:
-        ties = f" (or {', '.join(f.ambiguous_with)})" if f.ambiguous_with else ""
-        lines.append(f"  {f.name}{ties}, {100 * f.share:.0f} % of the explainable misfit: {f.says}")
-    if diagnosis.next_experiment:
-        lines.append(f"  next: {diagnosis.next_experiment}")
-    lines.append(f"  {folder / 'report.html'}")
-    return "\n".join(lines)
+    with _progress(Console(stderr=True)) as say:
+        found = diagnose(recordings, model=model, progress=say)
+    report = found.save(args.output)
+    if args.json:
+        print(json.dumps(found.to_dict(), indent=2, allow_nan=False))
+    else:
+        print(f"{found}\n  {report}")
+    return 1 if found.details.found_something else 0
 
 
 def _read(paths: list[Path]) -> list[Recording]:
@@ -113,13 +70,6 @@ def _read(paths: list[Path]) -> list[Recording]:
             one = replace(one, name=str(path))
         out.append(one)
     return out
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        write_text(path, text)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 class _Bar:

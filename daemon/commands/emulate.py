@@ -13,7 +13,7 @@ from typing import Any
 from msgspec import structs
 
 from dehyst.daemon.files.outputs import add_force, check_outputs
-from dehyst.daemon.loop import realtime
+from dehyst.daemon.loop.timing import realtime
 from dehyst.drivers.emulated.bench import Bench, BenchSettings, covering_gauge
 from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs

@@ -4,7 +4,7 @@ import argparse
 import logging
 import signal
 
-from dehyst.daemon.loop import realtime
+from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.rings import run_folder
 
 EPILOG = """It may be started before or after `dehyst core`, and restarted at any time: the loop

@@ -4,22 +4,16 @@ import argparse
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 from rich.console import Console
 
-from dehyst import __version__
 from dehyst.daemon import clock
-from dehyst.daemon.files.models import save_model, write_text
+from dehyst.daemon.api.functions import identify
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.tools.identification_summary import describe_result, summary
-from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.errors import BadInput
-from dehyst.models.identify import Identification, Options, identify
-from dehyst.models.recording import Recording
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +47,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Identify, write the model and the report; 0."""
     rate = True if args.rate else False if args.static else None
-    options = Options(args.order, rate, args.saturation, args.bias)
     _check_places(args)
     started_ns = clock.monotonic_ns()
     with working() as say:
@@ -61,22 +54,21 @@ def run(args: argparse.Namespace) -> int:
         for path in args.recordings:
             say(f"reading {path.name}")
             recordings.append(read_recording(path, need_displacement=True))
-        result = identify(recordings, options, say)
-        seconds = (clock.monotonic_ns() - started_ns) / clock.NS
-        model = replace(
-            result.model,
-            provenance=replace(
-                result.model.provenance,
-                created=datetime.now(UTC).isoformat(timespec="seconds"),
-                version=__version__,
-            ),
+        found = identify(
+            recordings,
+            rate=rate,
+            order=args.order,
+            saturation=args.saturation,
+            bias=args.bias,
+            progress=say,
         )
-        save_model(model, args.output)
-        covered = measure_coverage(recordings)
+        seconds = (clock.monotonic_ns() - started_ns) / clock.NS
+        found.save(args.output)
         report = None
         if args.report:
             say("writing the report")
-            report = _write_report(result, recordings, covered, args)
+            report = found.report(args.report / "report.html", args.output.name)
+    result, covered = found.details, found.coverage
     if args.json:
         print(json.dumps(summary(result, covered, args.output, seconds, report), indent=2))
     else:
@@ -100,18 +92,3 @@ def working() -> Iterator[Callable[[str], None]]:
         return
     with console.status("starting") as status:
         yield lambda text: status.update(text)
-
-
-def _write_report(
-    result: Identification, recordings: list[Recording], covered: Coverage, args: argparse.Namespace
-) -> Path:
-    # matplotlib takes its time
-    from dehyst.daemon.report.identification import report_identification
-
-    path: Path = args.report / "report.html"
-    try:
-        args.report.mkdir(parents=True, exist_ok=True)
-        write_text(path, report_identification(result, recordings, covered, args.output.name))
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
-    return path

@@ -4,17 +4,13 @@ import argparse
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from dehyst.daemon.files.models import load_model
+from dehyst.daemon.api.functions import invert
+from dehyst.daemon.api.results import Drive
 from dehyst.daemon.files.outputs import add_force, check_outputs
-from dehyst.daemon.files.recordings import read_trajectory, write_recording
-from dehyst.daemon.loop.reach import displacement_range
-from dehyst.daemon.tools.trajectories import channels_along, spaced_evenly, target_in_unit
-from dehyst.models.inverse.compensator import FLAG_NAMES, Compensator
-from dehyst.models.inverse.offline import Inverted, invert_streamed, invert_trajectory
-from dehyst.models.model import Model
 
 EPILOG = """\
 Writes t_s, target, the drive, what the model predicts, and flags (a sum of:
@@ -65,69 +61,51 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Invert and write the drive."""
     check_outputs([args.output], [args.model, args.trajectory], args.force)
-    model = load_model(args.model)
-    trajectory = read_trajectory(args.trajectory)
-    target = target_in_unit(trajectory, model)
-    t_s, target, period = spaced_evenly(trajectory, target, args.period)
-    v = model.validity
-    compensator = Compensator(
-        model,
-        period,
-        v.drive_min if args.min is None else args.min,
-        v.drive_max if args.max is None else args.max,
-        1e12 if args.slew is None else args.slew,
-        args.mode if args.preview is not None else "auto",
-        0.1 if args.preview is None else args.preview,
+    made = invert(
+        args.model,
+        args.trajectory,
+        preview=args.preview,
+        mode=args.mode,
+        low=args.min,
+        high=args.max,
+        slew=args.slew,
+        start=args.start,
+        period=args.period,
     )
-    channels = channels_along(args.trajectory, compensator, trajectory.t_s, t_s)
-    invert = invert_trajectory if args.preview is None else invert_streamed
-    result = invert(compensator, target, channels, args.start)
-    disp = model.displacement_unit
-    write_recording(
-        args.output,
-        t_s,
-        {
-            f"target_{disp}": target,
-            f"u_{model.drive_unit}": result.drive,
-            f"y_model_{disp}": result.predicted,
-            "flags": result.flags,
-        },
-        {"model": str(args.model), "trajectory": trajectory.name, "mode": result.mode},
-    )
-    _report(args, model, compensator, result)
-    return 1 if np.any(result.flags & UNREACHABLE) else 0
-
-
-def _report(
-    args: argparse.Namespace, model: Model, compensator: Compensator, result: Inverted
-) -> None:
-    flagged = {name: int(np.count_nonzero(result.flags & bit)) for bit, name in FLAG_NAMES.items()}
-    flagged = {name: count for name, count in flagged.items() if count}
-    latency = compensator.latency_s if args.preview is not None else None
-    summary = {
-        "mode": result.mode,
-        "reason": compensator.reason,
-        "rms": result.rms if math.isfinite(result.rms) else None,
-        "unit": model.displacement_unit,
-        "latency_s": latency,
-        "monotone_price": compensator.price,
-        "samples": int(result.drive.size),
-        "flagged": flagged,
-    }
+    notes = {"model": str(args.model), "trajectory": args.trajectory.name}
+    made.save(args.output, force=args.force, notes=notes)
     if args.json:
-        print(json.dumps(summary))
-        return
-    unit = model.displacement_unit
-    print(f"{args.output}: {result.drive.size} samples, {result.mode} ({compensator.reason})")
-    if math.isfinite(result.rms):
+        print(json.dumps(_summary(made)))
+    else:
+        _report(args.output, made)
+    return 1 if np.any(made.result.flags & UNREACHABLE) else 0
+
+
+def _summary(made: Drive) -> dict[str, Any]:
+    return {
+        "mode": made.mode,
+        "reason": made.reason,
+        "rms": made.rms if math.isfinite(made.rms) else None,
+        "unit": made.model.displacement_unit,
+        "latency_s": made.latency_s,
+        "monotone_price": made.monotone_price,
+        "samples": int(made.drive.size),
+        "flagged": made.flagged,
+    }
+
+
+def _report(output: Path, made: Drive) -> None:
+    unit = made.model.displacement_unit
+    print(f"{output}: {made.drive.size} samples, {made.mode} ({made.reason})")
+    if math.isfinite(made.rms):
         print(
-            f"predicted error {result.rms:.3g} {unit} rms where the target can be reached, after "
+            f"predicted error {made.rms:.3g} {unit} rms where the target can be reached, after "
             "the approach from rest"
         )
     else:
-        low, high = displacement_range(model, compensator.low, compensator.high)
+        low, high = made.reach
         print(f"no target can be reached: the stage goes from {low:.3g} to {high:.3g} {unit}")
-    if compensator.price:
-        print(f"nearest monotone model: {compensator.price:.3g} {unit} rms from this one")
-    for name, count in flagged.items():
+    if made.monotone_price:
+        print(f"nearest monotone model: {made.monotone_price:.3g} {unit} rms from this one")
+    for name, count in made.flagged.items():
         print(f"{count} samples: {name}")

@@ -4,6 +4,7 @@ import argparse
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -102,20 +103,24 @@ def check(path: Path) -> int:
     """Print what a configuration means."""
     from dehyst.daemon.files.models import load_model
     from dehyst.daemon.gateway.process import security_of
-    from dehyst.daemon.loop.checks import check_unopened
+    from dehyst.daemon.loop.checks import check_unopened, devices_of
     from dehyst.daemon.loop.reach import displacement_range, drive_range, origin
+    from dehyst.daemon.loop.trim import trim_setting
 
     config: Config = load_config(path)
     check_unopened(config)
     security_of(config)
     model = load_model(config.model.file)
     low, high = displacement_range(model, *drive_range(config, model))
+    sensor = devices_of(config)[1]
+    trimmed = trim_setting(config, model, high - low, getattr(sensor, "spec", None))
     zero = origin(config.setpoint.origin, low, high)
     print(msgspec.json.format(msgspec.json.encode(config), indent=2).decode())
     unit = model.displacement_unit
     print(
         f"{path}: ok. Set-points from {low - zero:.4g} to {high - zero:.4g} {unit}; set-point 0 is "
-        f"the model's {zero:.4g} {unit}; {config.loop.rate_hz:g} Hz; rings in {config.directory}",
+        f"the model's {zero:.4g} {unit}; {config.loop.rate_hz:g} Hz; "
+        f"{trim_words(trimmed[0], unit)}; rings in {config.directory}",
         file=sys.stderr,
     )
     if config.longest_ramp_s > UNIT_STOP_S - SPARE_S and config.safe.on_stop == "ramp":
@@ -128,3 +133,13 @@ def check(path: Path) -> int:
             file=sys.stderr,
         )
     return 0
+
+
+def trim_words(p: Any, unit: str) -> str:
+    """What the [trim] section means."""
+    if not p["on"]:
+        return "open loop: no trim"
+    return (
+        f"trimmed by the gauge: time constant {p['time_constant_s']:.3g} s, at most "
+        f"{p['limit']:.3g} {unit}, {p['rate']:.3g} {unit} a second"
+    )

@@ -4,15 +4,8 @@ import argparse
 import json
 from pathlib import Path
 
-from dehyst.daemon.files.models import load_model
+from dehyst.daemon.api.functions import load_model, load_recording, simulate
 from dehyst.daemon.files.outputs import add_force, check_outputs
-from dehyst.daemon.files.recordings import read_recording, write_recording
-from dehyst.daemon.tools.prediction import Misfit, misfit, outside_validity, predict
-from dehyst.models.model import Model
-from dehyst.models.recording import Floats, Recording
-
-SAME = 0.02
-"""Two rms errors that differ by less are not both told."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -34,57 +27,26 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate and write; 0."""
     check_outputs([args.output], [args.model, args.recording], args.force)
-    model = load_model(args.model)
-    recording = read_recording(args.recording, min_rows=1)
-    y = predict(model, recording)
-    write_recording(
-        args.output, recording.t_s, _columns(model, recording, y), dict(recording.metadata)
-    )
-    outside = outside_validity(model, recording)
-    unit = model.displacement_unit
-    error = misfit(model, recording, y)
+    found = simulate(load_model(args.model), load_recording(args.recording))
+    found.save(args.output, force=args.force)
+    error, unit, rows = found.error, found.unit, found.recording.size
+    settled = error if error and error.rows_settled else None
     if args.json:
-        print(
-            json.dumps(
-                {
-                    "output": str(args.output),
-                    "rows": recording.size,
-                    "unit": unit,
-                    "outside": outside,
-                    "rms": error and error.rms,
-                    "rms_settled": error and (error.rms_settled if error.rows_settled else None),
-                    "settled_from_s": error and (error.from_s if error.rows_settled else None),
-                },
-                indent=2,
-            )
-        )
+        said = {
+            "output": str(args.output),
+            "rows": rows,
+            "unit": unit,
+            "outside": found.outside,
+            "rms": found.rms,
+            "rms_settled": settled and settled.rms_settled,
+            "settled_from_s": settled and settled.from_s,
+        }
+        print(json.dumps(said, indent=2))
         return 0
-    print(f"{args.output}: {recording.size} rows, column y_model_{unit}")
+    print(f"{args.output}: {rows} rows, column y_model_{unit}")
     if error is not None:
-        print(f"against the measured displacement: {describe(error, unit)}")
-    for what, share in outside.items():
+        print(f"against the measured displacement: {found}")
+    for what, share in found.outside.items():
         if share > 0.0:
             print(f"note: {share:.1%} of the rows are outside the model's validity: {what}")
     return 0
-
-
-def describe(error: Misfit, unit: str) -> str:
-    """The error, and over which rows it is."""
-    whole = f"{error.rms:.4g} {unit} rms over all {error.rows} rows"
-    if not error.rows_settled:
-        return f"{whole}; all of them depend on how the stage stood before, which is not known"
-    if abs(error.rms_settled - error.rms) < SAME * error.rms:
-        return whole
-    return (
-        f"{whole}; {error.rms_settled:.4g} {unit} rms over the {error.rows_settled} from "
-        f"{error.from_s:.4g} s on, which no longer depend on how the stage stood before the first"
-    )
-
-
-def _columns(model: Model, recording: Recording, y: Floats) -> dict[str, Floats]:
-    columns = {recording.drive_column: recording.drive}
-    if recording.displacement is not None:
-        columns[recording.displacement_column] = recording.displacement
-    columns |= recording.channels
-    columns[f"y_model_{model.displacement_unit}"] = y
-    return columns

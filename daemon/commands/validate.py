@@ -5,14 +5,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from dehyst.daemon.files.models import load_model, write_text
+from dehyst.daemon.api.functions import validate
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.models.errors import BadInput
-from dehyst.models.identify.validation import CLAIM, Validation, validate
-from dehyst.models.recording import Recording
-
-Rows = list[tuple[str, Recording, Validation]]
+from dehyst.models.identify.validation import CLAIM, Validation
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -45,19 +42,16 @@ def run(args: argparse.Namespace) -> int:
     page = args.report / "validation.html" if args.report else None
     check_outputs([page], [*map(Path, models), *paths], args.force)
     recordings = [read_recording(path, need_displacement=True) for path in paths]
-    rows: Rows = []
-    for name in models:
-        model = load_model(name)
-        rows += [(name, one, validate(model, one)) for one in recordings]
+    found = validate(models, recordings)
     if page is not None:
-        _write_report(rows, page)
+        found.report(page)
     if args.json:
-        print(json.dumps([_summary(name, v) for name, _, v in rows], indent=2))
+        print(json.dumps([_summary(name, v) for name, _, v in found.rows], indent=2))
     else:
-        print("\n".join(_words(name, v) for name, _, v in rows))
+        print(found)
         if page is not None:
             print(f"report: {page}")
-    return 1 if any(v.worse for _, _, v in rows) else 0
+    return 1 if found.worse else 0
 
 
 def _is_model(name: str) -> bool:
@@ -83,30 +77,3 @@ def _summary(model: str, v: Validation) -> dict[str, Any]:
         "start": v.start,
         "outside_validity": v.outside,
     }
-
-
-def _words(model: str, v: Validation) -> str:
-    claim = "it claims nothing" if v.claim is None else f"it claims {v.claim:.4g}"
-    verdict = "WORSE than it claims" if v.worse else "as good as it claims"
-    text = (
-        f"{model} on {v.name}: {v.rms:.4g} {v.unit} rms, {v.share:.3%} of the span, {claim}"
-        + (f": {verdict}" if v.claim is not None else "")
-        + f"; offset {v.offset:.4g}, noise {v.noise:.4g}; what is left is "
-        + ("white" if v.white else "not white")
-        + f", correlation with the drive {v.tied_to_drive:.2g} (chance {v.chance:.2g})"
-        + f"; start {v.start}"
-    )
-    if v.outside > 0.0:
-        text += f"\nnote: {v.outside:.1%} of the rows are outside the model's validity"
-    return text
-
-
-def _write_report(rows: Rows, path: Path) -> None:
-    # matplotlib takes its time
-    from dehyst.daemon.report.validation import report_validation
-
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, report_validation(rows, [_words(name, v) for name, _, v in rows]))
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None

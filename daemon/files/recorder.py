@@ -1,11 +1,11 @@
 """Telemetry into a CSV recording, line by line as it comes, readable at every moment.
 
 Row by row: `t_s` (the sample's deadline, from the first one), the drive in the model's unit, the
-measured displacement, the target, the flags (dehyst.daemon.rings.records.Flag). A reading is taken
-before its sample's voltage is written, so the drive beside it is the one written a sample before:
-the drive that was in force. Displacements count from the set-point origin, or from the model's
-own zero with frame "model". Missing readings and targets are empty fields; missing samples are
-missing rows.
+measured displacement, the target, what trim and learning added to it, the flags
+(dehyst.daemon.rings.records.Flag). A reading is taken before its sample's voltage is written, so
+the drive beside it is the one written a sample before: the drive that was in force. Displacements
+count from the set-point origin, or from the model's own zero with frame "model". Missing readings
+and targets are empty fields; missing samples are missing rows.
 """
 
 import os
@@ -49,7 +49,7 @@ class Recorder:
         self._first_ns: int | None = None
         self._before: Any = None  # the newest sample: its voltage is the next row's drive
         drive, disp = units
-        header = f"t_s,u_{drive},y_{disp},target_{disp},flags\n"
+        header = f"t_s,u_{drive},y_{disp},target_{disp},trim_{disp},learned_{disp},flags\n"
         notes = "".join(f"# {k}: {' '.join(v.split())}\n" for k, v in metadata.items())
         try:
             existing = os.O_TRUNC if replace else os.O_EXCL
@@ -95,11 +95,15 @@ class Recorder:
             drive,
             samples["measured"] + self._origin,
             samples["target"] + self._origin,
+            samples["trim"],
+            samples["learned"],
             samples["flags"],
         )
         lines = [
-            f"{t!r},{_text(u)},{_text(y)},{_text(target)},{flags}\n"
-            for t, u, y, target, flags in zip(*(c.tolist() for c in columns), strict=True)
+            f"{t!r},{_text(u)},{_text(y)},{_text(target)},{trim!r},{learned!r},{flags}\n"
+            for t, u, y, target, trim, learned, flags in zip(
+                *(c.tolist() for c in columns), strict=True
+            )
         ]
         self._write("".join(lines).encode())
         self.rows += samples.size

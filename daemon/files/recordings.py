@@ -1,4 +1,4 @@
-"""Recordings and trajectories on disk: .csv, .csv.gz, .npz, .mat.
+"""Recordings and trajectories on disk: .csv, .csv.gz, .npz, .mcap, .mat; and from arrays by name.
 
 Column names carry the units: `t_s`, the drive `u_v` (or `u_um`, ...), the displacement `y_um`
 (or `y_nm`, `y_v`, `y_counts`, ...), anything else is kept as a further channel. Empty fields and
@@ -12,6 +12,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,14 @@ import numpy as np
 
 from dehyst.daemon.files.csv_table import LARGEST, MOST_BYTES, Table, line_of_row, read_table
 from dehyst.daemon.files.mat_file import read_mat
+from dehyst.daemon.files.mcap_file import read_mcap, write_mcap
 from dehyst.daemon.files.outputs import whole_file
 from dehyst.models.errors import BadRecording
 from dehyst.models.modelfile import UNIT_NAMES
 from dehyst.models.recording import Floats, Recording, Trajectory, first_not_increasing
 
-SUFFIXES = (".csv", ".csv.gz", ".npz", ".mat")
+SUFFIXES = (".csv", ".csv.gz", ".npz", ".mcap", ".mat")
+WRITTEN = (".csv", ".csv.gz", ".npz", ".mcap")
 
 
 def read_recording(
@@ -36,7 +39,19 @@ def read_recording(
     Raises BadRecording, one line that names the file, the line or column, and the remedy.
     """
     path = Path(path)
-    table = _load(path)
+    recording = _recording(path, _load(path), need_displacement, min_rows)
+    return replace(recording, sha256=_sha256(path))
+
+
+def recording_of(
+    columns: Mapping[str, Any], name: str, *, need_displacement: bool = False, min_rows: int = 2
+) -> Recording:
+    """The recording in arrays (N,) by column name, as `read_recording` has it from a file."""
+    table = Table(_columns(Path(name), columns), {})
+    return _recording(Path(name), table, need_displacement, min_rows)
+
+
+def _recording(path: Path, table: Table, need_displacement: bool, min_rows: int) -> Recording:
     columns = table.columns
     t_s = _time(path, columns, min_rows)
     drive = _unit_column(path, columns, "u", "drive", required=True)
@@ -51,7 +66,6 @@ def read_recording(
         channels=channels,
         metadata=table.metadata,
         name=path.name,
-        sha256=_sha256(path),
     )
 
 
@@ -62,7 +76,18 @@ def read_trajectory(path: str | Path, *, min_rows: int = 1, column: str = "") ->
     Raises BadRecording as read_recording does, and when a target is missing somewhere.
     """
     path = Path(path)
-    columns = _load(path).columns
+    trajectory = _trajectory(path, _load(path).columns, min_rows, column)
+    return replace(trajectory, sha256=_sha256(path))
+
+
+def trajectory_of(columns: Mapping[str, Any], name: str, *, min_rows: int = 1) -> Trajectory:
+    """The trajectory in arrays (N,) by column name, as `read_trajectory` has it from a file."""
+    return _trajectory(Path(name), _columns(Path(name), columns), min_rows, "")
+
+
+def _trajectory(
+    path: Path, columns: Mapping[str, Floats], min_rows: int, column: str
+) -> Trajectory:
     t_s = _time(path, columns, min_rows)
     _, _, unit = column.rpartition("_")
     if column and (column not in columns or unit not in UNIT_NAMES):
@@ -74,7 +99,16 @@ def read_trajectory(path: str | Path, *, min_rows: int = 1, column: str = "") ->
     row = np.flatnonzero(~np.isfinite(columns[key]))
     if row.size:
         raise BadRecording(f"{path.name}: {_where(path, int(row[0]))}: {key} is missing")
-    return Trajectory(t_s, columns[key], key.rpartition("_")[2], path.name, _sha256(path))
+    channels = {name: values for name, values in columns.items() if name not in ("t_s", key)}
+    return Trajectory(t_s, columns[key], key.rpartition("_")[2], path.name, channels=channels)
+
+
+def read_columns(path: str | Path) -> tuple[dict[str, Floats], dict[str, str]]:
+    """(columns by name, `t_s` among them; notes) of a file, whatever they mean. Raises
+    BadRecording."""
+    table = _load(Path(path))
+    _time(Path(path), table.columns, 1)
+    return dict(table.columns), dict(table.metadata)
 
 
 def write_recording(
@@ -85,8 +119,8 @@ def write_recording(
 ) -> None:
     """Write time and columns (name with unit -> (N,) values) so that reading gives the same bits.
 
-    The suffix chooses the format: .csv, .csv.gz or .npz. The file appears complete or not at all.
-    Raises BadRecording on unequal lengths, an unknown suffix, or a place that cannot be written.
+    The suffix chooses the format: .csv, .csv.gz, .npz or .mcap. The file appears complete or not at
+    all. Raises BadRecording on unequal lengths, an unknown suffix, a place that cannot be written.
     """
     path = Path(path)
     table = {"t_s": np.asarray(t_s)} | {k: np.asarray(v) for k, v in columns.items()}
@@ -95,8 +129,8 @@ def write_recording(
             raise BadRecording(
                 f"{path.name}: {key} has the shape {values.shape}, not ({len(t_s)},)"
             )
-    if not path.name.endswith((".csv", ".csv.gz", ".npz")):
-        raise BadRecording(f"{path.name}: write a .csv, .csv.gz or .npz")
+    if not path.name.endswith(WRITTEN):
+        raise BadRecording(f"{path.name}: unknown kind of file; {', '.join(WRITTEN)} are written")
     lines = (line.encode() for line in _csv_lines(table, metadata or {}))
     try:
         with whole_file(path) as file:
@@ -104,6 +138,8 @@ def write_recording(
                 arrays: dict[str, Any] = {**table}
                 arrays |= {f"#{k}": np.array(v) for k, v in (metadata or {}).items()}
                 np.savez_compressed(file, **arrays)
+            elif path.suffix == ".mcap":
+                write_mcap(file, table, metadata or {})
             elif path.suffix == ".gz":
                 with gzip.GzipFile(path.name, "wb", 4, file) as packed:
                     packed.writelines(lines)
@@ -131,7 +167,11 @@ def _load(path: Path) -> Table:
         raise BadRecording(f"{path}: no such file")
     if not path.is_file():
         raise BadRecording(f"{path}: is not an ordinary file")
-    readers: dict[str, Callable[[Path], Table]] = {".npz": _read_npz, ".mat": _read_mat}
+    readers: dict[str, Callable[[Path], Table]] = {
+        ".npz": _read_npz,
+        ".mat": _read_mat,
+        ".mcap": _read_mcap,
+    }
     if not name.endswith(SUFFIXES):
         raise BadRecording(f"{name}: unknown kind of file; {', '.join(SUFFIXES)} are read")
     table = readers.get(path.suffix, read_table)(path)
@@ -172,6 +212,11 @@ def _read_npz(path: Path) -> Table:
 
 def _read_mat(path: Path) -> Table:
     return Table(_columns(path, read_mat(path)), {})
+
+
+def _read_mcap(path: Path) -> Table:
+    columns, notes = read_mcap(path)
+    return Table(_columns(path, columns), notes)
 
 
 def _columns(path: Path, arrays: Mapping[str, Any]) -> dict[str, Floats]:

@@ -221,6 +221,7 @@ class Admission:
 
     def _chunk(self, now_ns: int, command: Chunk) -> tuple[NDArray[np.void], str]:
         offsets, values = encoding.points(command)
+        learned = encoding.corrections(command)
         self._check_state(offsets.size + 1)
         self._check_lease(now_ns, command.client, command.lease)
         self._check_age(now_ns, command.sent_ns)
@@ -238,13 +239,15 @@ class Admission:
             )
         if now.next_index < 0:  # what a gateway before this one has passed on is not sent twice
             fresh = offsets > now.end_ns
-            offsets, values = offsets[fresh], values[fresh]
+            offsets, values, learned = offsets[fresh], values[fresh], learned[fresh]
             if not offsets.size:
                 now.next_index = command.index + 1
                 return NOTHING, "duplicate"
         elif now.end_ns >= 0 and offsets[0] <= now.end_ns:
             raise NotAdmitted("order", "the chunk begins before the one before it ended")
         self._check_values(values, command.unit, command.allow_unreachable)
+        if not np.all(np.isfinite(learned)):
+            raise NotAdmitted("not-finite", "a learned correction is NaN or infinite")
         span_ns = int(offsets[-1]) - (now.end_ns if now.end_ns >= 0 else int(offsets[0]))
         gaps = offsets.size - (now.end_ns < 0)
         if span_ns < 0.7 * gaps * self.core.period_ns:
@@ -270,6 +273,7 @@ class Admission:
         self.lease.heard(now_ns, command.sent_ns)
         records = _records(Kind.POINT, command.client, command.trajectory, values, offsets)
         records["last"][-1] = command.last
+        records["correction"] = learned
         return records, "ok"
 
     def _continued(self, command: Chunk) -> _Trajectory:
@@ -284,6 +288,19 @@ class Admission:
         raise NotAdmitted(
             "over", f"trajectory {command.trajectory} is not the one being played; begin at chunk 0"
         )
+
+    def _zero(self, command: Request) -> NDArray[np.void]:
+        self._check_state()
+        low, high = self.core.reachable
+        if not np.isfinite(command.value):
+            raise NotAdmitted("not-finite", "the shift of the gauge's zero is NaN or infinite")
+        if abs(command.value) > high - low:
+            raise NotAdmitted(
+                "unreachable",
+                f"the gauge's zero cannot move by {command.value:g} {self.unit}: that is more than "
+                f"the stage's whole reach of {high - low:g}",
+            )
+        return _records(Kind.ZERO, command.client, value=np.array([command.value]))
 
     def _end_trajectory(self, why: str) -> None:
         self._trajectory.over = self._trajectory.over or why
@@ -311,6 +328,8 @@ class Admission:
             return _records(Kind.STOP_MOTION if action == "stop" else Kind.RELEASE, client)
         self._check_lease(now_ns, client, command.lease)
         lease.heard(now_ns, command.sent_ns)
+        if action == "zero":
+            return self._zero(command)
         if action == "give-up":
             lease.give_up()
         elif action == "clear":
@@ -319,6 +338,12 @@ class Admission:
                 self._end_trajectory("its client withdrew it")
             return _records(Kind.CLEAR, client, command.trajectory)
         return NOTHING
+
+
+def trust(trusted: bool) -> NDArray[np.void]:
+    """The COMMAND record by which the gateway itself tells the loop whether the mismatch watch
+    trusts stage and gauge."""
+    return _records(Kind.TRUST, 0, value=np.array([float(trusted)]))
 
 
 def _records(

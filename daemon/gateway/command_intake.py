@@ -9,6 +9,9 @@ import logging
 import threading
 from collections import deque
 from queue import Empty, SimpleQueue
+from typing import Any
+
+from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.bus import encoding
@@ -39,6 +42,7 @@ class CommandIntake:
         self._flooded = 0
         self._refusals: dict[tuple[int, str], tuple[int, str]] = {}
         self._told_ns = 0
+        self._own: SimpleQueue[NDArray[Any]] = SimpleQueue()
         self._rejections = bus.sender(keys.pubsub(subject(REJECTION)), REJECTION)
 
     def put(self, key: str, payload: bytes) -> None:
@@ -57,11 +61,18 @@ class CommandIntake:
             self._flooded += 1
             asked.done()
 
+    def tell_loop(self, records: NDArray[Any]) -> None:
+        """Pass on (n,) COMMAND records of the gateway's own; from any thread."""
+        self._own.put(records)
+        self._work.set()
+
     def run(self, stop: threading.Event) -> None:
         """Until `stop`."""
         while not stop.is_set():
             self._work.wait(0.1)
             self._work.clear()
+            while not self._own.empty() and self._rings.room > 0:
+                self._rings.push(self._own.get())
             while self._answer_one() or self._take_one():
                 if stop.is_set():
                     return

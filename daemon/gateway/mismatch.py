@@ -39,6 +39,8 @@ MEANS = {
 }
 STUCK = "stuck"
 
+Trust = Callable[[bool], None]
+"""Whether stage and gauge are to be trusted, told to the loop."""
 Tell = Callable[[int, str, str], None]
 """(level, code, text): an event."""
 
@@ -53,6 +55,7 @@ class MismatchWatch:
         self._config, self._history, self._tell = config, history, tell
         self._batches: deque[tuple[int, NDArray[Any], float]] = deque(maxlen=WAITING_BATCHES)
         self._watch: MismatchMonitor | None = None
+        self.trust: Trust = lambda trusted: None
         self.model_path: Path | None = None
         self._model_used: Path | None = None
         self._run = 0
@@ -100,7 +103,11 @@ class MismatchWatch:
             & (np.diff(seq) == 1)
         )
         judged = watch.update(
-            drive, samples["predicted"] + origin, samples["measured"] + origin, good
+            drive,
+            samples["predicted"] + origin,
+            samples["measured"] + origin,
+            good,
+            samples["trim"] + samples["learned"],
         )
         if judged:
             self._judged(watch, int(samples["seq"][-1]))
@@ -115,6 +122,7 @@ class MismatchWatch:
             raise BadModel("the loop has not said yet which model it runs")
         self._watch = MismatchMonitor(load_model(path), self._config.period_ns * 1e-9)
         self._run, self._before, self._keep_at = run, None, None
+        self.trust(True)
         self.health, self.mismatch, self.figure, self._stuck = 0.0, False, "", False
 
     def _judged(self, watch: MismatchMonitor, seq: int) -> None:
@@ -145,6 +153,8 @@ class MismatchWatch:
             )
         elif self.mismatch and not wrong:
             self._tell(1, "mismatch", "the stage behaves as its model again")
+        if wrong != self.mismatch:
+            self.trust(not wrong)
         self.mismatch = wrong
 
     def _keep(self, origin: float, end: int) -> None:

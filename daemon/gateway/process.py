@@ -21,7 +21,7 @@ from dehyst.daemon.bus.security import client_settings, server_settings
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.config import Config
 from dehyst.daemon.gateway import refused_starts
-from dehyst.daemon.gateway.admission import Admission
+from dehyst.daemon.gateway.admission import Admission, trust
 from dehyst.daemon.gateway.answers import Answers
 from dehyst.daemon.gateway.command_intake import CommandIntake
 from dehyst.daemon.gateway.core_rings import CoreRings
@@ -61,6 +61,7 @@ class Gateway:
             started_ns = clock.monotonic_ns()
             publisher = Publisher(config, bus, keys, rings, admission, started_ns)
             intake = CommandIntake(bus, keys, rings, admission)
+            publisher.mismatch_watch.trust = lambda trusted: intake.tell_loop(trust(trusted))
             answers, history = (Answers(config, publisher) for _ in range(2))
             publisher.tick(started_ns)  # attach first: the first question finds an answer
             bus.listen(keys.setpoints(), intake.put)

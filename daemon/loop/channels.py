@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import ChannelConfig
-from dehyst.daemon.loop import realtime
+from dehyst.daemon.loop.timing import realtime
 from dehyst.drivers.interface import DriverError, Sensor
 from dehyst.drivers.registry import load_sensor
 

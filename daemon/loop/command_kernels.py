@@ -8,7 +8,6 @@ from typing import Any
 
 from numba import njit
 
-from dehyst.daemon.loop import records_in_memory as at
 from dehyst.daemon.loop import targets
 from dehyst.daemon.loop.records_in_memory import (
     NAN,
@@ -17,13 +16,16 @@ from dehyst.daemon.loop.records_in_memory import (
     happens,
     note,
     number,
+    points_of,
     queue_of,
     takes,
+    trim_of,
+    trim_setting_of,
 )
 from dehyst.daemon.loop.states import LoopEvent
 from dehyst.daemon.rings.records import Command, State
-from dehyst.drivers.direct_calls import floats_at, whole_at
 from dehyst.models.inverse.state import inverse_at
+from dehyst.models.learning import trim
 
 # walls against nonsense that passed the gateway; what is reachable is the inverse's to say
 LARGEST_TARGET = 1e6
@@ -34,6 +36,7 @@ READY, RUNNING = number(State.READY), number(State.RUNNING)
 TARGET, HALT, RELEASE = number(LoopEvent.TARGET), number(LoopEvent.HALT), number(LoopEvent.RELEASE)
 STALE = number(LoopEvent.STALE)
 SETPOINT, POINT, CLEAR = number(Command.SETPOINT), number(Command.POINT), number(Command.CLEAR)
+TRUST, ZERO = number(Command.TRUST), number(Command.ZERO)
 STOP_MOTION, GIVE_BACK = number(Command.STOP_MOTION), number(Command.RELEASE)
 BAD_VALUE, WITHDRAWN, STOPPED = number(Note.BAD_VALUE), number(Note.WITHDRAWN), number(Note.STOPPED)
 RELEASED, POINT_FULL = number(Note.RELEASED), number(Note.POINT_FULL)
@@ -42,12 +45,16 @@ POINT_LATE, RUN_DRY, NO_SETPOINT = (
     number(Note.RUN_DRY),
     number(Note.NO_SETPOINT),
 )
+ZEROED, BAD_CORRECTION = number(Note.ZEROED), number(Note.BAD_CORRECTION)
 
 
 @njit(cache=True, nogil=True)
 def admit(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
     """Take one COMMAND record."""
     kind, value = command.kind, command.value
+    if kind == TRUST:
+        trim_of(table).distrusted = 0 if value != 0.0 else 1
+        return
     if not takes(c, TARGET):
         return  # the gateway has refused these with words; late ones are dropped here
     if not abs(value) <= LARGEST_TARGET or not abs(command.offset_ns) <= LONGEST_OFFSET_NS:
@@ -63,12 +70,15 @@ def admit(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
         _hold(table, c, now_ns, STOPPED, p.hold_ns)
     elif kind == GIVE_BACK:
         _release(table, c, p, now_ns)
+    elif kind == ZERO:
+        trim.move_zero(trim_of(table), value)
+        note(table, c, ZEROED, value)
 
 
 @njit(cache=True, nogil=True)
-def _position(c: Any, p: Any) -> float:
-    """Where the model says the stage is now."""
-    return inverse_at(c.inverse).result[0].predicted - p.origin
+def _position(table: Table, c: Any, p: Any) -> float:
+    """Where the stage is now: by the model, and by the trim that the gauge has made."""
+    return inverse_at(c.inverse).result[0].predicted - p.origin - trim_of(table).trim
 
 
 @njit(cache=True, nogil=True)
@@ -79,8 +89,9 @@ def _setpoint(table: Table, c: Any, p: Any, now_ns: int, value: float) -> None:
     if moving and q.count == 0:
         c.target = value
         return
-    start = c.target if moving and not math.isnan(c.target) else _position(c, p)
-    _approach(table, c, p, now_ns, start, value, 0, False)
+    known = moving and not math.isnan(c.target)
+    start = c.target + c.learned if known else _position(table, c, p)
+    _approach(table, c, p, now_ns, start, value, 0, 0.0, False)
     q.complete = 1
     c.target = value
     happens(c, TARGET, now_ns)
@@ -91,17 +102,23 @@ def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
     q = queue_of(table)
     c.target_ns = now_ns
     value, offset_ns, last = command.value, command.offset_ns, command.last != 0
+    correction = command.correction
+    if not abs(correction) <= trim_setting_of(table).learned:
+        note(table, c, BAD_CORRECTION, correction)
+        correction = 0.0
     if command.trajectory != q.id or q.count == 0:
         moving = c.state == RUNNING and not math.isnan(c.target)
-        start = c.target if moving else _position(c, p)
-        _approach(table, c, p, now_ns, start, value, offset_ns, last)
+        start = c.target + c.learned if moving else _position(table, c, p)
+        _approach(table, c, p, now_ns, start, value, offset_ns, correction, last)
         q.id = command.trajectory
         c.trajectory, c.trajectory_done = command.trajectory, 0
         happens(c, TARGET, now_ns)
         return
-    times = whole_at(table, at.TIMES)
-    if not targets.append(q, times, floats_at(table, at.VALUES), offset_ns, value, last):
-        full = q.count == times.size
+    points = points_of(table)
+    if correction != 0.0:
+        c.corrected = 1
+    if not targets.append(q, points, offset_ns, value, correction, last):
+        full = q.count == points.times.size
         note(table, c, POINT_FULL if full else POINT_LATE, offset_ns * 1e-9)
 
 
@@ -114,15 +131,19 @@ def _approach(
     start: float,
     value: float,
     offset_ns: int,
+    correction: float,
     last: bool,
 ) -> None:
-    """Queue the way from `start` to a trajectory's first point at the approach speed."""
-    q, times, values = queue_of(table), whole_at(table, at.TIMES), floats_at(table, at.VALUES)
-    way_ns = max(p.period_ns, round(abs(value - start) / p.approach_um_per_s * 1e9))
+    """Queue the way from `start` to a trajectory's first point at the approach speed. It takes
+    whole periods: the points of a trajectory that are a period apart are then samples."""
+    q, points = queue_of(table), points_of(table)
+    way_s = abs(value + correction - start) / p.approach_um_per_s
+    way_ns = p.period_ns * max(1, math.ceil(way_s * 1e9 / p.period_ns - 1e-6))
     targets.clear(q)
     q.start_ns = now_ns + way_ns - offset_ns
-    targets.append(q, times, values, offset_ns - way_ns, start, False)
-    targets.append(q, times, values, offset_ns, value, last)
+    targets.append(q, points, offset_ns - way_ns, start, 0.0, False)
+    targets.append(q, points, offset_ns, value, correction, last)
+    c.corrected = 1 if correction != 0.0 else 0
     c.approach_until_ns = now_ns + way_ns
 
 
@@ -150,10 +171,12 @@ def age(table: Table, c: Any, p: Any, now_ns: int) -> None:
     """Trajectories that end or run dry, set-points that go stale."""
     if c.state != RUNNING:
         return
-    q, times, values = queue_of(table), whole_at(table, at.TIMES), floats_at(table, at.VALUES)
+    q, points = queue_of(table), points_of(table)
+    times = points.times
     if targets.finished(q, times, now_ns):
         end = targets.end_ns(q, times)
-        c.target = values[(q.first + q.count - 1) % values.size]
+        newest = (q.first + q.count - 1) % times.size
+        c.target, c.learned = points.values[newest], points.corrections[newest]
         c.target_ns = max(c.target_ns, end)
         if q.id != 0:
             c.trajectory_done = 1

@@ -14,12 +14,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
-from dehyst.daemon.loop import realtime, systemcalls
+from dehyst.daemon.loop import systemcalls
 from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.daemon.loop.records_in_memory import CLOCK, NAN, Table, meter_of
 from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, begin, finish
 from dehyst.daemon.loop.status import PLACE, LoopMonitor
 from dehyst.daemon.loop.step_kernel import stopped
+from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.rings.records import Flag
 from dehyst.drivers.direct_calls import Direct, Reachable, call, whole_at
 from dehyst.models.errors import BadInput
@@ -82,6 +83,7 @@ def run_samples(table: Table, samples: int) -> None:
                 m.measured = NAN
                 m.sensor_ok, m.sensor_code = 0, code
             io_ns = now_of(table, buffer) - before
+        m.held = 1 if flags == HELD else 0
         volts = begin(table, now_of(table, buffer))
         wrote = NOT_WRITTEN
         if volts == volts:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from dehyst.daemon import clock
-from dehyst.daemon.loop import realtime
+from dehyst.daemon.loop.timing import realtime
 from dehyst.drivers.interface import DriverError
 
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 5.0

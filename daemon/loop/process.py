@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from dehyst.daemon import clock, notify
 from dehyst.daemon.config import Config
 from dehyst.daemon.files.models import load_model, write_text
-from dehyst.daemon.loop import realtime
 from dehyst.daemon.loop.channels import Channels
 from dehyst.daemon.loop.checks import (
     REPLAY_SAMPLES,
@@ -33,7 +32,9 @@ from dehyst.daemon.loop.readback import ReadbackCheck
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.status import LoopMonitor, Reading
 from dehyst.daemon.loop.step import Stepper
-from dehyst.daemon.loop.witness import Witness
+from dehyst.daemon.loop.timing import realtime
+from dehyst.daemon.loop.timing.witness import Witness
+from dehyst.daemon.loop.trim import trim_setting
 from dehyst.daemon.rings.records import (
     COMMAND,
     EVENT,
@@ -106,6 +107,10 @@ class Core:
             config.inverse.preview_s,
         )
 
+    def _trim(self, model: Model) -> NDArray[Any]:
+        low, high = displacement_range(model, *drive_range(self.config, model))
+        return trim_setting(self.config, model, high - low, self.sensor.device.spec)
+
     def _settings(self, model: Model) -> LoopSettings:
         drives = drive_range(self.config, model)
         low, high = displacement_range(model, *drives)
@@ -122,7 +127,7 @@ class Core:
         compensator = self._compensator(self.model)
         past, doubt = past_output(config, float(actuator.output()))
         volts = float(past[-1])
-        stepper = Stepper(settings, compensator, volts)
+        stepper = Stepper(settings, compensator, volts, self._trim(self.model))
         channels = Channels(config.channels, stepper.measured, stepper.events.append)
         channels.start()
         stepper.use(compensator, self._led(compensator, past))
@@ -205,7 +210,7 @@ class Core:
         runner: PythonLoop | CompiledLoop,
     ) -> None:
         """Run every kernel of the sample once, so that nothing compiles in the loop."""
-        stepper = Stepper(settings, compensator, volts)
+        stepper = Stepper(settings, compensator, volts, self._trim(self.model))
         point = np.zeros(2, COMMAND)
         point["kind"], point["trajectory"] = Command.POINT, 1
         point["offset_ns"], point["last"] = (0, 1_000_000), (0, 1)
@@ -234,6 +239,7 @@ class Core:
             ):
                 raise BadInput("its units are not those of the running model")
             compensator, settings = self._compensator(model), self._settings(model)
+            trimmed = self._trim(model)
             ring = self._telemetry
             records, _, _ = ring.read(max(0, ring.head - REPLAY_SAMPLES))
             past = records["volts"] if records.size else np.array([monitor.stepper.volts])
@@ -244,6 +250,7 @@ class Core:
         monitor.stepper.events.append(f"model reloaded: {compensator.reason}")
         monitor.stepper.events.extend(unmeasured(compensator, self.config))
         monitor.reload(compensator, state, settings.origin)
+        monitor.stepper.trim_setting[:] = trimmed
         self.model = model
         try:
             self._tell_model(model)

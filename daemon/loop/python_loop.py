@@ -19,7 +19,7 @@ from dehyst.drivers.interface import DriverError
 INVALID, HELD = int(Flag.SENSOR_INVALID), int(Flag.SENSOR_HELD)
 SCHEDULED, SAMPLES, MEASURED = PLACE["scheduled_ns"], PLACE["samples"], PLACE["measured"]
 ACTUATOR_OK, SENSOR_OK = PLACE["actuator_ok"], PLACE["sensor_ok"]
-DOUBTFUL = PLACE["doubtful"]
+DOUBTFUL, THE_HELD = PLACE["doubtful"], PLACE["held"]
 MOVING = (State.RUNNING, State.STOPPING)
 NAN = float("nan")
 
@@ -65,6 +65,7 @@ class PythonLoop:
     def _sample(self, woke_ns: int) -> int:
         monitor = self.monitor
         flags, io_ns = self._read_sensor()
+        monitor.numbers[THE_HELD] = 1 if flags & HELD else 0
         actuator = monitor.actuator
         if not actuator.ok and actuator.came_back():
             monitor.meter["back_v"], monitor.meter["actuator_back"] = actuator.device.output(), 1

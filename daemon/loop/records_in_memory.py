@@ -22,7 +22,8 @@ from dehyst.daemon.loop.settings import SETTINGS_T
 from dehyst.daemon.loop.states import NEXT, NOTHING
 from dehyst.daemon.loop.targets import QUEUE_T
 from dehyst.daemon.rings.records import COMMAND, TELEMETRY, MissCause
-from dehyst.drivers.direct_calls import pointer, record
+from dehyst.drivers.direct_calls import floats_at, pointer, record, whole_at
+from dehyst.models.learning import trim
 
 Table = NDArray[np.int64]
 NAN = math.nan
@@ -40,6 +41,9 @@ CONTROL_T = np.dtype(
         ("glide_share", "<f8"),  # by which it gets less in a sample
         ("predicted", "<f8"),  # the model's next reading, from the origin
         ("target", "<f8"),  # newest target, from the origin; NaN: none
+        ("learned", "<f8"),  # learned correction of the present target
+        ("corrected", "<i8"),  # 1: the trajectory has learned corrections
+        ("held", "<i8"),  # 1: the reading of this sample is the one before
         ("target_ns", "<i8"),  # when it was last confirmed by a client
         ("since_ns", "<i8"),  # when the present state began
         ("hold_ns", "<i8"),
@@ -64,6 +68,7 @@ METER_T = np.dtype(
         ("missed", "<i8"),
         ("tail", "<i8"),  # of the command ring
         ("measured", "<f8"),  # last reading as model displacement
+        ("held", "<i8"),  # 1: no new reading was due
         ("scale", "<f8"),
         ("zero", "<f8"),
         ("sensor_every", "<i8"),
@@ -107,6 +112,9 @@ CAUSES = len(MissCause)
     QUEUE,
     TIMES,
     VALUES,
+    CORRECTIONS,
+    TRIM_SETTING,
+    TRIM,
     NOTE_RING,
     COMMANDS,
     RECORD,
@@ -130,7 +138,7 @@ CAUSES = len(MissCause)
     CLOCK,
     BUFFER,
     N_TABLE,
-) = range(28)
+) = range(31)
 
 
 class Note(IntEnum):
@@ -149,6 +157,14 @@ class Note(IntEnum):
     RELOADED = 11
     STOOD_STILL = 12
     COMMANDS_DAMAGED = 13
+    TRIM_GOES_ON = 14
+    TRIM_NO_READING = 15
+    TRIM_STUCK = 16
+    TRIM_JUMPED = 17
+    TRIM_BEYOND = 18
+    TRIM_DISTRUSTED = 19
+    ZEROED = 20
+    BAD_CORRECTION = 21
 
 
 TEXTS = {
@@ -165,6 +181,16 @@ TEXTS = {
     "voltage",
     Note.STOOD_STILL: "the loop stood still for {:.2f} s; it glides to the target now",
     Note.COMMANDS_DAMAGED: "{:.0f} damaged commands dropped",
+    Note.TRIM_GOES_ON: "the trim goes on, gauge and model differ by {:.4g}",
+    Note.TRIM_NO_READING: "trim frozen: no valid reading",
+    Note.TRIM_STUCK: "trim frozen: the reading has not changed while the stage was moved",
+    Note.TRIM_JUMPED: "trim frozen: the reading has jumped against the model, by {:.4g}; it goes "
+    "on when the reading is back, or after `dehyst zero`",
+    Note.TRIM_BEYOND: "trim frozen: gauge and model differ by {:.4g}, which is beyond belief; "
+    "`dehyst zero` sets the gauge's zero",
+    Note.TRIM_DISTRUSTED: "trim frozen: the mismatch watch does not trust the stage or its gauge",
+    Note.ZEROED: "the gauge's zero was moved by {:.6g}",
+    Note.BAD_CORRECTION: "learned correction {:g} dropped: more than is taken",
     Note.RELOADED: "the new model is in use, set-point 0 is its {:.6g}",
 }
 
@@ -196,6 +222,26 @@ def settings_of(table: Table) -> Any:
 def queue_of(table: Table) -> Any:
     """The QUEUE_T record."""
     return record(table[3 * QUEUE], QUEUE_T)
+
+
+@njit(cache=True, nogil=True)
+def points_of(table: Table) -> Any:
+    """The arrays of the queue."""
+    return targets.Points(
+        whole_at(table, TIMES), floats_at(table, VALUES), floats_at(table, CORRECTIONS)
+    )
+
+
+@njit(cache=True, nogil=True)
+def trim_setting_of(table: Table) -> Any:
+    """The trim's SETTING record."""
+    return record(table[3 * TRIM_SETTING], trim.SETTING)
+
+
+@njit(cache=True, nogil=True)
+def trim_of(table: Table) -> Any:
+    """The trim's STATE record."""
+    return record(table[3 * TRIM], trim.STATE)
 
 
 @njit(cache=True, nogil=True)
@@ -267,4 +313,4 @@ def happens(c: Any, event: int, now_ns: int) -> bool:
 def drop_targets(c: Any, q: Any) -> None:
     """Forget trajectory and set-point."""
     targets.clear(q)
-    c.target = NAN
+    c.target, c.learned = NAN, 0.0

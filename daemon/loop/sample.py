@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 
 from numba import njit
 
-from dehyst.daemon.loop import deadlines, systemcalls
 from dehyst.daemon.loop import records_in_memory as at
-from dehyst.daemon.loop.histogram import count
+from dehyst.daemon.loop import systemcalls
 from dehyst.daemon.loop.records_in_memory import (
     NAN,
     Note,
@@ -27,7 +26,9 @@ from dehyst.daemon.loop.records_in_memory import (
     settings_of,
 )
 from dehyst.daemon.loop.step_kernel import fault, follow_output, recover, stop, swap, take_step
-from dehyst.daemon.loop.witness import excuse
+from dehyst.daemon.loop.timing import deadlines
+from dehyst.daemon.loop.timing.histogram import count
+from dehyst.daemon.loop.timing.witness import excuse
 from dehyst.daemon.rings.layout import FARTHEST, HEAD, TAIL
 from dehyst.daemon.rings.records import Flag, MissCause, State
 from dehyst.daemon.rings.ring import digest, load, store
@@ -60,6 +61,7 @@ def begin(table: Table, clock_ns: int) -> float:
     m.begun_ns = clock_ns
     since_ns = clock_ns - c.wrote_ns if c.wrote_ns != 0 else p.period_ns
     c.move_ns = min(max(since_ns, 0), p.period_ns)
+    c.held = m.held
     if m.stop != 0:
         stop(table, now_ns)
     if m.swap != 0:

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
-from dehyst.daemon.loop import realtime, records_in_memory
-from dehyst.daemon.loop.deadlines import next_ns
+from dehyst.daemon.loop import records_in_memory
 from dehyst.daemon.loop.devices import DeviceLink
-from dehyst.daemon.loop.histogram import Histogram
 from dehyst.daemon.loop.records_in_memory import CAUSES, CONTROL_T, METER_T
 from dehyst.daemon.loop.step import Stepper
-from dehyst.daemon.loop.witness import Witness
+from dehyst.daemon.loop.timing import realtime
+from dehyst.daemon.loop.timing.deadlines import next_ns
+from dehyst.daemon.loop.timing.histogram import Histogram
+from dehyst.daemon.loop.timing.witness import Witness
 from dehyst.daemon.rings.records import EVENT, State
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS
@@ -176,6 +177,11 @@ class LoopMonitor:
         row["sensor_ok"] = self.sensor.ok
         row["actuator_errors"], row["sensor_errors"] = self.actuator.errors, self.sensor.errors
         row["volts"] = stepper.volts
+        trim, control = stepper.trim[0], stepper.control[0]
+        row["trimmed"], row["trim"] = stepper.trim_setting["on"][0], trim["trim"]
+        row["trim_frozen"], row["differs"] = trim["lasting"], trim["seen"]
+        row["learned"], row["gauge_zero"] = control["corrected"], trim["zero"]
+        row["trajectory_start_ns"] = stepper.queue.numbers["start_ns"][0]
         row["queue_s"] = stepper.queue.ahead_s(now_ns)
         row["trajectory"], row["trajectory_done"] = stepper.trajectory, stepper.trajectory_done
         row["origin"], row["period_ns"] = stepper.origin, stepper.settings.period_ns

@@ -26,6 +26,7 @@ from dehyst.daemon.loop.targets import TrajectoryQueue
 from dehyst.daemon.rings.records import COMMAND, TELEMETRY, State
 from dehyst.drivers.direct_calls import Addresses
 from dehyst.models.inverse.compensator import Compensator, CompensatorState
+from dehyst.models.learning import trim
 
 NAN = float("nan")
 
@@ -38,11 +39,21 @@ class Stepper:
     everything, for the kernels. `events`: what happened, in words, until somebody clears them.
     """
 
-    def __init__(self, settings: LoopSettings, compensator: Compensator, volts: float) -> None:
+    def __init__(
+        self,
+        settings: LoopSettings,
+        compensator: Compensator,
+        volts: float,
+        trimmed: NDArray[Any] | None = None,
+    ) -> None:
+        """trimmed: (1,) SETTING of dehyst.models.learning.trim; None: no trim, nothing learned."""
         self.settings = settings
         self.queue = TrajectoryQueue(settings.queue_points)
         self.record = np.zeros(1, TELEMETRY)
         self.control = np.zeros(1, CONTROL_T)
+        self.trim = trim.begin()
+        no_trim = trim.setting_of(settings.period_ns * 1e-9, 0.0, 0.0, on=False)
+        self.trim_setting = no_trim if trimmed is None else trimmed
         self.events: list[str] = []
         self._numbers = settings.record()
         self._notes = np.zeros(NOTES, NOTE_T)
@@ -56,6 +67,9 @@ class Stepper:
             (records_in_memory.QUEUE, self.queue.numbers),
             (records_in_memory.TIMES, self.queue.times),
             (records_in_memory.VALUES, self.queue.values),
+            (records_in_memory.CORRECTIONS, self.queue.corrections),
+            (records_in_memory.TRIM_SETTING, self.trim_setting),
+            (records_in_memory.TRIM, self.trim),
             (records_in_memory.NOTE_RING, self._notes),
             (records_in_memory.COMMANDS, self._commands),
             (records_in_memory.RECORD, self.record),

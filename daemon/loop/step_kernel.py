@@ -10,9 +10,9 @@ rules. Everything it works on lies in two tables of addresses
 import math
 from typing import Any
 
+import numpy as np
 from numba import njit
 
-from dehyst.daemon.loop import records_in_memory as at
 from dehyst.daemon.loop import targets
 from dehyst.daemon.loop.command_kernels import admit, age
 from dehyst.daemon.loop.records_in_memory import (
@@ -25,15 +25,19 @@ from dehyst.daemon.loop.records_in_memory import (
     happens,
     note,
     number,
+    points_of,
     queue_of,
     record_of,
     settings_of,
+    trim_of,
+    trim_setting_of,
 )
 from dehyst.daemon.loop.states import LoopEvent
 from dehyst.daemon.rings.records import Flag, Mode, State
-from dehyst.drivers.direct_calls import floats_at, whole_at
 from dehyst.models.inverse import sample
 from dehyst.models.inverse.state import inverse_at
+from dehyst.models.learning import trim
+from dehyst.models.learning.why import Why
 from dehyst.models.model import Floats
 
 STOP_GRACE_NS = 5_000_000_000  # beyond the ramp's own time
@@ -47,6 +51,21 @@ MODE_NONE, MODE_HOLD = number(Mode.NONE), number(Mode.HOLD)
 UNREACHABLE, SLEW, RANGE = number(Flag.UNREACHABLE), number(Flag.SLEW), number(Flag.RANGE)
 INVALID, OUTSIDE = number(Flag.SENSOR_INVALID), number(Flag.OUTSIDE_VALIDITY)
 FALLBACK, APPROACH = number(Flag.FALLBACK), number(Flag.APPROACH)
+TRIM_FROZEN = number(Flag.TRIM_FROZEN)
+NOTHING, OFF, NOT_RUNNING = number(Why.NOTHING), number(Why.OFF), number(Why.NOT_RUNNING)
+NOTES_OF_TRIM = np.array(
+    [
+        Note.TRIM_GOES_ON,
+        0,
+        0,
+        Note.TRIM_NO_READING,
+        Note.TRIM_STUCK,
+        Note.TRIM_JUMPED,
+        Note.TRIM_BEYOND,
+        Note.TRIM_DISTRUSTED,
+    ]
+)
+"""By Why; 0: nothing is said."""
 STOP_FAILED, STOOD_STILL = number(Note.STOP_FAILED), number(Note.STOOD_STILL)
 STILL_NS = 100_000_000  # a loop that stood still for longer glides to where the target has gone
 GLIDE_NS = 100_000_000  # shortest time of a glide: it also takes up the targets' own speed
@@ -104,6 +123,7 @@ def swap(table: Table, inverse: int, origin: float) -> None:
     c, p = control_of(table), settings_of(table)
     c.inverse, c.pending = inverse, 0
     p.origin = origin
+    trim.forget(trim_of(table))
     c.glide = NAN
 
 
@@ -124,10 +144,13 @@ def take_step(table: Table, now_ns: int, measured: float, n_commands: int) -> No
     for i in range(n_commands):
         admit(table, c, p, now_ns, commands_of(table)[i])
     age(table, c, p, now_ns)
-    wanted, target = c.volts, NAN
+    reading = measured - p.origin + trim_of(table).zero
+    flags |= _trim(table, c, reading)
+    wanted, target, learned = c.volts, NAN, 0.0
     if c.state == RUNNING:
-        wanted, mode, flags = _follow(table, c, p, now_ns)
-        target = c.target
+        wanted, mode, more = _follow(table, c, p, now_ns)
+        flags |= more
+        target, learned = c.target, c.learned
     elif c.state == HOLDING:
         target = c.target
         if now_ns - c.since_ns >= c.hold_ns:
@@ -146,8 +169,8 @@ def take_step(table: Table, now_ns: int, measured: float, n_commands: int) -> No
     flags |= limited
     if math.isnan(measured):
         flags |= INVALID
-    r.target, r.measured = target, measured - p.origin
-    r.predicted = c.predicted
+    r.target, r.measured = target, reading
+    r.predicted, r.trim, r.learned = c.predicted, trim_of(table).trim, learned
     r.volts_raw, r.volts = wanted, volts
     r.flags, r.state, r.mode = flags, c.state, mode
 
@@ -158,6 +181,20 @@ def follow_output(table: Table, volts: float) -> None:
     c, p = control_of(table), settings_of(table)
     c.volts = volts
     c.predicted = _applied(c, volts / p.gain) - p.origin
+
+
+@njit(cache=True, nogil=True)
+def _trim(table: Table, c: Any, reading: float) -> int:
+    """Let the gauge correct the target; flags."""
+    setting, state = trim_setting_of(table), trim_of(table)
+    before = state.lasting
+    if trim.take(setting, state, reading, c.predicted, c.held != 0, c.state == RUNNING):
+        silent = state.lasting == NOTHING and before in (NOT_RUNNING, OFF)
+        words = NOTES_OF_TRIM[state.lasting]
+        if words != 0 and not silent:
+            note(table, c, words, state.seen)
+    frozen = setting.on != 0 and c.state == RUNNING and state.why != NOTHING
+    return TRIM_FROZEN if frozen else 0
 
 
 @njit(cache=True, nogil=True)
@@ -176,19 +213,21 @@ def _follow(table: Table, c: Any, p: Any, now_ns: int) -> tuple[float, int, int]
     window, result = inverse.targets, inverse.result[0]
     flags, known = 0, 1
     if q.count > 0:
-        known = targets.window(
-            q, whole_at(table, at.TIMES), floats_at(table, at.VALUES), now_ns, p.period_ns, window
-        )
+        known, target, learned = targets.window(q, points_of(table), now_ns, p.period_ns, window)
         if known > 0:
-            c.target = window[0]
+            c.target, c.learned = target, learned
         if now_ns < c.approach_until_ns:
             flags |= APPROACH
+    elif c.learned != 0.0:  # what was learned for a trajectory that is over fades
+        setting = trim_setting_of(table)
+        fade = setting.rate * setting.period_s
+        c.learned -= min(max(c.learned, -fade), fade)
     if q.count == 0 or known < 2:
-        window[:] = c.target
+        window[:] = c.target + c.learned
         if q.count > 0:
             flags |= FALLBACK
         known = 2
-    window += p.origin
+    window += p.origin + trim_of(table).trim
     if c.pending != 0:
         _applied(c, result.drive)
     if c.glide != 0.0:

@@ -4,7 +4,7 @@ Pure: times come in, no clock is read. Memory is constant: the queue is two arra
 record of numbers, which the kernels here work on; TrajectoryQueue makes and holds them.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,17 +21,32 @@ QUEUE_T = np.dtype(
 )
 
 
+class Points(NamedTuple):
+    """A queue's arrays, (capacity,) each: times [ns], targets, and what was learned for them."""
+
+    times: NDArray[np.int64]
+    values: NDArray[np.float64]
+    corrections: NDArray[np.float64]
+
+
 class TrajectoryQueue:
     """Timed points of one trajectory at a time, read by linear interpolation.
 
     times_ns (offsets from the trajectory's start) must increase. A trajectory starts when its
     first point arrives: its time zero is put at `start_ns`, which leaves time for the approach.
+    corrections: what was learned for each point; kept apart from its target.
     """
 
     def __init__(self, capacity: int) -> None:
         self.numbers = np.zeros(1, QUEUE_T)
         self.times: NDArray[np.int64] = np.zeros(capacity, np.int64)
         self.values: NDArray[np.float64] = np.zeros(capacity)
+        self.corrections: NDArray[np.float64] = np.zeros(capacity)
+
+    @property
+    def points(self) -> Points:
+        """The arrays as the kernels take them."""
+        return Points(self.times, self.values, self.corrections)
 
     def ahead_s(self, now_ns: int) -> float:
         """Seconds of trajectory that lie ahead of now."""
@@ -57,13 +72,14 @@ def end_ns(queue: Any, times: NDArray[np.int64]) -> int:
 @njit(cache=True, nogil=True)
 def append(
     queue: Any,
-    times: NDArray[np.int64],
-    values: NDArray[np.float64],
+    points: Points,
     offset_ns: int,
     value: float,
+    correction: float,
     last: bool,
 ) -> bool:
     """Add a point; False where it is refused."""
+    times = points.times
     if queue.count == times.size or queue.complete != 0:
         return False
     at = queue.start_ns + offset_ns
@@ -71,7 +87,7 @@ def append(
         return False
     slot = (queue.first + queue.count) % times.size
     times[slot] = at
-    values[slot] = value
+    points.values[slot], points.corrections[slot] = value, correction
     queue.count += 1
     queue.complete = 1 if last else 0
     return True
@@ -92,53 +108,42 @@ def finished(queue: Any, times: NDArray[np.int64], now_ns: int) -> bool:
 @njit(cache=True, nogil=True)
 def window(
     queue: Any,
-    times: NDArray[np.int64],
-    values: NDArray[np.float64],
+    points: Points,
     now_ns: int,
     period_ns: int,
     out: NDArray[np.float64],
-) -> int:
-    """Targets at now, now + period, ... into out: how many are known; drops what is over."""
-    known, dropped = _fill(
-        times, values, queue.first, queue.count, queue.complete != 0, now_ns, period_ns, out
-    )
-    queue.first = (queue.first + dropped) % times.size
-    queue.count -= dropped
-    return known
-
-
-@njit(cache=True, nogil=True)
-def _fill(
-    times: NDArray[np.int64],
-    values: NDArray[np.float64],
-    first: int,
-    count: int,
-    complete: bool,
-    now_ns: int,
-    period_ns: int,
-    out: NDArray[np.float64],
-) -> tuple[int, int]:
-    """(number of known targets written to out, number of points that are over)."""
-    capacity = times.size
+) -> tuple[int, float, float]:
+    """Targets with their corrections at now, now + period, ... into out: how many are known; and
+    target and correction of now alone. Drops what is over."""
+    times = points.times
+    capacity, complete = times.size, queue.complete != 0
     dropped = 0
-    while count - dropped > 1 and times[(first + dropped + 1) % capacity] <= now_ns:
+    while queue.count - dropped > 1 and times[(queue.first + dropped + 1) % capacity] <= now_ns:
         dropped += 1
-    slot, left, time = (first + dropped) % capacity, count - dropped, now_ns
+    queue.first = (queue.first + dropped) % capacity
+    queue.count -= dropped
+    slot, left, time = queue.first, queue.count, now_ns
+    target = correction = 0.0
     for i in range(out.size):
         after = (slot + 1) % capacity
         while left > 1 and times[after] <= time:
             slot, left = after, left - 1
             after = (slot + 1) % capacity
         if left == 0:
-            return 0, dropped
+            return 0, target, correction
         here_ns = times[slot]
-        if time <= here_ns or (left == 1 and complete):
-            out[i] = values[slot]
-        elif left > 1:
+        share = 0.0
+        if time > here_ns and left > 1:
             share = (time - here_ns) / (times[after] - here_ns)
-            out[i] = values[slot] + share * (values[after] - values[slot])
-        else:
-            out[i:] = values[slot]
-            return i, dropped
+        elif time > here_ns and not complete:
+            out[i:] = points.values[slot] + points.corrections[slot]
+            return i, target, correction
+        value, more = points.values[slot], points.corrections[slot]
+        if share > 0.0:
+            value += share * (points.values[after] - value)
+            more += share * (points.corrections[after] - more)
+        if i == 0:
+            target, correction = value, more
+        out[i] = value + more
         time += period_ns
-    return out.size, dropped
+    return out.size, target, correction

@@ -59,7 +59,7 @@ def draw_hysteresis_loop(
     axes.legend(loc="upper left")
     axes.set(
         xlabel=f"drive, {spell_unit(recording.drive_unit)}",
-        title="the same over the drive",
+        title="displacement over the drive",
         ylabel=f"displacement, {recording.displacement_unit}",
     )
     return "The hysteresis loop: measured displacement and the model's over the drive."

@@ -43,11 +43,28 @@ td+td{white-space:nowrap}td:first-child{min-width:8em}
  gap:.8em;margin:.8em 0}
 img{width:100%;max-width:44em;height:auto;display:block}
 @media (max-width:30em){body{padding:.7em}h1{font-size:1.3em}
- .cards{grid-template-columns:1fr 1fr}table{font-size:.88em}}
+ .cards{grid-template-columns:1fr 1fr}table{font-size:.88em}
+ td+td{white-space:normal}td:first-child{min-width:5em}}
 @media screen and (prefers-color-scheme:dark){
  :root{--ink:#e4e6e9;--paper:#1a1a1a;--soft:#a4abb6;--line:#3b3f45;--card:#25282c;
  --mark:#58aee6;--warn:#ff9068}
  img{filter:invert(.9) hue-rotate(180deg)}}
+"""
+
+# Nested in the class of one element: it holds inside it alone.
+NOTEBOOK_STYLE = """
+--line:#8886;--card:#8882;--mark:#0072b2;--warn:#b3401c;max-width:68em;overflow-wrap:break-word;
+.lead{font-size:1.08em}.soft{opacity:.75;font-size:.9em}
+.cards{display:grid;grid-template-columns:repeat(auto-fill,minmax(10.5em,1fr));gap:.7em}
+.card{background:var(--card);border-radius:.5em;padding:.5em .8em;font-size:.9em}
+.card b{display:block;font-size:1.4em;line-height:1.3}
+.box{border-left:.3em solid var(--mark);background:var(--card);padding:.1em 1em .4em;margin:1em 0}
+.box.warn{border-color:var(--warn)}
+.bar{background:var(--line);height:.6em;border-radius:.3em;max-width:24em;overflow:hidden}
+.bar div{background:var(--mark);height:100%}
+.wide{overflow-x:auto}
+.pictures{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,26em),1fr));gap:.8em}
+img{width:100%;height:auto;background:#fff}
 """
 
 
@@ -55,12 +72,8 @@ class Page:
     """A report that is written from top to bottom."""
 
     def __init__(self, title: str) -> None:
-        self._parts = [
-            '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f"<title>{escape(title)}</title><style>{STYLE}</style></head>",
-            f"<body><main>\n<h1>{escape(title)}</h1>",
-        ]
+        self._title = title
+        self._parts: list[str] = []
 
     def add_heading(self, text: str) -> None:
         """Begin a section."""
@@ -131,4 +144,15 @@ class Page:
 
     def to_html(self) -> str:
         """The whole page."""
-        return "\n".join([*self._parts, "</main></body></html>"]) + "\n"
+        head = [
+            '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>{escape(self._title)}</title><style>{STYLE}</style></head>",
+            f"<body><main>\n<h1>{escape(self._title)}</h1>",
+        ]
+        return "\n".join([*head, *self._parts, "</main></body></html>"]) + "\n"
+
+    def to_fragment(self) -> str:
+        """What was added, for a notebook: in its colours, and with a style that stays inside."""
+        head = f'<div class="dehyst"><style>.dehyst{{{NOTEBOOK_STYLE}}}</style>'
+        return "\n".join([head, f"<h3>{escape(self._title)}</h3>", *self._parts, "</div>"])

@@ -7,28 +7,50 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from dehyst.daemon.report.page import Page
-from dehyst.daemon.report.plotting import MEASURED, MODEL, add_legend, draw_trace, thin_rows
+from dehyst.daemon.report.plotting import (
+    MEASURED,
+    MODEL,
+    add_legend,
+    draw_trace,
+    limit_to,
+    thin_rows,
+)
 from dehyst.models.identify.validation import Validation
 from dehyst.models.recording import Recording
 
 
-def report_validation(
-    rows: Sequence[tuple[str, Recording, Validation]], words: Sequence[str]
-) -> str:
-    """The whole page as HTML text. rows: model name, recording, result; words: one line each."""
+def say_validation(model: str, v: Validation) -> str:
+    """One line on how well a model foretells a recording, and one where its validity is left."""
+    claim = "it claims nothing" if v.claim is None else f"it claims {v.claim:.4g}"
+    verdict = "WORSE than it claims" if v.worse else "as good as it claims"
+    text = (
+        f"{model} on {v.name}: {v.rms:.4g} {v.unit} rms, {v.share:.3%} of the span, {claim}"
+        + (f": {verdict}" if v.claim is not None else "")
+        + f"; offset {v.offset:.4g}, noise {v.noise:.4g}; what is left is "
+        + ("white" if v.white else "not white")
+        + f", correlation with the drive {v.tied_to_drive:.2g} (chance {v.chance:.2g})"
+        + f"; start {v.start}"
+    )
+    if v.outside >= 0.0005:
+        text += f"\nnote: {v.outside:.1%} of the rows are outside the model's validity"
+    return text
+
+
+def report_validation(rows: Sequence[tuple[str, Recording, Validation]]) -> str:
+    """The whole page as HTML text. rows: model name, recording, result."""
     out = Page("Validation")
-    out.add_bullets(list(words))
+    out.add_bullets([say_validation(model, result) for model, _, result in rows])
     for model, recording, result in rows:
         out.add_heading(f"{model} on {recording.name}")
         out.add_pictures(
-            partial(_draw_over_time, recording, result),
-            partial(_draw_left, recording, result),
-            partial(_draw_correlations, result),
+            partial(draw_over_time, recording, result),
+            partial(draw_left, recording, result),
+            partial(draw_correlations, result),
         )
     return out.to_html()
 
 
-def _draw_over_time(recording: Recording, result: Validation, axes: Axes) -> str:
+def draw_over_time(recording: Recording, result: Validation, axes: Axes) -> str:
     """Measured and foretold."""
     assert recording.displacement is not None
     t, y, m = thin_rows(recording.t_s, recording.displacement, result.predicted + result.offset)
@@ -39,16 +61,17 @@ def _draw_over_time(recording: Recording, result: Validation, axes: Axes) -> str
     return "Measured displacement and what the model foretells, over time."
 
 
-def _draw_left(recording: Recording, result: Validation, axes: Axes) -> str:
+def draw_left(recording: Recording, result: Validation, axes: Axes) -> str:
     """What is left, over time."""
     assert recording.displacement is not None
     error = recording.displacement - result.predicted - result.offset
     draw_trace(axes, recording.t_s, error, MODEL, "left")
+    limit_to(axes, error)
     axes.set(xlabel="time, s", ylabel=f"measured - model, {result.unit}", title="what is left")
     return f"What the model leaves over time: {result.rms:.3g} {result.unit} rms."
 
 
-def _draw_correlations(result: Validation, axes: Axes) -> str:
+def draw_correlations(result: Validation, axes: Axes) -> str:
     """Correlations of what is left with itself and with the drive."""
     at = np.arange(result.with_drive.size)
     axes.plot(at[1:], result.autocorrelation, ".-", color=MODEL, label="with itself")

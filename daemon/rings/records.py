@@ -25,6 +25,8 @@ TELEMETRY = np.dtype(
         ("target", "<f8"),  # set-point of this sample; NaN: none
         ("measured", "<f8"),  # sensor, read before `volts` is written; NaN: no valid reading
         ("predicted", "<f8"),  # what the model expected of this reading
+        ("trim", "<f8"),  # what the gauge's slow trim adds to the target
+        ("learned", "<f8"),  # what was learned from earlier passes and is added to the target
         ("volts_raw", "<f8"),  # what the inverse asked for
         ("volts", "<f8"),  # what was written
         ("flags", "<u4"),  # Flag
@@ -48,6 +50,7 @@ COMMAND = np.dtype(
         ("trajectory", "<u8"),
         ("offset_ns", "<i8"),  # POINT: time since the trajectory's start
         ("value", "<f8"),
+        ("correction", "<f8"),  # POINT: added to the target's value, which stays what is asked for
     ]
 )
 
@@ -88,6 +91,7 @@ class Flag(IntFlag):
     FALLBACK = 512  # the inverse fell back (preview ran dry, or not monotone)
     APPROACH = 1024  # moving to a trajectory's first point
     MISMATCH = 2048  # the stage does not behave as its model
+    TRIM_FROZEN = 4096  # the slow trim stands still: its reading is not to be believed
 
 
 class Mode(IntEnum):
@@ -108,6 +112,8 @@ class Command(IntEnum):
     STOP_MOTION = 3  # drop targets: HOLDING
     RELEASE = 4  # drop targets and ramp to the safe voltage now
     CLEAR = 5  # forget queued trajectory points of `trajectory`
+    TRUST = 6  # value 0: the mismatch watch does not trust stage or gauge; 1: it does
+    ZERO = 7  # value: added to every reading from now on
 
 
 class MissCause(IntEnum):

@@ -21,6 +21,7 @@ import numpy as np
 from msgspec import Meta
 
 from dehyst.daemon.rings.records import MissCause, Mode, State, name_of
+from dehyst.models.learning.why import Why
 
 Id = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Name = Annotated[str, Meta(max_length=64)]
@@ -73,6 +74,10 @@ def _text(value: Any) -> str:
     return bytes(value).decode("utf-8", "replace")
 
 
+def _why(value: Any) -> str:
+    return "" if int(value) == 0 else name_of(Why, int(value))
+
+
 def _device(name: str) -> View:
     def words(s: Any) -> str:
         ok, errors = getattr(s, f"{name}_ok"), getattr(s, f"{name}_errors")
@@ -88,6 +93,30 @@ def _p99(name: str, field: str) -> View:
 def counts(by_name: dict[str, int]) -> str:
     """Counters as words."""
     return ", ".join(f"{name} {n}" for name, n in by_name.items()) or "none"
+
+
+FROZEN = {
+    "no_reading": "no valid reading",
+    "stuck": "the gauge is stuck",
+    "jumped": "the reading has jumped",
+    "beyond": "gauge and model differ beyond belief",
+    "distrusted": "the mismatch watch does not trust it",
+}
+
+
+def positioning(s: "LoopStatus") -> str:
+    """In words: open loop, trimmed or learned, and how far model and gauge differ now."""
+    unit, frozen = s.unit, s.trim_frozen
+    by = "learned" if s.learned else ""
+    if s.trimmed and frozen in FROZEN:
+        by = f"{by or 'open loop'} (trim frozen at {s.trim:+.3g} {unit}: {FROZEN[frozen]})"
+    elif s.trimmed:
+        trimmed = f"trimmed by {s.trim:+.3g} {unit}"
+        by = f"{by} and {trimmed}" if by else trimmed
+    by = by or "open loop"
+    if not math.isfinite(s.differs):
+        return f"{by}; the gauge gives no reading"
+    return f"{by}; the gauge is {s.differs:+.3g} {unit} from the model"
 
 
 class LoopStatus(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -162,6 +191,20 @@ class LoopStatus(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     """Of the inverse (preview window)."""
     period_ns: Annotated[int, Column("<i8", int, view=lambda s: f"{1e9 / s.period_ns:g} Hz")]
     pid: Annotated[int, Column("<i8", int)]
+    trimmed: Annotated[bool, Column("u1", bool)]
+    """The slow trim is configured."""
+    trim: Annotated[float, Column("<f8", float)]
+    """What it adds to the target."""
+    trim_frozen: Annotated[Name, Column("u1", _why)]
+    """Why it stands still: a name of dehyst.models.learning.why.Why; "": it does not."""
+    learned: Annotated[bool, Column("u1", bool)]
+    """What is played has corrections that were learned from earlier passes."""
+    differs: Annotated[float, Column("<f8", float, view=lambda s: positioning(s))]
+    """By how much the gauge stands above what the model expects of it; NaN: no reading."""
+    gauge_zero: Annotated[float, Column("<f8", float)]
+    """Added to every reading, see `dehyst zero`."""
+    trajectory_start_ns: Annotated[int, Column("<i8", int)]
+    """Time 0 of the trajectory that is played; 0: none is."""
 
 
 def _columns() -> dict[str, Column]:

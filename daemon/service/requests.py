@@ -13,7 +13,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from dehyst.daemon import clock
-from dehyst.daemon.loop import realtime
+from dehyst.daemon.loop.timing import realtime
 
 REST_S = 1.0
 NOT_MOVED = 0

@@ -12,10 +12,10 @@ import numpy as np
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config
-from dehyst.daemon.loop import realtime
 from dehyst.daemon.loop.checks import check_limits, check_rates, past_output
 from dehyst.daemon.loop.devices import DeviceLink, ramp
 from dehyst.daemon.loop.systemcalls import sleeper
+from dehyst.daemon.loop.timing import realtime
 from dehyst.drivers.interface import DriverError
 from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.models.errors import BadRecording

@@ -14,15 +14,15 @@ import numpy as np
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config, parse_config
-from dehyst.daemon.loop import realtime
 from dehyst.daemon.loop.compiled_loop import CompiledLoop, spin_ns, warm_up
 from dehyst.daemon.loop.devices import DeviceLink
-from dehyst.daemon.loop.histogram import Histogram
 from dehyst.daemon.loop.python_loop import PythonLoop
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.status import LoopMonitor
 from dehyst.daemon.loop.step import Stepper
-from dehyst.daemon.loop.witness import Witness
+from dehyst.daemon.loop.timing import realtime
+from dehyst.daemon.loop.timing.histogram import Histogram
+from dehyst.daemon.loop.timing.witness import Witness
 from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, Command, MissCause
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from dehyst.daemon.loop.histogram import Histogram
+from dehyst.daemon.loop.timing.histogram import Histogram
 from dehyst.daemon.rings.records import MissCause
 from dehyst.daemon.tools.latency import Outcome
 

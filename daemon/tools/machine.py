@@ -4,7 +4,7 @@ import os
 import resource
 from pathlib import Path
 
-from dehyst.daemon.loop.realtime import AWAKE_FROM_HZ, IDLE_LATENCY, Obtained
+from dehyst.daemon.loop.timing.realtime import AWAKE_FROM_HZ, IDLE_LATENCY, Obtained
 
 
 def _text(path: str) -> str:

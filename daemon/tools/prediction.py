@@ -49,6 +49,10 @@ def outside_validity(model: Model, recording: Recording) -> dict[str, float]:
     return {"drive": float(np.mean(drive)), "rate": float(np.mean(fast)) if fast.size else 0.0}
 
 
+SAME = 0.02
+"""Two rms errors that differ by less are not both told."""
+
+
 class Misfit(NamedTuple):
     """Measured minus model: rms over all rows that have both, and how many these are; the same for
     those from `from_s` on (see `settled_row`), NaN and 0 where there are none."""
@@ -92,3 +96,16 @@ def settled_row(model: Model, recording: Recording) -> int:
     covered = np.fmax.accumulate(u) - np.fmin.accumulate(u)
     enough = np.flatnonzero(covered >= travel)
     return int(enough[0]) if enough.size else recording.size
+
+
+def describe_misfit(error: Misfit, unit: str) -> str:
+    """The error, and over which rows it is."""
+    whole = f"{error.rms:.4g} {unit} rms over all {error.rows} rows"
+    if not error.rows_settled:
+        return f"{whole}; all of them depend on how the stage stood before, which is not known"
+    if abs(error.rms_settled - error.rms) < SAME * error.rms:
+        return whole
+    return (
+        f"{whole}; {error.rms_settled:.4g} {unit} rms over the {error.rows_settled} from "
+        f"{error.from_s:.4g} s on, which no longer depend on how the stage stood before the first"
+    )

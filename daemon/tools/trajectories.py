@@ -1,11 +1,9 @@
 """A trajectory file as the inverse takes it: in the model's unit, evenly spaced, with channels."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 
-from dehyst.daemon.files.csv_table import read_table
 from dehyst.models.errors import BadInput, BadRecording
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Floats, Model
@@ -59,14 +57,16 @@ def spaced_evenly(
     return t_s, target, float((t_s[-1] - t_s[0]) / (t_s.size - 1))
 
 
-def channels_along(
-    path: Path, compensator: Compensator, t_file: Floats, t_s: Floats
-) -> Floats | None:
+def channels_along(trajectory: Trajectory, compensator: Compensator, t_s: Floats) -> Floats | None:
     """(N, number of channels) values of the model's further channels, from the trajectory."""
     if not compensator.channels:
         return None
-    columns = read_table(path).columns
+    columns = trajectory.channels
     for name in compensator.channels:
         if name not in columns:
-            raise BadRecording(f"{path.name}: the model needs the column {name}; it is missing")
-    return np.stack([np.interp(t_s, t_file, columns[n]) for n in compensator.channels], axis=1)
+            raise BadRecording(
+                f"{trajectory.name}: the model needs the column {name}; it is missing"
+            )
+    return np.stack(
+        [np.interp(t_s, trajectory.t_s, columns[n]) for n in compensator.channels], axis=1
+    )

@@ -6,6 +6,7 @@ everything else was refitted.
 
 from collections.abc import Callable, Sequence
 
+from dehyst.models.diagnosis.data.prepare import turns
 from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.diagnosis.judge import (
@@ -17,7 +18,6 @@ from dehyst.models.diagnosis.judge import (
     least_size,
     tried,
 )
-from dehyst.models.diagnosis.prepare import turns
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import library

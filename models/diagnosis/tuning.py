@@ -54,7 +54,7 @@ class Tuning(NamedTuple):
     follows_late: float = 0.2  # of the unexplained, where a displacement that comes back is late
     # what is worth telling, by held-out samples
     helps: float = 0.1  # size that an effect must remove
-    helps_share: float = 0.005  # the same as a share of the misfit at first
+    helps_share: float = 0.002  # the same as a share of the misfit at first
     helps_rest: float = 0.03  # and of the misfit left: less is its own scatter
     beside_driven: float = 0.5  # a second cause of this size is told beside any other,
     beside_free: float = 0.3  # where it lies beside the drive, of this

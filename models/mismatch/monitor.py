@@ -140,13 +140,24 @@ class MismatchMonitor:
         self.mismatch = False
         self.seconds = self.motion_s = self._moved_s = 0
 
-    def update(self, drive: Floats, predicted: Floats, measured: Floats, good: Bools) -> bool:
+    def update(
+        self,
+        drive: Floats,
+        predicted: Floats,
+        measured: Floats,
+        good: Bools,
+        correction: Floats | float = 0.0,
+    ) -> bool:
         """A batch of samples: (n,) drive in force at each reading [drive unit], what the model
-        expected of the reading, the reading, and where that is a fresh valid one. True when a
-        second was completed and judged."""
-        drive = np.ascontiguousarray(drive, np.float64)
-        predicted = np.ascontiguousarray(predicted, np.float64)
-        measured = np.where(good, measured, np.nan)
+        expected of the reading, the reading, where that is a fresh valid one, and what was added
+        to the target because of the gauge. True when a second was completed and judged.
+
+        A correction makes the drive follow the very residual that is judged; so that the baseline
+        does not take the one for the cause of the other, it is taken off drive and displacement."""
+        _, span, _, stroke, _ = self._plant.scale
+        drive = np.ascontiguousarray(drive - correction * (span / stroke), np.float64)
+        predicted = np.ascontiguousarray(predicted - correction, np.float64)
+        measured = np.where(good, measured - correction, np.nan)
         judged = False
         while drive.size:
             taken = kernel.run(self._plant, self._state, drive, predicted, measured)

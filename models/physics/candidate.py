@@ -15,8 +15,9 @@ import numpy as np
 from dehyst.models.model import Block
 from dehyst.models.signals.joined import Data, Floats
 
-# readings and targets are effects; the temperature has a file of its own
-NOT_A_CAUSE = re.compile(r"(temp|target|t_|y\d*_|trim|learned|missed)")
+# readings, targets, what was added to them because of the readings, and flags are effects; the
+# temperature has a file of its own
+NOT_A_CAUSE = re.compile(r"(temp|target|trim|learned|flags|missed|t_|y\d*_)")
 
 
 @dataclass(frozen=True)

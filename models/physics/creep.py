@@ -41,7 +41,11 @@ def _relaxations_of(gain: float, tau_min: float, tau_max: float) -> tuple[float,
     decades = math.log10(tau_max / tau_min)
     n = max(1, round(PER_DECADE * decades) + 1)
     taus = np.geomspace(tau_min, tau_max, n)
-    return gain * (decades + 1.0 / PER_DECADE) / n, float(np.sum(1.0 - np.exp(-REFERENCE_S / taus))), taus
+    return (
+        gain * (decades + 1.0 / PER_DECADE) / n,
+        float(np.sum(1.0 - np.exp(-REFERENCE_S / taus))),
+        taus,
+    )
 
 
 @njit(cache=True, nogil=True)

@@ -10,7 +10,6 @@ frequencies: no loop is wrong by as much as it is high.
 """
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from dehyst.models.signals.filters import dahl, plays
 from dehyst.models.signals.joined import Bools, Data, Floats
@@ -102,6 +101,8 @@ def _as_high(spectrum: Floats, u: Floats, slope: float) -> Floats:
 def _products(data: Data, here: Bools, dt: float) -> Floats:
     """Height over their neighbours of the lines that a hysteresis makes of a recording's drive, by
     frequency; each as wide as the main lobe."""
+    from scipy.ndimage import maximum_filter1d  # takes its time, and the loop does not need it
+
     u, forgets = data.u[here], data.forgets[here]
     x = 2.0 * (u - data.u_min) / data.span - 1.0
     h, z = plays(2.0 * WIDTHS, x + 1.0, forgets) - 1.0, dahl(2.0 * WIDTHS, x, forgets)

@@ -187,6 +187,11 @@ def npz(data: bytes) -> bool:
     return _tables(_file("a.npz", data))
 
 
+def mcap(data: bytes) -> bool:
+    """The same as MCAP."""
+    return _tables(_file("a.mcap", data))
+
+
 def mat(data: bytes) -> bool:
     """The same as MATLAB's."""
     return _tables(_file("a.mat", data))
@@ -344,6 +349,7 @@ def targets() -> dict[str, Target]:
         "apt": Target(apt, (*units, b"".join(units)), (b"\x01\x50", b"\x81\x50", *units)),
         "csv": Target(csv, TEXT, (*numbers, b",", b"\n", b"#", b"t_s", b"u_v", b"y_um", b"\0")),
         "csv.gz": Target(gz, (_archive("seed.csv.gz"),)),
+        "mcap": Target(mcap, (_archive("seed.mcap"),), (b"\x89MCAP0\r\n", b"t_s", b"null")),
         "npz": Target(npz, (_archive("seed.npz"),), (b"'<f8'", b"'|O'", b"PK", b"(3,)")),
         "mat": Target(
             mat, (_matlab(), _matlab(do_compression=True), _matlab(format="4")), (b"\x0e\0\0\0",)

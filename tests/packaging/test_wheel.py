@@ -30,7 +30,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def expected_files() -> set[str]:
-    files = {"dehyst/__init__.py", "dehyst/client.py", "dehyst/py.typed"}
+    files = {f"dehyst/{name}" for name in ("__init__.py", "__init__.pyi", "client.py", "py.typed")}
     for name, folder in ROOMS.items():
         for path in [*folder.rglob("*.py"), *folder.rglob("*.toml")]:
             if "__pycache__" not in path.parts:

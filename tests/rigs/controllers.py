@@ -34,7 +34,7 @@ from dehyst.daemon.bus.messages import Command, Event, Reply, Status, TelemetryB
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.client.client import Client, daemons
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.loop import realtime
+from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.tools.bench_config import simulated_model
 
 EXAMPLES = ROOT / "docs" / "examples"

@@ -47,6 +47,8 @@ on_fault = "ramp"
 [setpoint]
 stale_s = 1.0
 hold_s = 0.5
+[trim]
+enabled = {trim}
 """
 
 
@@ -78,7 +80,9 @@ def until(condition: Any, seconds: float = 60.0, what: str = "") -> Any:
     raise AssertionError(f"not within {seconds} s: {what or condition}")
 
 
-def simulated_config(folder: Path, rate: float, model: Path, loop: str = "") -> Path:
+def simulated_config(
+    folder: Path, rate: float, model: Path, loop: str = "", trim: bool = False
+) -> Path:
     """Configuration on the in-process simulated stage; loop: further lines of [loop]."""
     path = folder / "config.toml"
     path.write_text(
@@ -86,6 +90,7 @@ def simulated_config(folder: Path, rate: float, model: Path, loop: str = "") -> 
             run=folder / "run", model=model, rate=rate, loop=loop, actuator="simulated",
             sensor="simulated",
             actuator_settings='{stage = "t"}', sensor_settings='{stage = "t"}',
+            trim=str(trim).lower(),
         )
     )  # fmt: skip
     return path
@@ -113,6 +118,7 @@ class EmulatedBench:
                 sensor="ksg101",
                 actuator_settings=f'{{port = "{self.ports["mdt693b"]}"}}',
                 sensor_settings=f'{{port = "{self.ports["ksg101"]}"}}',
+                trim="false",
             )
         )  # fmt: skip
         return path

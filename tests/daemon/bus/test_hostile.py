@@ -32,6 +32,7 @@ class Ear:
 
 
 @pytest.mark.timing
+@pytest.mark.alone
 def test_subscribers_that_do_not_read_cost_nobody_else_anything(tmp_path: Path) -> None:
     bench = Bench(tmp_path, **{"rate_hz = 200.0": "rate_hz = 4000.0"})
     with ExitStack() as stack:
@@ -70,6 +71,7 @@ def test_subscribers_that_do_not_read_cost_nobody_else_anything(tmp_path: Path) 
 
 
 @pytest.mark.timing
+@pytest.mark.alone
 def test_idle_connections_keep_no_new_client_out(bench: Bench) -> None:
     with idle_connections(bench.port, 1000):
         took = []

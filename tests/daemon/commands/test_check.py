@@ -12,7 +12,7 @@ SERIAL = {
     "run": "/nonexistent/run", "model": "paper-eq11", "rate": 100.0, "loop": "",
     "actuator": "mdt693b", "sensor": "ksg101",
     "actuator_settings": '{port = "/dev/ttyACM9", axis = "x"}',
-    "sensor_settings": '{port = "/dev/ttyUSB9"}',
+    "sensor_settings": '{port = "/dev/ttyUSB9"}', "trim": "true",
 }  # fmt: skip
 GOOD = CONFIG.format(**SERIAL).replace('driver = "mdt693b"', 'driver = "mdt693b"\ngain = 15.0')
 
@@ -45,6 +45,7 @@ def test_a_good_one_is_ok_with_no_device_there(tmp_path: Path) -> None:
         ('"paper-eq11"', '"missing.toml"', "missing.toml"),
         ("[limits]", 'bus = {listen = ["tcp/0.0.0.0:7447"]}\n[limits]', "bus"),
         ("min_v = 0.0", "min_v = 6.0", "safe.voltage_v"),
+        ("enabled = true", "time_constant_s = 0.002", "0.1 s or more will do"),
     ],
 )
 def test_what_would_be_refused_is_found(tmp_path: Path, old: str, new: str, words: str) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dehyst.daemon.loop.histogram import Histogram
-from dehyst.daemon.loop.realtime import IDLE_LATENCY, Obtained
+from dehyst.daemon.loop.timing.histogram import Histogram
+from dehyst.daemon.loop.timing.realtime import IDLE_LATENCY, Obtained
 from dehyst.daemon.tools.latency import Outcome, Setup
 from dehyst.daemon.tools.machine import advice
 
@@ -118,7 +118,7 @@ def test_idle_states_are_bounded_while_the_process_lives() -> None:
     def now() -> int:
         return int.from_bytes(Path(IDLE_LATENCY).read_bytes()[:4], "little", signed=True)
 
-    code = "from dehyst.daemon.loop.realtime import stay_awake; print(stay_awake()); input()"
+    code = "from dehyst.daemon.loop.timing.realtime import stay_awake; print(stay_awake()); input()"
     before = now()
     if before == 0:
         pytest.skip("another process keeps the CPUs awake")

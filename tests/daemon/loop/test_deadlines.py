@@ -5,7 +5,7 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dehyst.daemon.loop.deadlines import close
+from dehyst.daemon.loop.timing.deadlines import close
 
 PERIOD = 1000
 

@@ -42,6 +42,7 @@ def causes(records: np.ndarray) -> set[MissCause]:
 
 
 @pytest.mark.timing
+@pytest.mark.alone
 def test_a_slow_driver_is_named() -> None:
     rig = Rig("missed-driver")
     write, calls = rig.monitor.actuator.device.write, []
@@ -66,6 +67,7 @@ def test_a_slow_driver_is_named() -> None:
 
 
 @pytest.mark.timing
+@pytest.mark.alone
 @pytest.mark.parametrize("engine", ["python", "compiled"])
 def test_a_higher_priority_and_a_stopped_process_are_named(tmp_path: Path, engine: str) -> None:
     if not may_use_fifo():

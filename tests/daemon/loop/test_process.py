@@ -51,6 +51,7 @@ def check_output(bench: EmulatedBench) -> None:
 
 
 @pytest.mark.timing
+@pytest.mark.alone
 @engines
 def test_one_kilohertz_on_the_simulated_stage(tmp_path: Path, model: Path, engine: str) -> None:
     with core(simulated_config(tmp_path, 1000.0, model, engine)):
@@ -215,3 +216,23 @@ def test_bad_configurations_end_in_one_line(tmp_path: Path, model: Path) -> None
         assert process.returncode == 2, (word, words)
         assert len(words.strip().splitlines()) == 1, words
         assert word.split(" ")[0] in words
+
+
+@pytest.mark.timing
+@engines
+def test_a_trimmed_stage_stands_where_the_gauge_says(
+    tmp_path: Path, model: Path, engine: str
+) -> None:
+    with core(simulated_config(tmp_path, 1000.0, model, engine, trim=True)):
+        rings = Rings(tmp_path)
+        until(lambda: rings.read("telemetry").size > 500)
+        for _ in range(12):
+            rings.command(Command.SETPOINT, 9.0)
+            time.sleep(0.5)
+        status, records = rings.last("status"), rings.read("telemetry")
+    newest = records[records["target"] == 9.0][-1000:]
+    noise = StageSettings().sensor_noise_um
+    assert abs(newest["measured"].mean() - 9.0) < 0.5 * noise
+    assert abs(newest["trim"][-1]) > 2 * noise
+    assert (status["trimmed"], status["trim_frozen"]) == (1, 0)
+    assert status["differs"] == pytest.approx(-newest["trim"][-1], abs=noise)

@@ -18,12 +18,10 @@ class Queue(TrajectoryQueue):
         self.numbers["id"], self.numbers["start_ns"] = trajectory, start_ns
 
     def append(self, offset_ns: int, value: float, last: bool) -> bool:
-        return bool(
-            targets.append(self.numbers[0], self.times, self.values, offset_ns, value, last)
-        )
+        return bool(targets.append(self.numbers[0], self.points, offset_ns, value, 0.0, last))
 
     def window(self, now_ns: int, period_ns: int, out: np.ndarray) -> int:
-        return targets.window(self.numbers[0], self.times, self.values, now_ns, period_ns, out)
+        return int(targets.window(self.numbers[0], self.points, now_ns, period_ns, out)[0])
 
     def starved(self, now_ns: int) -> bool:
         return bool(targets.starved(self.numbers[0], self.times, now_ns))

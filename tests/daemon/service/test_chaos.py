@@ -1,7 +1,7 @@
 """The chaos test: real processes are killed and stopped, real ptys pulled, disks filled, messages
 forged, while a trajectory runs. The amplifier emulator's own log is the witness of the output.
 
-Faults are done to one daemon, one after another: each must leave it in order for the next. Behind
+Faults are done to a daemon one after another: each must leave it in order for the next. Behind
 one that failed everything is built anew, so that the next one is judged by itself.
 """
 
@@ -18,15 +18,24 @@ from dehyst.daemon.files.models import save_model
 from dehyst.daemon.tools.bench_config import simulated_model
 
 FLOODS = (chaos_commands.flood, chaos_commands.stranger_floods)
+DAEMONS = 2
+"""Two, each with the half of the faults, side by side: they mostly wait."""
+FAULTS = (
+    *faults.DEVICES,
+    *faults.HOST,
+    *chaos_pairs.PAIRS,
+    *chaos_commands.COMMANDS,
+    *faults.PROCESSES,
+)
 ALL = [
-    pytest.param(fault, id=fault.__name__)
-    for fault in (
-        *faults.DEVICES,
-        *faults.HOST,
-        *chaos_pairs.PAIRS,
-        *chaos_commands.COMMANDS,
-        *faults.PROCESSES,
+    pytest.param(
+        fault,
+        id=fault.__name__,
+        marks=pytest.mark.alone
+        if fault in FLOODS
+        else pytest.mark.xdist_group(f"chaos {number % DAEMONS}"),
     )
+    for number, fault in enumerate(FAULTS)
 ]
 pytestmark = pytest.mark.timing  # ramps, glides and slew are judged by the clock
 

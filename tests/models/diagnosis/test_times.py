@@ -7,9 +7,9 @@ from tests.models.diagnosis.test_subject import DT, NOISE_UM, drive, plain, reco
 
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.base import rich_base
-from dehyst.models.diagnosis.episodes import find_line, tell_time
-from dehyst.models.diagnosis.excerpt import excerpt
-from dehyst.models.diagnosis.prepare import prepare
+from dehyst.models.diagnosis.data.excerpt import excerpt
+from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.findings.episodes import find_line, tell_time
 from dehyst.models.recording import Recording
 from dehyst.models.signals.lines import find_lines
 

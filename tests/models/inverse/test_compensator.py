@@ -57,7 +57,7 @@ def test_tracking_on_the_papers_rate_dependent_plant(
     assert errors["preview"] < 0.1 * errors["static"]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seed=st.integers(100_000, 2**31))
 def test_limits_hold_and_preview_stays_near_static_on_random_models(seed: int) -> None:
     """Range and slew always; the error is bounded within the window only, so that a rare model
@@ -68,11 +68,12 @@ def test_limits_hold_and_preview_stays_near_static_on_random_models(seed: int) -
 
 
 def test_few_random_models_lose_to_the_static_inverse() -> None:
-    """Fresh ones each time: of 60 with a full window not two are worse by more than the noise."""
-    seeds = np.random.default_rng().integers(100_000, 2**31, 100)
+    """Fresh ones each time: of 30 with a full window one at most is worse by more than the noise;
+    5000 are tried by `python -m tests.benchmarks.models.inverse`."""
+    seeds = np.random.default_rng().integers(100_000, 2**31, 50)
     found = {int(seed): outcome(int(seed), ("static", "preview")) for seed in seeds}
     worse = [s for s, o in found.items() if o.starving == NEVER and o.excess("preview") > 1.0]
-    assert len(worse) < 3, f"seeds {worse}"
+    assert len(worse) < 2, f"seeds {worse}"
 
 
 @pytest.mark.parametrize("period_s", [2e-4, 1e-3, 5e-3])

@@ -3,7 +3,7 @@
 from tests.mutations.change import Change, room
 
 TUNING, JUDGE = "models/diagnosis/tuning.py", "models/diagnosis/judge.py"
-LIMITS, EVIDENCE = "models/diagnosis/limits.py", "models/diagnosis/evidence.py"
+LIMITS, EVIDENCE = "models/diagnosis/findings/limits.py", "models/diagnosis/evidence.py"
 INTERVALS, SEARCH = "models/diagnosis/intervals.py", "models/diagnosis/search.py"
 
 CHANGES = [

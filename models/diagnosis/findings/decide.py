@@ -7,15 +7,15 @@ from itertools import combinations
 
 import numpy as np
 
+from dehyst.models.diagnosis.data.locate import hot_spots, locate
 from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.evidence import by_blocks, constancy, contribution
+from dehyst.models.diagnosis.findings.rivals import Rival, rivals
+from dehyst.models.diagnosis.findings.told import unidentified
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.intervals import intervals
 from dehyst.models.diagnosis.judge import SearchState
-from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.result import Finding
-from dehyst.models.diagnosis.rivals import Rival, rivals
-from dehyst.models.diagnosis.told import unidentified
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import PHYSICS
 from dehyst.models.physics.candidate import Candidate, small

@@ -14,8 +14,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
-from dehyst.daemon.loop import realtime
-from dehyst.daemon.loop.deadlines import next_ns
 from dehyst.daemon.loop.systemcalls import (
     number_in,
     open_schedstat,
@@ -25,6 +23,8 @@ from dehyst.daemon.loop.systemcalls import (
     usage,
     waited_ns,
 )
+from dehyst.daemon.loop.timing import realtime
+from dehyst.daemon.loop.timing.deadlines import next_ns
 from dehyst.daemon.rings.records import MissCause
 
 EVENTS = 256  # late wake-ups that are remembered

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dehyst.models.diagnosis.base import numbers_base
+from dehyst.models.diagnosis.data.locate import hot_spots, locate
 from dehyst.models.diagnosis.effects import behind_output
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.fit import JointFit, Problem
-from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.physics import library

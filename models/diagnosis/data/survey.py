@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from dehyst.models.diagnosis.noise import quantum
-from dehyst.models.diagnosis.prepare import turns
+from dehyst.models.diagnosis.data.noise import quantum
+from dehyst.models.diagnosis.data.prepare import turns
 from dehyst.models.diagnosis.result import DataQuality
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import small

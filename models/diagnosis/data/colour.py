@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dehyst.models.diagnosis.locate import since_turn
+from dehyst.models.diagnosis.data.locate import since_turn
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats, Ints
 from dehyst.models.signals.lines import find_lines

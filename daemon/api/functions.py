@@ -1,0 +1,177 @@
+"""The functions of `import dehyst`. Recordings go in as `Recording`s, as paths, as columns by name
+({"t_s": ..., "u_v": ..., "y_um": ...}, a pandas.DataFrame too) or as the arrays t_s, drive,
+displacement; models as `Model`s, paths, shipped names, or results that hold one."""
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from dehyst.daemon.api.inputs import take_model, take_recordings, take_trajectory
+from dehyst.daemon.api.results import Diagnosed, Drive, Identified, Simulated, Validated
+from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.loop.reach import displacement_range
+from dehyst.daemon.tools.prediction import misfit, predict
+from dehyst.daemon.tools.trajectories import channels_along, spaced_evenly, target_in_unit
+from dehyst.models import diagnosis
+from dehyst.models import identify as identification
+from dehyst.models.identify.validation import validate as run_validation
+from dehyst.models.inverse.compensator import Compensator
+from dehyst.models.inverse.offline import invert_streamed, invert_trajectory
+from dehyst.models.model import Model
+from dehyst.models.recording import Recording
+
+UNITS = ("v", "um")
+FREE_SLEW, WINDOW_S = 1e12, 0.1
+THREADS = 2  # candidates of a diagnosis tried at once: each needs a design of all samples
+Say = Callable[[str], None]
+
+
+def _keep_quiet(text: str, share: float = 0.0) -> None:
+    """No progress wanted."""
+
+
+def load_recording(path: str | Path) -> Recording:
+    """The recording in a .csv, .csv.gz, .npz, .mcap or .mat. Raises BadRecording, one line."""
+    return read_recording(path, min_rows=1)
+
+
+def load_model(path: str | Path) -> Model:
+    """The model in a TOML file, or a shipped one ("paper-eq12"). Raises BadModel, one line."""
+    return take_model(path)
+
+
+def identify(
+    *data: Any,
+    rate: bool | None = None,
+    order: int | None = None,
+    saturation: int | None = None,
+    bias: bool | None = None,
+    units: tuple[str, str] = UNITS,
+    progress: Say = _keep_quiet,
+) -> Identified:
+    """Identify one model from one or more recordings of a stage.
+
+    data: see above. rate, order, saturation, bias: as in dehyst.models.identify.Options; None:
+    chosen on held-out rows. units: of arrays, drive and displacement. progress: called with a few
+    words. Raises BadRecording where the recordings carry no model, BadInput where they do not
+    belong together.
+
+    >>> found = dehyst.identify("run.csv", progress=print)      # doctest: +SKIP
+    >>> found.save("stage.toml")                                # doctest: +SKIP
+    """
+    recordings = take_recordings(data, units, need_displacement=True)
+    options = identification.Options(order, rate, saturation, bias)
+    return Identified(identification.identify(recordings, options, progress), tuple(recordings))
+
+
+def simulate(model: Any, *data: Any, units: tuple[str, str] | None = None) -> Simulated:
+    """Run a model on a recording's drive (t_s and drive are enough, and the channels that the model
+    reads). The stage is de-energised before the first row. units: of arrays, the model's.
+
+    Raises BadInput on other units or missing channels.
+    """
+    model = take_model(model)
+    units = units or (model.drive_unit, model.displacement_unit)
+    (recording,) = take_recordings(data, units, need_displacement=False)
+    y = predict(model, recording)
+    return Simulated(y, model, recording, misfit(model, recording, y))
+
+
+def invert(
+    model: Any,
+    *data: Any,
+    preview: float | None = None,
+    mode: str = "auto",
+    low: float | None = None,
+    high: float | None = None,
+    slew: float | None = None,
+    start: float | None = None,
+    period: float | None = None,
+    unit: str | None = None,
+) -> Drive:
+    """The drive along a trajectory: a path, columns (`t_s`, `target_um`), or arrays t_s, target.
+
+    preview: exactly what the daemon does with this look-ahead [s], in `mode`; None: the whole
+    trajectory at once. low, high, slew: limits of the drive (the model's validity; none); start:
+    drive before the first sample (0); period: resample to it [s]; unit: of an array of targets.
+    Raises BadInput where the trajectory cannot be taken.
+    """
+    model = take_model(model)
+    trajectory = take_trajectory(data, unit or model.displacement_unit)
+    t_s, target, step = spaced_evenly(trajectory, target_in_unit(trajectory, model), period)
+    v = model.validity
+    compensator = Compensator(
+        model,
+        step,
+        v.drive_min if low is None else low,
+        v.drive_max if high is None else high,
+        FREE_SLEW if slew is None else slew,
+        mode if preview is not None else "auto",
+        WINDOW_S if preview is None else preview,
+    )
+    channels = channels_along(trajectory, compensator, t_s)
+    solve = invert_trajectory if preview is None else invert_streamed
+    return Drive(
+        t_s,
+        target,
+        solve(compensator, target, channels, start),
+        model,
+        compensator.reason,
+        compensator.latency_s if preview is not None else None,
+        compensator.price,
+        displacement_range(model, compensator.low, compensator.high),
+    )
+
+
+def diagnose(
+    *data: Any,
+    model: Any = None,
+    units: tuple[str, str] = UNITS,
+    progress: Callable[[str, float], None] | None = None,
+) -> Diagnosed:
+    """Say what the model in use leaves out of the recordings of one stage, and model it.
+
+    model: the one in use; None: identified from these recordings. progress: called with a few words
+    and the share that is done. Raises BadRecording where the recordings cannot be diagnosed.
+    """
+    recordings = _tell_apart(take_recordings(data, units, need_displacement=True))
+    in_use = None if model is None else take_model(model)
+    with ThreadPoolExecutor(THREADS) as threads:
+        found = diagnosis.diagnose(recordings, in_use, progress, threads.map)
+    return Diagnosed(found, tuple(recordings))
+
+
+def validate(models: Any, *data: Any, units: tuple[str, str] = UNITS) -> Validated:
+    """How well models foretell recordings that they have not seen. models: one, or a sequence.
+
+    Raises BadInput on other units and on recordings without what a model reads.
+    """
+    many = [models] if not _is_many(models) else list(models)
+    recordings = take_recordings(data, units, need_displacement=True)
+    pairs = [(_name(m), take_model(m), one) for m in many for one in recordings]
+    return Validated(
+        tuple(name for name, _, _ in pairs),
+        tuple(one for _, _, one in pairs),
+        tuple(run_validation(m, one) for _, m, one in pairs),
+    )
+
+
+def _is_many(models: Any) -> bool:
+    return isinstance(models, Iterable) and not isinstance(models, str)
+
+
+def _name(model: Any) -> str:
+    return str(model) if isinstance(model, str | Path) else "the model"
+
+
+def _tell_apart(recordings: list[Recording]) -> list[Recording]:
+    """Names of their own, also where two folders hold the same file name."""
+    seen: dict[str, int] = {}
+    out = []
+    for one in recordings:
+        seen[one.name] = seen.get(one.name, 0) + 1
+        count = seen[one.name]
+        out.append(one if count == 1 else replace(one, name=f"{one.name} ({count})"))
+    return out

@@ -1,0 +1,107 @@
+"""What a caller may hand over as a recording or a trajectory, and what is made of it."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeGuard
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dehyst.daemon.files.models import load_model as read_model
+from dehyst.daemon.files.recordings import (
+    read_recording,
+    read_trajectory,
+    recording_of,
+    trajectory_of,
+)
+from dehyst.models.errors import BadInput
+from dehyst.models.model import Model
+from dehyst.models.recording import Recording, Trajectory
+
+Columns = Mapping[str, ArrayLike]
+Source = Recording | str | Path | Columns
+"""A recording; the path of one; or columns by name, units in the names (`t_s`, `u_v`, `y_um`): a
+dict, a pandas.DataFrame, a structured array's fields."""
+
+FORMS = (
+    "give recordings, paths, or columns by name ({'t_s': ..., 'u_v': ..., 'y_um': ...}), or the "
+    "arrays t_s, drive, displacement"
+)
+
+
+def take_recordings(
+    data: tuple[Any, ...], units: tuple[str, str], need_displacement: bool
+) -> list[Recording]:
+    """Recordings from what a function of dehyst was given: (source, source, ...), one sequence of
+    sources, or the arrays (t_s, drive) and, where there is one, displacement; (N,) each.
+
+    units: of drive and displacement, for arrays."""
+    if data and _is_array(data[0]):
+        if not 2 <= len(data) <= 3 or not all(map(_is_array, data)):
+            raise BadInput(f"{len(data)} arguments are not t_s, drive, displacement; {FORMS}")
+        names = ("t_s", f"u_{units[0]}", f"y_{units[1]}")
+        data = (dict(zip(names, data, strict=False)),)
+    elif len(data) == 1 and isinstance(data[0], Sequence) and not isinstance(data[0], str):
+        data = tuple(data[0])
+    if not data:
+        raise BadInput(f"no recording was given; {FORMS}")
+    return [_take_recording(one, need_displacement, i) for i, one in enumerate(data, 1)]
+
+
+def _take_recording(source: Any, need_displacement: bool, number: int) -> Recording:
+    if isinstance(source, Recording):
+        if need_displacement and source.displacement is None:
+            raise BadInput(f"{source.name}: no displacement")
+        return source
+    if isinstance(source, str | Path):
+        return read_recording(source, need_displacement=need_displacement, min_rows=1)
+    if _has_columns(source):
+        columns = {str(key): source[key] for key in source.keys()}  # noqa: SIM118
+        return recording_of(
+            columns, f"recording {number}", need_displacement=need_displacement, min_rows=1
+        )
+    raise BadInput(f"{type(source).__name__} is not a recording; {FORMS}")
+
+
+def take_trajectory(data: tuple[Any, ...], unit: str) -> Trajectory:
+    """A trajectory from a Trajectory, a path, columns by name (`t_s`,
+    `target_um`, channels that the model reads), or the arrays t_s, target in `unit`."""
+    if len(data) == 2 and all(map(_is_array, data)):
+        data = ({"t_s": data[0], f"target_{unit}": data[1]},)
+    if len(data) != 1 or _is_array(data[0]):
+        raise BadInput("give one trajectory: a path, columns t_s and target_um, or two arrays")
+    source = data[0]
+    if isinstance(source, Trajectory):
+        return source
+    if isinstance(source, str | Path):
+        return read_trajectory(source)
+    if _has_columns(source):
+        columns = {str(key): source[key] for key in source.keys()}  # noqa: SIM118
+        return trajectory_of(columns, "trajectory")
+    raise BadInput(f"{type(source).__name__} is not a trajectory: a path, or columns by name")
+
+
+def take_model(model: Any) -> Model:
+    """A model from a Model, a path or a shipped name, or a result that holds one."""
+    if isinstance(model, Model):
+        return model
+    if isinstance(model, str | Path):
+        return read_model(model)
+    held = getattr(model, "model", None)
+    if isinstance(held, Model):
+        return held
+    raise BadInput(f"{type(model).__name__} is not a model: a path, a shipped name, or a Model")
+
+
+def _is_array(one: Any) -> bool:
+    """A column of numbers?"""
+    if isinstance(one, str | Path | Mapping | Recording) or _has_columns(one):
+        return False
+    try:
+        return np.asarray(one, dtype=np.float64).ndim == 1
+    except (TypeError, ValueError):
+        return False
+
+
+def _has_columns(one: Any) -> TypeGuard[Columns]:
+    return hasattr(one, "keys") and hasattr(one, "__getitem__")

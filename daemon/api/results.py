@@ -1,0 +1,324 @@
+"""Answers of dehyst's functions: figures by name, text by `print`, and themselves in a notebook.
+
+Pictures and pages are made when they are asked for: matplotlib takes its time.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst import __version__
+from dehyst.daemon.files.models import save_model, write_text
+from dehyst.daemon.files.outputs import check_outputs
+from dehyst.daemon.files.recordings import write_recording
+from dehyst.daemon.tools.diagnosis_summary import describe_diagnosis
+from dehyst.daemon.tools.identification_summary import describe_result
+from dehyst.daemon.tools.prediction import Misfit, describe_misfit, outside_validity
+from dehyst.models.diagnosis import Diagnosis, Finding
+from dehyst.models.drive_design.coverage import Coverage, measure_coverage
+from dehyst.models.errors import BadInput
+from dehyst.models.identify import Figures, Identification, describe
+from dehyst.models.identify.validation import Validation
+from dehyst.models.inverse.compensator import FLAG_NAMES
+from dehyst.models.inverse.offline import Inverted
+from dehyst.models.model import Model, Provenance
+from dehyst.models.recording import Floats, Recording
+
+
+def write_page(path: Path, text: str) -> Path:
+    """A report where it is wanted, its folder made. Raises BadInput where that cannot be."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, text)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A model and what it is worth. details: everything that identification says."""
+
+    details: Identification = field(repr=False)
+    recordings: tuple[Recording, ...] = field(repr=False)
+
+    @cached_property
+    def model(self) -> Model:
+        """The model, with when and by which version it was made."""
+        made = datetime.now(UTC).isoformat(timespec="seconds")
+        provenance = replace(self.details.model.provenance, created=made, version=__version__)
+        return replace(self.details.model, provenance=provenance)
+
+    @cached_property
+    def figures(self) -> Figures:
+        """Stroke, gain, hysteresis and offset."""
+        return describe(self.details.model)
+
+    @cached_property
+    def coverage(self) -> Coverage:
+        """What the drive of the recordings excites."""
+        return measure_coverage(list(self.recordings))
+
+    @property
+    def rms(self) -> float | None:
+        """Error of the fit, in the model's unit of displacement; None: not known."""
+        return self.model.fit.rms
+
+    @property
+    def holdout_rms(self) -> float | None:
+        """Error on stretches that the fit had not seen."""
+        return self.model.fit.holdout_rms
+
+    @property
+    def noise_rms(self) -> float:
+        """Noise of the recordings."""
+        return self.details.noise_rms
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What one should be told."""
+        return self.details.notes
+
+    def save(self, path: str | Path) -> Path:
+        """Write the model as TOML."""
+        save_model(self.model, path)
+        return Path(path)
+
+    def report(self, path: str | Path, name: str = "the model") -> Path:
+        """Write the report as one HTML file."""
+        from dehyst.daemon.report.identification import report_identification
+
+        page = report_identification(self.details, self.recordings, self.coverage, name)
+        return write_page(Path(path), page)
+
+    def __str__(self) -> str:
+        return describe_result(self.details, self.coverage, Path("MODEL.toml"), None)
+
+    def _repr_html_(self) -> str:
+        from dehyst.daemon.report.notebook import show_identification
+
+        return show_identification(self.details, self.recordings, self.figures)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """displacement: (N,) by the model, NaN where the recording lacks what it reads; error: against
+    the measured one, None without it. `numpy.asarray` gives the displacement."""
+
+    displacement: Floats = field(repr=False)
+    model: Model = field(repr=False)
+    recording: Recording = field(repr=False)
+    error: Misfit | None
+
+    @property
+    def unit(self) -> str:
+        """Of the displacement."""
+        return self.model.displacement_unit
+
+    @property
+    def rms(self) -> float | None:
+        """Of measured minus model over all rows."""
+        return self.error.rms if self.error else None
+
+    @cached_property
+    def outside(self) -> dict[str, float]:
+        """Share of the rows outside the model's validity, by kind."""
+        return outside_validity(self.model, self.recording)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.displacement, dtype=dtype, copy=True if copy is None else copy)
+
+    def save(self, path: str | Path, force: bool = False) -> Path:
+        """Write the recording with the column y_model_<unit>; force: replace a recording."""
+        check_outputs([path], [], force)
+        one = self.recording
+        columns = {one.drive_column: one.drive}
+        if one.displacement is not None:
+            columns[one.displacement_column] = one.displacement
+        columns |= one.channels
+        columns[f"y_model_{self.unit}"] = self.displacement
+        write_recording(path, one.t_s, columns, dict(one.metadata))
+        return Path(path)
+
+    def __str__(self) -> str:
+        return describe_misfit(self.error, self.unit) if self.error else ""
+
+    def _repr_html_(self) -> str:
+        from dehyst.daemon.report.notebook import show_simulation
+
+        return show_simulation(self.recording, self.displacement, self.unit, str(self))
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The drive along a trajectory. t_s, target: (N,), evenly spaced; result: drive, what the model
+    predicts, flags; reason: of the mode; latency_s: by which the stage follows, with a preview;
+    monotone_price: rms distance of the model that is inverted from the given one; reach: least and
+    largest displacement. `numpy.asarray` gives the drive."""
+
+    t_s: Floats = field(repr=False)
+    target: Floats = field(repr=False)
+    result: Inverted = field(repr=False)
+    model: Model = field(repr=False)
+    reason: str
+    latency_s: float | None
+    monotone_price: float
+    reach: tuple[float, float]
+
+    @property
+    def drive(self) -> Floats:
+        """(N,) in the model's unit of the drive."""
+        return self.result.drive
+
+    @property
+    def predicted(self) -> Floats:
+        """(N,) displacement that the model predicts."""
+        return self.result.predicted
+
+    @property
+    def mode(self) -> str:
+        """How the drive was made."""
+        return self.result.mode
+
+    @property
+    def rms(self) -> float:
+        """Of the predicted error where the target can be reached; NaN: nowhere."""
+        return self.result.rms
+
+    @property
+    def flagged(self) -> dict[str, int]:
+        """Samples by flag, those that are raised."""
+        flags = self.result.flags
+        counts = {name: int(np.count_nonzero(flags & bit)) for bit, name in FLAG_NAMES.items()}
+        return {name: count for name, count in counts.items() if count}
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.drive, dtype=dtype, copy=True if copy is None else copy)
+
+    def save(
+        self, path: str | Path, force: bool = False, notes: dict[str, str] | None = None
+    ) -> Path:
+        """Write t_s, target, drive, prediction and flags; force: replace a recording."""
+        check_outputs([path], [], force)
+        unit = self.model.displacement_unit
+        columns = {
+            f"target_{unit}": self.target,
+            f"u_{self.model.drive_unit}": self.drive,
+            f"y_model_{unit}": self.predicted,
+            "flags": self.result.flags,
+        }
+        write_recording(path, self.t_s, columns, {**(notes or {}), "mode": self.mode})
+        return Path(path)
+
+    def _repr_html_(self) -> str:
+        from dehyst.daemon.report.notebook import show_drive
+
+        return show_drive(self.t_s, self.target, self.result, self.model, self.flagged)
+
+
+@dataclass(frozen=True)
+class Validated(Sequence[Validation]):
+    """One validation for each model and recording, models first; names: of the models."""
+
+    names: tuple[str, ...]
+    recordings: tuple[Recording, ...] = field(repr=False)
+    results: tuple[Validation, ...] = field(repr=False)
+
+    @property
+    def worse(self) -> bool:
+        """Is a model worse than it claims?"""
+        return any(one.worse for one in self.results)
+
+    @property
+    def rows(self) -> list[tuple[str, Recording, Validation]]:
+        """(model's name, recording, validation)."""
+        return list(zip(self.names, self.recordings, self.results, strict=True))
+
+    def __len__(self) -> int:
+        return len(self.results)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.results[index]
+
+    def __iter__(self) -> Iterator[Validation]:
+        return iter(self.results)
+
+    def report(self, path: str | Path) -> Path:
+        """Write the report as one HTML file."""
+        from dehyst.daemon.report.validation import report_validation
+
+        return write_page(Path(path), report_validation(self.rows))
+
+    def __str__(self) -> str:
+        from dehyst.daemon.report.validation import say_validation
+
+        return "\n".join(say_validation(name, one) for name, _, one in self.rows)
+
+    def _repr_html_(self) -> str:
+        from dehyst.daemon.report.notebook import show_validation
+
+        return show_validation(self.rows)
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """What the model in use leaves out. details: everything that the diagnosis says."""
+
+    details: Diagnosis = field(repr=False)
+    recordings: tuple[Recording, ...] = field(repr=False)
+
+    @property
+    def verdict(self) -> str:
+        """clean, explained, partly or unknown."""
+        return self.details.verdict
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was left out, strongest first."""
+        return self.details.findings
+
+    @cached_property
+    def model(self) -> Model:
+        """The augmented model, with the recordings it was fitted to."""
+        return with_provenance(self.details.model, "dehyst diagnose", self.recordings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What diagnosis.json holds."""
+        return self.details.to_dict()
+
+    def save(self, folder: str | Path) -> Path:
+        """Write diagnosis.json, model.toml and report.html into a folder; the report's path."""
+        from dehyst.daemon.report.diagnosis import report_diagnosis
+
+        folder = Path(folder)
+        said = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
+        write_page(folder / "diagnosis.json", said)
+        save_model(self.model, folder / "model.toml")
+        names = [one.name for one in self.recordings]
+        return write_page(folder / "report.html", report_diagnosis(self.details, names))
+
+    def __str__(self) -> str:
+        return describe_diagnosis(self.details)
+
+    def _repr_html_(self) -> str:
+        from dehyst.daemon.report.notebook import show_diagnosis
+
+        return show_diagnosis(self.details)
+
+
+def with_provenance(model: Model, source: str, recordings: Sequence[Recording]) -> Model:
+    """The model with the recordings it was fitted to."""
+    made = Provenance(
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        version=__version__,
+        source=source,
+        recordings=tuple((r.name, r.sha256) for r in recordings),
+    )
+    return replace(model, provenance=made)

@@ -1,0 +1,59 @@
+"""The slow trim's numbers for this configuration, model and gauge; its arithmetic is
+dehyst.models.learning.trim."""
+
+import math
+from typing import Any
+
+from numpy.typing import NDArray
+
+from dehyst.daemon.config import Config
+from dehyst.drivers.interface import DeviceSpec
+from dehyst.models.errors import BadInput
+from dehyst.models.learning import trim
+from dehyst.models.model import Model
+
+NO_NOISE = 0.002
+"""Of the reach: the noise of a gauge whose model states none."""
+
+
+def gauge_lag_s(config: Config, model: Model, spec: DeviceSpec | None) -> float:
+    """How late the loop knows of a change [s]: the sensor's lag and delay as the model has them,
+    its driver's call, the wait for the next reading, and the period until the voltage acts."""
+    period_s = config.period_ns * 1e-9
+    every, call_s = 1, 0.0
+    if spec is not None:
+        every, call_s = max(1, math.ceil(config.loop.rate_hz / spec.max_rate_hz)), spec.latency_s
+    return trim.sensor_lag_s(model) + call_s + period_s * (1.0 + 0.5 * every)
+
+
+def trim_setting(
+    config: Config, model: Model, reach: float, spec: DeviceSpec | None = None
+) -> NDArray[Any]:
+    """(1,) SETTING of dehyst.models.learning.trim. reach: range of the displacements that the stage
+    attains; spec: the sensor's, as far as it is known. Raises BadInput for a time constant that
+    the gauge is too slow for, with one that would do."""
+    asked, lag_s = config.trim, gauge_lag_s(config, model, spec)
+    least_s = trim.least_time_constant_s(lag_s)
+    chosen_s = asked.time_constant_s
+    if asked.enabled and chosen_s is not None and chosen_s < least_s:
+        raise BadInput(
+            f"trim.time_constant_s = {chosen_s:g}: the gauge is {lag_s:.3g} s late (its lag and "
+            "delay in the model, its reading, the loop's period), with which so fast a correction "
+            f"is not stable; {_round_up(least_s):g} s or more will do"
+        )
+    noise = model.fit.noise_rms or model.fit.rms or NO_NOISE * reach
+    return trim.setting_of(
+        config.period_ns * 1e-9,
+        reach,
+        noise,
+        asked.enabled,
+        max(trim.TUNING.time_constant_s, least_s) if chosen_s is None else chosen_s,
+        asked.limit_um,
+        asked.rate_um_per_s,
+    )
+
+
+def _round_up(seconds: float) -> float:
+    """The next time above with two digits."""
+    step = 10.0 ** (math.floor(math.log10(seconds)) - 1)
+    return step * math.ceil(seconds / step - 1e-9)

@@ -1,0 +1,22 @@
+"""The result of `dehyst diagnose` for people."""
+
+from dehyst.daemon.report.units import pick_unit
+from dehyst.models.diagnosis import Diagnosis
+
+
+def describe_diagnosis(diagnosis: Diagnosis) -> str:
+    """What a person reads on the terminal: the data first, then the verdict with one pair of
+    figures, what was found, and what to do next."""
+    before, after = diagnosis.before_after
+    k, unit = pick_unit(diagnosis.unit, max(before, diagnosis.noise))
+    lines = [f"data: {said}" for said in diagnosis.data.says]
+    lines.append(
+        f"{diagnosis.verdict}: the model in use leaves {k * before:.3g} {unit} rms, the augmented "
+        f"model {k * after:.3g} (noise {k * diagnosis.noise:.3g})"
+    )
+    for f in diagnosis.findings:
+        ties = f" (or {', '.join(f.ambiguous_with)})" if f.ambiguous_with else ""
+        lines.append(f"  {f.name}{ties}, {100 * f.share:.0f} % of the explainable misfit: {f.says}")
+    if diagnosis.next_experiment:
+        lines.append(f"  next: {diagnosis.next_experiment}")
+    return "\n".join(lines)

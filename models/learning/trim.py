@@ -1,0 +1,252 @@
+"""Slow trim: the gauge corrects the target slowly, so that the mean is right.
+
+The difference between the reading and what the model expected of it, d = y - y_model, is made up
+for by an integral correction of the target,
+
+    dw/dt = (-d - w) / T,        |w| <= limit,    |dw/dt| <= rate.
+
+The model is led by the drive that was really written, after range and slew, so d does not grow
+while the output stands at a limit: the anti-windup is part of the structure (internal model
+control: Morari & Zafiriou, Robust Process Control, 1989, ch. 3). With a model whose gain is right
+this is plain integral control of the target's error with the time constant T: a constant d leaves
+the error d exp(-t / T), by backward differences d (1 + h / T)^-n after n samples of h, and no
+frequency is amplified. A lag or delay L of the sensor that the model does not have leaves it
+stable for L / T < pi / 2 (`least_time_constant_s` keeps a margin).
+
+Readings are judged before they count (`Why`). A frozen trim keeps its value, and goes on from it.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dehyst.models.learning.why import Why
+from dehyst.models.model import Model
+from dehyst.models.physics import KINDS
+from dehyst.models.physics.kind import Led, Shifted
+
+
+class Tuning(NamedTuple):
+    """Set by `python -m tests.benchmarks.daemon.learning`: rows on trim, staircase and faults."""
+
+    time_constant_s: float = 0.3  # a step's creep is followed to 5 nm, and the gauge's noise is not
+    limit: float = 0.1  # of the reach
+    rate: float = 0.02  # of the reach, a second
+    belief: float = 2.0  # limits: a reading further from the model is not believed
+    jump: float = 0.25  # limits: the reading may move so far against the model within jump_s,
+    jump_share: float = 0.15  # and by this part of what the model has moved meanwhile
+    jump_s: float = 0.02
+    jump_samples: int = 4  # at the least: slow loops
+    jump_noises: float = 6.0
+    back_s: float = 0.1  # a reading that is back for so long is believed again
+    stuck_noises: float = 10.0  # the model's way under a reading that stays the same
+    told_s: float = 0.1  # what lasts shorter is not told
+    margin: float = 4.0  # least time constant, in lags of the sensor
+
+
+TUNING = Tuning()
+
+
+SETTING = np.dtype(
+    [
+        ("on", "<i8"),
+        ("time_constant_s", "<f8"),
+        ("limit", "<f8"),
+        ("rate", "<f8"),  # a second
+        ("period_s", "<f8"),
+        ("jump", "<f8"),
+        ("jump_s", "<f8"),
+        ("belief", "<f8"),
+        ("stuck", "<f8"),
+        ("learned", "<f8"),  # most of a learned correction that is taken
+    ]
+)
+STATE = np.dtype(
+    [
+        ("trim", "<f8"),  # in force, added to the target
+        ("aim", "<f8"),  # where the integral is; the trim follows at no more than the rate
+        ("zero", "<f8"),  # added to the reading
+        ("difference", "<f8"),  # reading minus model, over jump_s; NaN: none that is believed
+        ("seen", "<f8"),  # the same over told_s, believed or not; NaN: no reading
+        ("moved", "<f8"),  # what the model moved in the last jump_s
+        ("predicted", "<f8"),  # the newest, NaN: none yet
+        ("reading", "<f8"),  # the newest that differed from the one before,
+        ("predicted_then", "<f8"),  # the model,
+        ("aim_then", "<f8"),  # and the integral at that time
+        ("since_s", "<f8"),  # time since the newest valid reading
+        ("out_s", "<f8"),  # how long readings have been outside, or inside again
+        ("in_s", "<f8"),
+        ("jumped", "<i8"),
+        ("stuck", "<i8"),
+        ("distrusted", "<i8"),
+        ("why", "<i8"),  # Why, of the newest sample
+        ("lasting", "<i8"),  # the same, where it has lasted for told_s
+        ("why_s", "<f8"),
+    ]
+)
+
+NOTHING, OFF, NOT_RUNNING = int(Why.NOTHING), int(Why.OFF), int(Why.NOT_RUNNING)
+NO_READING, STUCK, JUMPED = int(Why.NO_READING), int(Why.STUCK), int(Why.JUMPED)
+BEYOND, DISTRUSTED = int(Why.BEYOND), int(Why.DISTRUSTED)
+
+
+def setting_of(
+    period_s: float,
+    reach: float,
+    noise: float,
+    on: bool,
+    time_constant_s: float | None = None,
+    limit: float | None = None,
+    rate: float | None = None,
+) -> NDArray[Any]:
+    """(1,) SETTING. reach: range of the displacements that the stage attains; noise: of a reading;
+    None: from the reach, see Tuning. All in the displacement unit."""
+    out = np.zeros(1, SETTING)
+    most = TUNING.limit * reach if limit is None else limit
+    out["on"], out["period_s"], out["limit"] = on, period_s, most
+    out["time_constant_s"] = TUNING.time_constant_s if time_constant_s is None else time_constant_s
+    out["rate"] = TUNING.rate * reach if rate is None else rate
+    out["belief"] = TUNING.belief * max(most, TUNING.limit * reach)
+    out["jump"] = max(TUNING.jump * TUNING.limit * reach, TUNING.jump_noises * noise)
+    out["jump_s"] = max(TUNING.jump_s, TUNING.jump_samples * period_s)
+    out["stuck"] = TUNING.stuck_noises * noise
+    out["learned"] = TUNING.limit * reach
+    return out
+
+
+def begin() -> NDArray[Any]:
+    """(1,) STATE of a trim that has seen nothing."""
+    out = np.zeros(1, STATE)
+    forget(out[0])
+    return out
+
+
+def sensor_lag_s(model: Model) -> float:
+    """Lag and delay of the model's sensor blocks together [s]."""
+    total = 0.0
+    for block in model.blocks:
+        if block.place != "sensor":
+            continue
+        kind = KINDS[block.kind]
+        p, _ = kind.numbers(kind.values(block, model.drive_unit, model.displacement_unit), 1.0)
+        match kind.inverse:
+            case Led(lead):
+                total += max(0.0, float(lead(p)[0]))
+            case Shifted(seconds):
+                total += float(seconds(p))
+    return total
+
+
+def least_time_constant_s(lag_s: float) -> float:
+    """The shortest time constant that a sensor with this lag and delay [s] leaves well damped."""
+    return TUNING.margin * lag_s
+
+
+@njit(cache=True, nogil=True)
+def forget(s: Any) -> None:
+    """Begin anew with readings and correction; the gauge's zero stays."""
+    s.trim = s.aim = s.moved = s.since_s = s.out_s = s.in_s = s.why_s = 0.0
+    s.difference = s.seen = s.predicted = s.reading = s.predicted_then = math.nan
+    s.aim_then = 0.0
+    s.jumped = s.stuck = s.why = s.lasting = 0
+
+
+@njit(cache=True, nogil=True)
+def move_zero(s: Any, shift: float) -> None:
+    """The gauge's zero is taken to be `shift` further: readings are believed from here on."""
+    s.zero += shift
+    s.difference = s.seen = s.reading = s.predicted_then = math.nan
+    s.jumped = s.stuck = 0
+    s.out_s = s.in_s = 0.0
+
+
+@njit(cache=True, nogil=True)
+def take(p: Any, s: Any, reading: float, predicted: float, held: bool, running: bool) -> bool:
+    """One sample: judge the reading, move the trim. True when `lasting` has become another.
+
+    p: SETTING, s: STATE; reading: NaN where invalid, with the zero in it; predicted: what the
+    model expected of it; held: no new reading was due.
+    """
+    period = p.period_s
+    s.since_s += period
+    if held:
+        _move(p, s, running and s.why == NOTHING)
+        return False
+    why = _judge(p, s, reading, predicted)
+    dt = min(s.since_s, 0.25 * p.time_constant_s)
+    if why != NO_READING:
+        s.since_s = 0.0
+    if p.on == 0:
+        why = OFF
+    elif s.distrusted != 0 and why == NOTHING:
+        why = DISTRUSTED
+    elif not running and why == NOTHING:
+        why = NOT_RUNNING
+    if why == NOTHING and s.out_s == 0.0:
+        goal = min(max(predicted - reading, -p.limit), p.limit)
+        s.aim += dt / (p.time_constant_s + dt) * (goal - s.aim)
+    elif why == STUCK:
+        s.aim = s.aim_then  # what a reading that stood still has moved
+    elif why != NOTHING:
+        s.aim = s.trim
+    _move(p, s, running and why in (NOTHING, STUCK))
+    s.why_s = s.why_s + period if why == s.why else 0.0
+    s.why = why
+    if s.why_s >= TUNING.told_s and s.lasting != why:
+        s.lasting = why
+        return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _move(p: Any, s: Any, moves: bool) -> None:
+    """The trim follows its aim."""
+    if moves and p.on != 0:
+        most = p.rate * p.period_s
+        s.trim += min(max(s.aim - s.trim, -most), most)
+
+
+@njit(cache=True, nogil=True)
+def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
+    """Whether this reading is to be believed."""
+    if math.isnan(reading) or math.isnan(predicted):
+        s.seen = math.nan
+        return NO_READING
+    dt = min(s.since_s, 10.0 * p.jump_s)
+    if math.isnan(s.predicted):
+        s.predicted = predicted
+    s.moved = s.moved * p.jump_s / (p.jump_s + dt) + abs(predicted - s.predicted)
+    s.predicted = predicted
+    if reading != s.reading:
+        s.reading, s.predicted_then, s.aim_then = reading, predicted, s.aim
+        s.stuck = 0
+    elif abs(predicted - s.predicted_then) > p.stuck:
+        s.stuck = 1
+    difference = reading - predicted
+    if math.isnan(s.seen):
+        s.seen = difference
+    s.seen += dt / (TUNING.told_s + dt) * (difference - s.seen)
+    if s.stuck != 0:
+        return STUCK
+    beyond = abs(difference) > p.belief
+    if math.isnan(s.difference):
+        if beyond:
+            return BEYOND
+        s.difference = difference
+    off = difference - s.difference
+    if abs(off) > p.jump + TUNING.jump_share * s.moved:
+        s.out_s, s.in_s = s.out_s + dt, 0.0
+        if s.out_s >= p.jump_s and s.jumped == 0:
+            s.jumped = 1
+            s.aim = s.trim
+    else:
+        s.in_s, s.out_s = s.in_s + dt, 0.0
+        s.difference += dt / (p.jump_s + dt) * off
+        if s.in_s >= TUNING.back_s:
+            s.jumped = 0
+    if beyond:
+        return BEYOND
+    return JUMPED if s.jumped != 0 else NOTHING

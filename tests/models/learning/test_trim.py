@@ -1,0 +1,236 @@
+"""The slow trim against closed forms, and its bounds whatever the gauge says."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dehyst.models.learning import trim
+from dehyst.models.learning.why import Why
+from dehyst.models.model import Block, Hysteresis, Model, Validity
+
+PERIOD_S = 1e-3
+REACH, NOISE = 17.0, 0.02
+
+
+class Loop:
+    """A stage whose inverse is exact: it stands `off` from where the model says."""
+
+    def __init__(self, **given: float) -> None:
+        self.setting = trim.setting_of(PERIOD_S, REACH, NOISE, True, **given)
+        self.state = trim.begin()
+        self.trims: list[float] = []
+        self.told: list[Why] = []
+        self.predicted = self.reading = 0.0
+
+    def go(
+        self, seconds: float, off: float, target: float = 5.0, held: bool = False,
+        running: bool = True, reading: float | None = None, noise: float = 1e-6,
+    ) -> None:  # fmt: skip
+        for i in range(round(seconds / PERIOD_S)):
+            self.predicted = target + float(self.state["trim"][0])
+            self.reading = self.predicted + off + noise * (-1) ** i if reading is None else reading
+            if trim.take(
+                self.setting[0], self.state[0], self.reading, self.predicted, held, running
+            ):
+                self.told.append(Why(int(self.state["lasting"][0])))
+            self.trims.append(float(self.state["trim"][0]))
+
+    @property
+    def trim(self) -> float:
+        return self.trims[-1]
+
+
+def test_a_constant_difference_is_made_up_for_with_the_time_constant() -> None:
+    """w_n = -d (1 - (1 + h / T)^-n), which is -d (1 - exp(-t / T)) but for h / T."""
+    loop = Loop(time_constant_s=0.5, limit=1.0, rate=100.0)
+    loop.go(2.0, 0.3)
+    n = 1 + np.arange(2000)
+    np.testing.assert_allclose(loop.trims, -0.3 * (1 - 1.002**-n), atol=2e-6)
+    np.testing.assert_allclose(loop.trims, -0.3 * (1 - np.exp(-n * PERIOD_S / 0.5)), atol=2e-4)
+
+
+def test_no_frequency_is_amplified() -> None:
+    """|S(jw)| = w T / sqrt(1 + (w T)^2), below 1 at every frequency."""
+    for hertz in (0.1, 0.3, 1.0, 5.0):
+        loop = Loop(time_constant_s=0.3, rate=100.0)
+        n = round(20.0 / PERIOD_S)
+        off = 0.05 * np.sin(2 * np.pi * hertz * PERIOD_S * np.arange(n))
+        error = np.empty(n)
+        for i in range(n):
+            error[i] = off[i] + float(loop.state["trim"][0])
+            loop.go(PERIOD_S, off[i])
+        left = np.std(error[n // 2 :]) / np.std(off[n // 2 :])
+        w = 2 * np.pi * hertz * 0.3
+        assert left == pytest.approx(w / math.hypot(1.0, w), rel=0.02)
+
+
+def test_no_windup_beyond_the_limit() -> None:
+    """What is beyond the limit is not stored: the way back begins at once."""
+    loop = Loop(limit=0.2, rate=10.0)
+    loop.go(10.0, 0.35)
+    assert loop.trim == pytest.approx(-0.2, abs=1e-6)
+    loop.go(PERIOD_S * 50, 0.1)
+    assert loop.trim > -0.2 + 0.01
+
+
+def test_frozen_while_nobody_commands_and_goes_on_without_a_jump() -> None:
+    loop = Loop(rate=0.2)
+    loop.go(3.0, 0.2)
+    before = loop.trim
+    loop.go(5.0, 0.25, running=False)
+    assert loop.trim == before
+    loop.go(1.0, 0.25)
+    assert np.abs(np.diff(loop.trims)).max() <= 0.2 * PERIOD_S * (1 + 1e-9)
+    assert loop.trim < before
+
+
+def test_held_readings_move_nothing_and_the_next_one_counts_for_them() -> None:
+    every, steady = Loop(rate=100.0), Loop(rate=100.0)
+    for i in range(2000):
+        every.go(PERIOD_S, 0.1, held=bool(i % 5))
+    steady.go(2.0, 0.1)
+    assert every.trim == pytest.approx(steady.trim, rel=0.01)
+
+
+@pytest.mark.parametrize("bad", [math.nan, 90.0, -90.0])
+def test_a_reading_that_is_none_or_beyond_belief_freezes(bad: float) -> None:
+    loop = Loop()
+    loop.go(3.0, 0.2)
+    before = loop.trim
+    loop.go(2.0, 0.0, reading=bad)
+    assert loop.trim == pytest.approx(before, abs=1e-12)
+    assert loop.told[-1] in (Why.NO_READING, Why.BEYOND)
+    loop.go(2.0, 0.2)
+    assert loop.told[-1] is Why.NOTHING
+    assert loop.trim == pytest.approx(-0.2, abs=1e-3)
+
+
+def test_a_stuck_gauge_freezes_and_what_it_moved_is_taken_back() -> None:
+    loop = Loop(rate=100.0)
+    loop.go(5.0, 0.2)
+    before, stuck = loop.trim, loop.reading
+    loop.go(3.0, 0.0, target=5.5, reading=stuck)
+    assert loop.told[-1] is Why.STUCK
+    assert loop.trim == pytest.approx(before, abs=1e-3)
+
+
+def test_a_gauge_that_sticks_at_rest_moves_the_stage_by_little() -> None:
+    loop = Loop()
+    loop.go(5.0, 0.2)
+    before, stuck = loop.trim, loop.reading
+    loop.go(60.0, 0.0, target=5.05, reading=stuck)
+    assert abs(loop.trim - before) < 10 * NOISE + 1e-3
+
+
+def test_a_jump_is_not_followed_until_it_is_over() -> None:
+    loop = Loop()
+    loop.go(3.0, 0.2)
+    before = loop.trim
+    loop.go(5.0, 1.2)
+    assert abs(loop.trim - before) < 2e-3
+    assert loop.told[-1] is Why.JUMPED
+    loop.go(2.0, 0.21)
+    assert loop.told[-1] is Why.NOTHING
+    assert loop.trim == pytest.approx(-0.21, abs=1e-3)
+
+
+def test_a_jump_is_followed_once_the_zero_was_moved() -> None:
+    loop = Loop()
+    loop.go(3.0, 0.2)
+    loop.go(1.0, 1.2)
+    trim.move_zero(loop.state[0], -1.0)
+    assert float(loop.state["zero"][0]) == -1.0
+    loop.go(3.0, 0.25)
+    assert loop.trim == pytest.approx(-0.25, abs=1e-3)
+
+
+def test_a_single_glitch_moves_nothing() -> None:
+    loop, quiet = Loop(), Loop()
+    for one, value in ((loop, 3.0), (quiet, 0.2)):
+        one.go(3.0, 0.2)
+        one.go(PERIOD_S, value)
+        one.go(0.5, 0.2)
+    assert loop.trim == pytest.approx(quiet.trim, abs=1e-3)
+    assert loop.told == quiet.told
+
+
+def test_a_misfit_that_moves_with_the_stage_is_no_jump() -> None:
+    """A stage with 10 % more gain than its model, at 5 Hz over 8 um."""
+    loop = Loop()
+    for i in range(4000):
+        target = 4.0 * math.sin(2 * np.pi * 5.0 * i * PERIOD_S)
+        loop.go(PERIOD_S, 0.1 * target + 0.3, target=target, noise=1e-6 * (1 + i % 2))
+    assert Why.JUMPED not in loop.told
+    assert np.mean(loop.trims[-1000:]) == pytest.approx(-0.3, abs=0.02)
+
+
+def test_distrusted_it_stands_still() -> None:
+    loop = Loop()
+    loop.go(3.0, 0.2)
+    before = loop.trim
+    loop.state["distrusted"] = 1
+    loop.go(1.0, 0.4)
+    assert loop.trim == pytest.approx(before, abs=1e-12)
+    assert loop.told[-1] is Why.DISTRUSTED
+
+
+def test_switched_off_it_adds_nothing_and_still_says_the_difference() -> None:
+    loop = Loop()
+    loop.setting["on"] = 0
+    loop.go(2.0, 0.2)
+    assert loop.trim == 0.0
+    assert float(loop.state["seen"][0]) == pytest.approx(0.2, abs=1e-3)
+
+
+readings = st.lists(
+    st.tuples(
+        st.floats(-100, 100) | st.just(math.nan) | st.floats(-1, 1),
+        st.floats(-20, 20),
+        st.booleans(),
+        st.booleans(),
+        st.integers(1, 40),
+    ),
+    max_size=30,
+)
+
+
+@settings(max_examples=100)
+@given(readings, st.floats(0.01, 5.0), st.floats(0.001, 50.0))
+def test_bounds_hold_whatever_the_gauge_says(todo: list, limit: float, rate: float) -> None:
+    loop = Loop(limit=limit, rate=rate)
+    for reading, target, held, running, times in todo:
+        loop.go(times * PERIOD_S, 0.0, target, held, running, reading)
+    path = np.array([0.0, *loop.trims])
+    assert np.isfinite(path).all()
+    assert np.abs(path).max() <= limit * (1 + 1e-12)
+    assert np.abs(np.diff(path)).max(initial=0.0) <= rate * PERIOD_S * (1 + 1e-9)
+
+
+def test_a_late_gauge_is_stable_down_to_the_least_time_constant() -> None:
+    """A delay L that the model does not have: exp(-s L) / (s T), stable for L / T < pi / 2."""
+    late_s = 0.05
+    for time_constant_s, stable in ((trim.least_time_constant_s(late_s), True), (0.025, False)):
+        setting = trim.setting_of(PERIOD_S, REACH, NOISE, True, time_constant_s, rate=100.0)
+        state, line = trim.begin(), [0.0] * round(late_s / PERIOD_S)
+        path = []
+        for i in range(3000):
+            now = float(state["trim"][0])
+            line.append(now)
+            trim.take(setting[0], state[0], 0.1 + line.pop(0) + 1e-9 * (-1) ** i, now, False, True)
+            path.append(now)
+        most = np.abs(path).max()
+        assert most < 0.13 if stable else most > 0.3
+
+
+def test_the_sensors_own_lag_and_delay_count_and_the_stages_do_not() -> None:
+    plays = Hysteresis(np.array([0.0, 1.0]), np.array([1.0, 0.1]), np.array([0.0, 1.0]))
+    blocks = (
+        Block("lag", "sensor", {"tau_s": 0.02}),
+        Block("delay", "sensor", {"delay_s": 0.003}),
+        Block("lag", "drive", {"tau_s": 0.5}),
+    )
+    model = Model(plays, Validity(0.0, 10.0), blocks=blocks)
+    assert trim.sensor_lag_s(model) == pytest.approx(0.023)

@@ -1,0 +1,149 @@
+"""A controller on the simulated stage in this process, sample by sample in virtual time: with
+trim, with learned corrections, and with faults of the gauge."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from dehyst.daemon.config import parse_config
+from dehyst.daemon.loop.reach import displacement_range
+from dehyst.daemon.loop.settings import LoopSettings
+from dehyst.daemon.loop.step import Stepper
+from dehyst.daemon.loop.trim import trim_setting
+from dehyst.daemon.rings.records import COMMAND, TELEMETRY, Command
+from dehyst.drivers.simulated.settings import StageSettings
+from dehyst.drivers.simulated.stage import Stage
+from dehyst.models.inverse.compensator import Compensator
+from dehyst.models.model import Floats, Model
+
+LOW_V, HIGH_V, SLEW = 0.0, 150.0, 4000.0
+AHEAD = 64
+CONFIG = """
+name = "trimmed"
+model = {{file = "none"}}
+loop = {{rate_hz = {rate_hz}}}
+actuator = {{driver = "simulated"}}
+sensor = {{driver = "simulated"}}
+limits = {{min_v = {low}, max_v = {high}, slew_v_per_s = {slew}}}
+setpoint = {{origin = 0.0, stale_s = 1e6, queue_s = 600.0}}
+trim = {{enabled = {trim}}}
+"""
+
+Tamper = Callable[[int, float], float]
+"""(sample, reading) -> what the loop is told."""
+
+
+class TrimmedStage:
+    """One controller and its stage. `records`: (n,) TELEMETRY of all samples; `true_um`: (n,) where
+    the stage was when each was read."""
+
+    def __init__(
+        self,
+        model: Model,
+        stage: StageSettings | None = None,
+        trim: bool = True,
+        rate_hz: float = 1000.0,
+        slew: float = SLEW,
+    ) -> None:
+        text = CONFIG.format(
+            rate_hz=rate_hz, low=LOW_V, high=HIGH_V, slew=slew, trim=str(trim).lower()
+        )
+        config = parse_config(text)
+        self.period_ns = config.period_ns
+        valid = model.validity
+        low, high = max(LOW_V, valid.drive_min), min(HIGH_V, valid.drive_max)
+        least, most = displacement_range(model, low, high)
+        self.reach = least, most
+        slope = (most - least) / (high - low)
+        compensator = Compensator(model, config.period_ns * 1e-9, LOW_V, HIGH_V, slew)
+        self.stepper = Stepper(
+            LoopSettings.from_config(config, 0.0, LOW_V, HIGH_V, slope),
+            compensator,
+            0.0,
+            trim_setting(config, model, most - least),
+        )
+        self.stage = Stage(stage)
+        self.now_ns = 0
+        self.records: list[Any] = []
+        self.true: list[float] = []
+
+    def tick(self, commands: np.ndarray, tamper: Tamper | None = None) -> None:
+        """One sample: read, step, write, a period passes."""
+        stepper = self.stepper
+        reading = self.stage.reading_um()
+        self.true.append(self.stage.displacement_um)
+        if tamper is not None:
+            reading = tamper(len(self.records), reading)
+        record = stepper.step(self.now_ns, reading, commands)[0].copy()
+        record["seq"], record["scheduled_ns"] = len(self.records), self.now_ns
+        self.records.append(record)
+        self.stage.advance(self.period_ns * 1e-9, float(record["volts"]))
+        stepper.follow_output(float(record["volts"]))
+        self.now_ns += self.period_ns
+
+    def go(self, um: float, seconds: float, tamper: Tamper | None = None) -> None:
+        """To a set-point, and stay."""
+        command = np.zeros(1, COMMAND)
+        command["kind"], command["value"] = Command.SETPOINT, um
+        for i in range(round(seconds * 1e9 / self.period_ns)):
+            self.tick(command if i == 0 else command[:0], tamper)
+
+    def play(
+        self,
+        target: Floats,
+        correction: Floats | None = None,
+        tamper: Tamper | None = None,
+        number: int = 1,
+    ) -> slice:
+        """A whole trajectory, a point a period, after the approach: which samples are its own."""
+        player = Player(self, number)
+        return player.play(target, correction, tamper, last=True)
+
+    @property
+    def telemetry(self) -> np.ndarray:
+        return np.array(self.records, TELEMETRY)
+
+    @property
+    def true_um(self) -> Floats:
+        return np.array(self.true)
+
+
+class Player:
+    """Streams one trajectory in pieces that follow one another without a gap."""
+
+    def __init__(self, rig: TrimmedStage, number: int = 1) -> None:
+        self.rig, self.number, self.sent, self.begun = rig, number, 0, -1
+
+    def play(
+        self,
+        target: Floats,
+        correction: Floats | None = None,
+        tamper: Tamper | None = None,
+        last: bool = False,
+        ahead: Floats | None = None,
+    ) -> slice:
+        """The next piece; which samples are its own. ahead: the targets that follow it, with their
+        correction, which the window of the inverse needs."""
+        rig, n = self.rig, target.size
+        batch = np.zeros(n, COMMAND)
+        batch["kind"], batch["trajectory"] = Command.POINT, self.number
+        batch["offset_ns"] = (self.sent + np.arange(n)) * rig.period_ns
+        batch["value"] = target
+        batch["correction"] = 0.0 if correction is None else correction
+        batch["last"][-1] = last
+        if self.sent == 0:
+            rig.tick(batch[:1], tamper)
+            rig.tick(batch[1:], tamper)
+            while rig.records[-1]["flags"] & 1024:
+                rig.tick(batch[:0], tamper)
+            self.begun = len(rig.records) - 1
+            done = 1
+        else:
+            rig.tick(batch, tamper)
+            done = 1
+        first = self.begun + self.sent
+        for _ in range(n - done):
+            rig.tick(batch[:0], tamper)
+        self.sent += n
+        return slice(first, first + n)
