@@ -15,10 +15,10 @@ from tests.rigs.plants import hysteresis as proof_hysteresis
 from tests.rigs.plants import hysteresis_more as proof_hysteresis_more
 from tests.rigs.plants.effects import World
 from tests.rigs.plants.effects_more import MAKERS, OUTSIDE
-from tests.rigs.plants.effects_shape import PARTED, SHAPES
+from tests.rigs.plants.effects_shape import PARTED, SHAPES, _dahl
 from tests.rigs.plants.hysteresis import CLASSES as FIRST_CLASSES
 from tests.rigs.plants.hysteresis import _bouc_wen, _everett, _preisach, _slip_bank
-from tests.rigs.plants.hysteresis_more import dead_zones, duhem, in_class
+from tests.rigs.plants.hysteresis_more import _duhem, dead_zones, duhem, in_class
 
 DT, H = 1e-3, 1.25e-4
 CLASSES = {**FIRST_CLASSES, "duhem": duhem, "dead zones": dead_zones, "in the class": in_class}
@@ -172,3 +172,49 @@ def test_every_effect_grows_with_its_strength_and_is_finite(name):
     assert all(np.isfinite(sizes))
     assert sizes[1] >= sizes[0]
     assert np.std(effect.run(u, w, effect.top) - u) > 0
+
+
+def test_dahl_against_an_ode_solver_and_knows_only_the_way():
+    x = np.r_[np.linspace(0, 0.3, 60), np.linspace(0.3, 0.1, 40)]
+    length, power = 0.1, 1.5
+
+    def slope(sign, z):  # dz / d|x|
+        return sign * (1.0 - sign * z) ** power / length
+
+    up = solve_ivp(lambda s, z: slope(1.0, z), (0, 0.3), [0.0], rtol=1e-9).y[0, -1]
+    down = solve_ivp(lambda s, z: slope(-1.0, z), (0, 0.2), [up], rtol=1e-9).y[0, -1]
+    z = _dahl(x, length, power)
+    assert z[59] == pytest.approx(up, rel=1e-4)
+    assert z[-1] == pytest.approx(down, rel=1e-4)
+    fine = _dahl(np.interp(np.arange(991) / 10, np.arange(100), x), length, power)
+    np.testing.assert_allclose(fine[::10], z, atol=1e-9)
+
+
+def test_an_asymmetric_ceramic_bends_the_rising_branch_only():
+    u = np.r_[np.linspace(0, 9, 900), np.linspace(9, 0, 900)]
+    effect = SHAPES["asymmetric ceramic"](np.random.default_rng(1), False, DT)
+    d = effect.run(np.zeros(u.size), world(u), 0.2)
+    assert d[:900].min() < -0.05  # the loop opens: the rising branch lies lower
+    assert np.abs(d[1400:]).max() < 1e-9
+
+
+@pytest.mark.parametrize(("name", "share"), [("hum for a third", 0.33), ("slip", 0.5)])
+def test_what_is_there_for_a_part_of_the_time(name, share):
+    w = world(np.zeros(80_000))
+    d = PARTED[name](np.random.default_rng(1), False, DT).run(np.zeros(w.t.size), w, 0.1)
+    assert np.mean(np.abs(d) > 1e-9) == pytest.approx(share, abs=0.21)
+    assert np.mean(d[: w.t.size // 10] == 0) == 1.0
+
+
+def test_duhem_against_an_ode_solver():
+    u = np.r_[np.linspace(0, 6, 300), np.linspace(6, 2, 200)]
+    alpha, slope, bend, b = 0.6, 1.0, -0.01, 0.7
+
+    def change(sign, v, w):  # dw / d|u|
+        return alpha * (slope * v + bend * v * v - w) + sign * b
+
+    up = solve_ivp(lambda v, w: change(1.0, v, w), (0, 6), [0.0], rtol=1e-9).y[0, -1]
+    down = solve_ivp(lambda s, w: change(-1.0, 6 - s, w), (0, 4), [up], rtol=1e-9).y[0, -1]
+    got = _duhem(u, alpha, slope, bend, b)
+    assert got[299] == pytest.approx(up, rel=1e-4)
+    assert got[-1] == pytest.approx(down, rel=1e-4)
