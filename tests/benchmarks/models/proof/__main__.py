@@ -6,11 +6,13 @@
     python -m tests.benchmarks.models.proof --seed 7 --case past-3  its picture and its words
 
 Every case follows from the seed and its own name. With --keep each case is a line (truth, answer,
-score, seconds) of that file, and cases that are there are not run again. Exit 1 where a bar is
-missed. A run of the whole proof says what the tool makes of the real recordings too.
+score, seconds) of that file, and cases that the same version of the code put there are not run
+again. Exit 1 where a bar is missed. A run of the whole proof says what the tool makes of the real
+recordings too.
 """
 
 import argparse
+import hashlib
 import json
 import os
 import sys
@@ -31,8 +33,18 @@ ROOT = Path(__file__).resolve().parents[4]
 Row = dict[str, Any]
 
 
-def kept(path: Path | None, seed: int) -> dict[str, Row]:
-    """Finished cases of a file, by name. Raises SystemExit where they are of another seed."""
+def version() -> str:
+    """Of all that a row follows from: the models, the judge and the plants."""
+    digest = hashlib.sha256()
+    for room in ("models", "tests/benchmarks/models/proof", "tests/rigs/plants"):
+        for path in sorted((ROOT / room).rglob("*.py")):
+            digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def kept(path: Path | None, seed: int, code: str) -> dict[str, Row]:
+    """Finished cases of a file that this version of the code made, by name. Raises SystemExit where
+    they are of another seed."""
     rows: dict[str, Row] = {}
     if path is None or not path.exists():
         return rows
@@ -40,7 +52,7 @@ def kept(path: Path | None, seed: int) -> dict[str, Row]:
         row = json.loads(line)
         if row["seed"] != seed:
             raise SystemExit(f"{path}: holds cases of seed {row['seed']}, not {seed}")
-        if "failed" not in row:
+        if "failed" not in row and row["code"] == code:
             rows[row["case"]] = row
     return rows
 
@@ -76,7 +88,8 @@ def main() -> int:
     families = args.families or list(COUNTS)
     count = args.count or sum(COUNTS[f] for f in families)
     names = [p.case for p in plans(seed, count, families)]
-    rows = kept(args.keep, seed)
+    code = version()
+    rows = kept(args.keep, seed, code)
     todo = [name for name in names if name not in rows]
     print(f"seed {seed}, {len(names)} cases, {len(names) - len(todo)} of them kept", flush=True)
     if args.keep:
@@ -85,7 +98,7 @@ def main() -> int:
         rows[row["case"]] = row
         if args.keep:
             with args.keep.open("a") as file:
-                file.write(json.dumps(row) + "\n")
+                file.write(json.dumps(row | {"code": code}) + "\n")
         print(f"{number}/{len(todo)}  {one_line(row)}", file=sys.stderr, flush=True)
     done = [rows[name] for name in names]
     print(tables(done))
