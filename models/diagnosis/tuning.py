@@ -42,7 +42,7 @@ class Tuning(NamedTuple):
     part_share: float = 0.02  # for one more part (a mode) of a chosen effect
     finest: float = 2.5e-4  # of the displacement's range: no base is better than this,
     finest_static: float = 5e-4  # nor than this, for what resembles a hysteresis
-    between: float = 0.1  # of what the drive does between two samples, that a loop may show of it
+    between: float = 0.25  # of what the drive does between two samples, that a loop may show of it
     quiet_times: float = 2.0  # size of the misfit from which, and
     quiet_size: float = 1e-3  # part of the displacement's range up to which it is the base's own,
     quiet_share: float = 0.4  # so that a cause must take more of it
