@@ -15,7 +15,7 @@ from tests.rigs.plants.effects import delayed, low_pass
 
 RIDGE = 1e-8
 LAGS = np.geomspace(0.2, 40.0, 10)  # in the recorder's periods
-TIE = 0.25  # of the noise: a rival that leaves less than this of an effect is as good a name
+TIE = 0.25  # of the noise or the class misfit: a rival that leaves less is as good a name
 LATE = ("lag", "delay")
 
 
@@ -123,7 +123,7 @@ class Size:
         return rms(rest) if name in LATE else least_left(rest, self._lags)
 
     def ties(self, name: str, difference: Floats, noise: float) -> list[str]:
-        """Names that would do as well: they leave hardly anything of the difference."""
+        """Names that would do as well: beside the noise they leave hardly anything of it."""
         rest = self.base.residual(difference)
         rivals = {"lag": self._lags, "drift": self.base.trends()} if name != "drift" else {}
         if name == "lag":

@@ -203,7 +203,8 @@ def make_case(plan: Plan) -> Case:
             Hidden(
                 effect.name, effect.form, ACTS_ON[effect.place],
                 size.left(effect.name, difference) / noise, class_left,
-                tuple(size.ties(effect.name, difference, noise)), effect.truth(strength),
+                tuple(size.ties(effect.name, difference, noise * max(1.0, class_left))),
+                effect.truth(strength),
                 _on_a_harmonic(effect.truth(strength), plan),
             )
         )  # fmt: skip
