@@ -2,7 +2,7 @@
 on the identified model where that alone foretells better; half a sample earlier where the recorder
 holds each command."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,17 +30,36 @@ class Found:
 
 def find(problem: Problem, sigma: float, null: JointFit, say: Progress) -> Found:
     """The effects over the rich base, or over a compact one where the rich one is too rich for what
-    was recorded."""
-    found = over_rich = _search(problem, sigma, null, say)
+    was recorded. Where an effect is taken whose size is not known then, they are looked for again
+    without it: what it stood for may be another's."""
+    found = _find(problem, sigma, null, say)
+    kept = worth_telling(found.search)
+    told = only_told(kept)
+    vague = set(kept.accepted.effect_names) - set(told.accepted.effect_names)
+    if vague:
+        other = _find(problem, sigma, null, say, tuple(vague))
+        again = only_told(worth_telling(other.search))
+        first, second = (by_blocks(f.problem, f.accepted).mean_square for f in (told, again))
+        if second < first:
+            found, told = other, again
+    if found.over_rich is found.search:
+        return Found(told, told)
+    return Found(told, only_told(worth_telling(found.over_rich)))
+
+
+def _find(
+    problem: Problem, sigma: float, null: JointFit, say: Progress, forbidden: Sequence[str] = ()
+) -> Found:
+    found = over_rich = _search(problem, sigma, null, say, forbidden)
     in_sample = null.sse / int(problem.data.rows.sum())
     if by_blocks(problem, null).mean_square > TUNING.compact_doubt**2 * in_sample:
         plain = replace(problem, base=compact_base(problem.data))
-        other = _search(plain, sigma, plain.solve([]), say, share=TUNING.compact_share)
+        alone = plain.solve([])
+        other = _search(plain, sigma, alone, say, forbidden, share=TUNING.compact_share)
         rich_error = by_blocks(problem, found.accepted).mean_square
         if by_blocks(plain, other.accepted).mean_square < rich_error:
             found = other
-    told = only_told(worth_telling(found))
-    return Found(told, told if found is over_rich else only_told(worth_telling(over_rich)))
+    return Found(found, over_rich)
 
 
 def find_above_noise(problem: Problem, null: JointFit, say: Progress) -> Found:
@@ -94,11 +113,13 @@ def _search(
     sigma: float,
     null: JointFit,
     say: Progress,
+    forbidden: Sequence[str],
     share: float = TUNING.driven_share,
 ) -> SearchState:
     """The search on a part of the rows, its result fitted to all of them."""
     light = problem.light(TUNING.search_rows)
-    found = search(light, sigma, null if light is problem else light.solve([]), say, share)
+    start = null if light is problem else light.solve([])
+    found = search(light, sigma, start, say, share, forbidden)
     say("fitting all samples", 0.86)
     final = found.accepted
     final = problem.refit(final.effects, rounds=8, settle=0.3 * sigma**2) if final.effects else null

@@ -1,6 +1,6 @@
 """The diagnosis from recordings to verdict. See the steps in the package's text."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -95,7 +95,7 @@ def diagnose(
         other = accept(found.over_rich, candidate, sighting)
         if candidate.key in other.accepted.effect_names:
             found = replace(found, search=other)
-    shown = bool({c.key for c, _ in seen} & set(found.search.accepted.effect_names))
+    shown = {c.key for c, _ in seen} & set(found.search.accepted.effect_names)
     warnings = [text for text in (foreign, BUTTERFLY if butterfly else "") if text]
     diagnosis = _conclude(whole, bare, found.search, episode, warnings, shown, say)
     for candidate, sighting in seen:
@@ -110,11 +110,11 @@ def _conclude(
     found: SearchState,
     episode: Episode | None,
     warnings: list[str],
-    shown: bool,
+    shown: Collection[str],
     say: Progress,
 ) -> Diagnosis:
     """recorded: all samples; bare, found: of those that were fitted, found without the episode;
-    shown: a recording shows an effect directly, beside any fit."""
+    shown: keys of effects that a recording shows directly, beside any fit."""
     sigma, subject = found.sigma, bare.subject
     say("holding out", 0.88)
     weighed = weigh(bare, found, shown, episode)

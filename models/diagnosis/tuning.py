@@ -13,6 +13,7 @@ class Tuning(NamedTuple):
     folds: int = 8  # groups left out in turn, each of so many short pieces of every recording:
     fold_pieces: int = 5
     long_gap: int = 100  # samples: behind a longer one the recording begins anew
+    few_of_grid: float = 2.2  # mean step over the shortest: with more, two rates are mixed
     stall: int = 3  # missing samples in a row, from which on the drive's way is not known
     settling: int = 20  # rows left out behind a stall, at least; and times its length:
     settling_times: int = 2
@@ -22,7 +23,7 @@ class Tuning(NamedTuple):
     shared_parts: int = 24  # arrays of all samples, that simulations at the same weights keep
     # the search
     search_rows: int = 18_000  # counted in it; the last fit, shares and intervals use them all
-    most_rows: int = 100_000  # of longer recordings a part is fitted
+    most_rows: int = 60_000  # of longer recordings a part is fitted
     max_effects: int = 5
     shortlist: int = 5  # candidates that get the full nonlinear refit in each round
     weak_gain: float = 0.1  # of the best screened gain: what is below is not refitted
@@ -70,6 +71,7 @@ class Tuning(NamedTuple):
     # shape
     shape_size: float = 0.3  # size that the base must remove of held-out samples,
     shape_share: float = 0.03  # and share of what the model in use leaves
+    mostly_shape: float = 0.7  # of what is explained: more that effects leave to the base is shape
     foreign_share: float = 0.03  # of the stroke: a given model that leaves more, and
     foreign_times: float = 4.0  # times what a model of its class would, is of another stage
     # intervals

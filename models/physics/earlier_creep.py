@@ -25,7 +25,7 @@ from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("amount", "since")
 STATE = fields("elapsed")  # since the first sample
-MOST = 0.1  # of the stroke, that a decade of time may move
+MOST = 0.5  # of the stroke, that a decade of time may move: the move may have been a larger one
 EARLIEST, LATEST = 0.002, 3.0  # of the recording's length: the last move's end before it
 
 
@@ -108,7 +108,7 @@ class EarlierCreep(Candidate):
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
         if float(np.abs(amplitudes).max()) > MOST * float(np.ptp(data.y)):
-            return "creep of more than a tenth of the stroke"
+            return "creep of more than half of the stroke"
         return ""
 
 

@@ -103,8 +103,8 @@ class Trend(Candidate):
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
-        if float(np.abs(amplitudes).max()) > 0.05 * float(np.ptp(data.y)):
-            return "a drift of more than a twentieth of the stroke"
+        if float(np.abs(amplitudes).max()) > 0.3 * float(np.ptp(data.y)):
+            return "a drift of more than a third of the stroke"
         return ""
 
 

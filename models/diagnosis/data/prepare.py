@@ -98,10 +98,12 @@ def lay_on_grid(one: Recording) -> Laid:
 
 def _period(steps: Floats, typical: float) -> float:
     """Sampling period [s]: that of the short steps, where these are of one length; the typical step
-    is a mean of one and two periods where every third row is missing."""
+    is a mean of one and two periods where every third row is missing. Not where most of that grid
+    would be empty."""
     shortest = float(np.quantile(steps, 0.1))
     alike = steps[(steps > 0.5 * shortest) & (steps < 1.5 * shortest)]
     tight = float(np.std(alike)) < 0.1 * shortest
+    tight &= float(np.mean(steps)) < TUNING.few_of_grid * shortest
     return float(np.mean(alike)) if tight and typical > 1.3 * shortest else typical
 
 

@@ -83,7 +83,8 @@ def measure_correction(
         before = alone.solve(final.effects, problem.output_of(final)).sse / int(data.rows.sum())
     elif not final.effects:
         before = bare_square  # without effects all that the base explains is a matter of shape
-    return Correction(before - held_square, left, float(np.std(_correction(problem, final))))
+    added = _correction(problem, final)[data.rows]
+    return Correction(before - held_square, left, float(np.std(added)))
 
 
 def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str, ...]:
@@ -169,7 +170,7 @@ def _correction(problem: Problem, final: JointFit) -> Floats:
         xr = x[data.rows]
         gram = xr.T @ xr + 1e-9 * xr.shape[0] * np.eye(xr.shape[1])
         d = d - x @ np.linalg.solve(gram, xr.T @ d[data.rows])
-    return np.asarray(d - d[data.rows].mean())
+    return np.where(data.rows, d - d[data.rows].mean(), 0.0)
 
 
 def _looks(problem: Problem, final: JointFit, d: Floats) -> dict[str, float]:

@@ -1,6 +1,6 @@
 """What helps against the model in use, on held-out samples."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,10 +28,11 @@ class Weighed:
 
 
 def weigh(
-    bare: Problem, found: SearchState, shown: bool, episode: Episode | None = None
+    bare: Problem, found: SearchState, shown: Collection[str], episode: Episode | None = None
 ) -> Weighed:
-    """What helps against the model in use, on held-out samples; nothing where it all does not,
-    unless a recording shows an effect directly. episode: what was taken off before the search."""
+    """What helps against the model in use, on held-out samples. Where it all does not: what a
+    recording shows directly (shown: keys), and the model in use as it is. episode: what was taken
+    off before the search."""
     sigma = found.sigma
     n = int(bare.data.rows.sum())
     first = bare.solve([]).sse / n
@@ -41,11 +42,18 @@ def weigh(
     held = by_blocks(found.problem, found.accepted).mean_square
     told = [] if episode is None else [episode.finding]
     nothing = Weighed(_shared(told, first, without, sigma), freed, alone, first, without)
-    if held > without - (TUNING.helps * sigma) ** 2 and not shown:
-        return nothing
+    if held > without - (TUNING.helps * sigma) ** 2:
+        seen = [f for f in named(found.problem, found, held) if f.key in shown] if shown else []
+        return replace(
+            nothing, findings=(*[replace(f, share=0.0) for f in seen], *nothing.findings)
+        )
     correction = measure_correction(found.problem, found.accepted, without, held)
-    shape = _has_shape(correction, without, sigma)
     findings = named(found.problem, found, held) if found.accepted.effects else []
+    rest = without - held - sum(f.share for f in findings)
+    if rest > TUNING.mostly_shape * (without - held):
+        # the effects are a small part of what is explained: the rest is the base's
+        correction = replace(correction, gain=max(correction.gain, rest))
+    shape = _has_shape(correction, without, sigma)
     if not findings and not shape:
         return nothing
     if shape:
