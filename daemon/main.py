@@ -31,6 +31,7 @@ COMMANDS = {
     "send": "send one set-point to a running daemon",
     "play": "stream a trajectory to a running daemon",
     "watch": "live view of a running daemon",
+    "zero": "say where gauge and model disagree, and set the gauge's zero",
     "record": "record a running daemon's telemetry into a file",
     "drivers": "list the driver plugins, the broken ones with their error",
     "latency": "self-test of this machine: does it hold the loop's deadlines?",

@@ -12,7 +12,7 @@ from dehyst.models.diagnosis.data.colour import is_coloured
 from dehyst.models.diagnosis.data.excerpt import excerpt
 from dehyst.models.diagnosis.data.locate import hot_spots, locate
 from dehyst.models.diagnosis.data.noise import noise_rms
-from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.data.prepare import prepare, were_de_energised
 from dehyst.models.diagnosis.data.survey import BUTTERFLY, comes_back, follows, left_of, survey
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.find import (
@@ -58,7 +58,7 @@ def diagnose(
     """
     say = progress or (lambda text, fraction: None)
     say("preparing", 0.0)
-    whole = prepare(recordings)
+    whole = prepare(recordings, were_de_energised(recordings))
     say("the model in use", 0.02)
     data = excerpt(whole)
     subject = identify_plain(recordings, data) if model is None else take_model(model, data)

@@ -19,7 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.errors import BadRecording
+from dehyst.models.errors import BadRecording, DehystError
+from dehyst.models.identify.rows import read_rows
+from dehyst.models.identify.setup import set_up
+from dehyst.models.identify.start import start_agrees
 from dehyst.models.recording import Recording, typical_step
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
@@ -107,8 +110,9 @@ def _period(steps: Floats, typical: float) -> float:
     return float(np.mean(alike)) if tight and typical > 1.3 * shortest else typical
 
 
-def prepare(recordings: Sequence[Recording]) -> Data:
-    """Join recordings of one stage. Raises BadRecording where they cannot be diagnosed."""
+def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
+    """Join recordings of one stage. virgin: what begins at the lowest drive was de-energised
+    before. Raises BadRecording where they cannot be diagnosed."""
     if not recordings:
         raise BadRecording("no recording given; the diagnosis needs at least one")
     shared = set(recordings[0].channels) - {MISSED}
@@ -144,7 +148,7 @@ def prepare(recordings: Sequence[Recording]) -> Data:
                 "starts": laid.cut,
                 "forgets": first,
                 "part": part + np.cumsum(laid.cut) - 1,
-                "rows": _known_history(laid.u, laid.cut) & laid.known,
+                "rows": _known_history(laid.u, laid.cut, virgin) & laid.known,
                 "block": block + _cut_evenly(n, TUNING.time_blocks),
                 "fold": _groups(laid.u),
                 "raw": laid.raw,
@@ -231,17 +235,28 @@ def _groups(u: Floats) -> Ints:
     return out
 
 
-def _known_history(u: Floats, cut: Bools) -> Bools:
+def were_de_energised(recordings: Sequence[Recording]) -> bool:
+    """Does what begins at the lowest drive look as if the stage had been de-energised before
+    (dehyst.models.identify.start)? True where that cannot be asked."""
+    try:
+        span = max(float(np.nanmax(one.drive) - np.nanmin(one.drive)) for one in recordings)
+        setups = [set_up([read_rows(one, span)], monotone=True) for one in recordings]
+        return all(start_agrees(setup, rate=False) for setup in setups)
+    except (DehystError, ValueError):  # also where a drive has no row
+        return True
+
+
+def _known_history(u: Floats, cut: Bools, virgin: bool) -> Bools:
     """False at the head of each part until the drive has swept most of its range.
 
-    A part that starts at the lowest drive is taken as de-energised and counted from the start.
+    virgin: a part that starts at the lowest drive was de-energised, and counts from the start.
     At most a third of a part is left out.
     """
     rows = np.ones(u.size, dtype=bool)
     span = float(np.ptp(u))
     bounds = np.r_[np.flatnonzero(cut), u.size]
     for a, b in pairwise(bounds):
-        if u[a] - u.min() < 0.02 * span:
+        if virgin and u[a] - u.min() < 0.02 * span:
             continue
         x = u[a:b]
         swept = np.maximum.accumulate(x) - np.minimum.accumulate(x)

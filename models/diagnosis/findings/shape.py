@@ -131,14 +131,18 @@ def shape_finding(
         f"The loop is not the model's, by {small((correction.rms, data.unit))} rms: {words}. The "
         "augmented model contains it, and it is compensated."
     )
-    if problem.subject.given:
-        numbers = float(np.sqrt(correction.numbers))
-        if correction.numbers < sigma**2 + 0.3 * max(correction.gain, 0.0):
-            says = (
-                f"The model's numbers are not this stage's, by {small((correction.rms, data.unit))}"
-                f" rms: other numbers in the same class would leave {small((numbers, data.unit))}. "
-                "Identify again from these recordings; the augmented model contains the difference."
-            )
+    numbers = small((float(np.sqrt(correction.numbers)), data.unit))
+    if correction.numbers < sigma**2 + 0.3 * max(correction.gain, 0.0):
+        removed = small((float(np.sqrt(max(correction.gain, 0.0))), data.unit))
+        says = (
+            f"The model's numbers are not this stage's, by {removed} rms: other numbers in the "
+            f"same class would leave {numbers}. "
+        )
+        if problem.subject.given:
+            says += "Identify again from these recordings"
+        else:
+            says += "These recordings show too little of the loop to identify it"
+        says += "; the augmented model contains the difference."
     return Finding(
         name="shape",
         key="shape",
