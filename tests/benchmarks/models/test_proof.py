@@ -151,6 +151,12 @@ def test_a_double_counts_only_where_both_say_that_it_is_one() -> None:
     assert not first((), ("lag",))
 
 
+def test_a_resistor_before_a_current_limit_is_a_lag_and_a_bare_limit_has_none() -> None:
+    said = [effect("slew"), effect("lag")]
+    assert not wrong(bad("single", True, (hidden("slew"),), said))
+    assert wrong(bad("single", True, (hidden("slew", rate=100.0),), said))
+
+
 def test_what_cannot_be_told_is_not_asked_for_and_is_not_spurious() -> None:
     there = (hidden("creep", left=0.8),)
     assert not wrong(bad("single", True, there, []))

@@ -78,7 +78,7 @@ def score(truth: Truth, said: dict[str, Any], rig: Rig) -> dict[str, Any]:
     physics = [n for n in names if n not in (*SHAPES, "unknown")]
     asked = [h for h in truth.physics if h.separable]
     there = {h.name for h in truth.physics}
-    fair = there | {n for h in truth.physics for n in (*h.ties, *IN_IT.get(h.name, ()))}
+    fair = there | {n for h in truth.physics for n in (*h.ties, *_in_it(h))}
     spurious = [n for n in physics if n not in fair]
     if not truth.bent:
         spurious += [n for n in names if n in SHAPES]
@@ -106,6 +106,10 @@ def score(truth: Truth, said: dict[str, Any], rig: Rig) -> dict[str, Any]:
         "contradicted": contradicted(truth, said.get("would_have_seen") or [], names, rig),
         "rules": broken_rules(said),
     }
+
+
+def _in_it(h: Hidden) -> tuple[str, ...]:
+    return () if h.truth else IN_IT.get(h.name, ())  # textbook forms have nothing beside
 
 
 def _right(h: Hidden, first: str, ties: dict[str, list[str]]) -> bool:
