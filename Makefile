@@ -38,7 +38,7 @@ concealed: $(READY)
 	$(BIN)/python tests/concealed/make_answers.py $(ROUND)
 
 proof: $(READY)
-	$(BIN)/python tests/benchmarks/models/proof.py
+	$(BIN)/python -m tests.benchmarks.models.proof
 
 fuzz: $(READY)
 	-$(BIN)/python -m pip install --quiet atheris

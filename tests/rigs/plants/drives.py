@@ -1,106 +1,128 @@
-"""Drives, neighbouring axis and room temperature of the proof's stages, at 1 kHz.
+"""Drives, neighbouring axis and room temperature of the proof's stages.
 
-Every function returns what the recorder writes down: samples at DT. Between the samples the
-amplifier's output runs straight (the plant integrates on a finer grid, see proof_stages).
-Shares no code with the library.
+Every drive is a function of time that is evaluated on the plant's own fine grid `t` (N,) [s] and
+lies within 0 to 10 V; `dt` is the recorder's period [s], from which its speed follows: what a
+recorder at 1 kHz gets as 30 Hz, one at 10 kHz gets as 300 Hz. Shares no code with the library.
 """
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
 Floats = NDArray[np.float64]
-DT = 1e-3
 CENTRE_V, SWING_V = 5.0, 4.7
-SOFT_START_S = 0.5
-STEP_TAU_S = 1.2e-3  # the generator's output filter: a step is not steeper than this
+SOFT_START_SAMPLES = 500
+STEP_SAMPLES = 1.5  # time constant of the generator's output filter, in the recorder's periods
 
 
-def _times(seconds: float) -> Floats:
-    return np.arange(round(seconds / DT) + 1) * DT
-
-
-def _started(u: Floats, t: Floats) -> Floats:
+def _started(u: Floats, t: Floats, dt: float) -> Floats:
     """Grown from 0 V within the soft start, so that the virgin curve is part of the recording."""
-    return u * np.clip(t / SOFT_START_S, 0.0, 1.0)
+    return u * np.clip(t / (SOFT_START_SAMPLES * dt), 0.0, 1.0)
 
 
-def multisine(rng: np.random.Generator, seconds: float) -> Floats:
-    """Six to ten lines without a common period, 0.3 to 30 Hz, inside 0.3 to 9.7 V."""
-    t = _times(seconds)
+def multisine(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
+    """Six to ten lines without a common period, 0.00035 to 0.03 of the rate, in 0.3 to 9.7 V."""
     u = np.zeros(t.size)
     for _ in range(rng.integers(6, 11)):
-        f = np.exp(rng.uniform(np.log(0.35), np.log(30.0)))
-        u += f ** rng.uniform(-0.5, 0.1) * np.sin(2 * np.pi * (f * t + rng.random()))
+        f = np.exp(rng.uniform(np.log(3.5e-4), np.log(0.03)))
+        u += f ** rng.uniform(-0.5, 0.1) * np.sin(2 * np.pi * (f * t / dt + rng.random()))
     swing = rng.uniform(0.85, 1.0) * SWING_V
-    return _started(CENTRE_V + swing * u / np.max(np.abs(u)), t)
+    return _started(CENTRE_V + swing * u / np.max(np.abs(u)), t, dt)
 
 
-def periodic(rng: np.random.Generator, seconds: float) -> Floats:
-    """A multisine with a period of 2 s that returns to 0 V once a period."""
-    t = _times(seconds)
+def periodic(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
+    """A multisine with a period of 2000 samples that returns to 0 V once a period."""
     lines = np.array([2.0, 4.0, 5.0, 7.5, 10.0])
-    u = sum(np.cos(2 * np.pi * f * (t - 2.0)) / (1 + 0.15 * f) for f in lines)
+    x = t * 1e-3 / dt
+    u = sum(np.cos(2 * np.pi * f * (x - 2.0)) / (1 + 0.15 * f) for f in lines)
     low, high = np.min(u), np.max(u)
-    flip = (high - u) / (high - low)
-    return _started(rng.uniform(7.0, 9.2) * flip, t)
+    return _started(rng.uniform(7.0, 9.2) * (high - u) / (high - low), t, dt)
 
 
-def triangle(rng: np.random.Generator, seconds: float) -> Floats:
-    """Full triangles of 0.6 to 1.3 Hz from 0 V."""
-    t = _times(seconds)
-    phase = np.mod(t * rng.uniform(0.6, 1.3), 1.0)
-    return rng.uniform(7.0, 9.7) * (1.0 - np.abs(2.0 * phase - 1.0))
+def triangle(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
+    """Full triangles from 0 V, 0.6 to 1.3 in 1000 samples."""
+    return triangle_at(rng.uniform(0.6e-3, 1.3e-3) / dt, rng.uniform(7.0, 9.7))(rng, t, dt)
 
 
-def chirp(rng: np.random.Generator, seconds: float) -> Floats:
-    """A sweep of 1 V or 2 V about the centre, 1 Hz to 90 Hz, after a ramp to the centre."""
-    t = _times(seconds)
-    phase = t + (90.0 - 1.0) * t**2 / (2.0 * seconds)
-    return _started(CENTRE_V + rng.uniform(1.0, 2.0) * np.sin(2 * np.pi * phase), t)
+def triangle_at(hz: float, top: float) -> Callable[[np.random.Generator, Floats, float], Floats]:
+    """One triangle again and again, from 0 V."""
+
+    def run(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
+        return top * (1.0 - np.abs(2.0 * np.mod(t * hz, 1.0) - 1.0))
+
+    return run
 
 
-def holds(rng: np.random.Generator, seconds: float, rest_s: float = 2.5) -> Floats:
-    """A rest at 0 V, then a new random level every 2.5 s, through the output filter."""
-    t = _times(seconds)
-    levels = np.r_[0.0, rng.uniform(0.6, 9.5, int(np.ceil(seconds / rest_s)))]
-    return _filtered(levels[(t / rest_s).astype(int)])
+def sine_at(*hz: float) -> Callable[[np.random.Generator, Floats, float], Floats]:
+    """One sine, or the sum of some with equal swing, from the lower end up."""
+
+    def run(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
+        swing = rng.uniform(0.7, 0.95) * CENTRE_V
+        wave = sum(-np.cos(2 * np.pi * f * t) for f in hz) / len(hz)
+        return swing * (1.0 + wave)
+
+    return run
 
 
-def mixed(rng: np.random.Generator, seconds: float = 16.0) -> Floats:
-    """The waveform that is held out: ten seconds of another multisine, then a hold."""
-    t = _times(seconds)
-    u = multisine(rng, seconds)
-    after = t >= 10.0
-    level = rng.uniform(2.5, 9.2)
-    tail = _filtered(np.r_[u[~after][-1], np.full(int(after.sum()), level)])[1:]
-    return np.r_[u[~after], tail]
+def chirp(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
+    """A sweep of 1 V or 2 V about the centre, to 0.09 of the rate, after a ramp to the centre."""
+    phase = t * 1e-3 / dt + (0.09 - 1e-3) / dt * t**2 / (2.0 * t[-1])
+    return _started(CENTRE_V + rng.uniform(1.0, 2.0) * np.sin(2 * np.pi * phase), t, dt)
 
 
-def _filtered(steps: Floats) -> Floats:
-    keep = np.exp(-DT / STEP_TAU_S)
-    out = np.empty(steps.size)
-    last = steps[0]
-    for i, level in enumerate(steps):
-        last = keep * last + (1.0 - keep) * level
-        out[i] = last
-    return out
+def holds(rng: np.random.Generator, t: Floats, dt: float, rests: int = 12) -> Floats:
+    """A rest at 0 V, then new random levels, through the output filter."""
+    levels = np.r_[0.0, rng.uniform(0.6, 9.5, rests)]
+    return _filtered(levels[np.minimum((t / t[-1] * rests).astype(int), rests)], t, dt)
 
 
-def neighbour(rng: np.random.Generator, samples: int) -> Floats:
+def mixed(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
+    """The waveform that is held out: another multisine, then a hold for the last third."""
+    u = multisine(rng, t, dt)
+    after = t >= 0.66 * t[-1]
+    tail = np.r_[u[~after][-1], np.full(int(after.sum()), rng.uniform(2.5, 9.2))]
+    return np.r_[u[~after], _filtered(tail, t, dt)[1:]]
+
+
+def small_scan(
+    start: float, swing: float
+) -> Callable[[np.random.Generator, Floats, float], Floats]:
+    """From a level held, a quiet scan about it: two sines that grow from nothing."""
+
+    def run(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
+        f = np.array([1.0, 2.7]) * 1e-3 / dt * rng.uniform(0.8, 1.3)
+        wave = 0.6 * np.sin(2 * np.pi * f[0] * t) + 0.4 * np.sin(2 * np.pi * f[1] * t)
+        return start + swing * wave * np.clip(t / (SOFT_START_SAMPLES * dt), 0.0, 1.0)
+
+    return run
+
+
+def step_to(before: Floats, level: float, at: float, dt: float) -> Floats:
+    """0 V until `at`, then a level, through the output filter: what was before a recording."""
+    return _filtered(np.where(before < at, 0.0, level), before, dt)
+
+
+def _filtered(steps: Floats, t: Floats, dt: float) -> Floats:
+    keep = float(np.exp(-(t[1] - t[0]) / (STEP_SAMPLES * dt)))
+    rest = np.array([keep * steps[0]])
+    return np.asarray(signal.lfilter([1.0 - keep], [1.0, -keep], steps, zi=rest)[0])
+
+
+def neighbour(rng: np.random.Generator, t: Floats, dt: float) -> Floats:
     """The other axis: a sine of its own for a while, then at rest at 5 V, again and again."""
-    t = np.arange(samples) * DT
+    x = t * 1e-3 / dt
     f, phase = rng.uniform(0.5, 2.5), rng.random()
-    moving = np.mod(t, 8.5) < 5.13
-    return np.where(moving, 5.0 + 3.5 * np.sin(2 * np.pi * (f * t + phase)), 5.0)
+    wave = 5.0 + 3.5 * np.sin(2 * np.pi * (f * x + phase))
+    return np.where(np.mod(x, 8.5) < 5.13, wave, 5.0)
 
 
-def room(rng: np.random.Generator, samples: int, constant: bool = False) -> Floats:
+def room(rng: np.random.Generator, t: Floats, constant: bool = False) -> Floats:
     """Room temperature [C]: from 22, a slow rise of about a degree with a wave on it."""
-    t = np.arange(samples) * DT
     if constant:
-        return np.full(samples, 22.0)
+        return np.full(t.size, 22.0)
     rise, wave = rng.uniform(0.5, 1.2), rng.uniform(0.15, 0.3)
-    end = t[-1]
     cycles, phase = rng.uniform(1.2, 2.2), rng.uniform(-0.5, 0.5)
-    swing = np.sin(2 * np.pi * cycles * t / end + phase) - np.sin(phase)
-    return 22.0 + rise * t / end + wave * swing
+    swing = np.sin(2 * np.pi * cycles * t / t[-1] + phase) - np.sin(phase)
+    return 22.0 + rise * t / t[-1] + wave * swing

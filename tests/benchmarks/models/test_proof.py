@@ -1,0 +1,265 @@
+"""The proof judges rightly: a perfect answer holds every bar, an empty one misses them, and what a
+plan says of a stage is so by figures that were worked out here."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.benchmarks.models.proof import limits
+from tests.benchmarks.models.proof.base import RichBase, least_left, rms
+from tests.benchmarks.models.proof.families import COUNTS, parse, plan, plans
+from tests.benchmarks.models.proof.recorder import Rig
+from tests.benchmarks.models.proof.score import Truth, converted, score
+from tests.benchmarks.models.proof.stages import HELD, Case, Hidden, Wanted, make_case
+from tests.benchmarks.models.proof.tables import bars_of, wrong
+
+Row = dict[str, Any]
+RIG = Rig()
+UM_MV = Rig(drive_unit="v", low=-75.0, high=75.0, unit="nm", per_um=1000.0)
+
+
+def hidden(name: str, left: float = 3.0, ties: tuple[str, ...] = (), **truth: float) -> Hidden:
+    return Hidden(name, "by hand", "stage", left, 0.5, ties, truth)
+
+
+STAGES = [
+    ("single", True, (hidden("delay", delay_s=2e-3),)),
+    ("pair", True, (hidden("creep", gain_per_decade=0.02), hidden("hum", amplitude=0.1))),
+    ("triple", False, (hidden("creep"), hidden("hum"), hidden("coupling"))),
+    ("clean", False, ()),
+    ("clean", True, ()),
+    ("shape", False, (hidden("shape"),)),
+    ("outside", True, (hidden("unknown"),)),
+]
+
+
+def effect(name: str, ties: tuple[str, ...] = (), **stated: float) -> Row:
+    parameters = {k: {"value": v, "low": 0.9 * v, "high": 1.1 * v} for k, v in stated.items()}
+    tied = list(ties)
+    return {"name": name, "acts_on": "stage", "ambiguous_with": tied, "parameters": parameters}
+
+
+def perfect(truth: Truth) -> Row:
+    rename = {"amplitude": "amplitude_um"}
+    effects = [
+        effect(h.name, **{rename.get(k, k): v for k, v in h.truth.items()}) for h in truth.hidden
+    ]
+    if truth.bent and not any(h.name == "shape" for h in truth.hidden):
+        effects.append(effect("shape"))
+    verdict = "partly" if truth.outside else "explained" if effects else "clean"
+    return {"verdict": verdict, "effects": effects, "would_have_seen": []}
+
+
+def row(family: str, truth: Truth, said: Row, after: float = 0.2, limit: bool = True) -> Row:
+    return {
+        "case": f"{family}-0", "family": family, "truth": truth.to_dict(), "answer": said,
+        "score": score(truth, said, RIG), "seconds": 1.0,
+        "figures": {
+            "model": 3.0, "held_model": 3.0, "held_augmented": after, "noise_said": 1.0,
+            "disagrees": 1.0,
+        },
+        "fault": "",
+        "limits": [
+            {"limit": "lag above 1", "name": "lag", "left": 1.0, "true": limit, "answer": "clean"}
+        ],
+    }  # fmt: skip
+
+
+def all_rows(answer: Any, **kinds: Any) -> list[Row]:
+    truths = [(family, Truth(h, foreign)) for family, foreign, h in STAGES]
+    return [row(family, truth, answer(truth), **kinds) for family, truth in truths]
+
+
+def test_a_perfect_answer_holds_every_bar() -> None:
+    rows = all_rows(perfect)
+    bars = bars_of(rows)
+    assert bars.code == 0, bars.table()
+    assert [wrong(r) for r in rows] == [[]] * len(rows)
+
+
+def test_an_empty_answer_misses_what_is_to_be_named() -> None:
+    rows = all_rows(lambda truth: {"verdict": "clean", "effects": [], "would_have_seen": []})
+    held = {r.name: r.held for r in bars_of(rows).rows}
+    assert bars_of(rows).code == 1
+    for name in ("single effect named first", "two or three effects: all named", "shape named"):
+        assert held[name] is False
+    assert held["outside the library: told"] is False
+    assert held["no effect: no physics named"] is True  # saying nothing is no false alarm
+
+
+@pytest.mark.parametrize(
+    ("missed", "rows"),
+    [
+        ("no effect: no physics named", lambda: [bad("clean", False, (), [effect("lag")])]),
+        ("no effect: no physics named", lambda: [bad("clean", False, (), [effect("shape")])]),
+        ("names that are spurious", lambda: [bad("clean", True, (), [effect("creep")])]),
+        ("exclusion limits, asked again: false", lambda: all_rows(perfect, limit=False)),
+        ("augmented model worse held out", lambda: all_rows(perfect, after=4.1)),
+        ("parameters inside their interval", lambda: [off_by_a_fifth()]),
+        ("limits that what is there proves false", lambda: [blind()]),
+        ("answers against their own rules", lambda: [rash()]),
+    ],
+)
+def test_each_mistake_is_noticed(missed: str, rows: Any) -> None:
+    held = {r.name: r.held for r in bars_of(rows()).rows}
+    assert held[missed] is False
+    assert all(wrong(r) for r in rows())
+
+
+def bad(family: str, foreign: bool, there: tuple[Hidden, ...], said: list[Row]) -> Row:
+    answer = {"verdict": "explained", "effects": said, "would_have_seen": []}
+    return row(family, Truth(there, foreign), answer)
+
+
+def off_by_a_fifth() -> Row:
+    return bad("single", True, (hidden("delay", delay_s=2e-3),), [effect("delay", delay_s=2.4e-3)])
+
+
+def blind() -> Row:
+    said = {"name": "delay", "above": 9.9e-5, "unit": "s"}
+    answer = {"verdict": "clean", "effects": [], "would_have_seen": [said]}
+    return row("single", Truth((hidden("delay", delay_s=3e-4),), True), answer)
+
+
+def rash() -> Row:
+    one = row("clean", Truth((), True), perfect(Truth((), True)))
+    limit = {"name": "friction", "above": 1.0, "unit": "um"}
+    said = {
+        **one["answer"], "effects": [effect("shape", ("friction",))], "would_have_seen": [limit],
+    }  # fmt: skip
+    return row("clean", Truth((), True), said)
+
+
+def test_a_line_on_a_harmonic_of_the_drive_is_not_asked_for() -> None:
+    own = replace(plan(5, "waveform", 0), effects=(Wanted("hum", 3.0, True),))
+    hz = make_case(own).hidden[0].truth["frequency_hz"]
+    beside = replace(own, repeats_hz=hz / 25.5)
+    assert make_case(beside).hidden[0].separable
+    on = replace(own, repeats_hz=hz / 25.0)
+    assert make_case(on).hidden[0].blind
+    assert not make_case(on).hidden[0].separable
+
+
+def test_a_double_counts_only_where_both_say_that_it_is_one() -> None:
+    def first(ties: tuple[str, ...], said: tuple[str, ...]) -> bool:
+        there = (hidden("lag", ties=ties),)
+        return bool(bad("single", True, there, [effect("delay", said)])["score"]["first_right"])
+
+    assert first(("delay",), ("lag",))
+    assert not first(("delay",), ())
+    assert not first((), ("lag",))
+
+
+def test_a_resistor_before_a_current_limit_is_a_lag_and_a_bare_limit_has_none() -> None:
+    said = [effect("slew"), effect("lag")]
+    assert not wrong(bad("single", True, (hidden("slew"),), said))
+    assert wrong(bad("single", True, (hidden("slew", rate=100.0),), said))
+
+
+def test_what_cannot_be_told_is_not_asked_for_and_is_not_spurious() -> None:
+    there = (hidden("creep", left=0.8),)
+    assert not wrong(bad("single", True, there, []))
+    assert not wrong(bad("single", True, there, [effect("creep")]))
+
+
+def test_parameters_are_converted_to_the_recordings_units() -> None:
+    assert converted("rate", 100.0, UM_MV) == 1500.0
+    assert converted("max", 9.0, UM_MV) == 60.0
+    assert converted("amplitude", 0.1, UM_MV) == 100.0
+    assert converted("delay_s", 0.1, UM_MV) == 0.1
+
+
+def test_every_family_makes_plans_that_follow_from_seed_and_name() -> None:
+    names = [p.case for p in plans(5, sum(COUNTS.values()))]
+    assert len(names) == len(set(names)) == 200
+    assert {parse(n)[0] for n in names} == set(COUNTS)
+    assert [names.count(f"{f}-0") for f in COUNTS] == [1] * len(COUNTS)
+    assert plan(5, "units", 1).rig == plan(5, "units", 1).rig
+    assert plan(5, "clean", 0).seed != plan(6, "clean", 0).seed
+    with pytest.raises(ValueError, match="no such case"):
+        parse("past")
+
+
+def made(family: str, number: int, maker: str, size: float = 3.0, own: bool = True) -> Case:
+    return make_case(replace(plan(5, family, number), effects=(Wanted(maker, size, own),)))
+
+
+def added(case: Case, name: str) -> Any:
+    return case.stage.read(case.chain, name) - case.stage.read([], name)
+
+
+def test_a_delay_in_the_stage_is_a_delay_of_its_reading() -> None:
+    case = made("single", 2, "delay")
+    late = case.hidden[0].truth["delay_s"]
+    y, x = case.stage.read(case.chain, "identify"), case.stage.read([], "identify")
+    t = np.arange(x.size) * 1e-3
+    shifts = np.arange(0.0, 0.04, 2e-5)
+    error = [rms((y - np.interp(t - s, t, x))[1500:]) for s in shifts]
+    assert shifts[int(np.argmin(error))] == pytest.approx(late, abs=6e-5)
+
+
+def test_a_hum_in_the_stage_has_its_amplitude_at_its_frequency() -> None:
+    case = made("single", 7, "hum")
+    truth, d = case.hidden[0].truth, added(case, "hold")
+    t = np.arange(d.size) * 1e-3
+    phasor = 2 * np.mean(d * np.exp(-2j * np.pi * truth["frequency_hz"] * t))
+    assert abs(phasor) == pytest.approx(truth["amplitude"], rel=0.01)
+    assert case.hidden[0].left == pytest.approx(
+        truth["amplitude"] / np.sqrt(2) / case.noise, rel=0.05
+    )
+
+
+def test_creep_of_a_move_before_the_recording_goes_on_in_it() -> None:
+    case = made("past", 0, "creep")
+    table, d = case.tables["scan-1"], added(case, "scan-1")
+    before, g, level = case.plan.before_s, case.hidden[0].truth["gain_per_decade"], 0.0
+    level = case.stage.read([], "scan-1")[0]
+    rest = table.t_s < 0.02  # the scan has hardly begun
+    want = g * level * np.log10(1.0 + (table.t_s[rest] + before) / 0.1)
+    np.testing.assert_allclose(d[rest], want, atol=0.05 * g * level)
+    assert d[0] > 0.5 * g * level
+
+
+def test_a_rich_base_takes_a_bend_and_leaves_a_clock() -> None:
+    t = np.arange(6000) * 1e-3
+    u = 5.0 - 4.5 * np.cos(2 * np.pi * 1.3 * t) * (0.4 + 0.6 * t / 6.0)
+    base = RichBase([u], 1e-3)
+    assert rms(base.residual(0.02 * u**2)) < 1e-3
+    line = 0.1 * np.sin(2 * np.pi * 47.3 * t)
+    assert rms(base.residual(line)) == pytest.approx(0.1 / np.sqrt(2), rel=0.05)
+    slow = base.lags_of(u)
+    assert least_left(base.residual(0.02 * np.gradient(u, 1e-3)), slow) < 0.2 * rms(
+        base.residual(0.02 * np.gradient(u, 1e-3))
+    )
+
+
+@pytest.mark.parametrize("fault", ["every third reading missing", "stalls", "rows missing"])
+def test_faults_take_away_what_they_say(fault: str) -> None:
+    case = make_case(replace(plan(5, "clean", 1), fault=fault))
+    whole = make_case(plan(5, "clean", 1))
+    given, all_of_it = case.given()[0], whole.given()[0]
+    missing = int(given.missing_displacement.sum()) / given.size
+    lost = 1.0 - given.size / all_of_it.size
+    if fault == "every third reading missing":
+        assert missing == pytest.approx(1 / 3, abs=1e-3)
+        assert lost == 0
+    else:
+        assert missing == 0
+        assert 0.005 < lost < 0.07
+    assert case.recording(HELD).size == whole.recording(HELD).size
+
+
+@pytest.mark.parametrize("name", list(limits.MAKERS))
+def test_a_limit_is_put_into_the_stage_at_its_size(name: str) -> None:
+    case = make_case(plan(5, "clean", 1))
+    values = {"slew": 40.0, "clip": 6.0, "resonance": 60.0, "delay": 3e-3, "lag": 3e-3}
+    side = "below" if name in ("slew", "clip", "resonance") else "above"
+    limit = {"name": name, side: values.get(name, 0.05), "unit": "?"}
+    more = limits.beyond(case, limit, np.random.default_rng(1))
+    y = [r.displacement for r in case.given(more)]
+    x = [r.displacement for r in case.given()]
+    change = rms(np.concatenate([a - b for a, b in zip(y, x, strict=True)]))
+    assert 0.002 < change < 3.0
+    if name == "hum":  # a sine that is a little larger than the limit
+        assert change == pytest.approx(1.05 * 0.05 / np.sqrt(2), rel=0.02)
