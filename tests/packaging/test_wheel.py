@@ -32,7 +32,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def expected_files() -> set[str]:
     files = {f"dehyst/{name}" for name in ("__init__.py", "__init__.pyi", "client.py", "py.typed")}
     for name, folder in ROOMS.items():
-        for path in [*folder.rglob("*.py"), *folder.rglob("*.toml")]:
+        for path in [*folder.rglob("*.py"), *folder.rglob("*.toml"), *folder.glob("*/static/*")]:
             if "__pycache__" not in path.parts:
                 files.add(f"dehyst/{name}/{path.relative_to(folder).as_posix()}")
     return files

@@ -1,6 +1,7 @@
 """The compiled engine against the Python loop: the same records for the same inputs."""
 
 import itertools
+import math
 import time
 import tracemalloc
 
@@ -132,14 +133,16 @@ def test_a_look_at_the_clock_costs_time_in_both(  # the virtual clocks themselve
 
 @pytest.mark.parametrize("compiled", [False, True])
 def test_memory_does_not_grow_from_sample_to_sample(compiled: bool) -> None:
+    """What replaces an older object counts too, a while long: so the best of some windows."""
     rig = Rig(next(names))
     rig.play([command(Command.SETPOINT, 4.0)], 600, compiled)
+    grown = []
     tracemalloc.start()
     try:
-        rig.play([command(Command.SETPOINT, 5.0)], 200, compiled)
-        before = tracemalloc.get_traced_memory()[0]
-        rig.play([command(Command.POINT, 3.0, 50)] * 4, 1000, compiled)
-        grown = tracemalloc.get_traced_memory()[0] - before
+        while len(grown) < 10 and min(grown, default=math.inf) >= 1000:
+            before = tracemalloc.get_traced_memory()[0]
+            rig.play([command(Command.POINT, 3.0, 50)] * 4, 1000, compiled)
+            grown.append(tracemalloc.get_traced_memory()[0] - before)
     finally:
         tracemalloc.stop()
-    assert grown < 4096  # one byte a sample would be the end of a month's run
+    assert min(grown) < 1000  # one byte a sample would be the end of a month's run

@@ -235,6 +235,6 @@ def test_a_trimmed_stage_stands_where_the_gauge_says(
     newest = records[records["target"] == 9.0][-1000:]
     noise = StageSettings().sensor_noise_um
     assert abs(newest["measured"].mean() - 9.0) < 0.5 * noise
-    assert abs(newest["trim"][-1]) > 2 * noise
+    assert abs(newest["trim"][-1]) > noise  # so far off it would stand without
     assert (status["trimmed"], status["trim_frozen"]) == (1, 0)
     assert status["differs"] == pytest.approx(-newest["trim"][-1], abs=noise)
