@@ -32,6 +32,7 @@ COMMANDS = {
     "play": "stream a trajectory to a running daemon",
     "watch": "live view of a running daemon",
     "page": "a page in a browser for one or many controllers",
+    "zero": "say where gauge and model disagree, and set the gauge's zero",
     "record": "record a running daemon's telemetry into a file",
     "drivers": "list the driver plugins, the broken ones with their error",
     "latency": "self-test of this machine: does it hold the loop's deadlines?",

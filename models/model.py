@@ -92,11 +92,13 @@ class Validity:
 
 @dataclass(frozen=True)
 class Fit:
-    """Errors of the fit, all rms in displacement units. None: not measured."""
+    """Errors of the fit, rms in displacement units; band: half the width of the interval that holds
+    95 % of the displacements foretold on other drives of the range. None: not measured."""
 
     rms: float | None = None
     holdout_rms: float | None = None
     noise_rms: float | None = None
+    band: float | None = None
 
 
 @dataclass(frozen=True)

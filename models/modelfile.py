@@ -159,6 +159,7 @@ def _fit(table: _Table, disp: str) -> Fit:
         rms=table.get(f"rms_{disp}", _not_negative, None),
         holdout_rms=table.get(f"holdout_rms_{disp}", _not_negative, None),
         noise_rms=table.get(f"noise_rms_{disp}", _not_negative, None),
+        band=table.get(f"band_{disp}", _not_negative, None),
     )
     table.done()
     return out
@@ -232,6 +233,7 @@ def dumps(model: Model) -> str:
         f"rms_{disp}": f.rms,
         f"holdout_rms_{disp}": f.holdout_rms,
         f"noise_rms_{disp}": f.noise_rms,
+        f"band_{disp}": f.band,
     }
     provenance: dict[str, Any] = {
         key: text

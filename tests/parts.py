@@ -10,7 +10,7 @@ processes  what does; tests that share a rig of their module in one worker, and 
 timing     what judges times and mostly waits, on all processors; nothing that computes is beside it
 alone      what judges times and takes a processor for itself, one after another
 
-`thorough` runs beside `processes`, at the lowest priority, and is shown after it.
+`thorough` runs beside `processes` and `timing`, at the lowest priority, and is shown after them.
 
 Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
 Real processes on a machine that stands still for a second now and then miss a time-out now and
@@ -25,7 +25,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from pathlib import Path
 from typing import IO
 
 JOBS = str(len(os.sched_getaffinity(0)))
@@ -62,7 +63,11 @@ class Part:
             ["nice", "-n", "19", *command] if kept else command,
             stdout=kept or subprocess.PIPE,
             text=True,
+            start_new_session=bool(kept),
         )
+        if kept:  # Linux shares the processors between sessions first, where it groups by them
+            with suppress(OSError):
+                Path(f"/proc/{self._process.pid}/autogroup").write_text("19")
 
     def show(self) -> tuple[int, Counter[str]]:
         """(exit status of pytest, counts of its closing line), when it has ended."""
@@ -85,7 +90,7 @@ class Part:
     def end(self) -> None:
         """Leave nothing running or open behind."""
         if self._process.poll() is None:
-            self._process.terminate()
+            self._process.terminate()  # pytest ends its workers
             self._process.wait()
         if self._process.stdout is not None:
             self._process.stdout.close()
@@ -105,17 +110,23 @@ def main(parts: list[str]) -> int:
             running.callback(part.end)
             return part
 
+        def show(part: Part) -> None:
+            nonlocal counts, failed
+            code, found = part.show()
+            counts, failed = counts + found, failed or code != 0
+
+        beside: Part | None = None
         for name in names:
-            shown = []
-            if name == "processes" and "thorough" in names:
+            if name == "thorough" and len(names) > 1:
                 kept = running.enter_context(tempfile.TemporaryFile("w+"))
-                shown = [begin("thorough", kept)]
-            elif name == "thorough" and "processes" in names:
+                beside = begin(name, kept)
                 continue
-            for part in (begin(name), *shown):
-                code, found = part.show()
-                counts += found
-                failed = failed or code != 0
+            if name == "alone" and beside is not None:
+                show(beside)
+                beside = None
+            show(begin(name))
+        if beside is not None:
+            show(beside)
     words = ", ".join(f"{counts[word]} {word}" for word in SHOWN if counts[word]) or "no tests ran"
     print(f"===== {words} in {time.monotonic() - begun:.0f} s =====")
     return int(failed)

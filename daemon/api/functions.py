@@ -68,15 +68,17 @@ def identify(
 
 def simulate(model: Any, *data: Any, units: tuple[str, str] | None = None) -> Simulated:
     """Run a model on a recording's drive (t_s and drive are enough, and the channels that the model
-    reads). The stage is de-energised before the first row. units: of arrays, the model's.
+    reads). Without a displacement the stage is de-energised before the first row; with one it has
+    the history that fits: de-energised, come from above, or from below. units: of arrays, the
+    model's.
 
     Raises BadInput on other units or missing channels.
     """
     model = take_model(model)
     units = units or (model.drive_unit, model.displacement_unit)
     (recording,) = take_recordings(data, units, need_displacement=False)
-    y = predict(model, recording)
-    return Simulated(y, model, recording, misfit(model, recording, y))
+    y, start = predict(model, recording)
+    return Simulated(y, start, model, recording, misfit(model, recording, y))
 
 
 def invert(

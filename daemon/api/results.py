@@ -109,10 +109,12 @@ class Identified:
 
 @dataclass(frozen=True)
 class Simulated:
-    """displacement: (N,) by the model, NaN where the recording lacks what it reads; error: against
-    the measured one, None without it. `numpy.asarray` gives the displacement."""
+    """displacement: (N,) by the model, NaN where the recording lacks what it reads; start: what the
+    stage is taken to have been through before; error: against the measured displacement, None
+    without it. `numpy.asarray` gives the displacement."""
 
     displacement: Floats = field(repr=False)
+    start: str
     model: Model = field(repr=False)
     recording: Recording = field(repr=False)
     error: Misfit | None
@@ -121,6 +123,12 @@ class Simulated:
     def unit(self) -> str:
         """Of the displacement."""
         return self.model.displacement_unit
+
+    @property
+    def band(self) -> float | None:
+        """Half the width of the band that holds 95 % of the displacement inside the model's
+        validity; None: the model states none."""
+        return self.model.fit.band
 
     @property
     def rms(self) -> float | None:

@@ -16,7 +16,7 @@ import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,13 +39,17 @@ from dehyst.daemon.bus.messages import (
 from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError, Nobody
 from dehyst.daemon.bus.topics import SETPOINT, subject
-from dehyst.daemon.client.player import LEAD_S, Played, play
+from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, play
+from dehyst.daemon.client.repeated import Repeated
 from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
 from dehyst.daemon.config import Config, parse_config
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.errors import BadInput, DehystError
 from dehyst.models.model import Model
 from dehyst.models.modelfile import loads
+
+if TYPE_CHECKING:  # scipy takes its time
+    from dehyst.daemon.client.learning import LessonTaker
 
 log = logging.getLogger(__name__)
 DEFAULT = "tcp/127.0.0.1:7447"
@@ -240,8 +244,10 @@ class Client:
         value: NDArray[np.float64],
         last: bool,
         allow_unreachable: bool = False,
+        correction: NDArray[np.float64] | None = None,
     ) -> Reply:
-        """Send the next points of a trajectory. Raises Refusal."""
+        """Send the next points of a trajectory; correction: what was learned for each, added to its
+        target. Raises Refusal."""
         return self._command(
             lambda: Chunk(
                 client=self.client,
@@ -252,6 +258,7 @@ class Client:
                 unit=self.unit,
                 offset_ns=np.asarray(offset_ns, "<i8").tobytes(),
                 value=np.asarray(value, "<f8").tobytes(),
+                correction=b"" if correction is None else np.asarray(correction, "<f8").tobytes(),
                 last=last,
                 allow_unreachable=allow_unreachable,
             )
@@ -265,15 +272,33 @@ class Client:
         progress: Callable[[float, float], None] | None = None,
         on_samples: Callable[[NDArray[Any]], None] | None = None,
         lead_s: float = LEAD_S,
+        repeat: int = 1,
     ) -> Played:
         """Stream a trajectory, (n,) times [s] and (n,) targets, and wait for its end.
 
         progress(played_s, total_s) is called several times a second; on_samples gets the
-        telemetry; lead_s of trajectory are kept ahead. Raises Refusal, or BusError where the
+        telemetry; lead_s of trajectory are kept ahead; repeat: how often it is played, one typical
+        step between; 0: until an interrupt. Raises Refusal, or BusError where the
         daemon is gone for longer than what was sent ahead lasts. An interrupt stops the motion
         and is raised again.
         """
-        return play(self, t_s, value, allow_unreachable, progress, on_samples, lead_s)
+        points = Repeated(t_s, value, repeat)
+        return play(self, points, allow_unreachable, progress, on_samples, lead_s)
+
+    def play_learning(
+        self,
+        points: Repeated,
+        lessons: "LessonTaker",
+        allow_unreachable: bool = False,
+        progress: Callable[[float, float], None] | None = None,
+    ) -> Played:
+        """Stream a trajectory that is corrected by what its passes teach: see `dehyst play --learn`
+        and dehyst.daemon.tools.learning."""
+        return play(self, points, allow_unreachable, progress, None, LEARNING_LEAD_S, lessons)
+
+    def move_zero(self, shift: float) -> None:
+        """Add `shift` to every reading of the gauge from now on."""
+        self._command(lambda: self._request("zero", shift))
 
     def stop(self) -> None:
         """Drop all targets: the output holds, then ramps to the safe voltage. Needs no lease."""
@@ -323,12 +348,13 @@ class Client:
         self._lease = 0
         self._lease = self._tell(self._request(action)).lease
 
-    def _request(self, action: Action) -> Request:
+    def _request(self, action: Action, value: float = 0.0) -> Request:
         return Request(
             client=self.client,
             lease=self._lease,
             sent_ns=clock.monotonic_ns(),
             action=action,
+            value=value,
             label=self.label,
         )
 

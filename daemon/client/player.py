@@ -7,20 +7,27 @@ holds, and ramps to its safe voltage.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.bus.messages import MAX_POINTS, Event, Reply, Status, new_number
 from dehyst.daemon.bus.session import BusError
+from dehyst.daemon.client.repeated import Numbers, Repeated
 from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
 from dehyst.daemon.client.tracking import Tracking
-from dehyst.models.errors import BadInput, DehystError
+from dehyst.models.errors import DehystError
+from dehyst.models.recording import Floats
+
+if TYPE_CHECKING:  # scipy takes its time
+    from dehyst.daemon.client.learning import LessonTaker
 
 CHUNK_S = 0.25
 LEAD_S = 3.0
+LEARNING_LEAD_S = 1.0
+"""What was learned acts so much later."""
 PATIENCE_S = 10.0
 WORDS_NS = 500_000_000  # that the reason of an end may come after the end
 RENEW_S = 1.0
@@ -60,6 +67,7 @@ class Connection(Protocol):
         value: NDArray[np.float64],
         last: bool,
         allow_unreachable: bool = False,
+        correction: NDArray[np.float64] | None = None,
     ) -> Reply: ...
 
     def renew(self) -> None: ...
@@ -69,37 +77,32 @@ class Connection(Protocol):
 
 def play(
     client: Connection,
-    t_s: ArrayLike,
-    value: ArrayLike,
+    points: Repeated,
     allow_unreachable: bool = False,
     progress: Callable[[float, float], None] | None = None,
     on_samples: Callable[[NDArray[Any]], None] | None = None,
     lead_s: float = LEAD_S,
+    lessons: "LessonTaker | None" = None,
 ) -> Played:
-    """See Client.play."""
-    times, targets = np.asarray(t_s, np.float64), np.asarray(value, np.float64)
-    if times.ndim != 1 or times.shape != targets.shape or times.size < 2:
-        raise BadInput("a trajectory needs two or more points, as many times as targets")
-    offset_ns = np.round((times - times[0]) * 1e9).astype(np.int64)
-    if not np.all(np.isfinite(times)) or np.any(np.diff(offset_ns) <= 0):
-        raise BadInput("the times of a trajectory must be finite and strictly increase")
-    return _Player(client, offset_ns, targets, allow_unreachable, lead_s).run(progress, on_samples)
+    """See Client.play. lessons: learns from each pass, and corrects the points of the next."""
+    return _Player(client, points, allow_unreachable, lead_s, lessons).run(progress, on_samples)
 
 
 class _Player:
     def __init__(
         self,
         client: Connection,
-        offset_ns: NDArray[np.int64],
-        targets: NDArray[np.float64],
+        points: Repeated,
         allow_unreachable: bool,
         lead_s: float,
+        lessons: "LessonTaker | None",
     ) -> None:
-        self.lead_s = lead_s
-        self.client, self.offset_ns, self.targets = client, offset_ns, targets
+        self.lead_s, self.lessons = lead_s, lessons
+        self.client, self.points = client, points
         self.allow = allow_unreachable
         self.number = new_number()
         self.sent = self.index = 0
+        self.piece: tuple[Numbers, Floats, Floats] | None = None
         self.due_ns = self.heard_ns = clock.monotonic_ns()
         self.silent_since_ns = 0
         self.refused = ""
@@ -109,9 +112,7 @@ class _Player:
         if not self.before.core_alive or self.before.period_ns <= 0:
             raise DehystError("the daemon's loop is not running yet; try again when it is ready")
         self.period_s = self.before.period_ns * 1e-9
-        self.duration_s = float(offset_ns[-1]) * 1e-9
-        expected = round(self.duration_s / self.period_s) + 1
-        self.tracking = Tracking(2**62, expected)
+        self.tracking = Tracking(2**62, points.samples(self.period_s))
 
     def run(
         self,
@@ -128,40 +129,57 @@ class _Player:
                 samples = self.stream.read(0.02)
                 if samples.size:
                     self.tracking.add(samples)
+                    self.learn(samples)
                     if on_samples is not None:
                         on_samples(samples)
                 if progress is not None and now_ns - shown_ns > 2e8:
                     shown_ns = now_ns
-                    progress(self.tracking.samples * self.period_s, self.duration_s)
+                    progress(self.tracking.samples * self.period_s, self.points.duration_s)
                 ended = self.ended(now_ns)
                 if ended is not None:
                     if progress is not None:
-                        progress(self.tracking.samples * self.period_s, self.duration_s)
+                        progress(self.tracking.samples * self.period_s, self.points.duration_s)
                     return self.result(ended)
         except KeyboardInterrupt:
             self.client.stop()
+            if self.points.total is None:  # that is how one without an end is ended
+                self.tracking.expected = self.tracking.samples
+                return self.result("")
             raise
         finally:
             self.client.patience_s = patience_s
             self.stream.close()
             self.feed.close()
 
+    def learn(self, samples: NDArray[Any]) -> None:
+        """Let the learning have the samples of this trajectory."""
+        if self.lessons is None or self.index == 0:
+            return
+        status = self.feed.status
+        if self.lessons.start_ns == 0 and status is not None and status.trajectory == self.number:
+            self.lessons.start_ns = status.trajectory_start_ns
+        self.lessons.add(samples[samples["seq"] >= self.tracking.first_seq])
+
     def send(self, now_ns: int) -> None:
         """The next chunk, or a sign of life once all are sent."""
         try:
-            if self.sent >= self.offset_ns.size:
+            if self.points.over(self.sent):
                 self.client.renew()
                 self.due_ns = now_ns + round(RENEW_S * 1e9)
                 self.silent_since_ns = 0
                 return
-            end = self.next_end()
+            if self.piece is None:  # the same again where it was not taken
+                self.piece = self.points.piece(self.sent, CHUNK_S, MAX_POINTS)
+            offset_ns, targets, learned = self.piece
+            end = self.sent + targets.size
             reply = self.client.chunk(
                 self.number,
                 self.index,
-                self.offset_ns[self.sent : end],
-                self.targets[self.sent : end],
-                end == self.offset_ns.size,
+                offset_ns,
+                targets,
+                self.points.over(end),
                 self.allow,
+                learned if learned.any() else None,
             )
         except BusError:  # the gateway may be starting again; what was sent ahead plays on
             self.silent_since_ns = self.silent_since_ns or now_ns
@@ -177,16 +195,10 @@ class _Player:
         self.silent_since_ns = 0
         if self.index == 0:
             self.tracking.first_seq = reply.telemetry_seq + 1
-        self.sent, self.index = end, self.index + 1
+        self.sent, self.index, self.piece = end, self.index + 1, None
         ahead_s = reply.queue_s - self.lead_s
         wait_s = min(max(ahead_s, 0.0), RENEW_S)
         self.due_ns = now_ns + round(wait_s * 1e9)
-
-    def next_end(self) -> int:
-        """Number after the last point of the next chunk."""
-        start = self.offset_ns[self.sent] if self.sent else 0
-        end = int(np.searchsorted(self.offset_ns, start + round(CHUNK_S * 1e9), side="right"))
-        return min(max(end, self.sent + 2), self.sent + MAX_POINTS, self.offset_ns.size)
 
     def silent_too_long(self, now_ns: int) -> bool:
         """Raises BusError when the daemon has not answered for PATIENCE_S."""
@@ -202,7 +214,7 @@ class _Player:
         status = self.feed.status
         if self.refused:
             return self.refused
-        if self.tracking.complete and self.sent >= self.offset_ns.size:
+        if self.tracking.complete and self.points.over(self.sent):
             return ""
         if status is None or self.index == 0 or status.time_ns <= self.before.time_ns:
             return None
@@ -236,7 +248,9 @@ class _Player:
             completed=not reason,
             reason=reason,
             trajectory=self.number,
-            duration_s=self.duration_s,
+            duration_s=self.points.duration_s
+            if self.points.total is not None
+            else self.tracking.samples * self.period_s,
             unit=status.unit,
             tracking=self.tracking,
             lost=self.stream.lost,

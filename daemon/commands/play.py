@@ -1,24 +1,34 @@
 """Stream a trajectory to a running daemon."""
 
 import argparse
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon.client.connection import add_connection, connect, print_json, say
+from dehyst.daemon.files.outputs import check_outputs
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
     from dehyst.daemon.bus.messages import Status
     from dehyst.daemon.client.player import Played
+    from dehyst.daemon.tools.learning import Lessons
+    from dehyst.models.learning.passes import Outcome
 
 EPILOG = """The file has the columns t_s and target_um (or the daemon's own unit); further columns
 are ignored. Targets count from the daemon's set-point origin. The trajectory is checked against
 the daemon's reach before anything moves.
+With --learn the error of each pass corrects the targets of the next: what repeats goes, what the
+gauge's noise adds does not come in. It needs a gauge, and acts beside the daemon's slow trim.
 Exit 0: played to the end; 1: ended early, samples missing or out of reach; 2: refused or no daemon.
 
-example: dehyst play scan.csv --loop 3
+examples: dehyst play scan.csv --repeat 3
+          dehyst play scan.csv --repeat 20 --learn --learned scan.learned.json
+          dehyst play scan.csv --repeat 0 --learn       (until Ctrl-C)
 """
 
 
@@ -36,7 +46,31 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="added to every target (in the daemon's displacement unit)",
     )
-    parser.add_argument("--loop", type=int, default=1, metavar="N", help="play it N times")
+    parser.add_argument(
+        "--repeat",
+        "--loop",
+        dest="repeat",
+        type=int,
+        default=1,
+        metavar="N",
+        help="play it N times; 0: until Ctrl-C",
+    )
+    parser.add_argument(
+        "--learn", action="store_true", help="correct each pass by what the ones before have shown"
+    )
+    parser.add_argument(
+        "--learned",
+        type=Path,
+        metavar="FILE",
+        help="take up what was learned, and save it; belongs to one model and one trajectory "
+        "(implies --learn)",
+    )
+    parser.add_argument(
+        "--picture",
+        type=Path,
+        metavar="PNG",
+        help="error by pass, before and after (default with --learn: TRAJECTORY-learned.png)",
+    )
     parser.add_argument(
         "--allow-unreachable",
         action="store_true",
@@ -54,7 +88,11 @@ def run(args: argparse.Namespace) -> int:
     """Check, stream, wait for the end, report."""
     from dehyst.daemon.files.recordings import read_trajectory
     from dehyst.daemon.terminal.progress import progress_bar
+    from dehyst.daemon.tools.learning import play_learning
 
+    learn = args.learn or args.learned is not None
+    picture = args.picture or Path(f"{Path(args.trajectory).name.partition('.')[0]}-learned.png")
+    check_asked(args, learn, picture)
     trajectory = read_trajectory(args.trajectory, min_rows=2, column=args.column)
     with connect(args, "play") as client:
         status = client.status()
@@ -63,36 +101,75 @@ def run(args: argparse.Namespace) -> int:
                 f"{args.trajectory}: the targets are in {trajectory.unit}, the daemon "
                 f"{client.name} takes {status.unit}; convert the column"
             )
-        t_s, target = looped(trajectory.t_s, trajectory.target + args.offset_um, args.loop)
+        target = trajectory.target + args.offset_um
         if not args.allow_unreachable:
             check_reach(target, status, args.offset_um)
         if args.take_over:
             client.take_over()
         jump = abs(float(trajectory.target[-1] - trajectory.target[0]))
-        if args.loop > 1 and jump > 0.01 * float(np.ptp(trajectory.target)):
+        if args.repeat != 1 and jump > 0.01 * float(np.ptp(trajectory.target)):
             say(
                 f"the trajectory ends {jump:g} {status.unit} from where it begins: every "
                 "repetition starts with that step, held back by the slew limit"
             )
         with progress_bar(f"playing {trajectory.name}") as progress:
-            played = client.play(
-                t_s,
+
+            def shown(at_s: float, total_s: float) -> None:
+                progress(min(1.0, at_s / total_s))
+
+            if not learn:
+                played = client.play(
+                    trajectory.t_s, target, args.allow_unreachable, shown, repeat=args.repeat
+                )
+                return report(played, args.json)
+            lessons = play_learning(
+                client,
+                trajectory.t_s,
                 target,
+                args.repeat,
+                args.learned,
+                lambda one: say(words(one, status.unit)),
                 args.allow_unreachable,
-                progress=lambda at_s, total_s: progress(min(1.0, at_s / total_s)),
+                shown,
             )
-    return report(played, args.json)
+    draw(lessons, picture, status.unit)
+    return report(lessons.played, args.json, lessons.outcomes)
 
 
-def looped(
-    t_s: NDArray[np.float64], target: NDArray[np.float64], times: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The trajectory so many times in a row, one typical step between."""
-    if times < 1:
-        raise BadInput(f"--loop {times}: once is the least")
-    begun = t_s - t_s[0]
-    length = begun[-1] + float(np.median(np.diff(begun)))
-    return np.concatenate([begun + i * length for i in range(times)]), np.tile(target, times)
+def check_asked(args: argparse.Namespace, learn: bool, picture: Path) -> None:
+    """BadInput where the options do not go together, or a file would be lost."""
+    if args.repeat < 0:
+        raise BadInput(f"--repeat {args.repeat}: 1 is the least, 0 is until stopped")
+    if args.picture and not learn:
+        raise BadInput("--picture goes with --learn")
+    if learn and args.repeat == 1 and not args.learned:
+        raise BadInput("--learn needs more than one pass: give --repeat N, or --learned FILE")
+    if learn:
+        check_outputs([args.learned, picture], [args.trajectory, args.credentials], False)
+
+
+def words(one: "Outcome", unit: str) -> str:
+    """One pass in a line."""
+    text = f"pass {one.number}: error {one.rms:.3g} {unit} rms without the noise"
+    text += f", mean {one.mean:+.2g}"
+    if one.learned:
+        text += f"; learned up to {one.width_hz:.3g} Hz"
+    return text + (f"; {one.says}" if one.says else "")
+
+
+def draw(lessons: "Lessons", path: Path, unit: str) -> None:
+    """The picture at the end, where there was a pass."""
+    from dehyst.daemon.files.outputs import whole_file
+    from dehyst.daemon.report.learning import learning_picture
+
+    if not lessons.errors:
+        return
+    try:
+        with whole_file(path) as file:
+            file.write(learning_picture(lessons.outcomes, lessons.errors, lessons.period_s, unit))
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
+    say(f"error by pass, before and after: {path}")
 
 
 def check_reach(target: NDArray[np.float64], status: "Status", offset: float) -> None:
@@ -115,7 +192,7 @@ def check_reach(target: NDArray[np.float64], status: "Status", offset: float) ->
     )
 
 
-def report(played: "Played", as_json: bool) -> int:
+def report(played: "Played", as_json: bool, outcomes: "Sequence[Outcome]" = ()) -> int:
     """Print the result; the exit code."""
     tracking, unit = played.tracking, played.unit
     result: dict[str, Any] = {
@@ -136,6 +213,8 @@ def report(played: "Played", as_json: bool) -> int:
         "missed_deadlines": tracking.missed,
         "state": played.state,
     }
+    if outcomes:
+        result["passes"] = [asdict(one) for one in outcomes]
     if as_json:
         print_json(result)
     else:

@@ -67,6 +67,7 @@ def _positive(text: str) -> float:
 def run(args: argparse.Namespace) -> int:
     """Send, and with --for keep sending."""
     from dehyst.daemon import clock
+    from dehyst.daemon.rings.status import positioning
 
     with connect(args, "send") as client:
         if args.stop or args.release:
@@ -83,11 +84,14 @@ def run(args: argparse.Namespace) -> int:
             where = going_to(args.target, client.status())
             stale_s = config.setpoint.stale_s
             say(f"{client.name}: {where}, held for {args.seconds or stale_s:g} s")
+            say(f"{client.name}: {positioning(client.status())}")
         end_ns = clock.monotonic_ns() + round((args.seconds or 0.0) * clock.NS)
         pause_s = min(config.setpoint.stale_s, config.setpoint.lease_s) / 4
         while (left_s := (end_ns - clock.monotonic_ns()) / clock.NS) > 0:
             clock.sleep_s(min(pause_s, left_s))
             client.send(args.target, args.allow_unreachable)
+        if args.seconds and not args.json:
+            say(f"{client.name}: at the end {positioning(client.status())}")
     return 0
 
 

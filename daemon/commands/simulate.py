@@ -13,8 +13,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Add the model's displacement to a recording, as the column y_model_<unit>. Only the "
         "columns that the model reads are needed: t_s, the drive, and the channels of its blocks. "
-        "The stage is taken as de-energised before the first row; where it was not, the error is "
-        "also given for the rows that no longer depend on that."
+        "Without a measured displacement the stage is taken as de-energised before the first row; "
+        "with one it has come from there, from above or from below, whichever fits, and the error "
+        "is also given for the rows that no longer depend on that."
     )
     parser.epilog = "example: dehyst simulate stage.toml drive.csv -o predicted.csv"
     parser.add_argument("model", metavar="MODEL.toml", help="a file, or a shipped model by name")
@@ -37,6 +38,8 @@ def run(args: argparse.Namespace) -> int:
             "rows": rows,
             "unit": unit,
             "outside": found.outside,
+            "band": found.band,
+            "start": found.start,
             "rms": found.rms,
             "rms_settled": settled and settled.rms_settled,
             "settled_from_s": settled and settled.from_s,
@@ -44,8 +47,10 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(said, indent=2))
         return 0
     print(f"{args.output}: {rows} rows, column y_model_{unit}")
+    if found.band is not None:
+        print(f"95 % of it within +-{found.band:.4g} {unit}, inside the model's validity")
     if error is not None:
-        print(f"against the measured displacement: {found}")
+        print(f"against the measured displacement, start {found.start}: {found}")
     for what, share in found.outside.items():
         if share > 0.0:
             print(f"note: {share:.1%} of the rows are outside the model's validity: {what}")

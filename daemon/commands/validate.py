@@ -76,4 +76,5 @@ def _summary(model: str, v: Validation) -> dict[str, Any]:
         "by_chance": v.chance,
         "start": v.start,
         "outside_validity": v.outside,
+        "within_band": v.within,
     }

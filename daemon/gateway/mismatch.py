@@ -53,7 +53,7 @@ class MismatchWatch:
 
     def __init__(self, config: Config, history: TelemetryHistory, tell: Tell) -> None:
         self._config, self._history, self._tell = config, history, tell
-        self._batches: deque[tuple[int, NDArray[Any], float]] = deque(maxlen=WAITING_BATCHES)
+        self._batches: deque[tuple[int, NDArray[Any], float, float]] = deque(maxlen=WAITING_BATCHES)
         self._watch: MismatchMonitor | None = None
         self.trust: Trust = lambda trusted: None
         self.model_path: Path | None = None
@@ -70,12 +70,13 @@ class MismatchWatch:
         chosen = self._config.watch.directory
         return Path(chosen) if chosen else self._config.directory / "mismatch"
 
-    def add(self, run: int, samples: NDArray[Any], origin: float) -> None:
-        """Samples of one run of the loop; marks them where the stage does not follow its model."""
+    def add(self, run: int, samples: NDArray[Any], origin: float, zero: float = 0.0) -> None:
+        """Samples of one run of the loop; marks them where the stage does not follow its model.
+        zero: what `dehyst zero` added to their readings, which is no change of the stage."""
         if self.mismatch:
             samples["flags"] |= int(Flag.MISMATCH)
         if self._config.watch.enabled:
-            self._batches.append((run, samples.copy(), origin))
+            self._batches.append((run, samples.copy(), origin, zero))
 
     def run(self, stop: threading.Event) -> None:
         """Until `stop`."""
@@ -86,7 +87,7 @@ class MismatchWatch:
                 except DehystError as error:
                     log.warning("mismatch watch: %s", error)
 
-    def _take(self, run: int, samples: NDArray[Any], origin: float) -> None:
+    def _take(self, run: int, samples: NDArray[Any], origin: float, zero: float) -> None:
         if run != self._run or self._watch is None:
             self._begin(run)
         watch = self._watch
@@ -105,7 +106,7 @@ class MismatchWatch:
         judged = watch.update(
             drive,
             samples["predicted"] + origin,
-            samples["measured"] + origin,
+            samples["measured"] + origin - zero,
             good,
             samples["trim"] + samples["learned"],
         )

@@ -154,7 +154,8 @@ class Publisher:
             return False
         wall_offset_ns = clock.wall_ns() - clock.monotonic_ns()
         unit = self.unit
-        self.mismatch_watch.add(self.history.run, samples, float(self._record["origin"]))
+        origin, zero = float(self._record["origin"]), float(self._record["gauge_zero"])
+        self.mismatch_watch.add(self.history.run, samples, origin, zero)
         for piece in runs(samples, LONGEST_BATCH):
             message = encoding.batch(piece, self.history.run, unit, wall_offset_ns)
             self._telemetry.put(encoding.encode(message))

@@ -103,9 +103,10 @@ def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
     c.target_ns = now_ns
     value, offset_ns, last = command.value, command.offset_ns, command.last != 0
     correction = command.correction
-    if not abs(correction) <= trim_setting_of(table).learned:
+    most = trim_setting_of(table).learned
+    if not abs(correction) <= most:
         note(table, c, BAD_CORRECTION, correction)
-        correction = 0.0
+        correction = 0.0 if math.isnan(correction) else min(max(correction, -most), most)
     if command.trajectory != q.id or q.count == 0:
         moving = c.state == RUNNING and not math.isnan(c.target)
         start = c.target + c.learned if moving else _position(table, c, p)

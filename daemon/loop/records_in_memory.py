@@ -190,7 +190,7 @@ TEXTS = {
     "`dehyst zero` sets the gauge's zero",
     Note.TRIM_DISTRUSTED: "trim frozen: the mismatch watch does not trust the stage or its gauge",
     Note.ZEROED: "the gauge's zero was moved by {:.6g}",
-    Note.BAD_CORRECTION: "learned correction {:g} dropped: more than is taken",
+    Note.BAD_CORRECTION: "learned correction {:g} held at the largest that is taken",
     Note.RELOADED: "the new model is in use, set-point 0 is its {:.6g}",
 }
 

@@ -148,14 +148,17 @@ class LoopMonitor:
 
     def attend(self, now_ns: int) -> None:
         """Publish what is due: cheap when nothing is."""
+        due = now_ns - self._status_ns >= clock.NS
         if self._control[_NOTES] != self._notes:
             self._notes = self._control[_NOTES]
+            # readings behind a zero that has moved must not be compared with those before
+            due |= self.stepper.trim["zero"][0] != self._status["gauge_zero"][0]
             self.stepper.tell()
             self._settle_reload()
         for link in (self.actuator, self.sensor):
             while link.news:  # one by one: the reconnecting thread may add one meanwhile
                 self.stepper.events.append(link.news.popleft())
-        if self._control[_STATE] != self._last_state or now_ns - self._status_ns >= clock.NS:
+        if due or self._control[_STATE] != self._last_state:
             self.publish_status(now_ns)
         if self.stepper.events:
             self._publish_events(now_ns)
@@ -180,7 +183,9 @@ class LoopMonitor:
         trim, control = stepper.trim[0], stepper.control[0]
         row["trimmed"], row["trim"] = stepper.trim_setting["on"][0], trim["trim"]
         row["trim_frozen"], row["differs"] = trim["lasting"], trim["seen"]
-        row["learned"], row["gauge_zero"] = control["corrected"], trim["zero"]
+        played = stepper.queue.numbers["count"][0] or control["learned"]
+        row["learned"] = control["corrected"] and played and self._last_state == State.RUNNING
+        row["gauge_zero"] = trim["zero"]
         row["trajectory_start_ns"] = stepper.queue.numbers["start_ns"][0]
         row["queue_s"] = stepper.queue.ahead_s(now_ns)
         row["trajectory"], row["trajectory_done"] = stepper.trajectory, stepper.trajectory_done

@@ -37,6 +37,7 @@ from dehyst.daemon.rings.records import Flag, Mode, State
 from dehyst.models.inverse import sample
 from dehyst.models.inverse.state import inverse_at
 from dehyst.models.learning import trim
+from dehyst.models.learning.why import Why
 from dehyst.models.model import Floats
 
 STOP_GRACE_NS = 5_000_000_000  # beyond the ramp's own time
@@ -51,8 +52,7 @@ UNREACHABLE, SLEW, RANGE = number(Flag.UNREACHABLE), number(Flag.SLEW), number(F
 INVALID, OUTSIDE = number(Flag.SENSOR_INVALID), number(Flag.OUTSIDE_VALIDITY)
 FALLBACK, APPROACH = number(Flag.FALLBACK), number(Flag.APPROACH)
 TRIM_FROZEN = number(Flag.TRIM_FROZEN)
-NOTHING, OFF = number(trim.Why.NOTHING), number(trim.Why.OFF)
-NOT_RUNNING = number(trim.Why.NOT_RUNNING)
+NOTHING, OFF, NOT_RUNNING = number(Why.NOTHING), number(Why.OFF), number(Why.NOT_RUNNING)
 NOTES_OF_TRIM = np.array(
     [
         Note.TRIM_GOES_ON,
@@ -65,7 +65,7 @@ NOTES_OF_TRIM = np.array(
         Note.TRIM_DISTRUSTED,
     ]
 )
-"""By trim.Why; 0: nothing is said."""
+"""By Why; 0: nothing is said."""
 STOP_FAILED, STOOD_STILL = number(Note.STOP_FAILED), number(Note.STOOD_STILL)
 STILL_NS = 100_000_000  # a loop that stood still for longer glides to where the target has gone
 GLIDE_NS = 100_000_000  # shortest time of a glide: it also takes up the targets' own speed

@@ -6,38 +6,24 @@ from dehyst.daemon.report import diagnosis_pictures as pictures
 from dehyst.daemon.report.diagnosis_pictures import choose_scale
 from dehyst.daemon.report.page import Page
 from dehyst.daemon.report.plotting import finite_rms
-from dehyst.daemon.report.units import spell_unit
+from dehyst.daemon.report.units import spell_size, spell_unit
 from dehyst.models.diagnosis import Diagnosis, Finding, Value
 
-VERDICTS = {
-    "clean": "Nothing was left out that these recordings could show.",
-    "explained": "What the hysteresis model left out was found and modelled.",
-    "partly": "Part of what was left out was found and modelled; something else remains.",
-    "unknown": "Something acts here that no entry of the library explains.",
-}
 MODELS = ("model in use", "augmented model")
 MOST_VIEWS = 4
 
 
 def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:
-    """The page as text: the data first, then the verdict and its pair of figures. names: the
-    recordings' file names."""
+    """The page as text: the data first, then the verdict and its pair of figures, the findings with
+    their pictures, what is excluded, what to record next. names: the recordings' file names."""
     out = Page(f"Diagnosis: {diagnosis.verdict}")
-    if diagnosis.data.says:
-        with out.open_box(warn=True):
-            out.add_subheading("The recordings")
-            out.add_bullets([f"{s[0].upper()}{s[1:]}." for s in diagnosis.data.says])
-    out.add_text(VERDICTS[diagnosis.verdict], "lead")
-    out.add_text(f"Recordings: {', '.join(names)} ({diagnosis.data.rows} rows)", "soft")
+    _data(out, diagnosis, names)
+    out.add_text(say_verdict(diagnosis), "lead")
     _cards(out, diagnosis)
     if diagnosis.findings:
         out.add_heading("What was left out")
         for finding in diagnosis.findings:
             _finding(out, finding)
-    _limits(out, diagnosis)
-    if diagnosis.next_experiment:
-        out.add_heading("Next experiment")
-        out.add_text(diagnosis.next_experiment)
     out.add_heading("Before and after")
     out.add_text(
         "Both models as they simulate the recordings, each with its mean error taken off.", "soft"
@@ -51,6 +37,10 @@ def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:
         )
     out.add_heading("The loop")
     out.add_pictures(*pictures.list_loop(diagnosis))
+    _limits(out, diagnosis)
+    if diagnosis.next_experiment:
+        out.add_heading("Next experiment")
+        out.add_text(diagnosis.next_experiment)
     out.add_heading("Where the misfit sits")
     out.add_text(
         "Rms error where the recording was at that time, drive, rate and so on. Orange above green "
@@ -62,6 +52,36 @@ def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:
     out.add_pictures(partial(pictures.draw_error_spectrum, diagnosis))
     _errors_by_recording(out, diagnosis)
     return out.to_html()
+
+
+def say_verdict(diagnosis: Diagnosis) -> str:
+    """The verdict in one sentence."""
+    k, unit = choose_scale(diagnosis)
+    before, after = (k * value for value in diagnosis.before_after)
+    noise = f"{k * diagnosis.noise:.3g} {unit}"
+    first = f"The model in use leaves {before:.3g} {unit} where the noise is {noise}"
+    known = list(dict.fromkeys(f.name for f in diagnosis.findings if f.name != "unknown"))
+    causes = " and ".join([", ".join(known[:-1]), known[-1]] if len(known) > 1 else known)
+    explain = "explain" if len(known) > 1 else "explains"
+    if diagnosis.verdict == "clean":
+        return f"{first}: nothing was left out that these recordings could show."
+    if diagnosis.verdict == "explained":
+        return f"{first}; {causes} {explain} it, and the augmented model leaves {after:.3g} {unit}."
+    if known:
+        return f"{first}; {causes} {explain} a part, and {after:.3g} {unit} are left unexplained."
+    return f"{first}, and nothing in the library explains it."
+
+
+def _data(out: Page, diagnosis: Diagnosis, names: list[str]) -> None:
+    data = diagnosis.data
+    recorded = f"Recordings: {', '.join(names)} ({data.rows} rows)"
+    if not data.says:
+        out.add_text(f"{recorded}; no reading is missing, no stall.", "soft")
+        return
+    out.add_text(recorded, "soft")
+    with out.open_box(warn=True):
+        out.add_subheading("The recordings")
+        out.add_bullets([f"{s[0].upper()}{s[1:]}." for s in data.says])
 
 
 def _cards(out: Page, diagnosis: Diagnosis) -> None:
@@ -111,7 +131,7 @@ def _parameter(key: str, value: Value) -> list[str]:
 def _limits(out: Page, diagnosis: Diagnosis) -> None:
     if not diagnosis.would_have_seen:
         return
-    out.add_heading("What would have been seen")
+    out.add_heading("What is excluded")
     out.add_text(
         "Effects that were not found, and the size from which these recordings would have shown "
         "them.",
@@ -121,8 +141,7 @@ def _limits(out: Page, diagnosis: Diagnosis) -> None:
     for limit in diagnosis.would_have_seen:
         seen = "cannot be seen with this drive"
         if limit.value is not None:
-            unit = "" if limit.unit == "1" else f" {spell_unit(limit.unit)}"
-            seen = f"{limit.side} {limit.value:.3g}{unit}"
+            seen = f"{limit.side} {spell_size(limit.value, limit.unit)}"
         rows.append([limit.name, seen, limit.why if limit.why != limit.name else ""])
     head = ["effect", "would have been seen", "why"]
     said = 3 if any(row[2] for row in rows) else 2

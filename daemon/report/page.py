@@ -43,7 +43,8 @@ td+td{white-space:nowrap}td:first-child{min-width:8em}
  gap:.8em;margin:.8em 0}
 img{width:100%;max-width:44em;height:auto;display:block}
 @media (max-width:30em){body{padding:.7em}h1{font-size:1.3em}
- .cards{grid-template-columns:1fr 1fr}table{font-size:.88em}}
+ .cards{grid-template-columns:1fr 1fr}table{font-size:.88em}
+ td+td{white-space:normal}td:first-child{min-width:5em}}
 @media screen and (prefers-color-scheme:dark){
  :root{--ink:#e4e6e9;--paper:#1a1a1a;--soft:#a4abb6;--line:#3b3f45;--card:#25282c;
  --mark:#58aee6;--warn:#ff9068}

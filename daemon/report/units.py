@@ -9,3 +9,15 @@ def pick_unit(unit: str, size: float) -> tuple[float, str]:
 def spell_unit(unit: str) -> str:
     """A unit as it is written: the columns' v is V, um stays."""
     return "V" + unit[1:] if unit == "v" or unit.startswith("v/") else unit.replace("/v", "/V")
+
+
+def spell_size(value: float, unit: str) -> str:
+    """A size to three digits in a unit that suits it: 1.81 ms, 13.3 nm, 1910 V/s."""
+    if unit == "s" and abs(value) < 1.0:
+        value, unit = (1e3 * value, "ms") if abs(value) >= 1e-3 else (1e6 * value, "us")
+    elif unit == "um" and abs(value) < 1.0:
+        value, unit = 1e3 * value, "nm"
+    text = f"{value:.3g}"
+    if "e+" in text and abs(value) < 1e6:
+        text = f"{float(text):.0f}"
+    return text if unit == "1" else f"{text} {spell_unit(unit)}"

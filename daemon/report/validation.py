@@ -29,6 +29,7 @@ def say_validation(model: str, v: Validation) -> str:
         + f"; offset {v.offset:.4g}, noise {v.noise:.4g}; what is left is "
         + ("white" if v.white else "not white")
         + f", correlation with the drive {v.tied_to_drive:.2g} (chance {v.chance:.2g})"
+        + (f"; {v.within:.1%} of the rows within its 95 % band" if v.within is not None else "")
         + f"; start {v.start}"
     )
     if v.outside >= 0.0005:

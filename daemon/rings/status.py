@@ -21,7 +21,7 @@ import numpy as np
 from msgspec import Meta
 
 from dehyst.daemon.rings.records import MissCause, Mode, State, name_of
-from dehyst.models.learning.trim import Why
+from dehyst.models.learning.why import Why
 
 Id = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Name = Annotated[str, Meta(max_length=64)]
@@ -196,7 +196,7 @@ class LoopStatus(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     trim: Annotated[float, Column("<f8", float)]
     """What it adds to the target."""
     trim_frozen: Annotated[Name, Column("u1", _why)]
-    """Why it stands still: a name of dehyst.models.learning.trim.Why; "": it does not."""
+    """Why it stands still: a name of dehyst.models.learning.why.Why; "": it does not."""
     learned: Annotated[bool, Column("u1", bool)]
     """What is played has corrections that were learned from earlier passes."""
     differs: Annotated[float, Column("<f8", float, view=lambda s: positioning(s))]

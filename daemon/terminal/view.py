@@ -14,7 +14,7 @@ from rich.text import Text
 from dehyst.daemon.bus.messages import Event, Rejection, Status
 from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.rings.records import TELEMETRY, Flag, Mode, State, name_of
-from dehyst.daemon.rings.status import cells, counts
+from dehyst.daemon.rings.status import cells, counts, positioning
 from dehyst.daemon.terminal.braille import Curve, Plot
 
 POINTS = 4000
@@ -82,7 +82,8 @@ def line(status: Status | None, window: RecentTelemetry, lost: int) -> str:
         f"{State(int(newest['state'])).name.lower():8s} seq {newest['seq']:d}  "
         f"target {_figure(newest['target'], unit)}  measured {_figure(newest['measured'], unit)}  "
         f"rms error {_figure(window.error_rms(), unit)}  {newest['volts']:.3f} V  "
-        f"missed {status.missed}  lost {lost}" + (f"  [{flags}]" if flags else "")
+        f"missed {status.missed}  lost {lost}  {printable(positioning(status))}"
+        + (f"  [{flags}]" if flags else "")
     )
 
 

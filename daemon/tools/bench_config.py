@@ -49,6 +49,9 @@ min_v = 0.0
 max_v = {full_scale_v}
 slew_v_per_s = 4000.0
 
+[trim]
+enabled = {trim}
+
 [bus]
 listen = ["{listen}"]
 """
@@ -110,10 +113,12 @@ def write_bench(
     listen: str,
     model: Model | None,
     imitation: Imitation = Imitation(),
+    trim: bool = True,
 ) -> Path:
     """Write config.toml (and model.toml where a model is given) into directory; the config's path.
 
-    ports: {"mdt693b": path, "ksg101": path}, as `dehyst emulate` prints them.
+    ports: {"mdt693b": path, "ksg101": path}, as `dehyst emulate` prints them; trim: the
+    gauge corrects the target.
     """
     config = directory / "config.toml"
     if model is not None:
@@ -130,6 +135,7 @@ def write_bench(
             listen=listen,
             gain=imitation.gain,
             zero=imitation.zero,
+            trim=str(trim).lower(),
         ),
     )
     return config

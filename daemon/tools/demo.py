@@ -61,7 +61,8 @@ class Demo:
         self._children: list[subprocess.Popen[bytes]] = []
         say("1. an emulated MDT693B and KSG101, with a simulated stage behind")
         self._bench = BenchProcess(folder, [])
-        self._config = write_bench(folder, self._bench.ports, "demo", self.endpoint, None)
+        ports = self._bench.ports  # what feed-forward alone does
+        self._config = write_bench(folder, ports, "demo", self.endpoint, None, trim=False)
 
     def excite_and_record(self, progress: Callable[[float], None]) -> None:
         """Drive the stage open loop through the serial drivers."""

@@ -35,6 +35,7 @@ def summary(
         "rms": fit.rms,
         "holdout_rms": fit.holdout_rms,
         "noise_rms": fit.noise_rms,
+        "band": fit.band,
         "stroke": figures.stroke,
         "gain": figures.gain,
         "hysteresis": figures.hysteresis,
@@ -129,7 +130,8 @@ def describe_result(
     lines += [
         f"{output}: {result.shape.name}, {n} operator{'s' if n > 1 else ''}"
         + "".join(f", {block_name(block)}" for block in result.model.blocks),
-        f"fit {fit.rms:.4g} {unit} rms, held out {fit.holdout_rms:.4g}, noise {fit.noise_rms:.4g}",
+        f"fit {fit.rms:.4g} {unit} rms, held out {fit.holdout_rms:.4g}, noise {fit.noise_rms:.4g}; "
+        f"95 % of what is foretold on other drives of this range within +-{fit.band:.4g} {unit}",
         verdict(result),
         f"valid from {v.drive_min:.4g} to {v.drive_max:.4g} {drive}"
         + (f", up to {v.rate_max:.4g} {drive}/s" if v.rate_max else ""),

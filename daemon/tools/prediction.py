@@ -4,14 +4,24 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dehyst.models.cascade.history import DE_ENERGISED, replay
 from dehyst.models.cascade.simulate import channels_of, simulate
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
 
 
-def predict(model: Model, recording: Recording) -> Floats:
-    """(N,) displacement by the model. NaN where the drive or a channel that it reads is missing.
+class Prediction(NamedTuple):
+    """displacement: (N,) by the model, NaN where the drive or a channel that it reads is missing;
+    start: what the stage is taken to have been through before the first row."""
+
+    displacement: Floats
+    start: str
+
+
+def predict(model: Model, recording: Recording) -> Prediction:
+    """Run the model on the recording's drive, behind the history that fits its displacement where
+    there is one (dehyst.models.cascade.history), else de-energised.
 
     The plays pass over missing rows; nothing is filled in. Raises BadInput on other units or
     missing channels.
@@ -33,9 +43,13 @@ def predict(model: Model, recording: Recording) -> Floats:
     if not known.any():
         raise BadInput(f"{recording.name}: no row has all that the model reads")
     channels = {name: recording.channels[name][known] for name in needed}
-    out = np.full(recording.size, np.nan)
-    out[known] = simulate(model, recording.t_s[known], recording.drive[known], channels)
-    return out
+    t, u, out = recording.t_s[known], recording.drive[known], np.full(recording.size, np.nan)
+    y, same_unit = recording.displacement, recording.displacement_unit == model.displacement_unit
+    if y is None or not same_unit:
+        out[known] = simulate(model, t, u, channels)
+        return Prediction(out, DE_ENERGISED)
+    start, out[known] = replay(model, t, u, channels, y[known])
+    return Prediction(out, start)
 
 
 def outside_validity(model: Model, recording: Recording) -> dict[str, float]:

@@ -12,11 +12,16 @@ from math import comb
 import numpy as np
 from scipy.optimize import nnls
 
+from dehyst.models.cascade.simulate import channels_of, simulate
 from dehyst.models.diagnosis.effects import behind_output
 from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance
 from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays
 from dehyst.models.signals.filters import plays
+from dehyst.models.signals.joined import Data
+
+REACH_SAMPLES, REACH_S = 300, 0.1  # of one way over the range, and from one to the next
 
 
 def compact(problem: Problem, fitted: JointFit) -> Hysteresis:
@@ -76,6 +81,20 @@ def augmented(problem: Problem, fitted: JointFit) -> Model:
         fit=Fit(),
         provenance=Provenance(),
     )
+
+
+def stays_in_reach(model: Model, data: Data) -> bool:
+    """Whether the model, driven slowly from rest over what was recorded, stays where the stage has
+    been: a shape is known where the recordings went, and powers of it go astray beyond."""
+    low, high = data.u_min, data.u_min + data.span
+    rest = min(max(0.0, low), high)
+    legs = [rest, high, low, high]
+    u = np.interp(np.linspace(0.0, 3.0, 3 * REACH_SAMPLES), np.arange(4.0), legs)
+    channels = {name: np.full(u.size, data.channels[name].mean()) for name in channels_of(model)}
+    y = simulate(model, REACH_S, u, channels)
+    room = TUNING.reach_room * float(np.ptp(data.y))
+    here = bool(np.all(np.isfinite(y)))
+    return here and y.min() >= data.y.min() - room and y.max() <= data.y.max() + room
 
 
 def _added(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[list[Block], float]:

@@ -91,9 +91,10 @@ class HeldOut:
 
 
 def by_blocks(problem: Problem, fitted: JointFit) -> HeldOut:
-    """Leave out one group of short time blocks at a time."""
+    """Leave out one group of short time blocks at a time. What is in no group (below 0) is always
+    fitted and never foretold."""
     data, x, groups = problem.data, fitted.design, problem.data.fold
-    ids = np.unique(groups)
+    ids = np.unique(groups[groups >= 0])
     grams, moments, slices = [], [], []
     for g in ids:
         here = np.flatnonzero((groups == g) & data.rows)
@@ -101,7 +102,9 @@ def by_blocks(problem: Problem, fitted: JointFit) -> HeldOut:
         xg = x[here]
         grams.append(xg.T @ xg)
         moments.append(xg.T @ (data.y[here] - fitted.fixed[here]))
-    total, moment = np.sum(grams, axis=0), np.sum(moments, axis=0)
+    always = (groups < 0) & data.rows
+    total = np.sum(grams, axis=0) + x[always].T @ x[always]
+    moment = np.sum(moments, axis=0) + x[always].T @ (data.y - fitted.fixed)[always]
     scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
     penalty = problem.penalty(scale.size)
     prediction = np.array(fitted.prediction)

@@ -10,6 +10,7 @@ from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
 from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Candidate
+from dehyst.models.signals.joined import Data
 
 
 @dataclass(frozen=True)
@@ -60,11 +61,21 @@ def least_size(candidate: Candidate) -> float:
 
 def least_power(state: SearchState, candidate: Candidate, size: float | None = None) -> float:
     """Mean square that a candidate must remove: by the noise (size: in noise rms), and for causes
-    driven by the drive by the stroke too, whose finest part is the base's own error."""
+    driven by the drive by the base's own error too."""
     least = (least_size(candidate) if size is None else size) * state.sigma
     if candidate.driven:
-        least = max(least, TUNING.finest * float(np.ptp(state.problem.data.y)))
+        part = TUNING.finest_static if candidate.static else TUNING.finest
+        least = max(least, base_error(state.problem.data, part))
     return least**2
+
+
+def base_error(data: Data, part: float = TUNING.finest) -> float:
+    """Rms that no base is better than: a fine part of the stroke, and a part of what the drive does
+    between two samples, where it turns and nobody sees how far."""
+    stroke = float(np.ptp(data.y))
+    bend = np.diff(data.u, 2)[~(data.starts[1:-1] | data.starts[2:])]
+    between = float(np.sqrt(np.mean((bend / 8.0) ** 2))) if bend.size else 0.0
+    return max(part * stroke, TUNING.between * between * stroke / data.span)
 
 
 def least_share(state: SearchState, left: float) -> float:

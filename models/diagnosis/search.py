@@ -6,6 +6,7 @@ everything else was refitted.
 
 from collections.abc import Callable, Sequence
 
+from dehyst.models.diagnosis.data.prepare import turns
 from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.diagnosis.judge import (
@@ -17,7 +18,6 @@ from dehyst.models.diagnosis.judge import (
     least_size,
     tried,
 )
-from dehyst.models.diagnosis.prepare import turns
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import library
@@ -27,14 +27,19 @@ Say = Callable[[str, float], None]
 
 
 def search(
-    problem: Problem, sigma: float, null: JointFit, say: Say, share: float = TUNING.driven_share
+    problem: Problem,
+    sigma: float,
+    null: JointFit,
+    say: Say,
+    share: float = TUNING.driven_share,
+    forbidden: Sequence[str] = (),
 ) -> SearchState:
-    """Accept effects one by one until none pays, then prune.
+    """Accept effects one by one until none pays, then prune. forbidden: keys that are not tried.
 
     share: part of the excess that a cause driven by the drive must take; above the usual one the
     base is a compact one, and candidates that resemble a hysteresis of another shape stay out.
     """
-    state = _forward(problem, sigma, null, say, share, forbidden=())
+    state = _forward(problem, sigma, null, say, share, forbidden)
     first = state.accepted.effects
     left = excess(problem, state.accepted, sigma)
     if len(first) >= 2 and state.rounds:
@@ -46,7 +51,7 @@ def search(
             if t is not chosen and not t.refused and t.gain > TUNING.other_first * chosen.gain
         ]
         if rivals and chosen.candidate.driven and problem.solved < 0.5 * TUNING.budget:
-            other = _forward(problem, sigma, null, say, share, forbidden=(chosen.candidate.key,))
+            other = _forward(problem, sigma, null, say, share, (*forbidden, chosen.candidate.key))
             if better(other, state, left):
                 state = other
     return state

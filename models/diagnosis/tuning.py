@@ -13,6 +13,7 @@ class Tuning(NamedTuple):
     folds: int = 8  # groups left out in turn, each of so many short pieces of every recording:
     fold_pieces: int = 5
     long_gap: int = 100  # samples: behind a longer one the recording begins anew
+    few_of_grid: float = 2.2  # mean step over the shortest: with more, two rates are mixed
     stall: int = 3  # missing samples in a row, from which on the drive's way is not known
     settling: int = 20  # rows left out behind a stall, at least; and times its length:
     settling_times: int = 2
@@ -22,7 +23,7 @@ class Tuning(NamedTuple):
     shared_parts: int = 24  # arrays of all samples, that simulations at the same weights keep
     # the search
     search_rows: int = 18_000  # counted in it; the last fit, shares and intervals use them all
-    most_rows: int = 100_000  # of longer recordings a part is fitted
+    most_rows: int = 60_000  # of longer recordings a part is fitted
     max_effects: int = 5
     shortlist: int = 5  # candidates that get the full nonlinear refit in each round
     weak_gain: float = 0.1  # of the best screened gain: what is below is not refitted
@@ -40,17 +41,21 @@ class Tuning(NamedTuple):
     sure_spread: float = 0.2
     free_size: float = 0.12  # where it lies beside the drive
     part_share: float = 0.02  # for one more part (a mode) of a chosen effect
-    finest: float = 1e-4  # of the displacement's range: no base is better than this
-    quiet_times: float = 5.0  # size of the misfit from which, and
+    finest: float = 2.5e-4  # of the displacement's range: no base is better than this,
+    finest_static: float = 5e-4  # nor than this, for what resembles a hysteresis
+    between: float = 0.25  # of what the drive does between two samples, that a loop may show of it
+    quiet_times: float = 2.0  # size of the misfit from which, and
     quiet_size: float = 1e-3  # part of the displacement's range up to which it is the base's own,
     quiet_share: float = 0.4  # so that a cause must take more of it
     compact_share: float = 0.3  # over a compact base
     compact_doubt: float = 1.5  # held-out over in-sample rms of the rich base: a compact one too
     early_share: float = 0.4  # for a drive half a sample earlier
     early_size: float = 0.5
+    noise_again: float = 0.7  # of the noise at first: below, the effects are looked for again
+    follows_late: float = 0.2  # of the unexplained, where a displacement that comes back is late
     # what is worth telling, by held-out samples
     helps: float = 0.1  # size that an effect must remove
-    helps_share: float = 0.005  # the same as a share of the misfit at first
+    helps_share: float = 0.002  # the same as a share of the misfit at first
     helps_rest: float = 0.03  # and of the misfit left: less is its own scatter
     beside_driven: float = 0.5  # a second cause of this size is told beside any other,
     beside_free: float = 0.3  # where it lies beside the drive, of this
@@ -66,6 +71,8 @@ class Tuning(NamedTuple):
     # shape
     shape_size: float = 0.3  # size that the base must remove of held-out samples,
     shape_share: float = 0.03  # and share of what the model in use leaves
+    reach_room: float = 0.25  # of the stroke: an augmented model that leaves it further is not kept
+    mostly_shape: float = 0.7  # of what is explained: more that effects leave to the base is shape
     foreign_share: float = 0.03  # of the stroke: a given model that leaves more, and
     foreign_times: float = 4.0  # times what a model of its class would, is of another stage
     # intervals

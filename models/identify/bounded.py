@@ -5,16 +5,17 @@
 Block principal pivoting (J. Kim, H. Park, "Fast nonnegative matrix factorization: an
 active-set-like method and comparisons", SIAM J. Sci. Comput. 33, 2011): whole groups of
 unknowns change sides, one at a time where groups would cycle. Small and dense: up to a
-few hundred unknowns.
+few hundred unknowns. Compiled, as hundreds of such problems are solved for one recording.
 """
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from numba import njit
 
 from dehyst.models.recording import Bools, Floats
 
 RIDGE = 1e-12  # of the unit diagonal; settles exactly collinear columns, far below any data
 OUT, DUAL = 1e-12, 1e-9  # how far beyond a bound, and how wrong a multiplier, is none
+SINGULAR = 1e-15  # of the unit diagonal: a pivot this small is none
 
 
 def bounded_solve(
@@ -25,24 +26,46 @@ def bounded_solve(
     gram: (p, p) symmetric positive semi-definite; right: (p,); low, high: (p,), infinite for no
     bound, high None: nowhere; free: a first guess of the unknowns off their bounds.
     """
-    scale = np.sqrt(np.maximum(np.diag(gram), 0.0))
-    scale[scale == 0.0] = 1.0
-    g = gram / np.outer(scale, scale)
-    g[np.diag_indices_from(g)] += RIDGE
-    h = right / scale
-    low = low * scale
-    high = np.full(low.size, np.inf) if high is None else high * scale
+    high = np.full(low.size, np.inf) if high is None else high
     side = np.zeros(low.size)  # -1: at low, 0: free, 1: at high
     if free is not None:
         side[~free & np.isfinite(low)] = -1.0
-    fewest, patience = low.size + 1, 3
-    p = h
-    for _ in range(20 * h.size + 20):
-        p = _solve(g, h, side, low, high)
-        dual = g @ p - h
-        over = np.where(p < low - OUT, -1.0, np.where(p > high + OUT, 1.0, 0.0))
-        wrong = ((side == 0.0) & (over != 0.0)) | (side * dual > DUAL)
-        count = int(np.count_nonzero(wrong))
+    gram = np.ascontiguousarray(gram)
+    p = _pivot(gram, np.ascontiguousarray(right), low.copy(), high.copy(), side)
+    return p, side == 0.0
+
+
+@njit(cache=True, nogil=True)
+def _pivot(gram: Floats, right: Floats, low: Floats, high: Floats, side: Floats) -> Floats:
+    """The solution; side is left as it is there."""
+    n = right.size
+    scale = np.empty(n)
+    for i in range(n):
+        scale[i] = np.sqrt(gram[i, i]) if gram[i, i] > 0.0 else 1.0
+        low[i] *= scale[i]
+        high[i] *= scale[i]
+    g, h = np.empty((n, n)), right / scale
+    for i in range(n):
+        for j in range(n):
+            g[i, j] = gram[i, j] / (scale[i] * scale[j])
+        g[i, i] += RIDGE
+    p, over, wrong = h.copy(), np.zeros(n), np.zeros(n, dtype=np.bool_)
+    fewest, patience = n + 1, 3
+    for _ in range(20 * n + 20):
+        _solve(g, h, side, low, high, p)
+        count, last = 0, -1
+        for i in range(n):
+            over[i] = -1.0 if p[i] < low[i] - OUT else 1.0 if p[i] > high[i] + OUT else 0.0
+            if side[i] == 0.0:
+                wrong[i] = over[i] != 0.0
+            else:
+                dual = -h[i]
+                for j in range(n):
+                    dual += g[i, j] * p[j]
+                wrong[i] = side[i] * dual > DUAL
+            if wrong[i]:
+                count += 1
+                last = i
         if count == 0:
             break
         if count < fewest:
@@ -50,23 +73,61 @@ def bounded_solve(
         elif patience > 0:
             patience -= 1
         else:  # Murty's rule ends surely
-            last = int(np.flatnonzero(wrong)[-1])
-            wrong = np.zeros_like(wrong)
+            wrong[:] = False
             wrong[last] = True
-        side = np.where(wrong, np.where(side == 0.0, over, 0.0), side)
-    return np.clip(p, low, high) / scale, side == 0.0
+        for i in range(n):
+            if wrong[i]:
+                side[i] = over[i] if side[i] == 0.0 else 0.0
+    return np.minimum(np.maximum(p, low), high) / scale
 
 
-def _solve(g: Floats, h: Floats, side: Floats, low: Floats, high: Floats) -> Floats:
-    out = np.where(side < 0.0, low, np.where(side > 0.0, high, 0.0))
-    free = side == 0.0
-    at, held = np.flatnonzero(free), np.flatnonzero(~free)
-    if at.size == 0:
-        return out
-    part = g[np.ix_(at, at)]
-    rest = h[at] - g[np.ix_(at, held)] @ out[held]
-    try:
-        out[at] = cho_solve(cho_factor(part, check_finite=False), rest, check_finite=False)
-    except LinAlgError:
-        out[at] = np.linalg.lstsq(part, rest, rcond=1e-12)[0]
-    return out
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def _factor(a: Floats) -> bool:
+    """Cholesky's factor in the lower half of a; False where a is singular."""
+    n = a.shape[0]
+    for i in range(n):
+        for j in range(i):
+            total = a[i, j]
+            for k in range(j):
+                total -= a[i, k] * a[j, k]
+            a[i, j] = total / a[j, j]
+        total = a[i, i]
+        for k in range(i):
+            total -= a[i, k] * a[i, k]
+        if not total > SINGULAR:
+            return False
+        a[i, i] = np.sqrt(total)
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _solve(g: Floats, h: Floats, side: Floats, low: Floats, high: Floats, p: Floats) -> None:
+    """Write into p the solution with the unknowns of a side on their bounds."""
+    n = h.size
+    at = np.flatnonzero(side == 0.0)
+    for i in range(n):
+        if side[i] != 0.0:
+            p[i] = low[i] if side[i] < 0.0 else high[i]
+    m = at.size
+    part, rest = np.empty((m, m)), np.empty(m)
+    for i in range(m):
+        rest[i] = h[at[i]]
+        for j in range(n):
+            if side[j] != 0.0:
+                rest[i] -= g[at[i], j] * p[j]
+        for j in range(m):
+            part[i, j] = g[at[i], at[j]]
+    lower = part.copy()
+    if _factor(lower):
+        for i in range(m):
+            for k in range(i):
+                rest[i] -= lower[i, k] * rest[k]
+            rest[i] /= lower[i, i]
+        for i in range(m - 1, -1, -1):
+            for k in range(i + 1, m):
+                rest[i] -= lower[k, i] * rest[k]
+            rest[i] /= lower[i, i]
+    elif m:
+        rest[:] = np.linalg.lstsq(part, rest, 1e-12)[0]
+    for i in range(m):
+        p[at[i]] = rest[i]

@@ -47,7 +47,7 @@ def make_comparison_drive(low: float, high: float, rate_max: float) -> Rows:
         settled=every,
         virgin=True,
         period_s=1.0,
-        piece=np.zeros(u.size, dtype=np.int64),
+        piece=np.zeros(u.size, dtype=np.int8),
     )
 
 

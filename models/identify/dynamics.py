@@ -22,7 +22,7 @@ from dehyst.models.identify.rows import Rows, compute_rates
 from dehyst.models.model import Block
 from dehyst.models.physics import KINDS
 from dehyst.models.recording import Bools, Floats
-from dehyst.models.signals.filters import free_decay
+from dehyst.models.signals.filters import free_decay, settle, swing
 
 SAME = 1e-9  # sampling intervals that differ by less than this part count as equal
 
@@ -103,8 +103,7 @@ def _filter_columns(
     x: Floats, t_s: Floats, fresh: Bools, theta: Floats, state: Floats, last: Floats
 ) -> None:
     y, speed, before = state[0], state[1], state[2]
-    step = -1.0
-    m11 = m12 = m21 = m22 = trail = 0.0
+    step, trail, fall, decay = -1.0, 0.0, 0.0, (1.0, 0.0, 0.0, 1.0)
     for t in range(x.shape[0]):
         dt = t_s[t] - last[0]
         last[0] = t_s[t]
@@ -117,18 +116,18 @@ def _filter_columns(
             step = dt
             if theta.size == 1:
                 trail = theta[0]
-                m11 = math.exp(-dt / trail)
+                fall = math.exp(-dt / trail)
             else:
                 w, z = 2.0 * math.pi * theta[0], theta[1]
                 trail = 2.0 * z / w
-                m11, m12, m21, m22 = free_decay(w, z, dt)
+                decay = free_decay(w, z, dt)
         for i in range(x.shape[1]):
             ramp = (x[t, i] - before[i]) / dt
+            if theta.size == 1:
+                y[i] = settle(y[i], before[i], x[t, i], trail * ramp, fall)
+            else:
+                y[i], speed[i] = swing(
+                    y[i], speed[i], before[i], x[t, i], ramp, trail * ramp, decay
+                )
             before[i] = x[t, i]
-            shift = trail * ramp
-            free = y[i] - (before[i] - ramp * dt) + shift
-            late = speed[i] - ramp
-            y[i] = before[i] - shift + m11 * free + m12 * late
-            if theta.size == 2:
-                speed[i] = ramp + m21 * free + m22 * late
             x[t, i] = y[i]

@@ -14,6 +14,7 @@ Rows come in lots of bounded size; the Jacobian of one lot is all that is held.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -32,23 +33,26 @@ Ints = NDArray[np.int64]
 class Equations(NamedTuple):
     """d: (n, M) play differences D_i; e: (n, M) v / R times these, both as the sensor's lag
     passes them on, or (n, 0) where no rate is wanted; y: (n,); group: (n,)
-    recording number; piece: (n,) stretch of the drive; weight: how often each of these
-    equations counts."""
+    recording number; piece: (n,) stretch of the drive; pace: (n,) v / R; weight: how often each of
+    these equations counts."""
 
     d: Floats
     e: Floats
     y: Floats
     group: Ints
-    piece: Ints
+    piece: NDArray[np.int8]
+    pace: Floats
     weight: float = 1.0
 
 
 @dataclass(frozen=True)
 class Shape:
-    """rate: weights depend on the rate; powers: powers of z beside the first, 0 included."""
+    """rate: weights depend on the rate; powers: powers of z beside the first, 0 included;
+    free_offset: the drive offset about which the rate acts is fitted as well."""
 
     rate: bool
     powers: tuple[int, ...]
+    free_offset: bool = False
 
     @property
     def even(self) -> bool:
@@ -66,11 +70,13 @@ class Shape:
 
 class Params(NamedTuple):
     """slopes: (M,) or (2M,) alpha then beta; c: (len(powers),); shifts: (G - 1,) offsets of the
-    further recordings against the first."""
+    further recordings against the first; lead: (1,) z per v / R alone where the drive offset of the
+    rate is free, else (0,)."""
 
     slopes: Floats
     c: Floats
     shifts: Floats
+    lead: Floats = np.zeros(0)
 
     def packed(self) -> Floats:
         """All in one array."""
@@ -108,7 +114,7 @@ def make_equations(
     rows: Sequence[Rows],
     picks: Sequence[Bools],
     r: Floats,
-    offset: float,
+    offsets: tuple[float, float],
     rate_max: float,
     sign: float,
     lag: Dynamics | None = None,
@@ -116,7 +122,9 @@ def make_equations(
 ) -> Iterator[Equations]:
     """Lots of equations for the picked rows of each recording; the plays see every row.
 
-    lag: what acts on drive or sensor; rate: whether the rate's columns are wanted.
+    offsets: of the drive, for the plays and for what the rate does with them, which are settled
+    where the two differ; lag: what acts on drive or sensor; rate: whether the rate's columns are
+    wanted.
     """
     for number, (one, pick) in enumerate(zip(rows, picks, strict=True)):
         if lag is not None:
@@ -124,14 +132,14 @@ def make_equations(
         h = np.zeros(r.size)
         fresh = np.zeros(one.u.size, dtype=bool)
         fresh[one.resets] = True
-        width = r.size * (2 if rate else 1)
+        width = r.size * (2 if rate else 1) + 1
         through = lag.behind(width) if lag is not None else None
         with_rate = rate and rate_max > 0.0
         for start in range(0, one.u.size, ROWS_HELD):
             part = slice(start, min(start + ROWS_HELD, one.u.size))
             size = part.stop - part.start
             d, at = np.empty((size, r.size)), np.empty(size, dtype=np.int64)
-            count = _run_plays(r, h, one.u[part], offset, fresh[part], d, at)
+            count = _run_plays(r, h, one.u[part], offsets[0], fresh[part], d, at)
             d, at = d[:count], at[:count]
             keep = pick[part][at]
             if through is None:
@@ -140,16 +148,17 @@ def make_equations(
                 d, at = d[keep], at[keep]
             pace = one.rate[part][at] / rate_max if with_rate else np.zeros(at.size)
             e = d * pace[:, None] if rate else np.empty((at.size, 0))
+            if rate:
+                e[:, -1] += (offsets[0] - offsets[1]) * pace
             if through is not None:
-                both = np.ascontiguousarray(np.hstack([d, np.nan_to_num(e)]))
-                through.run(both, one.t_s[part][at], fresh[part][at])
-                both = both[keep]
-                d, e, at = np.ascontiguousarray(both[:, : r.size]), both[:, r.size :], at[keep]
+                all_of_them = np.hstack([d, np.nan_to_num(e), np.nan_to_num(pace)[:, None]])
+                through.run(all_of_them, one.t_s[part][at], fresh[part][at])
+                d, e, pace = np.split(all_of_them[keep], [r.size, width - 1], axis=1)
+                d, e, pace = np.ascontiguousarray(d), np.ascontiguousarray(e), pace[:, 0].copy()
+                at = at[keep]
             if at.size:
                 group = np.full(at.size, number, dtype=np.int64)
-                yield Equations(
-                    d, np.ascontiguousarray(e), sign * one.y[part][at], group, one.piece[part][at]
-                )
+                yield Equations(d, e, sign * one.y[part][at], group, one.piece[part][at], pace)
 
 
 def gather(equations: Iterable[Equations]) -> list[Equations]:
@@ -175,21 +184,24 @@ def _join(lots: Sequence[Equations]) -> Equations:
         np.concatenate([lot.y for lot in lots]),
         np.concatenate([lot.group for lot in lots]),
         np.concatenate([lot.piece for lot in lots]),
+        np.concatenate([lot.pace for lot in lots]),
         lots[0].weight,
     )
 
 
 def sort_by_piece(equations: Sequence[Equations], count: int) -> list[Equations]:
     """One lot for each of `count` pieces."""
-    d, e, y, group, piece, weight = _join(equations)
-    rows = [np.flatnonzero(piece == number) for number in range(count)]
-    return [Equations(d[at], e[at], y[at], group[at], piece[at], weight) for at in rows]
+    d, e, y, group, piece, pace, weight = _join(equations)
+    order = np.argsort(piece, kind="stable")
+    ends = np.searchsorted(piece[order], np.arange(count + 1))
+    rows = [order[a:b] for a, b in pairwise(ends)]
+    return [Equations(d[at], e[at], y[at], group[at], piece[at], pace[at], weight) for at in rows]
 
 
 @njit(cache=True, nogil=True)
 def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: Floats) -> None:
     d, e, group = lot.d, lot.e, lot.group
-    slopes, c, shifts = params.slopes, params.c, params.shifts
+    slopes, c, shifts, lead = params.slopes, params.c, params.shifts, params.lead
     m = d.shape[1]
     rate = slopes.size == 2 * m
     for t in range(d.shape[0]):
@@ -200,6 +212,8 @@ def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: F
         else:
             for i in range(m):
                 z += slopes[i] * d[t, i]
+        if lead.size:
+            z += lead[0] * lot.pace[t]
         model, gradient = z, 1.0
         at = slopes.size
         for j in range(powers.size):
@@ -216,6 +230,8 @@ def _linearise(lot: Equations, powers: Ints, params: Params, jac: Floats, err: F
             jac[t, at + j] = 1.0 if group[t] == j + 1 else 0.0
         if group[t] > 0:
             model += shifts[group[t] - 1]
+        if lead.size:
+            jac[t, at + shifts.size] = gradient * lot.pace[t]
         if rate:
             for i in range(m):
                 jac[t, i] = 0.5 * gradient * (d[t, i] + e[t, i])
@@ -261,30 +277,40 @@ def add_products(jac: Floats, err: Floats, gram: Floats, right: Floats) -> None:
     """
     n, p = jac.shape
     t = 0
-    while t + 8 <= n:
+    while t + 4 <= n:  # four rows by four columns at once
+        a, b, c, d = jac[t], jac[t + 1], jac[t + 2], jac[t + 3]
         for i in range(p):
-            a, b, c, d = jac[t, i], jac[t + 1, i], jac[t + 2, i], jac[t + 3, i]
-            e, f, g, h = jac[t + 4, i], jac[t + 5, i], jac[t + 6, i], jac[t + 7, i]
-            right[i] += a * err[t] + b * err[t + 1] + c * err[t + 2] + d * err[t + 3]
-            right[i] += e * err[t + 4] + f * err[t + 5] + g * err[t + 6] + h * err[t + 7]
+            right[i] += a[i] * err[t] + b[i] * err[t + 1] + c[i] * err[t + 2] + d[i] * err[t + 3]
+        i = 0
+        while i + 4 <= p:
+            a0, a1, a2, a3 = a[i], a[i + 1], a[i + 2], a[i + 3]
+            b0, b1, b2, b3 = b[i], b[i + 1], b[i + 2], b[i + 3]
+            c0, c1, c2, c3 = c[i], c[i + 1], c[i + 2], c[i + 3]
+            d0, d1, d2, d3 = d[i], d[i + 1], d[i + 2], d[i + 3]
+            g0, g1, g2, g3 = gram[i], gram[i + 1], gram[i + 2], gram[i + 3]
             for j in range(i, p):
-                gram[i, j] += (
-                    a * jac[t, j]
-                    + b * jac[t + 1, j]
-                    + c * jac[t + 2, j]
-                    + d * jac[t + 3, j]
-                    + e * jac[t + 4, j]
-                    + f * jac[t + 5, j]
-                    + g * jac[t + 6, j]
-                    + h * jac[t + 7, j]
-                )
-        t += 8
+                w, x, y, z = a[j], b[j], c[j], d[j]
+                g0[j] += a0 * w + b0 * x + c0 * y + d0 * z
+                g1[j] += a1 * w + b1 * x + c1 * y + d1 * z
+                g2[j] += a2 * w + b2 * x + c2 * y + d2 * z
+                g3[j] += a3 * w + b3 * x + c3 * y + d3 * z
+            i += 4
+        while i < p:
+            for j in range(i, p):
+                gram[i, j] += a[i] * a[j] + b[i] * b[j] + c[i] * c[j] + d[i] * d[j]
+            i += 1
+        t += 4
     while t < n:
         for i in range(p):
             right[i] += jac[t, i] * err[t]
             for j in range(i, p):
                 gram[i, j] += jac[t, i] * jac[t, j]
         t += 1
+
+
+def measure_misfit(equations: Iterable[Equations], shape: Shape, params: Params) -> float:
+    """Sum of the squares that the parameters leave."""
+    return sum(float(np.sum(linearise(lot, shape, params)[1] ** 2)) for lot in equations)
 
 
 def fill_lower(upper: Floats) -> Floats:

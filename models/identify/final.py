@@ -11,8 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dehyst.models.identify.bounded import bounded_solve
 from dehyst.models.identify.comparison_drive import make_comparison_drive
-from dehyst.models.identify.equations import Equations, Normal, Params, Shape, assemble
+from dehyst.models.identify.equations import (
+    Equations,
+    Normal,
+    Params,
+    Shape,
+    assemble,
+    measure_misfit,
+)
 from dehyst.models.identify.fit import Solution, make_bounds, make_start, solve
 from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.rows import Rows
@@ -27,7 +35,8 @@ from dehyst.models.recording import Bools, Floats
 class Fitted:
     """The model's numbers. r: (n,) thresholds; free: unknowns off their bounds; strength: of the
     prior; scored: the structure on these operators, as it foretells stretches; costly: the data
-    want what no invertible model gives; equations: what was fitted, the pull's last; normal: the
+    want what no invertible model gives; unreachable: rms of that on a drive of all kinds;
+    equations: what was fitted, the pull's last; normal: the
     normal equations at the end, the prior's with them."""
 
     r: Floats
@@ -36,6 +45,7 @@ class Fitted:
     free: Bools
     scored: Candidate
     costly: bool
+    unreachable: float
     equations: list[Equations]
     normal: Normal
     orders: tuple[tuple[int, float], ...]
@@ -44,49 +54,59 @@ class Fitted:
 def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None) -> Fitted:
     """Fit the structure of a candidate, found on `coarse` thresholds, to all rows."""
     finest = TUNING.fine if order is None else max(TUNING.finest, order)
-    r = space_thresholds(finest, setup.span, setup.virgin and order is None)
+    if order is None:
+        r = space_thresholds(finest, setup.span, setup.virgin, TUNING.spacing)
+    else:
+        r = space_thresholds(finest, setup.span)
     some = thin(setup.picks, TUNING.rows_compared)
     shape, offset, lag = best.shape, best.offset, best.lag
     start = regrid(best.params, coarse, r, shape)
     trial = Trial(setup, some, r, offset, lag, best.loose)
     trial.linearise(start, shape, shape.powers)
-    scored = trial.weigh(shape, setup.strengths)
+    scored = trial.weigh(shape)
     strength, prior = scored.strength, Prior(r, setup.slope, 0.5 * setup.span)
     narrow = TUNING.narrow * setup.span * trial.loose
     picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // (2 * r.size)))
     equations = setup.equations(picks, r, offset, lag, shape.rate)
-    count = sum(lot.y.size for lot in equations)
 
-    def run(lots: list[Equations], begin: Params, above: float) -> Solution:
+    def run(lots: list[Equations], begin: Params, above: float, close: float = 1e-4) -> Solution:
         bounds, loose = make_bounds(begin, setup.limits, r, above), above > 0.0
-        return solve(lambda: lots, shape, begin, bounds, prior, strength, loose, (12, 1e-4))
+        return solve(lambda: lots, shape, begin, bounds, prior, strength, loose, (12, close))
 
-    loose = run(equations, scored.params, narrow)
-    tight = run(equations, loose.params, 0.0)
+    begins = (scored.params, start)  # the first was fitted to linear equations about the second
+    begin = min(begins, key=lambda p: measure_misfit(equations, shape, p))
+    loose = run(equations, begin, narrow)
+    tight = run(equations, loose.params, 0.0, 1e-3)
     costly = False
     pull: list[Equations] = []
     worse = tight.normal.misfit > loose.normal.misfit * (1.0 + TUNING.costs)
     if setup.limits is not None and worse:
         wish = make_pull(setup, r, shape, offset, loose.params)
-        pull = weigh_pull(setup, wish, r, offset, shape.rate, count)
-        other = run(equations + pull, tight.params, 0.0)
-        price = assemble(equations, shape, other.params).misfit
-        if price <= tight.normal.misfit * TUNING.pull_price**2:
-            costly, tight = True, other
+        pull = weigh_pull(setup, wish, r, offset, shape.rate, 1.0)
+        most = TUNING.pull_price**2 * loose.normal.misfit
+        share = _find_share(setup, shape, tight, assemble(pull, shape, tight.params), r, most)
+        pull = [lot._replace(weight=lot.weight * share) for lot in pull]
+        costly = share > 0.0
+        if costly:
+            tight = run(equations + pull, tight.params, 0.0)
         else:
             pull = []
+    if not costly:
+        tight = run(equations, tight.params, 0.0)
     orders: tuple[tuple[int, float], ...] = ()
     if order is not None:
         r, tight, orders = _reduce(setup, trial, tight, r, shape, order, prior, strength)
         prior = Prior(r, setup.slope, 0.5 * setup.span)
         equations = setup.equations(picks, r, offset, lag, shape.rate)
         if costly:
-            pull = weigh_pull(setup, wish, r, offset, shape.rate, count)
+            pull = weigh_pull(setup, wish, r, offset, shape.rate, share)
         tight = run(equations + pull, tight.params, 0.0)
     normal = prior.add_to(tight.normal, shape.rate, strength)
-    return Fitted(
-        r, shape, tight.params, tight.free, scored, costly, equations + pull, normal, orders
-    )
+    alone = [lot._replace(weight=1.0) for lot in pull]
+    rows = sum(lot.y.size for lot in alone)
+    off = float(np.sqrt(measure_misfit(alone, shape, tight.params) / max(1, rows)))
+    every = equations + pull
+    return Fitted(r, shape, tight.params, tight.free, scored, costly, off, every, normal, orders)
 
 
 def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:
@@ -99,29 +119,49 @@ def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: P
     for lot in alone.equations(alone.picks, r, offset, rate=shape.rate):
         one = params._replace(shifts=np.zeros(0))
         stop = start + lot.y.size
-        y[start:stop] = setup.sign * (_predict(lot, shape, one))
+        y[start:stop] = setup.sign * predict_lot(lot, shape, one)
         start = stop
     return replace(rows, y=y)
 
 
-def _predict(lot: Equations, shape: Shape, params: Params) -> Floats:
+def predict_lot(lot: Equations, shape: Shape, params: Params) -> Floats:
+    """(n,) what the parameters give for these equations, but for the recordings' shifts."""
     n = lot.d.shape[1]
     if shape.rate:
         up, down = params.slopes[:n], params.slopes[n:]
         z = 0.5 * (lot.d @ (up + down) + lot.e[:, :n] @ (up - down))
     else:
         z = lot.d @ params.slopes
+    if shape.free_offset:
+        z = z + params.lead[0] * lot.pace
     return z + sum(c * z**p for p, c in zip(shape.powers, params.c, strict=True))
 
 
 def weigh_pull(
-    setup: FitSetup, pull: Rows, r: Floats, offset: float, rate: bool, count: int
+    setup: FitSetup, pull: Rows, r: Floats, offset: float, rate: bool, weight: float
 ) -> list[Equations]:
-    """Equations of the pull, which together count as pull_weight times `count` equations."""
+    """Equations of the pull, each of which counts so often."""
     alone = replace(setup, rows=[pull], picks=[pull.use])
-    weight = TUNING.pull_weight * count / pull.u.size
     lots = alone.equations(alone.picks, r, offset, rate=rate)
     return [lot._replace(weight=weight) for lot in lots]
+
+
+def _find_share(
+    setup: FitSetup, shape: Shape, tight: Solution, pull: Normal, r: Floats, most: float
+) -> float:
+    """How much the pull may count so that the data's misfit, as linearised, stays below `most`; 0
+    where the bounds alone cost nearly as much."""
+    data, found = tight.normal, 0.0
+    low, high = make_bounds(tight.params, setup.limits)
+    for share in TUNING.pull_weights:
+        weight = share * data.count / pull.count
+        p, _ = bounded_solve(
+            data.gram + weight * pull.gram, data.right + weight * pull.right, low, high, tight.free
+        )
+        if data.misfit_at(p) > most:
+            break
+        found = weight
+    return found
 
 
 def _reduce(

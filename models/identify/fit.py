@@ -40,6 +40,7 @@ def make_start(count: int, shape: Shape, slope: float, groups: int) -> Params:
         np.full(count * (2 if shape.rate else 1), slope),
         np.zeros(len(shape.powers)),
         np.zeros(max(0, groups - 1)),
+        np.zeros(1 if shape.free_offset else 0),
     )
 
 

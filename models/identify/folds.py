@@ -16,7 +16,7 @@ from dehyst.models.identify.rows import Rows
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
-Ints = NDArray[np.int64]
+Labels = NDArray[np.int32]
 
 
 def assign_pieces(
@@ -27,49 +27,44 @@ def assign_pieces(
     Piece p is held out with all pieces that leave the same rest when divided by that number; there
     are TUNING.pieces in every fold, over which gains are compared. parts: of a way; 1: whole ways.
     """
-    labels = [_label(one.u, low, high, parts) for one in rows]
-    used = np.concatenate([label[pick] for label, pick in zip(labels, picks, strict=True)])
-    kinds, sizes = np.unique(used, return_counts=True)
+    grid = TUNING.alike * (high - low)
+    size = TUNING.turn * (high - low)
+    labels = [_label(one.u, low, grid, parts, size) for one in rows]
+    found = [np.bincount(label[pick]) for label, pick in zip(labels, picks, strict=True)]
+    counts = np.zeros(max(c.size for c in found), dtype=np.int64)
+    for c in found:
+        counts[: c.size] += c
+    kinds = np.flatnonzero(counts)
+    sizes = counts[kinds]
     folds = int(min(TUNING.folds, kinds.size))
     if folds < min(2, parts) + 1:  # the drive does one thing: parts in time have to do
         count = TUNING.folds * TUNING.pieces
         for one in rows:
-            one.piece = np.arange(one.u.size, dtype=np.int64) * 2 * count // one.u.size % count
+            step = max(1, -(-one.u.size // (2 * count)))
+            one.piece = np.repeat(np.arange(2 * count, dtype=np.int8) % count, step)[: one.u.size]
         return TUNING.folds
     filled, piece_of = np.zeros(folds * TUNING.pieces), np.zeros(kinds.size, dtype=np.int64)
     for at in np.argsort(-sizes, kind="stable"):
         fold = int(np.argmin(filled.reshape(TUNING.pieces, folds).sum(axis=0)))
         piece_of[at] = fold + folds * int(np.argmin(filled[fold::folds]))
         filled[piece_of[at]] += sizes[at]
+    table = np.full(max(int(label.max()) for label in labels) + 1, piece_of[-1], dtype=np.int8)
+    table[kinds] = piece_of
     for one, label in zip(rows, labels, strict=True):
-        place = np.minimum(np.searchsorted(kinds, label), kinds.size - 1)
-        one.piece = piece_of[place]
+        one.piece = table[label]
     return folds
 
 
-def _label(u: Floats, low: float, high: float, parts: int) -> Ints:
-    """(N,) a number for each row: its way (from where, to where), and which part of it."""
-    span = high - low
-    starts, ends = _find_ways(u, TUNING.turn * span)
-    grid = TUNING.alike * span
-    with np.errstate(invalid="ignore"):
-        part = np.clip(
-            parts * np.abs(u - starts) / np.maximum(np.abs(ends - starts), 1e-300), 0, parts - 0.1
-        )
-        numbers = [np.floor(np.nan_to_num((x - low) / grid) + 0.5) for x in (starts, ends)]
-    base = 4 * int(np.ceil(1.0 / TUNING.alike))
-    return ((numbers[0] * base + numbers[1]) * parts + np.nan_to_num(part) // 1).astype(np.int64)
-
-
 @njit(cache=True, nogil=True)
-def _find_ways(u: Floats, band: float) -> tuple[Floats, Floats]:
-    """(N,) where the way of each row began and where it ends; turns smaller than band are none."""
-    starts, ends = np.zeros(u.size), np.zeros(u.size)
+def _label(u: Floats, low: float, grid: float, parts: int, size: float) -> Labels:
+    """(N,) a number for each row: its way (from where, to where, on a grid from `low` on), and
+    which of its parts; turns smaller than `size` are none."""
+    out = np.zeros(u.size, dtype=np.int32)
     first = 0
     while first < u.size and np.isnan(u[first]):
         first += 1
     if first == u.size:
-        return starts, ends
+        return out
     origin = extreme = u[first]
     begin = turn = first  # the way's first row, and the row of its extreme
     direction = 0.0
@@ -77,15 +72,37 @@ def _find_ways(u: Floats, band: float) -> tuple[Floats, Floats]:
         if np.isnan(u[i]):
             continue
         if direction == 0.0:
-            if abs(u[i] - origin) > band:
+            if abs(u[i] - origin) > size:
                 direction = 1.0 if u[i] > origin else -1.0
                 extreme, turn = u[i], i
         elif (u[i] - extreme) * direction >= 0.0:
             extreme, turn = u[i], i
-        elif (extreme - u[i]) * direction > band:
-            starts[begin : turn + 1], ends[begin : turn + 1] = origin, extreme
+        elif (extreme - u[i]) * direction > size:
+            _label_way(out, u, (begin, turn + 1), (origin, extreme), low, grid, parts)
             origin, begin = extreme, turn + 1
             extreme, turn = u[i], i
             direction = -direction
-    starts[begin:], ends[begin:] = origin, extreme
-    return starts, ends
+    _label_way(out, u, (begin, u.size), (origin, extreme), low, grid, parts)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _label_way(
+    out: Labels,
+    u: Floats,
+    rows: tuple[int, int],
+    ends: tuple[float, float],
+    low: float,
+    grid: float,
+    parts: int,
+) -> None:
+    """Write the labels of one way."""
+    way = (ends[0] - low) / grid + 0.5
+    base = 4 * int(np.ceil(1.0 / TUNING.alike))
+    start = int(way) * base + int((ends[1] - low) / grid + 0.5)
+    length = max(abs(ends[1] - ends[0]), 1e-300)
+    for i in range(rows[0], rows[1]):
+        part = 0
+        if not np.isnan(u[i]):
+            part = min(parts - 1, int(parts * abs(u[i] - ends[0]) / length))
+        out[i] = start * parts + part

@@ -13,9 +13,11 @@ import numpy as np
 
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
+from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
 from dehyst.models.identify.final import Fitted, fit_all
+from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.rows import Rows, read_rows
 from dehyst.models.identify.search import Search
@@ -30,7 +32,12 @@ from dehyst.models.identify.setup import FitSetup, set_up
 from dehyst.models.identify.start import start_agrees
 from dehyst.models.identify.structure import Candidate, choose, list_shapes
 from dehyst.models.identify.tuning import TUNING
-from dehyst.models.identify.uncertainty import estimate_covariance, estimate_noise, measure_band_hz
+from dehyst.models.identify.uncertainty import (
+    estimate_covariance,
+    estimate_noise,
+    measure_band_hz,
+    move_saturation,
+)
 from dehyst.models.model import Fit, Model, Provenance, Validity
 from dehyst.models.recording import Bools, Floats, Recording
 
@@ -134,11 +141,21 @@ class _Found:
     """What the search ends with."""
 
     setup: FitSetup
-    offset: float
-    lag: Dynamics | None
+    best: Candidate
+    coarse: Floats
     fitted: Fitted
     tried: list[Candidate]
     notes: list[str]
+
+    @property
+    def offset(self) -> float:
+        """Drive offset."""
+        return self.best.offset
+
+    @property
+    def lag(self) -> Dynamics | None:
+        """Linear dynamics."""
+        return self.best.lag
 
     def residuals(self) -> tuple[Floats, ...]:
         """(N,) y - model of each recording."""
@@ -190,7 +207,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         )
     if (size := sum(int(np.count_nonzero(p)) for p in setup.picks)) > TUNING.rows_fitted:
         notes.append(f"of {size} rows a part, by chance, was fitted; the error is that of all")
-    return _Found(setup, best.offset, best.lag, fitted, tried, notes)
+    return _Found(setup, best, search.r, fitted, tried, notes)
 
 
 def _follow_drift(found: _Found) -> _Found:
@@ -223,13 +240,13 @@ def _require_one_stage(
 ) -> None:
     """Raise BadRecording where one of several recordings is told much better by its own model."""
     setup, f = found.setup, found.fitted
-    best = replace(f.scored, params=f.params._replace(shifts=np.zeros(0)))
+    start = replace(f.scored, params=make_start(f.r.size, f.shape, setup.slope, 1))
     alone, together = [], []
     for one, pick, error in zip(setup.rows, setup.picks, residuals, strict=True):
         if int(np.count_nonzero(pick)) < TUNING.fewest_rows:
             continue
         own = replace(setup, rows=[one], picks=[pick])
-        fitted = fit_all(own, best, f.r, options.order)
+        fitted = fit_all(own, start, f.r, options.order)
         left = own.residuals(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)[0]
         alone.append(rms(left[pick]))
         together.append(rms(error[pick]))
@@ -249,6 +266,10 @@ def _result(
     noise = float(np.nanmedian([estimate_noise(e) for e in residuals]))
     power = sum(float(np.sum(e[p] ** 2)) for e, p in zip(residuals, picks, strict=True))
     size = sum(int(np.count_nonzero(p)) for p in picks)
+    left = float(np.sqrt(power / size))
+    rivals = [c for c in found.tried if is_rival(found.best, c)]
+    spread = measure_spread(setup, found.coarse, found.best, rivals)
+    band = estimate_band(setup, fitted, found.offset, cov, (left, spread, noise))
     model = setup.model(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)
     rate_max = setup.rate_max if fitted.shape.rate else 0.0
     if setup.limits is not None and not is_invertible(
@@ -263,19 +284,24 @@ def _result(
         validity=_find_validity(setup, setup.rows),
         drive_unit=recordings[0].drive_unit,
         displacement_unit=recordings[0].displacement_unit,
-        fit=Fit(float(np.sqrt(power / size)), fitted.scored.held_rms, noise),
+        fit=Fit(left, fitted.scored.held_rms, noise, band),
         provenance=Provenance(
             source="dehyst identify",
             recordings=tuple((one.name, one.sha256) for one in recordings),
         ),
     )
+    errors = Params.unpacked(np.sqrt(np.maximum(np.diag(cov), 0.0)), fitted.params)
+    if shift := setup.centre(found.offset) - model.hysteresis.u_offset:
+        here = slice(errors.slopes.size, errors.slopes.size + errors.c.size)
+        shift *= float(model.hysteresis.b.sum())
+        errors = errors._replace(c=move_saturation(cov[here, here], fitted.shape.powers, shift))
     return Identification(
         model=model,
         residuals=tuple(residuals),
         used=tuple(picks),
         shape=fitted.shape,
         params=fitted.params,
-        errors=Params.unpacked(np.sqrt(np.maximum(np.diag(cov), 0.0)), fitted.params),
+        errors=errors,
         at_bound=~fitted.free,
         tried=tuple(found.tried),
         orders=fitted.orders,

@@ -30,7 +30,7 @@ class LagSearch:
         self, setup: FitSetup, picks: Sequence[Bools], r: Floats, candidate: Candidate
     ) -> None:
         self.setup, self.picks, self.r, self.candidate = setup, picks, r, candidate
-        self.fine = space_thresholds(TUNING.fine, setup.span)
+        self.fine = space_thresholds(TUNING.lag_operators, setup.span)
         fine = regrid(candidate.params, r, self.fine, candidate.shape)
         trial = Trial(setup, picks, self.fine, candidate.offset)
         trial.linearise(fine, candidate.shape, candidate.shape.powers)
@@ -50,9 +50,10 @@ class LagSearch:
         """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
         delay = self._find_delay(without[True], without[True] * (1.0 - TUNING.worth_trying))
-        # bounded, it must fit better than the free operators foretell
+        # bounded, it must fit better than the free operators foretell, and near to clearly so
         known = float(self.candidate.held.sum())
-        enough = min(without[False] * (1.0 - TUNING.worth_trying), known)
+        near = 1.0 - (1.0 - TUNING.clear_lag) / 3.0
+        enough = min(without[False] * (1.0 - TUNING.worth_trying), near * known)
         drive, sensor = (self._find_lag(place, enough) for place in ("drive", "sensor"))
         second = self._find_second(sensor) if sensor is not None else None
         of_drive = [self._score(lag) for lag in (delay, drive) if lag is not None]
@@ -97,16 +98,17 @@ class LagSearch:
         trial, shape = self._trial(lag, False), self.candidate.shape
         return trial.score(shape, TUNING.strengths[::2])
 
-    def _trial(self, lag: Dynamics | None, fine: bool) -> Trial:
+    def _trial(self, lag: Dynamics | None, fine: bool, split: bool = True) -> Trial:
         c, (r, params) = self.candidate, self.begin[fine]
-        trial = Trial(self.setup, self.picks, r, c.offset, lag)
+        trial = Trial(self.setup, self.picks, r, c.offset, lag, split=split)
         trial.linearise(params, c.shape, c.shape.powers)
         return trial
 
     def _misfit(self, lag: Dynamics | None, loose: bool) -> float:
         c = self.candidate
         strength = TUNING.strengths[0] if loose else min(c.strength, TUNING.strengths[2])
-        return self._trial(lag, loose).misfit(c.shape, strength, self.noise, loose)
+        trial = self._trial(lag, loose, split=False)
+        return trial.misfit(c.shape, strength, self.noise, loose)
 
     def _find_delay(self, without: float, enough: float) -> Dynamics | None:
         def make(periods: float) -> Dynamics | None:

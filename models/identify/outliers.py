@@ -13,12 +13,12 @@ def remove_glitches(name: str, u: Floats, notes: list[str]) -> Floats:
     """The drive with lone wild values as NaN; a glitch would stay in every operator's memory."""
     wild = np.zeros(u.size, dtype=bool)
     for _ in range(2):  # once more: of two glitches side by side one hides the other
-        at = np.flatnonzero(~np.isnan(u) & ~wild)
-        if at.size == 0:
+        known = ~np.isnan(u) & ~wild
+        if not known.any():
             return u
-        found = at[_find_glitches(u[at])]
-        wild[found] = True
-        if found.size == 0:
+        found = _find_glitches(u if known.all() else u[known])
+        wild[known] = wild[known] | found
+        if not found.any():
             break
     count = int(np.count_nonzero(wild))
     if count == 0 or count > 0.05 * u.size:
@@ -34,11 +34,13 @@ def _find_glitches(v: Floats) -> Bools:
 
     Of these the tip of a triangle has a jump of 2 / 3, and a glitch's neighbours a smaller jump.
     """
-    off = np.abs(measure_deviation(v))
+    off = measure_deviation(v)
+    np.abs(off, out=off)
     some = np.nanquantile(sample(v), [0.02, 0.98])
     limit = TUNING.lone * 1.4826 * float(np.median(sample(off)))
     limit = max(limit, TUNING.smallest_glitch * float(np.ptp(some)))
-    jumps = np.abs(measure_jumps(v))
+    jumps = measure_jumps(v)
+    np.abs(jumps, out=jumps)
     largest = np.ones(v.size, dtype=bool)  # of the five around it
     for step in (1, 2):
         largest[step:] &= jumps[step:] >= jumps[:-step]
@@ -47,13 +49,15 @@ def _find_glitches(v: Floats) -> Bools:
     return (off > limit) & (lone | (off > TUNING.glitch_steps * _measure_steps(v)))
 
 
+@njit(cache=True, nogil=True)
 def measure_jumps(x: Floats) -> Floats:
     """(N,) how far each value is from the cubic through its four neighbours; 0 next to NaN."""
     out = np.zeros(x.size)
-    if x.size >= 5:
-        around = (4.0 * (x[1:-3] + x[3:-1]) - (x[:-4] + x[4:])) / 6.0
-        out[2:-2] = x[2:-2] - around
-    return np.nan_to_num(out)
+    for i in range(2, x.size - 2):
+        around = (4.0 * (x[i - 1] + x[i + 1]) - (x[i - 2] + x[i + 2])) / 6.0
+        off = x[i] - around
+        out[i] = 0.0 if np.isnan(off) else off
+    return out
 
 
 @njit(cache=True, nogil=True)

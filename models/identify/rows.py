@@ -40,11 +40,11 @@ class Rows:
     virgin: bool
     period_s: float
     notes: list[str] = field(default_factory=list)
-    piece: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    piece: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
 
     def __post_init__(self) -> None:
         if self.piece.size != self.u.size:  # until stretches are told apart
-            self.piece = np.zeros(self.u.size, dtype=np.int64)
+            self.piece = np.zeros(self.u.size, dtype=np.int8)
 
 
 def read_rows(recording: Recording, span: float | None = None) -> Rows:

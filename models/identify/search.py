@@ -12,7 +12,7 @@ from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.lags import LagSearch
 from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, Trial, choose, pays
+from dehyst.models.identify.structure import Candidate, Trial, choose, pays, shows
 from dehyst.models.identify.thresholds import space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools
@@ -33,9 +33,9 @@ class Search:
         tried: list[Candidate] = []
         for number, offset in enumerate(self.setup.offsets):
             shapes = self.wanted
-            if number and offset != self.setup.running:
-                # a full polynomial takes up a static model's offset
+            if number and offset != self.setup.running:  # a static model is the same about any
                 shapes = [s for s in shapes if s.rate or 2 not in s.powers]
+                shapes = [s for s in shapes if s.rate or self.setup.running is not None]
             tried += self._try(shapes, offset, None)
         found = self._find_lags(tried)
         shifted = {c.shape.rate for c in found if c.lag is not None and c.lag.short}
@@ -52,12 +52,13 @@ class Search:
         """Every one of the shapes, linearised about the straight fit and then about the best."""
         if not shapes:
             return []
+        shapes = [replace(s, free_offset=s.rate and self.setup.is_free(offset)) for s in shapes]
         trial = Trial(self.setup, self.picks, self.r, offset, lag, loose)
         out: list[Candidate] = []
         for rate in sorted({s.rate for s in shapes}):
             same = [s for s in shapes if s.rate == rate]
             powers = tuple(sorted({p for s in same for p in s.powers}))
-            flat = Shape(rate, powers[:1] if powers[:1] == (0,) else ())
+            flat = replace(same[0], powers=powers[:1] if powers[:1] == (0,) else ())
             start = make_start(self.r.size, flat, self.setup.slope, len(self.setup.rows))
             trial.linearise(start, flat, powers)
             straight = trial.score(flat, (1.0,))
@@ -66,7 +67,9 @@ class Search:
             for turn in range(2):
                 for shape in same:
                     self.progress(f"trying: {shape.name}")
-                found = [trial.score(shape, self.setup.strengths[::2]) for shape in same]
+                strengths = self.setup.strengths
+                strengths = strengths[::2] if turn else strengths[len(strengths) // 2 :][:1]
+                found = [trial.score(shape, strengths) for shape in same]
                 if turn == 0 and powers != (0,):
                     best = choose(found)
                     trial.linearise(trial.refine(best), best.shape, powers)
@@ -82,21 +85,39 @@ class Search:
         """The structure to take: rate-dependence only where it foretells ways of the drive that it
         has not seen, as a rate and a place on one loop go together."""
         bests = self._bests(tried)
-        if len(bests) == 1:
-            return bests[0]
-        static, rate = bests
+        best = bests[0] if len(bests) == 1 else self._choose_rate(*bests)
+        return self._drop_constant(best)
+
+    def _choose_rate(self, static: Candidate, rate: Candidate) -> Candidate:
         if rate.held.sum() < TUNING.clear_rate * static.held.sum():
             return rate
         if not pays(static, rate):
             return static
         whole = self.setup.by_ways()
         scored = []
-        for one in bests:
+        for one in (static, rate):
             trial = Trial(whole, self.picks, self.r, one.offset, one.lag, one.loose)
             trial.linearise(one.params, one.shape, one.shape.powers)
             scored.append(trial.score(one.shape, whole.strengths[::2]))
         enough = scored[1].held.sum() < TUNING.clear_ways * scored[0].held.sum()
         return rate if enough and pays(scored[0], scored[1], clear=0.0) else static
+
+    def _drop_constant(self, best: Candidate) -> Candidate:
+        """The same without a constant where a de-energised stage shows none (Eq. 3 has none): what
+        is not there is not estimated."""
+        if not self.setup.virgin or 0 not in best.shape.powers:
+            return best
+        shape = replace(best.shape, powers=tuple(p for p in best.shape.powers if p))
+        trial = Trial(self.setup, self.picks, self.r, best.offset, best.lag, best.loose)
+        trial.linearise(best.params, best.shape, best.shape.powers)
+        without = best
+        for loose in {best.loose, False}:  # the bounds may want one that the data do not
+            trial.loose = loose
+            now, rest = (trial.score(s, (best.strength,)) for s in (best.shape, shape))
+            if not rest.invertible or shows(rest, now, TUNING.climb) or pays(rest, now):
+                return best
+            without = rest if loose == best.loose else without
+        return without
 
     def _find_lags(self, tried: Sequence[Candidate]) -> list[Candidate]:
         """Candidates with linear dynamics, where the rate alone has something to say."""
@@ -126,8 +147,13 @@ class Search:
         little, where the fit and what is foretold agree.
         """
         period = float(np.median([one.period_s for one in self.setup.rows]))
+        half = Dynamics("lead", "drive", (0.5 * period,))
+        trial = Trial(self.setup, self.picks, self.r, best.offset, half)
+        trial.linearise(best.params, best.shape, best.shape.powers)
+        if trial.score(best.shape, (best.strength,)).fitted.sum() > best.fitted.sum():
+            return []
         same = [s for s in self.wanted if s.rate]
-        found = self._try(same, best.offset, Dynamics("lead", "drive", (0.5 * period,)))
+        found = self._try(same, best.offset, half)
         lead = choose(found)
         fits = lead.fitted.sum() < best.fitted.sum() and lead.held.sum() < best.held.sum()
         return found if fits else []

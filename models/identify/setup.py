@@ -9,12 +9,20 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
 from dehyst.models.hysteresis.z_range import find_least_slope
 from dehyst.models.identify.dynamics import Dynamics
-from dehyst.models.identify.equations import Equations, Params, Shape, gather, make_equations
+from dehyst.models.identify.equations import (
+    Equations,
+    Ints,
+    Params,
+    Shape,
+    gather,
+    make_equations,
+)
 from dehyst.models.identify.folds import assign_pieces
 from dehyst.models.identify.outliers import measure_deviation, measure_jumps, sample, thin
 from dehyst.models.identify.rows import Rows, find_drive_range, find_rate_range
@@ -43,13 +51,28 @@ class FitSetup:
 
     @property
     def offsets(self) -> tuple[float, ...]:
-        """Drive offsets worth trying: the de-energised state, the middle of the range."""
+        """Drive offsets worth trying for what the rate does: the de-energised state; where the
+        recording begins elsewhere the middle of the range as well, about which that offset is
+        fitted; where all depends on the start, that as if the drive had come from afar."""
         if self.virgin:
             return (0.0,)
-        middle = 0.5 * (self.drive_min + self.drive_max)
         reach = TUNING.farthest * self.span
-        found = (middle, 0.0) if 0.0 < abs(middle) <= reach else (middle,)
+        found = (self.middle, 0.0) if 0.0 < abs(self.middle) <= reach else (self.middle,)
         return found if self.running is None else (*found, self.running)
+
+    @property
+    def middle(self) -> float:
+        """Of the drive range."""
+        return 0.5 * (self.drive_min + self.drive_max)
+
+    def centre(self, offset: float) -> float:
+        """Drive offset of the plays: the middle of the range where they are settled, so that z is
+        small and its powers are well told apart; else the offset itself."""
+        return offset if self.virgin or self.running is not None else self.middle
+
+    def is_free(self, offset: float) -> bool:
+        """Is the offset of what the rate does fitted, about this one?"""
+        return not self.virgin and self.running is None and offset == self.middle
 
     @property
     def strengths(self) -> tuple[float, ...]:
@@ -77,11 +100,26 @@ class FitSetup:
     ) -> list[Equations]:
         """Equations of the picked rows, held in memory."""
         return gather(
-            make_equations(self.rows, picks, r, offset, self.rate_max, self.sign, lag, rate)
+            make_equations(
+                self.rows,
+                picks,
+                r,
+                (self.centre(offset), offset),
+                self.rate_max,
+                self.sign,
+                lag,
+                rate,
+            )
         )
 
     def hysteresis(self, r: Floats, shape: Shape, params: Params, offset: float) -> Hysteresis:
-        """The model that the parameters stand for."""
+        """The model that the parameters stand for.
+
+        Once the plays are settled, a drive offset that is smaller by x than their centre gives z +
+        x (p + q v), with p, q the slope of all operators together and its change by the rate. What
+        q does of that is in the equations, or, where the offset is free, g v / R in its place: x =
+        g / (R q). What p does is taken back by the saturation, S(z - x p).
+        """
         n = r.size
         if shape.rate:
             alpha, beta = params.slopes[:n], params.slopes[n:]
@@ -92,6 +130,16 @@ class FitSetup:
         c[1] = 1.0
         for power, value in zip(shape.powers, params.c, strict=True):
             c[power] = value
+        x = (self.centre(offset) - offset) if shape.rate else 0.0
+        if shape.free_offset:
+            far = TUNING.farthest * self.span
+            g = float(params.lead[0]) / self.rate_max
+            if abs(g) > far * abs(q[-1]):  # hardly any offset would do: all of them together give
+                q = q + (np.copysign(abs(g) / far, q[-1]) - q[-1]) * (r == r[-1])
+            x = g / float(q[-1]) if g else 0.0
+        if x:
+            c = np.asarray(Polynomial(c)(Polynomial([-x * p[-1], 1.0])).coef, np.float64)
+        offset = self.centre(offset) - x
         return Hysteresis(
             r=r,
             b=np.diff(p, prepend=0.0),
@@ -132,9 +180,14 @@ class FitSetup:
         for one, shift in zip(self.rows, (0.0, *(self.sign * params.shifts)), strict=True):
             error = np.full(one.u.size, np.nan)
             resets = [*one.resets, one.u.size]
+            whole = not np.isnan(one.u).any()
             for start, stop in pairwise(resets):  # after a long gap the stage starts anew
-                at = start + np.flatnonzero(~np.isnan(one.u[start:stop]))
-                error[at] = one.y[at] - shift - simulate(model, one.t_s[at], one.u[at])
+                at: slice | Ints = slice(start, stop)
+                if not whole:
+                    at = start + np.flatnonzero(~np.isnan(one.u[start:stop]))
+                predicted = simulate(model, one.t_s[at], one.u[at])
+                np.subtract(one.y[at] - shift if shift else one.y[at], predicted, out=predicted)
+                error[at] = predicted
             error[~one.use] = np.nan
             out.append(error)
         return tuple(out)
@@ -146,7 +199,9 @@ class FitSetup:
         itself jumps there and back. Misfit is none: there the model jumps, or neither does.
         """
         picks, count = [], 0
-        known = [np.abs(measure_deviation(e)) for e in residuals]
+        known = [measure_deviation(e) for e in residuals]
+        for off in known:
+            np.abs(off, out=off)
         middle = np.concatenate([some[~np.isnan(some)] for some in map(sample, known)])
         usual = TUNING.usual_rows
         chances = np.log(max(usual, sum(k.size for k in known))) / np.log(usual)

@@ -40,7 +40,7 @@ def start_agrees(setup: FitSetup, rate: bool) -> bool:
     while True:
         assumed = _prepare(setup, some, shape, lag)
         known = Trial(setup, settled, assumed.r, 0.0, lag)
-        known.linearise(assumed.like, Shape(True, POWERS), POWERS)
+        known.linearise(assumed.like, shape, POWERS)
         with_start = assumed.score(shape, strengths, known.normals)
         without = known.score(shape, strengths)
         if not shows(with_start, without, TUNING.start_costs):
@@ -56,7 +56,7 @@ def start_agrees(setup: FitSetup, rate: bool) -> bool:
 
 def _prepare(setup: FitSetup, picks: list[Bools], shape: Shape, lag: Dynamics | None) -> Trial:
     """The equations of these rows about the straight fit."""
-    r = space_thresholds(TUNING.coarse, setup.span, setup.virgin)
+    r = space_thresholds(TUNING.lag_operators, setup.span, setup.virgin)
     trial = Trial(setup, picks, r, 0.0, lag)
     flat = Shape(shape.rate, (0,))
     start = make_start(r.size, flat, setup.slope, len(setup.rows))

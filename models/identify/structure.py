@@ -6,13 +6,20 @@ structure is taken only where what it gains over the stretches is more than chan
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dehyst.models.identify.bounded import bounded_solve
 from dehyst.models.identify.dynamics import Dynamics
-from dehyst.models.identify.equations import Normal, Params, Shape, assemble, sort_by_piece
+from dehyst.models.identify.equations import (
+    Ints,
+    Normal,
+    Params,
+    Shape,
+    assemble,
+    sort_by_piece,
+)
 from dehyst.models.identify.fit import make_bounds, make_start, solve
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.thresholds import Prior
@@ -70,7 +77,8 @@ class Candidate:
     def size(self) -> int:
         """How much it has beyond the simplest."""
         shape = self.shape
-        return len(shape.powers) + shape.even + 3 * shape.rate + 2 * (self.lag is not None)
+        base = len(shape.powers) + shape.even + 3 * shape.rate + shape.free_offset
+        return base + 2 * (self.lag is not None)
 
 
 def pays(simple: Candidate, rich: Candidate, clear: float = TUNING.clear) -> bool:
@@ -103,6 +111,12 @@ def _is_sure(gain: Floats) -> bool:
     return float(np.mean(gain)) > TUNING.sure * error
 
 
+def _extends(simple: Candidate, rich: Candidate) -> bool:
+    """Has the richer one all powers of the other, and do the further ones show?"""
+    nested = set(simple.shape.powers) <= set(rich.shape.powers)
+    return nested and shows(simple, rich, TUNING.climb)
+
+
 def choose(tried: Sequence[Candidate]) -> Candidate:
     """The simplest candidate that can be inverted against which no richer one pays.
 
@@ -120,14 +134,14 @@ def choose(tried: Sequence[Candidate]) -> Candidate:
 
 
 def _climb(group: Sequence[Candidate]) -> Candidate:
-    """From the simplest to richer ones, as long as one pays or shows."""
+    """From the simplest to richer ones, as long as one pays, or shows with powers beside these."""
     now = group[0]
     while True:
         richer = [
             c
             for c in group
             if c.size > now.size
-            and (pays(now, c) or (shows(now, c, TUNING.climb) and c.held.sum() < now.held.sum()))
+            and (pays(now, c) or (_extends(now, c) and c.held.sum() < now.held.sum()))
         ]
         if not richer:
             return now
@@ -145,27 +159,28 @@ class Trial:
         offset: float,
         lag: Dynamics | None = None,
         loose: bool | None = None,
+        split: bool = True,
     ) -> None:
+        """split: into stretches, of which some can be held out."""
         self.setup, self.r, self.offset, self.lag = setup, r, offset, lag
         # narrow operators may at first run the wrong way
         self.loose = (lag is None or lag.short) if loose is None else loose
         self.prior = Prior(r, setup.slope, 0.5 * setup.span)
         equations = setup.equations(picks, r, offset, lag)
-        self.lots = sort_by_piece(equations, setup.folds * TUNING.pieces)
+        self.folds = setup.folds if split else 1
+        self.lots = sort_by_piece(equations, self.folds * TUNING.pieces) if split else equations
         self.normals: list[Normal] = []
-        self.powers: tuple[int, ...] = ()
-        self.like = make_start(0, Shape(True, ()), 1.0, 1)
+        self.folded: list[Normal] = []
+        self.shape = Shape(True, ())
+        self.like = make_start(0, self.shape, 1.0, 1)
 
     def linearise(self, params: Params, shape: Shape, powers: tuple[int, ...]) -> None:
         """Normal equations of every stretch about these parameters, with all of `powers`."""
-        n = self.r.size
-        slopes = params.slopes if shape.rate else np.tile(params.slopes, 2)
         known = dict(zip(shape.powers, params.c, strict=True))
-        c = np.array([known.get(p, 0.0) for p in powers])
-        self.powers = powers
-        self.like = Params(slopes[: 2 * n], c, params.shifts)
-        whole = Shape(True, powers)
-        self.normals = [assemble([lot], whole, self.like) for lot in self.lots]
+        self.shape = replace(shape, powers=powers)
+        self.like = params._replace(c=np.array([known.get(p, 0.0) for p in powers]))
+        self.normals = [assemble([lot], self.shape, self.like) for lot in self.lots]
+        self.folded = [_sum(self.normals[fold :: self.folds]) for fold in range(self.folds)]
 
     def score(
         self,
@@ -178,35 +193,33 @@ class Trial:
         judged: normal equations of what is to be foretold of each stretch; None: all of it.
         """
         loose = self.loose
-        ties = self._tie(shape)
-        parts = [_reduce(one, ties) for one in self.normals]
-        goals = parts if judged is None else [_reduce(one, ties) for one in judged]
-        total = _sum(parts)
+        at = self._find(shape)
+        folded = [_reduce(one, at) for one in self.folded]
+        goals = self.normals if judged is None else judged
+        total = _sum(folded)
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
-        narrow = TUNING.narrow * self.setup.span if loose else 0.0
-        low, high = make_bounds(like, self.setup.limits, self.r, narrow)
+        low, high = self._bound(shape)
         p, free = bounded_solve(total.gram, total.right, low, high)
         noise = max(total.misfit_at(p) / max(1, total.count), 1e-300)
         best: tuple[float, Floats, Floats, float] | None = None
+        whole_p = np.zeros(self.like.packed().size)
         for strength in strengths:
             whole = self.prior.add_to(total, shape.rate, strength, noise, loose)
             p, free = bounded_solve(whole.gram, whole.right, low, high, free)
-            held = np.zeros(len(parts))
-            for fold in range(self.setup.folds):
-                gram, right = whole.gram.copy(), whole.right.copy()
-                for part in parts[fold :: self.setup.folds]:
-                    gram -= part.gram
-                    right -= part.right
-                q, _ = bounded_solve(gram, right, low, high, free)
-                for i in range(fold, len(parts), self.setup.folds):
-                    held[i] = goals[i].misfit_at(q)
+            held = np.zeros(len(goals))
+            for fold, part in enumerate(folded):
+                gram, right = whole.gram - part.gram, whole.right - part.right
+                whole_p[at], _ = bounded_solve(gram, right, low, high, free)
+                for i in range(fold, len(goals), len(folded)):
+                    held[i] = goals[i].misfit_at(whole_p)
             if best is None or held.sum() < best[0]:
                 best = (float(held.sum()), held, p, strength)
         assert best is not None
         params = Params.unpacked(best[2], like)
         good = self.setup.margin(self.r, shape, params, self.offset) >= TUNING.least_saturation
         sizes = np.array([float(goal.count) for goal in goals])
-        fitted = np.array([goal.misfit_at(best[2]) for goal in goals])
+        whole_p[at] = best[2]
+        fitted = np.array([goal.misfit_at(whole_p) for goal in goals])
         return Candidate(
             shape,
             self.offset,
@@ -220,7 +233,7 @@ class Trial:
             self.loose,
         )
 
-    def weigh(self, shape: Shape, strengths: Sequence[float]) -> Candidate:
+    def weigh(self, shape: Shape) -> Candidate:
         """A structure at the strength of the prior that makes the recording the most probable, of
         those that can be inverted and that hold-out does not speak against.
 
@@ -228,28 +241,52 @@ class Trial:
         evidence of a linear model with Gaussian noise and prior (D. J. C. MacKay, Neural
         Computation 4, 1992), at the bounded solution.
         """
-        each = [self.score(shape, (strength,)) for strength in strengths]
-        total = _sum([_reduce(one, self._tie(shape)) for one in self.normals])
-        noise = min(float(c.fitted.sum()) for c in each) / max(1, total.count)
-        size = each[0].params.slopes.size
-        level = np.full((size, size), 1.0 / (self.setup.slope**2 * size))
-
-        def evidence(c: Candidate) -> float:
-            slopes = c.params.slopes
-            prior = self.prior.gram(shape.rate, c.strength, self.loose)
-            whole = total.gram / noise
-            whole[:size, :size] += prior
-            cost = float(c.fitted.sum()) / noise + float(slopes @ prior @ slopes)
-            # what no row shows, as the zero of a recording without one, says nothing
-            shown = np.flatnonzero(np.diag(whole) > 0.0)
-            whole = whole[np.ix_(shown, shown)]
-            scale = np.sqrt(np.diag(whole))
-            spread = np.linalg.slogdet(whole / np.outer(scale, scale))[1] + 2 * np.log(scale).sum()
-            return 0.5 * float(np.linalg.slogdet(prior + level)[1] - spread - cost)
-
+        known = self.setup.strengths
+        each = [self.score(shape, (strength,)) for strength in known[::2]]
         best = min(each, key=lambda c: c.held_rms)
-        good = [c for c in each if c.invertible and not pays(c, best, clear=0.0)]
-        return max(good, key=evidence, default=best)
+        finer = [s for s in TUNING.weighed if known[0] <= s <= known[-1]]
+        evidence = self._weigh(shape, finer)
+        for at in np.argsort(-evidence, kind="stable"):
+            found = self.score(shape, (finer[at],))
+            if found.invertible and not pays(found, best, clear=0.0):
+                return found
+        return best
+
+    def _weigh(self, shape: Shape, strengths: Sequence[float]) -> Floats:
+        """(len(strengths),) logarithm of the evidence, but for a constant."""
+        total = _reduce(_sum(self.folded), self._find(shape))
+        low, high = self._bound(shape)
+        solved = []
+        p, free = bounded_solve(total.gram, total.right, low, high)
+        noise = max(total.misfit_at(p) / max(1, total.count), 1e-300)
+        for strength in strengths:
+            whole = self.prior.add_to(total, shape.rate, strength, noise, self.loose)
+            p, free = bounded_solve(whole.gram, whole.right, low, high, free)
+            solved.append((strength, p, total.misfit_at(p)))
+        noise = min(misfit for _, _, misfit in solved) / max(1, total.count)
+        size = self.like.slopes.size
+        level = np.full((size, size), 1.0 / (self.setup.slope**2 * size))
+        out = []
+        for strength, p, misfit in solved:
+            slopes = p[:size]
+            prior = self.prior.gram(shape.rate, strength, self.loose)
+            whole_gram = total.gram / noise
+            whole_gram[:size, :size] += prior
+            cost = misfit / noise + float(slopes @ prior @ slopes)
+            # what no row shows, as the zero of a recording without one, says nothing
+            shown = np.flatnonzero(np.diag(whole_gram) > 0.0)
+            whole_gram = whole_gram[np.ix_(shown, shown)]
+            scale = np.sqrt(np.diag(whole_gram))
+            unit = whole_gram / np.outer(scale, scale)
+            spread = np.linalg.slogdet(unit)[1] + 2 * np.log(scale).sum()
+            out.append(0.5 * float(np.linalg.slogdet(prior + level)[1] - spread - cost))
+        return np.array(out)
+
+    def _bound(self, shape: Shape) -> tuple[Floats, Floats]:
+        """Bounds of a structure's unknowns."""
+        like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
+        narrow = TUNING.narrow * self.setup.span if self.loose else 0.0
+        return make_bounds(like, self.setup.limits, self.r, narrow)
 
     def refine(self, found: Candidate) -> Params:
         """The candidate's parameters after a few more steps, about themselves."""
@@ -269,8 +306,7 @@ class Trial:
 
     def misfit(self, shape: Shape, strength: float, noise: float, loose: bool) -> float:
         """Misfit of a structure fitted to all stretches, as linearised. noise: its power."""
-        ties = self._tie(shape)
-        total = _sum([_reduce(one, ties) for one in self.normals])
+        total = _reduce(_sum(self.folded), self._find(shape))
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
         narrow = TUNING.narrow * self.setup.span if loose else 0.0
         low, high = make_bounds(like, self.setup.limits, self.r, narrow)
@@ -278,18 +314,16 @@ class Trial:
         p, _ = bounded_solve(whole.gram, whole.right, low, high)
         return total.misfit_at(p)
 
-    def _tie(self, shape: Shape) -> Floats:
-        """(all, some) which unknown of the whole each unknown of a structure stands for."""
-        n = self.r.size
-        eye = np.eye(self.like.packed().size)
-        slopes = eye[:, : 2 * n] if shape.rate else eye[:, :n] + eye[:, n : 2 * n]
-        at = [2 * n + self.powers.index(p) for p in shape.powers]
-        rest = 2 * n + len(self.powers) + np.arange(self.like.shifts.size)
-        return np.hstack([slopes, eye[:, at], eye[:, rest]])
+    def _find(self, shape: Shape) -> Ints:
+        """(some,) places of a structure's unknowns among those of the whole."""
+        slopes, powers = self.like.slopes.size, self.shape.powers
+        known = [slopes + powers.index(p) for p in shape.powers]
+        rest = np.arange(slopes + len(powers), self.like.packed().size)
+        return np.concatenate([np.arange(slopes), np.array(known, dtype=np.int64), rest])
 
 
-def _reduce(eq: Normal, ties: Floats) -> Normal:
-    return Normal(ties.T @ eq.gram @ ties, ties.T @ eq.right, eq.total, eq.count, eq.misfit)
+def _reduce(eq: Normal, at: Ints) -> Normal:
+    return Normal(eq.gram[np.ix_(at, at)], eq.right[at], eq.total, eq.count, eq.misfit)
 
 
 def _sum(parts: Sequence[Normal]) -> Normal:

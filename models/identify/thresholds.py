@@ -19,15 +19,15 @@ from dehyst.models.recording import Floats
 FINE = 48
 
 
-def space_thresholds(n: int, drive_span: float, whole: bool = False) -> Floats:
-    """(n,) thresholds from 0 to below half the span, fine where small (after Eq. 10).
+def space_thresholds(n: int, drive_span: float, whole: bool = False, power: float = 3.0) -> Floats:
+    """(n,) thresholds from 0 to below half the span, fine where small (Eq. 10 with its power).
 
     Of many the first lies no lower than that of FINE: data cannot tell thresholds much closer.
     whole: some of them up to the span; on the virgin curve operators as wide as that still move.
     """
     wide = max(1, n * TUNING.beyond_half // TUNING.fine) if whole and n > 4 else 0
     n -= wide
-    power = 3.0 * min(1.0, np.log(FINE) / np.log(max(n, 2)))
+    power *= min(1.0, np.log(FINE) / np.log(max(n, 2)))
     inner = (np.arange(n) / n) ** power * drive_span / 2.0
     return np.concatenate([inner, (1.0 + np.arange(wide) / max(wide, 1)) * drive_span / 2.0])
 

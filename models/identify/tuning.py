@@ -34,6 +34,7 @@ class Tuning(NamedTuple):
     narrow: float = 0.02  # narrower operators may at first run the wrong way
     strengths: tuple[float, ...] = (1e-2, 1.0, 30.0, 1e3, 3e4)  # of the prior; 1: slopes differ by
     # about the mean slope from the narrowest operator to the widest
+    weighed: tuple[float, ...] = (1e-2, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e4)  # by evidence
     alone: float = 1e-3  # the most strength among narrow operators, where they are free
     wide: float = 1e3  # the least strength, among operators wider than half the range
     rate_strength: float = 1e-3  # of the prior on what the rate does, against that on the slopes
@@ -49,14 +50,17 @@ class Tuning(NamedTuple):
     climb: float = 0.003  # of the misfit, that a power of z must take away to show in the fit
     clear: float = 0.6  # of the held-out power: a structure that leaves no more pays at once
     clear_lag: float = 0.85  # the same for a lag longer than a sampling period
+    lag_operators: int = 24  # while a lag is sought, or the start judged
     clear_rate: float = 0.1  # the same for rate-dependence, which else must foretell whole ways
     clear_ways: float = 0.667  # of the power of these, at most
     coarse: int = 32  # operators while structures are compared
-    fine: int = 40  # and in the model
+    fine: int = 45  # and in the model
     finest: int = 48  # where the number in the model is given, before some are dropped
+    spacing: float = 2.5  # of these, the power by which thresholds grow; Eq. 10 has 3
     beyond_half: int = 5  # of these, wider than half the span where the virgin curve was driven
-    pull_weight: float = 0.35  # of the comparison drive, against all rows
-    pull_price: float = 1.10  # rms that the pull may cost, against the plain bounded fit
+    pull_weights: tuple[float, ...] = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4)  # of the comparison
+    # drive, against all rows: the largest that keeps the price
+    pull_price: float = 1.07  # rms that bounds and pull may cost, against the fit without bounds
     costs: float = 0.005  # of the misfit: so much the bounds must cost before there is a pull
     least_explained: float = 0.5  # of the displacement's power, held out: else it does not follow
     start_costs: float = 0.11  # of the other rows' misfit: true starts 0.06, others 0.22 and more
@@ -74,7 +78,7 @@ class Tuning(NamedTuple):
     rows_slope: int = 1_000_000  # for the mean slope
     rows_fitted: int = 1_000_000  # for the last fit: more do not lower its error by a nanometre
     most_held: int = 30_000_000  # numbers in the equations of the last fit
-    stretches: int = 50  # of time, for the intervals
+    stretches: int = 30  # of time, for the intervals
 
 
 TUNING = Tuning()

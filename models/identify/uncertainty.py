@@ -3,7 +3,9 @@
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from scipy.linalg import eigh
+from scipy.special import stdtrit
 
 from dehyst.models.identify.equations import (
     Equations,
@@ -78,7 +80,9 @@ def estimate_covariance(
         moves.append(white @ (along @ ((along.T @ (white.T @ score[at])) / without)))
     out = np.zeros((size, size))
     count = len(moves)
-    out[here] = (count - 1) / max(count, 1) * (np.transpose(moves) @ np.array(moves))
+    # 1.96 standard errors are to be a 95 % interval, of so few stretches Student's
+    few = (stdtrit(max(count - 1, 1), 0.975) / 1.96) ** 2
+    out[here] = few * (count - 1) / max(count, 1) * (np.transpose(moves) @ np.array(moves))
     return out
 
 
@@ -101,3 +105,15 @@ def _sum_stretches(
                 gram, score, filled = np.zeros((size, size)), np.zeros(size), 0
     if filled:
         yield fill_lower(gram), score
+
+
+def move_saturation(covariance: Floats, powers: Sequence[int], shift: float) -> Floats:
+    """(n,) standard errors of the coefficients of these powers in S(z - shift).
+
+    covariance: (n, n) of those in S(z). What is not known of the shift itself is left aside.
+    """
+    moved = np.zeros((len(powers), len(powers)))
+    for j, power in enumerate(powers):
+        coef = Polynomial([-shift, 1.0]) ** power
+        moved[:, j] = [coef.coef[p] if p <= power else 0.0 for p in powers]
+    return np.sqrt(np.maximum(np.diag(moved @ covariance @ moved.T), 0.0))

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dehyst.models.cascade.simulate import channels_of, simulate
+from dehyst.models.cascade.history import replay
+from dehyst.models.cascade.simulate import channels_of
 from dehyst.models.errors import BadInput
-from dehyst.models.hysteresis.play import play_step
 from dehyst.models.identify.uncertainty import estimate_noise
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
@@ -28,7 +28,8 @@ class Validation:
     span: of the displacement; noise: rms from row to row; claim: what the model states of itself;
     start: the history that fits; predicted: (N,); autocorrelation: (LAGS,) of what is left, from
     one row on; with_drive: (LAGS + 1,) its correlation with the drive so many rows before; chance:
-    what such a correlation is by chance; outside: share of the rows beyond the validity."""
+    what such a correlation is by chance; outside: share of the rows beyond the validity; within:
+    share of the rows, but for the offset, that the model's 95 % band and the noise explain."""
 
     name: str
     unit: str
@@ -43,6 +44,7 @@ class Validation:
     with_drive: Floats
     chance: float
     outside: float
+    within: float | None
 
     @property
     def share(self) -> float:
@@ -83,58 +85,46 @@ def validate(model: Model, recording: Recording) -> Validation:
         known &= ~np.isnan(recording.channels[name])
     if int(np.count_nonzero(known & ~recording.missing_displacement)) < 2 * LAGS:
         raise BadInput(f"{recording.name}: too few rows have all that the model reads")
-    channels = {name: recording.channels[name][known] for name in channels_of(model)}
-    u, t, y = recording.drive[known], recording.t_s[known], recording.displacement[known]
+    at: slice | Bools = slice(None) if known.all() else known  # of a long one no second copy
+    channels = {name: recording.channels[name][at] for name in channels_of(model)}
+    u, t, y = recording.drive[at], recording.t_s[at], recording.displacement[at]
     settled = _find_settled(u)
-    best: tuple[float, str, Floats] | None = None
-    for start, plays in _list_starts(model, float(u[0])).items():
-        predicted = simulate(model, t, u, channels, plays)
-        left = float(np.nanstd((y - predicted)[settled]))
-        if best is None or left < best[0] * (1.0 - 1e-9):
-            best = (left, start, predicted)
-    assert best is not None
+    start, predicted = replay(model, t, u, channels, y)
     out = np.full(recording.size, np.nan)
-    out[known] = best[2]
-    error = np.where(settled, y - best[2], np.nan)
+    out[known] = predicted
+    error = np.where(settled, y - predicted, np.nan)
     offset = float(np.nanmean(error))
     own, drive = _correlate(error - offset, u)
     fit = model.fit
+    noise, within = estimate_noise(error), None
+    if fit.band is not None:
+        reach = np.hypot(fit.band, SURE * noise)
+        within = float(np.mean(np.abs(error - offset)[~np.isnan(error)] <= reach))
     return Validation(
         name=recording.name,
         unit=model.displacement_unit,
-        rms=best[0],
+        rms=float(np.nanstd(error)),
         offset=offset,
         span=float(np.nanmax(y) - np.nanmin(y)),
-        noise=estimate_noise(error),
+        noise=noise,
         claim=max((x for x in (fit.holdout_rms, fit.rms) if x is not None), default=None),
-        start=best[1],
+        start=start,
         predicted=out,
         autocorrelation=own,
         with_drive=drive,
         chance=SURE / max(1.0, float(np.count_nonzero(~np.isnan(error)))) ** 0.5,
         outside=_measure_outside(model, u, t),
+        within=within,
     )
 
 
 def _find_settled(u: Floats) -> Bools:
     """(N,) rows from the first time on that the drive has covered nearly all of its own range, or
     all rows where that comes late: before, what the stage has been through has its say."""
-    low, high = np.minimum.accumulate(u), np.maximum.accumulate(u)
-    out = np.asarray(high - low >= COVERED * (high[-1] - low[-1]))
+    covered = np.maximum.accumulate(u)
+    covered -= np.minimum.accumulate(u)
+    out = np.asarray(covered >= COVERED * covered[-1])
     return out if np.count_nonzero(out) >= ENOUGH * u.size else np.ones(u.size, dtype=bool)
-
-
-def _list_starts(model: Model, u: float) -> dict[str, Floats]:
-    """(n,) plays before the first row, by the stage's history."""
-    h, v = model.hysteresis, model.validity
-    out = {"de-energised": np.zeros(h.n)}
-    for name, end in (("from above", v.drive_max), ("from below", v.drive_min)):
-        plays = np.zeros(h.n)
-        other = v.drive_min if end == v.drive_max else v.drive_max
-        for drive in (other, end, u):
-            play_step(h.r, plays, drive - h.u_offset)
-        out[name] = plays
-    return out
 
 
 def _correlate(error: Floats, u: Floats) -> tuple[Floats, Floats]:

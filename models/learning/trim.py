@@ -17,13 +17,13 @@ Readings are judged before they count (`Why`). A frozen trim keeps its value, an
 """
 
 import math
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from dehyst.models.learning.why import Why
 from dehyst.models.model import Model
 from dehyst.models.physics import KINDS
 from dehyst.models.physics.kind import Led, Shifted
@@ -48,19 +48,6 @@ class Tuning(NamedTuple):
 
 
 TUNING = Tuning()
-
-
-class Why(IntEnum):
-    """Why the trim stands still; NOTHING: it does not."""
-
-    NOTHING = 0
-    OFF = 1  # not configured
-    NOT_RUNNING = 2  # nobody commands
-    NO_READING = 3
-    STUCK = 4  # the same reading to the last digit while the model moved
-    JUMPED = 5  # the reading moved at once, the model did not
-    BEYOND = 6  # further from the model than is believed
-    DISTRUSTED = 7  # by the mismatch watch
 
 
 SETTING = np.dtype(

@@ -184,6 +184,16 @@ def small(entry: tuple[float, str]) -> str:
     return f"{value:.3g} {unit}"
 
 
+def common_amplitude(data: Data, columns: Floats, amplitudes: Floats) -> float:
+    """The one amplitude that stands best for those (k,) of columns (N, k), one for each recording,
+    each recording's mean apart."""
+    power = np.zeros(amplitudes.size)
+    for i in range(amplitudes.size):
+        x = columns[(data.rec == i) & data.rows, i]
+        power[i] = float(np.sum((x - x.mean()) ** 2)) if x.size else 0.0
+    return float(power @ amplitudes / max(float(power.sum()), 1e-300))
+
+
 def other_causes(data: Data) -> list[str]:
     """Further channels that may move the stage."""
     return [c for c in data.channels if not NOT_A_CAUSE.match(c) and c != data.drive_key]

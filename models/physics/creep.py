@@ -5,6 +5,7 @@ a decade, with one common gain (log-type creep; H. Jung, D.-G. Gweon, Rev. Sci. 
 
     y = x + (g / 3) sum_j [q_j - m_j x],   tau_j dq_j/dt + q_j = x,   m_j = 1 - exp(-0.1 s / tau_j)
 
+(g / 3 is for three a decade exactly: their number is rounded, and their weights with it.)
 The m_j make 0.1 s after a step the time that the law calls y0. Exact for an input that runs in
 straight lines between the samples. In a recording under feedback, where the reading rests, creep
 is read from the drive (`dehyst.models.signals.held`).
@@ -35,10 +36,16 @@ HELD_TIMES_LONGER = 3.0  # than the hold, the longest
 
 
 def _relaxations_of(gain: float, tau_min: float, tau_max: float) -> tuple[float, float, Floats]:
-    """g / 3, the sum of the m_j, and the time constants (n,)."""
-    n = max(1, round(PER_DECADE * math.log10(tau_max / tau_min)) + 1)
+    """Weight of each relaxation, the sum of the m_j, and the time constants (n,). All weights
+    together go on evenly where the number of relaxations changes by one."""
+    decades = math.log10(tau_max / tau_min)
+    n = max(1, round(PER_DECADE * decades) + 1)
     taus = np.geomspace(tau_min, tau_max, n)
-    return gain / PER_DECADE, float(np.sum(1.0 - np.exp(-REFERENCE_S / taus))), taus
+    return (
+        gain * (decades + 1.0 / PER_DECADE) / n,
+        float(np.sum(1.0 - np.exp(-REFERENCE_S / taus))),
+        taus,
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -152,7 +159,8 @@ class Creep(Candidate):
     def __init__(self, data: Data) -> None:
         longest = max(float(data.t.max() - data.t.min()), 50 * data.period)
         self.parameters = (
-            Parameter("gain_per_decade", "1/decade", 1e-4, 0.3),
+            # a chain of relaxations and the law differ by that much at both ends
+            Parameter("gain_per_decade", "1/decade", 1e-4, 0.3, sure=0.1),
             Parameter("tau_min_s", "s", 8 * data.period, 0.2 * longest),
             Parameter("tau_max_s", "s", 0.4 * longest, 10.0 * longest),
         )

@@ -12,14 +12,20 @@ import numpy as np
 
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
-from dehyst.models.physics.candidate import Candidate, Context, Parameter, small
+from dehyst.models.physics.candidate import (
+    Candidate,
+    Context,
+    Parameter,
+    common_amplitude,
+    small,
+)
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Never, Param
 from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("amount", "since")
 STATE = fields("elapsed")  # since the first sample
-MOST = 0.1  # of the stroke, that a decade of time may move
+MOST = 0.5  # of the stroke, that a decade of time may move: the move may have been a larger one
 EARLIEST, LATEST = 0.002, 3.0  # of the recording's length: the last move's end before it
 
 
@@ -86,7 +92,9 @@ class EarlierCreep(Candidate):
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {
-            f"amount_{data.unit}": float(np.mean(amplitudes)),
+            f"amount_{data.unit}": common_amplitude(
+                data, self.columns(data, Context(data.u, data.y), theta), amplitudes
+            ),
             "since_s": float(theta[0]),
         }
         return (Block("earlier_creep", "stage", params),)
@@ -100,7 +108,7 @@ class EarlierCreep(Candidate):
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
         if float(np.abs(amplitudes).max()) > MOST * float(np.ptp(data.y)):
-            return "creep of more than a tenth of the stroke"
+            return "creep of more than half of the stroke"
         return ""
 
 

@@ -121,8 +121,9 @@ class Hum(Candidate):
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         out = []
+        rows = np.bincount(data.rec[data.rows], minlength=self._recordings)
         for f, line in zip(theta, self.per_recording(theta, amplitudes), strict=True):
-            mean = complex(line.mean())
+            mean = complex(line @ rows / max(float(rows.sum()), 1.0))
             # with phases that differ between recordings nothing can be foretold: amplitude of
             # the mean phasor, which is then small
             out.append(

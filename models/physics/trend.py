@@ -10,7 +10,13 @@ import numpy as np
 
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
-from dehyst.models.physics.candidate import Candidate, Context, Parameter, small
+from dehyst.models.physics.candidate import (
+    Candidate,
+    Context,
+    Parameter,
+    common_amplitude,
+    small,
+)
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Never, Param
 from dehyst.models.signals.joined import Data, Floats
@@ -82,7 +88,9 @@ class Trend(Candidate):
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {
             f"rate_{data.unit}_per_s": 0.0,
-            f"amount_{data.unit}": float(np.mean(amplitudes)),
+            f"amount_{data.unit}": common_amplitude(
+                data, self.columns(data, Context(data.u, data.y), theta), amplitudes
+            ),
             "tau_s": float(theta[0]),
         }
         return (Block("trend", "stage", params),)
@@ -95,8 +103,8 @@ class Trend(Candidate):
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
-        if float(np.abs(amplitudes).max()) > 0.05 * float(np.ptp(data.y)):
-            return "a drift of more than a twentieth of the stroke"
+        if float(np.abs(amplitudes).max()) > 0.3 * float(np.ptp(data.y)):
+            return "a drift of more than a third of the stroke"
         return ""
 
 

@@ -10,7 +10,6 @@ frequencies: no loop is wrong by as much as it is high.
 """
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from dehyst.models.signals.filters import dahl, plays
 from dehyst.models.signals.joined import Bools, Data, Floats
@@ -23,6 +22,7 @@ WIDTHS = np.array([0.03, 0.2])  # of the drive's range: of the plays and memorie
 AS_STRONG = 0.5  # of a line's height over its neighbours, that a product's must reach to hide it
 AS_HIGH = 0.7  # of what the drive's line would make, that a residual's must reach to be no product,
 MINOR = 0.05  # where the drive's line is no more than this part of its strongest
+MOST_STEPS = 801  # of frequency
 STANDS_OUT = 4.5  # amplitude over the rms of its neighbourhood; by chance once in 1e5 records
 
 
@@ -34,11 +34,10 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
     products: dict[int, Floats] = {}
     slope = _slope(data)
     names = range(len(data.names))
-    fundamentals = [
-        fundamental_hz(data.u[data.rec == i], float(data.dt[data.rec == i][0])) for i in names
-    ]
+    whole = [_longest_part(data, i) for i in names]
+    longest = max(float(np.ptp(data.t[here])) for here in whole)
+    fundamentals = [fundamental_hz(data.u[here], float(data.dt[here][0])) for here in whole]
     for _ in range(count):
-        longest = max(float(np.ptp(data.t[data.rec == i])) for i in names)
         step = 0.5 / longest
         top = 0.49 / float(data.dt.max())
         grid = np.arange(2.0 / longest, top, step)
@@ -47,7 +46,7 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
         fed_back = np.ones(grid.size, dtype=bool)
         harmonic = np.ones(grid.size, dtype=bool)
         for i in names:
-            here = data.rec == i
+            here = whole[i]
             e = work[here]
             dt = float(data.dt[here][0])
             if e.size < 400:
@@ -77,6 +76,12 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
     return found
 
 
+def _longest_part(data: Data, i: int) -> Bools:
+    """(N,) the longest stretch of a recording without a gap."""
+    parts, sizes = np.unique(data.part[data.rec == i], return_counts=True)
+    return np.asarray(data.part == parts[np.argmax(sizes)])
+
+
 def _spectrum(x: Floats, dt: float) -> tuple[Floats, Floats]:
     """Frequencies [Hz] and amplitudes, through a window of Hann."""
     size = PADDED * x.size
@@ -102,6 +107,8 @@ def _as_high(spectrum: Floats, u: Floats, slope: float) -> Floats:
 def _products(data: Data, here: Bools, dt: float) -> Floats:
     """Height over their neighbours of the lines that a hysteresis makes of a recording's drive, by
     frequency; each as wide as the main lobe."""
+    from scipy.ndimage import maximum_filter1d  # takes its time, and the loop does not need it
+
     u, forgets = data.u[here], data.forgets[here]
     x = 2.0 * (u - data.u_min) / data.span - 1.0
     h, z = plays(2.0 * WIDTHS, x + 1.0, forgets) - 1.0, dahl(2.0 * WIDTHS, x, forgets)
@@ -143,6 +150,9 @@ def _line(data: Data, x: Floats, f: float) -> Floats:
 
 
 def _refine(data: Data, x: Floats, f0: float, step: float) -> float:
-    grid = f0 + np.linspace(-1.5, 1.5, 31) * step
+    """The frequency near f0 that takes most; finely where a recording's stretches lie far apart."""
+    apart = float(np.ptp(data.t)) * 2.0 * step  # length of all in that of a stretch
+    count = int(np.clip(2 * round(15 * apart) + 1, 31, MOST_STEPS))
+    grid = f0 + np.linspace(-1.5, 1.5, count) * step
     power = [float(np.sum(_line(data, x, f) ** 2)) for f in grid]
     return float(grid[int(np.argmax(power))])

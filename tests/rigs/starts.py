@@ -21,7 +21,7 @@ TOOLS = (
     "subprocess", "multiprocessing", "zenoh.open", "pty", "tests.rigs.processes",
     "tests.rigs.gateway_bench", "tests.rigs.controllers", "tests.rigs.chaos", "tests.rigs.service",
     "dehyst.daemon.bus.session.Bus", "dehyst.drivers.emulated.bench",
-    "dehyst.drivers.emulated.mdt693b_port", "dehyst.drivers.emulated.pty_device",
+    "dehyst.drivers.emulated.mdt693b_port", "dehyst.drivers.emulated.pty_device", "nbclient",
 )  # fmt: skip
 EVENTS = {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.system"}
 """What the interpreter tells an audit hook."""

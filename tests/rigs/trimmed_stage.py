@@ -1,7 +1,7 @@
 """A controller on the simulated stage in this process, sample by sample in virtual time: with
 trim, with learned corrections, and with faults of the gauge."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Floats, Model
 
 LOW_V, HIGH_V, SLEW = 0.0, 150.0, 4000.0
-AHEAD = 64
 CONFIG = """
 name = "trimmed"
 model = {{file = "none"}}
@@ -30,8 +29,8 @@ setpoint = {{origin = 0.0, stale_s = 1e6, queue_s = 600.0}}
 trim = {{enabled = {trim}}}
 """
 
-Tamper = Callable[[int, float], float]
-"""(sample, reading) -> what the loop is told."""
+Tamper = Callable[["TrimmedStage", float], float]
+"""(rig, reading) -> what the loop is told; may change the stage too."""
 
 
 class TrimmedStage:
@@ -74,12 +73,21 @@ class TrimmedStage:
         reading = self.stage.reading_um()
         self.true.append(self.stage.displacement_um)
         if tamper is not None:
-            reading = tamper(len(self.records), reading)
+            reading = tamper(self, reading)
+        if self.records and self.records[-1] is None:
+            stepper.follow_output(stepper.volts)  # the model knows of the time that passed
         record = stepper.step(self.now_ns, reading, commands)[0].copy()
         record["seq"], record["scheduled_ns"] = len(self.records), self.now_ns
         self.records.append(record)
         self.stage.advance(self.period_ns * 1e-9, float(record["volts"]))
         stepper.follow_output(float(record["volts"]))
+        self.now_ns += self.period_ns
+
+    def skip(self) -> None:
+        """A sample that the loop missed: a period passes under the voltage before."""
+        self.records.append(None)
+        self.true.append(self.stage.displacement_um)
+        self.stage.advance(self.period_ns * 1e-9)
         self.now_ns += self.period_ns
 
     def go(self, um: float, seconds: float, tamper: Tamper | None = None) -> None:
@@ -121,10 +129,9 @@ class Player:
         correction: Floats | None = None,
         tamper: Tamper | None = None,
         last: bool = False,
-        ahead: Floats | None = None,
+        missed: Collection[int] = (),
     ) -> slice:
-        """The next piece; which samples are its own. ahead: the targets that follow it, with their
-        correction, which the window of the inverse needs."""
+        """The next piece; which samples are its own. missed: places in it that the loop misses."""
         rig, n = self.rig, target.size
         batch = np.zeros(n, COMMAND)
         batch["kind"], batch["trajectory"] = Command.POINT, self.number
@@ -143,7 +150,10 @@ class Player:
             rig.tick(batch, tamper)
             done = 1
         first = self.begun + self.sent
-        for _ in range(n - done):
-            rig.tick(batch[:0], tamper)
+        for place in range(done, n):
+            if place in missed:
+                rig.skip()
+            else:
+                rig.tick(batch[:0], tamper)
         self.sent += n
         return slice(first, first + n)

@@ -71,6 +71,8 @@ settings = {settings}
 min_v = 0.0
 max_v = {top}
 slew_v_per_s = {slew}
+[trim]
+enabled = false
 [setpoint]
 origin = "model"
 [inverse]

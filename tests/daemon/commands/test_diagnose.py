@@ -97,6 +97,26 @@ def test_report_is_self_contained(written):
     assert not re.search(r"\bnan\b", text)
 
 
+def test_report_says_things_in_the_order_in_which_they_are_needed(written):
+    """The data, the verdict in a sentence, its pair of figures, findings with their pictures, what
+    is excluded, what to record next."""
+    _, out = written
+    text = (out / "report.html").read_text()
+    parts = (
+        "Recordings: a.csv, b.csv (8000 rows); no reading is missing",
+        "where the noise is",
+        "error, augmented model",
+        "What was left out",
+        "Before and after",
+        "The loop",
+        "What is excluded",
+        "Next experiment",
+    )
+    places = [text.index(part) for part in parts]
+    assert places == sorted(places)
+    assert "hum explains it, and the augmented model leaves" in text
+
+
 def test_report_gives_the_figures_of_the_diagnosis(written):
     _, out = written
     said, text = json.loads((out / "diagnosis.json").read_text()), (out / "report.html").read_text()

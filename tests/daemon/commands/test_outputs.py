@@ -18,6 +18,7 @@ WRITES: dict[str, list[str]] = {
     "identify": ["identify {rec} -o {out}", "identify {rec} -o m.toml --report {dir}"],
     "validate": ["validate {model} {rec} --report {dir}"],
     "simulate": ["simulate {model} {rec} -o {out}"],
+    "play": ["play {trajectory} --repeat 2 --learn --credentials {credentials} --picture {out}"],
     "convert": ["convert {rec} {out}", "convert {trajectory} {out}"],
     "invert": ["invert {model} {trajectory} -o {out}"],
     "diagnose": ["diagnose {rec} --model {model} -o {dir}"],

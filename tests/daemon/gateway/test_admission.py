@@ -239,3 +239,27 @@ def test_a_new_gateway_goes_on_where_the_old_one_was_killed(gate: Gate) -> None:
     assert again.chunk(0, grid(0, 0.2)).ok  # half of it is known: only the rest is passed on
     assert np.allclose(again.records["offset_ns"] * 1e-9, grid(0.1, 0.1))
     assert again.chunk(5, grid(0.9, 0.1)).code == "order"
+
+
+def test_a_learned_correction_goes_to_the_loop_beside_its_target(gate: Gate) -> None:
+    values, learned = np.array([1.0, 2.0, 3.0]), np.array([0.1, -0.2, 0.0])
+    assert gate.chunk(0, grid(0.0, 0.003), values, correction=learned.tobytes()).ok
+    np.testing.assert_array_equal(gate.records["value"], values)
+    np.testing.assert_array_equal(gate.records["correction"], learned)
+    wrong = np.array([0.0, np.nan, 0.0])
+    later = gate.chunk(1, grid(0.003, 0.003), values, correction=wrong.tobytes())
+    assert later.code == "not-finite"
+
+
+@pytest.mark.parametrize(
+    ("value", "code"), [(0.3, "ok"), (float("nan"), "not-finite"), (11.0, "unreachable")]
+)
+def test_the_gauges_zero_moves_within_reason(gate: Gate, value: float, code: str) -> None:
+    reply = gate.request(1, "zero", value=value)
+    assert reply.code == code
+    if reply.ok:
+        assert (gate.records[-1]["kind"], gate.records[-1]["value"]) == (Command.ZERO, value)
+
+
+def test_the_gauges_zero_is_the_leaseholders_to_move(gate: Gate) -> None:
+    assert gate.request(2, "zero", value=0.1).code == "lease-taken"

@@ -157,11 +157,15 @@ def test_a_learned_correction_moves_the_stage_and_not_the_target() -> None:
     assert record["trim"] == 0.0
 
 
-def test_a_learned_correction_beyond_its_bound_is_dropped_and_told() -> None:
+@pytest.mark.parametrize(("asked", "taken"), [(1.5, 1.0), (-7e9, -1.0), (math.nan, 0.0)])
+def test_a_learned_correction_beyond_its_bound_is_held_there_and_told(
+    asked: float, taken: float
+) -> None:
     bench = Trimmed(on=False)
-    bench.send(learned(points(5, [4.0] * 300, 0, False), 1.5), n=600)
-    assert not np.any([r["learned"] for r in bench.records])
-    assert any("dropped" in text for text in bench.stepper.events)
+    bench.send(learned(points(5, [4.0] * 300, 0, False), asked), n=600)
+    assert max(abs(float(r["learned"])) for r in bench.records) <= 1.0
+    assert bench.records[-1]["learned"] == taken
+    assert any("largest that is taken" in text for text in bench.stepper.events)
 
 
 def test_what_was_learned_fades_after_its_trajectory() -> None:
@@ -221,6 +225,19 @@ def test_volts_keep_range_and_slew_whatever_the_gauge_says(todo: list) -> None:
     assert volts.min() >= 0.0
     assert volts.max() <= 75.0
     assert np.abs(np.diff(volts)).max(initial=0.0) <= SLEW * 1e-3 * (1 + 1e-12)
+
+
+def test_a_moved_zero_is_in_the_status_at_once() -> None:
+    """For whoever compares readings with those before it."""
+    rig = Rig(next(names))
+    shift = setpoint(-0.25)
+    shift["kind"] = Command.ZERO
+    rig.play([setpoint(4.0)], 30, compiled=False)
+    rig.play([shift], 3, compiled=False)
+    status, _, _ = rig.rings["status"].read(0)
+    assert status["gauge_zero"].tolist()[-1] == -0.25
+    at = int(status["samples"][np.flatnonzero(status["gauge_zero"])[0]])
+    assert at == 31
 
 
 @settings(max_examples=8)

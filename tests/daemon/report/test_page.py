@@ -15,7 +15,7 @@ from dehyst.daemon.report.plotting import (
     finite_rms,
     white_density,
 )
-from dehyst.daemon.report.units import pick_unit, spell_unit
+from dehyst.daemon.report.units import pick_unit, spell_size, spell_unit
 
 NASTY = "<script>alert('x')</script> & \"a\""
 VOID = {"meta", "img"}
@@ -126,3 +126,19 @@ def test_units_are_written_for_people():
     assert [spell_unit(u) for u in ("v", "v/s", "um/v^2", "um", "1/decade")] == [
         "V", "V/s", "um/V^2", "um", "1/decade"
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (1.81e-3, "s", "1.81 ms"),
+        (99e-6, "s", "99 us"),
+        (2.5, "s", "2.5 s"),
+        (0.0133, "um", "13.3 nm"),
+        (1.2, "um", "1.2 um"),
+        (1912.0, "v/s", "1910 V/s"),
+        (0.00893, "1/decade", "0.00893 1/decade"),
+    ],
+)
+def test_sizes_are_told_in_a_unit_that_suits_them(value, unit, text):
+    assert spell_size(value, unit) == text

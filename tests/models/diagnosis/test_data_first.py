@@ -5,7 +5,7 @@ import pytest
 from tests.models.diagnosis.test_subject import DT, NOISE_UM, N, drive, plain, recordings
 
 from dehyst.models.diagnosis import diagnose
-from dehyst.models.diagnosis.prepare import prepare
+from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.recording import Recording
 
 PHYSICS = {"shape", "unknown"}

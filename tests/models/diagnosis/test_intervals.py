@@ -5,11 +5,11 @@ import pytest
 from scipy.signal import lfilter
 
 from dehyst.models.diagnosis.base import compact_base, rich_base
+from dehyst.models.diagnosis.data.noise import noise_rms
+from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect, behind_output
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.intervals import intervals
-from dehyst.models.diagnosis.noise import noise_rms
-from dehyst.models.diagnosis.prepare import prepare
 from dehyst.models.physics import library
 from dehyst.models.recording import Recording
 

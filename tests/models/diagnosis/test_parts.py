@@ -5,11 +5,11 @@ import pytest
 
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis.base import compact_base, rich_base
+from dehyst.models.diagnosis.data.locate import hot_spots, locate, since_turn, time_in_hold
+from dehyst.models.diagnosis.data.noise import noise_rms
+from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect, internal, moved
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.locate import hot_spots, locate, since_turn, time_in_hold
-from dehyst.models.diagnosis.noise import noise_rms
-from dehyst.models.diagnosis.prepare import prepare
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.physics import PHYSICS, check_block, library
 from dehyst.models.physics.candidate import Context

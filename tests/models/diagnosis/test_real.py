@@ -7,8 +7,8 @@ from scipy import signal
 
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.base import rich_base
+from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.prepare import prepare
 from dehyst.models.diagnosis.steps import held_drive
 from dehyst.models.recording import Recording
 from dehyst.models.signals.held import longest_hold

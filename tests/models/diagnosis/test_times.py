@@ -7,9 +7,9 @@ from tests.models.diagnosis.test_subject import DT, NOISE_UM, drive, plain, reco
 
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.base import rich_base
-from dehyst.models.diagnosis.episodes import find_line, tell_time
-from dehyst.models.diagnosis.excerpt import excerpt
-from dehyst.models.diagnosis.prepare import prepare
+from dehyst.models.diagnosis.data.excerpt import excerpt
+from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.findings.episodes import find_line, tell_time
 from dehyst.models.recording import Recording
 from dehyst.models.signals.lines import find_lines
 
@@ -106,6 +106,26 @@ def test_products_of_two_lines_of_the_drive_are_blind() -> None:
     assert find_lines(data, noise + product) == []
     beside = 0.01 * np.sin(2 * np.pi * 47.9 * t)
     assert find_lines(data, noise + product + beside) == [pytest.approx(47.9, abs=0.05)]
+
+
+def test_a_line_of_the_reading_is_found_though_feedback_brings_it_into_the_drive() -> None:
+    """An integrating loop answers hum of the sensor with a drive against it."""
+    t = np.arange(12_000) * DT
+    hum = 0.01 * np.sin(2 * np.pi * 47.9 * t)
+    u = 5 + 2.5 * np.sin(2 * np.pi * 0.31 * t) - 0.6 * hum
+    noise = 0.002 * np.random.default_rng(1).standard_normal(t.size)
+    data = prepare([Recording(t, u, u + hum + noise)])
+    assert find_lines(data, hum + noise) == [pytest.approx(47.9, abs=0.05)]
+
+
+def test_a_line_is_found_in_stretches_that_lie_apart() -> None:
+    t = np.arange(100_000) * DT
+    u = 5 + 2.5 * np.sin(2 * np.pi * 0.413 * t) + np.sin(2 * np.pi * 2.27 * t)
+    noise = 0.01 * np.random.default_rng(1).standard_normal(t.size)
+    part = excerpt(prepare([Recording(t, u, u + noise)]), 24_000)
+    line = 0.01 * np.sin(2 * np.pi * 50.013 * part.t)
+    e = line + 0.01 * np.random.default_rng(2).standard_normal(part.n)
+    assert find_lines(part, e) == [pytest.approx(50.013, abs=0.002)]
 
 
 def test_an_excerpt_keeps_the_memory_of_the_drive() -> None:

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from dehyst.models.diagnosis.base import compact_base
+from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import constancy
+from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, judge
-from dehyst.models.diagnosis.limits import limits
-from dehyst.models.diagnosis.prepare import prepare
 from dehyst.models.diagnosis.search import search
 from dehyst.models.physics import library
 from dehyst.models.physics.candidate import Candidate

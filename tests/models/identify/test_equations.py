@@ -25,7 +25,7 @@ SHAPES = [Shape(False, (0, 3)), Shape(True, (0, 2, 3)), Shape(True, (0, 3, 5))]
 def test_jacobian_is_the_derivative(shape: Shape) -> None:
     rows = [read_rows(_recording(0)), read_rows(_recording(1))]
     r = np.array([0.0, 0.1, 0.7, 1.9])
-    block = next(iter(make_equations(rows, [x.use for x in rows], r, 0.5, 200.0, 1.0)))
+    block = next(iter(make_equations(rows, [x.use for x in rows], r, (0.5, 0.5), 200.0, 1.0)))
     rng = np.random.default_rng(5)
     params = Params(
         rng.uniform(0.5, 1.5, 8 if shape.rate else 4), rng.normal(0, 1e-3, len(shape.powers)),

@@ -68,7 +68,7 @@ def test_paper_recording(paper: Identification) -> None:
 def test_paper_recording_unconstrained() -> None:
     truth, u = shipped("paper-eq12").hysteresis, two_sines(10000)
     result = identify([measured(truth, u, 0.045)], Options(monotone=False))
-    assert result.model.fit.rms < 0.0458
+    assert result.model.fit.rms < 1.02 * 0.045
     assert rms(simulate(result.model.hysteresis, u, T) - simulate(truth, u, T)) < 0.010
 
 

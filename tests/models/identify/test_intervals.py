@@ -10,10 +10,11 @@ from scipy.signal import lfilter
 
 from dehyst.models.hysteresis.forward import simulate
 from dehyst.models.identify import Options, identify
+from dehyst.models.identify.uncertainty import move_saturation
 from dehyst.models.model import Hysteresis
 from dehyst.models.recording import Recording
 
-T, N, NOISE_UM, RUNS = 1e-3, 3000, 0.01, 50
+T, N, NOISE_UM, RUNS = 1e-3, 3000, 0.01, 54
 R = [5.0 * (i / 48) ** 3 for i in (0, 16, 28, 40)]  # of a drive from 0 to 10 V
 SLOPES = np.array([0.6, 0.8, 1.1, 1.5])
 TRUTH = Hysteresis(r=R, b=np.diff(SLOPES, prepend=0.0), c=[0.0, 1.0])
@@ -47,3 +48,16 @@ def test_95_of_100_intervals_hold_the_true_value(together: int) -> None:
         hits += (np.abs(error) <= allowed).tolist()
     assert len(hits) >= 200
     assert 0.90 <= np.mean(hits) <= 0.98
+
+
+def test_errors_of_a_saturation_that_is_written_about_another_zero() -> None:
+    """Against parameters drawn by chance and written out about the other zero."""
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(3, 3))
+    powers, shift = (0, 2, 3), 1.7
+    draws = rng.multivariate_normal(np.zeros(3), root @ root.T, 200_000)
+    full = np.zeros((draws.shape[0], 4))
+    for power, c in zip(powers, draws.T, strict=True):
+        full[:, : power + 1] += c[:, None] * (np.poly1d([1.0, -shift]) ** power).coeffs[::-1]
+    found = move_saturation(root @ root.T, powers, shift)
+    assert found == pytest.approx(full[:, list(powers)].std(axis=0), rel=0.02)

@@ -12,9 +12,9 @@ import dehyst.models
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.cascade.step import beside, lead_drive, pack, undo
 from dehyst.models.diagnosis.base import rich_base
+from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.prepare import prepare
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.physics import KINDS, PHYSICS, check_block

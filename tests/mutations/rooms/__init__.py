@@ -9,6 +9,7 @@ from tests.mutations.rooms import (
     hysteresis,
     identify,
     inverse,
+    learning,
     mismatch,
     motion,
     rings,
@@ -28,4 +29,5 @@ ROOMS = {
     "identify": identify.CHANGES,
     "diagnosis": diagnosis.CHANGES,
     "mismatch": mismatch.CHANGES,
+    "learning": learning.CHANGES,
 }

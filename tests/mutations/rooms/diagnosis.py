@@ -3,7 +3,7 @@
 from tests.mutations.change import Change, room
 
 TUNING, JUDGE = "models/diagnosis/tuning.py", "models/diagnosis/judge.py"
-LIMITS, EVIDENCE = "models/diagnosis/limits.py", "models/diagnosis/evidence.py"
+LIMITS, EVIDENCE = "models/diagnosis/findings/limits.py", "models/diagnosis/evidence.py"
 INTERVALS, SEARCH = "models/diagnosis/intervals.py", "models/diagnosis/search.py"
 
 CHANGES = [
@@ -99,22 +99,22 @@ CHANGES = [
         Change(
             "constancy-off",
             JUDGE,
-            "(steady.wrong > 0.3 or steady.spread > 1.0)",
+            "(steady.wrong > 0.3 or steady.spread > trial.candidate.widest_spread)",
             "False",
             "what is there in one recording alone is told of the stage",
         ),
         Change(
             "contradiction-accepted",
             JUDGE,
-            "(steady.wrong > 0.3 or steady.spread > 1.0)",
-            "steady.spread > 1.0",
+            "(steady.wrong > 0.3 or steady.spread > trial.candidate.widest_spread)",
+            "steady.spread > trial.candidate.widest_spread",
             "a cause that one recording contradicts is told",
             survives="the scatter over the recordings, beside it, refuses what the tests put there",
         ),
         Change(
             "scatter-accepted",
             JUDGE,
-            "(steady.wrong > 0.3 or steady.spread > 1.0)",
+            "(steady.wrong > 0.3 or steady.spread > trial.candidate.widest_spread)",
             "steady.wrong > 0.3",
             "a cause that comes and goes is told of the whole",
         ),

@@ -7,30 +7,31 @@ from itertools import combinations
 
 import numpy as np
 
+from dehyst.models.diagnosis.data.locate import hot_spots, locate
 from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.evidence import by_blocks, constancy, contribution
+from dehyst.models.diagnosis.findings.rivals import Rival, rivals
+from dehyst.models.diagnosis.findings.told import unidentified
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.intervals import intervals
 from dehyst.models.diagnosis.judge import SearchState
-from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.result import Finding
-from dehyst.models.diagnosis.rivals import Rival, rivals
-from dehyst.models.diagnosis.told import unidentified
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import PHYSICS
 from dehyst.models.physics.candidate import Candidate, small
 
 
 def verdict_of(
-    findings: Sequence[Finding], left: float, at_first: float, beside: float, sigma: float
+    findings: Sequence[Finding], left: float, at_first: float, beside: float, floor: float
 ) -> str:
     """clean, explained, partly or unknown. Rms excess over the noise: left, at_first: that the
     augmented model and the model in use leave; beside: that a loop of any shape leaves without
-    physics, against which what physics explains is measured."""
-    structure = TUNING.structure_left * sigma
+    physics, against which what physics explains is measured. floor: rms of the noise, or of what
+    no base is better than."""
+    structure = TUNING.structure_left * floor
     if not findings:
         return "unknown" if at_first > structure else "clean"
-    if left <= TUNING.surely_nothing * sigma or left**2 <= TUNING.explained_best * at_first**2:
+    if left <= TUNING.surely_nothing * floor or left**2 <= TUNING.explained_best * at_first**2:
         return "explained"
     if all(f.name == "shape" for f in findings):
         return "partly" if left > structure else "explained"

@@ -41,7 +41,9 @@ def retell(
 
     def same(f: Finding) -> bool:
         return f.key == candidate.key and all(
-            np.isclose(f.parameters[key].value, v.value) for key, v in values.items()
+            np.isclose(f.parameters[key].value, v.value)
+            for key, v in values.items()
+            if key in f.parameters  # else its interval was too wide to be told
         )
 
     return tuple(

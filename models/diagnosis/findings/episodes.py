@@ -139,7 +139,7 @@ def _lines_of(data: Data, residual: Floats, i: int) -> list[_Line]:
     for _, k, runs in sorted(out, key=lambda one: -one[0])[:3]:
         first, last = at[runs[0] * each], at[min((runs[-1] + 1) * each, at.size) - 1]
         here = (data.rec == i) & (data.t >= data.t[first]) & (data.t <= data.t[last])
-        peak = k - 1 + int(np.argmax(np.sum(amplitude[runs, k - 1 : k + 2] ** 2, axis=0)))
+        peak = int(k - 1 + np.argmax(np.sum(amplitude[runs, k - 1 : k + 2] ** 2, axis=0)))
         f, removed = _fit_line(data, residual, here, peak / (each * dt))
         inner = runs[1:-1] if runs.size > 3 else runs
         sizes = amplitude[inner, k - 1 : k + 2].max(axis=1).tolist()

@@ -9,15 +9,15 @@ friction), or none of these (another class of hysteresis). One stage's recording
 the cause: each stands for what else makes the same.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dehyst.models.diagnosis.base import numbers_base
+from dehyst.models.diagnosis.data.locate import hot_spots, locate
 from dehyst.models.diagnosis.effects import behind_output
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.fit import JointFit, Problem
-from dehyst.models.diagnosis.locate import hot_spots, locate
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.physics import library
@@ -67,6 +67,17 @@ class Correction:
     rms: float
 
 
+CONTAINED = "The augmented model contains it, and it is compensated"
+NOT_CONTAINED = (
+    "The augmented model does not contain it: beyond what was recorded it would go astray"
+)
+
+
+def not_contained(finding: Finding) -> Finding:
+    """The finding where the augmented model is handed out without the shape."""
+    return replace(finding, says=finding.says.replace(CONTAINED, NOT_CONTAINED))
+
+
 def measure_correction(
     problem: Problem, final: JointFit, bare_square: float, held_square: float
 ) -> Correction:
@@ -83,7 +94,8 @@ def measure_correction(
         before = alone.solve(final.effects, problem.output_of(final)).sse / int(data.rows.sum())
     elif not final.effects:
         before = bare_square  # without effects all that the base explains is a matter of shape
-    return Correction(before - held_square, left, float(np.std(_correction(problem, final))))
+    added = _correction(problem, final)[data.rows]
+    return Correction(before - held_square, left, float(np.std(added)))
 
 
 def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str, ...]:
@@ -127,17 +139,21 @@ def shape_finding(
         **{f"explained_by_{k}": v for k, v in parts.items()},
     }
     says = (
-        f"The loop is not the model's, by {small((correction.rms, data.unit))} rms: {words}. The "
-        "augmented model contains it, and it is compensated."
+        f"The loop is not the model's, by {small((correction.rms, data.unit))} rms: {words}. "
+        f"{CONTAINED}."
     )
-    if problem.subject.given:
-        numbers = float(np.sqrt(correction.numbers))
-        if correction.numbers < sigma**2 + 0.3 * max(correction.gain, 0.0):
-            says = (
-                f"The model's numbers are not this stage's, by {small((correction.rms, data.unit))}"
-                f" rms: other numbers in the same class would leave {small((numbers, data.unit))}. "
-                "Identify again from these recordings; the augmented model contains the difference."
-            )
+    numbers = small((float(np.sqrt(correction.numbers)), data.unit))
+    if correction.numbers < sigma**2 + 0.3 * max(correction.gain, 0.0):
+        removed = small((float(np.sqrt(max(correction.gain, 0.0))), data.unit))
+        says = (
+            f"The model's numbers are not this stage's, by {removed} rms: other numbers in the "
+            f"same class would leave {numbers}. "
+        )
+        if problem.subject.given:
+            says += "Identify again from these recordings"
+        else:
+            says += "These recordings show too little of the loop to identify it"
+        says += f". {CONTAINED}."
     return Finding(
         name="shape",
         key="shape",
@@ -169,7 +185,7 @@ def _correction(problem: Problem, final: JointFit) -> Floats:
         xr = x[data.rows]
         gram = xr.T @ xr + 1e-9 * xr.shape[0] * np.eye(xr.shape[1])
         d = d - x @ np.linalg.solve(gram, xr.T @ d[data.rows])
-    return np.asarray(d - d[data.rows].mean())
+    return np.where(data.rows, d - d[data.rows].mean(), 0.0)
 
 
 def _looks(problem: Problem, final: JointFit, d: Floats) -> dict[str, float]:

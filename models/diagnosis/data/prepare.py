@@ -19,10 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.errors import BadRecording
+from dehyst.models.errors import BadRecording, DehystError
+from dehyst.models.identify.rows import read_rows
+from dehyst.models.identify.setup import set_up
+from dehyst.models.identify.start import start_agrees
 from dehyst.models.recording import Recording, typical_step
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
+FIRST_WAY = 0.8  # of the drive's range
 MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came late
 
 
@@ -97,15 +101,18 @@ def lay_on_grid(one: Recording) -> Laid:
 
 def _period(steps: Floats, typical: float) -> float:
     """Sampling period [s]: that of the short steps, where these are of one length; the typical step
-    is a mean of one and two periods where every third row is missing."""
+    is a mean of one and two periods where every third row is missing. Not where most of that grid
+    would be empty."""
     shortest = float(np.quantile(steps, 0.1))
     alike = steps[(steps > 0.5 * shortest) & (steps < 1.5 * shortest)]
     tight = float(np.std(alike)) < 0.1 * shortest
+    tight &= float(np.mean(steps)) < TUNING.few_of_grid * shortest
     return float(np.mean(alike)) if tight and typical > 1.3 * shortest else typical
 
 
-def prepare(recordings: Sequence[Recording]) -> Data:
-    """Join recordings of one stage. Raises BadRecording where they cannot be diagnosed."""
+def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
+    """Join recordings of one stage. virgin: what begins at the lowest drive was de-energised
+    before. Raises BadRecording where they cannot be diagnosed."""
     if not recordings:
         raise BadRecording("no recording given; the diagnosis needs at least one")
     shared = set(recordings[0].channels) - {MISSED}
@@ -141,9 +148,9 @@ def prepare(recordings: Sequence[Recording]) -> Data:
                 "starts": laid.cut,
                 "forgets": first,
                 "part": part + np.cumsum(laid.cut) - 1,
-                "rows": _known_history(laid.u, laid.cut) & laid.known,
+                "rows": _known_history(laid.u, laid.cut, virgin) & laid.known,
                 "block": block + _cut_evenly(n, TUNING.time_blocks),
-                "fold": _cut_evenly(n, TUNING.folds * TUNING.fold_pieces) % TUNING.folds,
+                "fold": _groups(laid.u),
                 "raw": laid.raw,
                 **{"ch_" + k: v for k, v in channels.items()},
             }
@@ -218,17 +225,38 @@ def _cut_evenly(size: int, pieces: int) -> Ints:
     return np.arange(size) * pieces // size
 
 
-def _known_history(u: Floats, cut: Bools) -> Bools:
+def _groups(u: Floats) -> Ints:
+    """(n,) cross-validation group of each sample, -1 where it is in none: the first way over the
+    drive's range is shown once, and nothing else foretells it."""
+    out = _cut_evenly(u.size, TUNING.folds * TUNING.fold_pieces) % TUNING.folds
+    swept = np.maximum.accumulate(u) - np.minimum.accumulate(u)
+    head = int(np.searchsorted(swept, FIRST_WAY * float(swept[-1])))
+    out[: min(head, u.size // 4)] = -1
+    return out
+
+
+def were_de_energised(recordings: Sequence[Recording]) -> bool:
+    """Does what begins at the lowest drive look as if the stage had been de-energised before
+    (dehyst.models.identify.start)? True where that cannot be asked."""
+    try:
+        span = max(float(np.nanmax(one.drive) - np.nanmin(one.drive)) for one in recordings)
+        setups = [set_up([read_rows(one, span)], monotone=True) for one in recordings]
+        return all(start_agrees(setup, rate=False) for setup in setups)
+    except (DehystError, ValueError):  # also where a drive has no row
+        return True
+
+
+def _known_history(u: Floats, cut: Bools, virgin: bool) -> Bools:
     """False at the head of each part until the drive has swept most of its range.
 
-    A part that starts at the lowest drive is taken as de-energised and counted from the start.
+    virgin: a part that starts at the lowest drive was de-energised, and counts from the start.
     At most a third of a part is left out.
     """
     rows = np.ones(u.size, dtype=bool)
     span = float(np.ptp(u))
     bounds = np.r_[np.flatnonzero(cut), u.size]
     for a, b in pairwise(bounds):
-        if u[a] - u.min() < 0.02 * span:
+        if virgin and u[a] - u.min() < 0.02 * span:
             continue
         x = u[a:b]
         swept = np.maximum.accumulate(x) - np.minimum.accumulate(x)

@@ -39,7 +39,8 @@ def excerpt(data: Data, most: int = TUNING.most_rows) -> Data:
     rec = data.rec[k]
     # filters begin anew wherever rows were left out, and at every extreme
     starts = data.starts[k] | apart | np.r_[True, np.diff(k) > 1]
-    part = np.cumsum(np.r_[True, (np.diff(k) > 1) & ~(apart[1:] & apart[:-1])]) - 1
+    broken = (np.diff(k) > 1) & ~(apart[1:] & apart[:-1]) | (np.diff(data.part[k]) != 0)
+    part = np.cumsum(np.r_[True, broken]) - 1
     part = part + np.cumsum(np.r_[False, np.diff(apart.astype(int)) != 0])
     order = np.concatenate([np.arange(int(np.sum(rec == i))) for i in range(len(data.names))])
     size = np.bincount(rec, minlength=len(data.names))[rec]

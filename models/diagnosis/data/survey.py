@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from dehyst.models.diagnosis.noise import quantum
-from dehyst.models.diagnosis.prepare import turns
+from dehyst.models.diagnosis.data.noise import quantum
+from dehyst.models.diagnosis.data.prepare import turns
 from dehyst.models.diagnosis.result import DataQuality
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import small
@@ -14,6 +14,11 @@ FOLLOWS = 0.2  # part of the displacement's power that a memory of the drive mus
 BACK = 0.25  # part of the displacement's range that it must come back by in one way of the drive
 ENDS = 0.6  # of the way's own range: its ends lie no further apart
 WAY = 0.5  # of the drive's range, that such a way is long
+BUTTERFLY = (
+    "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
+    "ferroelectric that is driven through its coercive field): no model with one direction fits, "
+    "and none can be inverted; drive it on one side only"
+)
 SLOW = 0.2  # drive's mean step between samples, of its mean size: more is slow sampling
 
 
@@ -49,12 +54,6 @@ def survey(
             "the displacement does not follow the drive: a memory of the drive of any shape "
             f"explains {max(0.0, 1.0 - unexplained / _variance(data)):.0%} of it; check the sensor "
             "and the columns, and whether the recording was made under feedback"
-        )
-    elif comes_back(data):
-        said.append(
-            "the displacement falls and rises again while the drive goes one way (a butterfly, as "
-            "of a ferroelectric that is driven through its coercive field): no model with one "
-            "direction fits, and none can be inverted; drive it on one side only"
         )
     if _is_slow(data):
         said.append(

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dehyst.models.diagnosis.locate import since_turn
+from dehyst.models.diagnosis.data.locate import since_turn
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats, Ints
 from dehyst.models.signals.lines import find_lines
@@ -127,10 +127,11 @@ def _repeats(data: Data, residual: Floats) -> bool:
         apart = np.abs(order - np.round(order)) * first * e.size * dt  # in bins
         for k in range(1, 30):
             near = np.abs(order - k) < 0.5
-            if not np.any(near & (apart > 2.5)):
+            there, beside = near & (apart < 1.5), near & (apart > 2.5)
+            if not (there.any() and beside.any()):
                 break
-            on.append(float(np.mean(power[near & (apart < 1.5)])))
-            off.append(float(np.mean(power[near & (apart > 2.5)])))
+            on.append(float(np.mean(power[there])))
+            off.append(float(np.mean(power[beside])))
     return bool(on) and sum(on) > REPEATS * sum(off)
 
 

@@ -1,0 +1,106 @@
+"""Learning while a trajectory is played: telemetry in, corrections of the points to come out.
+
+The arithmetic is dehyst.models.learning.passes. A correction that is new is taken from the next
+point that is not sent yet, and faded in; what was in force at each sample is kept with its pass.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon.client.repeated import Numbers
+from dehyst.daemon.rings.records import Flag
+from dehyst.models.learning.passes import Learner, Outcome, Pass, fade_share
+from dehyst.models.learning.tuning import TUNING
+from dehyst.models.recording import Floats
+
+UNUSABLE = Flag.SENSOR_INVALID | Flag.MISSED
+
+
+class LessonTaker:
+    """Follows one playing of a trajectory of n points a pass, a point a period.
+
+    learner: of this trajectory; expected: (n,) what the gauge should read in a pass; period_ns: the
+    loop's. told: called with the outcome of each pass. `errors`: (n,) of the newest whole pass.
+    """
+
+    def __init__(
+        self,
+        learner: Learner,
+        expected: Floats,
+        period_ns: int,
+        told: Callable[[Outcome], None],
+    ) -> None:
+        self.learner, self._expected, self._told = learner, expected, told
+        self.n, self._period_ns = learner.n, period_ns
+        self.start_ns = 0  # the loop's time of point 0; 0: not known yet
+        self.errors: list[Floats] = []  # of the first pass, and of the newest
+        self._old = self._new = learner.correction
+        self._since = self._sent = 0
+        self._used: dict[int, Floats] = {}
+        self._error: dict[int, Floats] = {}
+        self._held: dict[int, NDArray[np.bool_]] = {}
+        self._trimmed = False
+        self._done = 0  # passes
+        self._waiting: list[NDArray[Any]] = []
+        self._fade = round(TUNING.fade_s * 1e9 / period_ns)
+
+    def correct(self, numbers: Numbers) -> Floats:
+        """(m,) corrections of these points, which are sent now; they follow the ones before."""
+        place = numbers % self.n
+        share = fade_share(numbers - self._since, self._fade)
+        out = self._old[place] + share * (self._new[place] - self._old[place])
+        for number in range(int(numbers[0]) // self.n, int(numbers[-1]) // self.n + 1):
+            mine = numbers // self.n == number
+            self._used.setdefault(number, np.zeros(self.n))[place[mine]] = out[mine]
+        self._sent = int(numbers[-1]) + 1
+        return np.asarray(out, np.float64)
+
+    def add(self, samples: NDArray[Any]) -> None:
+        """Take (m,) TELEMETRY records of this trajectory."""
+        self._waiting.append(samples)
+        if self.start_ns <= 0:
+            return
+        samples, self._waiting = np.concatenate(self._waiting), []
+        number = np.round((samples["scheduled_ns"] - self.start_ns) / self._period_ns).astype(int)
+        mine = (number >= 0) & np.isfinite(samples["target"])
+        samples, number = samples[mine], number[mine]
+        for of_pass in np.unique(number // self.n).tolist():
+            if of_pass >= self._done:
+                here = number // self.n == of_pass
+                self._put(int(of_pass), samples[here], number[here] % self.n)
+        while number.size and number[-1] >= (self._done + 1) * self.n - 1:
+            self._finish()
+
+    def _put(self, of_pass: int, samples: NDArray[Any], place: Numbers) -> None:
+        error = self._error.setdefault(of_pass, np.full(self.n, np.nan))
+        held = self._held.setdefault(of_pass, np.zeros(self.n, np.bool_))
+        good = (samples["flags"] & int(UNUSABLE)) == 0
+        held[place] = good & ((samples["flags"] & int(Flag.SENSOR_HELD)) != 0)
+        error[place] = np.where(good, samples["measured"] - self._expected[place], np.nan)
+        self._trimmed = bool(samples["trim"][-1])
+
+    def _finish(self) -> None:
+        """A pass is complete."""
+        nothing = np.full(self.n, np.nan)
+        error = self._error.pop(self._done, nothing)
+        held = self._held.pop(self._done, np.zeros(self.n, np.bool_))
+        used = self._used.pop(self._done, np.zeros(self.n))
+        self._done += 1
+        fresh = np.isfinite(error) & ~held
+        if held.any() and fresh.any():  # between the readings of a gauge that is slower
+            places = np.arange(self.n)
+            error[held] = np.interp(places[held], places[fresh], error[fresh])
+        outcome = self.learner.take(Pass(error, used, self._trimmed))
+        if np.isfinite(error).any():
+            self.errors = [*self.errors[:1], error]
+        self._old = self._in_force()
+        self._new, self._since = self.learner.correction, self._sent
+        self._told(outcome)
+
+    def _in_force(self) -> Floats:
+        """What the next point would have been given: where the fade to the next one begins."""
+        share = fade_share(np.array([self._sent - self._since]), self._fade)
+        return np.asarray(self._old + share * (self._new - self._old), np.float64)

@@ -1,0 +1,82 @@
+"""The points of a trajectory that is played again and again, a pass after a pass without a gap."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dehyst.models.errors import BadInput
+from dehyst.models.recording import Floats
+
+Numbers = NDArray[np.int64]
+
+
+class Repeated:
+    """A trajectory and how often: point number k of the whole is point k modulo n of pass k // n.
+
+    t_s, value: (n,) times [s] and targets; times: passes, 0: until `end` is called. correct: from
+    point numbers (m,) to what was learned for them. Raises BadInput on times that do not increase.
+    """
+
+    def __init__(
+        self,
+        t_s: ArrayLike,
+        value: ArrayLike,
+        times: int = 1,
+        correct: Callable[[Numbers], Floats] | None = None,
+    ) -> None:
+        t, self.targets = np.asarray(t_s, np.float64), np.asarray(value, np.float64)
+        if t.ndim != 1 or t.shape != self.targets.shape or t.size < 2:
+            raise BadInput("a trajectory needs two or more points, as many times as targets")
+        self.offset_ns = np.round((t - t[0]) * 1e9).astype(np.int64)
+        if not np.all(np.isfinite(t)) or np.any(np.diff(self.offset_ns) <= 0):
+            raise BadInput("the times of a trajectory must be finite and strictly increase")
+        if times < 0:
+            raise BadInput(f"{times} repetitions: 1 is the least, 0 is until stopped")
+        self.n = t.size
+        self.pass_ns = int(self.offset_ns[-1]) + round(float(np.median(np.diff(self.offset_ns))))
+        self.total: int | None = times * self.n if times else None
+        self._correct = correct
+
+    def end(self, sent: int) -> None:
+        """No pass after the one that point number `sent` belongs to."""
+        if self.total is None:
+            self.total = self.n * max(1, -(-sent // self.n))
+
+    def over(self, sent: int) -> bool:
+        """True when all points have been sent."""
+        return self.total is not None and sent >= self.total
+
+    @property
+    def duration_s(self) -> float:
+        """Of the whole; infinite where it has no end."""
+        if self.total is None:
+            return float("inf")
+        return (self.pass_ns * (self.total // self.n - 1) + int(self.offset_ns[-1])) * 1e-9
+
+    def samples(self, period_s: float) -> int:
+        """How many samples of the loop the whole takes."""
+        return 1 << 62 if self.total is None else round(self.duration_s / period_s) + 1
+
+    def piece(self, first: int, span_s: float, most: int) -> tuple[Numbers, Floats, Floats]:
+        """Offsets [ns], targets and corrections of the points from number `first` on, for `span_s`
+        and two of them at the least, `most` at the most."""
+        last = first + most if self.total is None else min(first + most, self.total)
+        numbers = np.arange(first, last)
+        offsets = self.offset_ns[numbers % self.n] + numbers // self.n * self.pass_ns
+        begun = offsets[0] if first else 0
+        end = int(np.searchsorted(offsets, begun + round(span_s * 1e9), side="right"))
+        numbers = numbers[: max(end, 2)]
+        learned = np.zeros(numbers.size) if self._correct is None else self._correct(numbers)
+        return offsets[: numbers.size], self.targets[numbers % self.n], learned
+
+
+def on_grid(t_s: Floats, value: Floats, period_s: float) -> tuple[Floats, Floats]:
+    """One pass at the loop's period, (m,) times and targets: a whole number of periods, so that the
+    same places are met in every pass."""
+    begun = t_s - t_s[0]
+    step = float(np.median(np.diff(begun)))
+    periods = max(2, round((float(begun[-1]) + step) / period_s))
+    times = period_s * np.arange(periods)
+    closed = np.append(begun, begun[-1] + step), np.append(value, value[0])
+    return np.asarray(times, np.float64), np.asarray(np.interp(times, *closed), np.float64)

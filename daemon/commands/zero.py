@@ -1,0 +1,119 @@
+"""Say where gauge and model disagree, and set the gauge's zero."""
+
+import argparse
+import math
+from typing import TYPE_CHECKING, Any
+
+from dehyst.daemon.client.connection import add_connection, connect, print_json, say
+from dehyst.models.errors import BadInput
+
+if TYPE_CHECKING:
+    from dehyst.daemon.tools.zero import Disagreement
+
+EPILOG = """A stage that was switched on, or warms up, stands elsewhere than its model believes:
+what it did before is not known, and the gauge's zero wanders. This compares the two, and moves
+the gauge's zero by their mean difference, so that `dehyst send 5` stands at 5. Without
+--exercise nothing moves by itself: the difference is that of the place where the stage stands.
+--exercise goes slowly through the reach first, twice, within the limits: after that the model
+knows the stage's past.
+The shift lasts until the loop's process ends; the line that keeps it is printed.
+Exit 0: done; 1: the gauge gives no reading; 2: refused or no daemon.
+
+examples: dehyst zero --look
+          dehyst zero --exercise
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst zero`."""
+    parser.epilog = EPILOG
+    parser.add_argument(
+        "--exercise", action="store_true", help="go through the reach first, slowly"
+    )
+    parser.add_argument(
+        "--share",
+        type=_share,
+        default=0.9,
+        metavar="X",
+        help="of the reach that --exercise goes through, about its middle (default: 0.9)",
+    )
+    parser.add_argument(
+        "--seconds", type=_seconds, default=10.0, metavar="S", help="of one way there and back"
+    )
+    parser.add_argument("--look", action="store_true", help="say the difference, set nothing")
+    parser.add_argument(
+        "--take-over", action="store_true", help="take the command from another client"
+    )
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    add_connection(parser)
+
+
+def _share(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value <= 1.0:
+        raise argparse.ArgumentTypeError("must be above 0 and at most 1")
+    return value
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 2.0 <= value <= 600.0:
+        raise argparse.ArgumentTypeError("must be from 2 to 600")
+    return value
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exercise where asked, compare, set."""
+    from dehyst.daemon.tools import zero
+
+    if args.exercise and args.look:
+        raise BadInput("--look moves nothing; leave out --exercise")
+    with connect(args, "zero") as client:
+        config = client.config()
+        if args.take_over:
+            client.take_over()
+        if args.exercise:
+            say(f"through {100 * args.share:g} % of the reach, twice, {args.seconds:g} s each")
+            found = zero.exercise(client, args.share, args.seconds)
+        else:
+            found = zero.compare(client)
+        status = client.status()  # newer than the shift that came before this command
+        shift = 0.0 if args.look else -found.mean
+        if found.samples and shift:
+            client.move_zero(shift)
+    keep = config.sensor.zero + status.gauge_zero + shift
+    result: dict[str, Any] = {
+        "unit": status.unit,
+        "samples": found.samples,
+        "gauge_minus_model": found.mean,
+        "by_place": [
+            {"from": p.low, "to": p.high, "gauge_minus_model": p.mean} for p in found.places
+        ],
+        "zero_moved_by": shift if found.samples else 0.0,
+        "sensor_zero_that_keeps_it": keep,
+    }
+    if args.json:
+        print_json(result)
+    else:
+        tell(found, shift, keep, status.unit)
+    return 0 if found.samples else 1
+
+
+def tell(found: "Disagreement", shift: float, keep: float, unit: str) -> None:
+    """The same in words."""
+    if not found.samples:
+        print("the gauge gives no valid reading: nothing to compare, nothing set")
+        return
+    for place in found.places:
+        if math.isfinite(place.mean):
+            at = f"from {place.low:.4g} to {place.high:.4g} {unit}"
+            print(
+                f"{at if len(found.places) > 1 else f'at {place.low:.4g} {unit}'}: the gauge is "
+                f"{place.mean:+.4g} {unit} from the model"
+            )
+    print(f"on average the gauge is {found.mean:+.4g} {unit} from the model")
+    if shift:
+        print(
+            f"the gauge's zero was moved by {shift:+.4g} {unit}; to keep it beyond this run of the "
+            f"daemon: [sensor] zero = {keep:.6g}"
+        )

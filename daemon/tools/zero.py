@@ -1,0 +1,96 @@
+"""Where gauge and model disagree: at rest, or along a slow exercise of the stage."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.rings.records import Flag
+from dehyst.models.errors import NotNow
+
+REST_S = 2.0
+PATIENCE_S = 10.0
+PLACES = 3
+POINTS_PER_S = 50.0
+
+
+@dataclass(frozen=True)
+class Place:
+    """Mean difference where the model's displacement is between low and high."""
+
+    low: float
+    high: float
+    mean: float
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Gauge minus model: on average, and by place. samples: how many were compared."""
+
+    mean: float
+    places: tuple[Place, ...]
+    samples: int
+
+
+def differences(samples: NDArray[Any]) -> Disagreement:
+    """Of (n,) TELEMETRY records; each place counts alike."""
+    unusable = int(Flag.SENSOR_INVALID | Flag.SENSOR_HELD)
+    good = (samples["flags"] & unusable) == 0
+    good &= np.isfinite(samples["measured"]) & np.isfinite(samples["predicted"])
+    at, off = samples["predicted"][good], (samples["measured"] - samples["predicted"])[good]
+    if not off.size:
+        return Disagreement(0.0, (), 0)
+    low, high = float(at.min()), float(at.max())
+    edges = np.linspace(low, high, PLACES + 1)
+    moved = high - low > 10.0 * float(off.std())
+    if not moved:
+        mean = float(off.mean())
+        return Disagreement(mean, (Place(low, high, mean),), int(off.size))
+    of = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, PLACES - 1)
+    places = tuple(
+        Place(float(edges[i]), float(edges[i + 1]), float(off[of == i].mean()))
+        for i in range(PLACES)
+        if np.any(of == i)
+    )
+    return Disagreement(float(np.mean([p.mean for p in places])), places, int(off.size))
+
+
+def compare(client: Client) -> Disagreement:
+    """Listen for REST_S; moves nothing. Raises NotNow where no telemetry comes."""
+    stream = client.stream()
+    parts: list[NDArray[Any]] = []
+    begun_ns = clock.monotonic_ns()
+    period_s = client.status().period_ns * 1e-9
+    wanted = round(REST_S / period_s)
+    try:
+        while sum(part.size for part in parts) < wanted:
+            parts.append(stream.read(0.2))
+            if clock.monotonic_ns() - begun_ns > PATIENCE_S * 1e9:
+                break
+    finally:
+        stream.close()
+    samples = np.concatenate(parts)
+    if not samples.size:
+        raise NotNow("the daemon sends no telemetry: is its loop running?")
+    return differences(samples)
+
+
+def exercise(client: Client, share: float, seconds: float) -> Disagreement:
+    """Through `share` of the reach, there and back twice in `seconds` each; the second time counts.
+    It ends at the low end of that way. Raises Refusal, BusError."""
+    status = client.status()
+    middle = 0.5 * (status.reach_min + status.reach_max)
+    half = 0.5 * share * (status.reach_max - status.reach_min)
+    t_s = np.arange(round(2 * seconds * POINTS_PER_S) + 1) / POINTS_PER_S
+    target = middle - half * np.cos(2.0 * np.pi * t_s / seconds)
+    parts: list[NDArray[Any]] = []
+    client.play(t_s, target, on_samples=parts.append)
+    if not parts:
+        raise NotNow("no telemetry came while the stage was exercised")
+    samples: NDArray[Any] = np.concatenate(parts)
+    own = np.isfinite(samples["target"]) & ((samples["flags"] & int(Flag.APPROACH)) == 0)
+    samples = samples[own]
+    return differences(samples[samples.size // 2 :])

@@ -1,0 +1,144 @@
+"""Which base the search stands on, and at which noise: rich, or compact where little was recorded;
+on the identified model where that alone foretells better; half a sample earlier where the recorder
+holds each command."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dehyst.models.diagnosis.base import compact_base, no_base, rich_base
+from dehyst.models.diagnosis.data.noise import noise_rms
+from dehyst.models.diagnosis.evidence import by_blocks
+from dehyst.models.diagnosis.findings.told import only_told, worth_telling
+from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.judge import SearchState, excess
+from dehyst.models.diagnosis.search import search
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics.candidate import small
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Found:
+    """The search's result, and the same over the rich base."""
+
+    search: SearchState
+    over_rich: SearchState
+
+
+def find(problem: Problem, sigma: float, null: JointFit, say: Progress) -> Found:
+    """The effects over the rich base, or over a compact one where the rich one is too rich for what
+    was recorded. Where an effect is taken whose size is not known then, they are looked for again
+    without it: what it stood for may be another's."""
+    found = _find(problem, sigma, null, say)
+    kept = worth_telling(found.search)
+    told = only_told(kept)
+    vague = set(kept.accepted.effect_names) - set(told.accepted.effect_names)
+    if vague:
+        other = _find(problem, sigma, null, say, tuple(vague))
+        again = only_told(worth_telling(other.search))
+        first, second = (by_blocks(f.problem, f.accepted).mean_square for f in (told, again))
+        if second < first:
+            found, told = other, again
+    if found.over_rich is found.search:
+        return Found(told, told)
+    return Found(told, only_told(worth_telling(found.over_rich)))
+
+
+def _find(
+    problem: Problem, sigma: float, null: JointFit, say: Progress, forbidden: Sequence[str] = ()
+) -> Found:
+    found = over_rich = _search(problem, sigma, null, say, forbidden)
+    in_sample = null.sse / int(problem.data.rows.sum())
+    if by_blocks(problem, null).mean_square > TUNING.compact_doubt**2 * in_sample:
+        plain = replace(problem, base=compact_base(problem.data))
+        alone = plain.solve([])
+        other = _search(plain, sigma, alone, say, forbidden, share=TUNING.compact_share)
+        rich_error = by_blocks(problem, found.accepted).mean_square
+        if by_blocks(plain, other.accepted).mean_square < rich_error:
+            found = other
+    return Found(found, over_rich)
+
+
+def find_above_noise(problem: Problem, null: JointFit, say: Progress) -> Found:
+    """The same with the noise of what it leaves: where the drive fills the band, what an effect
+    leaves in it stands for noise until the effect is known."""
+    sigma = noise_rms(problem.data, null.residual(problem.data))
+    found = find(problem, sigma, null, say)
+    left = noise_rms(problem.data, found.search.accepted.residual(problem.data))
+    if left > TUNING.noise_again * sigma:
+        return found
+    again = find(problem, left, null, say)
+    first, second = (by_blocks(f.search.problem, f.search.accepted) for f in (found, again))
+    if second.mean_square < first.mean_square - (TUNING.helps * left) ** 2:
+        return again
+    return Found(replace(found.search, sigma=left), replace(found.over_rich, sigma=left))
+
+
+def on_the_model(problem: Problem, null: JointFit) -> Problem:
+    """The problem with the identified model under the base, where that alone foretells better than
+    the base does: then no effect has distorted it, and the base need not find it again."""
+    if problem.subject.carries:
+        return problem
+    data = problem.data
+    carried = replace(problem, subject=replace(problem.subject, carries=True))
+    alone = replace(carried, base=no_base(data)).solve([]).sse / int(data.rows.sum())
+    return carried if alone < by_blocks(problem, null).mean_square else problem
+
+
+def held_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
+    """The problem with the drive half a sample earlier, where that explains much of the misfit.
+
+    Nothing physical leads the drive: a recorder that holds each command and reads at the end of
+    the sample does, against the straight lines between samples that all models here assume.
+    """
+    data = problem.data
+    step = np.diff(data.u, prepend=data.u[0])
+    step[data.starts] = 0.0
+    shifted = replace(data, u=data.u + 0.5 * step, early=True)
+    whole = replace(problem, data=shifted, base=rich_base(shifted))
+    light = whole.light(TUNING.search_rows)
+    fit = light.solve([])
+    before = excess(problem, null, sigma)
+    fall = before - excess(light, fit, sigma)
+    if fall < max(TUNING.early_share * before, (TUNING.early_size * sigma) ** 2):
+        return None
+    return whole
+
+
+def _search(
+    problem: Problem,
+    sigma: float,
+    null: JointFit,
+    say: Progress,
+    forbidden: Sequence[str],
+    share: float = TUNING.driven_share,
+) -> SearchState:
+    """The search on a part of the rows, its result fitted to all of them."""
+    light = problem.light(TUNING.search_rows)
+    start = null if light is problem else light.solve([])
+    found = search(light, sigma, start, say, share, forbidden)
+    say("fitting all samples", 0.86)
+    final = found.accepted
+    final = problem.refit(final.effects, rounds=8, settle=0.3 * sigma**2) if final.effects else null
+    return replace(found, problem=problem, null=null, accepted=final)
+
+
+def of_another_stage(bare: Problem, null: JointFit, sigma: float) -> str:
+    """What is to be said of a given model that is far off these recordings; "" where it is not."""
+    if not bare.subject.given:
+        return ""
+    n = int(bare.data.rows.sum())
+    left = float(np.sqrt(bare.solve([]).sse / n))
+    best = max(float(np.sqrt(null.sse / n)), sigma)
+    stroke = float(np.ptp(bare.data.y))
+    if left < max(TUNING.foreign_share * stroke, TUNING.foreign_times * best):
+        return ""
+    unit = bare.data.unit
+    return (
+        f"the model is not of this stage, or of another state of it: it leaves "
+        f"{small((left, unit))} rms of a stroke of {stroke:.3g} {unit}, where a hysteresis fitted "
+        f"here leaves {small((best, unit))}; identify a model from these recordings"
+    )

@@ -1,0 +1,87 @@
+"""What helps against the model in use, on held-out samples."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dehyst.models.diagnosis.evidence import by_blocks
+from dehyst.models.diagnosis.findings.decide import in_rank, named, shared_out
+from dehyst.models.diagnosis.findings.episodes import Episode
+from dehyst.models.diagnosis.findings.shape import Correction, measure_correction, shape_finding
+from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.judge import SearchState
+from dehyst.models.diagnosis.result import Finding
+from dehyst.models.diagnosis.tuning import TUNING
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What is concluded: findings with shares, what was fitted, and mean squares on held-out
+    samples (all of the model in use: it was not fitted here)."""
+
+    findings: tuple[Finding, ...]
+    problem: Problem
+    final: JointFit
+    bare: float
+    held: float
+
+
+def weigh(
+    bare: Problem, found: SearchState, shown: Collection[str], episode: Episode | None = None
+) -> Weighed:
+    """What helps against the model in use, on held-out samples. Where it all does not: what a
+    recording shows directly (shown: keys), and the model in use as it is. episode: what was taken
+    off before the search."""
+    sigma = found.sigma
+    n = int(bare.data.rows.sum())
+    first = bare.solve([]).sse / n
+    freed = replace(bare, data=replace(bare.data, y=found.problem.data.y))
+    alone = freed.solve([])
+    without = alone.sse / n
+    held = by_blocks(found.problem, found.accepted).mean_square
+    told = [] if episode is None else [episode.finding]
+    nothing = Weighed(_shared(told, first, without, sigma), freed, alone, first, without)
+    if held > without - (TUNING.helps * sigma) ** 2:
+        seen = [f for f in named(found.problem, found, held) if f.key in shown] if shown else []
+        return replace(
+            nothing, findings=(*[replace(f, share=0.0) for f in seen], *nothing.findings)
+        )
+    correction = measure_correction(found.problem, found.accepted, without, held)
+    findings = named(found.problem, found, held) if found.accepted.effects else []
+    rest = without - held - sum(f.share for f in findings)
+    if rest > TUNING.mostly_shape * (without - held) and correction.rms**2 > 0.25 * rest:
+        # the effects are a small part of what is explained: the rest is the base's, as far as its
+        # correction is of that size; without the effects it would have stood for them
+        correction = replace(correction, gain=max(correction.gain, rest))
+    shape = _has_shape(correction, without, sigma)
+    if not findings and not shape:
+        return nothing
+    if shape:
+        findings.append(
+            shape_finding(found.problem, found.accepted, sigma, correction, correction.gain)
+        )
+    shared = _shared([*findings, *told], first, held, sigma)
+    return Weighed(shared, found.problem, found.accepted, first, held)
+
+
+def _shared(
+    findings: Sequence[Finding], first: float, held: float, sigma: float
+) -> tuple[Finding, ...]:
+    removed = float(np.clip((first - held) / max(first - sigma**2, 1e-300), 0.0, 1.0))
+    return tuple(shared_out(findings, removed))
+
+
+def with_episode(
+    findings: Sequence[Finding], episode: Episode, weighed: Weighed, sigma: float
+) -> list[Finding]:
+    """Findings with one that is there for a part of the time."""
+    explainable = max(weighed.bare - sigma**2, 1e-300)
+    taken = sum(f.share for f in findings)
+    share = min(episode.finding.share / explainable, 1.0 - taken)
+    return in_rank([*findings, replace(episode.finding, share=share)])
+
+
+def _has_shape(correction: Correction, first: float, sigma: float) -> bool:
+    least = max((TUNING.shape_size * sigma) ** 2, TUNING.shape_share * (first - sigma**2))
+    return correction.gain > least

@@ -1,0 +1,74 @@
+"""How far a model may be off on a drive that it has not seen: one figure for the whole range.
+
+What the model foretells errs by what its parameters are not known to (their covariance, carried to
+a drive of all kinds, models.identify.comparison_drive), by what structures differ there between
+which the recordings do not decide, by what is left of stretches that were held out, beyond the
+noise, and, where the data want what no invertible model gives, by what that leaves.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dehyst.models.identify.comparison_drive import make_comparison_drive
+from dehyst.models.identify.equations import Equations, linearise
+from dehyst.models.identify.final import Fitted, predict_lot
+from dehyst.models.identify.setup import FitSetup
+from dehyst.models.identify.structure import Candidate, pays
+from dehyst.models.recording import Floats
+
+Z95 = 1.96
+EVERY = 7  # rows of the drive of all kinds, which is none of its periods
+
+
+def estimate_band(
+    setup: FitSetup,
+    fitted: Fitted,
+    offset: float,
+    covariance: Floats,
+    known: tuple[float, float, float],
+) -> float:
+    """Half the width of the interval that holds 95 % of the displacements that the model foretells.
+
+    covariance: (p, p) of the parameters; known: rms that the model leaves in the recordings, of
+    what the structures differ, and of the noise.
+    """
+    left, spread, noise = known
+    power, count = 0.0, 0
+    for lot in _list_equations(setup, fitted.r, offset, fitted.shape.rate):
+        jac, _ = linearise(lot, fitted.shape, fitted.params)
+        power += float(np.einsum("ni,ij,nj->", jac, covariance, jac, optimize=True))
+        count += jac.shape[0]
+    unseen = max(left, fitted.scored.held_rms) ** 2 - noise**2
+    power = power / count + spread**2 + max(unseen, fitted.unreachable**2, 0.0)
+    return Z95 * float(np.sqrt(power))
+
+
+def is_rival(best: Candidate, other: Candidate) -> bool:
+    """Do the recordings not decide between these two, of one kind?"""
+    kind = (best.shape.rate, best.offset, best.lag, best.loose)
+    same = kind == (other.shape.rate, other.offset, other.lag, other.loose)
+    return same and best.shape != other.shape and not pays(other, best, clear=0.0)
+
+
+def measure_spread(
+    setup: FitSetup, r: Floats, best: Candidate, rivals: Sequence[Candidate]
+) -> float:
+    """Rms of what these structures, on thresholds r, differ from the best on a drive of all
+    kinds."""
+    power = count = 0.0
+    for lot in _list_equations(setup, r, best.offset, best.shape.rate):
+        here = predict_lot(lot, best.shape, best.params)
+        for other in rivals:
+            power += float(np.sum((predict_lot(lot, other.shape, other.params) - here) ** 2))
+            count += here.size
+    return float(np.sqrt(power / count)) if count else 0.0
+
+
+def _list_equations(setup: FitSetup, r: Floats, offset: float, rate: bool) -> Iterator[Equations]:
+    """Equations of some rows of the drive of all kinds."""
+    rows = make_comparison_drive(setup.drive_min, setup.drive_max, setup.rate_max if rate else 0.0)
+    use = np.arange(rows.u.size) % EVERY == 0
+    alone = replace(setup, rows=[rows], picks=[use])
+    yield from alone.equations(alone.picks, r, offset, rate=rate)

@@ -1,0 +1,37 @@
+"""Missing samples of a pass, and means over neighbours."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.models.learning.tuning import TUNING
+from dehyst.models.model import Floats
+
+
+def say_missing(valid: NDArray[np.bool_]) -> str:
+    """In words, where too much of a pass has no reading."""
+    lost = int(np.count_nonzero(~valid))
+    if not lost:
+        return ""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], valid, [True]]).astype(np.int8)))
+    longest = int(np.max(edges[1::2] - edges[::2]))
+    if lost <= max(1.0, TUNING.missing * valid.size) and longest <= TUNING.longest_gap:
+        return ""
+    return f"{lost} of {valid.size} samples are missing or without a reading"
+
+
+def bridge(x: Floats) -> Floats:
+    """Single missing samples by a straight line."""
+    good = np.isfinite(x)
+    if good.all():
+        return x
+    places = np.arange(x.size)
+    return np.asarray(np.interp(places, places[good], x[good]), np.float64)
+
+
+def running_mean(x: Floats, width: int) -> Floats:
+    """(n,) over `width` neighbours, fewer at the ends."""
+    width = min(width, x.size)
+    total = np.cumsum(np.concatenate([[0.0], x]))
+    first = np.maximum(np.arange(x.size) - width // 2, 0)
+    last = np.minimum(first + width, x.size)
+    return np.asarray((total[last] - total[first]) / (last - first), np.float64)

@@ -1,0 +1,322 @@
+"""What repeats is learned from pass to pass (iterative learning control).
+
+A trajectory is played again and again. The error of pass k is e_k = d + P u_k + noise, with u_k
+the correction of the targets in force, d what the stage does again in each pass, and P close to
+1: the inverse has taken the stage's dynamics off. So D_k = e_k - u_k is an observation of d, and
+
+    d_k = d_(k-1) + a_k (D_k - d_(k-1)),      u_(k+1) = -W_k d_k,
+
+which is u_(k+1) = u_k - a_k e_k where W = 1. The gain a_k is below one and falls as passes go on:
+the average over passes takes the noise off (Saab, IEEE Trans. Autom. Control 46, 2001; Bristow,
+Tharayil & Alleyne, IEEE Control Syst. Mag. 26, 2006: the survey). The first pass comes from
+elsewhere and is not learned from. W_k works on the spectrum of the whole pass and is real, so it is
+zero-phase: per frequency
+
+    W = 1 - c v N / |d|^2, not below 0,
+
+with N the noise's spectrum and v N what the average has left of it (spectral subtraction: Boll,
+IEEE Trans. ASSP 27, 1979). N comes from the model's noise and from what differs between passes, so
+the filter is as wide as what repeats stands out, and nobody tunes it. A pass that ends where it
+began is taken as periodic, another one is mirrored at its ends (cosine transform), so that no edge
+rings.
+
+Contraction is checked where the correction has changed enough to be seen: P in each third of an
+octave, by regression of the change of the error on that of the correction. Where |1 - a P| is not
+below `contracts` and the error grows, nothing more is learned. When the error of whole passes has
+grown, the best correction comes back and the gain is halved.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from dehyst.models.errors import BadInput
+from dehyst.models.learning.gaps import bridge, running_mean, say_missing
+from dehyst.models.learning.tuning import TUNING
+from dehyst.models.model import Floats
+
+Spectrum = NDArray[np.complex128] | Floats
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One pass as telemetry has it, (n,) each. error: measured less target, NaN: no fresh reading;
+    used: correction in force; trimmed: the slow trim acts, so the mean is its business. What
+    the trim moves within a pass repeats with the rest."""
+
+    error: Floats
+    used: Floats
+    trimmed: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a pass has taught. rms: of the error without the noise; mean: of the error; learned:
+    False where it was not learned from; says: why not, or what else is to be told, or "";
+    width_hz: the highest frequency that is learned now; gain: of this pass."""
+
+    number: int
+    rms: float
+    mean: float
+    learned: bool
+    says: str
+    width_hz: float
+    gain: float
+
+
+class Learner:
+    """Learns the correction of one trajectory.
+
+    target: (n,) a pass, a point a period; period_s; noise: standard deviation of a reading;
+    bound: largest correction. `correction`: (n,) for the next pass. Raises BadInput on bad
+    arguments.
+    """
+
+    def __init__(
+        self,
+        target: Floats,
+        period_s: float,
+        noise: float,
+        bound: float,
+        correction: Floats | None = None,
+    ) -> None:
+        target = np.asarray(target, np.float64)
+        if target.ndim != 1 or target.size < 16 or not np.isfinite(target).all():
+            raise BadInput("a pass that is learned needs 16 or more finite targets")
+        if not (period_s > 0.0 and noise > 0.0 and bound > 0.0):
+            raise BadInput("period, noise and bound of the learning must be positive")
+        self.period_s, self.noise, self.bound = period_s, noise, bound
+        self.n = n = target.size
+        steps = np.abs(np.diff(target))
+        typical = float(np.quantile(steps, 0.9)) + noise
+        self.closed = abs(target[0] - target[-1]) <= TUNING.closed * typical
+        lines = n // 2 + 1 if self.closed else n
+        self.hertz = np.arange(lines) / (n * period_s * (1.0 if self.closed else 2.0))
+        self.passes = self.learned = 0
+        self.outcomes: list[Outcome] = []
+        kind: Any = np.complex128 if self.closed else np.float64
+        self._repeats: Any = np.zeros(lines, kind)
+        self._known = correction is not None
+        self.correction = np.zeros(n)
+        if correction is not None:
+            self.correction = self._bounded(np.asarray(correction, np.float64))
+            self._repeats = -self._spectrum(self.correction)
+        self._left = 0.0 if correction is not None else 1.0  # v
+        self._noise_power = np.full(lines, noise**2)
+        self._factor = 1.0
+        self._bands = _thirds(self.hertz)
+        self._off = np.zeros(len(self._bands), np.bool_)
+        self._before: tuple[Spectrum, Spectrum] | None = None  # error, correction
+        self._doubted: Floats | None = None
+        self._best: tuple[float, Spectrum] | None = None
+        self._grown = 0
+        self._given_up: Spectrum | None = None
+
+    # -- one pass ---------------------------------------------------------------------------------
+
+    def take(self, one: Pass) -> Outcome:
+        """Learn from a pass, or say why not."""
+        self.passes += 1
+        valid = np.isfinite(one.error)
+        known = one.error[valid]
+        mean = float(known.mean()) if known.size else math.nan
+        spread = float(known.std()) if known.size else math.nan
+        rms = math.sqrt(max(spread**2 - self.noise**2, 0.0)) if known.size else math.nan
+        wrong = say_missing(valid)
+        error = bridge(one.error) if not wrong else one.error
+        repeats = error - one.used
+        if not wrong and one.trimmed:
+            repeats = repeats - repeats.mean()
+        if not wrong:
+            wrong = self._unsettled(repeats) or self._knock(repeats)
+        if wrong:
+            return self._tell(rms, mean, False, f"not learned from: {wrong}")
+        says = self._learn(error, one.used, repeats)
+        return self._tell(rms, mean, True, says)
+
+    def _tell(self, rms: float, mean: float, learned: bool, says: str) -> Outcome:
+        width = float(self.hertz[np.flatnonzero(self.weights > 0.0)].max(initial=0.0))
+        out = Outcome(self.passes, rms, mean, learned, says, width, self.gain)
+        self.outcomes.append(out)
+        return out
+
+    @property
+    def gain(self) -> float:
+        """a_k of the next pass that is learned from."""
+        falling = TUNING.gain / (1.0 + TUNING.falls * max(0, self.learned - 1))
+        return self._factor * max(falling, TUNING.least_gain)
+
+    @property
+    def weights(self) -> Floats:
+        """(lines,) W."""
+        power = np.abs(self._repeats) ** 2
+        c = TUNING.subtract if self.closed else TUNING.subtract_real
+        out = np.maximum(1.0 - c * self._left * self._noise_power / np.maximum(power, 1e-300), 0.0)
+        out[0] = 1.0
+        for band, off in zip(self._bands, self._off, strict=True):
+            if off:
+                out[band] = 0.0
+        return out
+
+    def _learn(self, error: Floats, used: Floats, repeats: Floats) -> str:
+        e, u, d = (self._spectrum(x) for x in (error, used, repeats))
+        said = [self._contraction(e, u)]
+        self._before = e, u
+        back = self._growth(e, u)
+        if back:
+            said.append(back)
+        else:
+            if self.learned > 1 or self._known:
+                self._see_noise(d - self._repeats)
+            a = self.gain
+            mean = self._repeats[0] + TUNING.mean_gain * (d[0] - self._repeats[0])
+            self._repeats = self._repeats + a * (d - self._repeats)
+            self._repeats[0] = mean
+            self._left = (1.0 - a) ** 2 * self._left * (self.learned > 0 or self._known) + a * a
+            self.learned += 1
+        self.correction = self._bounded(self._back(-self.weights * self._repeats))
+        return "; ".join(text for text in said if text)
+
+    def _see_noise(self, change: Spectrum) -> None:
+        """The noise's spectrum from what differs between a pass and the average of those before."""
+        power = np.abs(change) ** 2 / (1.0 + self._left)
+        width = max(TUNING.noise_width, power.size // 200)
+        seen = running_mean(power, width)
+        mixed = self._noise_power + (1.0 - TUNING.noise_memory) * (seen - self._noise_power)
+        self._noise_power = np.maximum(mixed, TUNING.least_noise * self.noise**2)
+
+    def _contraction(self, e: Spectrum, u: Spectrum) -> str:
+        """Stop learning where the error does not follow the correction as it should."""
+        if self._before is None or self.learned < 2:
+            return ""
+        de, du = e - self._before[0], u - self._before[1]
+        stopped = []
+        for i, band in enumerate(self._bands):
+            power = float(np.sum(np.abs(du[band]) ** 2))
+            if self._off[i] or power < TUNING.seen * float(np.sum(self._noise_power[band])):
+                continue
+            p = complex(np.vdot(du[band], de[band])) / power
+            now, then = (float(np.sum(np.abs(x[band]) ** 2)) for x in (e, self._before[0]))
+            grown = now > TUNING.band_grown * then
+            if grown and abs(1.0 - TUNING.gain * self._factor * p) >= TUNING.contracts:
+                self._off[i] = True
+                stopped.append(f"{self.hertz[band][0]:.3g} to {self.hertz[band][-1]:.3g} Hz")
+        if not stopped:
+            return ""
+        return f"no longer learned at {', '.join(stopped)}: the error does not follow there"
+
+    def _growth(self, e: Spectrum, u: Spectrum) -> str:
+        """Go back to the best correction where the error has grown."""
+        figure = max(self._figure(e), 0.0)
+        if self._given_up is not None:  # what was sent before may still play
+            there = -self._repeats
+            if _power(u - there) > TUNING.taken_up * _power(self._given_up - there):
+                return ""
+            self._given_up = None
+        if self._best is None or figure < self._best[0]:
+            self._best, self._grown = (figure, u), 0
+            return ""
+        more = TUNING.grown_noises * self.noise**2 * math.sqrt(2.0 / self.n)
+        at_once = figure > TUNING.grown_at_once**2 * self._best[0] + more
+        if not (at_once or figure > TUNING.grown**2 * self._best[0] + more):
+            self._grown = 0
+            return ""
+        self._grown += 1
+        if (self._grown < 2 and not at_once) or _power(u - self._best[1]) == 0.0:
+            return ""
+        self._repeats, self._given_up = -self._best[1], u
+        self._factor = max(0.5 * self._factor, TUNING.least_factor)
+        self._best, self._grown = None, 0
+        return "the error has grown: back to the best correction, with half the gain"
+
+    def _figure(self, e: Spectrum) -> float:
+        """Mean square of a pass' error about its mean, less the noise's."""
+        twice = 2.0 if self.closed else 1.0
+        return twice * float(np.sum(np.abs(e[1:]) ** 2 - self.noise**2)) / self.n
+
+    def _unsettled(self, repeats: Floats) -> str:
+        """In words, where a first pass still comes from elsewhere: what repeats in a closed pass
+        is at its end what it was at its beginning."""
+        if self._known or self.passes > TUNING.settling:
+            return ""
+        if self.passes == 1:
+            return "the first pass comes from elsewhere"
+        if not self.closed:
+            return ""
+        m = min(max(TUNING.seam, self.n // 50), self.n // 2)
+        places = np.arange(m) + 0.5  # straight lines to both sides of the seam, which lies at 0
+        after = float(np.polyval(np.polyfit(places, repeats[:m], 1), 0.0))
+        before = float(np.polyval(np.polyfit(-places[::-1], repeats[-m:], 1), 0.0))
+        apart = before - after
+        if abs(apart) <= TUNING.seam_noises * self.noise * math.sqrt(8.0 / m):
+            return ""
+        return f"it still settles, by {apart:+.3g} from its beginning to its end"
+
+    def _knock(self, repeats: Floats) -> str:
+        """In words, where a pass differs from those before at one place far more than elsewhere."""
+        if not (self.learned or self._known):
+            return ""
+        known = self._back(self._repeats)
+        change = repeats - known
+        smooth = running_mean(change - np.median(change), TUNING.knock_smooth)
+        scatter = 1.4826 * float(np.median(np.abs(smooth - np.median(smooth))))
+        few = TUNING.knock_share / max(1, self.learned)
+        allowed = TUNING.knock_noises * max(scatter, self.noise / math.sqrt(TUNING.knock_smooth))
+        allowed += few * float(np.abs(known - known.mean()).max())
+        at = int(np.argmax(np.abs(smooth)))
+        if abs(smooth[at]) <= allowed:
+            self._doubted = None
+            return ""
+        doubted, self._doubted = self._doubted, repeats
+        if doubted is None:
+            return f"a knock of {smooth[at]:+.3g} at {at * self.period_s:.3f} s"
+        again = running_mean(repeats - doubted, TUNING.knock_smooth)
+        if np.abs(again - np.median(again)).max() < TUNING.same * abs(smooth[at]):
+            self._doubted = None  # twice the same: the stage has changed, nobody knocked
+            self.learned, self._best, self._grown, self._before = 1, None, 0, None
+            return ""
+        return f"a knock of {smooth[at]:+.3g} at {at * self.period_s:.3f} s"
+
+    # -- spectrum ---------------------------------------------------------------------------------
+
+    def _spectrum(self, x: Floats) -> Spectrum:
+        if self.closed:
+            out: Spectrum = scipy.fft.rfft(x, norm="ortho")
+        else:
+            out = scipy.fft.dct(x, norm="ortho")
+        return out
+
+    def _back(self, x: Spectrum) -> Floats:
+        if self.closed:
+            return np.asarray(scipy.fft.irfft(x, self.n, norm="ortho"), np.float64)
+        return np.asarray(scipy.fft.idct(x, norm="ortho"), np.float64)
+
+    def _bounded(self, x: Floats) -> Floats:
+        """Within the bound: as a whole less, so that its shape stays."""
+        most = float(np.abs(x).max())
+        return x if most <= self.bound else x * (self.bound / most)
+
+
+def _power(x: Spectrum) -> float:
+    return float(np.sum(np.abs(x) ** 2))
+
+
+def _thirds(hertz: Floats) -> list[slice]:
+    """Bands of a third of an octave, four lines or more."""
+    bands, first = [], 1
+    while first < hertz.size:
+        last = max(first + 4, int(np.searchsorted(hertz, hertz[first] * 2.0 ** (1.0 / 3.0))))
+        bands.append(slice(first, min(last, hertz.size)))
+        first = last
+    return bands
+
+
+def fade_share(samples: NDArray[np.int64], over: int) -> Floats:
+    """(n,) share of the new correction so many samples after it was begun: 0 to 1, with no step in
+    it or in its slope."""
+    share = np.clip((samples + 1.0) / max(1, over), 0.0, 1.0)
+    return np.asarray(share * share * (3.0 - 2.0 * share), np.float64)

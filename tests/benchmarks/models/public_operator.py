@@ -1,0 +1,75 @@
+"""The discrete backlash operator of a public repository, after its description, with the parameters
+that are published with it.
+
+yan9a/DiscreteBacklashOperator (MIT; Y. N. Aye, W. T. Ang, Int. Conf. on Science and Technology for
+Sustainable Development, Yangon 2018): 25 gears in a row. From where the drive has turned it takes
+the finest gear along first; one that has been taken its whole width stays there, and the next one
+moves. A curve of straight pieces, the same for all loops, follows. The stack whose recordings are
+stack-1hz and stack-am is the one for which these numbers were found, from rows 3151 to 3350 of the
+first.
+"""
+
+import numpy as np
+
+from dehyst.models.recording import Floats
+
+WIDTHS = np.array([
+    0.40876798071954590, 0.19817724673518211, 0.23681931654124289, 0.18767119272150645,
+    0.18674310618488654, 0.17483794804215469, 0.15190831154313766, 0.16220502797907255,
+    0.13837745432221560, 0.15621708203797979, 0.14174176430452334, 0.13213973253598432,
+    0.12896202409037905, 0.13479400343614367, 0.11156754121203027, 0.11398191973200023,
+    0.11720728790242552, 0.10999110013766833, 0.10410719429490989, 0.10395444293290268,
+    0.097421025743917866, 0.097025396725132662, 0.086772798816515007, 0.095614826983418943,
+    0.022994274325124575,
+])  # fmt: skip
+STROKES = np.array([
+    0.20406781579819550, 0.15915719295738961, 0.16892966707026219, 0.15630469850430528,
+    0.15914103633072785, 0.15874933180755313, 0.13634511144225092, 0.15736071916969796,
+    0.13309002625276456, 0.15351078217739467, 0.14496445507559153, 0.14251489231970726,
+    0.13685434542172636, 0.15750747693437583, 0.12866836886674182, 0.13123796269164956,
+    0.14301742293561359, 0.13515289625185867, 0.13062220585602713, 0.13306810367143207,
+    0.13178482584903684, 0.13444025932151460, 0.12623111375472806, 0.14142443435337926,
+    0.095854855186075838,
+])  # fmt: skip
+CURVE_IN = np.array([
+    0.30244219265823014, 0.17521437763454933, 0.19501051321924495, 0.17082842816245025,
+    0.17145626378148981, 0.16089991573593054, 0.14141882734088651, 0.15571139696777925,
+    0.13757921400418782, 0.15220619650856615, 0.14086989807296768, 0.13807631650884278,
+    0.13760886466993716, 0.14288748774865345, 0.11934903331787439, 0.12629752893395185,
+    0.13154505586993315, 0.12232210895850004, 0.12024697252300065, 0.11894511988492740,
+    0.11952004742245226, 0.11944767828165270, 0.11165908807278324, 0.12407390268675833,
+    0.064383571034450693,
+])  # fmt: skip
+CURVE_OUT = np.array([
+    0.31039360385951126, 0.18212006205802245, 0.21073847039226018, 0.17314746306336148,
+    0.17442787873412458, 0.17268736411377716, 0.14683459564450230, 0.16385435018099104,
+    0.13388826657079234, 0.15752166770680853, 0.14583632130714697, 0.13657830834684881,
+    0.12820750484216825, 0.14941399262186605, 0.12088687676089771, 0.11892235348969793,
+    0.12867965496810596, 0.12282188743102695, 0.11448242762793637, 0.11807742671940735,
+    0.10968580417050244, 0.11201797776499456, 0.10134482449845983, 0.11296535865003987,
+    0.054465558476749720,
+])  # fmt: skip
+UM_PER_V = 12.533528611111112
+SNAP = 0.1 * STROKES[-1]  # this near its end a gear counts as taken all the way
+
+
+def run(u: Floats) -> Floats:
+    """(N,) displacement [um] for a drive (N,) of 0 to 3.6 V, without its constant."""
+    turned = np.zeros(WIDTHS.size, dtype=bool)
+    x = y = 0.0  # where the last gear came to its end
+    out = np.empty(u.size)
+    for t, v in enumerate(u):
+        while True:
+            up = v >= x
+            waiting = np.flatnonzero(turned != up)
+            if waiting.size == 0:
+                out[t] = y
+                break
+            gear, way = waiting[0], 1.0 if up else -1.0
+            if way * (v - x) < WIDTHS[gear] - SNAP:
+                out[t] = y + STROKES[gear] / WIDTHS[gear] * (v - x)
+                break
+            turned[gear] = up
+            x, y = x + way * WIDTHS[gear], y + way * STROKES[gear]
+    knees = np.concatenate([[0.0], np.cumsum(CURVE_IN)])
+    return UM_PER_V * np.interp(out, knees, np.concatenate([[0.0], np.cumsum(CURVE_OUT)]))

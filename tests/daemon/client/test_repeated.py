@@ -1,0 +1,178 @@
+"""A trajectory that is played again and again, and what is learned of it from telemetry."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dehyst.daemon.client.learning import LessonTaker
+from dehyst.daemon.client.repeated import Repeated, on_grid
+from dehyst.daemon.files.learned import Learned, read_learned, trajectory_digest, write_learned
+from dehyst.daemon.rings.records import TELEMETRY, Flag, State
+from dehyst.models.errors import BadInput
+from dehyst.models.learning.passes import Learner, Outcome
+
+PERIOD_NS, N = 5_000_000, 200
+T = PERIOD_NS * 1e-9 * np.arange(N)
+TARGET = 5.0 + np.sin(2 * np.pi * T)
+
+
+@given(st.integers(1, 4), st.integers(2, 40), st.floats(0.01, 0.5))
+def test_the_pieces_are_the_passes_one_behind_the_other(times: int, n: int, span_s: float) -> None:
+    t_s = np.cumsum(np.r_[0.3, 0.01 * (1 + np.arange(n - 1) % 3)])
+    points, sent, found = Repeated(t_s, np.arange(float(n)), times), 0, []
+    while not points.over(sent):
+        offsets, values, learned = points.piece(sent, span_s, 1000)
+        assert values.size
+        assert not learned.any()
+        found.append(np.column_stack([offsets * 1e-9, values]))
+        sent += values.size
+    whole = np.concatenate(found)
+    begun, step = t_s - t_s[0], float(np.median(np.diff(t_s)))
+    expected = np.concatenate([begun + k * (begun[-1] + step) for k in range(times)])
+    np.testing.assert_allclose(whole[:, 0], expected, atol=2e-9 * times)
+    np.testing.assert_array_equal(whole[:, 1], np.tile(np.arange(float(n)), times))
+
+
+def test_one_without_an_end_ends_with_its_pass() -> None:
+    points = Repeated(T, TARGET, 0)
+    assert not points.over(10**9)
+    offsets, values, _ = points.piece(10 * N + 5, 0.25, 1000)
+    assert offsets[0] == 10 * N * PERIOD_NS + 5 * PERIOD_NS
+    assert values[0] == TARGET[5]
+    points.end(10 * N + 5)
+    assert points.over(11 * N)
+    assert not points.over(11 * N - 1)
+
+
+def test_a_pass_on_the_grid_is_a_whole_number_of_periods() -> None:
+    coarse = np.arange(0.0, 1.0, 0.0173)
+    times, values = on_grid(coarse, np.cos(2 * np.pi * coarse), 0.005)
+    np.testing.assert_allclose(np.diff(times), 0.005)
+    assert times.size == round((coarse[-1] + 0.0173) / 0.005)
+    inside = times <= coarse[-1]
+    np.testing.assert_allclose(values[inside], np.cos(2 * np.pi * times[inside]), atol=2e-3)
+
+
+class Loop:
+    """What a daemon makes of the points: telemetry of a stage that is off by what repeats."""
+
+    def __init__(self, start_ns: int = 77_000_000) -> None:
+        self.learner = Learner(TARGET, PERIOD_NS * 1e-9, 0.02, 1.5)
+        self.told: list[Outcome] = []
+        self.taker = LessonTaker(self.learner, TARGET, PERIOD_NS, self.told.append)
+        self.points = Repeated(T, TARGET, 0, self.taker.correct)
+        self.rng, self.start_ns, self.sent, self.played = np.random.default_rng(3), start_ns, 0, 0
+        self.learned = np.zeros(0)
+        self.repeats = 0.1 * np.sin(2 * np.pi * 3 * T)
+
+    def go(self, seconds: float, ahead_s: float = 1.0, spoil: int = 0) -> None:
+        """So much is played; points are sent `ahead_s` before."""
+        last = self.played + round(seconds * 1e9 / PERIOD_NS)
+        while self.played < last:
+            while self.sent < self.played + round(ahead_s * 1e9 / PERIOD_NS) + 1:
+                _, _, learned = self.points.piece(self.sent, 0.25, 1000)
+                self.learned = np.concatenate([self.learned, learned])
+                self.sent += learned.size
+            k = np.arange(self.played, min(self.played + 20, last))
+            self.played = int(k[-1]) + 1
+            records = np.zeros(k.size, TELEMETRY)
+            records["seq"], records["state"] = k + 1000, State.RUNNING
+            records["scheduled_ns"] = self.start_ns + k * PERIOD_NS
+            records["target"], records["learned"] = TARGET[k % N], self.learned[k]
+            off = self.repeats[k % N] + self.learned[k] + self.rng.normal(0.0, 0.02, k.size)
+            records["measured"] = records["target"] + off
+            if spoil:
+                records["flags"][:spoil] = Flag.MISSED
+            self.taker.add(records)
+
+
+def test_the_error_falls_while_points_are_sent_ahead() -> None:
+    loop = Loop()
+    loop.go(2.0)
+    assert not loop.told  # when the trajectory began is not known yet
+    loop.taker.start_ns = loop.start_ns
+    loop.go(18.0)
+    assert len(loop.told) == 20
+    assert loop.told[0].rms == pytest.approx(loop.repeats.std(), rel=0.1)
+    left = loop.repeats + loop.learned[loop.played - N : loop.played]
+    assert left.std() < 0.1 * loop.repeats.std()
+
+
+def test_corrections_are_faded_in_and_never_step() -> None:
+    loop = Loop()
+    loop.taker.start_ns = loop.start_ns
+    loop.go(15.0)
+    smooth = np.abs(np.diff(np.r_[0.0, loop.learned]))
+    own = np.abs(np.diff(loop.learner.correction)).max()
+    assert smooth.max() < 2.0 * own + 0.02
+
+
+def test_a_pass_with_missed_samples_is_told_and_not_learned_from() -> None:
+    loop = Loop()
+    loop.taker.start_ns = loop.start_ns
+    loop.go(5.0)
+    loop.go(1.0, spoil=1)
+    loop.go(1.0)
+    spoiled = [one for one in loop.told if not one.learned and one.number > 1]
+    assert len(spoiled) == 1
+    assert "10 of 200 samples" in spoiled[0].says
+
+
+def test_a_slow_gauge_is_learned_from_too() -> None:
+    """Every third reading is fresh."""
+    loop = Loop()
+    loop.taker.start_ns = loop.start_ns
+    add = loop.taker.add
+
+    def held(samples: np.ndarray) -> None:
+        samples = samples.copy()
+        samples["flags"][samples["seq"] % 3 != 0] |= int(Flag.SENSOR_HELD)
+        add(samples)
+
+    loop.taker.add = held  # type: ignore[method-assign]
+    loop.go(20.0)
+    assert all(one.learned for one in loop.told[1:])
+    left = loop.repeats + loop.learned[loop.played - N : loop.played]
+    assert left.std() < 0.25 * loop.repeats.std()
+
+
+def test_what_was_learned_is_kept_for_its_model_and_trajectory_only(tmp_path: Path) -> None:
+    path, digest = tmp_path / "scan.learned.json", trajectory_digest(TARGET, 0.005)
+    assert read_learned(path, "m1", digest, "um", N) is None
+    correction = 0.1 * np.sin(T)
+    write_learned(
+        path,
+        Learned(model="m1", trajectory=digest, period_s=0.005, unit="um", passes=7,
+                correction=correction.tolist()),
+    )  # fmt: skip
+    found = read_learned(path, "m1", digest, "um", N)
+    assert found is not None
+    np.testing.assert_array_equal(found, correction)
+    with pytest.raises(BadInput, match="another model"):
+        read_learned(path, "m2", digest, "um", N)
+    with pytest.raises(BadInput, match="another trajectory"):
+        read_learned(path, "m1", trajectory_digest(TARGET + 1e-9, 0.005), "um", N)
+    with pytest.raises(BadInput, match="another unit"):
+        read_learned(path, "m1", digest, "nm", N)
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1, 2]", '{"format": 1, "x": 2}', "\x00\xff"])
+def test_a_file_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "no.json"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=r"no\.json"):
+        read_learned(path, "m", "t", "um", N)
+
+
+@pytest.mark.parametrize("wrong", [[0.0] * (N - 1), [1e999] * N])
+def test_corrections_that_do_not_fit_are_refused(tmp_path: Path, wrong: list[float]) -> None:
+    path = tmp_path / "no.json"
+    good = {"format": 1, "model": "m", "trajectory": "t", "period_s": 0.005, "unit": "um",
+            "passes": 1, "correction": wrong}  # fmt: skip
+    path.write_text(json.dumps(good))
+    with pytest.raises(BadInput):
+        read_learned(path, "m", "t", "um", N)

@@ -1,0 +1,104 @@
+"""`dehyst play --learn` and `dehyst zero` against a running gateway and loop."""
+
+import json
+import signal
+from pathlib import Path
+
+import numpy as np
+from tests.daemon.commands.test_remote import run, start, trajectory
+from tests.rigs.gateway_bench import Bench, wait_until
+
+from dehyst.daemon.rings.records import Flag, State
+
+
+def test_play_learns_keeps_it_and_takes_it_up(bench: Bench, tmp_path: Path) -> None:
+    bench.client()
+    path, kept, picture = (tmp_path / name for name in ("way.csv", "way.json", "way.png"))
+    trajectory(path, 3.0, 7.0, 1.0)
+    play = ("play", str(path), "--learned", str(kept), "--picture", str(picture), "--json")
+    _, out, err = run(*play, "--repeat", "12", bench=bench)
+    result = json.loads(out)
+    assert result["completed"]
+    assert result["expected_samples"] == 12 * 200
+    assert [one["number"] for one in result["passes"]] == list(range(1, 13))
+    assert err.count("pass ") >= 12
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    learned = [one["rms"] for one in result["passes"] if one["learned"]]
+    if len(learned) > 4:  # the machine may be too busy for the loop's deadlines
+        assert np.median(learned[-3:]) < 0.5 * result["passes"][0]["rms"]
+        assert kept.exists()
+        records = bench.loop.samples()
+        assert np.abs(records["learned"]).max() > 0.005
+        _, out, _ = run(*play, "--repeat", "2", bench=bench)
+        again = json.loads(out)["passes"]
+        assert again[0]["rms"] < 0.7 * result["passes"][0]["rms"]
+        trajectory(path, 3.0, 6.9, 1.0)
+        code, _, err = run(*play, "--repeat", "2", bench=bench)
+        assert code == 2
+        assert "another trajectory" in err
+
+
+def test_learning_wants_more_than_one_pass(bench: Bench, tmp_path: Path) -> None:
+    path = tmp_path / "way.csv"
+    trajectory(path, 3.0, 7.0, 1.0)
+    code, _, err = run("play", str(path), "--learn", bench=bench)
+    assert code == 2
+    assert "more than one pass" in err
+    code, _, err = run("play", str(path), "--repeat", "-1", bench=bench)
+    assert code == 2
+    assert "0 is until stopped" in err
+
+
+def test_zero_says_the_difference_and_takes_it_away(bench: Bench) -> None:
+    client = bench.client()
+    code, out, _ = run("zero", "--look", "--json", bench=bench)
+    look = json.loads(out)
+    assert code == 0
+    assert look["zero_moved_by"] == 0.0
+    client.acquire()
+    client.move_zero(0.4)
+    client.close()
+    code, out, _ = run("zero", "--json", bench=bench)
+    found = json.loads(out)
+    assert code == 0
+    assert abs(found["gauge_minus_model"] - look["gauge_minus_model"] - 0.4) < 0.02
+    assert abs(found["sensor_zero_that_keeps_it"] + look["gauge_minus_model"]) < 0.02
+    code, out, _ = run("zero", "--look", bench=bench)
+    assert code == 0
+    assert "from the model" in out
+    after = json.loads(run("zero", "--look", "--json", bench=bench)[1])
+    assert abs(after["gauge_minus_model"]) < 0.02
+
+
+def test_exercise_shows_it_by_place_and_a_set_point_stands_there(bench: Bench) -> None:
+    bench.client()
+    code, out, err = run("zero", "--exercise", "--seconds", "2", "--json", bench=bench)
+    found = json.loads(out)
+    assert code == 0, err
+    assert len(found["by_place"]) == 3
+    reach = bench.client().status()
+    span = reach.reach_max - reach.reach_min
+    assert found["by_place"][2]["to"] - found["by_place"][0]["from"] > 0.85 * span
+    means = [one["gauge_minus_model"] for one in found["by_place"]]
+    assert abs(np.mean(means) + found["zero_moved_by"]) < 1e-9
+
+
+def test_a_scan_without_an_end_ends_with_an_interrupt(bench: Bench, tmp_path: Path) -> None:
+    bench.client()
+    path, kept, picture = (tmp_path / name for name in ("way.csv", "way.json", "way.png"))
+    trajectory(path, 3.0, 7.0, 0.5)
+    play = ("play", str(path), "--learned", str(kept), "--picture", str(picture), "--json")
+    playing = start(*play, "--repeat", "0", bench=bench)
+    wait_until("nine passes", lambda: bench.loop.seq > 1000 and bench.loop.state is State.RUNNING)
+    begun = bench.loop.seq
+    wait_until("and some more", lambda: bench.loop.seq > begun + 900)
+    playing.send_signal(signal.SIGINT)
+    out, err = playing.communicate(timeout=60)
+    result = json.loads(out)
+    assert result["completed"], err
+    assert result["samples"] == result["expected_samples"] > 800
+    assert len(result["passes"]) >= 6
+    records = bench.loop.samples()
+    own = np.flatnonzero(np.isfinite(records["target"]) & (records["state"] == State.RUNNING))
+    assert not np.any(records["flags"][own] & Flag.FALLBACK)  # nothing ran dry between passes
+    assert picture.exists()

@@ -1,0 +1,100 @@
+"""Recordings that tell little, or more finely than any model is: slow sampling, little noise, one
+waveform alone. What is said of them is true, or nothing is said; and limits hold when the effect is
+put in by another equation and everything is asked again."""
+
+import numpy as np
+import pytest
+from tests.models.diagnosis.test_names import bouc_wen
+from tests.models.diagnosis.test_subject import DT, NOISE_UM, N, drive, plain, recordings
+
+from dehyst.models.cascade.simulate import simulate
+from dehyst.models.diagnosis import Diagnosis, diagnose
+from dehyst.models.recording import Recording
+
+
+def check_rules(d: Diagnosis) -> None:
+    """What holds of every answer: shares of at most one, intervals of at most a factor of ten,
+    nothing that foretells worse than the model in use."""
+    said = d.to_dict()
+    assert sum(e["share"] for e in said["effects"]) <= 1.0 + 1e-9
+    for effect in said["effects"]:
+        assert effect["acts_on"] in ("stage", "drive", "sensor")
+        for key, one in effect["parameters"].items():
+            if one["low"] * one["high"] > 0:
+                low, high = sorted((abs(one["low"]), abs(one["high"])))
+                assert high <= 10.0 * low, (effect["name"], key, one)
+    assert said["rms"]["heldout_augmented"] <= said["rms"]["heldout_model"] + d.noise
+    if d.verdict in ("unknown", "partly"):
+        assert said["would_have_seen"] == []
+    ties = {n for e in said["effects"] for n in (e["name"], *e["ambiguous_with"])}
+    assert ties.isdisjoint(x["name"] for x in said["would_have_seen"])
+
+
+def two_sines(late_s: float, seed: int) -> Recording:
+    """4 and 8.7 Hz for 40 s, read at 50 Hz; the stage is integrated at 1 kHz."""
+    rng, t = np.random.default_rng(seed), np.arange(40_000) * DT
+    f = rng.uniform(0.8, 1.2)
+    u = 5 - 2.3 * np.cos(2 * np.pi * 4 * f * t) - 2.3 * np.cos(2 * np.pi * 8.7 * f * t)
+    u *= np.clip(t, 0, 1)
+    y = plain(np.interp(t - late_s, t, u)) + NOISE_UM * rng.standard_normal(t.size)
+    return Recording(t[::20], u[::20], y[::20], name=f"s{seed}.csv")
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.03])
+def test_slow_sampling_of_a_stage_with_and_without_a_delay(late_s: float) -> None:
+    d = diagnose([two_sines(late_s, 1), two_sines(late_s, 2)])
+    check_rules(d)
+    assert any("sampling is slow" in said for said in d.data.says)
+    named = [f.name for f in d.findings if f.name not in ("shape", "unknown")]
+    if late_s:
+        assert {"delay", "lag"} & {n for f in d.findings for n in (f.name, *f.ambiguous_with)}
+        assert d.verdict != "clean"
+        assert set(named) <= {"delay", "lag"}
+    else:
+        assert named == []
+
+
+@pytest.mark.parametrize("stage", [plain, bouc_wen], ids=["in the class", "foreign"])
+def test_with_little_noise_what_the_base_leaves_is_no_physics(stage: object) -> None:
+    """Noise of 1e-4 of the stroke: the base's own misfit is above it."""
+    given = []
+    for k in range(2):
+        u = drive(k)
+        y = stage(u) + 1e-3 * np.random.default_rng(k).standard_normal(N)  # type: ignore[operator]
+        given.append(Recording(np.arange(N) * DT, u, y, name=f"q{k}.csv"))
+    d = diagnose(given)
+    check_rules(d)
+    assert {f.name for f in d.findings} <= {"shape", "unknown"}
+
+
+def test_one_waveform_gives_no_model_that_is_worse_on_another() -> None:
+    t = np.arange(N) * DT
+    u = 5 - 4.5 * np.cos(2 * np.pi * 1.3 * t)
+    noise = NOISE_UM * np.random.default_rng(4).standard_normal(N)
+    d = diagnose([Recording(t, u, bouc_wen(u) + noise)])
+    check_rules(d)
+    assert {f.name for f in d.findings} <= {"shape", "unknown"}
+    other = drive(1)
+    errors = [np.std(bouc_wen(other) - simulate(m, t, other)) for m in (d.base_model, d.model)]
+    assert errors[1] <= errors[0] + NOISE_UM
+
+
+@pytest.mark.parametrize("name", ["hum", "delay"])
+def test_a_limit_holds_when_the_effect_is_put_in(name: str) -> None:
+    """A line of another phase than the probe's; a delay of the drive itself."""
+    limit = next(x for x in diagnose(recordings(plain)).would_have_seen if x.name == name)
+    assert limit.value is not None
+    if name == "delay":
+        given = recordings(plain, late_s=limit.value)
+    else:
+        given = [
+            Recording(
+                r.t_s,
+                r.drive,
+                r.displacement + limit.value * np.sin(2 * np.pi * 50.0 * r.t_s + 1.0),  # type: ignore[operator]
+                name=r.name,
+            )
+            for r in recordings(plain)
+        ]
+    d = diagnose(given)
+    assert name in {n for f in d.findings for n in (f.name, *f.ambiguous_with)}

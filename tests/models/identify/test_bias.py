@@ -1,0 +1,71 @@
+"""Drives about a bias, and the band of what a model foretells."""
+
+import numpy as np
+import pytest
+
+from dehyst.models.cascade.simulate import simulate
+from dehyst.models.identify import identify
+from dehyst.models.identify.equations import Params, Shape
+from dehyst.models.identify.rows import read_rows
+from dehyst.models.identify.setup import set_up
+from dehyst.models.recording import Floats, Recording
+
+T = 1e-3
+N = 8000
+
+
+def run_stage(u: Floats) -> Floats:
+    """Eq. 1, 3 and 6 written out: a stage whose loops widen with the rate."""
+    r, b = np.array([0.0, 4.0, 15.0]), np.array([0.08, 0.03, 0.03])
+    k = np.array([-9e-6, 4e-6, 1.5e-6])
+    h, y = np.zeros(3), np.empty(u.size)
+    for t in range(u.size):
+        h = np.maximum(u[t] - r, np.minimum(u[t] + r, h))
+        rate = (u[t] - u[t - 1]) / T if t else 0.0
+        y[t] = (b + k * rate) @ h
+    return y
+
+
+def drive(low: float, high: float, seed: int) -> Floats:
+    """Led in from 0, then sines over the range."""
+    t = np.arange(N) * T
+    rng = np.random.default_rng(seed)
+    x = np.sin(2 * np.pi * np.outer(t, [1.3, 5.0, 9.0]) + rng.uniform(0, 6, 3)).sum(axis=1)
+    x = low + (high - low) * (x - x.min()) / np.ptp(x)
+    return np.concatenate([np.linspace(0.0, x[0], 500), x])
+
+
+@pytest.mark.parametrize(("low", "high"), [(20.0, 80.0), (60.0, 100.0)])
+def test_a_drive_about_a_bias_foretells_another(low: float, high: float) -> None:
+    """What the rate does depends on the drive's true zero, which the recording never reaches."""
+    u, other = drive(low, high, 1), drive(low, high, 2)
+    noise = 0.004 * np.random.default_rng(3).standard_normal(N)
+    y = run_stage(u)[500:] + noise
+    found = identify([Recording(np.arange(N) * T, u[500:], y)])
+    assert found.shape.rate
+    error = (simulate(found.model, T, other) - run_stage(other))[1500:]
+    assert np.std(error) < 0.75 * 0.004
+    assert found.model.fit.band is not None
+    assert np.mean(np.abs(error - error.mean()) < found.model.fit.band) > 0.9
+
+
+@pytest.mark.parametrize("free", [False, True], ids=["known offset", "fitted offset"])
+def test_equations_about_the_middle_are_the_written_model(free: bool) -> None:
+    """Plays about the middle of the range, the rate about another drive: once the plays are
+    settled, the written model leaves what the equations leave."""
+    u = drive(20.0, 80.0, 1)[500:]
+    rec = Recording(np.arange(N) * T, u, 0.1 * u)
+    setup = set_up([read_rows(rec)], True)
+    r = np.array([0.0, 5.0, 20.0])
+    slopes = np.array([0.07, 0.09, 0.11, 0.05, 0.06, 0.08])
+    lead = np.array([0.4]) if free else np.zeros(0)
+    params = Params(slopes, np.array([0.3, 0.02]), np.zeros(0), lead)
+    shape, offset = Shape(True, (0, 2), free), setup.middle if free else 0.0
+    (error,) = setup.residuals(r, shape, params, offset)
+    (lot,) = setup.equations([np.ones(N, dtype=bool)], r, offset)
+    z = 0.5 * (lot.d @ (slopes[:3] + slopes[3:]) + lot.e @ (slopes[:3] - slopes[3:]))
+    z += lead.sum() * lot.pace
+    settled = np.flatnonzero(setup.rows[0].settled & ~np.isnan(error))
+    assert settled.size > 0.5 * N
+    want = rec.displacement - (z + 0.3 + 0.02 * z**2)
+    np.testing.assert_allclose(error[settled], want[settled], atol=1e-9)
