@@ -72,11 +72,7 @@ class Chromium:
 
     def until(self, what: str, check: Callable[[], Any]) -> Any:
         """Look until it is true; its value."""
-        try:
-            return until(check, PATIENCE_S, what)
-        except AssertionError:
-            self.chrome.save_screenshot(str(Path.cwd() / "out-of-time.png"))
-            raise
+        return until(check, PATIENCE_S, what)
 
     def complaints(self) -> list[str]:
         """What the browser's console holds against the page."""
