@@ -121,10 +121,15 @@ def identify(
     rows = [read_rows(r, max(spans, default=0.0)) for r in recordings]
     require_times_in_seconds(rows)
     require_drive_first(rows)
-    setup, late = set_up(rows, options.monotone), False
-    if not start_agrees(setup, options.rate is not False):
-        setup, late = set_up(rows, options.monotone, trust_start=False), True
-    found = _search(setup, options, progress)
+    setup = set_up(rows, options.monotone)
+    agreed = start_agrees(setup, options.rate is not False)
+    found = _search(setup if agreed else _leave_start(rows, options), options, progress)
+    if options.rate is None and not found.fitted.shape.rate and setup.virgin:
+        # without the rate, which is not taken, the start may look otherwise
+        before, agreed = agreed, start_agrees(setup, False)
+        if agreed != before:
+            found = _search(setup if agreed else _leave_start(rows, options), options, progress)
+    late = not agreed
     if late:
         found.notes.append("the start does not fit a de-energised stage; it was left out")
     found = _follow_drift(found)
@@ -134,6 +139,11 @@ def identify(
     require_better_than_a_line(found.setup, residuals, picks)
     progress("intervals")
     return _result(found, residuals, recordings)
+
+
+def _leave_start(rows: Sequence[Rows], options: Options) -> FitSetup:
+    """The setting without the rows that depend on the start."""
+    return set_up(rows, options.monotone, trust_start=False)
 
 
 @dataclass

@@ -226,6 +226,7 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     trust_start: a start that looks de-energised is taken as such; False, or where it does not:
     rows that depend on the start are left out. Raises BadRecording when too few rows are left.
     """
+    rows = [replace(one) for one in rows]  # their stretches are this setting's
     notes: list[str] = []
     low, high = find_drive_range(rows)
     rate_max = find_rate_range(rows)

@@ -34,8 +34,8 @@ CHANGES = room(
 ) + room(
     ("tests/models/identify/test_timing.py",),
     Change(
-        "any-start-is-believed", RESULT, "if not start_agrees(setup, options.rate is not False):",
-        "if False:", "a stage behind an exercise is fitted from the virgin curve on",
+        "any-start-is-believed", START, "if not shows(with_start, without, TUNING.start_costs):",
+        "if True:", "a stage behind an exercise is fitted from the virgin curve on",
     ),
     Change(
         "start-may-cost-much", TUNING, "start_costs: float = 0.11", "start_costs: float = 2.0",
