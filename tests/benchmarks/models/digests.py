@@ -22,7 +22,7 @@ import numpy as np
 from tests.rigs.random_models import driven, random_case
 
 from dehyst.daemon.files.recordings import read_recording
-from dehyst.models.cascade.simulate import simulate_hysteresis as simulate_model
+from dehyst.models.cascade.simulate import simulate as simulate_model
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.errors import DehystError, NotInvertible
 from dehyst.models.hysteresis.forward import simulate_hysteresis

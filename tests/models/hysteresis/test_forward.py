@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dehyst.models.cascade.simulate import simulate_hysteresis as simulate_model
+from dehyst.models.cascade.simulate import simulate as simulate_model
 from dehyst.models.hysteresis.forward import forward_step, initial_plays, simulate_hysteresis
 from dehyst.models.hysteresis.play import play_matrix, play_step
 from dehyst.models.model import Hysteresis
