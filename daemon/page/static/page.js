@@ -53,7 +53,7 @@ function connect() {
   const socket = new WebSocket(`${scheme}://${location.host}/stream`);
   socket.binaryType = "arraybuffer";
   page.socket = socket;
-  socket.addEventListener("open", () => { page.retry_ms = 300; page.name && look(); });
+  socket.addEventListener("open", () => { page.retry_ms = 300; if (page.name) { if (held()) askLook(); else look(); } });
   socket.addEventListener("message", (e) => (typeof e.data === "string" ? hear(JSON.parse(e.data)) : frame(e.data)));
   socket.addEventListener("close", () => {
     pill("link", "no connection to the page's server", false);
@@ -139,9 +139,16 @@ function choose(name) {
   look();
 }
 
+// What is paused or zoomed stays as it is, also when the connection comes back.
+const held = () => plots.paused || plots.range !== null;
+
 function look() {
   plots.live();
   showMode();
+  askLook();
+}
+
+function askLook() {
   page.ask({ ask: "look", name: page.name, window_s: plots.window_s, width_px: Math.round(plots.width()) });
 }
 
@@ -258,7 +265,7 @@ function showMode() {
 }
 
 function pause() {
-  if (plots.paused || plots.range) look();
+  if (held()) look();
   else { plots.pause(true); showMode(); }
 }
 
@@ -306,6 +313,6 @@ document.addEventListener("keydown", (e) => {
   else if (e.key >= "1" && e.key <= "9") { plots.window_s = WINDOWS[Number(e.key) - 1][0]; look(); }
 });
 let resized;
-window.addEventListener("resize", () => { clearTimeout(resized); resized = setTimeout(() => { if (page.name && !plots.paused && !plots.range) look(); }, 400); });
+window.addEventListener("resize", () => { clearTimeout(resized); resized = setTimeout(() => { if (page.name && !held()) look(); }, 400); });
 
 begin();

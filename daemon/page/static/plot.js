@@ -183,7 +183,7 @@ export class Plots {
 
   select(plot) {
     const { left, width } = plot.select;
-    if (width < 6) return;
+    if (width < 6 || this.offset_s === null) return;
     const range = [plot.posToVal(left, "x"), plot.posToVal(left + width, "x")];
     plot.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
     this.range = range;

