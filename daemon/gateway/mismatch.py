@@ -161,6 +161,7 @@ class MismatchWatch:
     def _keep(self, origin: float, end: int) -> None:
         """Write what the history has from before to after the moment."""
         from dehyst.daemon.files.recorder import Recorder
+        from dehyst.daemon.files.sidecar import notes_path
 
         chosen, config = self._config.watch, self._config
         rate_hz = 1e9 / config.period_ns
@@ -173,6 +174,7 @@ class MismatchWatch:
             old = sorted(self.directory.glob("mismatch-*.csv"))
             for file in old[: max(0, len(old) + 1 - chosen.keep)]:
                 file.unlink(missing_ok=True)
+                notes_path(file).unlink(missing_ok=True)
             assert self._model_used is not None
             model = load_model(self._model_used)
             units = (model.drive_unit, model.displacement_unit)
