@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 ROUND ?= ../shared/concealed/round-1
 FUZZ_S ?= 600
 
-.PHONY: demo test quick check kernels lint types contracts concealed proof fuzz mutate clean
+.PHONY: demo test quick check kernels lint types contracts reference concealed proof fuzz mutate clean
 
 demo: kernels
 	$(BIN)/dehyst demo --force
@@ -33,6 +33,10 @@ types: $(READY)
 
 contracts: $(READY)
 	$(BIN)/lint-imports
+
+# docs/reference-*.md, from the code
+reference: $(READY)
+	$(BIN)/python -m dehyst.daemon.reference docs
 
 concealed: $(READY)
 	$(BIN)/python tests/concealed/make_answers.py $(ROUND)
