@@ -62,7 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--band",
         type=float,
         metavar="HZ",
-        help="fastest sine (default: 2, less where rate or slew allow less)",
+        help="fastest motion through the range (default: 1, less where rate or slew allow less)",
     )
     parser.add_argument(
         "--duration", type=float, metavar="S", help="of each recording (default: 20)"

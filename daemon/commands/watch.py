@@ -53,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
         console = Console()
         live = None
         if console.is_terminal and not args.json:
+            feed.events.extend(client.events())
             live = Live(console=console, screen=True, auto_refresh=False)
             live.start()
         try:

@@ -18,7 +18,6 @@ from dehyst.daemon.files.outputs import whole_file
 from dehyst.daemon.loop.reach import displacement_range, drive_range
 from dehyst.daemon.setup.workbench import Workbench
 from dehyst.models.drive_design.coverage import measure_coverage
-from dehyst.models.drive_design.excitation import TUNING as DESIGN
 from dehyst.models.drive_design.excitation import Excitation, design
 from dehyst.models.errors import NotNow
 from dehyst.models.recording import Floats, Recording
@@ -35,13 +34,16 @@ class Tuning:
     follows: float = 0.9  # correlation of gauge and drive: less, and they do not belong together
     most_missing: float = 0.01  # of the readings
     seconds: float = 20.0  # of each recording
-    band_hz: float = 2.0  # less where rate or slew limit allow less
+    band_hz: float = 1.0  # fastest motion through the range; less where rate or slew allow less
+    around: tuple[float, float] = (0.5, 1.5)  # of it: the sines of a recording
+    sines: int = 2
     samples_a_period: float = 24.0
-    exercise_s: float = 5.0  # before the first recording; later ones follow at once
-    again_s: float = 1.0
-    cycles: int = 5  # of the comparison; the first is not judged
+    exercise_s: float = 5.0  # before each recording: what has rested creeps
+    cycles: int = 6  # of the comparison
+    zero_from: int = 2  # cycles before those that are judged; in the last of them the zero is set
     share: float = 0.94  # of what can be reached, in the comparison
-    slew_share: float = 0.5  # of the slew limit, the most that the comparison needs
+    slew_share: float = 0.5  # of the slew limit, the most that the comparison may need
+    spare: float = 0.1  # of the fastest rate that the model has seen
 
 
 TUNING = Tuning()
@@ -126,18 +128,20 @@ def _gentle_loops(config: Config, share: float) -> tuple[Floats, Floats]:
 
 
 def drive_for(bench: Workbench, seed: int) -> Excitation:
-    """The drive of a recording: another seed, other sines."""
+    """The drive of a recording; with a seed above 0 one of other sines, and one sine more."""
     config, wishes = bench.config(), bench.wishes
     limits, rate_hz = config.limits, config.loop.rate_hz
-    by_slew = limits.slew_v_per_s / (math.pi * (limits.max_v - limits.min_v))
-    band = min(TUNING.band_hz, rate_hz / TUNING.samples_a_period, by_slew)
+    slowest, fastest = TUNING.around
+    by_slew = limits.slew_v_per_s / (fastest * math.pi * (limits.max_v - limits.min_v))
+    most_hz = min(TUNING.band_hz, rate_hz / TUNING.samples_a_period, by_slew)
+    band_hz = wishes.band_hz or most_hz
     return design(
         limits.min_v,
         limits.max_v,
-        wishes.band_hz or band,
+        (slowest * band_hz, fastest * band_hz),
         wishes.seconds or TUNING.seconds,
         rate_hz,
-        sines=DESIGN.sines,
+        sines=TUNING.sines + (seed > 0),
         slew_per_s=limits.slew_v_per_s,
         seed=seed,
     )
@@ -181,12 +185,13 @@ def record_drive(bench: Workbench, seed: int, exercise_s: float, stem: str) -> d
 
 @dataclass(frozen=True)
 class SinePlan:
-    """t_s: (N,); target: (N,) [displacement unit]; volts by name, (N,) each; f_hz: of the sine."""
+    """t_s: (N,); target: (N,) [unit]; volts by name, (N,) each; f_hz: of the sine."""
 
     t_s: Floats
     target: Floats
     volts: dict[str, Floats]
     f_hz: float
+    unit: str
 
     @property
     def stroke(self) -> float:
@@ -211,7 +216,10 @@ def plan_sine(bench: Workbench) -> SinePlan:
     low, high = max(low, ends[0]), min(high, ends[1])
     middle, half = 0.5 * (low + high), 0.5 * TUNING.share * (high - low)
     steepest = math.pi * (limits.max_v - limits.min_v)
-    f_hz = min(1.0, TUNING.slew_share * limits.slew_v_per_s / steepest)
+    rate_max = gain_v * (model.validity.rate_max or math.inf)
+    rate_max = min(rate_max / (1.0 + TUNING.spare), TUNING.slew_share * limits.slew_v_per_s)
+    f_hz = min(bench.wishes.band_hz or TUNING.band_hz, rate_max / steepest)
+    unit = model.displacement_unit
     t_s = np.arange(round(TUNING.cycles / f_hz * config.loop.rate_hz) + 1) / config.loop.rate_hz
     target = middle - math.copysign(half, slope) * np.cos(2.0 * np.pi * f_hz * t_s)
     inverse = invert(
@@ -223,10 +231,12 @@ def plan_sine(bench: Workbench) -> SinePlan:
         slew=limits.slew_v_per_s / gain_v,
         start=limits.min_v / gain_v,
         period=1.0 / config.loop.rate_hz,
-        unit=model.displacement_unit,
+        unit=unit,
     )
     linear = gain_v * (target - offset) / slope
-    return SinePlan(t_s, target, {LINEAR: linear, COMPENSATED: gain_v * np.asarray(inverse)}, f_hz)
+    return SinePlan(
+        t_s, target, {LINEAR: linear, COMPENSATED: gain_v * np.asarray(inverse)}, f_hz, unit
+    )
 
 
 def describe_sine(bench: Workbench) -> str:
@@ -235,7 +245,7 @@ def describe_sine(bench: Workbench) -> str:
     low = min(float(v.min()) for v in plan.volts.values())
     high = max(float(v.max()) for v in plan.volts.values())
     return (
-        f"moves: a sine of {plan.stroke:.4g} um peak to peak at {plan.f_hz:.3g} Hz, "
+        f"moves: a sine of {plan.stroke:.4g} {plan.unit} peak to peak at {plan.f_hz:.3g} Hz, "
         f"{TUNING.cycles} times, with a linear gain and with the model's inverse: {low:.4g} to "
         f"{high:.4g} V; it ends where it was"
     )
@@ -248,9 +258,9 @@ def track_sine(bench: Workbench) -> dict[str, Any]:
 
     plan, tracks = plan_sine(bench), {}
     for name, volts in plan.volts.items():
-        found = bench.play(plan.t_s, volts, TUNING.again_s, name)
+        found = bench.play(plan.t_s, volts, TUNING.exercise_s, name)
         bench.keep(found, f"sine-{name.replace(' ', '-')}")
-        tracks[name] = tracking.Track(name, *_judged(plan, found, bench.config()))
+        tracks[name] = tracking.Track(name, *judged(plan, found, bench.config().loop.rate_hz))
     before, after = tracks[LINEAR], tracks[COMPENSATED]
     draws = (
         partial(tracking.draw_displacements, before, after, f"{plan.f_hz:.3g} Hz sine"),
@@ -262,8 +272,9 @@ def track_sine(bench: Workbench) -> dict[str, Any]:
         file.write(draw_side_by_side(draws, (1.5, 1.5, 1.0)))
     smaller = before.rms_nm / after.rms_nm
     return {
-        "words": f"{plan.stroke:.4g} um at {plan.f_hz:.3g} Hz: {before.rms_nm:.0f} nm rms with a "
-        f"linear gain, {after.rms_nm:.0f} nm compensated, {smaller:.1f} times smaller; {picture}",
+        "words": f"{plan.stroke:.4g} {plan.unit} at {plan.f_hz:.3g} Hz: {before.rms_nm:.0f} nm rms "
+        f"with a linear gain, {after.rms_nm:.0f} nm compensated, {smaller:.1f} times smaller, the "
+        f"gauge's zero set in the cycle before; {picture}",
         "linear_rms_nm": before.rms_nm,
         "compensated_rms_nm": after.rms_nm,
         "times_smaller": smaller,
@@ -273,12 +284,19 @@ def track_sine(bench: Workbench) -> dict[str, Any]:
     }
 
 
-def _judged(plan: SinePlan, found: Recording, config: Config) -> tuple[Floats, Floats, Floats]:
-    """(t_s, target, measured) behind the first cycle. The reading of a sample belongs to the
-    voltage written at the sample before it, and so to that sample's target."""
+def judged(plan: SinePlan, found: Recording, rate_hz: float) -> tuple[Floats, Floats, Floats]:
+    """(t_s, target, measured) of the cycles that are judged, with the gauge's zero set in the cycle
+    before them: the place is the trim's and `dehyst zero`'s matter, here it is the shape.
+
+    The reading of a sample belongs to the voltage written at the sample before it, and so to that
+    sample's target.
+    """
     assert found.displacement is not None
-    written = np.round(found.t_s * config.loop.rate_hz).astype(np.int64)[:-1]
-    written = np.clip(written, 0, plan.target.size - 1)
-    t_s = found.t_s[1:]
-    judged = t_s > 1.0 / plan.f_hz
-    return t_s[judged], plan.target[written][judged], found.displacement[1:][judged]
+    written = np.round(found.t_s * rate_hz).astype(np.int64)[:-1]
+    target = plan.target[np.clip(written, 0, plan.target.size - 1)]
+    cycle = found.t_s[1:] * plan.f_hz
+    measured = found.displacement[1:]
+    zeroing = (cycle >= TUNING.zero_from - 1) & (cycle < TUNING.zero_from)
+    zero = float(np.nanmean((measured - target)[zeroing]))
+    after = (cycle >= TUNING.zero_from) & (cycle < TUNING.cycles)
+    return found.t_s[1:][after], target[after], measured[after] - zero

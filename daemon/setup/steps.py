@@ -151,7 +151,7 @@ def identify_model(bench: Workbench) -> Result:
 
 def validate_model(bench: Workbench) -> Result:
     """How well it foretells a recording with another drive."""
-    fresh = moving.record_drive(bench, FRESH, moving.TUNING.again_s, "fresh")
+    fresh = moving.record_drive(bench, FRESH, moving.TUNING.exercise_s, "fresh")
     bench.say(f"   {fresh['words']}")
     found = validate(bench.model_path, bench.folder / fresh["recording"])
     found.report(bench.folder / "validation.html")
@@ -205,7 +205,7 @@ STEPS = (
         "validate it on a fresh drive",
         validate_model,
         (),
-        partial(moving.describe_drive, seed=FRESH, exercise_s=moving.TUNING.again_s),
+        partial(moving.describe_drive, seed=FRESH, exercise_s=moving.TUNING.exercise_s),
     ),
     Step(
         "track",
