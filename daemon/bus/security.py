@@ -27,7 +27,7 @@ CA, CERTIFICATE, KEY = "ca.pem", "certificate.pem", "key.pem"
 LARGEST_BYTES = 1 << 20
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 PUBLISHED = ("telemetry", "status", "event", "rejection")
-QUESTIONS = ("status", "model", "configuration", "history")
+QUESTIONS = ("status", "model", "configuration", "history", "events")
 
 
 def check_address(endpoint: str, what: str) -> None:
