@@ -106,7 +106,8 @@ def _compiling_told(command: str | None, said_by: str) -> AbstractContextManager
         return nullcontext()
     from dehyst.daemon.terminal.compiling import compiling_told  # numba, which these need anyway
 
-    return compiling_told(said_by, command in PROCESSES)
+    process = command in PROCESSES
+    return compiling_told(said_by, in_pipes=process, ends=not process)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -75,6 +75,7 @@ def exercise_gently(bench: Workbench) -> dict[str, Any]:
     for share in TUNING.gentle_shares:
         t_s, volts = _gentle_loops(config, share)
         found = bench.play(t_s, volts, 0.0, f"loops of {100 * share:g} % of the range")
+        bench.keep(found, "gentle")
         gains.append(check_gauge_follows(found, config.limits.max_v - config.limits.min_v))
     assert found.displacement is not None
     stroke = float(np.nanmax(found.displacement) - np.nanmin(found.displacement))

@@ -53,9 +53,10 @@ class Compilations(Listener):
 
 
 @contextmanager
-def compiling_told(said_by: str, in_pipes: bool = False) -> Iterator[None]:
+def compiling_told(said_by: str, in_pipes: bool = False, ends: bool = True) -> Iterator[None]:
     """Lines on stderr while kernels are compiled inside the block: what for, how far, and how long
-    it took. in_pipes: also where no terminal reads them."""
+    it took. in_pipes: also where no terminal reads them; ends: the block ends with its work, so
+    that the sum at its end is still news."""
     said_s = 0.0
 
     def told(kernel: str) -> None:
@@ -79,7 +80,7 @@ def compiling_told(said_by: str, in_pipes: bool = False) -> Iterator[None]:
         with install_listener("numba:compile", compilations):
             yield
     finally:
-        if said_s:
+        if said_s and ends:
             say(f"compiled {compilations.count} kernels in {compilations.seconds:.0f} s")
 
 
