@@ -5,6 +5,7 @@ what the model left of it says whether what was found is new. Both are not diagn
 what has changed is not the same in both, and a diagnosis names only what is.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from dehyst.daemon.bus.messages import FoundEffect
 from dehyst.daemon.doctor.next_step import excite_arguments
 from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Case, Examined, OfferTest
-from dehyst.daemon.files.models import load_model
+from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.loop.reach import displacement_range
 from dehyst.models import diagnosis
@@ -31,6 +32,9 @@ GAUGE = "gauge"
 SPARE_S = 60.0
 """So long beyond its due time the later telemetry is waited for."""
 LOOK_S = 0.25
+SHAPES = ("shape", "memory")
+SPARSER = 0.5
+"""Noises rms that a richer model must remove beyond the sparser one."""
 
 
 def examine(folder: Path) -> Examined:
@@ -73,13 +77,15 @@ def _conclude(
             "too: it is not new."
         )
     of_sensor = bool(named) and named[0].place == "sensor"
-    tested, why = None, ""
+    offered, tested, why = None, None, ""
     if of_sensor:
         why = "What has changed is the gauge: no model is offered."
     elif case.figure == "offset" and before <= 2.0 * max(when_good, details.noise):
         why = "The zero has moved, and nothing else: no model is offered. `dehyst zero` sets it."
     elif named:
-        tested, why = _try(folder, case, model, found)
+        offered, tested, why = _try(folder, case, model, found)
+    if offered is not None:
+        save_model(offered, folder / cases.OFFERED)
     if why:
         says.append(why)
     unsure = tested is None and not of_sensor and details.verdict != "clean"
@@ -123,28 +129,45 @@ def _left_when_good(folder: Path, model: Model) -> float:
         return -1.0
 
 
-def _try(folder: Path, case: Case, model: Model, found: Diagnosed) -> tuple[OfferTest | None, str]:
-    """The augmented model on what came later; why it is not offered."""
-    try:
-        Compensator(found.model, 1.0 / case.rate_hz, case.low, case.high, case.slew)
-    except (DehystError, ValueError, ArithmeticError) as error:
-        return None, f"No model is offered: the augmented one cannot be inverted ({error})."
+def _try(
+    folder: Path, case: Case, model: Model, found: Diagnosed
+) -> tuple[Model | None, OfferTest | None, str]:
+    """(the model that did best on what came later, its test, why none is offered)."""
     later = _wait_for_later(folder, case)
     if later is None:
-        return None, "No model is offered: no telemetry has come on which it could be tested."
-    try:
-        both = replay_both(model, found.model, later, found.details.noise)
-    except DehystError as error:
-        return None, f"No model is offered: {error}."
-    if not both.improves:
-        return None, _why_not(both, found)
-    return OfferTest(
-        in_use=both.in_use,
-        offered=both.offered,
-        noise=both.noise,
-        seconds=both.seconds,
-        blocks=tuple(b.kind for b in found.model.blocks),
-    ), ""
+        return None, None, "No model is offered: no telemetry came on which it could be tested."
+    tried: list[tuple[BothReplayed, Model]] = []
+    why = ""
+    for candidate in _candidates(model, found.model):
+        try:
+            Compensator(candidate, 1.0 / case.rate_hz, case.low, case.high, case.slew)
+            tried.append((replay_both(model, candidate, later, found.details.noise), candidate))
+        except (DehystError, ValueError, ArithmeticError) as error:
+            why = f"No model is offered: the augmented one cannot be used here ({error})."
+    if not tried:
+        return None, None, why
+    best, offered = tried[0]
+    for both, candidate in tried[1:]:  # a richer one has to earn it
+        if best.offered**2 - both.offered**2 > (SPARSER * both.noise) ** 2:
+            best, offered = both, candidate
+    if not best.improves:
+        return None, None, _why_not(best, found)
+    test = OfferTest(
+        in_use=best.in_use,
+        offered=best.offered,
+        noise=best.noise,
+        seconds=best.seconds,
+        blocks=tuple(b.kind for b in offered.blocks),
+    )
+    return offered, test, ""
+
+
+def _candidates(model: Model, augmented: Model) -> list[Model]:
+    """The model in use with the physics alone, and the augmented model with the loop's new shape,
+    which is only known where the recording was."""
+    physics = tuple(b for b in augmented.blocks if b.kind not in SHAPES)
+    alone = replace(augmented, hysteresis=model.hysteresis, blocks=physics)
+    return [alone, augmented] if physics != augmented.blocks and physics else [augmented]
 
 
 def _why_not(both: BothReplayed, found: Diagnosed) -> str:

@@ -6,6 +6,7 @@
                           later.csv      what came after it; the offer is tested on it
                           in-use.toml    the model that the loop ran
                           found/         diagnosis.json, report.html, model.toml: the augmented one
+                          offered.toml   the model that is offered
                           examined.json  what the doctor says (Examined)
                           decided.json   what became of its offer (Decided)
 
@@ -26,7 +27,7 @@ from dehyst.daemon.input_file import NotReadable, read_text
 SUFFIX = ".case"
 CASE, EXAMINED, DECIDED = "case.json", "examined.json", "decided.json"
 GOOD, FLAGGED, LATER, IN_USE = "good.csv", "flagged.csv", "later.csv", "in-use.toml"
-FOUND, OFFERED, REPORT = "found", "found/model.toml", "found/report.html"
+FOUND, OFFERED, REPORT = "found", "offered.toml", "found/report.html"
 LARGEST_BYTES = 1 << 18
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 CYCLES = 6
 STROKE_SHARE = 0.94  # of the reachable range; the rest is margin at both ends
-SECOND_SHARE, SECOND_TIMES = 0.9, 60  # the same of the second act, and its length in patterns
+SECOND_SHARE = 0.9  # the same of the second act
 MOST_LATE = 0.02
 """With more late samples the tracking errors are the machine's, not the model's."""
 OUTPUTS = (
@@ -135,17 +135,17 @@ class Demo:
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         model = load_model(self.output / "model.toml")
         ports = self._bench.ports
-        config = write_bench(folder, ports, "demo", self.endpoint, model, trim=False, more=SETTINGS)
+        config = write_bench(folder, ports, "demo", self.endpoint, model, more=SETTINGS)
         low, high = displacement_range(model, *drive_range(load_config(config), model))
         middle, half = 0.5 * (low + high), 0.5 * (high - low) * SECOND_SHARE
-        t_s, target = pattern(middle, half, self.rate_hz, SECOND_TIMES)
+        t_s, target = pattern(middle, half, self.rate_hz)
         trajectory = folder / "trajectory.csv"
         write_recording(trajectory, t_s, {"target_um": target}, {})
         self.say(f"6. second act: the watch learns the stage, {LEARN_S:.0f} s of motion")
         for command in ("core", "gateway", "doctor"):
             self._start(command, "--config", str(config))
         self._ready()
-        self._start("play", str(trajectory), "--connect", self.endpoint)
+        self._start("play", str(trajectory), "--repeat", "0", "--connect", self.endpoint)
         return SecondAct(self.endpoint, Chance(seed, ports["control"]), self.say).run()
 
     def _ready(self) -> None:

@@ -21,14 +21,32 @@ from dehyst.daemon.tools.chance import Chance
 from dehyst.models.errors import DehystError
 from dehyst.models.recording import Floats
 
-PATTERN_S = 10.0
+PATTERN_S = 24.0
+WAVES: dict[str, tuple[tuple[float, float], ...]] = {
+    "step": (),
+    "way": (),
+    "full": ((1.0, 1.0),),
+    "fast": ((0.4, 2.0), (0.22, 5.0), (0.11, 10.0)),
+    "half": ((0.7, 1.5),),
+}
+SEGMENTS = (
+    ("full", 0.0, 2.0),
+    ("step", 0.6, 2.5),
+    ("fast", 0.0, 3.0),
+    ("step", -0.35, 2.0),
+    ("fast", 0.3, 2.0),
+    ("way", -0.8, 2.5),
+    ("half", -0.2, 2.0),
+    ("step", 0.85, 2.5),
+)
+"""Kind, place (share of half the reach), seconds behind the way there."""
 MOST_LATE = 0.02
 LEARN_S = 60.0
 SETTINGS = f"""
 [watch]
 learn_s = {LEARN_S:g}
 before_s = 20.0
-after_s = 10.0
+after_s = 20.0
 
 [doctor]
 test_s = 10.0
@@ -42,30 +60,33 @@ OVER = ("accepted", "returned", "rejected")
 NOT_TRACKED = int(Flag.APPROACH | Flag.SENSOR_INVALID | Flag.SENSOR_HELD)
 
 
-def pattern(middle: float, half: float, rate_hz: float, times: int) -> tuple[Floats, Floats]:
-    """(t_s, target): large and small waves of several frequencies, holds at two places, slow ways;
-    PATTERN_S long, so many times. What a stage does all day, and what tells effects apart."""
-    t = np.arange(round(PATTERN_S * rate_hz)) / rate_hz
-    places = np.interp(
-        t, [0, 2.0, 2.15, 3.6, 3.8, 6.3, 7.2, 8.7, 10.0], [0, 0, 0.6, 0.6, 0, 0, -0.6, -0.6, 0]
-    )
-    slow = np.where(t < 2.0, 0.9 * np.sin(2 * np.pi * t), 0.0)
-    inside = (t > 3.8) & (t < 6.3)
-    u = t - 3.8
-    fast = np.where(
-        inside,
-        0.35 * np.sin(2 * np.pi * 2.0 * u)
-        + 0.2 * np.sin(2 * np.pi * 5.2 * u)
-        + 0.1 * np.sin(2 * np.pi * 10.4 * u),
-        0.0,
-    )
-    one = places + slow + fast
+def pattern(middle: float, half: float, rate_hz: float) -> tuple[Floats, Floats]:
+    """(t_s, target), about PATTERN_S, ends where it begins: waves of many sizes and speeds, slow
+    ways, steps and holds. What a stage does all day, and what tells effects apart."""
+    parts: list[Floats] = []
+    place = 0.0
+    for kind, to, seconds in SEGMENTS:
+        way_s = 0.15 if kind == "step" else 0.1 + 0.5 * abs(to - place)
+        parts.append(_way(place, to, way_s, rate_hz))
+        place, room = to, 0.95 - abs(to)
+        t = np.arange(round(seconds * rate_hz)) / rate_hz
+        wave = np.zeros(t.size)
+        for size, hz in WAVES[kind]:
+            wave += room * size * np.sin(2 * np.pi * hz * t)
+        parts.append(place + wave)
+    parts.append(_way(place, 0.0, 1.0, rate_hz))
+    one = np.concatenate(parts)
     width = max(3, round(0.03 * rate_hz) | 1)
     window = np.hanning(width + 2)[1:-1]
     padded = np.concatenate([one[-width:], one, one[:width]])
     one = np.convolve(padded, window / window.sum(), "same")[width:-width]
-    t_s = np.arange(times * one.size) / rate_hz
-    return t_s, middle + half * np.tile(one, times)
+    return np.arange(one.size) / rate_hz, middle + half * one
+
+
+def _way(start: float, end: float, seconds: float, rate_hz: float) -> Floats:
+    """From one place to another, beginning and ending at rest."""
+    s = np.arange(max(2, round(seconds * rate_hz))) / max(1, round(seconds * rate_hz))
+    return start + (end - start) * s * s * (3.0 - 2.0 * s)
 
 
 @dataclass
@@ -174,7 +195,7 @@ class SecondAct:
         if story.state != "accepted":
             story.why = story.report.says if story.report is not None else ""
             return
-        self._wait(LAST_S - min(LAST_S, story.over_s - story.accepted_s - 4.0) + PATTERN_S)
+        self._wait(LAST_S - min(LAST_S, story.over_s - story.accepted_s - 4.0) + LAST_S)
 
     # -- what is heard --------------------------------------------------------------------------
 
@@ -208,7 +229,9 @@ class SecondAct:
 
     def _word(self) -> str:
         while self._feed.doctor:
-            self.story.report = self._feed.doctor.popleft()
+            report, known = self._feed.doctor.popleft(), self.story.report
+            if known is None or known.case == report.case:
+                self.story.report = report
         return self.story.state
 
     # -- figures --------------------------------------------------------------------------------

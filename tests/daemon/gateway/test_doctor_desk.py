@@ -75,7 +75,7 @@ def state(client: Client, number: int) -> str:
 def move_until(client: Client, number: int, wanted: tuple[str, ...]) -> str:
     """Move the stage to and fro until the offer's state is one of these."""
     for k in range(1200):
-        client.put(5.0 + 3.0 * np.sin(2 * np.pi * 0.5 * k * 0.05))
+        client.send(6.5 + 2.5 * np.sin(2 * np.pi * 0.5 * k * 0.05))
         time.sleep(0.05)
         if k % 10 == 0 and (now := state(client, number)) in wanted:
             return now
@@ -98,7 +98,7 @@ def test_an_offer_is_put_to_work_on_trial_and_goes_back_or_stays(bench: Bench) -
         client.decide_offer("accept", 12)
 
     for k in range(60):  # what the error was before
-        client.put(5.0 + 3.0 * np.sin(2 * np.pi * 0.5 * k * 0.05))
+        client.send(6.5 + 2.5 * np.sin(2 * np.pi * 0.5 * k * 0.05))
         time.sleep(0.05)
     first = bench.loop.seq
     hears.decide_offer("accept", 11)  # somebody else commands the stage meanwhile
@@ -124,7 +124,7 @@ def test_an_offer_is_put_to_work_on_trial_and_goes_back_or_stays(bench: Bench) -
     assert [e.text for e in feed.events if "proven" in e.text]
     assert [e.text for e in feed.events if "comes back" in e.text]
 
-    client.put(5.0)
+    client.send(6.5)
     hears.decide_offer("reject", 22)  # what is at work makes way
     wait_until("rejected", lambda: state(client, 22) == "rejected")
     wait_until("the configured model is back", lambda: dumps(client.model()) == before)
