@@ -23,7 +23,7 @@ from dehyst.models.modelfile import dumps
 log = logging.getLogger(__name__)
 WAITING = 256
 COPIED = 65_536
-TOML = "application/toml"
+TOML, HTML = "application/toml", "text/html"
 
 
 def config_text(config: Config) -> str:
@@ -82,6 +82,11 @@ class Answers:
         elif method == "events":
             recent = RecentEvents(events=tuple(self._publisher.recent_events))
             asked.reply(encoding.encode(recent))
+        elif method == "doctor":
+            asked.reply(encoding.encode(self._publisher.doctor_desk.reports()))
+        elif method == "report":
+            case = asked.payload[:64].decode("utf-8", "replace")
+            asked.reply(self._publisher.doctor_desk.page(case), HTML)
         elif method == "history":
             self._history(asked, clock.wall_ns() - now_ns)
         else:

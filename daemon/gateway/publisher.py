@@ -18,14 +18,16 @@ from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.messages import Event, GatewayStatus, Status
 from dehyst.daemon.bus.session import Bus
-from dehyst.daemon.bus.topics import EVENT, TELEMETRY, subject
+from dehyst.daemon.bus.topics import DOCTOR, EVENT, TELEMETRY, subject
 from dehyst.daemon.bus.topics import STATUS as STATUS_TOPIC
 from dehyst.daemon.config import Config
 from dehyst.daemon.gateway import refused_starts
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.core_rings import CoreRings
+from dehyst.daemon.gateway.doctor_desk import DoctorDesk
 from dehyst.daemon.gateway.history import TelemetryHistory, runs
 from dehyst.daemon.gateway.mismatch import MismatchWatch
+from dehyst.daemon.gateway.model_trial import ModelTrial
 from dehyst.daemon.rings.records import State, model_file, name_of
 from dehyst.daemon.rings.status import STATUS, message_values
 
@@ -64,9 +66,11 @@ class Publisher:
         if refused.starts:
             away = f"no client could reach this daemon for {self._unreachable_s:.1f} s"
             self._waiting.put((1, "gateway", f"{away}: {refused.because}"))
-        self.mismatch_watch = MismatchWatch(
-            config, self.history, lambda level, code, text: self._waiting.put((level, code, text))
-        )
+        self.mismatch_watch = MismatchWatch(config, self.history, self._tell_later)
+        found = bus.sender(keys.pubsub(subject(DOCTOR)), DOCTOR)
+        trial = ModelTrial(config, self._core_now)
+        self.doctor_desk = DoctorDesk(config, found.put, self._tell_later, trial)
+        self.mismatch_watch.seen = self.doctor_desk.see
 
     def tick(self, now_ns: int) -> None:
         """Read the rings once and publish what is new."""
@@ -91,6 +95,15 @@ class Publisher:
             self._say(now_ns)
         elif now_ns - self._said_ns >= 1.2 * clock.NS:
             self._say(now_ns)
+
+    def _tell_later(self, level: int, code: str, text: str) -> None:
+        """An event of another thread."""
+        self._waiting.put((level, code, text))
+
+    def _core_now(self) -> tuple[int, Path | None]:
+        """(process of the loop, file of its model); (0, None): it does not run."""
+        alive = self._admission.core.alive
+        return (int(self._record["pid"]), self.model_path) if alive else (0, None)
 
     @property
     def unit(self) -> str:
