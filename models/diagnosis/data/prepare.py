@@ -25,6 +25,7 @@ from dehyst.models.identify.setup import set_up
 from dehyst.models.identify.start import start_agrees
 from dehyst.models.recording import Recording, typical_step
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
+from dehyst.models.signals.pasts import FRESH
 
 FIRST_WAY = 0.8  # of the drive's range
 MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came late
@@ -136,8 +137,8 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         for k in sorted(shared):
             values = _filled(np.asarray(one.channels[k], dtype=float))[laid.raw[there]]
             channels[k] = np.interp(np.arange(n), np.flatnonzero(there), values)
-        first = np.zeros(n, dtype=bool)
-        first[0] = True
+        first = np.zeros(n, dtype=np.int64)
+        first[0] = FRESH
         pieces.append(
             {
                 "t": laid.t,
