@@ -18,7 +18,6 @@ from dehyst.models.diagnosis.data.survey import BUTTERFLY, comes_back, follows, 
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.find import (
     Progress,
-    find,
     find_above_noise,
     held_drive,
     of_another_stage,
@@ -33,12 +32,13 @@ from dehyst.models.diagnosis.findings.episodes import Episode, find_episodes, te
 from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.shape import not_contained
 from dehyst.models.diagnosis.findings.sightings import accept, retell, sightings
-from dehyst.models.diagnosis.findings.told import without_driven
+from dehyst.models.diagnosis.findings.told import only_told, without_driven, worth_telling
 from dehyst.models.diagnosis.findings.weigh import Weighed, weigh, with_episode
 from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, base_error, excess
 from dehyst.models.diagnosis.pasts import begin_as_found
 from dehyst.models.diagnosis.result import Diagnosis, View
+from dehyst.models.diagnosis.search import search_one_more
 from dehyst.models.diagnosis.subject import identify_plain, take_subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
@@ -101,7 +101,7 @@ def diagnose(
             found = replace(found, search=other)
     shown = {c.key for c, _ in seen} & set(found.search.accepted.effect_names)
     warnings = [text for text in (foreign, BUTTERFLY if butterfly else "") if text]
-    diagnosis = _conclude(whole, bare, found.search, problem, episode, warnings, shown, say)
+    diagnosis = _conclude(whole, bare, found.search, episode, warnings, shown, say)
     for candidate, sighting in seen:
         findings = retell(diagnosis.findings, candidate, sighting)
         diagnosis = replace(diagnosis, findings=findings)
@@ -112,15 +112,13 @@ def _conclude(
     recorded: Data,
     bare: Problem,
     found: SearchState,
-    searched: Problem,
     episode: Episode | None,
     warnings: list[str],
     shown: Collection[str],
     say: Progress,
 ) -> Diagnosis:
     """recorded: all samples; bare, found: of those that were fitted, found without the episode;
-    searched: in which it was looked for; shown: keys of effects that a recording shows directly,
-    beside any fit."""
+    shown: keys of effects that a recording shows directly, beside any fit."""
     sigma, subject = found.sigma, bare.subject
     say("holding out", 0.88)
     weighed = weigh(bare, found, shown, episode)
@@ -157,7 +155,7 @@ def _conclude(
         findings = [*findings, replace(rest, where={**where, **times})]
     say("limits", 0.96)
     untold = {n for f in findings for n in (f.name, *f.ambiguous_with)}
-    seen = partial(_names_found, searched, sigma)
+    seen = partial(_names_found, found)
     limited = tuple(limits(found, untold, seen)) if verdict in ("clean", "explained") else ()
     bare_left = left_of(recorded, subject.whole(recorded))
     handed = _hand_out(recorded, bare, weighed, bare_left, sigma)
@@ -205,13 +203,17 @@ def _told(t: CandidateTrial, n: int) -> str:
     return text + (f" ({t.refused})" if t.refused else "")
 
 
-def _names_found(problem: Problem, sigma: float, added: Floats) -> set[str]:
-    """Names that the search finds where the reading has so much more (N,) in it; of many samples in
-    stretches of them, which show less."""
-    data = replace(problem.data, y=problem.data.y + added)
-    there = replace(problem, data=excerpt(data, TUNING.limit_samples)).light(TUNING.limit_rows)
-    found = find(there, sigma, there.solve([]), lambda text, fraction: None).search
-    return {e.candidate.name for e in found.accepted.effects}
+def _names_found(found: SearchState, added: Floats) -> set[str]:
+    """Names that are told beside what was found, where the reading has so much more (N,) in it."""
+    light = found.problem.light(TUNING.limit_rows)
+    there = replace(light, data=replace(light.data, y=light.data.y + added))
+    null = there.solve([])
+    known = there.solve(found.accepted.effects, there.output_of(null))
+    counted = int(there.data.rows.sum())
+    state = SearchState(there, found.sigma, null, known, counted=counted, share=found.share)
+    state = search_one_more(state, TUNING.limit_shortlist)
+    told = only_told(worth_telling(state)).accepted
+    return {e.candidate.name for e in told.effects}
 
 
 @dataclass(frozen=True)

@@ -69,8 +69,8 @@ class Tuning(NamedTuple):
     explained_small: float = 0.5  # and where what is left is below structure
     explained_best: float = 0.01  # of what the model in use leaves: less is always explained
     # limits
-    limit_samples: int = 20_000  # in which it is asked again with an effect put in,
-    limit_rows: int = 8_000  # and counted of them
+    limit_rows: int = 6_000  # counted where it is asked again with an effect put in,
+    limit_shortlist: int = 3  # and candidates that get the full refit then
     limit_driven: float = 0.5  # size at which it is asked first, where the drive causes it,
     limit_free: float = 0.35  # and where it lies beside the drive
     # shape

@@ -193,17 +193,17 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
 
 def turns(data: Data) -> int:
     """How often the drive turns round after a move of a tenth of its range, in all recordings."""
-    count = 0
+    count, long = 0, 0.1 * data.span
     for p in np.unique(data.part):
         u = data.u[data.part == p]
         high = low = float(u[0])
         direction = 0
         for v in u[:: max(1, u.size // 4000)]:
             high, low = max(high, v), min(low, v)
-            if direction >= 0 and high - v > 0.1 * data.span:
+            if direction >= 0 and high - v > long:
                 count += direction > 0
                 direction, low = -1, v
-            elif direction <= 0 and v - low > 0.1 * data.span:
+            elif direction <= 0 and v - low > long:
                 count += direction < 0
                 direction, high = 1, v
     return count

@@ -1,9 +1,9 @@
 """Exclusion limits: how small an effect these recordings would have shown, for each candidate.
 
 The first guess is the strength whose contribution, with everything else refitted, has a size at
-which the search surely accepts. Then the effect is put into the reading at that strength, and all
-is looked for again; where it is not found, at half as much again, some times. A strength that is
-never found is no limit. What is told is a little more than what was found: a stage's effect is not
+which the search surely accepts. Then the effect is put into the reading at that strength, and the
+search goes on beside what was found; where the effect is not told, once more at a larger one. A
+strength that is never told is no limit. What is stated is a little more: a stage's effect is not
 the library's to the last digit. What stays below at every sensible strength cannot be seen in these
 recordings at all, and the limit says so.
 """
@@ -22,7 +22,7 @@ from dehyst.models.physics.candidate import Candidate, Probe
 from dehyst.models.signals.joined import Floats
 
 CANNOT = "the drive of these recordings cannot show it"
-TRIES = 3
+TRIES = 2
 STEP = 2.0  # factor of an amplitude, as large as from one probe to the next; of such steps,
 RAISED, TOLD = 0.5, 0.3  # where it was not found, and from what was found to what is told
 Seen = Callable[[Floats], Collection[str]]
