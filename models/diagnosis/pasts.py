@@ -16,15 +16,18 @@ from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Data
 from dehyst.models.signals.pasts import FROM_ABOVE, FROM_BELOW
 
-BETTER = 0.02  # of the mean square, that a past must take away to be believed
+BETTER = 0.05  # of the mean square, that a past must take away to be believed
 
 
 def begin_as_found(data: Data) -> Data:
     """The same, with the marks of `forgets` that fit best; one recording after the other, and
-    de-energised where nothing tells."""
+    de-energised where nothing tells. A recording that counts from its first samples on is taken as
+    de-energised: a wrong past would only stand for what is to be found."""
     light = Problem(data, rich_base(data)).light(TUNING.search_rows)
     best, least = light.data, light.solve([]).sse
     for first in np.flatnonzero(data.forgets).tolist():
+        if data.rows[first : first + TUNING.settling].any():
+            continue
         for past in (FROM_ABOVE, FROM_BELOW):
             marks = best.forgets.copy()
             marks[first] = past

@@ -60,6 +60,7 @@ class Tuning(NamedTuple):
     beside_driven: float = 0.5  # a second cause of this size is told beside any other,
     beside_free: float = 0.3  # where it lies beside the drive, of this
     # near-ties
+    echo: float = 0.2  # of a finding that it ties with: a smaller one is what that one leaves
     rival_near: float = 0.02  # of the effect's gain: closer than this cannot be told apart
     rival_noise: float = 0.15  # a difference of a smaller size is none
     # the verdict
