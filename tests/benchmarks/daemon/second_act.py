@@ -64,7 +64,8 @@ def row(facts: dict[str, Any]) -> str:
         f"{1e3 * rms[k]:7.0f}" if rms.get(k) else "      -" for k in ("before", "during", "after")
     ]
     return (
-        f"{facts['seed']:5d}  {facts['drawn']:10} {'-' if flagged is None else f'{flagged:.1f}':>5} "
+        f"{facts['seed']:5d}  {facts['drawn']:10} "
+        f"{'-' if flagged is None else f'{flagged:.1f}':>5} "
         f"{', '.join(facts['named'][:2]) or '-':22} {'yes' if facts['named_right'] else 'no':4}"
         f"{facts['state'] or '-':9}{''.join(nm)}  {facts['missed']:5d}  {facts['why'][:60]}"
     )
