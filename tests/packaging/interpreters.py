@@ -1,22 +1,21 @@
-"""Install and run dehyst with every Python that pyproject.toml names and that is on this machine.
+"""Every Python that pyproject.toml names: are there wheels for all that is needed, and does it run?
 
     python -m tests.packaging.interpreters [3.12 ...]
 
-For each a new environment below out/, a copy of the tree installed with wheels of all that it needs,
-and then: the import, the command line, a recording written and read in each kind of file, and a
-model on it, which compiles kernels.
-Exit status 1 where one of them fails; a Python that is not here is said and passed over.
+For each Python and machine pip resolves the dependencies from wheels alone. For each Python that
+is on this machine: a new environment below out/, a copy of the tree in it, and then the import, the
+command line, a recording written and read in each kind of file, and a model on it, which compiles
+kernels. Exit status 1 where one of them fails; what cannot be tried is said and passed over.
 """
 
 import os
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-LABEL = "Programming Language :: Python :: 3."
+from tests.packaging.wheels import MACHINES, PROJECT, PYTHONS, ROOT, offline, resolve
+
 PROGRAM = """
 import sys, numpy as np, dehyst
 from dehyst.daemon.files.recordings import read_columns, write_recording
@@ -33,12 +32,6 @@ assert np.isfinite(np.asarray(out)).all()
 assert main(["drivers"]) == 0
 print("runs with", sys.version.split()[0])
 """
-
-
-def promised() -> list[str]:
-    """The versions of the classifiers."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    return [c.rpartition(" ")[2] for c in project["classifiers"] if c.startswith(LABEL)]
 
 
 def interpreter(version: str) -> str:
@@ -80,8 +73,15 @@ def try_it(version: str, python: str) -> bool:
 
 def main(versions: list[str]) -> int:
     """Try these, all that are promised where none is named."""
-    wrong = 0
-    for version in versions or promised():
+    wrong, why = 0, offline()
+    if why:
+        print(f"wheels not looked for, no package index: {why}")
+    for version in versions or PYTHONS:
+        for machine in () if why else MACHINES:
+            done = resolve(version, machine, *PROJECT["dependencies"])
+            wrong += done.returncode != 0
+            said = done.stderr.strip() if done.returncode else "a wheel for everything"
+            print(f"Python {version}, {machine}: {said}", flush=True)
         if not (python := interpreter(version)):
             print(f"Python {version}: not on this machine, not tried")
         else:
