@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 ROUND ?= ../shared/concealed/round-1
 FUZZ_S ?= 600
 
-.PHONY: demo test quick check kernels lint types contracts docs interpreters concealed proof fuzz mutate clean
+.PHONY: demo test quick check kernels lint types contracts docs reference interpreters concealed proof fuzz mutate clean
 
 demo: kernels
 	$(BIN)/dehyst demo --force
@@ -37,6 +37,10 @@ contracts: $(READY)
 # the pages as a site, out/site/index.html; a link that leads nowhere fails
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+
+# docs/reference-*.md, from the code
+reference: $(READY)
+	$(BIN)/python -m dehyst.daemon.reference docs
 
 # installs and runs with every Python of pyproject.toml that is here; two minutes each
 interpreters: $(READY)

@@ -206,6 +206,25 @@ class WatchConfig(_Strict, frozen=True):
     after_s: Annotated[float, Meta(ge=0, le=600)] = 10.0
     keep: Annotated[int, Meta(ge=1, le=1000)] = 10
     """How many recordings; the oldest make room."""
+    learn_s: Annotated[float, Meta(ge=30, le=36000)] = 400.0
+    """Seconds of motion that are learned from before the first flag. Fewer: sooner, and with more
+    false flags."""
+
+
+class DoctorConfig(_Strict, frozen=True):
+    """[doctor]: what a mismatch is, and the model that would be right. A process of its own."""
+
+    enabled: bool = True
+    """false: `dehyst run` does not start it."""
+    accept: bool = False
+    """true: a model that is offered is put to work without being asked for, on trial like any."""
+    test_s: Annotated[float, Meta(ge=2, le=600)] = 10.0
+    """Telemetry behind the recording, on which an offer is tested."""
+    trial_s: Annotated[float, Meta(ge=2, le=3600)] = 10.0
+    """Seconds of motion within which the error must have fallen; else the old model comes back."""
+    memory_gb: Annotated[float, Meta(ge=1, le=64)] = 4.0
+    time_s: Annotated[float, Meta(ge=10, le=36000)] = 900.0
+    """A diagnosis that takes more memory or time is given up."""
 
 
 class PageConfig(_Strict, frozen=True):
@@ -249,6 +268,7 @@ class Config(_Strict, frozen=True):
     bus: BusConfig = BusConfig()
     telemetry: TelemetryConfig = TelemetryConfig()
     watch: WatchConfig = WatchConfig()
+    doctor: DoctorConfig = DoctorConfig()
     page: PageConfig | None = None
     run_dir: str = ""
     """Directory of the memory-mapped rings, the user's own; default: `dehyst-NAME` in
@@ -258,6 +278,11 @@ class Config(_Strict, frozen=True):
     def period_ns(self) -> int:
         """Sampling period, integer nanoseconds."""
         return round(1e9 / self.loop.rate_hz)
+
+    @property
+    def watch_directory(self) -> Path:
+        """Where recordings around a mismatch are kept, and what the doctor makes of them."""
+        return Path(self.watch.directory) if self.watch.directory else self.directory / "mismatch"
 
     @property
     def longest_ramp_s(self) -> float:

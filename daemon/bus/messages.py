@@ -20,6 +20,7 @@ MAX_SAMPLES = 65_536
 
 Seq = Annotated[int, Meta(ge=0, le=2**62)]
 Text = Annotated[str, Meta(max_length=500)]
+LongText = Annotated[str, Meta(max_length=2000)]
 Column = Annotated[bytes, Meta(max_length=8 * MAX_SAMPLES)]
 Points = Annotated[bytes, Meta(max_length=8 * MAX_POINTS)]
 
@@ -72,13 +73,25 @@ class Chunk(Message, tag_field="schema", tag="dehyst.trajectory", frozen=True, k
     allow_unreachable: bool = False
 
 
-Action = Literal["acquire", "take-over", "renew", "give-up", "stop", "release", "clear", "zero"]
+Action = Literal[
+    "acquire",
+    "take-over",
+    "renew",
+    "give-up",
+    "stop",
+    "release",
+    "clear",
+    "zero",
+    "accept",
+    "reject",
+]
 
 
 class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw_only=True):
     """Lease: acquire, take-over, renew, give-up. Motion: stop (hold, then ramp to the safe
     voltage), release (ramp now), clear (forget what is queued of `trajectory`). Gauge: zero (add
-    `value` to every reading from now on)."""
+    `value` to every reading from now on). Model: accept (put the doctor's offer to work, on
+    trial), reject (not this one; one that is at work makes way for the one before)."""
 
     version: Version = 1
     client: Id
@@ -87,6 +100,8 @@ class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw
     action: Action
     trajectory: Id = 0
     value: float = 0.0
+    offer: Id = 0
+    """Number of the offer that is accepted or rejected."""
     label: Name = ""
     """Who this is, for the other client that is told so."""
 
@@ -141,6 +156,86 @@ class Event(Message, tag_field="schema", tag="dehyst.event", frozen=True, kw_onl
     level: int
     code: Name
     text: Text
+
+
+class RecentEvents(
+    Message, tag_field="schema", tag="dehyst.recent-events", frozen=True, kw_only=True
+):
+    """The newest events that the daemon still knows, oldest first."""
+
+    version: Version = 1
+    events: Annotated[tuple[Event, ...], Meta(max_length=256)]
+
+
+class FoundEffect(Message, frozen=True, kw_only=True):
+    """One finding of the doctor: names and sentences as in diagnosis.json."""
+
+    name: Name
+    acts_on: Name
+    share: float
+    """Part of the explainable misfit."""
+    ambiguous_with: tuple[Name, ...] = ()
+    says: LongText
+
+
+class ModelOffer(Message, frozen=True, kw_only=True):
+    """The augmented model, tried on telemetry that it was not fitted to."""
+
+    number: Id
+    """To be named by who accepts or rejects it."""
+    seconds: float
+    """Of that telemetry."""
+    rms_in_use: float
+    rms_offered: float
+    noise: float
+    trial_s: float
+    """Accepted, it goes back by itself where the error has not fallen after so much motion."""
+    blocks: tuple[Name, ...] = ()
+    """Kinds of the blocks that it has beside the hysteresis."""
+
+
+DoctorState = Literal["working", "found", "failed", "trial", "accepted", "returned", "rejected"]
+
+
+class DoctorReport(Message, tag_field="schema", tag="dehyst.doctor", frozen=True, kw_only=True):
+    """What the doctor found about one mismatch. Published when it changes, kept, and answered to
+    who asks (`rpc/doctor`); the report itself, HTML, by `rpc/report`.
+
+    state: working; found; failed (`says` why); then of its offer: trial (at work, not proven),
+    accepted (proven), returned (went back by itself), rejected."""
+
+    version: Version = 1
+    case: Name
+    time_ns: int
+    wall_ns: int
+    """Both of the mismatch."""
+    changed_wall_ns: int
+    """Of the state."""
+    state: DoctorState
+    verdict: Name = ""
+    """clean, explained, partly, unknown; or gauge: the gauge fails, and nothing is offered."""
+    says: LongText = ""
+    effects: Annotated[tuple[FoundEffect, ...], Meta(max_length=32)] = ()
+    unit: Unit = ""
+    noise: float = 0.0
+    rms_in_use: float = 0.0
+    """What the model in use leaves of the recording, and the augmented one."""
+    rms_augmented: float = 0.0
+    rms_when_good: float = -1.0
+    """What the model in use left of the last good recording; below 0: there was none."""
+    has_report: bool = False
+    offer: ModelOffer | None = None
+    experiment: Annotated[tuple[Text, ...], Meta(max_length=64)] = ()
+    """Where the recording cannot tell: arguments of `dehyst`, ready to run."""
+
+
+class DoctorReports(
+    Message, tag_field="schema", tag="dehyst.doctor-reports", frozen=True, kw_only=True
+):
+    """The newest reports, the newest last."""
+
+    version: Version = 1
+    reports: Annotated[tuple[DoctorReport, ...], Meta(max_length=64)]
 
 
 class TelemetryBatch(

@@ -26,8 +26,8 @@ from dehyst.models.errors import BadInput
 CA, CERTIFICATE, KEY = "ca.pem", "certificate.pem", "key.pem"
 LARGEST_BYTES = 1 << 20
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
-PUBLISHED = ("telemetry", "status", "event", "rejection")
-QUESTIONS = ("status", "model", "configuration", "history")
+PUBLISHED = ("telemetry", "status", "event", "rejection", "doctor")
+QUESTIONS = ("status", "model", "configuration", "history", "events", "doctor", "report")
 
 
 def check_address(endpoint: str, what: str) -> None:

@@ -32,6 +32,8 @@ TELEMETRY = Topic("telemetry", full="drop", priority="DATA", express=False)
 STATUS = Topic("status", full="close", priority="DATA_HIGH", express=False)
 # Event, when it happens
 EVENT = Topic("event", full="close", priority="DATA_HIGH", express=True)
+# DoctorReport, when the doctor has begun, has found, or its offer was decided
+DOCTOR = Topic("doctor", full="close", priority="DATA_HIGH", express=True)
 # Rejection, at most 10 Hz
 REJECTION = Topic("rejection", full="drop", priority="DATA_LOW", express=False)
 

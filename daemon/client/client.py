@@ -16,8 +16,9 @@ import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -28,7 +29,11 @@ from dehyst.daemon.bus.messages import (
     Action,
     Chunk,
     Command,
+    DoctorReport,
+    DoctorReports,
+    Event,
     HistoryRequest,
+    RecentEvents,
     Reply,
     Request,
     Setpoint,
@@ -175,6 +180,15 @@ class Client:
         text = self._one("configuration").decode("utf-8")
         return parse_config(text, "the daemon's configuration")
 
+    def doctor(self) -> tuple[DoctorReport, ...]:
+        """What the doctor found about the newest mismatches, the newest last."""
+        found: DoctorReports = encoding.decode(DoctorReports, self._one("doctor"))
+        return found.reports
+
+    def doctor_page(self, case: str = "") -> bytes:
+        """The doctor's report on a case as HTML; "": the newest."""
+        return self._one("report", case.encode())
+
     def history(
         self, seconds: float = 0.0, first_seq: int = 0, end_seq: int = 2**62, run: int = 0
     ) -> NDArray[Any]:
@@ -186,6 +200,11 @@ class Client:
         samples = np.concatenate(parts) if parts else np.zeros(0, TELEMETRY)
         samples.sort(order="seq")
         return samples
+
+    def events(self) -> tuple[Event, ...]:
+        """The newest events that the daemon still knows, oldest first."""
+        recent: RecentEvents = encoding.decode(RecentEvents, self._one("events"))
+        return recent.events
 
     def stream(self) -> TelemetryStream:
         """A telemetry stream: `read()` what has arrived, `lost`, `run`."""
@@ -299,6 +318,10 @@ class Client:
     def move_zero(self, shift: float) -> None:
         """Add `shift` to every reading of the gauge from now on."""
         self._command(lambda: self._request("zero", shift))
+
+    def decide_offer(self, action: Literal["accept", "reject"], number: int) -> None:
+        """Accept or reject the doctor's offer of this number. Needs no lease. Raises Refusal."""
+        self._tell(msgspec.structs.replace(self._request(action), offer=number))
 
     def stop(self) -> None:
         """Drop all targets: the output holds, then ramps to the safe voltage. Needs no lease."""

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
-from dehyst.daemon.bus.messages import Event, Rejection, Status, TelemetryBatch
+from dehyst.daemon.bus.messages import DoctorReport, Event, Rejection, Status, TelemetryBatch
 from dehyst.daemon.bus.session import Bus, BusError
-from dehyst.daemon.bus.topics import EVENT, REJECTION, STATUS, subject
+from dehyst.daemon.bus.topics import DOCTOR, EVENT, REJECTION, STATUS, subject
 from dehyst.daemon.bus.topics import TELEMETRY as TELEMETRY_TOPIC
 from dehyst.daemon.rings.records import TELEMETRY
 
@@ -110,10 +110,12 @@ class StatusFeed:
         self.bad = 0  # messages that were none of this version
         self.events: deque[Event] = deque(maxlen=256)
         self.rejections: deque[Rejection] = deque(maxlen=256)
+        self.doctor: deque[DoctorReport] = deque(maxlen=64)
         self._ends = [
             bus.listen(keys.pubsub(subject(STATUS)), self._on_status),
             bus.listen(keys.pubsub(subject(EVENT)), self._on_event),
             bus.listen(keys.pubsub(subject(REJECTION)), self._on_rejection),
+            bus.listen(keys.pubsub(subject(DOCTOR)), self._on_doctor),
         ]
 
     def close(self) -> None:
@@ -138,5 +140,11 @@ class StatusFeed:
     def _on_rejection(self, _key: str, payload: bytes) -> None:
         try:
             self.rejections.append(encoding.decode(Rejection, payload))
+        except encoding.BadMessage:
+            self.bad += 1
+
+    def _on_doctor(self, _key: str, payload: bytes) -> None:
+        try:
+            self.doctor.append(encoding.decode(DoctorReport, payload))
         except encoding.BadMessage:
             self.bad += 1

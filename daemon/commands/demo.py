@@ -5,15 +5,21 @@ import json
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.terminal.progress import progress_bar
 
+if TYPE_CHECKING:
+    from dehyst.daemon.tools.second_act import Story
+
 DESCRIPTION = """\
-The whole story on the simulated stage in about a minute: excite and record it through the serial
+The whole story on the simulated stage in some minutes: excite and record it through the serial
 drivers, identify a model, run the daemon, stream a 1 Hz full-stroke sine to it from a separate
 process over zenoh, once with a linear gain and once with the identified model, print the tracking
-errors, save a picture, end."""
+errors, save a picture. Second act: an effect drawn by chance appears in the stage while it runs;
+the watch flags it, the doctor names it, the model that it offers is accepted, the error falls; a
+picture of the story, and what was drawn."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -26,12 +32,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="where picture, recordings and model are saved (default: out)",
     )
+    parser.add_argument("--seed", type=int, metavar="N", help="of act two")
+    parser.add_argument(
+        "--first-act", action="store_true", help="about a minute: without the second"
+    )
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="result as JSON on stdout")
-    parser.epilog = """Exit 0: compensation made the error smaller; 1: it did not (where the machine
-was too busy to judge, that is said).
+    parser.epilog = """Exit 0: compensation made the error smaller, in both acts; 1: it did
+not (where the machine was too busy to judge, that is said).
 
-example: dehyst demo -o out"""
+examples: dehyst demo -o out
+          dehyst demo --seed 7 --force"""
 
 
 def say(text: str) -> None:
@@ -44,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
 
     check_outputs([args.output / name for name in OUTPUTS], [], args.force)
     args.output.mkdir(parents=True, exist_ok=True)
+    story = None
     with tempfile.TemporaryDirectory(prefix="dehyst-demo-") as folder:
         demo = Demo(Path(folder), args.output, say)
         try:
@@ -51,29 +63,43 @@ def run(args: argparse.Namespace) -> int:
                 demo.excite_and_record(progress)
             demo.identify()
             results = demo.track()
+            if not args.first_act:
+                story = demo.second_act(args.seed)
         finally:
             demo.close()
     picture = args.output / "demo.png"
     draw(demo, picture)
     linear, compensated = results["linear gain"], results["compensated"]
     better, says = compare_errors(linear, compensated, demo.late_share)
-    if args.json:
-        print(
-            json.dumps(
-                {
-                    "rms_um": results,
-                    "picture": str(picture),
-                    "better": better,
-                    "late_share": demo.late_share,
-                    "says": says,
-                }
-            )
-        )
-    else:
+    facts = {
+        "rms_um": results,
+        "picture": str(picture),
+        "better": better,
+        "late_share": demo.late_share,
+        "says": says,
+    }
+    if not args.json:
         print(f"\n1 Hz sine, {demo.stroke_um:.1f} um peak to peak, {demo.rate_hz:g} Hz over serial")
         print(f"  {'':14}{'rms error':>12}{'of stroke':>12}")
         for name, rms in results.items():
             print(f"  {name:14}{1e3 * rms:9.1f} nm{100 * rms / demo.stroke_um:10.2f} %")
         print(f"  {says}")
         print(f"  picture: {picture}")
+    if story is not None:
+        better &= _tell_story(story, args.output / "story.png", facts, quiet=args.json)
+    if args.json:
+        print(json.dumps(facts))
     return 0 if better else 1
+
+
+def _tell_story(story: "Story", picture: Path, facts: dict[str, Any], quiet: bool) -> bool:
+    """Draw and print the second act, add it to the facts; whether acceptance helped."""
+    from dehyst.daemon.tools.second_act import describe_facts, save_story, tell_end
+
+    save_story(story, picture)
+    facts["second_act"] = describe_facts(story)
+    if not quiet:
+        print("\nsecond act")
+        print("\n".join(tell_end(story)))
+        print(f"  picture: {picture}")
+    return story.helped

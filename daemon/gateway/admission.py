@@ -6,6 +6,7 @@ age; unit; finite; within reach; room in the queue. Nothing is clipped or mended
 """
 
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,8 +35,11 @@ CODES = {
     "dense": "points closer than the loop's period",
     "over": "this trajectory has ended or was withdrawn",
     "queue-full": "more trajectory ahead than the daemon accepts",
+    "no-offer": "no such offer, or it cannot be taken now",
     "flood": "more commands than the daemon reads",
 }
+DecideOffer = Callable[[str, int], str]
+"""(action, number of the offer): why not, in words; "": it is being done."""
 NOTHING: NDArray[np.void] = np.zeros(0, COMMAND)
 REACH_SLACK = 1e-9
 RESERVED = 64
@@ -84,6 +88,7 @@ class Admission:
         self.core = CoreView()
         self.rejected: Counter[str] = Counter()
         self.commands = 0
+        self.decide_offer: DecideOffer = lambda action, offer: "there is no doctor here"
         self._trajectory = _Trajectory()
         self._passed: deque[tuple[int, float]] = deque()  # (when, seconds of trajectory)
         self._room = 0
@@ -326,6 +331,10 @@ class Admission:
             if lease.check(now_ns, client, command.lease):
                 lease.heard(now_ns, command.sent_ns)
             return _records(Kind.STOP_MOTION if action == "stop" else Kind.RELEASE, client)
+        if action in ("accept", "reject"):  # whoever may command; it moves nothing by itself
+            if why := self.decide_offer(action, command.offer):
+                raise NotAdmitted("no-offer", why)
+            return NOTHING
         self._check_lease(now_ns, client, command.lease)
         lease.heard(now_ns, command.sent_ns)
         if action == "zero":

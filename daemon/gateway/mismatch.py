@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config
+from dehyst.daemon.files.cases import drop_case
 from dehyst.daemon.files.models import load_model
+from dehyst.daemon.gateway.case_keeper import CaseKeeper, describe_case
 from dehyst.daemon.gateway.history import TelemetryHistory
 from dehyst.daemon.rings.records import Flag, State
 from dehyst.models.errors import BadModel, DehystError
@@ -43,6 +45,8 @@ Trust = Callable[[bool], None]
 """Whether stage and gauge are to be trusted, told to the loop."""
 Tell = Callable[[int, str, str], None]
 """(level, code, text): an event."""
+See = Callable[[NDArray[Any]], None]
+"""Samples that were judged, for who follows a model on trial."""
 
 
 class MismatchWatch:
@@ -56,6 +60,10 @@ class MismatchWatch:
         self._batches: deque[tuple[int, NDArray[Any], float, float]] = deque(maxlen=WAITING_BATCHES)
         self._watch: MismatchMonitor | None = None
         self.trust: Trust = lambda trusted: None
+        self.seen: See = lambda samples: None
+        self._cases = CaseKeeper(config, history)
+        self._flagged = 0, 0, 0  # sample, time_ns, wall_ns of the flag
+        self._figure_flagged = ""
         self.model_path: Path | None = None
         self._model_used: Path | None = None
         self._run = 0
@@ -63,12 +71,6 @@ class MismatchWatch:
         self._keep_at: int | None = None  # sequence number at which the recording is complete
         self._stuck = False
         self.health, self.mismatch, self.figure = 0.0, False, ""
-
-    @property
-    def directory(self) -> Path:
-        """Where recordings are kept."""
-        chosen = self._config.watch.directory
-        return Path(chosen) if chosen else self._config.directory / "mismatch"
 
     def add(self, run: int, samples: NDArray[Any], origin: float, zero: float = 0.0) -> None:
         """Samples of one run of the loop; marks them where the stage does not follow its model.
@@ -110,8 +112,11 @@ class MismatchWatch:
             good,
             samples["trim"] + samples["learned"],
         )
+        self.seen(samples)
         if judged:
             self._judged(watch, int(samples["seq"][-1]))
+        if self._model_used is not None:
+            self._cases.go_on(int(samples["seq"][-1]), self._model_used)
         if self._keep_at is not None and int(samples["seq"][-1]) >= self._keep_at:
             self._keep_at = None
             self._keep(origin, int(samples["seq"][-1]))
@@ -121,8 +126,11 @@ class MismatchWatch:
         path = self._model_used = self.model_path
         if path is None:
             raise BadModel("the loop has not said yet which model it runs")
-        self._watch = MismatchMonitor(load_model(path), self._config.period_ns * 1e-9)
+        self._watch = MismatchMonitor(
+            load_model(path), self._config.period_ns * 1e-9, self._config.watch.learn_s
+        )
         self._run, self._before, self._keep_at = run, None, None
+        self._cases.restart()
         self.trust(True)
         self.health, self.mismatch, self.figure, self._stuck = 0.0, False, "", False
 
@@ -144,6 +152,8 @@ class MismatchWatch:
         self._stuck = stuck_s > 0.0
         if wrong and not self.mismatch:
             rate_hz = 1e9 / self._config.period_ns
+            self._flagged = seq, clock.monotonic_ns(), clock.wall_ns()
+            self._figure_flagged = self.figure
             self._keep_at = seq + round(self._config.watch.after_s * rate_hz)
             why = MEANS.get(self.figure, "its reading stands still")
             self._tell(
@@ -157,30 +167,37 @@ class MismatchWatch:
         if wrong != self.mismatch:
             self.trust(not wrong)
         self.mismatch = wrong
+        if not wrong:
+            self._cases.in_order(seq, watch.motion_s)
 
     def _keep(self, origin: float, end: int) -> None:
         """Write what the history has from before to after the moment."""
         from dehyst.daemon.files.recorder import Recorder
-        from dehyst.daemon.files.sidecar import notes_path
 
         chosen, config = self._config.watch, self._config
         rate_hz = 1e9 / config.period_ns
         count = round((chosen.before_s + chosen.after_s) * rate_hz)
         samples = self._history.get(end + 1 - count, end + 1)
         now = datetime.fromtimestamp(clock.wall_ns() * 1e-9, UTC)
-        path = self.directory / f"mismatch-{now:%Y%m%d-%H%M%S}.csv"
+        name, directory = f"mismatch-{now:%Y%m%d-%H%M%S}", config.watch_directory
+        path = directory / f"{name}.csv"
         try:
-            self.directory.mkdir(parents=True, exist_ok=True)
-            old = sorted(self.directory.glob("mismatch-*.csv"))
+            directory.mkdir(parents=True, exist_ok=True)
+            old = sorted(directory.glob("mismatch-*.csv"))
             for file in old[: max(0, len(old) + 1 - chosen.keep)]:
-                file.unlink(missing_ok=True)
-                notes_path(file).unlink(missing_ok=True)
+                drop_case(file)
             assert self._model_used is not None
             model = load_model(self._model_used)
             units = (model.drive_unit, model.displacement_unit)
-            notes = {"kept by": f"the mismatch watch of {config.name}", "figure": self.figure}
+            notes = {
+                "kept by": f"the mismatch watch of {config.name}",
+                "figure": self._figure_flagged,
+            }
             with Recorder(path, config.actuator.gain, units, origin, notes) as recorder:
                 recorder.add(samples)
+            seq, *when = self._flagged
+            case = describe_case(config, name, self._figure_flagged, (when[0], when[1]))
+            self._cases.begin(path, seq, end, origin, case, self._model_used)
         except (OSError, DehystError) as error:
             self._tell(3, "mismatch", f"the recording around the mismatch is not kept: {error}")
             return

@@ -1,9 +1,9 @@
 """The gateway process: between the rings and the bus. The loop never waits for it.
 
 Its threads: the publisher (rings to bus, every `telemetry.batch_s`), the command intake (clients to
-command ring), the answers to longer questions, the mismatch watch. zenoh's own threads only fill
-their queues. It may be killed and started again at any time: the place where it was stands in the
-rings.
+command ring), the answers to longer questions, the mismatch watch, the doctor's desk. zenoh's own
+threads only fill their queues. It may be killed and started again at any time: the place where it
+was stands in the rings.
 """
 
 import logging
@@ -62,11 +62,12 @@ class Gateway:
             publisher = Publisher(config, bus, keys, rings, admission, started_ns)
             intake = CommandIntake(bus, keys, rings, admission)
             publisher.mismatch_watch.trust = lambda trusted: intake.tell_loop(trust(trusted))
+            admission.decide_offer = publisher.doctor_desk.decide
             answers, history = (Answers(config, publisher) for _ in range(2))
             publisher.tick(started_ns)  # attach first: the first question finds an answer
             bus.listen(keys.setpoints(), intake.put)
             bus.answer(keys.rpc("command"), intake.ask)
-            for method in ("status", "model", "configuration"):
+            for method in ("status", "model", "configuration", "events", "doctor", "report"):
                 bus.answer(keys.rpc(method), answers.ask)
             bus.answer(keys.rpc("history"), history.ask)
             bus.announce(keys.alive())
@@ -75,6 +76,7 @@ class Gateway:
                 self._thread("answers", answers.run),
                 self._thread("history", history.run),
                 self._thread("watch", publisher.mismatch_watch.run),
+                self._thread("doctor", publisher.doctor_desk.run),
             ]
             notify.send("READY=1")
             where = (*config.bus.listen, *(f"the router {r}" for r in config.bus.connect))

@@ -5,6 +5,7 @@ what the ring had overwritten before is counted, never hidden.
 """
 
 import os
+from collections import deque
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -17,20 +18,24 @@ from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.messages import Event, GatewayStatus, Status
 from dehyst.daemon.bus.session import Bus
-from dehyst.daemon.bus.topics import EVENT, TELEMETRY, subject
+from dehyst.daemon.bus.topics import DOCTOR, EVENT, TELEMETRY, subject
 from dehyst.daemon.bus.topics import STATUS as STATUS_TOPIC
 from dehyst.daemon.config import Config
 from dehyst.daemon.gateway import refused_starts
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.core_rings import CoreRings
+from dehyst.daemon.gateway.doctor_desk import DoctorDesk
 from dehyst.daemon.gateway.history import TelemetryHistory, runs
 from dehyst.daemon.gateway.mismatch import MismatchWatch
+from dehyst.daemon.gateway.model_trial import ModelTrial
 from dehyst.daemon.rings.records import State, model_file, name_of
 from dehyst.daemon.rings.status import STATUS, message_values
 
 SILENT_NS = 2_500_000_000
 """A core that wrote nothing for so long is taken for dead or hanging."""
 LONGEST_BATCH = 4096
+RECENT_EVENTS = 64
+"""For those who come later and ask."""
 
 
 class Publisher:
@@ -51,6 +56,7 @@ class Publisher:
         self._events = bus.sender(keys.pubsub(subject(EVENT)), EVENT)
         self._links = bus.watch_links()
         self.history = TelemetryHistory(round(config.telemetry.history_s * config.loop.rate_hz) + 1)
+        self.recent_events: deque[Event] = deque(maxlen=RECENT_EVENTS)
         self._record: Any = np.zeros(1, STATUS)[0]
         self._started_ns = self._heard_ns = self._said_ns = started_ns
         self._published = self._lost = self._cores = 0
@@ -60,9 +66,11 @@ class Publisher:
         if refused.starts:
             away = f"no client could reach this daemon for {self._unreachable_s:.1f} s"
             self._waiting.put((1, "gateway", f"{away}: {refused.because}"))
-        self.mismatch_watch = MismatchWatch(
-            config, self.history, lambda level, code, text: self._waiting.put((level, code, text))
-        )
+        self.mismatch_watch = MismatchWatch(config, self.history, self._tell_later)
+        found = bus.sender(keys.pubsub(subject(DOCTOR)), DOCTOR)
+        trial = ModelTrial(config, self._core_now)
+        self.doctor_desk = DoctorDesk(config, found.put, self._tell_later, trial)
+        self.mismatch_watch.seen = self.doctor_desk.see
 
     def tick(self, now_ns: int) -> None:
         """Read the rings once and publish what is new."""
@@ -87,6 +95,15 @@ class Publisher:
             self._say(now_ns)
         elif now_ns - self._said_ns >= 1.2 * clock.NS:
             self._say(now_ns)
+
+    def _tell_later(self, level: int, code: str, text: str) -> None:
+        """An event of another thread."""
+        self._waiting.put((level, code, text))
+
+    def _core_now(self) -> tuple[int, Path | None]:
+        """(process of the loop, file of its model); (0, None): it does not run."""
+        alive = self._admission.core.alive
+        return (int(self._record["pid"]), self.model_path) if alive else (0, None)
 
     @property
     def unit(self) -> str:
@@ -143,6 +160,8 @@ class Publisher:
         self.history.restart(rings.run)
         self.history.add(rings.before("telemetry", self.history.capacity))
         self._admission.resume(rings.newest_point())
+        earlier = rings.before("event", RECENT_EVENTS)
+        self.recent_events.extend(event_message(record) for record in earlier)
         last = rings.newest_status()
         if last.size:
             self._take_status(last[-1])
@@ -192,7 +211,7 @@ class Publisher:
     def _pass_events(self) -> None:
         records, _ = self._rings.read("event")
         for record in records:
-            self._events.put(encoding.encode(event_message(record)))
+            self._put_event(event_message(record))
         if records.size:
             self._rings.taken("event")
         while not self._waiting.empty():
@@ -201,6 +220,10 @@ class Publisher:
     def _tell(self, now_ns: int, level: int, code: str, text: str) -> None:
         """An event of the gateway's own."""
         event = Event(time_ns=now_ns, wall_ns=clock.wall_ns(), level=level, code=code, text=text)
+        self._put_event(event)
+
+    def _put_event(self, event: Event) -> None:
+        self.recent_events.append(event)
         self._events.put(encoding.encode(event))
 
     def _say(self, now_ns: int) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dehyst.daemon import clock, notify
 from dehyst.daemon.config import Config
+from dehyst.daemon.files.chosen import choose_model
 from dehyst.daemon.files.models import load_model, write_text
 from dehyst.daemon.loop.channels import Channels
 from dehyst.daemon.loop.checks import (
@@ -67,7 +68,7 @@ class Core:
 
     def __init__(self, config: Config, serve: Serve) -> None:
         self.config, self._serve = config, serve
-        self.model = load_model(config.model.file)
+        self.model, self._accepted, self._about_model = choose_model(config)
         self.actuator, self.sensor = self._open()
 
     def _open(self) -> tuple[DeviceLink, DeviceLink]:
@@ -118,13 +119,23 @@ class Core:
         slope = (high - low) / (drives[1] - drives[0])
         return LoopSettings.from_config(self.config, zero, self.min_v, self.max_v, slope)
 
+    def _begin_model(self) -> tuple[LoopSettings, Compensator]:
+        """What the model is run with; an accepted one that cannot be run makes way."""
+        try:
+            return self._settings(self.model), self._compensator(self.model)
+        except (DehystError, ValueError, ArithmeticError) as error:
+            if not self._accepted:
+                raise
+            self._about_model = f"{self._about_model} cannot be run, the configured one is: {error}"
+        self.model, self._accepted = load_model(self.config.model.file), False
+        return self._settings(self.model), self._compensator(self.model)
+
     def _run(self) -> None:
         config = self.config
         actuator, sensor = self.actuator.device, self.sensor.device
         every = check_rates(config, actuator.spec, sensor.spec)
         self.min_v, self.max_v = check_limits(config, actuator.spec)
-        settings = self._settings(self.model)
-        compensator = self._compensator(self.model)
+        settings, compensator = self._begin_model()
         past, doubt = past_output(config, float(actuator.output()))
         volts = float(past[-1])
         stepper = Stepper(settings, compensator, volts, self._trim(self.model))
@@ -161,6 +172,8 @@ class Core:
             f"the loop runs: {compensator.mode} inverse ({compensator.reason}), "
             + ("compiled loop" if isinstance(runner, CompiledLoop) else "Python loop")
         )
+        if self._about_model:
+            stepper.events.append(self._about_model)
         stepper.events.extend(unmeasured(compensator, config))
         stepper.events.extend(doubt)
         if isinstance(runner, PythonLoop):
@@ -232,7 +245,7 @@ class Core:
         """Load the model file again; keep the old model where the new one is refused."""
         monitor = self.monitor
         try:
-            model = load_model(self.config.model.file)
+            model, accepted, about = choose_model(self.config)
             if (model.drive_unit, model.displacement_unit) != (
                 self.model.drive_unit,
                 self.model.displacement_unit,
@@ -247,11 +260,14 @@ class Core:
         except (DehystError, ValueError, ArithmeticError) as error:
             monitor.stepper.events.append(f"reload refused, the old model stays: {error}")
             return
-        monitor.stepper.events.append(f"model reloaded: {compensator.reason}")
+        # a set-point means the same place before and after, where the stage's owner changed nothing
+        same = accepted or (self._accepted and not about)
+        about = f" ({about})" if about else ""
+        monitor.stepper.events.append(f"model reloaded{about}: {compensator.reason}")
         monitor.stepper.events.extend(unmeasured(compensator, self.config))
-        monitor.reload(compensator, state, settings.origin)
+        monitor.reload(compensator, state, monitor.stepper.origin if same else settings.origin)
         monitor.stepper.trim_setting[:] = trimmed
-        self.model = model
+        self.model, self._accepted = model, accepted
         try:
             self._tell_model(model)
         except DehystError as error:

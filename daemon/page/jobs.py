@@ -6,12 +6,9 @@ the server. It answers in JSON; what it makes are files in a folder that goes wi
 """
 
 import multiprocessing
-import os
 import re
-import resource
 import secrets
 import shutil
-import signal
 import tempfile
 import threading
 from collections.abc import Callable
@@ -25,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
-from dehyst.daemon.loop.timing import realtime
+from dehyst.daemon.tools.bounded import take_bounds
 from dehyst.models.errors import BadInput, DehystError, NotNow
 
 Kind = Literal["trajectory", "identify", "diagnose"]
@@ -194,11 +191,7 @@ def job_hears(job: Job, pipe: Connection) -> None:
 
 def work(kind: Kind, folder: str, file: str, setting: Setting | None, pipe: Connection) -> None:
     """The child's whole life."""
-    os.environ["DEHYST_SUPERVISED"] = "1"
-    realtime.die_with_parent(signal.SIGKILL)
-    os.nice(19)
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    take_bounds(MEMORY_BYTES)
 
     def say(text: str, share: float = 0.0, state: str = "working", **result: Any) -> None:
         message = {"text": text, "share": share, "state": state, "result": result}

@@ -68,6 +68,7 @@ class Site:
             Route("/upload/{kind}", self.upload, methods=["POST"]),
             Route("/job/{number}", self.job),
             Route("/job/{number}/{what}", self.job_file),
+            Route("/doctor/{controller}/{case}", self.doctor),
             WebSocketRoute("/stream", self.stream),
         ]
         guard = Middleware(Guard, people=self.people, secure=self.secure)
@@ -204,6 +205,17 @@ class Site:
         if what == "model" and said["model"]:
             return FileResponse(job.folder / "model.toml", filename="model.toml")
         raise HTTPException(404, "there is none")
+
+    async def doctor(self, request: Request) -> Response:
+        """The doctor's report on a case."""
+        self._known(request)
+        watch = self.controllers.watches.get(request.path_params["controller"])
+        case = request.path_params["case"]
+        if watch is None or case not in watch.doctor:
+            raise HTTPException(404, "there is no such case")
+        page = await asyncio.to_thread(watch.doctor_page, case)
+        headers = {"content-security-policy": REPORT_POLICY}
+        return Response(page, media_type="text/html; charset=utf-8", headers=headers)
 
 
 JSON = "application/json"

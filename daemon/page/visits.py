@@ -68,7 +68,7 @@ class Visit:
         self.controllers, self.jobs, self.ticks = controllers, jobs, ticks
         self._look: wire.Look | None = None
         self._cursor = -1
-        self._run = self._event = self._changes = -1
+        self._run = self._event = self._changes = self._findings = -1
         self._commanders: dict[str, Commander] = {}
         self._waiting: asyncio.Queue[str | bytes] = asyncio.Queue(MOST_WAITING)
         self._loop = asyncio.get_running_loop()
@@ -112,6 +112,9 @@ class Visit:
         if watch.changes != self._changes:
             self._changes = watch.changes
             await self._send(share((watch, "model"), lambda: wire.describe_model(watch)))
+        if watch.findings != self._findings:
+            self._findings = watch.findings
+            await self._send(share((watch, "doctor"), lambda: wire.describe_doctor(watch)))
         frame, self._cursor, self._run = share(
             (watch, level_for(look.window_s, look.width_px), self._cursor, self._run),
             lambda: self._frame(watch, look),
@@ -168,7 +171,7 @@ class Visit:
     async def _do(self, ask: wire.Ask) -> None:
         if isinstance(ask, wire.Look):
             if self._look is None or self._look.name != ask.name:
-                self._event = self._changes = -1
+                self._event = self._changes = self._findings = -1
             self._look, self._cursor = ask, -1
             return
         watch = self._watch()
@@ -179,6 +182,10 @@ class Visit:
             return
         if not self.person.commands:
             raise BadInput("an observer may look, not command")
+        if isinstance(ask, wire.DecideOffer):
+            await asyncio.to_thread(watch.decide_offer, ask.action, int(ask.offer))
+            self.say(f"{ask.action}: it is being done")
+            return
         commander = self._commander(watch)
         if isinstance(ask, wire.Stop):
             await asyncio.to_thread(commander.stop, ask.at_once)

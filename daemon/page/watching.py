@@ -9,13 +9,13 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
-from dehyst.daemon.bus.messages import Event, Rejection, Status
+from dehyst.daemon.bus.messages import DoctorReport, Event, Rejection, Status
 from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.client.client import Client, daemons
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 TICK_S = 0.1
 FIND_S = 2.0
 MOST_CONTROLLERS = 64
-EVENTS, HEALTHS = 200, 600
+EVENTS, HEALTHS, REPORTS = 200, 600, 10
 PAST_SAMPLES, PAST_S = 60_000, 60.0
 """What is fetched from the daemon's history, so that the page does not begin empty."""
 MODEL_S = 10.0
@@ -52,7 +52,9 @@ class Watch:
         self.wall_offset_ns = 0
         self.events: deque[tuple[int, dict[str, Any]]] = deque(maxlen=EVENTS)
         self.healths: deque[tuple[float, float]] = deque(maxlen=HEALTHS)
+        self.doctor: dict[str, DoctorReport] = {}  # by case, the oldest first
         self.changes = 0  # of model and configuration
+        self.findings = 0  # changes of what the doctor says
         self._told = 0
         self._errors: deque[tuple[float, float, int]] = deque(maxlen=round(1.0 / TICK_S))
         self._client: Client | None = None
@@ -85,6 +87,18 @@ class Watch:
             raise BusError(f"{self.name} cannot be reached: {self.problem}")
         client.release() if at_once else client.stop()
 
+    def decide_offer(self, action: Literal["accept", "reject"], number: int) -> None:
+        """Accept or reject an offer of the doctor. Raises BusError, Refusal."""
+        if self._client is None:
+            raise BusError(f"{self.name} cannot be reached: {self.problem}")
+        self._client.decide_offer(action, number)
+
+    def doctor_page(self, case: str) -> bytes:
+        """The doctor's report on a case. Raises BusError."""
+        if self._client is None:
+            raise BusError(f"{self.name} cannot be reached: {self.problem}")
+        return self._client.doctor_page(case)
+
     # -- the thread -----------------------------------------------------------------------------
 
     def _run(self) -> None:
@@ -106,6 +120,7 @@ class Watch:
 
     def _follow(self, client: Client) -> None:
         feed, stream = client.feed(), client.stream()
+        self._take_doctor(client.doctor())
         feed.status, feed.status_at_ns = client.status(), clock.monotonic_ns()
         self._take_status(feed.status, feed.status_at_ns)
         seconds = min(PAST_S, PAST_SAMPLES * feed.status.period_ns * 1e-9)
@@ -120,6 +135,9 @@ class Watch:
             if feed.status is not None and feed.status_at_ns != self.status_at_ns:
                 self._take_status(feed.status, feed.status_at_ns)
             self._take_words(feed.events, feed.rejections)
+            while feed.doctor:
+                self._take_doctor((feed.doctor.popleft(),))
+                asked_ns = 0  # the model may be another one now
             now_ns = clock.monotonic_ns()
             status = self.status
             if status is not None and (
@@ -157,6 +175,13 @@ class Watch:
         self.status, self.status_at_ns = status, at_ns
         self.wall_offset_ns = self.wall_offset_ns or status.wall_ns - status.time_ns
         self.healths.append((status.wall_ns * 1e-9, status.gateway.health))
+
+    def _take_doctor(self, reports: Sequence[DoctorReport]) -> None:
+        for report in reports:
+            self.doctor[report.case] = report
+        while len(self.doctor) > REPORTS:
+            del self.doctor[next(iter(self.doctor))]
+        self.findings += 1
 
     def _take_words(self, events: deque[Event], rejections: deque[Rejection]) -> None:
         while events:

@@ -8,7 +8,7 @@ largest values f32.
 """
 
 import struct
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -18,9 +18,11 @@ from dehyst.daemon.page.buckets import FINEST_NS, Piece
 from dehyst.daemon.page.commanding import LONGEST_S
 from dehyst.daemon.page.wakeups import edges_us
 from dehyst.daemon.page.watching import Controllers, Watch
+from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Model
 
 MAGIC_LIVE, MAGIC_PAST = 0x31504844, 0x32504844
+MOST_REPORTS, LOOP_POINTS = 10, 61
 Name = Annotated[str, Meta(max_length=64)]
 Seconds = Annotated[float, Meta(gt=0, le=LONGEST_S)]
 
@@ -73,7 +75,15 @@ class Stop(_Ask, tag="stop", frozen=True):
     at_once: bool = False
 
 
-Ask = Look | Past | Go | HoldAsked | Play | Stop
+class DecideOffer(_Ask, tag="decide", frozen=True):
+    """Accept or reject the doctor's offer of this number (text: a browser's numbers are too
+    short)."""
+
+    action: Literal["accept", "reject"]
+    offer: Annotated[str, Meta(pattern=r"^[0-9]{1,19}$")]
+
+
+Ask = Look | Past | Go | HoldAsked | Play | Stop | DecideOffer
 ASK: msgspec.json.Decoder[Ask] = msgspec.json.Decoder(Ask)
 
 
@@ -129,6 +139,17 @@ def describe_status(watch: Watch) -> str:
     )
 
 
+def describe_doctor(watch: Watch) -> str:
+    """What the doctor found, the newest last; numbers of offers as text."""
+    reports = []
+    for one in watch.doctor.values():
+        plain = msgspec.to_builtins(one)
+        if one.offer is not None:
+            plain["offer"]["number"] = str(one.offer.number)
+        reports.append(plain)
+    return encode_view("doctor", name=watch.name, reports=reports[-MOST_REPORTS:])
+
+
 def describe_model(watch: Watch) -> str:
     """The model that the loop runs, and the limits that the page needs."""
     model, config = watch.model, watch.config
@@ -140,6 +161,19 @@ def describe_model(watch: Watch) -> str:
         setpoint=None if config is None else config.setpoint,
         wakeup_edges_us=edges_us(),
     )
+
+
+def draw_loop(model: Model) -> dict[str, list[float]]:
+    """The model's loops, full and of half the range about the middle, slow: for a picture."""
+    v = model.validity
+    middle, half = 0.5 * (v.drive_min + v.drive_max), 0.5 * (v.drive_max - v.drive_min)
+    phase = np.linspace(0.0, 2.0 * np.pi, LOOP_POINTS)
+    drive = np.concatenate(
+        [middle - share * half * np.cos(phase) for share in (1.0, 1.0, 0.5, 0.5)]
+    )
+    y = simulate_hysteresis(model.hysteresis, drive, 1e9)
+    shown = np.r_[LOOP_POINTS : 2 * LOOP_POINTS, 3 * LOOP_POINTS : 4 * LOOP_POINTS]
+    return {"drive": np.round(drive[shown], 6).tolist(), "displacement": y[shown].tolist()}
 
 
 def _model(model: Model) -> dict[str, Any]:
@@ -155,6 +189,7 @@ def _model(model: Model) -> dict[str, Any]:
         "blocks": [
             {"kind": b.kind, "place": b.place, "params": dict(b.params)} for b in model.blocks
         ],
+        "loop": draw_loop(model),
         "source": model.provenance.source,
         "created": model.provenance.created,
         "recordings": [name for name, _ in model.provenance.recordings],

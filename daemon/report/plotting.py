@@ -64,6 +64,17 @@ def draw_side_by_side(draws: Sequence[Draw], widths: Sequence[float]) -> bytes:
         return _png(fig, 110)
 
 
+def draw_stacked(draws: Sequence[Draw]) -> bytes:
+    """PNG of several pictures over one another, on one time axis."""
+    with mpl.rc_context(STYLE):
+        fig = Figure(figsize=(11.0, 2.9 * len(draws)), layout="constrained")
+        FigureCanvasAgg(fig)
+        panels = np.ravel(fig.subplots(len(draws), 1, sharex=True, squeeze=False))
+        for draw, axes in zip(draws, panels, strict=True):
+            draw(axes)
+        return _png(fig, 110)
+
+
 def _figure(
     columns: int, size: tuple[float, float], widths: Sequence[float] | None = None
 ) -> tuple[Figure, Any]:

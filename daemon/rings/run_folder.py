@@ -16,7 +16,7 @@ from pathlib import Path
 
 from dehyst.models.errors import BadInput, NotNow
 
-SUPERVISOR, OUTPUT, NETWORK = "supervisor", "output", "network"
+SUPERVISOR, OUTPUT, NETWORK, DOCTOR = "supervisor", "output", "network", "doctor"
 """The roles. OUTPUT: `dehyst core` and `dehyst safe`."""
 OWN = os.O_NOFOLLOW | os.O_CLOEXEC
 LONGEST_NOTE = 4096

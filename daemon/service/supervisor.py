@@ -86,13 +86,15 @@ class Supervisor:
         self.gateway = Child("gateway", ["gateway", *option])
         self.safe = Child("safe", ["safe", *option])
         self.page = Child("page", ["page", *option]) if config.page is not None else None
+        self.doctor = Child("doctor", ["doctor", *option]) if config.doctor.enabled else None
         self.life, self.code = Life.WAITING, 0
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._end_asked = self._reload_asked = False
         self._heartbeat = Heartbeat(config.directory)
         self._events: RingFile | None = None
         self._told = self._pid = 0
-        self._entered_ns = self._page_ns = 0
+        self._entered_ns = 0
+        self._began_ns: dict[str, int] = {}
         self._ever = self._ready = False
 
     def run(self) -> int:
@@ -111,8 +113,9 @@ class Supervisor:
         finally:  # whatever happened, nothing that drives the stage is left behind
             self._end(self.core, self.patience_s)
             self._tell_events()
-            if self.page is not None:
-                self._end(self.page, 10.0)
+            for child in (self.page, self.doctor):
+                if child is not None:
+                    self._end(child, 10.0)
             self._end(self.gateway, 10.0)
         return self.code
 
@@ -142,7 +145,8 @@ class Supervisor:
             self._end_asked = False
             self._happens(LifeEvent.END)
         self._look_at_gateway()
-        self._look_at_page()
+        self._look_at(self.page)
+        self._look_at(self.doctor)
         if self.core.due:
             self._happens(LifeEvent.DUE)
 
@@ -234,16 +238,20 @@ class Supervisor:
             self.say(f"ready: clients reach {self.config.name} at {where}")
             notify.send("STATUS=ready")
 
-    def _look_at_page(self) -> None:
-        """It is nobody's need: whatever becomes of it, loop and gateway go on."""
-        if self.page is None:
+    def _look_at(self, child: Child | None) -> None:
+        """Page and doctor are nobody's need: whatever becomes of them, loop and gateway go on. The
+        doctor waits until the loop beats: it is not in the way of a start."""
+        if child is None:
             return
-        code = self.page.died(clock.monotonic_ns() - self._page_ns > LONGEST_PAUSE_S * clock.NS)
+        began_ns = self._began_ns.get(child.name, 0)
+        code = child.died(clock.monotonic_ns() - began_ns > LONGEST_PAUSE_S * clock.NS)
         if code is not None:
-            self.say(f"the page ended with code {code}; next try in {self.page.pause_s:g} s")
-        if self.page.due and self.life not in (Life.ENDING, Life.LAST, Life.OVER):
-            self._page_ns = clock.monotonic_ns()
-            self.page.start()
+            self.say(f"the {child.name} ended with code {code}; next try in {child.pause_s:g} s")
+        if child is self.doctor and self.life is not Life.BEATING:
+            return
+        if child.due and self.life not in (Life.ENDING, Life.LAST, Life.OVER):
+            self._began_ns[child.name] = clock.monotonic_ns()
+            child.start()
 
     # -- the rest -------------------------------------------------------------------------------
 

@@ -114,11 +114,12 @@ def write_bench(
     model: Model | None,
     imitation: Imitation = Imitation(),
     trim: bool = True,
+    more: str = "",
 ) -> Path:
     """Write config.toml (and model.toml where a model is given) into directory; the config's path.
 
     ports: {"mdt693b": path, "ksg101": path}, as `dehyst emulate` prints them; trim: the
-    gauge corrects the target.
+    gauge corrects the target; more: further sections.
     """
     config = directory / "config.toml"
     if model is not None:
@@ -136,6 +137,7 @@ def write_bench(
             gain=imitation.gain,
             zero=imitation.zero,
             trim=str(trim).lower(),
-        ),
+        )
+        + more,
     )
     return config

@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,12 @@ from dehyst.models.errors import DehystError
 from dehyst.models.model import Hysteresis, Model, Validity
 from dehyst.models.recording import Recording
 
+if TYPE_CHECKING:
+    from dehyst.daemon.tools.second_act import Story
+
 CYCLES = 6
 STROKE_SHARE = 0.94  # of the reachable range; the rest is margin at both ends
+SECOND_SHARE = 0.9  # the same of the second act
 MOST_LATE = 0.02
 """With more late samples the tracking errors are the machine's, not the model's."""
 OUTPUTS = (
@@ -37,6 +41,7 @@ OUTPUTS = (
     "track-compensated.csv",
     "model.toml",
     "demo.png",
+    "story.png",
 )
 START_S = 240.0  # with a cold cache the kernels are compiled first
 
@@ -117,6 +122,32 @@ class Demo:
         results["compensated"] = self._play("compensated", trajectory)
         return results
 
+    def second_act(self, seed: int | None) -> "Story":
+        """Something changes while the stage runs; the service finds out. A daemon of its own, with
+        the identified model and a doctor."""
+        from dehyst.daemon.loop.reach import displacement_range, drive_range
+        from dehyst.daemon.tools.chance import Chance
+        from dehyst.daemon.tools.second_act import LEARN_S, SETTINGS, SecondAct, pattern
+
+        self._end_children()
+        folder = self.folder / "second"
+        folder.mkdir()
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        model = load_model(self.output / "model.toml")
+        ports = self._bench.ports
+        config = write_bench(folder, ports, "demo", self.endpoint, model, more=SETTINGS)
+        low, high = displacement_range(model, *drive_range(load_config(config), model))
+        middle, half = 0.5 * (low + high), 0.5 * (high - low) * SECOND_SHARE
+        t_s, target = pattern(middle, half, self.rate_hz)
+        trajectory = folder / "trajectory.csv"
+        write_recording(trajectory, t_s, {"target_um": target}, {})
+        self.say(f"6. second act: the watch learns the stage, {LEARN_S:.0f} s of motion")
+        for command in ("core", "gateway", "doctor"):
+            self._start(command, "--config", str(config))
+        self._ready()
+        self._start("play", str(trajectory), "--repeat", "0", "--connect", self.endpoint)
+        return SecondAct(self.endpoint, Chance(seed, ports["control"]), self.say).run()
+
     def _ready(self) -> None:
         """Wait until the daemon answers and its loop runs."""
         end_ns = clock.monotonic_ns() + round(START_S * clock.NS)
@@ -171,6 +202,10 @@ class Demo:
 
     def close(self) -> None:
         """End everything that was started, the bench last."""
+        self._end_children()
+        self._bench.close()
+
+    def _end_children(self) -> None:
         for child in reversed(self._children):
             if child.poll() is None:
                 child.terminate()
@@ -180,7 +215,7 @@ class Demo:
             except subprocess.TimeoutExpired:
                 child.kill()
                 child.wait(5.0)
-        self._bench.close()
+        self._children.clear()
 
 
 def sine_part(t_s: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -51,8 +51,8 @@ from dehyst.models.recording import Bools
 class _Level:
     """Threshold of one figure: what it hardly ever exceeds while the stage is in order."""
 
-    def __init__(self, least: float) -> None:
-        self.least, self.threshold = least, math.inf
+    def __init__(self, least: float, block_s: int) -> None:
+        self.least, self.threshold, self._block_s = least, math.inf, block_s
         self._largest: deque[float] = deque(maxlen=TUNING.blocks)  # of each block
         self._block: list[float] = []
         self._waiting: deque[float] = deque()
@@ -63,7 +63,7 @@ class _Level:
         if len(self._waiting) <= TUNING.delay_s:
             return
         self._block.append(self._waiting.popleft())
-        if len(self._block) == TUNING.block_s:
+        if len(self._block) == self._block_s:
             self._largest.append(max(self._block))
             self._block = []
             self._learn()
@@ -86,11 +86,16 @@ class _Level:
 class MismatchMonitor:
     """Watches one stage against one model.
 
-    model: what the loop runs; period_s: the loop's period. Units are the model's.
+    model: what the loop runs; period_s: the loop's period; learn_s: seconds of motion before the
+    first flag, with which the other times of learning go. Units are the model's.
     figures, thresholds: by name, of the newest second.
     """
 
-    def __init__(self, model: Model, period_s: float) -> None:
+    def __init__(self, model: Model, period_s: float, learn_s: float = TUNING.learn_s) -> None:
+        part = min(1.0, learn_s / TUNING.learn_s)
+        self._learn_s, self._settled_s = learn_s, part * TUNING.settled_s
+        self._early_s = max(learn_s, part * TUNING.early_s)
+        block_s = max(1, round(part * TUNING.block_s))
         v = model.validity
         ends = simulate_hysteresis(
             model.hysteresis, np.array([v.drive_min, v.drive_max, v.drive_min]), 1e9
@@ -137,7 +142,7 @@ class MismatchMonitor:
         now = self._state.now[0]
         now["learn"], now["memory_s"] = 1.0, TUNING.first_floor_s
         self._window: deque[Floats] = deque(maxlen=TUNING.window_s)
-        self._levels = {name: _Level(least) for name, least in LEAST.items()}
+        self._levels = {name: _Level(least, block_s) for name, least in LEAST.items()}
         self.figures: dict[str, float] = dict.fromkeys((*LEAST, "fit"), 0.0)
         self.mismatch = False
         self.seconds = self.motion_s = self._moved_s = 0
@@ -172,7 +177,7 @@ class MismatchMonitor:
     @property
     def learning(self) -> float:
         """Share of the first motion that is still to be seen; 0: it has learned enough."""
-        return max(0.0, 1.0 - self.motion_s / TUNING.learn_s)
+        return max(0.0, 1.0 - self.motion_s / self._learn_s)
 
     @property
     def health(self) -> float:
@@ -228,10 +233,10 @@ class MismatchMonitor:
         for name, level in self._levels.items():
             if self.mismatch:
                 level.forget_newest()
-            elif moving and self.motion_s > TUNING.settled_s:
+            elif moving and self.motion_s > self._settled_s:
                 level.see(self.figures[name])
-        goes_on = not self.mismatch or self.motion_s < TUNING.early_s
-        if self.motion_s > TUNING.settled_s:
+        goes_on = not self.mismatch or self.motion_s < self._early_s
+        if self.motion_s > self._settled_s:
             self._state.now[0]["memory_s"] = TUNING.floor_s
         self._state.now[0]["learn"] = goes_on / (1.0 + max(0.0, 4.0 * health - 2.0))
 

@@ -9,7 +9,12 @@ from pathlib import Path
 import pytest
 
 UNITS = Path(__file__).resolve().parents[2] / "systemd"
-SERVICES = ("dehyst.service", "dehyst-gateway.service", "dehyst-page.service")
+SERVICES = (
+    "dehyst.service",
+    "dehyst-gateway.service",
+    "dehyst-page.service",
+    "dehyst-doctor.service",
+)
 EXPOSURE = 2.0
 
 needs_systemd = pytest.mark.skipif(

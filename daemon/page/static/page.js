@@ -1,6 +1,7 @@
 // The page: one WebSocket to the server that it came from. Whatever comes over it is text and
 // numbers; nothing of it is ever put in as markup.
 "use strict";
+import { Doctor, drawLoop } from "./doctor.js";
 import { Files, fillList } from "./files.js";
 import { Plots, clockTime, drawStill, number, readFrame } from "./plot.js";
 
@@ -29,6 +30,7 @@ const plots = new Plots(
 );
 page.plots = plots;
 const files = new Files(page);
+const doctor = new Doctor(page);
 
 // -- connection ---------------------------------------------------------------------------------
 
@@ -45,6 +47,7 @@ async function begin() {
   document.body.classList.toggle("observer", !page.operator);
   for (const item of document.querySelectorAll("#stop, #command button, #command input, #file")) item.disabled = !page.operator;
   files.enable();
+  doctor.show();
   connect();
 }
 
@@ -95,6 +98,7 @@ function hear(said) {
     case "status": if (said.name === page.name) showStatus(said); break;
     case "model": if (said.name === page.name) showModel(said); break;
     case "events": if (said.name === page.name) said.events.forEach(addEvent); break;
+    case "doctor": if (said.name === page.name) doctor.hear(said); break;
     case "said": page.say(said.text, said.wrong); break;
     default: break;
   }
@@ -135,6 +139,7 @@ function choose(name) {
   location.hash = encodeURIComponent(name);
   document.title = `${name} · dehyst`;
   $("events").replaceChildren();
+  doctor.hear({ reports: [] });
   page.status = null;
   look();
 }
@@ -222,6 +227,7 @@ function showHealth(said, s) {
 function showModel(said) {
   page.model = said;
   const m = said.model, l = said.limits;
+  drawLoop($("model-loop"), m && m.loop);
   if (!m) { fillList($("model"), [["model", "not known yet"]]); return; }
   const v = m.validity, u = m.drive_unit, y = m.displacement_unit;
   fillList($("model"), [

@@ -15,7 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.benchmarks.daemon.doctor_load import lay_cases
+from tests.rigs.gateway_bench import free_port
 
+from dehyst.daemon.config import load_config
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.rings.records import COMMAND, TELEMETRY, Command, MissCause
 from dehyst.daemon.rings.ring import Ring
@@ -66,6 +69,25 @@ print(json.dumps([[n, b - a + 1, s.lost, s.recovered] for n, a, b, s in
                   zip(heard, first, last, streams, strict=True) if a is not None]), flush=True)
 for client in clients:
     client.close()
+"""
+
+
+CASES = 60  # more than a doctor can examine in one window
+BROWSER = """
+import sys
+from websockets.sync.client import connect
+socket = connect(f"ws://{sys.argv[1]}/stream", origin=f"http://{sys.argv[1]}", compression=None)
+look = '{"ask":"look","name":"%s","window_s":10,"width_px":1000}'
+import json
+while True:
+    message = socket.recv()
+    if isinstance(message, str):
+        said = json.loads(message)
+        if said["kind"] == "controllers" and said["names"]:
+            socket.send(look % said["names"][0])
+            break
+while True:
+    socket.recv()
 """
 
 
@@ -248,6 +270,8 @@ def load_of(kind: str, core: Core, seconds: float) -> Iterator[list["subprocess.
     running, wanted = [], []
     if kind == "cpu":
         running = [python(BURN) for _ in range(os.cpu_count() or 1)]
+    elif kind in ("doctor", "served"):
+        running = _served(core, working=kind == "doctor")
     elif kind in ("subscribers", "gateway"):
         if kind == "gateway":
             running.append(python(BURNING_GATEWAY, str(core.config)))
@@ -272,6 +296,23 @@ def load_of(kind: str, core: Core, seconds: float) -> Iterator[list["subprocess.
         for process in wanted:
             if process.poll() is None:
                 process.kill()
+
+
+def _served(core: Core, working: bool) -> list["subprocess.Popen[str]"]:
+    """The gateway alone, or with a page that a browser looks at and a doctor at work."""
+    start = "import sys; from dehyst.daemon.main import main; sys.exit(main(sys.argv[1:]))"
+    running = [python(start, "gateway", "--config", str(core.config))]
+    if working:
+        lay_cases(load_config(core.config), CASES)
+        host = f"127.0.0.1:{free_port()}"
+        running += [
+            python(start, "doctor", "--config", str(core.config)),
+            python(start, "page", "--connect", core.address, "--listen", host),
+        ]
+        time.sleep(8.0)
+        running.append(python(BROWSER, host))
+    time.sleep(4.0)
+    return running
 
 
 def measure(core: Core, rate: float, cpu: int, load: str, seconds: float) -> Window:

@@ -4,7 +4,9 @@
 
 The core runs as in production (its own process, FIFO 80, pinned, witness beside it) on the
 in-process simulated stage, following a set-point. cyclictest runs at the same time on the same CPU
-at a higher priority, so it never waits for the loop. Then: telemetry at a subscriber and its cost,
+at a higher priority, so it never waits for the loop. The loads `served` (the gateway alone) and
+`doctor` (gateway, a page that a browser looks at, and a doctor that examines case after case) stand
+side by side: `--loads served,doctor --repeat 3`. Then: telemetry at a subscriber and its cost,
 and one start. Without cyclictest (Debian: rt-tests) its columns are left out and what is measured
 against it is not judged. Exit status: see tests/benchmarks/bars.py.
 """
@@ -27,7 +29,7 @@ from dehyst.daemon.bus.session import Bus
 from dehyst.daemon.bus.topics import TELEMETRY as TOPIC
 from dehyst.daemon.rings.records import TELEMETRY
 
-LOADS = ("idle", "cpu", "subscribers", "gateway")
+LOADS = ("idle", "cpu", "subscribers", "gateway", "served", "doctor")
 RATIO_BAR, MISSED_BAR, START_BAR_S = 1.2, 1e-4, 3.0
 
 

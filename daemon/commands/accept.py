@@ -1,0 +1,51 @@
+"""Put the model that the doctor offers to work, on trial."""
+
+import argparse
+
+from dehyst.daemon.client.connection import add_connection, connect, say
+from dehyst.daemon.commands.reject import add_offer, find_offer
+from dehyst.models.errors import NotNow
+
+EPILOG = """The loop takes the model without a jump, within range and slew; the configured file is
+not touched. The model is on trial: where its error has not fallen after `doctor.trial_s` of motion,
+the model before comes back by itself, in words.
+Exit 0: it is done, or with --wait proven; 1: nothing is offered, or with --wait it went back; 2:
+refused (the reason is printed) or no daemon.
+
+examples: dehyst accept
+          dehyst accept --wait 60
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst accept`."""
+    parser.epilog = EPILOG
+    add_offer(parser)
+    parser.add_argument(
+        "--wait", type=float, default=0.0, metavar="S", help="for the end of the trial, so long"
+    )
+    add_connection(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Accept, and with --wait see what becomes of it."""
+    from dehyst.daemon import clock
+
+    with connect(args, "accept") as client:
+        report = find_offer(client.doctor(), args.offer, ("found",))
+        assert report.offer is not None
+        client.decide_offer("accept", report.offer.number)
+        say(
+            f"{report.case}: accepted; on trial for {report.offer.trial_s:g} s of motion, then it "
+            "stays or goes back by itself"
+        )
+        end_ns = clock.monotonic_ns() + round(args.wait * clock.NS)
+        while clock.monotonic_ns() < end_ns:
+            clock.sleep_s(0.25)
+            now = find_offer(client.doctor(), report.offer.number, ())
+            if now.state in ("accepted", "returned", "rejected"):
+                say(now.says)
+                return 0 if now.state == "accepted" else 1
+    if args.wait:
+        raise NotNow(f"the trial is not over after {args.wait:g} s: does the stage move?")
+    return 0

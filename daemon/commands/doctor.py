@@ -1,0 +1,96 @@
+"""What the doctor found about mismatches; with --config its process (for the service)."""
+
+import argparse
+import logging
+import os
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dehyst.daemon.client.connection import add_connection, connect, print_json, say
+from dehyst.daemon.files.outputs import add_force
+
+if TYPE_CHECKING:
+    from dehyst.daemon.bus.messages import DoctorReport
+
+EPILOG = """When the mismatch watch raises its flag, the doctor diagnoses the kept recording, and
+where it has a better model it offers it: `dehyst accept`, `dehyst reject`. With --config FILE this
+command is the doctor itself: the service starts it; lowest priority, no devices, no network.
+Exit 0: nothing is open; 1: an offer waits for a decision; 2: no daemon.
+
+examples: dehyst doctor
+          dehyst doctor --report report.html
+          dehyst doctor --config /etc/dehyst/stage.toml
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst doctor`."""
+    parser.epilog = EPILOG
+    parser.add_argument("--config", metavar="FILE", help="be the doctor of this configuration")
+    parser.add_argument(
+        "--report", type=Path, metavar="FILE", help="write the newest report (HTML)"
+    )
+    add_force(parser)
+    parser.add_argument("--json", action="store_true", help="print all that is kept as JSON")
+    add_connection(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Say what was found, or be the doctor."""
+    return _be_doctor(args.config) if args.config else _tell(args)
+
+
+def _be_doctor(path: str) -> int:
+    from dehyst.daemon.config import load_config
+    from dehyst.daemon.doctor.process import run_doctor
+    from dehyst.daemon.loop.timing import realtime
+    from dehyst.daemon.rings import run_folder
+
+    realtime.die_with_parent(signal.SIGTERM)
+    logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
+    config = load_config(path)
+    os.nice(19)
+    with run_folder.at_work(config.directory, run_folder.DOCTOR, "doctor", path):
+        return run_doctor(config)
+
+
+def _tell(args: argparse.Namespace) -> int:
+    from dehyst.daemon.files.outputs import check_outputs, whole_file
+
+    check_outputs([args.report], [args.credentials], args.force)
+    with connect(args, "doctor") as client:
+        reports = client.doctor()
+        if args.report:
+            page = client.doctor_page()
+            with whole_file(args.report) as file:
+                file.write(page)
+    if args.json:
+        print_json(reports)
+    elif not reports:
+        print("the doctor has nothing to say: no mismatch is kept")
+    for report in [] if args.json else reports[-3:]:
+        print("\n".join(describe_doctor(report)))
+    if args.report:
+        say(f"report: {args.report}")
+    return 1 if reports and reports[-1].state == "found" and reports[-1].offer else 0
+
+
+def describe_doctor(report: "DoctorReport") -> list[str]:
+    """Lines for a person."""
+    from dehyst.daemon.bus.printable import printable
+
+    lines = [f"{report.case}: {report.state}. {report.says}"]
+    for effect in report.effects:
+        ties = f" (or {', '.join(effect.ambiguous_with)})" if effect.ambiguous_with else ""
+        lines.append(f"  {effect.name}{ties}, {100 * effect.share:.0f} %: {effect.says}")
+    if report.offer is not None:
+        o, unit = report.offer, report.unit
+        lines.append(
+            f"  offer {o.number}: {o.rms_in_use:.3g} {unit} becomes {o.rms_offered:.3g} on "
+            f"{o.seconds:.0f} s of later telemetry (noise {o.noise:.3g}); on trial for "
+            f"{o.trial_s:g} s of motion"
+        )
+    if report.experiment:
+        lines.append(f"  next experiment: dehyst {' '.join(report.experiment)}")
+    return [printable(line) for line in lines]

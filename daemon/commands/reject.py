@@ -1,0 +1,54 @@
+"""Turn down the model that the doctor offers; one that is at work makes way for the one before."""
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from dehyst.daemon.client.connection import add_connection, connect, say
+from dehyst.models.errors import NotNow
+
+if TYPE_CHECKING:
+    from dehyst.daemon.bus.messages import DoctorReport
+
+EPILOG = """Exit 0: done; 1: nothing is offered; 2: refused (the reason is printed) or no daemon.
+
+example: dehyst reject
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst reject`."""
+    parser.epilog = EPILOG
+    add_offer(parser)
+    add_connection(parser)
+
+
+def add_offer(parser: argparse.ArgumentParser) -> None:
+    """--offer."""
+    parser.add_argument(
+        "--offer", type=int, metavar="NUMBER", help="which (default: the newest; `dehyst doctor`)"
+    )
+
+
+def find_offer(
+    reports: "Sequence[DoctorReport]", number: int | None, states: tuple[str, ...]
+) -> "DoctorReport":
+    """The offer of this number, or the newest in one of these states. Raises NotNow."""
+    offers = [r for r in reports if r.offer is not None]
+    if number is not None:
+        offers = [r for r in offers if r.offer is not None and r.offer.number == number]
+    else:
+        offers = [r for r in offers if r.state in states]
+    if not offers:
+        raise NotNow("nothing is offered; `dehyst doctor` says what was found")
+    return offers[-1]
+
+
+def run(args: argparse.Namespace) -> int:
+    """Reject."""
+    with connect(args, "reject") as client:
+        report = find_offer(client.doctor(), args.offer, ("found", "trial", "accepted"))
+        assert report.offer is not None
+        client.decide_offer("reject", report.offer.number)
+        say(f"{report.case}: rejected")
+    return 0

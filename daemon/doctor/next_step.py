@@ -1,0 +1,37 @@
+"""The next experiment, as arguments of `dehyst excite` within the stage's limits."""
+
+import math
+
+from dehyst.daemon.files.cases import Case
+from dehyst.models.drive_design.excitation import design
+from dehyst.models.drive_design.separation import EFFECTS
+from dehyst.models.errors import BadInput
+from dehyst.models.model import Model
+
+SECONDS, SHARE = 20.0, 0.05
+UNITS = ("v", "um", "nm", "counts")
+
+
+def excite_arguments(case: Case, model: Model, pair: tuple[str, str] | None) -> tuple[str, ...]:
+    """("excite", ...), ready to run; () where the limits leave no experiment. pair: two effects
+    that the recording cannot tell apart; None: a drive that covers range and rates."""
+    low = max(case.low, model.validity.drive_min)
+    high = min(case.high, model.validity.drive_max)
+    if not high > low or model.drive_unit not in UNITS:
+        return ()
+    band = min(SHARE * case.rate_hz, case.slew / (math.pi * (high - low)))
+    common = [
+        "--range", f"{low:.6g}", f"{high:.6g}", "--unit", model.drive_unit,
+        "--duration", f"{SECONDS:g}", "--sampling", f"{case.rate_hz:g}",
+        "--slew", f"{case.slew:.6g}", "-o", "next.csv",
+    ]  # fmt: skip
+    if pair is not None and all(name in EFFECTS for name in pair):
+        return ("excite", "--separate", *pair, *common)
+    while band > 2.0 / SECONDS:
+        try:  # what is handed out is what can be run
+            design(low, high, band, SECONDS, case.rate_hz, slew_per_s=case.slew)
+        except BadInput:
+            band /= 2.0
+            continue
+        return ("excite", "--band", f"{band:.4g}", *common)
+    return ()

@@ -1,0 +1,93 @@
+"""The doctor's process: waits for cases, has each examined by a child with bounds, one at a time.
+
+The child (dehyst.daemon.doctor.examination) writes what it found into the folder of its case; where
+it dies, takes too long or too much, this process writes that it failed, so that no case is tried
+twice. The process itself imports nothing that computes.
+"""
+
+import logging
+import multiprocessing
+import signal
+import threading
+from pathlib import Path
+
+from dehyst.daemon import clock, notify
+from dehyst.daemon.config import Config
+from dehyst.daemon.doctor.child import examine_case
+from dehyst.daemon.files import cases
+from dehyst.daemon.files.cases import Case, Examined
+
+log = logging.getLogger(__name__)
+LOOK_S = 0.5
+
+
+class Doctor:
+    """`run` returns after `end`."""
+
+    def __init__(self, config: Config) -> None:
+        self._config, self._stop = config, threading.Event()
+        self._ending = False
+
+    def end(self) -> None:
+        """Ask for the end; may be called from a signal handler."""
+        self._ending = True
+
+    def run(self) -> None:
+        """Until `end`."""
+        notify.send("READY=1", "STATUS=waiting")
+        while not self._ending:
+            folder = self._next()
+            if folder is not None:
+                self._examine(folder)
+            notify.send("WATCHDOG=1", "STATUS=waiting")
+            self._stop.wait(LOOK_S)
+        notify.send("STOPPING=1")
+
+    def _next(self) -> Path | None:
+        """The newest case that nobody has examined."""
+        open_ones = [
+            folder
+            for folder in cases.case_folders(self._config.watch_directory)
+            if not (folder / cases.EXAMINED).exists()
+            and cases.get_record(folder, cases.CASE, Case) is not None
+        ]
+        return open_ones[-1] if open_ones else None
+
+    def _examine(self, folder: Path) -> None:
+        limits = self._config.doctor
+        log.info("%s: examined", folder.name)
+        spawn = multiprocessing.get_context("spawn")
+        child = spawn.Process(target=examine_case, args=(str(folder), limits.memory_gb))
+        end_ns = clock.monotonic_ns() + round(limits.time_s * clock.NS)
+        child.start()
+        why = ""
+        try:
+            while child.is_alive():
+                child.join(LOOK_S)
+                notify.send("WATCHDOG=1", f"STATUS=examining {folder.name}")
+                if self._ending:
+                    return  # it is examined anew after the next start
+                if clock.monotonic_ns() > end_ns:
+                    why = f"it was not done within {limits.time_s:g} s"
+                    break
+        finally:
+            child.kill()
+            child.join(5.0)
+        if not (folder / cases.EXAMINED).exists():
+            code = f"its process ended with {child.exitcode}"
+            why = why or f"{code}; it may take at most {limits.memory_gb:g} GB"
+            says = f"The recording could not be diagnosed: {why}."
+            try:
+                cases.put_record(folder, cases.EXAMINED, Examined(failed=True, says=says))
+            except OSError as error:
+                log.error("%s: %s: %s", folder.name, says, error)
+                self._stop.wait(10.0)  # a full disk: tried again
+
+
+def run_doctor(config: Config) -> int:
+    """Entry of the doctor's process: until SIGTERM or SIGINT; exit code."""
+    doctor = Doctor(config)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: doctor.end())
+    doctor.run()
+    return 0

@@ -1,0 +1,215 @@
+"""The doctor's findings in the gateway: published, kept, and what becomes of an offer.
+
+The doctor itself (dehyst.daemon.doctor) is a process without network; the two meet in the folder
+of a case (dehyst.daemon.files.cases). An accepted model is laid into the run folder, and the loop
+is asked to reload: it glides, within range and slew, as with every reload. From then on the model
+is on trial: where its error has not fallen after so much motion, the one before comes back.
+"""
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from numpy.typing import NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.bus import encoding
+from dehyst.daemon.bus.messages import DoctorReports, DoctorState
+from dehyst.daemon.config import Config
+from dehyst.daemon.files import cases
+from dehyst.daemon.files.cases import Case, Decided, Examined
+from dehyst.daemon.gateway.doctor_report import describe_report
+from dehyst.daemon.gateway.model_trial import ModelTrial
+from dehyst.models.errors import DehystError, NotNow
+
+SCAN_S = 0.25
+LONGEST_REPORT = 6 << 20
+Tell = Callable[[int, str, str], None]
+"""(level, code, text): an event."""
+OPEN: tuple[DoctorState, ...] = ("found",)
+AT_WORK: tuple[DoctorState, ...] = ("trial", "accepted")
+
+
+class DoctorDesk:
+    """`run` is its thread; `decide` and `reports` are called from others.
+
+    publish: sends a report's bytes; trial: who puts models to work."""
+
+    def __init__(
+        self,
+        config: Config,
+        publish: Callable[[bytes], None],
+        tell: Tell,
+        trial: ModelTrial,
+    ) -> None:
+        self._config, self._publish, self._tell, self._trial = config, publish, tell, trial
+        self._lock = threading.Lock()
+        self._folders: dict[str, Path] = {}
+        self._known: dict[str, tuple[Case, Examined | None, Decided | None]] = {}
+        self._wishes: SimpleQueue[tuple[str, str]] = SimpleQueue()
+
+    # -- asked by others ------------------------------------------------------------------------
+
+    def reports(self) -> DoctorReports:
+        """All that are kept, the newest last."""
+        with self._lock:
+            known = list(self._known.values())
+        trial_s = self._config.doctor.trial_s
+        return DoctorReports(reports=tuple(describe_report(*one, trial_s) for one in known))
+
+    def page(self, name: str) -> bytes:
+        """The report of a case as HTML; "": the newest. Raises NotNow."""
+        with self._lock:
+            names = [n for n, (_, found, _) in self._known.items() if found is not None]
+            folder = self._folders.get(name or (names[-1] if names else ""))
+        try:
+            if folder is not None and (path := folder / cases.REPORT).stat().st_size:
+                with path.open("rb") as file:
+                    return file.read(LONGEST_REPORT)
+        except OSError:
+            pass
+        raise NotNow("the doctor has written no report, or it is not kept any more")
+
+    def decide(self, action: str, offer: int) -> str:
+        """Accept or reject an offer; why not, in words, or "": it is being done."""
+        with self._lock:
+            found = [n for n, (case, *_) in self._known.items() if case.number == offer]
+            if not found:
+                return "there is no such offer, or it is not kept any more"
+            state = self._state(found[0])
+            if action == "accept":
+                why = self._why_not(found[0], state)
+                if why:
+                    return why
+            elif state not in (*OPEN, *AT_WORK):
+                return f"this offer is {state} already"
+            self._wishes.put((action, found[0]))
+        return ""
+
+    def _state(self, name: str) -> DoctorState:
+        return describe_report(*self._known[name], 0.0).state
+
+    def _why_not(self, name: str, state: DoctorState) -> str:
+        _, examined, _ = self._known[name]
+        if examined is None or examined.tested is None:
+            return "nothing is offered: the doctor has no model that is better"
+        if state not in OPEN:
+            return f"this offer is {state} already"
+        return self._trial.why_not(self._folders[name] / cases.IN_USE)
+
+    # -- the thread -----------------------------------------------------------------------------
+
+    def run(self, stop: threading.Event) -> None:
+        """Until `stop`."""
+        self._resume()
+        while not stop.wait(SCAN_S):
+            self._scan()
+            try:
+                while True:
+                    self._carry_out(*self._wishes.get_nowait())
+            except Empty:
+                pass
+            over = self._trial.look(clock.monotonic_ns())
+            if over is not None:
+                name, state, text = over
+                self._decided(name, state, text)
+
+    def _resume(self) -> None:
+        """Findings of before, and a trial that a gateway before this one has begun."""
+        for folder in cases.case_folders(self._config.watch_directory):
+            self._read(folder)
+        self._trial.resume()
+
+    def _scan(self) -> None:
+        """New cases, new findings."""
+        folders = cases.case_folders(self._config.watch_directory)
+        there = {f.name.removesuffix(cases.SUFFIX): f for f in folders}
+        with self._lock:
+            for name in self._known.keys() - there.keys():
+                del self._known[name], self._folders[name]
+        for name, folder in there.items():
+            before = self._known.get(name)
+            if before is not None and before[1] is not None:
+                continue
+            self._read(folder)
+            now = self._known.get(name)
+            if now is None or now == before:
+                continue
+            self._say(name)
+            if now[1] is not None:
+                self._tell_found(now[0], now[1])
+                if self._config.doctor.accept and now[1].tested is not None:
+                    refused = self.decide("accept", now[0].number)
+                    if refused:
+                        self._tell(2, "doctor", f"not accepted by itself: {refused}")
+
+    def _read(self, folder: Path) -> None:
+        case = cases.get_record(folder, cases.CASE, Case)
+        if case is None:
+            return
+        examined = cases.get_record(folder, cases.EXAMINED, Examined)
+        decided = cases.get_record(folder, cases.DECIDED, Decided)
+        name = folder.name.removesuffix(cases.SUFFIX)
+        with self._lock:
+            self._folders[name], self._known[name] = folder, (case, examined, decided)
+
+    def _tell_found(self, case: Case, found: Examined) -> None:
+        text = f"{case.name}: {found.says}"
+        if found.tested is not None:
+            tested = found.tested
+            text += (
+                f" A model is offered: {tested.in_use:.3g} becomes {tested.offered:.3g} "
+                f"{found.unit} on {tested.seconds:.0f} s of later telemetry; dehyst accept, or "
+                "dehyst reject."
+            )
+        elif found.experiment:
+            text += f" Next: dehyst {' '.join(found.experiment)}"
+        self._tell(2, "doctor", text[:500])
+
+    def _carry_out(self, action: str, name: str) -> None:
+        folder, state = self._folders[name], self._state(name)
+        if action == "accept":
+            try:
+                if why := self._why_not(name, state):  # two may have asked at once
+                    raise NotNow(why)
+                case, examined, _ = self._known[name]
+                assert examined is not None
+                assert examined.tested is not None
+                self._trial.begin(name, case.number, folder, examined.tested)
+            except (OSError, DehystError) as error:
+                self._tell(3, "doctor", f"{name}: the offered model is not at work: {error}")
+                return
+            self._decided(
+                name,
+                "trial",
+                "accepted: the offered model goes to work; the one before is kept, and comes back "
+                f"where the error has not fallen after {self._config.doctor.trial_s:g} s of motion",
+            )
+        elif state in AT_WORK:
+            self._decided(name, "rejected", self._trial.go_back(name, "it was rejected"))
+        else:
+            self._decided(name, "rejected", "rejected: the model in use stays")
+
+    def _decided(self, name: str, state: DoctorState, text: str) -> None:
+        """Keep, publish and tell what became of an offer."""
+        decided = Decided(state=state, wall_ns=clock.wall_ns(), because=text)
+        try:
+            cases.put_record(self._folders[name], cases.DECIDED, decided)
+        except OSError as error:
+            text += f" (not kept: {error.strerror})"
+        with self._lock:
+            if name in self._known:
+                case, examined, _ = self._known[name]
+                self._known[name] = case, examined, decided
+        self._say(name)
+        self._tell(2 if state == "returned" else 1, "doctor", f"{name}: {text}"[:500])
+
+    def _say(self, name: str) -> None:
+        report = describe_report(*self._known[name], self._config.doctor.trial_s)
+        self._publish(encoding.encode(report))
+
+    def see(self, samples: NDArray[Any]) -> None:
+        """Samples of the loop, in their order, for the trial."""
+        self._trial.see(samples)

@@ -1,0 +1,73 @@
+// What the doctor found, its offer, and the loop of the model in use. Text stays text.
+"use strict";
+import { fillList } from "./files.js";
+import { clockTime, number } from "./plot.js";
+
+const $ = (id) => document.getElementById(id);
+const SVG = "http://www.w3.org/2000/svg";
+const STATES = {
+  working: "at work", found: "found", failed: "could not tell", trial: "the offered model is on trial",
+  accepted: "the offered model is at work", returned: "the model before has come back", rejected: "rejected",
+};
+
+export class Doctor {
+  constructor(page) {
+    this.page = page; // ask(), operator, controller()
+    this.report = null;
+    for (const action of ["accept", "reject"]) {
+      $(action).addEventListener("click", () => page.ask({ ask: "decide", action, offer: this.report.offer.number }));
+    }
+  }
+
+  hear(said) {
+    this.report = said.reports.length ? said.reports[said.reports.length - 1] : null;
+    this.show();
+  }
+
+  show() {
+    const r = this.report, offer = r && r.offer;
+    $("doctor-state").textContent = r ? STATES[r.state] || r.state : "nothing to say";
+    $("doctor-case").textContent = r ? `${clockTime(r.wall_ns * 1e-9, 0)} ${r.case}` : "no mismatch is kept";
+    $("doctor-says").textContent = r ? r.says : "";
+    $("doctor-effects").replaceChildren(...(r ? r.effects : []).map((effect) => {
+      const item = document.createElement("li"), name = document.createElement("b");
+      const ties = effect.ambiguous_with.length ? ` (or ${effect.ambiguous_with.join(", ")})` : "";
+      name.textContent = `${effect.name}${ties}, ${number(100 * effect.share, 2)} %: `;
+      item.append(name, document.createTextNode(effect.says));
+      return item;
+    }));
+    fillList($("doctor-figures"), r && r.unit && r.rms_in_use ? [
+      ["model in use, with what was found", `${number(r.rms_in_use, 3)}, ${number(r.rms_augmented, 3)} ${r.unit} rms`],
+      ["noise", `${number(r.noise, 3)} ${r.unit} rms`],
+      ...(r.rms_when_good >= 0 ? [["when it was in order", `${number(r.rms_when_good, 3)} ${r.unit} rms`]] : []),
+      ...(offer ? [["offer, on later telemetry", `${number(offer.rms_in_use, 3)} becomes ${number(offer.rms_offered, 3)} ${r.unit}`],
+        ["on trial for", `${number(offer.trial_s)} s of motion`]] : []),
+    ] : []);
+    $("doctor-next").hidden = !(r && r.experiment.length);
+    $("doctor-experiment").textContent = r ? `dehyst ${r.experiment.join(" ")}` : "";
+    $("doctor-report").hidden = !(r && r.has_report);
+    if (r) $("doctor-report").href = `/doctor/${encodeURIComponent(this.page.controller())}/${encodeURIComponent(r.case)}`;
+    $("accept").disabled = !(this.page.operator && offer && r.state === "found");
+    $("reject").disabled = !(this.page.operator && offer && ["found", "trial", "accepted"].includes(r.state));
+  }
+}
+
+export function drawLoop(place, loop) {
+  if (!loop || !loop.drive.length) { place.replaceChildren(); return; }
+  const span = (v) => [Math.min(...v), Math.max(...v)];
+  const [x0, x1] = span(loop.drive), [y0, y1] = span(loop.displacement);
+  const svg = document.createElementNS(SVG, "svg");
+  svg.setAttribute("viewBox", "0 0 100 100");
+  svg.setAttribute("preserveAspectRatio", "none");
+  const half = loop.drive.length / 2;
+  for (const [from, to] of [[0, half], [half, 2 * half]]) {
+    const line = document.createElementNS(SVG, "polyline");
+    const points = [];
+    for (let i = from; i < to; i += 1) {
+      points.push(`${(2 + (96 * (loop.drive[i] - x0)) / (x1 - x0 || 1)).toFixed(2)},${(98 - (96 * (loop.displacement[i] - y0)) / (y1 - y0 || 1)).toFixed(2)}`);
+    }
+    line.setAttribute("points", points.join(" "));
+    svg.append(line);
+  }
+  place.replaceChildren(svg);
+}

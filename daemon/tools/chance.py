@@ -1,0 +1,75 @@
+"""An effect that is drawn by chance and appears in the simulated stage while it runs.
+
+Who tells the story does not look in here: it lets the effect appear, and asks at the end what was
+drawn. The same seed draws the same.
+"""
+
+import json
+import random
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """name: in the diagnosis' words; says: for people; stage: settings of the simulated stage;
+    wait_s: how long the stage goes on as it was."""
+
+    name: str
+    says: str
+    stage: dict[str, float]
+    wait_s: float
+
+
+def _creep(chance: random.Random) -> tuple[str, dict[str, float]]:
+    gain = chance.uniform(0.04, 0.07)
+    return f"creep of {100 * gain:.1f} % per decade (before: 1.2)", {"creep_gain_per_decade": gain}
+
+
+def _lag(chance: random.Random) -> tuple[str, dict[str, float]]:
+    tau = chance.uniform(0.008, 0.02)
+    return f"a lag of the amplifier of {1e3 * tau:.1f} ms", {"amplifier_tau_s": tau}
+
+
+def _resonance(chance: random.Random) -> tuple[str, dict[str, float]]:
+    hz, damping = chance.uniform(18.0, 28.0), chance.uniform(0.04, 0.1)
+    return (
+        f"a resonance of {hz:.1f} Hz, damping {damping:.2f}",
+        {"mode_hz": hz, "mode_damping": damping, "mode_share": 0.6},
+    )
+
+
+EFFECTS: dict[str, Callable[[random.Random], tuple[str, dict[str, float]]]] = {
+    "creep": _creep,
+    "lag": _lag,
+    "resonance": _resonance,
+}
+
+
+class Chance:
+    """seed: None: a new one. `appear` lets the effect act; `drawn` tells it."""
+
+    def __init__(self, seed: int | None, control: str) -> None:
+        self.seed = random.SystemRandom().randrange(1, 1_000_000) if seed is None else seed
+        self._control = control
+        chance = random.Random(self.seed)
+        name = chance.choice(sorted(EFFECTS))
+        says, stage = EFFECTS[name](chance)
+        self._drawn = Drawn(name, says, stage, chance.uniform(2.0, 10.0))
+
+    @property
+    def wait_s(self) -> float:
+        """So long the stage goes on as it was."""
+        return self._drawn.wait_s
+
+    def appear(self) -> None:
+        """From now on the stage is another one; it stays where it is."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as link:
+            order = {"stage": self._drawn.stage}
+            link.sendto(json.dumps(order).encode(), str(Path(self._control)))
+
+    def drawn(self) -> Drawn:
+        """At the end: what it was."""
+        return self._drawn

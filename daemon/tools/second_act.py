@@ -1,0 +1,324 @@
+"""The demo's second act: something changes in the stage while it runs, and the service finds out.
+
+The daemon follows a trajectory with the model of the first act. An effect drawn by chance
+(dehyst.daemon.tools.chance) appears; the mismatch watch flags it, the doctor names it and offers a
+model, the model is accepted, the error falls. This file knows nothing of what was drawn.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.bus.messages import DoctorReport
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.rings.records import Flag
+from dehyst.daemon.tools.chance import Chance
+from dehyst.models.errors import DehystError
+from dehyst.models.recording import Floats
+
+PATTERN_S = 24.0
+WAVES: dict[str, tuple[tuple[float, float], ...]] = {
+    "step": (),
+    "way": (),
+    "full": ((1.0, 1.0),),
+    "fast": ((0.4, 2.0), (0.22, 5.0), (0.11, 10.0)),
+    "half": ((0.7, 1.5),),
+}
+SEGMENTS = (
+    ("full", 0.0, 2.0),
+    ("step", 0.6, 2.5),
+    ("fast", 0.0, 3.0),
+    ("step", -0.35, 2.0),
+    ("fast", 0.3, 2.0),
+    ("way", -0.8, 2.5),
+    ("half", -0.2, 2.0),
+    ("step", 0.85, 2.5),
+)
+"""Kind, place (share of half the reach), seconds behind the way there."""
+MOST_LATE = 0.02
+LEARN_S = 60.0
+SETTINGS = f"""
+[watch]
+learn_s = {LEARN_S:g}
+before_s = 20.0
+after_s = 20.0
+
+[doctor]
+test_s = 10.0
+trial_s = 10.0
+time_s = 600.0
+"""
+FLAG_S, WORD_S, TRIAL_S = 30.0, 240.0, 60.0
+"""So long the flag, the doctor's word and the end of the trial are waited for."""
+LAST_S, BEFORE_S = 20.0, 20.0
+OVER = ("accepted", "returned", "rejected")
+NOT_TRACKED = int(Flag.APPROACH | Flag.SENSOR_INVALID | Flag.SENSOR_HELD)
+
+
+def pattern(middle: float, half: float, rate_hz: float) -> tuple[Floats, Floats]:
+    """(t_s, target), about PATTERN_S, ends where it begins: waves of many sizes and speeds, slow
+    ways, steps and holds. What a stage does all day, and what tells effects apart."""
+    parts: list[Floats] = []
+    place = 0.0
+    for kind, to, seconds in SEGMENTS:
+        way_s = 0.15 if kind == "step" else 0.1 + 0.5 * abs(to - place)
+        parts.append(_way(place, to, way_s, rate_hz))
+        place, room = to, 0.95 - abs(to)
+        t = np.arange(round(seconds * rate_hz)) / rate_hz
+        wave = np.zeros(t.size)
+        for size, hz in WAVES[kind]:
+            wave += room * size * np.sin(2 * np.pi * hz * t)
+        parts.append(place + wave)
+    parts.append(_way(place, 0.0, 1.0, rate_hz))
+    one = np.concatenate(parts)
+    width = max(3, round(0.03 * rate_hz) | 1)
+    window = np.hanning(width + 2)[1:-1]
+    padded = np.concatenate([one[-width:], one, one[:width]])
+    one = np.convolve(padded, window / window.sum(), "same")[width:-width]
+    return np.arange(one.size) / rate_hz, middle + half * one
+
+
+def _way(start: float, end: float, seconds: float, rate_hz: float) -> Floats:
+    """From one place to another, beginning and ending at rest."""
+    s = np.arange(max(2, round(seconds * rate_hz))) / max(1, round(seconds * rate_hz))
+    return start + (end - start) * s * s * (3.0 - 2.0 * s)
+
+
+@dataclass
+class Story:
+    """What happened when [s since the first sample]; telemetry: t_s, target, measured (N,)."""
+
+    seed: int = 0
+    drawn: str = ""
+    drawn_says: str = ""
+    appeared_s: float = np.nan
+    flagged_s: float = np.nan
+    told_s: float = np.nan
+    accepted_s: float = np.nan
+    over_s: float = np.nan
+    report: DoctorReport | None = None
+    rms: dict[str, float] = field(default_factory=dict)
+    t_s: Floats = field(default_factory=lambda: np.zeros(0))
+    target: Floats = field(default_factory=lambda: np.zeros(0))
+    measured: Floats = field(default_factory=lambda: np.zeros(0))
+    missed: int = 0
+    why: str = ""
+
+    @property
+    def late_share(self) -> float:
+        """Share of the samples that missed their deadline."""
+        return self.missed / max(1, self.t_s.size)
+
+    @property
+    def named(self) -> str:
+        """What the doctor named first; "": nothing."""
+        return self.report.effects[0].name if self.report and self.report.effects else ""
+
+    @property
+    def state(self) -> str:
+        """What became of the offer."""
+        return self.report.state if self.report else ""
+
+    @property
+    def named_right(self) -> bool:
+        """The first name, or one that it says it cannot be told from."""
+        if not (self.report and self.report.effects):
+            return False
+        first = self.report.effects[0]
+        return self.drawn in (first.name, *first.ambiguous_with)
+
+    @property
+    def helped(self) -> bool:
+        """The error after acceptance is nearer to that before the effect than to that with it."""
+        before, during, after = (self.rms.get(k, np.nan) for k in ("before", "during", "after"))
+        return self.state == "accepted" and after < 0.5 * (before + during)
+
+
+class SecondAct:
+    """One run. say: a line for the person; the daemon answers at `endpoint`."""
+
+    def __init__(self, endpoint: str, chance: Chance, say: Callable[[str], None]) -> None:
+        self._endpoint, self._chance, self._say = endpoint, chance, say
+        self._parts: list[NDArray[Any]] = []
+        self.story = Story(seed=chance.seed)
+        self._first_ns = 0
+
+    def run(self) -> Story:
+        """From learning to the end; a trajectory is being played by somebody else."""
+        story, say = self.story, self._say
+        with Client(connect=self._endpoint, label="the demo") as client:
+            self._client, self._stream, self._feed = client, client.stream(), client.feed()
+            missed = client.status().missed
+            if not self._until(lambda: self._health() >= 0.0, 3.0 * LEARN_S + 60.0):
+                story.why = "the watch has not learned the stage in time"
+            elif self._mismatch():
+                story.why = "the watch flagged a stage in order"
+            else:
+                self._wait(self._chance.wait_s)
+                self._chance.appear()
+                story.appeared_s = self._now_s()
+                say("7. something changes in the stage")
+                self._flag_to_end()
+            story.missed = client.status().missed - missed
+        self._conclude()
+        return story
+
+    def _flag_to_end(self) -> None:
+        story, say = self.story, self._say
+        if not self._until(lambda: bool(self._mismatch()), FLAG_S):
+            story.why = f"the watch flagged nothing within {FLAG_S:g} s"
+            return
+        story.flagged_s = self._now_s()
+        say(
+            f"8. flagged after {story.flagged_s - story.appeared_s:.0f} s; the doctor looks into it"
+        )
+        if not self._until(lambda: self._word() not in ("", "working"), WORD_S):
+            story.why = f"the doctor said nothing within {WORD_S:g} s"
+            return
+        story.told_s = self._now_s()
+        report = story.report
+        assert report is not None
+        say(f"   {report.says}")
+        if report.offer is None:
+            story.why = "the doctor offers no model"
+            return
+        self._client.decide_offer("accept", report.offer.number)
+        story.accepted_s = self._now_s()
+        say(f"9. accepted; on trial for {report.offer.trial_s:g} s of motion")
+        self._until(lambda: self._word() in OVER, TRIAL_S)
+        story.over_s = self._now_s()
+        if story.state != "accepted":
+            story.why = story.report.says if story.report is not None else ""
+            return
+        self._wait(LAST_S - min(LAST_S, story.over_s - story.accepted_s - 4.0) + LAST_S)
+
+    # -- what is heard --------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        samples = self._stream.read(0.2)
+        if samples.size:
+            self._first_ns = self._first_ns or int(samples["scheduled_ns"][0])
+            self._parts.append(samples)
+
+    def _wait(self, seconds: float) -> None:
+        self._until(lambda: False, seconds)
+
+    def _until(self, happened: Callable[[], bool], seconds: float) -> bool:
+        end_ns = clock.monotonic_ns() + round(max(0.0, seconds) * clock.NS)
+        while not happened():
+            if clock.monotonic_ns() > end_ns:
+                return False
+            self._look()
+        return True
+
+    def _now_s(self) -> float:
+        """Time of the newest sample that was heard."""
+        self._look()
+        return (int(self._parts[-1]["scheduled_ns"][-1]) - self._first_ns) * 1e-9
+
+    def _health(self) -> float:
+        return self._feed.status.gateway.health if self._feed.status is not None else -1.0
+
+    def _mismatch(self) -> str:
+        return self._feed.status.gateway.mismatch if self._feed.status is not None else ""
+
+    def _word(self) -> str:
+        while self._feed.doctor:
+            report, known = self._feed.doctor.popleft(), self.story.report
+            if known is None or known.case == report.case:
+                self.story.report = report
+        return self.story.state
+
+    # -- figures --------------------------------------------------------------------------------
+
+    def _conclude(self) -> None:
+        """The errors before, during and after, and what was drawn."""
+        story, drawn = self.story, self._chance.drawn()
+        story.drawn, story.drawn_says = drawn.name, drawn.says
+        if not self._parts:
+            raise DehystError("no telemetry came")
+        samples = np.concatenate(self._parts)
+        good = np.isfinite(samples["target"]) & np.isfinite(samples["measured"])
+        good &= (samples["flags"] & NOT_TRACKED) == 0
+        samples = samples[good]
+        story.t_s = (samples["scheduled_ns"] - self._first_ns) * 1e-9
+        story.target, story.measured = samples["target"], samples["measured"]
+        spans = {
+            "before": (story.appeared_s - BEFORE_S, story.appeared_s),
+            "during": (story.appeared_s + 1.0, story.accepted_s),
+            "after": (story.t_s[-1] - LAST_S, story.t_s[-1]),
+        }
+        if not np.isfinite(story.accepted_s):
+            spans["during"] = (story.appeared_s + 1.0, story.t_s[-1])
+            del spans["after"]
+        elif story.state == "accepted":  # whole patterns, none of the change itself
+            spans["after"] = (max(story.accepted_s + 3.0, story.t_s[-1] - LAST_S), story.t_s[-1])
+        for name, (first_s, end_s) in spans.items():
+            part = (story.t_s >= first_s) & (story.t_s < end_s)
+            error = (story.measured - story.target)[part]
+            story.rms[name] = float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
+
+
+def tell_end(story: Story) -> list[str]:
+    """The last lines: errors, what was drawn, what was said."""
+    lines = [
+        f"  {text:22}{1e3 * story.rms[name]:9.1f} nm rms"
+        for name, text in (("before", "before it"), ("during", "with it"), ("after", "accepted"))
+        if name in story.rms and np.isfinite(story.rms[name])
+    ]
+    if story.late_share > MOST_LATE:
+        lines.append(
+            f"  this machine was too busy to judge: {100 * story.late_share:.0f} % of the samples "
+            "missed their deadline"
+        )
+    if story.why:
+        lines.append(f"  {story.why}")
+    right = "named right" if story.named_right else "not named right"
+    lines.append(f"  drawn:  {story.drawn_says} (seed {story.seed})")
+    lines.append(f"  named:  {story.named or 'nothing'}: {right}")
+    return lines
+
+
+def describe_facts(story: Story) -> dict[str, Any]:
+    """The same for `--json`."""
+    report = story.report
+    return {
+        "seed": story.seed,
+        "drawn": story.drawn,
+        "drawn_says": story.drawn_says,
+        "flagged_after_s": _finite(story.flagged_s - story.appeared_s),
+        "named": [e.name for e in report.effects] if report else [],
+        "ambiguous_with": list(report.effects[0].ambiguous_with) if story.named and report else [],
+        "named_right": story.named_right,
+        "verdict": report.verdict if report else "",
+        "says": report.says if report else "",
+        "state": story.state,
+        "rms_um": {k: _finite(v) for k, v in story.rms.items()},
+        "helped": story.helped,
+        "missed": story.missed,
+        "samples": int(story.t_s.size),
+        "why": story.why,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def save_story(story: Story, path: Path) -> None:
+    """The picture."""
+    from dehyst.daemon.files.outputs import whole_file
+    from dehyst.daemon.report.plotting import draw_stacked
+    from dehyst.daemon.report.story import draw_story_error, draw_story_ways
+
+    with whole_file(path) as file:
+        file.write(
+            draw_stacked(
+                [lambda a: draw_story_ways(story, a), lambda a: draw_story_error(story, a)]
+            )
+        )

@@ -1,0 +1,86 @@
+"""Does the gauge itself fail? Looked at before anything is said of the stage.
+
+A recording whose readings stand still, are missing, jump or lie where the stage cannot be says
+nothing of the stage's physics, and no model is to be made of it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dehyst.models.errors import DehystError
+from dehyst.models.identify.validation import validate
+from dehyst.models.model import Model
+from dehyst.models.recording import Recording
+
+
+class GaugeTuning(NamedTuple):
+    """Judged by tests/benchmarks/daemon/second_act.py: no effect of a stage is taken for a fault
+    of its gauge."""
+
+    missing: float = 0.2  # share of the rows without a reading
+    same: float = 0.5  # share of the rows whose reading is that of the row before
+    moved: float = 0.02  # share of its range that the drive must move meanwhile
+    beyond: float = 0.5  # of the reach, so far outside it
+    beyond_rows: float = 0.02
+    jump: float = 0.2  # of the reach, from row to row and back
+    jumps: int = 3
+    noisier: float = 3.0  # times the noise that the model states
+    white: float = 0.15  # correlation of what is left with itself, at the first lags
+    lags: int = 10
+
+
+GAUGE = GaugeTuning()
+
+
+def find_gauge_fault(recording: Recording, model: Model, reach: tuple[float, float]) -> str:
+    """What fails, in words; "": the readings are those of a gauge. reach: least and largest
+    displacement of the model."""
+    y, missing = recording.displacement, recording.missing_displacement
+    if y is None or not y.size:
+        return "the gauge gives no reading"
+    lost = float(np.mean(missing))
+    if lost > GAUGE.missing:
+        return f"the gauge gives no valid reading in {100 * lost:.0f} % of the rows"
+    known, drive = y[~missing], recording.drive[~missing]
+    low, high = min(reach), max(reach)
+    span = max(high - low, 1e-12)
+    far = (known < low - GAUGE.beyond * span) | (known > high + GAUGE.beyond * span)
+    share = float(np.mean(far))
+    if share > GAUGE.beyond_rows:
+        value = known[far][0]
+        return (
+            f"the gauge reads far outside the reach in {100 * share:.0f} % of the rows, such as "
+            f"{value:.4g} {model.displacement_unit}"
+        )
+    valid = model.validity
+    moved = np.abs(np.diff(drive)) > 1e-4 * (valid.drive_max - valid.drive_min)
+    still = (np.diff(known) == 0.0) & moved
+    if np.ptp(drive) > GAUGE.moved * (valid.drive_max - valid.drive_min):
+        share = float(still.sum()) / max(1, int(moved.sum()))
+        if share > GAUGE.same:
+            return f"the gauge is stuck: the same reading in {100 * share:.0f} % of the rows"
+    step = np.diff(known)
+    there_and_back = (np.abs(step[:-1]) > GAUGE.jump * span) & (step[:-1] * step[1:] < 0.0)
+    there_and_back &= np.abs(step[1:]) > 0.5 * GAUGE.jump * span
+    if int(there_and_back.sum()) >= GAUGE.jumps:
+        return f"the gauge jumps: {int(there_and_back.sum())} times far away and back in one sample"
+    return _find_noise(recording, model)
+
+
+def _find_noise(recording: Recording, model: Model) -> str:
+    """A reading that is noisier than it was: what the model leaves is white, and much more."""
+    stated = model.fit.noise_rms
+    if not stated:
+        return ""
+    try:
+        found = validate(model, recording)
+    except DehystError:
+        return ""
+    white = float(np.abs(found.autocorrelation[: GAUGE.lags]).max()) < GAUGE.white
+    if white and found.rms > GAUGE.noisier * stated:
+        return (
+            f"the gauge's reading is noisier: {found.rms:.3g} {model.displacement_unit} rms from "
+            f"row to row, where it was {stated:.3g}"
+        )
+    return ""

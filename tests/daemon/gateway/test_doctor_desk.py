@@ -1,0 +1,137 @@
+"""An offer from the doctor's folder to the loop and back: real loop, real gateway, real client.
+
+The cases are laid by hand, so that the offers can be right and wrong: the configured model moves
+too far by a fifth, one offer is worse still, the other one is the stage's own model.
+"""
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.rigs.gateway_bench import Bench, wait_until
+
+from dehyst.daemon.client.client import Client, Refusal
+from dehyst.daemon.files import cases
+from dehyst.daemon.files.cases import Case, Examined, OfferTest
+from dehyst.daemon.files.chosen import read_accepted
+from dehyst.daemon.files.models import load_model, save_model
+from dehyst.daemon.rings.records import Flag
+from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.models.model import Model
+from dehyst.models.modelfile import dumps
+
+SLEW_V = 10_000.0
+SETTINGS = "[watch]\nlearn_s = 3600.0\n[doctor]\ntrial_s = 2.0\n"
+
+
+def scaled(by: float) -> Model:
+    """The stage's own model with another gain."""
+    model = simulated_model()
+    return replace(model, hysteresis=replace(model.hysteresis, c=model.hysteresis.c * by))
+
+
+def lay_case(bench: Bench, name: str, number: int, offered: Model, promise: float) -> Path:
+    """What gateway and doctor would leave behind."""
+    folder = bench.config.watch_directory / f"mismatch-{name}.case"
+    (folder / cases.FOUND).mkdir(parents=True)
+    save_model(load_model(bench.config.model.file), folder / cases.IN_USE)
+    save_model(offered, folder / cases.OFFERED)
+    (folder / cases.REPORT).write_text(f"<p>{name}</p>")
+    case = Case(
+        number=number, name=f"mismatch-{name}", time_ns=1, wall_ns=1, figure="whole", low=0.0,
+        high=95.0, slew=SLEW_V, rate_hz=200.0, later_s=1.0,
+    )  # fmt: skip
+    examined = Examined(
+        verdict="explained", says="Found: shape.", unit="um", noise=0.02, rms_in_use=1.0,
+        rms_augmented=promise,
+        tested=OfferTest(in_use=1.0, offered=promise, noise=0.02, seconds=10.0),
+    )  # fmt: skip
+    cases.put_record(folder, cases.EXAMINED, examined)
+    cases.put_record(folder, cases.CASE, case)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    folder = tmp_path_factory.mktemp("doctor")
+    bench = Bench(folder, start=False)
+    save_model(scaled(1.2), folder / "model.toml")
+    bench.path.write_text(bench.path.read_text() + SETTINGS)
+    bench.has_loop = True
+    bench.start_loop()
+    bench.start_gateway()
+    yield bench
+    bench.close()
+
+
+def state(client: Client, number: int) -> str:
+    reports = [r for r in client.doctor() if r.offer is not None and r.offer.number == number]
+    return reports[-1].state if reports else ""
+
+
+def move_until(client: Client, number: int, wanted: tuple[str, ...]) -> str:
+    """Move the stage to and fro until the offer's state is one of these."""
+    for k in range(1200):
+        client.send(6.5 + 2.5 * np.sin(2 * np.pi * 0.5 * k * 0.05))
+        time.sleep(0.05)
+        if k % 10 == 0 and (now := state(client, number)) in wanted:
+            return now
+    pytest.fail(f"the offer is still {state(client, number)}")
+
+
+def largest_step(samples: np.ndarray) -> float:
+    return float(np.abs(np.diff(samples["volts"])).max())
+
+
+def test_an_offer_is_put_to_work_on_trial_and_goes_back_or_stays(bench: Bench) -> None:
+    client, hears = bench.client(), bench.client()
+    before = dumps(client.model())
+    feed = hears.feed()
+    lay_case(bench, "1", 11, scaled(1.6), promise=0.05)
+    wait_until("the offer is there", lambda: state(client, 11) == "found")
+    wait_until("and was published", lambda: len(feed.doctor) > 0)
+    assert client.doctor_page("mismatch-1") == b"<p>1</p>"
+    with pytest.raises(Refusal, match="no such offer"):
+        client.decide_offer("accept", 12)
+
+    for k in range(60):  # what the error was before
+        client.send(6.5 + 2.5 * np.sin(2 * np.pi * 0.5 * k * 0.05))
+        time.sleep(0.05)
+    first = bench.loop.seq
+    hears.decide_offer("accept", 11)  # somebody else commands the stage meanwhile
+    assert move_until(client, 11, ("trial",)) == "trial"
+    with pytest.raises(Refusal, match="trial already"):
+        hears.decide_offer("accept", 11)
+    assert move_until(client, 11, ("accepted", "returned")) == "returned"
+    wait_until("the model before is back", lambda: dumps(client.model()) == before)
+    assert read_accepted(bench.config.directory) is None
+
+    folder = lay_case(bench, "2", 22, scaled(1.0), promise=0.05)
+    wait_until("the second offer is there", lambda: state(client, 22) == "found")
+    hears.decide_offer("accept", 22)
+    assert move_until(client, 22, ("accepted", "returned")) == "accepted"
+    samples = bench.loop.samples(first)
+    # ramps of the set-points included: no step is more than the slew limit's over the time it had
+    steps = np.abs(np.diff(samples["volts"]))
+    times = np.diff(samples["actual_ns"]) * 1e-9
+    assert np.all(steps <= SLEW_V * np.maximum(times, 0.005) * 1.5 + 1e-9)
+    assert samples["volts"].max() <= 95.0
+    assert samples["volts"].min() >= 0.0
+    assert not np.any(samples["flags"] & int(Flag.WRITE_FAILED))
+    assert [e.text for e in feed.events if "proven" in e.text]
+    assert [e.text for e in feed.events if "comes back" in e.text]
+
+    client.send(6.5)
+    hears.decide_offer("reject", 22)  # what is at work makes way
+    wait_until("rejected", lambda: state(client, 22) == "rejected")
+    wait_until("the configured model is back", lambda: dumps(client.model()) == before)
+    assert (folder / cases.DECIDED).exists()
+    bench.kill_gateway()
+    bench.start_gateway()
+    again = bench.client()
+    assert [r.state for r in again.doctor()] == ["returned", "rejected"]
+    with pytest.raises(Refusal, match="rejected already"):
+        again.decide_offer("accept", 22)

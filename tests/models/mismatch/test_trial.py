@@ -1,0 +1,132 @@
+"""A model on trial: when it stays, when it has to go; and what counts as a gauge that fails."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dehyst.models.hysteresis.forward import simulate_hysteresis
+from dehyst.models.mismatch.gauge import find_gauge_fault
+from dehyst.models.mismatch.replay import BothReplayed, replay_both
+from dehyst.models.mismatch.trial import ErrorMeter, Errors, why_back
+from dehyst.models.model import Fit, Hysteresis, Model, Validity
+from dehyst.models.recording import Recording
+
+NOISE = 0.02
+REACH = (0.0, 17.0)
+RNG = np.random.default_rng(3)
+
+
+def stage(gain: float = 1.0) -> Model:
+    h = Hysteresis(
+        r=np.array([0.0, 10.0, 30.0]), b=np.array([0.8, 0.1, 0.1]), c=np.array([0.0, 0.11 * gain])
+    )
+    return Model(h, Validity(0.0, 150.0), fit=Fit(rms=NOISE, holdout_rms=NOISE, noise_rms=NOISE))
+
+
+def recording(gain: float = 1.0, noise: float = NOISE) -> Recording:
+    t = np.arange(2000) * 0.005
+    u = 75.0 - 60.0 * np.cos(2 * np.pi * 0.7 * t) - 10.0 * np.cos(2 * np.pi * 2.3 * t)
+    y = simulate_hysteresis(stage(gain).hysteresis, u, 1e9) + RNG.normal(0.0, noise, t.size)
+    return Recording(t, u, y, name="x")
+
+
+def changed(y: np.ndarray) -> Recording:
+    whole = recording()
+    return Recording(whole.t_s, whole.drive, y, name="x")
+
+
+def test_a_meter_gives_the_figures_of_the_newest_seconds_by_a_closed_form() -> None:
+    """0.3 and -0.3 in turn about a mean of 0.5: rms about the mean 0.3, about zero 0.583."""
+    meter = ErrorMeter(2.0, 0.01)
+    for _ in range(10):
+        meter.add(np.full(100, 9.0), np.full(100, 9.0), np.ones(100, bool))
+    assert meter.full
+    for _ in range(4):
+        e = 0.5 + 0.3 * np.resize([1.0, -1.0], 50)
+        good = np.ones(50, bool)
+        meter.add(e, e, good)
+    found = meter.errors
+    assert found.model == pytest.approx(0.3)
+    assert found.tracking == pytest.approx(math.sqrt(0.34))
+    assert found.seconds == pytest.approx(2.0)
+    meter.clear()
+    meter.add(np.ones(10), np.ones(10), np.zeros(10, bool))
+    assert not meter.full
+    assert math.isnan(meter.errors.model)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "stays"),
+    [
+        (Errors(0.3, 0.3, 10), Errors(0.03, 0.04, 10), True),
+        (Errors(0.3, 0.3, 10), Errors(0.15, 0.2, 10), True),  # half of what was promised
+        (Errors(0.3, 0.3, 10), Errors(0.2, 0.2, 10), False),  # less than half
+        (Errors(0.3, 0.3, 10), Errors(0.4, 0.2, 10), False),
+        (Errors(0.3, 0.3, 10), Errors(0.03, 0.5, 10), False),  # the stage follows worse
+        (Errors(math.nan, math.nan, 0), Errors(0.03, 0.5, 10), True),  # nothing moved before
+        (Errors(math.nan, math.nan, 0), Errors(0.29, 0.5, 10), False),
+        (Errors(0.3, 0.3, 10), Errors(math.nan, 0.1, 10), False),
+    ],
+)
+def test_it_stays_where_its_error_fell_by_half_of_the_promise(
+    before: Errors, after: Errors, stays: bool
+) -> None:
+    assert (why_back(before, after, (0.3, 0.03), NOISE) == "") is stays
+
+
+def test_an_offer_must_improve_by_more_than_the_noise() -> None:
+    assert BothReplayed(0.10, 0.02, 0.02, 10.0).improves
+    assert not BothReplayed(0.028, 0.020, 0.02, 10.0).improves  # removes 0.0196 rms
+    assert BothReplayed(0.029, 0.020, 0.02, 10.0).improves  # removes 0.0210 rms
+    assert not BothReplayed(0.02, 0.10, 0.02, 10.0).improves
+
+
+def test_both_are_replayed_on_what_came_later() -> None:
+    both = replay_both(stage(), stage(0.9), recording(0.9), NOISE)
+    assert both.offered < 1.2 * NOISE
+    assert both.in_use > 10 * NOISE
+    assert both.improves
+    assert not replay_both(stage(), stage(0.9), recording(1.0), NOISE).improves
+
+
+def stuck(y: np.ndarray) -> np.ndarray:
+    return np.r_[y[:500], np.full(y.size - 500, y[500])]
+
+
+def silent(y: np.ndarray) -> np.ndarray:
+    return np.where(np.arange(y.size) % 2 == 0, np.nan, y)
+
+
+def far(y: np.ndarray) -> np.ndarray:
+    return np.where(np.arange(y.size) > 800, 70.0, y)
+
+
+def jumping(y: np.ndarray) -> np.ndarray:
+    return y + 8.0 * (np.arange(y.size) % 400 == 7)
+
+
+def noisy(y: np.ndarray) -> np.ndarray:
+    return y + RNG.normal(0.0, 0.2, y.size)
+
+
+@pytest.mark.parametrize(
+    ("fault", "word"),
+    [
+        (stuck, "stuck"), (silent, "no valid reading"), (far, "far outside"), (jumping, "jumps"),
+        (noisy, "noisier"),
+    ],
+)  # fmt: skip
+def test_a_gauge_that_fails_is_told(fault: object, word: str) -> None:
+    y = recording().displacement
+    assert y is not None
+    assert word in find_gauge_fault(changed(fault(y)), stage(), REACH)  # type: ignore[operator]
+
+
+def test_a_stage_that_has_changed_is_no_gauge_that_fails() -> None:
+    for gain in (1.0, 0.8, 0.5):
+        assert find_gauge_fault(recording(gain), stage(), REACH) == ""
+    y = recording().displacement
+    assert y is not None
+    ringing = y + 0.3 * np.sin(2 * np.pi * 31.0 * np.arange(y.size) * 0.005)
+    assert find_gauge_fault(changed(ringing), stage(), REACH) == ""
