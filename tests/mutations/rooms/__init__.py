@@ -4,6 +4,7 @@ from tests.mutations.rooms import (
     bus,
     checks,
     diagnosis,
+    doctor,
     drivers,
     gate,
     hysteresis,
@@ -28,6 +29,7 @@ ROOMS = {
     "inverse": inverse.CHANGES,
     "identify": identify.CHANGES,
     "diagnosis": diagnosis.CHANGES,
+    "doctor": doctor.CHANGES,
     "mismatch": mismatch.CHANGES,
     "learning": learning.CHANGES,
 }
