@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 ROUND ?= ../shared/concealed/round-1
 FUZZ_S ?= 600
 
-.PHONY: demo test quick check kernels lint types contracts concealed proof fuzz mutate clean
+.PHONY: demo test quick check kernels lint types contracts docs reference concealed proof fuzz mutate clean
 
 demo: kernels
 	$(BIN)/dehyst demo --force
@@ -18,7 +18,7 @@ test: kernels
 quick: kernels
 	$(BIN)/python -m tests.parts quick
 
-check: lint types contracts test
+check: lint types contracts docs test
 
 # numba compiles each kernel once and keeps it; without this the first start of a process would
 kernels: $(READY)
@@ -33,6 +33,14 @@ types: $(READY)
 
 contracts: $(READY)
 	$(BIN)/lint-imports
+
+# the pages as a site, out/site/index.html; a link that leads nowhere fails
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+
+# docs/reference-*.md, from the code
+reference: $(READY)
+	$(BIN)/python -m dehyst.daemon.reference docs
 
 concealed: $(READY)
 	$(BIN)/python tests/concealed/make_answers.py $(ROUND)

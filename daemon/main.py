@@ -4,6 +4,7 @@ import argparse
 import importlib
 import os
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from typing import NoReturn
 
 # before numpy is imported: BLAS threads on matrices as small as ours cost fifty times their gain
@@ -20,6 +21,7 @@ from dehyst.models.errors import DehystError, NotNow
 COMMANDS = {
     "run": "the daemon in the foreground (without --config: on the simulated stage)",
     "demo": "the whole story on the simulated stage in about a minute",
+    "setup": "guided: from two plugged-in units to a validated model",
     "acquire": "play a drive in volts open loop and record what the stage does",
     "identify": "identify a model from a recording",
     "excite": "design the drive for a recording, or check that a recording excites enough",
@@ -30,6 +32,7 @@ COMMANDS = {
     "diagnose": "say what physics a model leaves out of a recording, and model it",
     "send": "send one set-point to a running daemon",
     "play": "stream a trajectory to a running daemon",
+    "status": "one screen about a running daemon; exit status 1 where something needs a look",
     "watch": "live view of a running daemon",
     "zero": "say where gauge and model disagree, and set the gauge's zero",
     "doctor": "what was found about mismatches between stage and model",
@@ -37,11 +40,13 @@ COMMANDS = {
     "reject": "turn down the model that the doctor offers, or take it back",
     "page": "a page in a browser for one or many controllers",
     "record": "record a running daemon's telemetry into a file",
+    "config": "write a commented configuration",
     "drivers": "list the driver plugins, the broken ones with their error",
     "latency": "self-test of this machine: does it hold the loop's deadlines?",
     "probe": "record a unit's raw bytes and timings into a fixture file",
     "emulate": "an MDT693B and a KSG101 on pseudo terminals, with a simulated stage behind",
     "warm": "compile all kernels now, so that the next start is quick",
+    "completion": "print a script for tab completion",
     "keys": "make certificates for a controller and its clients",
     "core": "the real-time process alone (for systemd)",
     "gateway": "the network process alone (for systemd)",
@@ -49,16 +54,27 @@ COMMANDS = {
 }
 
 
+COMPILING = {
+    *("demo", "setup", "acquire", "identify", "excite", "simulate", "validate", "invert"),
+    *("diagnose", "latency"),
+}
+"""Commands that may have to compile kernels first, and say so on a terminal; the daemon's own
+processes say it wherever they are read."""
+PROCESSES = {"core", "gateway", "emulate"}
+
+
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser whose errors are one line. commands: the parsers of the commands."""
+
+    commands: dict[str, "Parser"]
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong and where help is; exit with 2."""
         self.exit(2, f"{self.prog}: {message}; see `{self.prog} --help`\n")
 
 
-def build_parser(command: str | None = None) -> argparse.ArgumentParser:
-    """The parser; arguments of `command` alone are filled in."""
+def build_parser(*commands: str | None) -> Parser:
+    """The parser; the arguments of these commands alone are filled in."""
     parser = Parser(
         prog="dehyst",
         description="Hysteresis compensation service for piezo stages.",
@@ -66,18 +82,35 @@ def build_parser(command: str | None = None) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"dehyst {__version__}")
     sub = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    parser.commands = {}
     for name, text in COMMANDS.items():
-        child = sub.add_parser(
+        child = parser.commands[name] = sub.add_parser(
             name,
             help=text,
             description=text[0].upper() + text[1:] + ".",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        if name == command:
+        if name in commands:
             module = importlib.import_module(f"dehyst.daemon.commands.{name}")
             module.configure(child)
             child.set_defaults(run=module.run)
+            if name == "completion":  # it speaks of all of them
+                child.set_defaults(build_whole=build_whole_parser)
     return parser
+
+
+def build_whole_parser() -> Parser:
+    """The parser with the arguments of all commands."""
+    return build_parser(*COMMANDS)
+
+
+def _compiling_told(command: str | None, said_by: str) -> AbstractContextManager[None]:
+    if command not in COMPILING | PROCESSES:
+        return nullcontext()
+    from dehyst.daemon.terminal.compiling import compiling_told  # numba, which these need anyway
+
+    process = command in PROCESSES
+    return compiling_told(said_by, in_pipes=process, ends=not process)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -92,7 +125,9 @@ def main(argv: list[str] | None = None) -> int:
         with ended_at_once(said_by):
             kernel_cache.drop_stale()
             args = build_parser(command).parse_args(arguments)
-        return int(args.run(args) or 0)
+            told = _compiling_told(command, said_by)
+        with told:
+            return int(args.run(args) or 0)
     except DehystError as error:
         print(f"{said_by}: {printable(' '.join(str(error).split()))}", file=sys.stderr)
         return 1 if isinstance(error, NotNow) else 2

@@ -143,7 +143,8 @@ def _plain_type(field: structs.FieldInfo) -> tuple[inspect.Type, str]:
     """The type without "or nothing" and without its description, and the description."""
     found = inspect.type_info(field.type)
     if isinstance(found, inspect.UnionType):
-        found = next(t for t in found.types if not isinstance(t, inspect.NoneType))
+        some = tuple(t for t in found.types if not isinstance(t, inspect.NoneType))
+        found = some[0] if len(some) == 1 else inspect.UnionType(some)
     if isinstance(found, inspect.Metadata):
         return found.type, (found.extra_json_schema or {}).get("description", "")
     return found, ""
@@ -162,6 +163,12 @@ def _words(kind: inspect.Type) -> str:
             return "a number" + _range(kind)
         case inspect.StrType(min_length=least):
             return "a text" + (" that is not empty" if least else "")
+        case inspect.UnionType(types=types):
+            return ", or ".join(_words(t) for t in types)
+        case inspect.VarTupleType(item_type=inspect.StrType()):
+            return "a list of texts"
+        case inspect.DictType():
+            return "a table"
         case _:
             return type(kind).__name__.removesuffix("Type").lower()
 

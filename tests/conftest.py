@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from tests.parts import files_of, is_thorough
 from tests.rigs import starts
 
 from dehyst.daemon.tools import kernel_cache
@@ -24,23 +25,19 @@ settings.register_profile("no times are judged", deadline=None)
 settings.load_profile("no times are judged")
 
 
-THOROUGH = (
-    "models/identify", "models/diagnosis", "models/mismatch", "models/drive_design", "replay",
-    "models/inverse/test_compensator.py", "models/physics/test_every_physics.py",
-    "daemon/commands/test_diagnose.py", "daemon/commands/test_identify.py",
-    "daemon/commands/test_excite.py", "daemon/commands/test_validate.py",
-    "daemon/loop/test_random_life.py",
-)  # fmt: skip
-
-
+@pytest.hookimpl(tryfirst=True)  # xdist reads the groups in its own
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what starts a process, and keep together what shares a rig of its module."""
     for item in items:
         name = item.cls.__name__ if getattr(item, "cls", None) else item.originalname  # type: ignore[attr-defined]
         if starts.starts_something(item.path, name) or item.get_closest_marker("timing"):
             item.add_marker("processes")
-        if str(item.path.relative_to(ROOT / "tests")).startswith(THOROUGH):
+        if is_thorough(item.path):
             item.add_marker("thorough")
+        for part in ("processes", "timing", "alone"):
+            assert not item.get_closest_marker(part) or item.path in files_of(part), (
+                f"{item.nodeid} is of the part {part}, and tests/parts.py does not see that"
+            )
         rigs = item._fixtureinfo.name2fixturedefs.values()  # type: ignore[attr-defined]
         grouped = item.get_closest_marker("xdist_group")
         if not grouped and any(d[-1].scope == "module" and d[-1].baseid for d in rigs):

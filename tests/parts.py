@@ -5,11 +5,12 @@
 quick      what starts no process, no zenoh session and no pty, on all processors; a file's tests in
            one worker, which compiles their kernels and makes their fixtures once
 thorough   the same where it takes longer: identification, diagnosis, the mismatch watch, recordings
-processes  what does; tests that share a rig of their module in one worker, and one worker more
+processes  what does; tests that share a rig of their module in one worker, and two workers more
            than there are processors, because they mostly wait
 timing     what judges times and mostly waits, on all processors; nothing that computes is beside it
 alone      what judges times and takes a processor for itself, one after another
 
+Each part is given the files that have tests of it, because every worker imports what it is given.
 `thorough` runs beside `processes` and `timing`, at the lowest priority, and is shown after them.
 
 Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
@@ -26,9 +27,21 @@ import tempfile
 import time
 from collections import Counter
 from contextlib import ExitStack, suppress
+from functools import cache
 from pathlib import Path
 from typing import IO
 
+from tests.rigs.starts import starts_something_in
+
+TESTS = Path(__file__).resolve().parent
+THOROUGH = (
+    "models/identify", "models/diagnosis", "models/mismatch", "models/drive_design", "replay",
+    "models/inverse/test_compensator.py", "models/physics/test_every_physics.py",
+    "daemon/commands/test_diagnose.py", "daemon/commands/test_identify.py",
+    "daemon/commands/test_excite.py", "daemon/commands/test_validate.py",
+    "daemon/loop/test_random_life.py",
+)  # fmt: skip
+"""Folders and files of tests."""
 JOBS = str(len(os.sched_getaffinity(0)))
 AGAIN = ["--reruns", "2", "--reruns-delay", "3", "-rfER"]
 PARTS = {
@@ -40,7 +53,7 @@ PARTS = {
     # native: pytest's own tracebacks parse the source, and where threads do so at once, CPython
     # 3.11 ends with "AST constructor recursion depth mismatch" and takes the worker with it
     "processes": [
-        *("-n", str(int(JOBS) + 1), "--dist", "loadgroup", "--tb=native"),
+        *("-n", str(int(JOBS) + 2), "--dist", "loadgroup", "--tb=native"),
         *("-m", "processes and not timing"),
         *AGAIN,
     ],
@@ -53,12 +66,34 @@ PARTS = {
 SHOWN = ("failed", "passed", "skipped", "error", "rerun")
 
 
+def is_thorough(path: Path) -> bool:
+    """Whether this file's tests are `thorough`."""
+    return str(path.relative_to(TESTS)).startswith(THOROUGH)
+
+
+@cache
+def files_of(part: str) -> tuple[Path, ...]:
+    """The files that have tests of this part, and perhaps of others."""
+
+    def has(path: Path) -> bool:
+        if part == "quick":
+            return not is_thorough(path)
+        if part == "thorough":
+            return is_thorough(path)
+        if part == "processes" and starts_something_in(path):
+            return True
+        return f"mark.{part}" in path.read_text(encoding="utf-8")
+
+    return tuple(path for path in sorted(TESTS.rglob("test_*.py")) if has(path))
+
+
 class Part:
     """One run of pytest; kept: a file for its output until it is shown, and the lowest priority."""
 
     def __init__(self, name: str, kept: IO[str] | None = None) -> None:
         self.name, self._kept, self._last = name, kept, ""
         command = [sys.executable, "-m", "pytest", "-q", *PARTS[name]]
+        command += [os.path.relpath(path) for path in files_of(name)]
         self._process = subprocess.Popen(
             ["nice", "-n", "19", *command] if kept else command,
             stdout=kept or subprocess.PIPE,

@@ -20,7 +20,7 @@ DAEMON = "daemon"
 """Source of everything that the daemon itself publishes."""
 
 _CHUNK = re.compile(r"[a-z0-9_-]{1,63}")
-_METHODS = ("command", "status", "model", "configuration", "history", "doctor", "report")
+_METHODS = ("command", "status", "model", "configuration", "history", "events", "doctor", "report")
 
 
 @dataclass(frozen=True)

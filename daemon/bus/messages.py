@@ -158,6 +158,15 @@ class Event(Message, tag_field="schema", tag="dehyst.event", frozen=True, kw_onl
     text: Text
 
 
+class RecentEvents(
+    Message, tag_field="schema", tag="dehyst.recent-events", frozen=True, kw_only=True
+):
+    """The newest events that the daemon still knows, oldest first."""
+
+    version: Version = 1
+    events: Annotated[tuple[Event, ...], Meta(max_length=256)]
+
+
 class FoundEffect(Message, frozen=True, kw_only=True):
     """One finding of the doctor: names and sentences as in diagnosis.json."""
 

@@ -27,7 +27,7 @@ CA, CERTIFICATE, KEY = "ca.pem", "certificate.pem", "key.pem"
 LARGEST_BYTES = 1 << 20
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 PUBLISHED = ("telemetry", "status", "event", "rejection", "doctor")
-QUESTIONS = ("status", "model", "configuration", "history", "doctor", "report")
+QUESTIONS = ("status", "model", "configuration", "history", "events", "doctor", "report")
 
 
 def check_address(endpoint: str, what: str) -> None:

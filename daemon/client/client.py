@@ -31,7 +31,9 @@ from dehyst.daemon.bus.messages import (
     Command,
     DoctorReport,
     DoctorReports,
+    Event,
     HistoryRequest,
+    RecentEvents,
     Reply,
     Request,
     Setpoint,
@@ -198,6 +200,11 @@ class Client:
         samples = np.concatenate(parts) if parts else np.zeros(0, TELEMETRY)
         samples.sort(order="seq")
         return samples
+
+    def events(self) -> tuple[Event, ...]:
+        """The newest events that the daemon still knows, oldest first."""
+        recent: RecentEvents = encoding.decode(RecentEvents, self._one("events"))
+        return recent.events
 
     def stream(self) -> TelemetryStream:
         """A telemetry stream: `read()` what has arrived, `lost`, `run`."""

@@ -43,8 +43,8 @@ class Tracking:
         """rms of measured minus target; NaN without a valid reading."""
         return float(np.sqrt(self.square_sum / self.valid)) if self.valid else float("nan")
 
-    def add(self, samples: NDArray[Any]) -> None:
-        """Take the next (n,) TELEMETRY records."""
+    def add(self, samples: NDArray[Any]) -> NDArray[Any]:
+        """Take the next (n,) TELEMETRY records; those of them that are the trajectory's own."""
         samples = samples[samples["seq"] >= self.first_seq]
         approach = (samples["flags"] & Flag.APPROACH) != 0
         running = samples["state"] == State.RUNNING
@@ -52,17 +52,19 @@ class Tracking:
             # the loop flags at least one sample of every trajectory as approach
             flagged = np.flatnonzero(approach)
             if not flagged.size and not self.approaching:
-                return
+                return samples[:0]
             start = 0 if self.approaching else int(flagged[0])
             self.approaching = True
             after = np.flatnonzero(~approach[start:] & running[start:])
             if not after.size:
-                return
+                return samples[:0]
             self._begun, self.approaching = True, False
             samples = samples[start + int(after[0]) :]
             running = samples["state"] == State.RUNNING
         samples = samples[running & np.isfinite(samples["target"])]
-        self._count(samples[: self.expected - self.samples])
+        samples = samples[: self.expected - self.samples]
+        self._count(samples)
+        return samples
 
     def _count(self, samples: NDArray[Any]) -> None:
         flags = samples["flags"]

@@ -18,6 +18,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = "example: dehyst convert run.csv run.mcap"
     parser.add_argument("input", type=Path, metavar="IN")
     parser.add_argument("output", type=Path, metavar="OUT")
+    parser.add_argument(
+        "--unfinished",
+        action="store_true",
+        help="keep what is whole of an .mcap whose writer was killed or met a full disk",
+    )
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="what was done as JSON on stdout")
 
@@ -25,7 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read and write; 0."""
     check_outputs([args.output], [args.input], args.force)
-    columns, notes = read_columns(args.input)
+    columns, notes = read_columns(args.input, args.unfinished)
     t_s = columns.pop("t_s")
     write_recording(args.output, t_s, columns, notes)
     names = ["t_s", *columns]

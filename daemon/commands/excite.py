@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from dehyst.daemon.config import load_config
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.files.outputs import add_force, check_outputs, whole_file
 from dehyst.daemon.files.recordings import read_recording, write_recording
@@ -30,10 +31,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = (
         "examples: dehyst excite --range 0 75 --band 10 --duration 20 -o drive.csv\n"
+        "          dehyst excite --config stage.toml --band 5 --duration 20 -o drive.csv\n"
         "          dehyst excite --check run.csv --picture coverage.png\n"
         "          dehyst excite --separate delay lag --range 0 75 -o tell-apart.csv"
     )
     parser.add_argument("--range", nargs=2, type=float, metavar=("MIN", "MAX"), help="drive range")
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="range, sampling and slew of this stage; what is given beside it must lie within",
+    )
     parser.add_argument(
         "--unit",
         default="v",
@@ -45,9 +53,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sampling",
         type=float,
-        default=1000.0,
         metavar="HZ",
-        help="samples per second (default 1000)",
+        help="samples per second (default: --config's, else 1000)",
     )
     parser.add_argument(
         "--sines", type=int, default=SINES, metavar="N", help=f"how many (default {SINES})"
@@ -76,9 +83,28 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Design or check; 1 when a check finds something missing."""
     check_outputs([args.output, args.picture], [*(args.check or []), args.model], args.force)
-    if args.separate:
-        return _separate(args)
-    return _check(args) if args.check else _design(args)
+    if args.check:
+        return _check(args)
+    _take_config(args)
+    return _separate(args) if args.separate else _design(args)
+
+
+def _take_config(args: argparse.Namespace) -> None:
+    """Range, sampling and slew from the configuration where they are not given; BadInput where what
+    is given leaves its limits."""
+    if args.config is not None:
+        config = load_config(args.config)
+        gain, limits = config.actuator.gain, config.limits
+        low, high, slew = limits.min_v / gain, limits.max_v / gain, limits.slew_v_per_s / gain
+        args.range = args.range or [low, high]
+        args.slew = args.slew or slew
+        args.sampling = args.sampling or config.loop.rate_hz
+        if min(args.range) < low or max(args.range) > high or args.slew > slew:
+            raise BadInput(
+                f"{args.config} allows {low:g} to {high:g} {args.unit} at {slew:g} {args.unit}/s; "
+                "--range and --slew must lie within"
+            )
+    args.sampling = 1000.0 if args.sampling is None else args.sampling
 
 
 def _design(args: argparse.Namespace) -> int:

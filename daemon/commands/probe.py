@@ -2,7 +2,9 @@
 
 import argparse
 import json
+import math
 from contextlib import closing
+from dataclasses import dataclass
 from typing import Any
 
 from dehyst import __version__
@@ -10,36 +12,57 @@ from dehyst.daemon.files.models import write_text
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.drivers.call_times import CallTimes
-from dehyst.drivers.mdt693b import probe
+from dehyst.drivers.interface import DeviceNotFound
+from dehyst.drivers.ksg101 import probe as gauges
+from dehyst.drivers.ksg101.driver import USB_IDS as GAUGES
+from dehyst.drivers.mdt693b import probe as amplifiers
 from dehyst.drivers.mdt693b.codec import Dialect
 from dehyst.drivers.mdt693b.settings import Mdt693bConfig, find_port
-from dehyst.drivers.serial_port import SerialPort
+from dehyst.drivers.recorded import RecordedExchange
+from dehyst.drivers.serial_port import SerialPort, find_usb_ports
 from dehyst.models.errors import BadInput
 
 TIMED = 100
+AMPLIFIER, GAUGE = "mdt693b", "ksg101"
+NAMES = {AMPLIFIER: "MDT693B", GAUGE: "KSG101"}
 
 EPILOG = f"""\
-Sends queries, an empty line and two unknown words; changes no setting and moves no output.
-PORT is a path or "auto" (the MDT69xB on USB). Stop everything else that uses the unit first.
+Finds out whether an MDT693B (amplifier) or a KSG101 (gauge reader) is behind the port. Sends
+requests, to the amplifier also an empty line and two unknown words; changes no setting and moves
+no output. PORT is a path or "auto" (the MDT69xB on USB, with --unit ksg101 the gauge reader). Stop
+everything else that uses the unit first.
 
 --sets V times {TIMED} sets of axis x, all to V, and only if the unit reads back V within 1 V. The
 unit cannot tell its set-point, so give the one that it really has: otherwise the output moves
 by the difference.
 
-exit status: 0; 1 when what answers is no MDT693B or nothing answers.
+exit status: 0; 1 when what answers is neither of the two, or nothing answers.
 
-example: dehyst probe /dev/ttyACM0 -o my-unit.json
+examples: dehyst probe /dev/ttyACM0 -o my-amplifier.json
+          dehyst probe /dev/ttyUSB0 -o my-gauge.json
 """
+
+
+@dataclass(frozen=True)
+class _Probed:
+    """unit: AMPLIFIER, GAUGE, "": neither; facts: for --json and the fixture; lines: for people."""
+
+    unit: str
+    exchanges: list[RecordedExchange]
+    facts: dict[str, Any]
+    timings: dict[str, Any]
+    lines: list[str]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Fill in the arguments."""
     parser.epilog = EPILOG
     parser.add_argument("port", metavar="PORT", help="serial port, or auto")
+    parser.add_argument("--unit", choices=(AMPLIFIER, GAUGE), help="ask as this one only")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the recording (JSON)")
     parser.add_argument("--baud", type=int, default=115200, help="default: %(default)s")
     parser.add_argument(
-        "--sets", type=float, metavar="V", help="also time sets, at the set-point V"
+        "--sets", type=float, metavar="V", help="also time sets of an MDT693B, at the set-point V"
     )
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
@@ -48,27 +71,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Record, interpret, time, report."""
     check_outputs([args.output], [], args.force)
-    config = Mdt693bConfig(port=args.port, baud=args.baud)
-    with closing(SerialPort(find_port(config), config.baud)) as port:
-        with progress_bar("queries") as progress:
-            exchanges = probe.record_exchanges(port, progress)
-        unit = probe.interpret(exchanges)
-        timings: dict[str, Any] = {}
-        if unit.dialect:
-            dialect = Dialect.named(unit.dialect)
-            timings["query"] = _figures(probe.time_queries(port, dialect, TIMED))
-            if args.sets is not None:
-                times = probe.time_sets(port, dialect, args.sets, TIMED)
-                timings["set"] = _figures(times)
+    with closing(SerialPort(_path(args), args.baud)) as port:
+        found = _probe(port, args)
+        path = port.path
     fixture = {
         "format": 1,
         "made_by": f"dehyst {__version__}",
+        "unit": found.unit,
         "baud": args.baud,
         "encoding": "latin-1",
-        "dialect": unit.dialect,
-        "firmware": unit.firmware,
-        "timings": timings,
-        "exchanges": [exchange.to_dict() for exchange in exchanges],
+        "dialect": found.facts.get("dialect", ""),
+        "firmware": found.facts.get("firmware", ""),
+        "timings": found.timings,
+        "exchanges": [exchange.to_dict() for exchange in found.exchanges],
     }
     if args.output:
         try:
@@ -76,40 +91,101 @@ def run(args: argparse.Namespace) -> int:
         except OSError as error:
             raise BadInput(f"{args.output}: cannot be written: {error.strerror}") from None
     if args.json:
-        found = {"port": port.path, "model": unit.model, "serial": unit.serial_number}
-        found |= {k: fixture[k] for k in ("dialect", "firmware", "timings")}
-        print(json.dumps(found | {"answers": unit.answers}, indent=2))
+        facts = {"port": path, "unit": found.unit, **found.facts, "timings": found.timings}
+        print(json.dumps(facts, indent=2))
     else:
-        print("\n".join(_report(port.path, unit, timings, exchanges)))
-    return 0 if unit.dialect else 1
+        print("\n".join([f"{path}: {found.lines[0]}", *found.lines[1:], *_times(found.timings)]))
+    return 0 if found.unit else 1
+
+
+def _path(args: argparse.Namespace) -> str:
+    if args.port != "auto":
+        return str(args.port)
+    if args.unit != GAUGE:
+        return find_port(Mdt693bConfig(baud=args.baud))
+    ports = find_usb_ports(GAUGES)
+    if len(ports) != 1:
+        raise DeviceNotFound(f"auto: {len(ports)} APT units on USB; give the port by its path")
+    return ports[0].path
+
+
+def _probe(port: SerialPort, args: argparse.Namespace) -> _Probed:
+    """As the gauge reader first: its requests have no line end, so that an amplifier takes them for
+    half a command, and the amplifier's probe spoils that one before it asks."""
+    asked = args.unit or (AMPLIFIER if args.sets is not None else "")
+    heard: list[RecordedExchange] = []
+    for unit, probe in ((GAUGE, _probe_gauge), (AMPLIFIER, _probe_amplifier)):
+        if asked in ("", unit):
+            found = probe(port, args.sets)
+            if found.unit:
+                return found
+            heard += found.exchanges
+    raw = b"".join(exchange.reply for exchange in heard)
+    what = NAMES[asked] if asked else "MDT693B and no KSG101"
+    says = f"answers {raw[:60]!r}, which is no {what}" if raw else "does not answer"
+    return _Probed("", heard, {}, {}, [f"{says}; check port, power and baud rate"])
+
+
+def _probe_gauge(port: SerialPort, sets: float | None) -> _Probed:
+    with progress_bar("requests") as progress:
+        exchanges = gauges.record_requests(port, progress)
+    unit = gauges.interpret_requests(exchanges)
+    if not unit.model:
+        return _Probed("", exchanges, {}, {}, [])
+    facts = {
+        "model": unit.model,
+        "serial": unit.serial_number,
+        "firmware": unit.firmware,
+        "travel_um": unit.travel_um,
+        "reading_um": unit.reading_um if math.isfinite(unit.reading_um) else None,
+        "gauge_connected": unit.gauge_connected,
+        "zeroed": unit.zeroed,
+        "answers": unit.answers,
+    }
+    travel = f"{unit.travel_um:g} um" if unit.travel_um else "not known to it: set max_travel_um"
+    reads = f"{unit.reading_um:.4f} um" if math.isfinite(unit.reading_um) else "out of range"
+    lines = [
+        f"{unit.model}, firmware {unit.firmware}, serial number {unit.serial_number}",
+        f"100 % is {travel}; it reads {reads}; {'' if unit.gauge_connected else 'no '}gauge "
+        f"connected, {'' if unit.zeroed else 'not '}zeroed",
+    ]
+    if "tsg_get_reading" not in unit.answers:
+        return _Probed(GAUGE, exchanges, facts, {}, [*lines, "it gives no reading: no KSG101?"])
+    timings = {"reading": _figures(gauges.time_readings(port, TIMED))}
+    return _Probed(GAUGE, exchanges, facts, timings, lines)
+
+
+def _probe_amplifier(port: SerialPort, sets: float | None) -> _Probed:
+    with progress_bar("queries") as progress:
+        exchanges = amplifiers.record_exchanges(port, progress)
+    unit = amplifiers.interpret(exchanges)
+    if not unit.dialect:
+        return _Probed("", exchanges, {}, {}, [])
+    dialect = Dialect.named(unit.dialect)
+    timings = {"query": _figures(amplifiers.time_queries(port, dialect, TIMED))}
+    if sets is not None:
+        timings["set"] = _figures(amplifiers.time_sets(port, dialect, sets, TIMED))
+    facts: dict[str, Any] = {"model": unit.model, "serial": unit.serial_number}
+    lines = [
+        f"{unit.model or 'unknown model'}, firmware {unit.firmware or 'unknown'}, "
+        f"serial number {unit.serial_number or 'blank'}",
+        f"dialect: {unit.dialect}",
+    ]
+    unclear = [q for q, a in unit.answers.items() if a.startswith(("unclear", "no answer"))]
+    if unclear:
+        lines.append(f"not understood: {', '.join(unclear)}; please share the file made with -o")
+    facts |= {"firmware": unit.firmware, "dialect": unit.dialect, "answers": unit.answers}
+    return _Probed(AMPLIFIER, exchanges, facts, timings, lines)
+
+
+def _times(timings: dict[str, Any]) -> list[str]:
+    return [
+        f"{kind}: {1e3 * figures['p50_s']:.2f} ms median, {1e3 * figures['p99_s']:.2f} ms at "
+        f"99 %; {figures['rate_hz']:.0f} per second are safe"
+        for kind, figures in timings.items()
+    ]
 
 
 def _figures(times: CallTimes) -> dict[str, float]:
     figures = {f"p{p}_s": round(times.percentile_s(p), 6) for p in (50, 90, 99)}
     return figures | {"count": times.count, "rate_hz": round(1.0 / figures["p90_s"], 1)}
-
-
-def _report(
-    path: str,
-    unit: probe.ProbedUnit,
-    timings: dict[str, Any],
-    exchanges: list[probe.RecordedExchange],
-) -> list[str]:
-    if not unit.dialect:
-        raw = b"".join(exchange.reply for exchange in exchanges)
-        heard = f"answers {raw[:60]!r}, which is no MDT693B" if raw else "does not answer"
-        return [f"{path}: {heard}; check port, power and baud rate"]
-    lines = [
-        f"{path}: {unit.model or 'unknown model'}, firmware {unit.firmware or 'unknown'}, "
-        f"serial number {unit.serial_number or 'blank'}",
-        f"dialect: {unit.dialect}",
-    ]
-    for kind, figures in timings.items():
-        lines.append(
-            f"{kind}: {1e3 * figures['p50_s']:.2f} ms median, {1e3 * figures['p99_s']:.2f} ms at "
-            f"99 %; {figures['rate_hz']:.0f} per second are safe"
-        )
-    unclear = [q for q, a in unit.answers.items() if a.startswith(("unclear", "no answer"))]
-    if unclear:
-        lines.append(f"not understood: {', '.join(unclear)}; please share the file made with -o")
-    return lines

@@ -2,7 +2,6 @@
 
 import argparse
 import signal
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,21 +17,29 @@ if TYPE_CHECKING:
 
 LATE_S, LOOP_S = 10.0, 60.0
 EPILOG = """Columns: t_s, the drive in the model's unit (u_v), the measured displacement (y_um), the
-target (target_um) and flags; `dehyst identify` reads the file back. Displacements count from the
-daemon's set-point origin; --frame model counts from the model's own zero, for a file from which a
-new model for the same configuration is identified. The file grows as the samples come and is
-readable at every moment. Samples that did not arrive are fetched from the daemon's history; what
-cannot be had is a gap in t_s, never bridged. Ctrl-C ends the recording.
+target (target_um), trim_um, learned_um, missed and flags; `dehyst identify` reads the file back.
+Displacements count from the daemon's set-point origin; --frame model counts from the model's own
+zero, for a file from which a new model for the same configuration is identified. Samples that did
+not arrive are fetched from the daemon's history; what cannot be had is a gap in t_s, never bridged.
+Ctrl-C ends the recording.
+
+The suffix says which kind of file: .csv grows line by line and is readable at every moment, what
+belongs beside the numbers is in NAME.csv.meta.json; .csv.gz grows in blocks; .mcap opens in
+Foxglove and PlotJuggler; .npz is written at the end. For weeks: --rotate begins a new piece
+(run-00001.mcap, ...) after that time or size, t_s going on, and --keep deletes the oldest pieces of
+this recording where all of them would take more; with --force those of earlier recordings of the
+same name too.
 Exit 0: every sample written; 1: samples are missing; 2: no daemon, or the file cannot be written.
 
-example: dehyst record -o run.csv --for 60
+examples: dehyst record -o run.csv --for 60
+          dehyst record -o run.mcap --rotate 10min --keep 200GB
 """
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst record`."""
     parser.epilog = EPILOG
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="REC.csv")
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="REC")
     parser.add_argument("--for", dest="seconds", type=float, metavar="S", help="seconds to record")
     parser.add_argument(
         "--frame",
@@ -40,6 +47,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="setpoint",
         help="zero of the displacements (default: setpoint)",
     )
+    parser.add_argument("--rotate", metavar="TIME|SIZE", help="e.g. 10min, 1h, 500MB")
+    parser.add_argument("--keep", metavar="SIZE", help="with --rotate: most on the disk, e.g. 20GB")
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     add_connection(parser)
@@ -48,10 +57,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Record until --for, SIGINT or SIGTERM."""
     from dehyst.daemon import clock
+    from dehyst.daemon.files.pieces import parse_rotation
     from dehyst.daemon.files.recorder import Recorder
+    from dehyst.daemon.files.rows import check_kind
 
     if args.seconds is not None and not args.seconds > 0:
         raise BadInput("--for: must be greater than 0")
+    if args.keep and not args.rotate:
+        raise BadInput("--keep goes with --rotate: it deletes whole pieces")
+    rotation = parse_rotation(args.rotate, args.keep, args.force) if args.rotate else None
+    check_kind(args.output)
     check_outputs([args.output], [args.credentials], args.force)
     ending: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -68,13 +83,14 @@ def run(args: argparse.Namespace) -> int:
             units,
             origin,
             notes(status, args.frame),
-            replace=args.force,
+            replace=args.force and rotation is None,
+            rotation=rotation,
         ) as file:
             begun_ns = heard_ns = clock.monotonic_ns()
             done = quiet = late = False
             while not (ending or done or late):
                 samples = stream.read(0.1)
-                done = file.add(samples, until_s)
+                done = file.add(samples, until_s, stream.wall_offset_ns)
                 now_ns = clock.monotonic_ns()
                 late = (now_ns - begun_ns) / clock.NS > until_s + LATE_S
                 if samples.size:
@@ -89,6 +105,11 @@ def run(args: argparse.Namespace) -> int:
             "lost_samples": stream.lost,
             "gaps": file.gaps,
             "fetched_from_history": stream.recovered,
+            **(
+                {"pieces": [str(p) for p in file.pieces.made], "dropped": file.pieces.dropped}
+                if rotation
+                else {}
+            ),
             "complete": not (stream.lost or file.gaps or late) and file.rows > 0,
         }
     return report(result, args.json)
@@ -109,10 +130,8 @@ def known_status(client: "Client", ending: list[int]) -> "Status":
 
 def notes(status: "Status", frame: str) -> dict[str, str]:
     """What the head of the file says."""
-    start = datetime.fromtimestamp(status.wall_ns / 1e9, UTC)
     return {
         "recorded_by": f"dehyst {__version__} from the daemon {status.name}",
-        "started": start.isoformat(timespec="seconds"),
         "period_s": repr(status.period_ns / 1e9),
         "setpoint_origin": f"{status.origin!r} {status.unit} in the model's own displacement",
         "displacements": "from the set-point origin"

@@ -72,7 +72,9 @@ def run(args: argparse.Namespace) -> int:
     if args.config:
         return supervise(args.config)
     check_open([args.listen or LISTEN], authenticated=False)
-    with ended_at_once("dehyst run"):
+    from dehyst.daemon.terminal.compiling import compiling_told
+
+    with ended_at_once("dehyst run"), compiling_told("dehyst run", in_pipes=True):
         model = load_model(args.model) if args.model else simulated_model()
         imitation = Imitation.of(model) if args.model else Imitation()
 

@@ -3,11 +3,10 @@
 import argparse
 import sys
 
-from dehyst.daemon.terminal.progress import progress_bar
-
 EPILOG = """\
-Kernels are compiled once and kept on disk. A start without them takes a minute longer; the
-installation and `make` do it beforehand.
+Kernels are compiled once for each installation and kept on disk. A start without them takes a
+minute or two longer; `make` does it beforehand. On a terminal it shows what is compiled and how
+long it will take; what is there already is not compiled again.
 
 example: dehyst warm
 """
@@ -20,20 +19,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run everything that is compiled, briefly, on the simulated stage."""
+    from dehyst.daemon.terminal.compiling import compiling_shown
     from dehyst.daemon.tools.bench_config import simulated_model
     from dehyst.daemon.tools.latency import Setup, measure
     from dehyst.models.mismatch.monitor import compile_monitor
     from dehyst.models.physics import KINDS
 
-    if not sys.stderr.isatty():
-        print("dehyst warm: compiling kernels, once; about a minute", file=sys.stderr)
-    with progress_bar("compiling kernels, once") as progress:
+    with compiling_shown() as compilations:
         for kind in KINDS.values():
             kind.compile()
         simulated_model()
         compile_monitor()
-        progress(0.3)
-        for i, engine in enumerate(("compiled", "python")):
+        for engine in ("compiled", "python"):
             measure(Setup(rate_hz=200.0, seconds=0.2, engine=engine))
-            progress(0.6 + 0.4 * i)
+    if compilations.count:
+        done = f"compiled {compilations.count} kernels in {compilations.seconds:.0f} s"
+    else:
+        done = "all kernels are there already"
+    print(f"dehyst warm: {done}", file=sys.stderr)
     return 0

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from datetime import datetime
 
 from dehyst.daemon.client.connection import (
     add_connection,
@@ -52,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
         console = Console()
         live = None
         if console.is_terminal and not args.json:
+            feed.events.extend(client.events())
             live = Live(console=console, screen=True, auto_refresh=False)
             live.start()
         try:
@@ -62,16 +64,18 @@ def run(args: argparse.Namespace) -> int:
                     continue
                 shown_ns = now_ns
                 if live is not None:
+                    size = console.size.width, console.size.height
+                    told = feed.events, feed.rejections
                     live.update(
-                        view.screen(feed.status, window, stream.lost, feed.events, feed.rejections),
-                        refresh=True,
+                        view.screen(feed.status, window, stream.lost, *told, size), refresh=True
                     )
                 elif args.json:
                     print_json_line(feed.status)
                 else:
                     while feed.events:
                         event = feed.events.popleft()
-                        print(printable(f"event    {event.code}: {event.text}"))
+                        when = datetime.fromtimestamp(event.wall_ns * 1e-9)
+                        print(printable(f"event    {when:%H:%M:%S} {event.code}: {event.text}"))
                     print(view.line(feed.status, window, stream.lost))
                 sys.stdout.flush()
         except KeyboardInterrupt:

@@ -22,6 +22,7 @@ import msgspec
 
 from dehyst.daemon.bus.messages import DoctorState, FoundEffect, LongText, Text
 from dehyst.daemon.files.models import write_text
+from dehyst.daemon.files.sidecar import notes_path
 from dehyst.daemon.input_file import NotReadable, read_text
 
 SUFFIX = ".case"
@@ -118,4 +119,5 @@ def case_folders(directory: Path) -> list[Path]:
 def drop_case(recording: Path) -> None:
     """A recording makes room, and what was found about it goes with it."""
     recording.unlink(missing_ok=True)
+    notes_path(recording).unlink(missing_ok=True)
     shutil.rmtree(case_folder(recording), ignore_errors=True)

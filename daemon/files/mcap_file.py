@@ -1,57 +1,119 @@
 """Recordings as MCAP, which Foxglove and PlotJuggler open: one topic, one message a row, JSON with
 its schema in the file. Numbers are written as Python writes them, so that reading gives the same
-bits; a missing value is null.
+bits; a missing value is not in its message.
 
-MCAP's times are whole nanoseconds since an epoch: the `started` of the notes, else 1970.
+The schema says "number" and nothing else: Foxglove takes no list of types, and only 32 bits of an
+"integer". MCAP's times are whole nanoseconds since an epoch: the `started` of the notes, else 1970.
 """
 
 import json
 import math
 import struct
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any, BinaryIO, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dehyst import __version__
+from dehyst.daemon.files.appended import AppendedFile, RecordingFailed
+from dehyst.daemon.files.number_text import number_texts
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats
 
 TOPIC, NOTES, NAME = "/dehyst/recording", "dehyst", "dehyst.Recording"
 NS = 1_000_000_000
 MOST_ROWS, MOST_RECORD_BYTES = 20_000_000, 256 << 20
+CHUNK_BYTES, BLOCK_ROWS = 256 << 10, 65_536
+MAGIC = b"\x89MCAP0\r\n"
+
+
+class McapRows:
+    """A recording that grows in chunks: see dehyst.daemon.files.rows.Rows.
+
+    file: what the bytes go to; names: of the columns, `t_s` first; notes: into the file's metadata.
+    """
+
+    full = False
+
+    def __init__(
+        self,
+        file: AppendedFile | BinaryIO,
+        names: Sequence[str],
+        notes: Mapping[str, str],
+    ) -> None:
+        from mcap.writer import Writer  # only who asks for such files waits for it
+
+        self.rows = self._in_file = 0
+        self._file, self._failed = file, False
+        self._begun_ns = _start_ns(notes)
+        self._names = [json.dumps(name) + ":" for name in names]
+        self._writer = Writer(cast("IO[Any]", file), chunk_size=CHUNK_BYTES)
+        self._writer.start(profile="", library=f"dehyst {__version__}")
+        schema = json.dumps(_schema(names)).encode()
+        number = self._writer.register_schema(NAME, "jsonschema", schema)
+        self._channel = self._writer.register_channel(TOPIC, "json", number)
+        if notes:
+            flat = {key: str(value) for key, value in notes.items()}
+            self._writer.add_metadata(NOTES, flat)
+
+    @property
+    def size(self) -> int:
+        """Bytes that have been written."""
+        return self._file.tell()
+
+    def add(self, columns: Sequence[NDArray[Any]]) -> None:
+        """Append (n,) values of each column. Raises RecordingFailed."""
+        at_ns = self._begun_ns + np.round(np.asarray(columns[0], float) * NS).astype(np.int64)
+        fields = [
+            [name + text if text else "" for text in number_texts(column, "", finite=True)]
+            for name, column in zip(self._names, columns, strict=True)
+        ]
+        size, add = self._file.tell(), self._writer.add_message
+        try:
+            for time_ns, row in zip(at_ns.tolist(), zip(*fields, strict=True), strict=True):
+                message = "{" + ",".join(filter(None, row)) + "}"
+                add(self._channel, time_ns, message.encode(), time_ns, self.rows & 0xFFFFFFFF)
+                self.rows += 1
+                if self._file.tell() != size:  # a chunk was completed with this row
+                    size, self._in_file = self._file.tell(), self.rows
+        except RecordingFailed:
+            self._failed, self.rows = True, self._in_file
+            raise
+
+    def finish(self) -> None:
+        """Write the last chunk and the index; the file stays open. Raises RecordingFailed."""
+        if not self._failed:
+            self._failed = True  # whatever happens, not twice
+            try:
+                self._writer.finish()
+            except RecordingFailed:
+                self.rows = self._in_file
+                raise
+
+    def close(self) -> None:
+        """Finish and close."""
+        try:
+            self.finish()
+        finally:
+            self._file.close()
 
 
 def write_mcap(file: BinaryIO, table: Mapping[str, Any], notes: Mapping[str, str]) -> None:
-    """Columns (name with unit -> (N,) values, `t_s` among them) and notes into an open file."""
-    from mcap.writer import Writer  # only who asks for such files waits for it
-
-    writer = Writer(file)
-    writer.start(profile="", library=f"dehyst {__version__}")
-    schema = writer.register_schema(NAME, "jsonschema", json.dumps(_schema(table)).encode())
-    channel = writer.register_channel(TOPIC, "json", schema)
-    if notes:
-        writer.add_metadata(NOTES, {key: str(value) for key, value in notes.items()})
-    begun_ns = _start_ns(notes)
-    names = list(table)
-    at_ns = begun_ns + np.round(np.asarray(table["t_s"]) * NS).astype(np.int64)
-    values = zip(*(np.asarray(column).tolist() for column in table.values()), strict=True)
-    for number, (time_ns, row) in enumerate(zip(at_ns.tolist(), values, strict=True)):
-        message = {k: _known(v) for k, v in zip(names, row, strict=True)}
-        writer.add_message(channel, time_ns, json.dumps(message).encode(), time_ns, sequence=number)
-    writer.finish()
+    """Columns (name with unit -> (N,) values, `t_s` first) and notes into an open file."""
+    rows = McapRows(file, list(table), notes)
+    columns = [np.asarray(column) for column in table.values()]
+    for start in range(0, columns[0].size, BLOCK_ROWS):
+        rows.add([column[start : start + BLOCK_ROWS] for column in columns])
+    rows.finish()
 
 
-def _known(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _schema(table: Mapping[str, Any]) -> dict[str, Any]:
-    """The row's schema: every column is a number or null."""
-    kinds = {name: {"type": ["number", "null"]} for name in table}
+def _schema(names: Sequence[str]) -> dict[str, Any]:
+    """The row's schema: every column is a number."""
+    kinds = {name: {"type": "number", "description": name} for name in names}
     return {"title": NAME, "type": "object", "properties": kinds}
 
 
@@ -62,36 +124,18 @@ def _start_ns(notes: Mapping[str, str]) -> int:
         return 0
 
 
-def read_mcap(path: Path) -> tuple[dict[str, Floats], dict[str, str]]:
+def read_mcap(path: Path, unfinished: bool = False) -> tuple[dict[str, Floats], dict[str, str]]:
     """(columns by name, notes) of the one topic of JSON numbers in a file. Without `t_s` in the
-    messages it is the log time, from the first one. Raises BadRecording naming file and remedy."""
+    messages it is the log time, from the first one. unfinished: of a file whose writer did not
+    come to its end, what is whole. Raises BadRecording naming file and remedy."""
     from mcap.exceptions import McapError
-    from mcap.reader import SeekingReader
     from zstandard import ZstdError
 
     columns: dict[str, array[float]] = {}
     times: list[int] = []
-    topics: set[str] = set()
+    notes: dict[str, str] = {}
     try:
-        with path.open("rb") as file:
-            reader = SeekingReader(file, validate_crcs=True, record_size_limit=MOST_RECORD_BYTES)
-            notes = {k: v for m in reader.iter_metadata() for k, v in m.metadata.items()}
-            for _, channel, message in reader.iter_messages():
-                topics.add(channel.topic)
-                if len(topics) > 1:
-                    raise BadRecording(
-                        f"{path.name}: holds several topics ({', '.join(sorted(topics))}); one "
-                        "with the columns of a recording is needed"
-                    )
-                if channel.message_encoding != "json":
-                    raise BadRecording(
-                        f"{path.name}: {channel.topic} is encoded as {channel.message_encoding}; "
-                        "JSON is read"
-                    )
-                _append(path, columns, json.loads(message.data), len(times))
-                times.append(message.log_time)
-                if len(times) > MOST_ROWS:
-                    raise BadRecording(f"{path.name}: more than {MOST_ROWS} rows")
+        _read_messages(path, columns, times, notes, unfinished)
     except BadRecording:
         raise
     except OSError as error:
@@ -101,12 +145,76 @@ def read_mcap(path: Path) -> tuple[dict[str, Floats], dict[str, str]]:
         McapError, ZstdError, struct.error, ValueError, KeyError, EOFError, RuntimeError,
         OverflowError, MemoryError,
     ) as error:  # fmt: skip
-        why = f": {error}" if str(error) else ""
-        raise BadRecording(f"{path}: not an MCAP file that can be read{why}") from None
+        if not (unfinished and times):
+            why = f": {error}" if str(error) else ""
+            raise BadRecording(f"{path}: not an MCAP file that can be read{why}") from None
     arrays = {name: np.array(values, dtype=np.float64) for name, values in columns.items()}
     if times and "t_s" not in arrays:
         arrays = {"t_s": (np.array(times) - times[0]) / NS, **arrays}
     return arrays, notes
+
+
+def _read_messages(
+    path: Path,
+    columns: dict[str, "array[float]"],
+    times: list[int],
+    notes: dict[str, str],
+    unfinished: bool,
+) -> None:
+    """Fill columns, times and notes from the file, in the file's order."""
+    from mcap.reader import NonSeekingReader, SeekingReader
+    from mcap.records import Message, Metadata
+    from mcap.stream_reader import StreamReader
+
+    limits: dict[str, Any] = {"validate_crcs": True, "record_size_limit": MOST_RECORD_BYTES}
+    with path.open("rb") as file:
+        _require_end(path, file, unfinished)
+        if unfinished:
+            for record in StreamReader(file, **limits).records:
+                if isinstance(record, Metadata):
+                    notes.update(record.metadata)
+                elif isinstance(record, Message):  # the notes come first
+                    break
+            file.seek(0)
+            messages = NonSeekingReader(file, **limits).iter_messages(log_time_order=False)
+        else:
+            reader = SeekingReader(file, **limits)
+            notes.update({k: v for m in reader.iter_metadata() for k, v in m.metadata.items()})
+            messages = reader.iter_messages()
+        topic = ""
+        for schema, channel, message in messages:
+            if topic not in ("", channel.topic):
+                both = ", ".join(sorted((topic, channel.topic)))
+                raise BadRecording(
+                    f"{path.name}: holds several topics ({both}); one with the columns of a "
+                    "recording is needed"
+                )
+            if channel.message_encoding != "json":
+                raise BadRecording(
+                    f"{path.name}: {channel.topic} is encoded as {channel.message_encoding}; "
+                    "JSON is read"
+                )
+            if not topic and schema is not None and schema.name == NAME:
+                for name in json.loads(schema.data)["properties"]:
+                    columns[name] = array("d")
+            topic = channel.topic
+            _append(path, columns, json.loads(message.data), len(times))
+            times.append(message.log_time)
+            if len(times) > MOST_ROWS:
+                raise BadRecording(f"{path.name}: more than {MOST_ROWS} rows")
+
+
+def _require_end(path: Path, file: BinaryIO, unfinished: bool) -> None:
+    """BadRecording where the file begins like an MCAP file and does not end like one."""
+    begins = file.read(len(MAGIC)) == MAGIC
+    file.seek(max(0, path.stat().st_size - len(MAGIC)))
+    ends = file.read() == MAGIC
+    file.seek(0)
+    if begins and not ends and not unfinished:
+        raise BadRecording(
+            f"{path.name}: its writer did not come to the end (killed, or the disk was full); "
+            f"dehyst convert --unfinished {path.name} whole.mcap keeps what is whole"
+        )
 
 
 def _append(path: Path, columns: dict[str, "array[float]"], row: Any, number: int) -> None:

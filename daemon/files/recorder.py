@@ -1,14 +1,14 @@
-"""Telemetry into a CSV recording, line by line as it comes, readable at every moment.
+"""Telemetry into a recording as it comes: .csv, .csv.gz, .npz or .mcap, in one file or in pieces.
 
 Row by row: `t_s` (the sample's deadline, from the first one), the drive in the model's unit, the
-measured displacement, the target, what trim and learning added to it, the flags
-(dehyst.daemon.rings.records.Flag). A reading is taken before its sample's voltage is written, so
-the drive beside it is the one written a sample before: the drive that was in force. Displacements
-count from the set-point origin, or from the model's own zero with frame "model". Missing readings
-and targets are empty fields; missing samples are missing rows.
+measured displacement, the target, what trim and learning added to it, whether the deadline was
+missed, the flags (dehyst.daemon.rings.records.Flag). A reading is taken before its sample's voltage
+is written, so the drive beside it is the one written a sample before: the drive that was in force.
+Displacements count from the set-point origin, or from the model's own zero with frame "model".
+Missing readings and targets are empty; missing samples are missing rows.
 """
 
-import os
+from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -16,19 +16,18 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dehyst.models.errors import BadInput, DehystError
-
-
-class RecordingFailed(DehystError):
-    """The file could not be written further; what was written before is whole."""
+from dehyst.daemon.files.appended import RecordingFailed
+from dehyst.daemon.files.pieces import Pieces, Rotation
+from dehyst.daemon.files.rows import Columns, Rows, check_kind, open_rows
+from dehyst.daemon.rings.records import Flag
 
 
 class Recorder:
-    """Appends TELEMETRY records to a CSV file; use with `with`.
+    """Appends TELEMETRY records to a recording; use with `with`. The file is made with the first.
 
     path: the file, a new one unless `replace`; gain: actuator volts per drive unit; units:
-    (drive, displacement); origin: added to displacements; metadata: lines at the head.
-    Raises BadInput where the file cannot be made.
+    (drive, displacement); origin: added to displacements; metadata: notes, to which `started` is
+    added; rotation: write numbered pieces instead. Raises BadInput on a kind that is not written.
     """
 
     def __init__(
@@ -39,25 +38,32 @@ class Recorder:
         origin: float,
         metadata: dict[str, str],
         replace: bool = False,
+        rotation: Rotation | None = None,
     ) -> None:
-        if path.suffix != ".csv":
-            raise BadInput(f"{path}: recordings are written as .csv")
+        check_kind(path)
         self.path, self._gain, self._origin = path, gain, origin
-        self.rows = 0
         self.gaps = 0
         self.time_s = float("nan")  # of the newest row
+        self.pieces = Pieces(path, rotation)
         self._first_ns: int | None = None
         self._before: Any = None  # the newest sample: its voltage is the next row's drive
+        self._notes, self._replace = dict(metadata), replace
         drive, disp = units
-        header = f"t_s,u_{drive},y_{disp},target_{disp},trim_{disp},learned_{disp},flags\n"
-        notes = "".join(f"# {k}: {' '.join(v.split())}\n" for k, v in metadata.items())
-        try:
-            existing = os.O_TRUNC if replace else os.O_EXCL
-            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | existing | os.O_CLOEXEC, 0o644)
-        except OSError as error:
-            raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
-        self._size = 0
-        self._write((notes + header).encode())
+        self._names = (
+            "t_s",
+            f"u_{drive}",
+            *(f"{what}_{disp}" for what in ("y", "target", "trim", "learned")),
+            "missed",
+            "flags",
+        )
+        self._complete_rows = 0
+        self._piece: Rows | None = None
+        self._piece_from_s = 0.0
+
+    @property
+    def rows(self) -> int:
+        """Samples that were written."""
+        return self._complete_rows + (self._piece.rows if self._piece is not None else 0)
 
     def __enter__(self) -> Self:
         return self
@@ -68,16 +74,25 @@ class Recorder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        os.close(self._file)
+        if self._first_ns is None and error is None:  # nothing came: the header alone
+            self._begin_piece(0.0)
+        self._end_piece()
 
-    def add(self, samples: NDArray[Any], until_s: float = float("inf")) -> bool:
+    def add(
+        self, samples: NDArray[Any], until_s: float = float("inf"), wall_offset_ns: int = 0
+    ) -> bool:
         """Append (n,) TELEMETRY records, ascending, up to and without the time until_s; True when
-        that time has come. Raises RecordingFailed when the disk is full or gone; the file then
-        ends with a whole line."""
+        that time has come. wall_offset_ns: wall clock minus their clock, 0 where it is not known.
+        Raises BadInput where the file cannot be made, RecordingFailed when the disk is full or
+        gone; the file then ends with something whole."""
         if not samples.size:
             return False
         if self._first_ns is None:
             self._first_ns = int(samples["scheduled_ns"][0])
+            if wall_offset_ns:
+                start_us = (self._first_ns + wall_offset_ns) // 1000
+                started = datetime.fromtimestamp(start_us / 1e6, UTC)
+                self._notes["started"] = started.isoformat(timespec="microseconds")
         t_s = (samples["scheduled_ns"] - self._first_ns) / 1e9
         if (self.rows and t_s[0] <= self.time_s) or np.any(np.diff(t_s) <= 0):
             raise RecordingFailed(
@@ -87,29 +102,59 @@ class Recorder:
         keep = t_s < until_s
         done = not keep.all()
         samples, t_s = samples[keep], t_s[keep]
-        if not samples.size:
-            return done
-        drive = self._drive(samples)
-        columns = (
-            t_s,
-            drive,
-            samples["measured"] + self._origin,
-            samples["target"] + self._origin,
-            samples["trim"],
-            samples["learned"],
-            samples["flags"],
-        )
-        lines = [
-            f"{t!r},{_text(u)},{_text(y)},{_text(target)},{trim!r},{learned!r},{flags}\n"
-            for t, u, y, target, trim, learned, flags in zip(
-                *(c.tolist() for c in columns), strict=True
+        if samples.size:
+            self._append(
+                (
+                    t_s,
+                    self._drive(samples),
+                    samples["measured"] + self._origin,
+                    samples["target"] + self._origin,
+                    samples["trim"],
+                    samples["learned"],
+                    np.asarray((samples["flags"] & int(Flag.MISSED)) != 0, np.uint8),
+                    samples["flags"],
+                )
             )
-        ]
-        self._write("".join(lines).encode())
-        self.rows += samples.size
-        self.time_s = float(t_s[-1])
-        self._before = samples[-1].copy()
+            self.time_s = float(t_s[-1])
+            self._before = samples[-1].copy()
         return done
+
+    def _append(self, columns: Columns) -> None:
+        """Into the piece, and into the next one behind the place where that begins."""
+        t_s, rotation = columns[0], self.pieces.rotation
+        while True:
+            if self._piece is None:
+                self._begin_piece(float(t_s[0]))
+            assert self._piece is not None
+            if rotation is None:
+                self._piece.add(columns)
+                return
+            cut = int(np.searchsorted(t_s, self._piece_from_s + rotation.every_s))
+            if cut:
+                self._piece.add([column[:cut] for column in columns])
+                self.pieces.hold_to_bound(self._piece.size)
+            columns = [column[cut:] for column in columns]
+            t_s = columns[0]
+            if t_s.size or self._piece.full or rotation.due(0.0, self._piece.size):
+                self._end_piece()
+            if not t_s.size:
+                return
+
+    def _begin_piece(self, from_s: float) -> None:
+        notes = dict(self._notes)
+        if self.pieces.rotation is not None:
+            notes["piece_from_s"] = repr(from_s)
+        self._piece = open_rows(self.pieces.next(), self._names, notes, self._replace)
+        self._piece_from_s = from_s
+        self.pieces.hold_to_bound(self._piece.size)
+
+    def _end_piece(self) -> None:
+        if self._piece is not None:
+            piece, self._piece = self._piece, None
+            try:
+                piece.close()
+            finally:
+                self._complete_rows += piece.rows
 
     def _drive(self, samples: NDArray[Any]) -> NDArray[np.float64]:
         """Drive in force at each reading: the voltage of the sample before, NaN after a gap."""
@@ -124,28 +169,3 @@ class Recorder:
             else:
                 self.gaps += 1
         return np.asarray(out / self._gain)
-
-    def _write(self, data: bytes) -> None:
-        left = memoryview(data)
-        try:
-            while left:
-                left = left[os.write(self._file, left) :]
-        except OSError as error:
-            self._back_to_whole_line(data[: len(data) - len(left)])
-            raise RecordingFailed(
-                f"{self.path}: {error.strerror}; the recording ends here, what was written before "
-                "is whole"
-            ) from None
-        self._size += len(data)
-
-    def _back_to_whole_line(self, written: bytes) -> None:
-        whole = written.rfind(b"\n") + 1
-        self.rows += written[:whole].count(b"\n") if self._size else 0
-        try:
-            os.ftruncate(self._file, self._size + whole)
-        except OSError:
-            return  # the disk is gone: the reader will name the broken line
-
-
-def _text(value: float) -> str:
-    return "" if value != value else repr(value)

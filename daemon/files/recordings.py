@@ -21,7 +21,9 @@ import numpy as np
 from dehyst.daemon.files.csv_table import LARGEST, MOST_BYTES, Table, line_of_row, read_table
 from dehyst.daemon.files.mat_file import read_mat
 from dehyst.daemon.files.mcap_file import read_mcap, write_mcap
+from dehyst.daemon.files.number_text import number_texts
 from dehyst.daemon.files.outputs import whole_file
+from dehyst.daemon.files.sidecar import read_notes, write_notes
 from dehyst.models.errors import BadRecording
 from dehyst.models.modelfile import UNIT_NAMES
 from dehyst.models.recording import Floats, Recording, Trajectory, first_not_increasing
@@ -103,10 +105,12 @@ def _trajectory(
     return Trajectory(t_s, columns[key], key.rpartition("_")[2], path.name, channels=channels)
 
 
-def read_columns(path: str | Path) -> tuple[dict[str, Floats], dict[str, str]]:
-    """(columns by name, `t_s` among them; notes) of a file, whatever they mean. Raises
-    BadRecording."""
-    table = _load(Path(path))
+def read_columns(
+    path: str | Path, unfinished: bool = False
+) -> tuple[dict[str, Floats], dict[str, str]]:
+    """(columns by name, `t_s` among them; notes) of a file, whatever they mean. unfinished: what
+    is whole of an .mcap whose writer was killed. Raises BadRecording."""
+    table = _load(Path(path), unfinished)
     _time(Path(path), table.columns, 1)
     return dict(table.columns), dict(table.metadata)
 
@@ -119,8 +123,9 @@ def write_recording(
 ) -> None:
     """Write time and columns (name with unit -> (N,) values) so that reading gives the same bits.
 
-    The suffix chooses the format: .csv, .csv.gz, .npz or .mcap. The file appears complete or not at
-    all. Raises BadRecording on unequal lengths, an unknown suffix, a place that cannot be written.
+    The suffix chooses the format: .csv, .csv.gz, .npz or .mcap. A CSV begins with its header line;
+    its metadata goes into NAME.csv.meta.json. The file appears complete or not at all. Raises
+    BadRecording on unequal lengths, an unknown suffix, a place that cannot be written.
     """
     path = Path(path)
     table = {"t_s": np.asarray(t_s)} | {k: np.asarray(v) for k, v in columns.items()}
@@ -131,7 +136,7 @@ def write_recording(
             )
     if not path.name.endswith(WRITTEN):
         raise BadRecording(f"{path.name}: unknown kind of file; {', '.join(WRITTEN)} are written")
-    lines = (line.encode() for line in _csv_lines(table, metadata or {}))
+    lines = (line.encode() for line in _csv_lines(table))
     try:
         with whole_file(path) as file:
             if path.suffix == ".npz":
@@ -145,21 +150,21 @@ def write_recording(
                     packed.writelines(lines)
             else:
                 file.writelines(lines)
+        if path.suffix in (".csv", ".gz"):
+            write_notes(path, metadata or {})
     except OSError as error:
         raise BadRecording(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-def _csv_lines(table: Mapping[str, Any], metadata: Mapping[str, str]) -> Iterable[str]:
-    for key, value in metadata.items():
-        yield f"# {key}: {' '.join(str(value).split())}\n"
+def _csv_lines(table: Mapping[str, Any]) -> Iterable[str]:
     yield ",".join(table) + "\n"
     size = len(next(iter(table.values())))
-    for start in range(0, size, 65536):  # tolist() makes Python floats, whose repr is shortest
-        block = [np.asarray(v[start : start + 65536]).tolist() for v in table.values()]
-        yield from (",".join(map(repr, row)) + "\n" for row in zip(*block, strict=True))
+    for start in range(0, size, 65536):
+        block = [number_texts(v[start : start + 65536], "nan") for v in table.values()]
+        yield from (",".join(row) + "\n" for row in zip(*block, strict=True))
 
 
-def _load(path: Path) -> Table:
+def _load(path: Path, unfinished: bool = False) -> Table:
     name = path.name
     if path.is_dir():
         raise BadRecording(f"{path}: is a directory, not a recording")
@@ -170,14 +175,21 @@ def _load(path: Path) -> Table:
     readers: dict[str, Callable[[Path], Table]] = {
         ".npz": _read_npz,
         ".mat": _read_mat,
-        ".mcap": _read_mcap,
+        ".mcap": lambda path: _read_mcap(path, unfinished),
     }
     if not name.endswith(SUFFIXES):
         raise BadRecording(f"{name}: unknown kind of file; {', '.join(SUFFIXES)} are read")
-    table = readers.get(path.suffix, read_table)(path)
+    if unfinished and path.suffix != ".mcap":
+        raise BadRecording(f"{name}: only an .mcap file can be unfinished; read it as it is")
+    table = readers.get(path.suffix, _read_csv)(path)
     if not table.columns:
         raise BadRecording(f"{name}: the file holds no columns")
     return table
+
+
+def _read_csv(path: Path) -> Table:
+    table = read_table(path)
+    return replace(table, metadata={**table.metadata, **read_notes(path)})
 
 
 def _read_npz(path: Path) -> Table:
@@ -214,8 +226,8 @@ def _read_mat(path: Path) -> Table:
     return Table(_columns(path, read_mat(path)), {})
 
 
-def _read_mcap(path: Path) -> Table:
-    columns, notes = read_mcap(path)
+def _read_mcap(path: Path, unfinished: bool) -> Table:
+    columns, notes = read_mcap(path, unfinished)
     return Table(_columns(path, columns), notes)
 
 

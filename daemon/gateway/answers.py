@@ -1,5 +1,5 @@
-"""Answers the longer questions: status, model, configuration, history. Threads of their own, one
-for the history: a slow asker keeps nobody waiting who commands, or who asks for less."""
+"""Answers the longer questions: status, model, configuration, events, history. Threads of their
+own, one for the history: a slow asker keeps nobody waiting who commands, or who asks for less."""
 
 import logging
 import threading
@@ -11,7 +11,7 @@ import tomli_w
 
 from dehyst.daemon import clock
 from dehyst.daemon.bus import encoding
-from dehyst.daemon.bus.messages import HistoryRequest
+from dehyst.daemon.bus.messages import HistoryRequest, RecentEvents
 from dehyst.daemon.bus.session import Asked
 from dehyst.daemon.config import Config
 from dehyst.daemon.files.models import load_model
@@ -79,6 +79,9 @@ class Answers:
             asked.reply(self._model_text().encode(), TOML)
         elif method == "configuration":
             asked.reply(config_text(self._config).encode(), TOML)
+        elif method == "events":
+            recent = RecentEvents(events=tuple(self._publisher.recent_events))
+            asked.reply(encoding.encode(recent))
         elif method == "doctor":
             asked.reply(encoding.encode(self._publisher.doctor_desk.reports()))
         elif method == "report":

@@ -67,7 +67,7 @@ class Gateway:
             publisher.tick(started_ns)  # attach first: the first question finds an answer
             bus.listen(keys.setpoints(), intake.put)
             bus.answer(keys.rpc("command"), intake.ask)
-            for method in ("status", "model", "configuration", "doctor", "report"):
+            for method in ("status", "model", "configuration", "events", "doctor", "report"):
                 bus.answer(keys.rpc(method), answers.ask)
             bus.answer(keys.rpc("history"), history.ask)
             bus.announce(keys.alive())

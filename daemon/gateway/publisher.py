@@ -5,6 +5,7 @@ what the ring had overwritten before is counted, never hidden.
 """
 
 import os
+from collections import deque
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -33,6 +34,8 @@ from dehyst.daemon.rings.status import STATUS, message_values
 SILENT_NS = 2_500_000_000
 """A core that wrote nothing for so long is taken for dead or hanging."""
 LONGEST_BATCH = 4096
+RECENT_EVENTS = 64
+"""For those who come later and ask."""
 
 
 class Publisher:
@@ -53,6 +56,7 @@ class Publisher:
         self._events = bus.sender(keys.pubsub(subject(EVENT)), EVENT)
         self._links = bus.watch_links()
         self.history = TelemetryHistory(round(config.telemetry.history_s * config.loop.rate_hz) + 1)
+        self.recent_events: deque[Event] = deque(maxlen=RECENT_EVENTS)
         self._record: Any = np.zeros(1, STATUS)[0]
         self._started_ns = self._heard_ns = self._said_ns = started_ns
         self._published = self._lost = self._cores = 0
@@ -156,6 +160,8 @@ class Publisher:
         self.history.restart(rings.run)
         self.history.add(rings.before("telemetry", self.history.capacity))
         self._admission.resume(rings.newest_point())
+        earlier = rings.before("event", RECENT_EVENTS)
+        self.recent_events.extend(event_message(record) for record in earlier)
         last = rings.newest_status()
         if last.size:
             self._take_status(last[-1])
@@ -205,7 +211,7 @@ class Publisher:
     def _pass_events(self) -> None:
         records, _ = self._rings.read("event")
         for record in records:
-            self._events.put(encoding.encode(event_message(record)))
+            self._put_event(event_message(record))
         if records.size:
             self._rings.taken("event")
         while not self._waiting.empty():
@@ -214,6 +220,10 @@ class Publisher:
     def _tell(self, now_ns: int, level: int, code: str, text: str) -> None:
         """An event of the gateway's own."""
         event = Event(time_ns=now_ns, wall_ns=clock.wall_ns(), level=level, code=code, text=text)
+        self._put_event(event)
+
+    def _put_event(self, event: Event) -> None:
+        self.recent_events.append(event)
         self._events.put(encoding.encode(event))
 
     def _say(self, now_ns: int) -> None:

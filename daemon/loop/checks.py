@@ -65,6 +65,13 @@ def check_rates(config: Config, actuator: DeviceSpec, sensor: DeviceSpec) -> int
     return every
 
 
+def highest_rate(actuator: DeviceSpec, sensor: DeviceSpec) -> float:
+    """The highest loop rate [Hz], with two digits, that `check_rates` lets these units have, the
+    sensor read at every sample."""
+    io_s = actuator.latency_s + sensor.latency_s
+    return _round_down(min(actuator.max_rate_hz, sensor.max_rate_hz, SPARE / io_s))
+
+
 def _round_down(rate_hz: float) -> float:
     """The next rate below with two digits."""
     step = 10.0 ** (math.floor(math.log10(rate_hz)) - 1)

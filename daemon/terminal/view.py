@@ -1,11 +1,12 @@
 """The live view of a daemon on a terminal: plot, state, deadlines, volts, events."""
 
 from collections import deque
+from datetime import datetime
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Group
+from rich.console import Group, RenderableType
 from rich.layout import Layout
 from rich.panel import Panel
 from rich.table import Table
@@ -20,6 +21,9 @@ from dehyst.daemon.terminal.braille import Curve, Plot
 POINTS = 4000
 EVENTS = 6
 COLUMNS = 3
+ROOMY = 100, 32
+"""Columns and rows from which all numbers are shown; below, the plots get the room."""
+SHORT_HEAD = 4
 STATES = {"running": "green", "ready": "cyan", "holding": "yellow", "fault": "bold red"}
 
 
@@ -97,40 +101,95 @@ def screen(
     lost: int,
     events: deque[Event],
     rejections: deque[Rejection],
+    size: tuple[int, int],
 ) -> Layout:
-    """The whole view."""
-    head, height = _head(status, window, lost)
+    """The whole view. size: columns and rows of the terminal; a small one gives its rows to the
+    plots."""
+    small = size[0] < ROOMY[0] or size[1] < ROOMY[1]
+    said = _newest(status, events, rejections)
+    head: RenderableType
+    if small:
+        head, height = _short_head(status, window, lost), SHORT_HEAD
+        foot: RenderableType = said[-1] if said else Text("no event yet", style="dim")
+    else:
+        head, height = _head(status, window, lost)
+        foot = Panel(Group(*(said or [Text("none yet", style="dim")])), title="events")
     layout = Layout()
     layout.split_column(
-        Layout(head, size=height), Layout(name="plots"), Layout(name="foot", size=8)
+        Layout(head, size=height),
+        Layout(_plots(status, window), name="plots"),
+        Layout(foot, size=1 if small else max(1, len(said)) + 2),
     )
+    return layout
+
+
+def _plots(status: Status | None, window: RecentTelemetry) -> Layout:
+    layout = Layout()
     samples = window.samples()
     unit = status.unit if status else "um"
-    if samples.size:
-        t_s = (samples["scheduled_ns"] - samples["scheduled_ns"][-1]) / 1e9
-        target, measured = samples["target"], samples["measured"]
-        both = [Curve("target", target, "blue"), Curve("measured", measured, "red")]
-        error = [Curve("error", measured - target, "magenta")]
-        layout["plots"].split_column(
-            Layout(Plot(t_s, both, unit), ratio=2), Layout(Plot(t_s, error, unit), ratio=1)
-        )
-    else:
-        layout["plots"].update(Panel("waiting for telemetry"))
-    layout["foot"].update(_foot(events, rejections))
+    if not samples.size:
+        layout.update(Panel("waiting for telemetry"))
+        return layout
+    t_s = (samples["scheduled_ns"] - samples["scheduled_ns"][-1]) / 1e9
+    target, measured = samples["target"], samples["measured"]
+    both = [Curve("target", target, "blue"), Curve("measured", measured, "red")]
+    error = [Curve("error", measured - target, "magenta")]
+    layout.split_column(
+        Layout(Plot(t_s, both, unit), ratio=2), Layout(Plot(t_s, error, unit), ratio=1)
+    )
     return layout
+
+
+def _state(status: Status, newest: Any) -> tuple[Text, str]:
+    """What the loop does, coloured, and the mode of the inverse."""
+    state = State(int(newest["state"])).name.lower() if newest is not None else status.state
+    mode = status.mode if newest is None else name_of(Mode, int(newest["mode"]))
+    words = printable(state) if status.core_alive else "no loop"
+    return Text(words, style=STATES.get(state, "white")), mode
+
+
+def _short_head(status: Status | None, window: RecentTelemetry, lost: int) -> Group:
+    """The numbers that matter, in SHORT_HEAD lines."""
+    if status is None:
+        return Group(Text("waiting for the daemon's status"))
+    newest, s, unit = window.newest(), status, status.unit
+    state, mode = _state(status, newest)
+    flags = flag_names(window.take_flags())
+    device = "".join(
+        f"  {name} FAILED" for name in ("actuator", "sensor") if not getattr(s, f"{name}_ok")
+    )
+    volts = s.volts if newest is None else newest["volts"]
+    lines = [
+        Text.assemble(
+            f"{printable(s.name)}: ", state, f" ({printable(mode)})  ", (flags, "yellow")
+        ),
+        Text(
+            f"target {_figure(_of(newest, 'target'), unit)}  "
+            f"measured {_figure(_of(newest, 'measured'), unit)}  rms error "
+            f"{_figure(window.error_rms(), unit)} over {window.seconds:g} s  {volts:.3f} V"
+        ),
+        Text(printable(positioning(s))),
+        Text.assemble(
+            f"{1e9 / s.period_ns:g} Hz  missed {s.missed} of {s.samples}  lost here {lost}  by "
+            f"{printable(s.gateway.lease_label) or 'nobody'}",
+            (device, "bold red"),
+        ),
+    ]
+    for line in lines:
+        line.no_wrap, line.overflow = True, "ellipsis"
+    return Group(*lines)
+
+
+def _of(newest: Any, name: str) -> float:
+    return float("nan") if newest is None else float(newest[name])
 
 
 def _head(status: Status | None, window: RecentTelemetry, lost: int) -> tuple[Panel, int]:
     """The numbers, and how many lines they take."""
     if status is None:
         return Panel("waiting for the daemon's status"), 3
-    newest = window.newest()
-    state = State(int(newest["state"])).name.lower() if newest is not None else status.state
-    unit, gateway = status.unit, status.gateway
-    mode = status.mode if newest is None else name_of(Mode, int(newest["mode"]))
-    shown = Text(
-        printable(state) if status.core_alive else "no loop", style=STATES.get(state, "white")
-    )
+    newest, unit, gateway = window.newest(), status.unit, status.gateway
+    shown, mode = _state(status, newest)
     texts: list[Text | str] = [
         Text.assemble("state ", shown, f"  ({mode})"),
         f"{status.volts:.3f} V" if newest is None else f"{newest['volts']:.3f} V",
@@ -155,10 +214,20 @@ def _head(status: Status | None, window: RecentTelemetry, lost: int) -> tuple[Pa
     return panel, table.row_count + 3
 
 
-def _foot(events: deque[Event], rejections: deque[Rejection]) -> Panel:
-    lines = [(e.time_ns, f"{e.code}: {e.text}", "red" if e.level > 1 else "") for e in events]
-    lines += [(r.time_ns, f"refused {r.count} x: {r.text}", "yellow") for r in rejections]
-    shown = sorted(lines)[-EVENTS:]
-    return Panel(
-        Group(*(Text(printable(text), style=style) for _, text, style in shown)), title="events"
-    )
+def _newest(
+    status: Status | None, events: deque[Event], rejections: deque[Rejection]
+) -> list[Text]:
+    """The newest events and refusals, oldest first, one line each with its time."""
+    # a refusal has the controller's monotonic time alone; the status has both
+    wall_ns = 0 if status is None else status.wall_ns - status.time_ns
+    lines = [(e.wall_ns, f"{e.code}: {e.text}", "red" if e.level > 1 else "") for e in events]
+    lines += [(r.time_ns + wall_ns, f"refused {r.count} x: {r.text}", "yellow") for r in rejections]
+    return [
+        Text(
+            f"{datetime.fromtimestamp(when * 1e-9):%H:%M:%S} {printable(text)}",
+            style=style,
+            no_wrap=True,
+            overflow="ellipsis",
+        )
+        for when, text, style in sorted(lines)[-EVENTS:]
+    ]

@@ -2,6 +2,7 @@
 witness beside it, and the devices' calls timed on their own.
 """
 
+import math
 import os
 import tempfile
 import threading
@@ -14,6 +15,7 @@ import numpy as np
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config, parse_config
+from dehyst.daemon.loop.checks import SPARE
 from dehyst.daemon.loop.compiled_loop import CompiledLoop, spin_ns, warm_up
 from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.daemon.loop.python_loop import PythonLoop
@@ -92,11 +94,18 @@ class LatencyOutcome:
         return sum(h.quantile(0.99) for h in self.io.values())
 
     @property
+    def allowed_hz(self) -> float:
+        """The rate that the device calls leave room for; infinity without any."""
+        busy_us = self.io_us + self.execution.quantile(0.999)
+        return SPARE * 1e6 / busy_us if self.io else math.inf
+
+    @property
     def held(self) -> bool:
         """True when the rate was held, whoever is to blame where it was not, and leaves the
         device calls their time."""
         fits = self.io_us + self.execution.quantile(0.999) < 1e6 / self.setup.rate_hz
-        return self.samples > 0 and self.missed <= TOLERATED * self.samples and fits
+        tolerated = max(1.0, TOLERATED * self.samples)  # of few samples one says nothing
+        return self.samples > 0 and self.missed <= tolerated and fits
 
 
 def _model() -> Model:

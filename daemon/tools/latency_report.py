@@ -109,11 +109,10 @@ def _verdict(outcome: LatencyOutcome) -> list[str]:
     else:
         text.append(f"witness: never late by more than {outcome.stall_threshold_us:.0f} us")
     period_us = 1e6 / outcome.setup.rate_hz
-    if outcome.io and outcome.io_us + outcome.execution.quantile(0.999) >= period_us:
-        most_hz = 0.8e6 / (outcome.io_us + outcome.execution.quantile(0.999))
+    if outcome.io:
         text.append(
             f"the device calls take {outcome.io_us:.0f} us of the {period_us:.0f} us period: these "
-            f"devices allow about {most_hz:.0f} Hz"
+            f"devices allow about {outcome.allowed_hz:.0f} Hz"
         )
     text.append(f"{outcome.setup.rate_hz:g} Hz {'held' if outcome.held else 'NOT held'}")
     return text

@@ -53,6 +53,8 @@ class Mdt693bRegisters:
     serial_number: str
     friendly_name: str
     range_error: bytes
+    bare_numbers: bool
+    compatibility_prompt: bytes
     set_v: dict[str, float]
     min_v: dict[str, float]
     max_v: dict[str, float]
@@ -78,6 +80,8 @@ class Mdt693bRegisters:
             serial_number=knobs.serial_number,
             friendly_name=knobs.friendly_name,
             range_error=knobs.range_error,
+            bare_numbers=knobs.bare_numbers,
+            compatibility_prompt=knobs.compatibility_prompt,
             set_v=dict.fromkeys(axes, knobs.start_v),
             min_v=dict.fromkeys(axes, 0.0),
             max_v=dict.fromkeys(axes, highest_v),
@@ -103,21 +107,28 @@ class Mdt693bRegisters:
 
 def answer(registers: Mdt693bRegisters, style: ReplyStyle, line: str, read: ReadVolts) -> bytes:
     """Carry out one command line; the bytes of the reply, echo not included."""
-    text = line.strip()
+    prompted = registers.compatibility and style.prompt  # as it was when the command came
     try:
-        if registers.compatibility:
-            reply = _compatible(registers, style, text, read)
-            if reply is not None:
-                return reply
-            if registers.compatibility_only and not text.lower().startswith("cm"):
-                return style.not_defined()
-        name, equals, argument = text.partition("=")
-        key = name.strip().lower()
-        if equals:
-            return _set(registers, style, key, argument.strip())
-        return _ask(registers, style, key, read)
+        reply = _carry_out(registers, style, line.strip(), read)
     except _BadArgument:
-        return style.bad_argument(registers.range_error)
+        reply = style.bad_argument(registers.range_error)
+    if prompted:
+        reply = reply.removesuffix(style.prompt) + registers.compatibility_prompt
+    return reply
+
+
+def _carry_out(s: Mdt693bRegisters, style: ReplyStyle, text: str, read: ReadVolts) -> bytes:
+    if s.compatibility:
+        reply = _compatible(s, style, text, read)
+        if reply is not None:
+            return reply
+        if s.compatibility_only and not text.lower().startswith("cm"):
+            return style.not_defined()
+    name, equals, argument = text.partition("=")
+    key = name.strip().lower()
+    if equals:
+        return _set(s, style, key, argument.strip())
+    return _ask(s, style, key, read)
 
 
 def _ask(s: Mdt693bRegisters, style: ReplyStyle, key: str, read: ReadVolts) -> bytes:
@@ -169,13 +180,19 @@ def _set(s: Mdt693bRegisters, style: ReplyStyle, key: str, argument: str) -> byt
 
 
 def _compatible(s: Mdt693bRegisters, style: ReplyStyle, text: str, read: ReadVolts) -> bytes | None:
-    """The MDT693A commands (XV10, XR?, XL?, XH?, %, E); None if the line is none of them."""
+    """The MDT693A commands (XV10, AV10, XR?, XL?, XH?, %, E, I); None if the line is none of them.
+
+    AV and I: two clients of the MDT693A that know nothing of each other send them."""
     upper = text.upper()
     if upper == "%":
         return style.line(f"[ {s.limit_v}]", trailer=True)
     if upper == "E":
         s.echo = not s.echo
         return style.ok()
+    if upper == "I":
+        return _identity(s, style)
+    if together := re.fullmatch(r"AV(-?\d+(?:\.\d*)?)", upper):
+        return _set(s, style, "allvoltage", together[1])
     match = re.fullmatch(r"([XYZ])(?:([RLH])\?|([VLH])(-?\d+(?:\.\d*)?))", upper)
     if match is None or match.group(1).lower() not in s.axes:
         return None
@@ -234,6 +251,10 @@ def _identity(s: Mdt693bRegisters, style: ReplyStyle) -> bytes:
     return style.line("\r".join(lines))
 
 
+def _whole_number(s: Mdt693bRegisters, style: ReplyStyle, value: int) -> bytes:
+    return style.line(str(value) if s.bare_numbers else f"[{value}]")
+
+
 QUERIES: dict[str, Callable[[Mdt693bRegisters, ReplyStyle], bytes]] = {
     "?": lambda s, style: style.line(HELP.replace("\n", "\r")),
     "id?": _identity,
@@ -241,17 +262,17 @@ QUERIES: dict[str, Callable[[Mdt693bRegisters, ReplyStyle], bytes]] = {
     "friendly?": lambda s, style: style.line(s.friendly_name),
     "echo?": lambda s, style: style.line(f"[Echo {'On' if s.echo else 'Off'}]"),
     "vlimit?": lambda s, style: style.line(f"[ {s.limit_v}]", trailer=True),
-    "intensity?": lambda s, style: style.line(f"[{s.intensity}]"),
+    "intensity?": lambda s, style: _whole_number(s, style, s.intensity),
     "sysmin?": lambda s, style: style.bare(style.limit(s.sys_min_v)),
     "sysmax?": lambda s, style: style.bare(style.limit(s.sys_max_v)),
-    "msenable?": lambda s, style: style.line(f"[{int(s.scan_on)}]"),
+    "msenable?": lambda s, style: _whole_number(s, style, int(s.scan_on)),
     "msvoltage?": lambda s, style: style.line(f"[{style.volts(s.scan_v)}]"),
-    "dacstep?": lambda s, style: style.line(f"[{s.dac_step}]"),
+    "dacstep?": lambda s, style: _whole_number(s, style, s.dac_step),
     "cm?": lambda s, style: style.line(
         f"[MDT693A Compatibility Mode {'On' if s.compatibility else 'Off'}]", trailer=True
     ),
-    "rotarymode?": lambda s, style: style.line(f"[{s.rotary_mode}]"),
-    "pushdisable?": lambda s, style: style.line(f"[{s.push_disable}]"),
+    "rotarymode?": lambda s, style: _whole_number(s, style, s.rotary_mode),
+    "pushdisable?": lambda s, style: _whole_number(s, style, s.push_disable),
 }
 
 SETTERS: dict[str, Callable[[Mdt693bRegisters, str], None]] = {

@@ -27,6 +27,12 @@ class Mdt693bKnobs(Settings, frozen=True):
     range_error: Annotated[
         bytes, Meta(description="modern answer to an argument out of range; b'!' may be another")
     ] = b"CMD_ARG_INVALID"
+    bare_numbers: Annotated[
+        bool, Meta(description="intensity?, msenable? and their like without brackets")
+    ] = False
+    compatibility_prompt: Annotated[
+        bytes, Meta(description="modern prompt in compatibility mode; b'*' may be another")
+    ] = b">"
     latency_s: Annotated[float, Meta(ge=0, description="end of a command to its reply")] = 0.0026
     jitter_s: Annotated[
         float, Meta(ge=0, description="added to the latency, uniform from 0 to this")

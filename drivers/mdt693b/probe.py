@@ -9,7 +9,6 @@ with the set-point at which the output already stands.
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import DeviceTimeout, OutOfRange, ProtocolError
@@ -24,6 +23,7 @@ from dehyst.drivers.mdt693b.codec import (
 )
 from dehyst.drivers.mdt693b.link import NO_COMMAND
 from dehyst.drivers.mdt693b.tuning import PROBE_TUNING as TUNING
+from dehyst.drivers.recorded import RecordedExchange, record_exchange
 from dehyst.drivers.serial_port import SerialPort
 
 QUERIES = (
@@ -33,34 +33,6 @@ QUERIES = (
     *("msenable?", "msvoltage?", "dacstep?", "cm?", "rotarymode?", "pushdisable?"),
     *("xr?", "xl?", "xh?", "%", "?"),
 )
-
-
-@dataclass(frozen=True)
-class RecordedExchange:
-    """One command and everything that came back. Times in s from the start of the probe."""
-
-    sent: bytes
-    sent_at_s: float
-    received: tuple[tuple[float, bytes], ...]
-
-    @property
-    def reply(self) -> bytes:
-        """All bytes of the reply."""
-        return b"".join(data for _, data in self.received)
-
-    def to_dict(self) -> dict[str, Any]:
-        """For the fixture file: bytes as Latin-1 text."""
-        return {
-            "sent": self.sent.decode("latin-1"),
-            "sent_at_s": round(self.sent_at_s, 6),
-            "received": [[round(at_s, 6), d.decode("latin-1")] for at_s, d in self.received],
-        }
-
-    @classmethod
-    def from_dict(cls, table: dict[str, Any]) -> "RecordedExchange":
-        """From a fixture file."""
-        received = tuple((float(at_s), d.encode("latin-1")) for at_s, d in table["received"])
-        return cls(table["sent"].encode("latin-1"), float(table["sent_at_s"]), received)
 
 
 @dataclass(frozen=True)
@@ -87,17 +59,9 @@ def record_exchanges(
     while port.read_until_deadline(clock() + TUNING.quiet_s):
         pass
     for number, query in enumerate(QUERIES):
+        waits_s = TUNING.first_byte_s, TUNING.quiet_s
         sent = query.encode("ascii") + b"\r"
-        sent_at_s = clock() - start_s
-        port.write(sent)
-        received: list[tuple[float, bytes]] = []
-        while True:
-            wait_s = TUNING.quiet_s if received else TUNING.first_byte_s
-            data = port.read_until_deadline(clock() + wait_s)
-            if not data:
-                break
-            received.append((clock() - start_s, data))
-        exchanges.append(RecordedExchange(sent, sent_at_s, tuple(received)))
+        exchanges.append(record_exchange(port, sent, waits_s, clock, start_s))
         progress((number + 1) / len(QUERIES))
         if number == 2 and not any(e.received for e in exchanges):
             break  # nobody there

@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dehyst.models.cascade.simulate import simulate
+from dehyst.models.cascade.simulate import Parts, simulate_parts
 from dehyst.models.model import Floats, Model
 
-DE_ENERGISED = "de-energised"
+DE_ENERGISED, FROM_ABOVE, FROM_BELOW = "de-energised", "from above", "from below"
+HISTORIES = (DE_ENERGISED, FROM_ABOVE, FROM_BELOW)
 LEG_SAMPLES, LEG_S = 200, 20.0
 """Of one way over the range: slow, so that nothing but memory is left of it."""
 BETTER = 0.01
@@ -32,13 +33,31 @@ def replay(
 ) -> Replay:
     """The model on the drive u (N,) behind the history that fits the reading y (N,) best, its mean
     left out; NaN in y count for nothing. Raises BadInput as `simulate` does."""
-    best, least = Replay(DE_ENERGISED, simulate(model, t_s, u, channels)), np.inf
-    for start, legs in {DE_ENERGISED: [], **_list_legs(model, float(u[0]))}.items():
-        predicted = best.predicted if not legs else _simulate_led(model, t_s, u, channels, legs)
+    best, least = None, np.inf
+    for start in HISTORIES:
+        predicted = simulate_behind(model, t_s, u, channels, start).reading
         left = _spread(y - predicted)
-        if left < (1.0 - BETTER) * least:
+        if best is None or left < (1.0 - BETTER) * least:
             best, least = Replay(start, predicted), left
+    assert best is not None
     return best
+
+
+def simulate_behind(
+    model: Model, t_s: Floats, u: Floats, channels: Mapping[str, Floats], start: str
+) -> Parts:
+    """Every stage of the model for a drive u (N,) behind one of the HISTORIES, which is driven
+    slowly. Raises BadInput as `simulate` does."""
+    legs = _list_legs(model, float(u[0]))[start]
+    if not legs:
+        return simulate_parts(model, t_s, u, channels)
+    way = np.interp(
+        np.arange(LEG_SAMPLES * (len(legs) - 1)) / LEG_SAMPLES, np.arange(len(legs)), legs
+    )
+    before = t_s[0] - (LEG_S / LEG_SAMPLES) * np.arange(way.size, 0, -1)
+    led = {name: np.append(np.full(way.size, c[0]), c) for name, c in channels.items()}
+    parts = simulate_parts(model, np.append(before, t_s), np.append(way, u), led)
+    return Parts(*(part[way.size :] for part in parts))
 
 
 def _spread(error: Floats) -> float:
@@ -50,18 +69,7 @@ def _list_legs(model: Model, first: float) -> dict[str, list[float]]:
     v = model.validity
     rest = min(max(0.0, v.drive_min), v.drive_max)
     return {
-        "from above": [rest, v.drive_max, first],
-        "from below": [rest, v.drive_max, v.drive_min, first],
+        DE_ENERGISED: [],
+        FROM_ABOVE: [rest, v.drive_max, first],
+        FROM_BELOW: [rest, v.drive_max, v.drive_min, first],
     }
-
-
-def _simulate_led(
-    model: Model, t_s: Floats, u: Floats, channels: Mapping[str, Floats], legs: list[float]
-) -> Floats:
-    """`simulate` behind the ways between these drives."""
-    way = np.interp(
-        np.arange(LEG_SAMPLES * (len(legs) - 1)) / LEG_SAMPLES, np.arange(len(legs)), legs
-    )
-    before = t_s[0] - (LEG_S / LEG_SAMPLES) * np.arange(way.size, 0, -1)
-    led = {name: np.append(np.full(way.size, c[0]), c) for name, c in channels.items()}
-    return simulate(model, np.append(before, t_s), np.append(way, u), led)[way.size :]

@@ -16,7 +16,8 @@ from numba import njit
 
 from dehyst.models.model import Hysteresis
 from dehyst.models.signals.filters import dahl, plays
-from dehyst.models.signals.joined import Bools, Data, Floats, Ints
+from dehyst.models.signals.joined import Data, Floats, Ints
+from dehyst.models.signals.pasts import begin_dahl, begin_plays
 
 # fractions of the drive's range
 THRESHOLDS = np.array([0, 0.01, 0.025, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.37, 0.45, 0.55])
@@ -66,7 +67,7 @@ class Base:
         """Drive in -1..1 over the recorded range."""
         return (v - (self.low + 0.5 * self.span)) * (2.0 / self.span)
 
-    def columns(self, v: Floats, starts: Bools) -> Floats:
+    def columns(self, v: Floats, starts: Ints) -> Floats:
         """(N, width) columns for a drive v (N,)."""
         if self.width == 0:
             return np.zeros((v.size, 0))
@@ -78,7 +79,7 @@ class Base:
         _fill(out, x, h, z)
         return out if self.width == self._all else np.ascontiguousarray(out[:, self.keep])
 
-    def combine(self, v: Floats, starts: Bools, weights: Floats) -> Floats:
+    def combine(self, v: Floats, starts: Ints, weights: Floats) -> Floats:
         """columns(v) @ weights (N,) without building the columns."""
         if self.width == 0:
             return np.zeros(v.size)
@@ -123,7 +124,7 @@ class NumbersBase(Base):
         """(width,) ridge of the columns."""
         return np.full(self.width, 1e-9)
 
-    def columns(self, v: Floats, starts: Bools) -> Floats:
+    def columns(self, v: Floats, starts: Ints) -> Floats:
         """(N, width) columns for a drive v (N,)."""
         one = self.hysteresis
         h = plays(one.r, v - one.u_offset, starts)
@@ -165,17 +166,18 @@ def _fill(out: Floats, x: Floats, h: Floats, z: Floats) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _combine(x: Floats, starts: Bools, r: Floats, length: Floats, w: Floats) -> Floats:
+def _combine(x: Floats, starts: Ints, r: Floats, length: Floats, w: Floats) -> Floats:
     n, m = r.size, length.size
     h = np.zeros(n)
     z = np.zeros(m)
     out = np.empty(x.size)
+    lowest, highest = x.min(), x.max()
     for t in range(x.size):
         xt = x[t]
         du = 0.0
         if starts[t]:
-            h[:] = 0.0
-            z[:] = 0.0
+            begin_plays(h, r, starts[t], lowest + 1.0, highest + 1.0)
+            begin_dahl(z, length, starts[t], lowest, highest, xt)
         else:
             du = xt - x[t - 1]
         total = w[5 * n + 5 * m] * xt**4 + w[5 * n + 5 * m + 1] * xt**5

@@ -4,8 +4,11 @@ White noise alone would give intervals far too narrow when the base leaves an er
 the spread between time blocks counts too: the sandwich of the blocks' scores, each freed of what
 the fit has taken from its own residual, the base's part included (R. Bell, D. McCaffrey, Survey
 Methodology 28, 2002, "bias reduced linearisation"), with Student's t for so many blocks. The wider
-of the two holds.
+of the two holds. Before the recordings a nonlinear parameter is known to lie within its bounds: a
+time that they say nothing of does not make the size beside it unknown as well.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import stdtrit
@@ -44,7 +47,10 @@ def _values(fitted: JointFit, index: int, p: Floats, cov: Floats) -> dict[str, V
     count = len(effect.theta)
     own = internal([effect])
     gradient: dict[str, list[float]] = {key: [] for key in best}
-    sure = {p.key: p.sure for p in effect.parameters}
+    sure = {
+        p.key: p.sure + p.within / abs(v)
+        for p, v in zip(effect.parameters, effect.theta, strict=True)
+    }
     log = {key: value > 0 for key, (value, _) in best.items()}
     for j in range(cov.shape[0]):
         size = max(float(np.sqrt(cov[j, j])), 1e-12)
@@ -84,6 +90,14 @@ def _stepped(effect: Effect, own: Floats, j: int, step: float) -> tuple[float, .
     return moved([effect], own, move)[0].theta
 
 
+def _spread_before(effects: Sequence[Effect]) -> Floats:
+    """Standard deviation of each internal parameter that may be anywhere within its bounds."""
+    width = [
+        np.log(p.high / p.low) if p.log else 1.0 for effect in effects for p in effect.parameters
+    ]
+    return np.array(width) / np.sqrt(12.0)
+
+
 def _covariance(problem: Problem, fitted: JointFit, sigma: float) -> Floats:
     """Of all internal parameters, then all amplitudes of the additive columns."""
     data = problem.data
@@ -96,6 +110,8 @@ def _covariance(problem: Problem, fitted: JointFit, sigma: float) -> Floats:
     x = x / unit
     ridge = np.full(x.shape[1], 1e-10)
     ridge[:nuisance] = problem.penalty(nuisance)
+    theta = slice(nuisance, nuisance + jac.shape[1])
+    ridge[theta] += sigma**2 / (_spread_before(fitted.effects) * unit[theta]) ** 2
     values, vectors = np.linalg.eigh(x.T @ x + np.diag(ridge))
     whitened = vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
     own = whitened[nuisance:]

@@ -22,6 +22,7 @@ from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import library
 from dehyst.models.physics.candidate import Candidate
+from dehyst.models.signals.joined import Data
 
 Say = Callable[[str, float], None]
 
@@ -75,29 +76,51 @@ def _forward(
     problem: Problem, sigma: float, null: JointFit, say: Say, share: float, forbidden: Sequence[str]
 ) -> SearchState:
     counted = int(problem.data.rows.sum())
-    strict = share > TUNING.driven_share
-    few = turns(problem.data) < TUNING.few_turns
     state = SearchState(problem, sigma, null, null, counted=counted, share=share)
-    everything = [
-        c
-        for c in library(problem.data)
-        if c.key not in forbidden and not (strict and c.static) and not (few and c.driven)
-    ]
+    everything = _pool(problem.data, share, forbidden)
     for number in range(TUNING.max_effects):
-        current = state.accepted
         if problem.solved > TUNING.budget:
             break
-        left = excess(problem, current, sigma)
-        trials = _round(problem, sigma, current, everything, say, number)
-        judged = [judge(state, t, left) for t in trials]
-        state.rounds.append(judged)
-        chosen = _choice(state, judged)
-        if chosen is None:
+        if not _accept_one(state, everything, TUNING.shortlist, say, number):
             break
-        state.picked.append(chosen.candidate.key)
-        fit = refine_fit(problem, sigma, chosen.fit, chosen.candidate, everything)
-        state.accepted = prune(problem, sigma, fit, keep=chosen.candidate.key)
     return state
+
+
+def search_one_more(state: SearchState, shortlist: int) -> SearchState:
+    """One more round from a state's accepted effects; shortlist: candidates that get the full
+    refit."""
+    everything = _pool(state.problem.data, state.share, ())
+    _accept_one(state, everything, shortlist, lambda text, share: None, 0)
+    return state
+
+
+def _pool(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
+    """Candidates that may be tried."""
+    strict = share > TUNING.driven_share
+    few = turns(data) < TUNING.few_turns
+    return [
+        c
+        for c in library(data)
+        if c.key not in forbidden and not (strict and c.static) and not (few and c.driven)
+    ]
+
+
+def _accept_one(
+    state: SearchState, everything: Sequence[Candidate], shortlist: int, say: Say, number: int
+) -> bool:
+    """Accept the best of one round into the state; whether there was one."""
+    problem, sigma, current = state.problem, state.sigma, state.accepted
+    left = excess(problem, current, sigma)
+    trials = _round(problem, sigma, current, everything, shortlist, say, number)
+    judged = [judge(state, t, left) for t in trials]
+    state.rounds.append(judged)
+    chosen = _choice(state, judged)
+    if chosen is None:
+        return False
+    state.picked.append(chosen.candidate.key)
+    fit = refine_fit(problem, sigma, chosen.fit, chosen.candidate, everything)
+    state.accepted = prune(problem, sigma, fit, keep=chosen.candidate.key)
+    return True
 
 
 def _round(
@@ -105,6 +128,7 @@ def _round(
     sigma: float,
     current: JointFit,
     everything: Sequence[Candidate],
+    shortlist: int,
     say: Say,
     number: int,
 ) -> list[CandidateTrial]:
@@ -123,7 +147,7 @@ def _round(
     scored.sort(key=lambda s: -s[0])
     short = [
         (c, start)
-        for gain, start, c in scored[: TUNING.shortlist]
+        for gain, start, c in scored[:shortlist]
         if gain > TUNING.weak_gain * scored[0][0]
     ]
     trials = []
@@ -132,7 +156,7 @@ def _round(
         return tried(problem, sigma, current, c, start)
 
     for k, trial in enumerate(problem.several(attempt, *zip(*short, strict=True)) if short else ()):
-        say(f"tried {trial.candidate.key}", min(0.85, 0.1 + 0.15 * (number + k / TUNING.shortlist)))
+        say(f"tried {trial.candidate.key}", min(0.85, 0.1 + 0.15 * (number + k / shortlist)))
         trials.append(trial)
     return sorted(trials, key=lambda t: -t.worth)
 

@@ -1,7 +1,8 @@
 """The diagnosis from recordings to verdict. See the steps in the package's text."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,12 +32,14 @@ from dehyst.models.diagnosis.findings.episodes import Episode, find_episodes, te
 from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.shape import not_contained
 from dehyst.models.diagnosis.findings.sightings import accept, retell, sightings
-from dehyst.models.diagnosis.findings.told import without_driven
-from dehyst.models.diagnosis.findings.weigh import weigh, with_episode
-from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.findings.told import only_told, without_driven, worth_telling
+from dehyst.models.diagnosis.findings.weigh import Weighed, weigh, with_episode
+from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, base_error, excess
+from dehyst.models.diagnosis.pasts import begin_as_found
 from dehyst.models.diagnosis.result import Diagnosis, View
-from dehyst.models.diagnosis.subject import Subject, identify_plain, take_subject
+from dehyst.models.diagnosis.search import search_one_more
+from dehyst.models.diagnosis.subject import identify_plain, take_subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.recording import Recording
@@ -61,7 +64,7 @@ def diagnose(
     say("preparing", 0.0)
     whole = prepare(recordings, were_de_energised(recordings))
     say("the model in use", 0.02)
-    data = excerpt(whole)
+    data = begin_as_found(excerpt(whole))
     subject = identify_plain(recordings, data) if model is None else take_subject(model, data)
     problem = Problem(data, rich_base(data), subject, several)
     null = problem.solve([])
@@ -152,19 +155,18 @@ def _conclude(
         findings = [*findings, replace(rest, where={**where, **times})]
     say("limits", 0.96)
     untold = {n for f in findings for n in (f.name, *f.ambiguous_with)}
-    limited = tuple(limits(found, untold)) if verdict in ("clean", "explained") else ()
-    whole, heldout = augmented(problem, final), weighed.held
-    if not stays_in_reach(whole, recorded):
-        # a shape that goes astray where nothing was recorded is told, and not handed out
-        effects_alone = bare.refit(final.effects) if final.effects else bare.solve([])
-        whole, heldout = augmented(bare, effects_alone), by_blocks(bare, effects_alone).mean_square
+    seen = partial(_names_found, found)
+    limited = tuple(limits(found, untold, seen)) if verdict in ("clean", "explained") else ()
+    bare_left = left_of(recorded, subject.whole(recorded))
+    handed = _hand_out(recorded, bare, weighed, bare_left, sigma)
+    if not handed.contains_shape:
         findings = [not_contained(f) for f in findings]
-    views = tuple(_views(recorded, subject, whole))
+    views = tuple(_views(recorded, bare_left, handed.left))
     rms: dict[str, Any] = {
         "model": {v.name: _rms((v.displacement - v.base)[v.held_out]) for v in views},
         "augmented": {v.name: _rms((v.displacement - v.augmented)[v.held_out]) for v in views},
         "heldout_model": float(np.sqrt(weighed.bare)),
-        "heldout_augmented": float(np.sqrt(max(heldout, 0.0))),
+        "heldout_augmented": float(np.sqrt(max(handed.held, 0.0))),
     }
     quality = survey(recorded, data, (sigma, whole_noise), unexplained, warnings)
     say("done", 1.0)
@@ -180,10 +182,10 @@ def _conclude(
         next_experiment=next_experiment(
             verdict, findings, sorted({x.name for x in limited if x.value is None})
         ),
-        model=whole,
+        model=handed.model,
         base_model=subject.model,
         views=views,
-        locate=locate(recorded, left_of(recorded, subject.whole(recorded)), sigma),
+        locate=locate(recorded, bare_left, sigma),
         tried=tuple(_tried(found.counted, found)),
     )
 
@@ -201,10 +203,69 @@ def _told(t: CandidateTrial, n: int) -> str:
     return text + (f" ({t.refused})" if t.refused else "")
 
 
-def _views(data: Data, subject: Subject, whole: Model) -> list[View]:
-    """Each recording with what both models, simulated, say of it."""
-    base = data.y - left_of(data, subject.whole(data))
-    full = data.y - left_of(data, replace(subject, model=whole).whole(data))
+def _names_found(found: SearchState, added: Floats) -> set[str]:
+    """Names that are told beside what was found, where the reading has so much more (N,) in it."""
+    light = found.problem.light(TUNING.limit_rows)
+    there = replace(light, data=replace(light.data, y=light.data.y + added))
+    null = there.solve([])
+    known = there.solve(found.accepted.effects, there.output_of(null))
+    counted = int(there.data.rows.sum())
+    state = SearchState(there, found.sigma, null, known, counted=counted, share=found.share)
+    state = search_one_more(state, TUNING.limit_shortlist)
+    told = only_told(worth_telling(state)).accepted
+    return {e.candidate.name for e in told.effects}
+
+
+@dataclass(frozen=True)
+class _Handed:
+    """The augmented model; left: (N,) what it leaves of all samples; held: mean square that it
+    leaves of held-out ones."""
+
+    model: Model
+    left: Floats
+    held: float
+    contains_shape: bool = True
+
+
+def _hand_out(
+    data: Data, bare: Problem, weighed: Weighed, bare_left: Floats, sigma: float
+) -> _Handed:
+    """The model that is handed out: with all that was found, else with the effects alone, else the
+    model in use; the first that is nowhere worse than that one by more than the noise, and does not
+    go astray where nothing was recorded. bare_left: (N,) what the model in use leaves."""
+    final = weighed.final
+
+    def tried(problem: Problem, fit: JointFit, held: float, whole: bool) -> _Handed:
+        model = augmented(problem, fit)
+        left = left_of(data, replace(bare.subject, model=model).whole(data))
+        return _Handed(model, left, held, whole)
+
+    out = tried(weighed.problem, final, weighed.held, True)
+    if stays_in_reach(out.model, data) and not _is_worse(data, out.left, bare_left, sigma):
+        return out
+    if final.effects:
+        fit = bare.refit(final.effects)
+        out = tried(bare, fit, by_blocks(bare, fit).mean_square, False)
+        if out.held < weighed.bare and not _is_worse(data, out.left, bare_left, sigma):
+            return out
+    return _Handed(bare.subject.model, bare_left, weighed.bare, False)
+
+
+def _is_worse(data: Data, left: Floats, before: Floats, sigma: float) -> bool:
+    """Whether a model leaves more than the one before, by more than the noise: of any recording, in
+    its rows that count or in all."""
+    for i in range(len(data.names)):
+        here = (data.rec == i) & (data.raw_index >= 0)
+        for k in (here, here & data.rows):
+            if np.std(left[k]) > np.std(before[k]) + sigma:
+                return True
+    return False
+
+
+def _views(data: Data, left: Floats, left_by_all: Floats) -> list[View]:
+    """Each recording with what both models, simulated, say of it; (N,) what the model in use
+    leaves, and the augmented one."""
+    base, full = data.y - left, data.y - left_by_all
     out = []
     for i, name in enumerate(data.names):
         k = (data.rec == i) & (data.raw_index >= 0)

@@ -17,16 +17,17 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import nnls
 
-from dehyst.models.cascade.simulate import channels_of, simulate, simulate_parts
+from dehyst.models.cascade.history import HISTORIES, replay, simulate_behind
+from dehyst.models.cascade.simulate import channels_of, simulate
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadInput, DehystError
-from dehyst.models.hysteresis.forward import simulate_hysteresis as simulate_hysteresis
 from dehyst.models.identify import Options, identify
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.physics import KINDS
 from dehyst.models.recording import Recording
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.pasts import FRESH
 
 # of the drive's range, where identification has none to offer
 THRESHOLDS = np.array([0, 0.01, 0.025, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.37, 0.45])
@@ -73,11 +74,6 @@ class Subject:
         """(N,) reading for a drive behind the drive blocks."""
         if not self.carries:
             return np.zeros(data.n)
-        if not self.model.blocks and self.model.hysteresis.static:
-            out = np.empty(data.n)
-            for k in _recordings(data):
-                out[k] = simulate_hysteresis(self.model.hysteresis, v[k], 1.0)
-            return out
         return self._run(data, v, replace(self.model, blocks=self.further_blocks), "reading")
 
     def passed(self, data: Data, x: Floats) -> Floats:
@@ -97,14 +93,23 @@ class Subject:
         return x
 
     def whole(self, data: Data) -> Floats:
-        """(N,) what the model says of these recordings."""
-        return self._run(data, data.u, self.model, "reading")
+        """(N,) what the model says of these recordings, each behind the history that fits it best:
+        what `dehyst simulate` writes."""
+        out = np.empty(data.n)
+        y = np.where(data.raw_index >= 0, data.y, np.nan)
+        for k in _recordings(data):
+            channels = {name: data.channels[name][k] for name in channels_of(self.model)}
+            out[k] = replay(self.model, data.t[k], data.u[k], channels, y[k]).predicted
+        return out
 
     def _run(self, data: Data, v: Floats, model: Model, which: str) -> Floats:
+        """(N,) one stage of a model, each recording behind the past that its mark says."""
         out = np.empty(data.n)
         for k in _recordings(data):
             channels = {name: data.channels[name][k] for name in channels_of(model)}
-            out[k] = getattr(simulate_parts(model, data.t[k], v[k], channels), which)
+            past = HISTORIES[max(int(data.forgets[k.start]) - FRESH, 0)]
+            parts = simulate_behind(model, data.t[k], v[k], channels, past)
+            out[k] = getattr(parts, which)
         return out
 
 

@@ -56,10 +56,11 @@ class Tuning(NamedTuple):
     # what is worth telling, by held-out samples
     helps: float = 0.1  # size that an effect must remove
     helps_share: float = 0.002  # the same as a share of the misfit at first
-    helps_rest: float = 0.03  # and of the misfit left: less is its own scatter
+    helps_rest: float = 0.1  # and of the misfit left: less is its own scatter
     beside_driven: float = 0.5  # a second cause of this size is told beside any other,
     beside_free: float = 0.3  # where it lies beside the drive, of this
     # near-ties
+    echo: float = 0.2  # of a finding that it ties with: a smaller one is what that one leaves
     rival_near: float = 0.02  # of the effect's gain: closer than this cannot be told apart
     rival_noise: float = 0.15  # a difference of a smaller size is none
     # the verdict
@@ -68,6 +69,11 @@ class Tuning(NamedTuple):
     explained_left: float = 0.15  # share of the first that may be left when things are explained,
     explained_small: float = 0.5  # and where what is left is below structure
     explained_best: float = 0.01  # of what the model in use leaves: less is always explained
+    # limits
+    limit_rows: int = 6_000  # counted where it is asked again with an effect put in,
+    limit_shortlist: int = 3  # and candidates that get the full refit then
+    limit_driven: float = 0.5  # size at which it is asked first, where the drive causes it,
+    limit_free: float = 0.35  # and where it lies beside the drive
     # shape
     shape_size: float = 0.3  # size that the base must remove of held-out samples,
     shape_share: float = 0.03  # and share of what the model in use leaves

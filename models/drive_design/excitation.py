@@ -55,7 +55,7 @@ class Excitation:
 def design(
     low: float,
     high: float,
-    band_hz: float,
+    band_hz: float | tuple[float, float],
     duration_s: float,
     sample_hz: float,
     *,
@@ -65,17 +65,20 @@ def design(
 ) -> Excitation:
     """The drive between low and high, with sines up to band_hz, over duration_s.
 
-    slew_per_s: largest rate allowed [unit / s]. Raises BadInput, naming the argument, when they
-    contradict each other.
+    band_hz: the fastest sine, or the slowest and the fastest: a narrow band keeps what creeps
+    between slow and fast out of a model for motions of about this speed. slew_per_s: largest rate
+    allowed [unit / s]. Raises BadInput, naming the argument, when they contradict each other.
     """
+    slowest_hz, band_hz = band_hz if isinstance(band_hz, tuple) else (None, band_hz)
     _check(low, high, band_hz, duration_s, sample_hz, sines, slew_per_s)
+    slowest_hz = TUNING.slowest * band_hz if slowest_hz is None else slowest_hz
     start = min(max(0.0, low), high)
     rest_s = min(0.5, 0.05 * duration_s)
     lead_s = 0.0 if start == low else min(1.0, 0.1 * duration_s)
     body_s = duration_s - 2.0 * (rest_s + lead_s)
     half = 0.5 * (high - low)
     fastest = math.floor(band_hz * body_s)
-    slowest = max(TUNING.least_cycles, math.ceil(TUNING.slowest * band_hz * body_s))
+    slowest = max(TUNING.least_cycles, math.ceil(slowest_hz * body_s))
     if fastest < slowest + sines - 1:
         shortest = (TUNING.least_cycles + sines + 1) / band_hz / 0.7
         raise BadInput(

@@ -268,54 +268,9 @@ class Normal:
         return max(0.0, self.total + float(np.dot(p, self.gram @ p - 2.0 * self.right)))
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def add_products(jac: Floats, err: Floats, gram: Floats, right: Floats) -> None:
-    """gram (p, p, upper half) += jac' jac and right (p,) += jac' err, for jac (n, p), err (n,).
-
-    In place of a matrix product, because the many threads of a BLAS wait for each other at this
-    size, and take seconds where the machine is busy.
-    """
-    n, p = jac.shape
-    t = 0
-    while t + 4 <= n:  # four rows by four columns at once
-        a, b, c, d = jac[t], jac[t + 1], jac[t + 2], jac[t + 3]
-        for i in range(p):
-            right[i] += a[i] * err[t] + b[i] * err[t + 1] + c[i] * err[t + 2] + d[i] * err[t + 3]
-        i = 0
-        while i + 4 <= p:
-            a0, a1, a2, a3 = a[i], a[i + 1], a[i + 2], a[i + 3]
-            b0, b1, b2, b3 = b[i], b[i + 1], b[i + 2], b[i + 3]
-            c0, c1, c2, c3 = c[i], c[i + 1], c[i + 2], c[i + 3]
-            d0, d1, d2, d3 = d[i], d[i + 1], d[i + 2], d[i + 3]
-            g0, g1, g2, g3 = gram[i], gram[i + 1], gram[i + 2], gram[i + 3]
-            for j in range(i, p):
-                w, x, y, z = a[j], b[j], c[j], d[j]
-                g0[j] += a0 * w + b0 * x + c0 * y + d0 * z
-                g1[j] += a1 * w + b1 * x + c1 * y + d1 * z
-                g2[j] += a2 * w + b2 * x + c2 * y + d2 * z
-                g3[j] += a3 * w + b3 * x + c3 * y + d3 * z
-            i += 4
-        while i < p:
-            for j in range(i, p):
-                gram[i, j] += a[i] * a[j] + b[i] * b[j] + c[i] * c[j] + d[i] * d[j]
-            i += 1
-        t += 4
-    while t < n:
-        for i in range(p):
-            right[i] += jac[t, i] * err[t]
-            for j in range(i, p):
-                gram[i, j] += jac[t, i] * jac[t, j]
-        t += 1
-
-
 def measure_misfit(equations: Iterable[Equations], shape: Shape, params: Params) -> float:
     """Sum of the squares that the parameters leave."""
     return sum(float(np.sum(linearise(lot, shape, params)[1] ** 2)) for lot in equations)
-
-
-def fill_lower(upper: Floats) -> Floats:
-    """The whole of a symmetric matrix from its upper half."""
-    return np.triu(upper) + np.triu(upper, 1).T
 
 
 def assemble(equations: Iterable[Equations], shape: Shape, params: Params) -> Normal:
@@ -328,10 +283,10 @@ def assemble(equations: Iterable[Equations], shape: Shape, params: Params) -> No
         if lot.weight != 1.0:
             jac *= np.sqrt(lot.weight)
             err *= np.sqrt(lot.weight)
-        add_products(jac, err, gram, right)
+        gram += jac.T @ jac
+        right += jac.T @ err
         misfit += float(np.sum(err * err))
         count += err.size
-    gram = fill_lower(gram)
     moved = gram @ p0
     total = misfit + float(np.sum(p0 * (2.0 * right + moved)))
     return Normal(gram, right + moved, total, count, misfit)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
@@ -101,6 +102,7 @@ def _keep_quiet(text: str) -> None:
     """No progress wanted."""
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # its threads wait for each other at this size
 def identify(
     recordings: Sequence[Recording],
     options: Options | None = None,

@@ -12,6 +12,8 @@ from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
+ROUGHNESS_ROWS = 100_000
+
 
 def require_times_in_seconds(rows: Sequence[Rows]) -> None:
     """Raise BadRecording where the time stamps are those of another unit: sampled every second or
@@ -31,14 +33,17 @@ def require_times_in_seconds(rows: Sequence[Rows]) -> None:
 
 
 def require_drive_first(rows: Sequence[Rows]) -> None:
-    """Raise BadRecording where the column of the displacement runs ahead of that of the drive: a
-    stage lags behind its drive, so the loop is run through one way round."""
+    """Raise BadRecording where the column of the displacement runs ahead of that of the drive, and
+    is not plainly the one that was measured: a stage lags behind its drive, so the loop is run
+    through one way round, but for stages (or sensors) whose springs lead. A reading has the noise
+    of its sensor; a drive that was commanded has none."""
     for one in rows:
         known = ~np.isnan(one.u) & ~np.isnan(one.y)
         if measure_line(one.u[known], one.y[known]) > 0.5 * float(np.std(one.y[known])):
             continue  # neither follows the other
         area = _measure_loop(one.u, one.y)
-        if area < -TUNING.backward_loop:
+        noisier = _measure_roughness(one.y) > TUNING.reading_rougher * _measure_roughness(one.u)
+        if area < -TUNING.backward_loop and not noisier:
             raise BadRecording(
                 f"{one.name}: the drive follows the displacement, by a loop of {-area:.1%} of its "
                 "box; are the columns swapped? the drive is u_..., the measured displacement y_..."
@@ -60,6 +65,16 @@ def _measure_loop(u: Floats, y: Floats) -> float:
     area -= 0.5 * float((v[-1] + v[0]) * (x[-1] - x[0]))  # closed by a straight line
     loops = travel / (2.0 * float(np.ptp(v)))
     return np.sign(slope) * area / (max(loops, 1.0) * float(np.ptp(v)) * max(high - low, 1e-300))
+
+
+def _measure_roughness(x: Floats) -> float:
+    """Rms of white noise that would change so much from row to row, over the range of x; from
+    fourth differences, of which little of what is smooth is left."""
+    known = x[~np.isnan(x)][:ROUGHNESS_ROWS]
+    if known.size < 10 or not np.ptp(known):
+        return 0.0
+    fourth = np.abs(np.diff(known, 4))
+    return float(np.median(fourth) / (0.6745 * np.sqrt(70.0) * np.ptp(known)))
 
 
 def require_better_than_a_line(

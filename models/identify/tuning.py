@@ -17,6 +17,7 @@ class Tuning(NamedTuple):
     slow_period_s: float = 0.5
     smooth_step: float = 0.1  # of the span, by which a drive in the wrong unit of time still goes
     backward_loop: float = 0.01  # of its box, by which the drive runs behind
+    reading_rougher: float = 3.0  # noise of the reading, of the drive's, both of their range
     no_worse: float = 1.0  # times the rms that a straight line leaves
     one_stage: float = 4.0  # times the rms of a model of its own, that the common one may leave
     # outliers

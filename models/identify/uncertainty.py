@@ -12,8 +12,6 @@ from dehyst.models.identify.equations import (
     Normal,
     Params,
     Shape,
-    add_products,
-    fill_lower,
     linearise,
 )
 from dehyst.models.identify.tuning import TUNING
@@ -101,14 +99,15 @@ def _sum_stretches(
         start = 0
         while start < err.size:
             stop = min(err.size, start + stretch - filled)
-            add_products(jac[start:stop], err[start:stop], gram, score)
+            gram += jac[start:stop].T @ jac[start:stop]
+            score += jac[start:stop].T @ err[start:stop]
             filled += stop - start
             start = stop
             if filled == stretch:
-                yield fill_lower(gram), score
+                yield gram, score
                 gram, score, filled = np.zeros((size, size)), np.zeros(size), 0
     if filled:
-        yield fill_lower(gram), score
+        yield gram, score
 
 
 def move_saturation(covariance: Floats, powers: Sequence[int], shift: float) -> Floats:

@@ -24,8 +24,9 @@ NOT_A_CAUSE = re.compile(r"(temp|target|trim|learned|flags|missed|t_|y\d*_)")
 class Parameter:
     """One nonlinear parameter: bounds in its unit; log: searched on a logarithmic scale; sure:
     least relative half width of its interval, for what sampling leaves open (the hysteresis bends
-    between two samples of a step, and the model takes it as straight); whole: the upper bound is
-    all that there can be, and identified like any other value."""
+    between two samples of a step, and the model takes it as straight); within: the same in its
+    unit, a part of a sample; whole: the upper bound is all that there can be, and identified like
+    any other value."""
 
     key: str
     unit: str
@@ -33,6 +34,7 @@ class Parameter:
     high: float
     log: bool = True
     sure: float = 0.0
+    within: float = 0.0
     whole: bool = False
 
 
@@ -182,6 +184,11 @@ def small(entry: tuple[float, str]) -> str:
     if (unit == "um" or unit.startswith("um/")) and abs(value) < 1.0:
         return f"{1e3 * value:.3g} nm{unit[2:]}"
     return f"{value:.3g} {unit}"
+
+
+def apart(data: Data, x: Floats) -> Floats:
+    """(N, k) columns of x (N,), one for each of k recordings, 0 in the others."""
+    return x[:, None] * (data.rec[:, None] == np.arange(len(data.names))[None, :])
 
 
 def common_amplitude(data: Data, columns: Floats, amplitudes: Floats) -> float:

@@ -122,6 +122,9 @@ LEAD = Kind(
 )
 
 
+OF_A_SAMPLE = 0.1  # by which a time may be off: the drive between two samples is not known
+
+
 class Delay(Candidate):
     """y(t - d); a pure delay commutes with everything else that the drive causes."""
 
@@ -140,7 +143,13 @@ class Delay(Candidate):
 
     def __init__(self, data: Data) -> None:
         self.parameters = (
-            Parameter("delay_s", "s", 0.02 * data.period, 60.0 * data.period, log=True),
+            Parameter(
+                "delay_s",
+                "s",
+                0.02 * data.period,
+                60.0 * data.period,
+                within=OF_A_SAMPLE * data.period,
+            ),
         )
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:

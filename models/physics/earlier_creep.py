@@ -16,6 +16,7 @@ from dehyst.models.physics.candidate import (
     Candidate,
     Context,
     Parameter,
+    apart,
     common_amplitude,
     small,
 )
@@ -69,7 +70,6 @@ class EarlierCreep(Candidate):
     driven = False
 
     def __init__(self, data: Data) -> None:
-        self._count = len(data.names)
         self._unit = data.unit
         self._longest = float(data.t.max() - data.t.min())
         low, high = EARLIEST * self._longest, LATEST * self._longest
@@ -82,9 +82,8 @@ class EarlierCreep(Candidate):
         ]
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
-        first = np.array([data.t[np.argmax(data.rec == i)] for i in range(self._count)])
-        grown = np.log10(1.0 + (data.t - first[data.rec]) / theta[0])
-        return grown[:, None] * (data.rec[:, None] == np.arange(self._count)[None, :])
+        first = np.array([data.t[np.argmax(data.rec == i)] for i in range(len(data.names))])
+        return apart(data, np.log10(1.0 + (data.t - first[data.rec]) / theta[0]))
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         largest = float(amplitudes[np.argmax(np.abs(amplitudes))])

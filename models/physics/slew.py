@@ -44,6 +44,9 @@ KIND = Kind(
 )
 
 
+SURE = 0.05  # of the rate: where a flank begins and ends lies between two samples
+
+
 class Slew(Candidate):
     """|dv/dt| <= rate."""
 
@@ -65,7 +68,7 @@ class Slew(Candidate):
         self._rates = np.sort(rate[rate > 0])
         top = float(self._rates[-1])
         self.unit = self.limit_unit = f"{data.drive_unit}/s"
-        self.parameters = (Parameter("rate_v_per_s", self.unit, 1e-3 * top, 0.98 * top),)
+        self.parameters = (Parameter("rate_v_per_s", self.unit, 1e-3 * top, 0.98 * top, sure=SURE),)
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         top = float(self._rates[-1])

@@ -14,6 +14,7 @@ from dehyst.models.physics.candidate import (
     Candidate,
     Context,
     Parameter,
+    apart,
     common_amplitude,
     small,
 )
@@ -67,7 +68,6 @@ class Trend(Candidate):
     driven = False
 
     def __init__(self, data: Data) -> None:
-        self._count = len(data.names)
         self._unit = data.unit
         self._longest = float(data.t.max() - data.t.min())
         self.parameters = (Parameter("tau_s", "s", 0.05 * self._longest, 20.0 * self._longest),)
@@ -76,8 +76,7 @@ class Trend(Candidate):
         return [(f * self._longest,) for f in (0.15, 0.5, 3.0)]
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
-        rise = 1.0 - np.exp(-data.t / theta[0])
-        return rise[:, None] * (data.rec[:, None] == np.arange(self._count)[None, :])
+        return apart(data, 1.0 - np.exp(-data.t / theta[0]))
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         return {

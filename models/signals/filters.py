@@ -1,7 +1,7 @@
 """Operators and filters over joined recordings, compiled; and how linear elements go on by one
 sample, which the blocks of models.physics use as well.
 
-All arrays of N are joined recordings; `starts` (N,) bool marks the first sample of each recording,
+All arrays of N are joined recordings; `starts` (N,) marks the first sample of each recording,
 where every state begins anew. Filters act on columns: x (N, k), each column for itself.
 """
 
@@ -10,7 +10,8 @@ import math
 import numpy as np
 from numba import njit
 
-from dehyst.models.signals.joined import Bools, Floats
+from dehyst.models.signals.joined import Bools, Floats, Ints
+from dehyst.models.signals.pasts import begin_dahl, begin_plays
 
 Decay = tuple[float, float, float, float]
 
@@ -53,13 +54,15 @@ def swing(
 
 
 @njit(cache=True, nogil=True)
-def plays(r: Floats, u: Floats, starts: Bools) -> Floats:
-    """Play operators (N, n), de-energised (0) before each recording. See models.hysteresis.play."""
+def plays(r: Floats, u: Floats, starts: Bools | Ints) -> Floats:
+    """Play operators (N, n). See models.hysteresis.play. starts: where they begin anew,
+    de-energised (0), or with the past that a mark says (`signals.pasts`)."""
     out = np.empty((u.size, r.size))
     h = np.zeros(r.size)
+    low, high = u.min(), u.max()
     for t in range(u.size):
         if starts[t]:
-            h[:] = 0.0
+            begin_plays(h, r, int(starts[t]), low, high)
         for i in range(r.size):
             h[i] = max(u[t] - r[i], min(u[t] + r[i], h[i]))
             out[t, i] = h[i]
@@ -67,7 +70,7 @@ def plays(r: Floats, u: Floats, starts: Bools) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def dahl(length: Floats, u: Floats, starts: Bools) -> Floats:
+def dahl(length: Floats, u: Floats, starts: Bools | Ints) -> Floats:
     """Dahl operators (N, n): dz/du = (sign(du) - z) / length, exact over one sample.
 
     P. Dahl, "Solid friction damping of mechanical vibrations", 1976, exponent 1. A
@@ -75,10 +78,11 @@ def dahl(length: Floats, u: Floats, starts: Bools) -> Floats:
     """
     out = np.empty((u.size, length.size))
     z = np.zeros(length.size)
+    low, high = u.min(), u.max()
     for t in range(u.size):
         du = 0.0
         if starts[t]:
-            z[:] = 0.0
+            begin_dahl(z, length, int(starts[t]), low, high, u[t])
         else:
             du = u[t] - u[t - 1]
         if du != 0.0:

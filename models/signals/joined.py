@@ -1,7 +1,8 @@
 """Recordings of one stage, joined: one array for each quantity, of all of them.
 
 `starts` marks where a recording (or the part behind a long gap) begins: there every filter begins
-anew. `forgets` marks where the memory of the drive's path does: behind a gap it goes on.
+anew. `forgets` marks where the memory of the drive's path does, and how (`signals.pasts`): behind a
+gap it goes on.
 """
 
 from dataclasses import dataclass, field
@@ -26,7 +27,7 @@ class Data:
     rec: Ints  # index into names
     part: Ints  # contiguous stretch: a recording, or what lies between two gaps
     starts: Bools
-    forgets: Bools
+    forgets: Ints  # 0: the memory goes on; else how it begins, see signals.pasts
     rows: Bools  # counted in the fits
     block: Ints  # time block, unique over the recordings
     fold: Ints  # cross-validation group

@@ -22,6 +22,7 @@ HOMES = {
     "Client": "dehyst.daemon.client.client",
     "DehystError": "dehyst.models.errors",
     "Model": "dehyst.models.model",
+    "Positioner": "dehyst.daemon.client.positioner",
     "Recording": "dehyst.models.recording",
     "Trajectory": "dehyst.models.recording",
 }  # fmt: skip

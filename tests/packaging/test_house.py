@@ -15,8 +15,9 @@ CLOCK = {
     "daemon/clock.py",
     "daemon/loop/systemcalls.py",  # the same clock for compiled code
 }
-# public in spite of their names: of named tuples, of ctypes structures, of numba's code builder
-FOREIGN = {"_exit", "_replace", "_asdict", "_make", "_fields", "_fields_", "_getvalue"}
+# public in spite of their names: of named tuples, of ctypes structures, of numba's code builder; of
+# argparse, whose parsers nothing else can be read from (shtab reads them so too)
+FOREIGN = {"_exit", "_replace", "_asdict", "_make", "_fields", "_fields_", "_getvalue", "_actions"}
 CLOCKS = {
     f"time.{name}"
     for name in ("monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns", "clock_gettime")

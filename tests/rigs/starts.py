@@ -78,6 +78,13 @@ def starts_something(path: Path, name: str) -> bool:
     return name in starting(path, above)
 
 
+def starts_something_in(path: Path) -> bool:
+    """Whether any test of this file does."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    names = [d.name for d in tree.body if isinstance(d, ast.FunctionDef | ast.ClassDef)]
+    return any(starts_something(path, n) for n in names if n.lower().startswith("test"))
+
+
 class Started(AssertionError):
     """A test of the quick part started something."""
 

@@ -25,6 +25,7 @@ from dehyst.models.identify.setup import set_up
 from dehyst.models.identify.start import start_agrees
 from dehyst.models.recording import Recording, typical_step
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
+from dehyst.models.signals.pasts import FRESH
 
 FIRST_WAY = 0.8  # of the drive's range
 MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came late
@@ -136,8 +137,8 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         for k in sorted(shared):
             values = _filled(np.asarray(one.channels[k], dtype=float))[laid.raw[there]]
             channels[k] = np.interp(np.arange(n), np.flatnonzero(there), values)
-        first = np.zeros(n, dtype=bool)
-        first[0] = True
+        first = np.zeros(n, dtype=np.int64)
+        first[0] = FRESH
         pieces.append(
             {
                 "t": laid.t,
@@ -192,17 +193,17 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
 
 def turns(data: Data) -> int:
     """How often the drive turns round after a move of a tenth of its range, in all recordings."""
-    count = 0
+    count, long = 0, 0.1 * data.span
     for p in np.unique(data.part):
         u = data.u[data.part == p]
         high = low = float(u[0])
         direction = 0
         for v in u[:: max(1, u.size // 4000)]:
             high, low = max(high, v), min(low, v)
-            if direction >= 0 and high - v > 0.1 * data.span:
+            if direction >= 0 and high - v > long:
                 count += direction > 0
                 direction, low = -1, v
-            elif direction <= 0 and v - low > 0.1 * data.span:
+            elif direction <= 0 and v - low > long:
                 count += direction < 0
                 direction, high = 1, v
     return count

@@ -1,19 +1,19 @@
 """Exclusion limits: how small an effect these recordings would have shown, for each candidate.
 
-The first guess is the strength whose contribution, with everything else refitted, reaches the size
-at which the search accepts. Then the effect is put into the reading at that strength, and the
-candidate is screened, refitted and judged as in the search; where it is refused, at half as
-much again, some times. A strength that is never accepted is no limit. What stays below at every
-sensible strength cannot be seen in these recordings at all, and the limit says so.
+The first guess is the strength whose contribution, with everything else refitted, has a size at
+which the search surely accepts. Then the effect is put into the reading at that strength, and the
+search goes on beside what was found; where the effect is not told, once more at a larger one. A
+strength that is never told is no limit. What is stated is a little more: a stage's effect is not
+the library's to the last digit. What stays below at every sensible strength cannot be seen in these
+recordings at all, and the limit says so.
 """
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 
 import numpy as np
 
-from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.judge import SearchState, excess, judge, least_size, tried
+from dehyst.models.diagnosis.judge import SearchState, excess
 from dehyst.models.diagnosis.result import Limit
 from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.diagnosis.tuning import TUNING
@@ -22,17 +22,20 @@ from dehyst.models.physics.candidate import Candidate, Probe
 from dehyst.models.signals.joined import Floats
 
 CANNOT = "the drive of these recordings cannot show it"
-SURELY = 1.05  # times the least size
-TRIES, FACTOR = 4, 1.5
-ROWS = 8_000  # counted when asking again
+TRIES = 2
+STEP = 2.0  # factor of an amplitude, as large as from one probe to the next; of such steps,
+RAISED, TOLD = 0.5, 0.3  # where it was not found, and from what was found to what is told
+Seen = Callable[[Floats], Collection[str]]
 
 
 @dataclass(frozen=True)
 class Guess:
-    """A candidate at a strength: the probe; None: its drive cannot show it."""
+    """A candidate at a strength: the probe, and its place among the candidate's own; None: its
+    drive cannot show it."""
 
     candidate: Candidate
     probe: Probe | None
+    place: float = 0.0
 
     def limit(self, value: float | None) -> Limit:
         """As it is told."""
@@ -44,10 +47,11 @@ class Guess:
         return Limit(c.name, value, c.limit_unit, c.limit_side, label)
 
 
-def limits(found: SearchState, untold: Collection[str] = ()) -> list[Limit]:
+def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limit]:
     """One limit for each name in the library that was not found, the tightest of its kinds.
 
-    untold: names for which there is none, as they stand in a tie with what was found.
+    untold: names for which there is none, as they stand in a tie with what was found. seen: names
+    that are found where the reading has so much more (N,) in it.
     """
     problem, sigma = found.problem, found.sigma
     look = Screen(problem, found.accepted)
@@ -57,12 +61,11 @@ def limits(found: SearchState, untold: Collection[str] = ()) -> list[Limit]:
     for c in library(problem.data):
         if c.name in named or not c.probes(problem.data):
             continue
-        least = (least_size(c) * sigma) ** 2
+        least = ((TUNING.limit_driven if c.driven else TUNING.limit_free) * sigma) ** 2
         if c.driven:
             least = max(least, TUNING.driven_share * left)
-        guess = _guess(look, c, SURELY * float(np.sqrt(least)))
+        guess = _guess(look, c, float(np.sqrt(least)))
         guesses.setdefault((c.name, c.channel), []).append(guess)
-    light = problem.light(ROWS)
     out = []
     for kinds in guesses.values():
         shown = [g for g in kinds if g.probe is not None]
@@ -70,51 +73,51 @@ def limits(found: SearchState, untold: Collection[str] = ()) -> list[Limit]:
         if not shown:
             out.append(kinds[0].limit(None))
             continue
-        value = _checked(light, found, look, shown[0])
+        value = _checked(look, shown[0], seen)
         if value is not None:
             out.append(shown[0].limit(value))
     return out
 
 
-def _checked(light: Problem, found: SearchState, look: Screen, guess: Guess) -> float | None:
-    """The strength at which the candidate is accepted, once it is put in; None: at none."""
-    c, probe = guess.candidate, guess.probe
-    assert probe is not None
+def _checked(look: Screen, guess: Guess, seen: Seen) -> float | None:
+    """The strength from which on the candidate is found, once it is put in; None: at none."""
+    c, here = guess.candidate, guess
     for _ in range(TRIES):
-        if would_be_seen(light, found, c, contribution_of(look, c, probe)):
-            return float(probe.value)
-        probe = _stronger(c, probe, FACTOR)
-        if any(
-            not p.low <= v <= p.high
-            for p, v in zip(c.params_at(probe.theta), probe.theta, strict=True)
-        ):
+        if here.probe is None:
             return None
+        if c.name in seen(contribution_of(look, c, here.probe)):
+            told = _stronger(look, here, TOLD).probe
+            return None if told is None else float(told.value)
+        here = _stronger(look, here, RAISED)
     return None
 
 
-def would_be_seen(light: Problem, found: SearchState, c: Candidate, added: Floats) -> bool:
-    """Whether a candidate is accepted where the reading has so much more (N,) in it."""
-    sigma = found.sigma
-    there = replace(light, data=replace(light.data, y=light.data.y + added))
-    current = there.solve(found.accepted.effects, light.output_of(found.accepted))
-    n = int(there.data.rows.sum())
-    state = SearchState(there, sigma, current, current, counted=n, share=found.share)
-    starts = Screen(there, current).starts(c)
-    if not starts:
-        return False
-    trial = tried(there, sigma, current, c, starts[0][1])
-    return not judge(state, trial, excess(there, current, sigma)).refused
+def _stronger(look: Screen, guess: Guess, steps: float) -> Guess:
+    """The same so many steps stronger; beyond the strongest probe nothing is left."""
+    c, probe = guess.candidate, guess.probe
+    if c.mode != "columns":
+        return _at(look, c, guess.place + steps)
+    assert probe is not None
+    return Guess(c, _amplified(probe, STEP**steps))
 
 
-def _stronger(c: Candidate, probe: Probe, factor: float) -> Probe:
-    """The same with so many times the strength."""
-    up = factor if c.limit_side == "above" else 1.0 / factor
-    if c.mode == "columns":
-        amplitudes = tuple(up * a for a in probe.amplitudes)
-        return Probe(up * probe.value, probe.theta, amplitudes)
-    at = [k for k, v in enumerate(probe.theta) if np.isclose(v, probe.value)]
-    theta = tuple(up * v if k in at else v for k, v in enumerate(probe.theta))
-    return Probe(up * probe.value, theta, probe.amplitudes)
+def _amplified(probe: Probe, factor: float) -> Probe:
+    return Probe(factor * probe.value, probe.theta, tuple(factor * a for a in probe.amplitudes))
+
+
+def _at(look: Screen, c: Candidate, place: float) -> Guess:
+    """At a place between two of the candidate's probes."""
+    probes = c.probes(look.problem.data)
+    k = min(int(place), len(probes) - 2)
+    if place > len(probes) - 1 or k < 0:
+        return Guess(c, None)
+    low, high = probes[k], probes[k + 1]
+    pairs = zip((low.value, *low.theta), (high.value, *high.theta), strict=True)
+    value, *theta = (
+        a * (b / a) ** (place - k) if a > 0 and b > 0 else a + (b - a) * (place - k)
+        for a, b in pairs
+    )
+    return Guess(c, Probe(value, tuple(theta)), place)
 
 
 def _guess(look: Screen, c: Candidate, least: float) -> Guess:
@@ -129,17 +132,12 @@ def _guess(look: Screen, c: Candidate, least: float) -> Guess:
     if c.mode == "columns":  # linear in the amplitude
         if sizes[0] < 1e-12:
             return Guess(c, None)
-        return Guess(c, _stronger(c, probes[0], least / sizes[0]))
+        return Guess(c, _amplified(probes[0], least / sizes[0]))
     reached = [k for k, size in enumerate(sizes) if size >= least]
     if not reached:
         return Guess(c, None)
     k = reached[0]
     if k == 0 or sizes[k - 1] <= 0:
-        return Guess(c, probes[k])
+        return _at(look, c, float(k))
     part = float(np.clip(np.log(least / sizes[k - 1]) / np.log(sizes[k] / sizes[k - 1]), 0, 1))
-    low, high = probes[k - 1], probes[k]
-    theta = tuple(
-        a * (b / a) ** part if a > 0 and b > 0 else b
-        for a, b in zip(low.theta, high.theta, strict=True)
-    )
-    return Guess(c, Probe(low.value * (high.value / low.value) ** part, theta))
+    return _at(look, c, k - 1 + part)

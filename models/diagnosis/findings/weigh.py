@@ -48,7 +48,7 @@ def weigh(
             nothing, findings=(*[replace(f, share=0.0) for f in seen], *nothing.findings)
         )
     correction = measure_correction(found.problem, found.accepted, without, held)
-    findings = named(found.problem, found, held) if found.accepted.effects else []
+    findings = _without_echoes(named(found.problem, found, held)) if found.accepted.effects else []
     rest = without - held - sum(f.share for f in findings)
     if rest > TUNING.mostly_shape * (without - held) and correction.rms**2 > 0.25 * rest:
         # the effects are a small part of what is explained: the rest is the base's, as far as its
@@ -80,6 +80,16 @@ def with_episode(
     taken = sum(f.share for f in findings)
     share = min(episode.finding.share / explainable, 1.0 - taken)
     return in_rank([*findings, replace(episode.finding, share=share)])
+
+
+def _without_echoes(findings: Sequence[Finding]) -> list[Finding]:
+    """Findings without the small ones that could as well be a larger one: that is what its own form
+    leaves of it."""
+    return [
+        f
+        for f in findings
+        if not any(o.name in f.ambiguous_with and f.share < TUNING.echo * o.share for o in findings)
+    ]
 
 
 def _has_shape(correction: Correction, first: float, sigma: float) -> bool:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dehyst.daemon.commands.latency import _default_hz
 from dehyst.daemon.loop.timing.histogram import Histogram
 from dehyst.daemon.loop.timing.realtime import IDLE_LATENCY, Obtained
 from dehyst.daemon.tools.latency import LatencyOutcome, Setup
@@ -69,6 +70,19 @@ def test_a_rate_is_held_up_to_one_miss_in_ten_thousand_and_with_time_for_the_dev
     assert outcome(0, 900.0).held
     assert not outcome(0, 1100.0).held
     assert not LatencyOutcome(Setup()).held
+
+
+def test_one_miss_in_few_samples_says_nothing() -> None:
+    one = LatencyOutcome(Setup(), 5000, 1)
+    assert one.held
+    assert not LatencyOutcome(Setup(), 5000, 2).held
+
+
+def test_without_a_rate_it_is_what_the_devices_leave_room_for() -> None:
+    io = Histogram()
+    io.add(2000.0)
+    assert _default_hz({"read": io, "write": io}) == pytest.approx(200.0, abs=20.0)
+    assert _default_hz({}) == 1000.0
 
 
 def test_misses_that_a_witness_explains_are_told_apart() -> None:

@@ -7,16 +7,23 @@ import sys
 import pytest
 
 from dehyst.daemon.main import main
+from dehyst.drivers.emulated.ksg101_knobs import Ksg101Knobs
+from dehyst.drivers.emulated.ksg101_unit import Ksg101Unit
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
 from dehyst.drivers.emulated.mdt693b_port import Mdt693bEmulator
-from dehyst.drivers.mdt693b.probe import QUERIES, RecordedExchange, interpret
+from dehyst.drivers.emulated.pty_device import PtyServer
+from dehyst.drivers.ksg101.probe import REQUESTS, interpret_requests
+from dehyst.drivers.ksg101.probe import ProbeTuning as GaugeTuning
+from dehyst.drivers.mdt693b.probe import QUERIES, interpret
 from dehyst.drivers.mdt693b.tuning import ProbeTuning
+from dehyst.drivers.recorded import RecordedExchange
 
 
 @pytest.fixture(autouse=True)
 def _short_silences(monkeypatch):
     hurried = ProbeTuning(quiet_s=0.03, first_byte_s=0.5)
     monkeypatch.setattr("dehyst.drivers.mdt693b.probe.TUNING", hurried)
+    monkeypatch.setattr("dehyst.drivers.ksg101.probe.TUNING", GaugeTuning(0.2, 0.02))
 
 
 @pytest.mark.parametrize("dialect", ["1.05", "1.10"])
@@ -61,9 +68,33 @@ def test_a_silent_or_strange_port_is_a_finding(tmp_path, capsys):
         assert "does not answer" in capsys.readouterr().out
         emulator.fault(mute=False, garbage=True, count=1000)
         assert main(["probe", emulator.port]) == 1
-        assert "no MDT693B" in capsys.readouterr().out
+        assert "which is no MDT693B and no KSG101" in capsys.readouterr().out
     assert main(["probe", emulator.port]) == 2
     assert "there is no port" in capsys.readouterr().err
+
+
+def test_a_gauge_reader_is_recorded_and_understood(tmp_path, capsys):
+    fixture = tmp_path / "gauge.json"
+    unit = Ksg101Unit(Ksg101Knobs(max_travel_um=40.0), lambda: 12.5)
+    with PtyServer(unit, tmp_path / "gauge") as server:
+        assert main(["probe", server.port, "-o", str(fixture), "--json"]) == 0
+        printed = json.loads(capsys.readouterr().out)
+        assert main(["probe", server.port]) == 0
+        assert "100 % is 40 um; it reads 12.5" in capsys.readouterr().out
+        assert main(["probe", server.port, "--unit", "mdt693b"]) == 1
+        assert "does not answer" in capsys.readouterr().out
+    assert (printed["unit"], printed["travel_um"]) == ("ksg101", 40.0)
+    assert printed["reading_um"] == pytest.approx(12.5, abs=40.0 / 32767)
+    assert printed["gauge_connected"]
+    assert not printed["zeroed"]
+    assert printed["timings"]["reading"]["count"] == 100
+    exchanges = [
+        RecordedExchange.from_dict(e) for e in json.loads(fixture.read_text())["exchanges"]
+    ]
+    assert len(exchanges) == len(REQUESTS)
+    assert exchanges[1].sent == bytes.fromhex("050000005001")  # MGMSG_HW_REQ_INFO
+    assert exchanges[4].sent == bytes.fromhex("dd0701005001")
+    assert interpret_requests(exchanges).answers == printed["answers"]
 
 
 def test_drivers_lists_every_plugin(capsys):

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pexpect
 import pytest
 from tests.rigs.gateway_bench import ROOT, Bench, wait_until
 
@@ -156,6 +157,51 @@ def test_who_is_refused_hears_how_to_take_over(bench: Bench, tmp_path: Path) -> 
         assert "--take-over" in err
         assert err.count("\n") == 1
     assert run("send", "5", "--take-over", bench=bench)[0] == 0
+
+
+def test_status_is_one_screen_and_its_exit_status_says_whether_to_look(bench: Bench) -> None:
+    bench.client()
+    code, out, err = run("status", bench=bench)
+    assert (code, err) == (0, ""), out
+    assert out.startswith("bench: ready: nobody commands")
+    assert len(out.splitlines()) <= 24
+    assert "core: the loop's process is there" in out  # it happened before anybody listened
+    code, out, _ = run("status", "--json", bench=bench)
+    told = json.loads(out)
+    assert (code, told["ok"], told["attention"]) == (0, True, [])
+    assert told["status"]["name"] == "bench"
+    assert "play operators" in told["model"]
+    assert [e["text"] for e in told["events"]]
+    bench.loop.close()
+    wait_until("the gateway misses the loop", lambda: not bench.clients[0].status().core_alive)
+    code, out, _ = run("status", bench=bench)
+    assert code == 1
+    assert "! the loop's process says nothing" in out
+    bench.kill_gateway()
+    code, _, err = run("status", bench=bench)
+    assert code == 2
+    assert "no daemon reached" in err
+
+
+def test_watch_on_a_terminal_of_80_by_24_fits_heeds_no_color_and_a_resize(bench: Bench) -> None:
+    bench.client()
+    command = [sys.executable, "-m", "dehyst.daemon.main", "watch", "--connect", bench.address]
+    env = {**ENV, "NO_COLOR": "1", "TERM": "xterm-256color"}
+    env = {k: v for k, v in env.items() if k not in ("COLUMNS", "LINES")}
+    watcher = pexpect.spawn(
+        command[0], [*command[1:], "--for", "20"], env=env, dimensions=(24, 80), encoding="utf-8"
+    )
+    watcher.expect("bench: ", timeout=60)
+    watcher.expect("missed", timeout=60)
+    shown = str(watcher.before)
+    assert "telemetry lost here" not in shown  # the words of the large view
+    assert re.search("\x1b\\[[0-9;]*3[0-9]", shown) is None
+    watcher.setwinsize(45, 140)
+    watcher.expect("telemetry lost here", timeout=60)
+    watcher.sendintr()
+    watcher.expect(pexpect.EOF, timeout=30)
+    watcher.close()
+    assert watcher.exitstatus == 0
 
 
 def test_watch_as_json_is_one_object_a_line(bench: Bench) -> None:

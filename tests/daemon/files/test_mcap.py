@@ -56,7 +56,9 @@ def test_the_formats_own_reader_sees_rows_with_their_times_and_a_schema(tmp_path
     assert first_ns == 1767323045 * 10**9  # 2026-01-02 03:04:05 UTC
     assert first == {"t_s": 0.0, "u_v": 0.0, "y_um": np.sqrt(2.0), "temp_c": 20.0}
     assert [round(row["t_s"] * 1e9) for _, _, row in rows] == [ns - first_ns for _, ns, _ in rows]
-    assert rows[3][2]["y_um"] is None
+    assert "y_um" not in rows[3][2]  # missing
+    kinds = json.loads(schema.data)["properties"].values()
+    assert {kind["type"] for kind in kinds} == {"number"}  # all that Foxglove takes
 
 
 def test_a_damaged_file_is_refused_in_one_line(tmp_path: Path) -> None:

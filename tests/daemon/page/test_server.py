@@ -28,6 +28,29 @@ def page(bench: Bench, tmp_path: Path) -> Iterator[PageProcess]:
         page.close()
 
 
+@pytest.fixture(scope="module")
+def still_bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    """One for all tests that move nothing and end nothing."""
+    bench = Bench(tmp_path_factory.mktemp("still"))
+    try:
+        bench.start_gateway()
+        yield bench
+    finally:
+        bench.close()
+
+
+@pytest.fixture(scope="module")
+def still_page(
+    still_bench: Bench, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[PageProcess]:
+    log = tmp_path_factory.mktemp("page") / "page.txt"
+    page = PageProcess(still_bench.address, log=log)
+    try:
+        yield page
+    finally:
+        page.close()
+
+
 def looking(page: PageProcess, cookie: str = "") -> Browser:
     """A browser that sees the controller."""
     browser = Browser(page, cookie)
@@ -126,28 +149,28 @@ NONSENSE = (
 
 
 def test_what_is_not_understood_is_said_and_nothing_else_happens(
-    bench: Bench, page: PageProcess
+    still_bench: Bench, still_page: PageProcess
 ) -> None:
-    browser = looking(page)
+    browser = looking(still_page)
     for number, text in enumerate(NONSENSE, 1):
         browser.socket.send(text)
         browser.until("told so", lambda n=number: len(browser.texts()) == n)  # type: ignore[misc]
-    assert set(bench.loop.commands["kind"]) <= {Command.TRUST}
+    assert set(still_bench.loop.commands["kind"]) <= {Command.TRUST}
     browser.ask("stop")  # it goes on
     browser.until("stopped", lambda: "stopped" in browser.texts()[-1])
     browser.close()
 
 
-def test_a_stranger_gets_nothing(page: PageProcess) -> None:
-    assert page.http.get("/me", headers={"host": "evil.example"}).status_code == 403
-    assert page.post("/login", origin="http://evil.example", content="{}").status_code == 403
-    assert page.http.post("/login", content="{}").status_code == 403  # no origin at all
+def test_a_stranger_gets_nothing(still_page: PageProcess) -> None:
+    assert still_page.http.get("/me", headers={"host": "evil.example"}).status_code == 403
+    assert still_page.post("/login", origin="http://evil.example", content="{}").status_code == 403
+    assert still_page.http.post("/login", content="{}").status_code == 403  # no origin at all
     with pytest.raises(InvalidStatus, match="403"):
-        Browser(page, origin="http://evil.example")
-    assert page.http.get("/static/../server.py").status_code == 404
-    assert page.http.get("/static/%2e%2e/server.py").status_code == 404
+        Browser(still_page, origin="http://evil.example")
+    assert still_page.http.get("/static/../server.py").status_code == 404
+    assert still_page.http.get("/static/%2e%2e/server.py").status_code == 404
     for path in ("/", "/static/page.js", "/me", "/nothing"):
-        policy = page.http.get(path).headers["content-security-policy"]
+        policy = still_page.http.get(path).headers["content-security-policy"]
         assert "default-src 'none'" in policy
         assert "unsafe" not in policy
 
@@ -294,14 +317,14 @@ def log_in(page: PageProcess, name: str, password: str) -> str:
     return answer.cookies["dehyst"]
 
 
-def test_over_tls(bench: Bench, tmp_path: Path) -> None:
+def test_over_tls(still_bench: Bench, tmp_path: Path) -> None:
     made = [str(tmp_path / "keys"), "--controller", "stage", "--host", "127.0.0.1"]
     assert main(["keys", *made, "--client", "alice"]) == 0
     folder = tmp_path / "keys" / "stage"
     (tmp_path / "passwords").write_text("alice:correct horse\n")
     (tmp_path / "passwords").chmod(0o600)
     page = PageProcess(
-        bench.address, "--certificate", str(folder / "certificate.pem"),
+        still_bench.address, "--certificate", str(folder / "certificate.pem"),
         "--key", str(folder / "key.pem"), "--passwords", str(tmp_path / "passwords"),
         "--operators", "alice", log=tmp_path / "page.txt", scheme="https",
     )  # fmt: skip
@@ -355,25 +378,29 @@ def test_a_trajectory_is_looked_at_before_it_is_played(bench: Bench, page: PageP
     browser.close()
 
 
-def test_a_file_that_is_none_is_said_in_one_line(bench: Bench, page: PageProcess) -> None:
+def test_a_file_that_is_none_is_said_in_one_line(
+    still_bench: Bench, still_page: PageProcess
+) -> None:
     wait_until(
         "the model is known",
-        lambda: page.post("/upload/trajectory?controller=bench", content=b"").status_code == 200,
+        lambda: (
+            still_page.post("/upload/trajectory?controller=bench", content=b"").status_code == 200
+        ),
     )
-    asked = page.post(
+    asked = still_page.post(
         "/upload/identify?controller=bench&file=../../x.csv", content=b"no\nnumbers\n"
     )
     number = asked.json()["number"]
-    wait_until("said", lambda: page.http.get(f"/job/{number}").json()["state"] == "failed")
-    said = page.http.get(f"/job/{number}").json()
+    wait_until("said", lambda: still_page.http.get(f"/job/{number}").json()["state"] == "failed")
+    said = still_page.http.get(f"/job/{number}").json()
     assert "x.csv" in said["text"]
     assert "/tmp" not in said["text"]
-    assert page.http.get(f"/job/{number}/report").status_code == 404
-    assert page.post("/upload/paint", content=b"x").status_code == 404
+    assert still_page.http.get(f"/job/{number}/report").status_code == 404
+    assert still_page.post("/upload/paint", content=b"x").status_code == 404
 
 
 def test_a_dropped_recording_is_identified_beside_a_look_at_a_trajectory(
-    page: PageProcess,
+    still_page: PageProcess,
 ) -> None:
     t_s = np.arange(0.0, 40.0, 0.02)
     drive = 75.0 - 75.0 * np.cos(2 * np.pi * 0.2 * t_s) * np.exp(-t_s / 40.0)
@@ -381,22 +408,24 @@ def test_a_dropped_recording_is_identified_beside_a_look_at_a_trajectory(
     noise = 0.005 * np.random.default_rng(3).normal(size=t_s.size)
     um = simulate_hysteresis(simulated_model().hysteresis, drive, 0.02) + noise
     rows = "".join(f"{t:.2f},{u:.5f},{y:.5f}\n" for t, u, y in zip(t_s, drive, um, strict=True))
-    asked = page.post("/upload/identify?file=run.csv", content="t_s,u_v,y_um\n" + rows)
+    asked = still_page.post("/upload/identify?file=run.csv", content="t_s,u_v,y_um\n" + rows)
     number = asked.json()["number"]
 
     def state(of: str) -> str:
-        return str(page.http.get(f"/job/{of}").json()["state"])
+        return str(still_page.http.get(f"/job/{of}").json()["state"])
 
     wait_until("it works", lambda: state(number) == "working")
     wait_until(
         "the model is known",
-        lambda: page.post("/upload/trajectory?controller=bench", content=b"").status_code == 200,
+        lambda: (
+            still_page.post("/upload/trajectory?controller=bench", content=b"").status_code == 200
+        ),
     )
     wait_until("done", lambda: state(number) in ("done", "failed"), 280.0)
-    job = page.http.get(f"/job/{number}").json()
+    job = still_page.http.get(f"/job/{number}").json()
     assert job["state"] == "done", job["text"]
     assert "rms" in job["result"]["said"]
-    assert "hysteresis" in page.http.get(f"/job/{number}/model").text
-    report = page.http.get(f"/job/{number}/report")
+    assert "hysteresis" in still_page.http.get(f"/job/{number}/model").text
+    report = still_page.http.get(f"/job/{number}/report")
     assert report.headers["content-security-policy"].startswith("sandbox; default-src 'none'")
     assert "<html" in report.text

@@ -32,6 +32,17 @@ def test_swapped_columns_and_milliseconds(recording: Recording, says: str) -> No
     assert "\n" not in str(error.value)
 
 
+def test_a_loop_that_leads_is_no_swap_where_the_reading_has_the_noise() -> None:
+    """Springs that lead (elasto-slide elements beside a straight one) run the loop backwards."""
+    leading = 2.0 * u - y
+    found = identify([Recording(t, u, leading)])
+    assert found.model.fit.rms < 0.03
+    with pytest.raises(BadRecording, match="columns swapped"):
+        identify(
+            [Recording(t, u + 0.01 * np.random.default_rng(2).standard_normal(t.size), leading)]
+        )
+
+
 def test_recordings_of_different_stages() -> None:
     """The sentence has a figure for each, and names the one that does not belong."""
     v = 4 - 4 * np.cos(2 * np.pi * 3 * t)

@@ -15,10 +15,12 @@ from tests.mutations.rooms import (
     motion,
     rings,
     safety,
+    setup,
 )
 
 ROOMS = {
     "motion": motion.CHANGES,
+    "setup": setup.CHANGES,
     "gate": gate.CHANGES,
     "bus": bus.CHANGES,
     "rings": rings.CHANGES,

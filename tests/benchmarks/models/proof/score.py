@@ -13,6 +13,7 @@ import numpy as np
 from tests.benchmarks.models.proof.recorder import Rig
 from tests.benchmarks.models.proof.stages import HELD, Case, Hidden
 
+from dehyst.models.cascade.history import replay
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis
 from dehyst.models.model import Model
@@ -239,15 +240,22 @@ def figures(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def disagreement(case: Case, diagnosis: Diagnosis) -> float:
-    """Largest factor between an rms error that is stated and that of the written model, both about
-    their mean and over the samples that count; 1 where rows are missing."""
+    """Largest factor between an rms error that is stated and that of the written model behind the
+    history that fits, both about their mean and over the samples that count; 1 where rows are
+    missing."""
     worst, stated = 1.0, diagnosis.to_dict()["rms"]
     if case.plan.fault.startswith(HOLES):
         return worst
     for recording, view in zip(case.given(), diagnosis.views, strict=True):
         assert recording.displacement is not None
         for key, model in (("model", diagnosis.base_model), ("augmented", diagnosis.model)):
-            y = simulate(model, recording.t_s, recording.drive, recording.channels)
+            y = replay(
+                model,
+                recording.t_s,
+                recording.drive,
+                recording.channels,
+                recording.displacement,
+            ).predicted
             left = recording.displacement - y
             error = float(np.std(left[view.held_out]))
             ratio = error / max(stated[key][recording.name], 1e-12)

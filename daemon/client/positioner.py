@@ -1,0 +1,365 @@
+"""A stage that is told where to go and says when it is there: for scans and experiment control.
+
+    with dehyst.Positioner() as stage:
+        for place in (2.0, 4.0, 6.0):
+            stage.go(place).result()             # there, and kept there
+            print(stage.read(0.1).result().measured)
+
+A Client belongs to one thread; here that is a thread of its own, which repeats the set-point before
+it goes stale. So the stage stays where it was sent for as long as this program lives, and when it
+dies the daemon holds and ramps to its safe voltage, as it does for every client. Everything is
+asked for by one call and answered by a future, whose exception is the daemon's own word.
+"""
+
+import queue
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.client.player import Played
+from dehyst.daemon.client.telemetry import NOTHING, TelemetryStream
+from dehyst.daemon.client.tracking import Tracking
+from dehyst.daemon.rings.records import Flag
+from dehyst.models.errors import DehystError, NotNow
+
+POLL_S = 0.02
+REPEATS = 4  # of the set-point within the time in which one goes stale
+SHARE = 0.002
+"""Of the reach: how near is there, where nothing else is said."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Means over the samples of a while, NaN where there is no value. Displacements in the stage's
+    unit, from the set-point origin; wall_s: seconds since 1970 of the last one; spread: standard
+    deviation of the readings; missed: how many deadlines were missed."""
+
+    measured: float
+    spread: float
+    target: float
+    predicted: float
+    volts: float
+    wall_s: float
+    samples: int
+    missed: int
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A trajectory that was played. samples: (n,) TELEMETRY records, the approach left out; wall_s:
+    (n,) seconds since 1970."""
+
+    played: Played
+    samples: NDArray[Any]
+    wall_s: NDArray[np.float64]
+
+
+class _Stopped(Exception):
+    """The trajectory is to end."""
+
+
+@dataclass
+class _Going:
+    """A set-point that is on its way."""
+
+    value: float
+    future: "Future[Reading]"
+    end_ns: int
+    near_since_ns: int = 0
+    """Of the first sample of those that are near enough without a break; 0: none."""
+
+
+@dataclass
+class _Collecting:
+    """Samples that are wanted from now on."""
+
+    seconds: float
+    future: "Future[Reading]"
+    end_ns: int
+    parts: list[NDArray[Any]]
+
+
+class Positioner:
+    """connect: makes the Client, in the thread that uses it; None: `Client()`. tolerance: how near
+    is there, in the stage's unit (0: 0.2 % of the reach); settle_s: for how long it must be near;
+    by: whose word counts, the model's (open loop: it knows when the way is over) or the gauge's;
+    timeout_s: a place that is not reached by then is an error. Raises what the client raises."""
+
+    def __init__(
+        self,
+        connect: Callable[[], Client] | None = None,
+        *,
+        tolerance: float = 0.0,
+        settle_s: float = 0.05,
+        by: Literal["model", "gauge"] = "model",
+        timeout_s: float = 30.0,
+    ) -> None:
+        self.settle_s, self.by, self.timeout_s = settle_s, by, timeout_s
+        self._jobs: queue.SimpleQueue[Callable[[Client], None] | None] = queue.SimpleQueue()
+        self._going: _Going | None = None
+        self._collecting: list[_Collecting] = []
+        self._held: float | None = None
+        self._repeat_ns = 0
+        self._wall_offset_ns = 0
+        self._stopping = threading.Event()
+        ready: Future[tuple[str, str, tuple[float, float], float, float]] = Future()
+        make = connect if connect is not None else lambda: Client(label="positioner")
+        self._thread = threading.Thread(target=self._live, args=(make, ready), daemon=True)
+        self._thread.start()
+        self.name, self.unit, self.reach, self.period_s, self._stale_s = ready.result()
+        self.tolerance = tolerance or SHARE * (self.reach[1] - self.reach[0])
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # -- what may be asked, from any thread ------------------------------------------------------
+
+    def go(self, value: float) -> "Future[Reading]":
+        """Go to `value` and stay; the reading there, once it is there. A place that is asked for
+        while it is on its way to another is gone to at once, and the other's future fails."""
+        future: Future[Reading] = Future()
+        self._do(lambda client: self._begin_going(client, float(value), future), future)
+        return future
+
+    def read(self, seconds: float = 0.0) -> "Future[Reading]":
+        """The mean of the samples of the next `seconds`, of one at least."""
+        future: Future[Reading] = Future()
+        self._do(lambda _: self._begin_collecting(seconds, future), future)
+        return future
+
+    def fly(self, t_s: ArrayLike, value: ArrayLike) -> "Future[Flight]":
+        """Play a trajectory, (n,) times and (n,) targets, and stay at its end; all its samples."""
+        future: Future[Flight] = Future()
+        times, targets = np.array(t_s, float), np.array(value, float)
+        self._do(lambda client: self._fly(client, times, targets, future), future)
+        return future
+
+    def stop(self) -> None:
+        """Stay where it is now, then as the daemon's `[setpoint]` says: hold, and ramp to the safe
+        voltage. What was on its way fails."""
+        self._stopping.set()
+        done: Future[None] = Future()
+        self._do(lambda client: self._stop(client, done), done)
+        done.result()
+
+    def close(self) -> None:
+        """Let go of the stage, and end the connection. Safe to call twice."""
+        self._stopping.set()
+        self._jobs.put(None)
+        self._thread.join()
+
+    # -- the thread ------------------------------------------------------------------------------
+
+    def _do(self, job: Callable[[Client], None], future: "Future[Any]") -> None:
+        def guarded(client: Client) -> None:
+            try:
+                job(client)
+            except Exception as error:  # whoever asked hears of it
+                future.set_exception(error)
+
+        if not self._thread.is_alive():
+            raise NotNow("the positioner is closed")
+        self._jobs.put(guarded)
+
+    def _live(self, connect: Callable[[], Client], ready: "Future[Any]") -> None:
+        try:
+            client = connect()
+        except BaseException as error:
+            ready.set_exception(error)
+            return
+        with client:
+            try:
+                status, config = client.status(), client.config()
+                reach = (status.reach_min, status.reach_max)
+                period_s = status.period_ns * 1e-9
+                self._listen(client)
+            except BaseException as error:
+                ready.set_exception(error)
+                return
+            ready.set_result((client.name, status.unit, reach, period_s, config.setpoint.stale_s))
+            try:
+                while self._step(client):
+                    pass
+            finally:
+                self._fail("the positioner was closed")
+
+    def _listen(self, client: Client) -> None:
+        self._stream = client.stream()
+
+    def _step(self, client: Client) -> bool:
+        """One turn; False when it is to end."""
+        try:
+            job = self._jobs.get_nowait()
+            if job is None:
+                return False
+            job(client)
+        except queue.Empty:
+            pass
+        try:
+            self._stay(client)
+        except DehystError as error:  # another client commands, or the daemon is gone
+            self._held = None
+            self._fail(str(error))
+        samples = self._stream.read(POLL_S)
+        if samples.size:
+            self._wall_offset_ns = self._stream.wall_offset_ns
+            self._judge(samples)
+            self._collect(samples)
+        self._look_at_the_clock()
+        return True
+
+    def _stay(self, client: Client) -> None:
+        """Repeat the set-point before it goes stale."""
+        now_ns = clock.monotonic_ns()
+        if self._held is not None and now_ns >= self._repeat_ns:
+            client.send(self._held)
+            self._repeat_ns = now_ns + round(self._stale_s / REPEATS * clock.NS)
+
+    def _begin_going(self, client: Client, value: float, future: "Future[Reading]") -> None:
+        self._leave("another place was asked for")
+        self._stopping.clear()
+        client.send(value)
+        now_ns = clock.monotonic_ns()
+        self._held, self._repeat_ns = value, now_ns
+        self._going = _Going(value, future, now_ns + round(self.timeout_s * clock.NS))
+
+    def _begin_collecting(self, seconds: float, future: "Future[Reading]") -> None:
+        end_ns = clock.monotonic_ns() + round((seconds + self.timeout_s) * clock.NS)
+        self._collecting.append(_Collecting(seconds, future, end_ns, []))
+
+    def _judge(self, samples: NDArray[Any]) -> None:
+        """Is it there?"""
+        going = self._going
+        if going is None:
+            return
+        place = samples["measured"] if self.by == "gauge" else model_place(samples)
+        meant = samples["target"] == going.value
+        near = meant & (np.abs(place - going.value) <= self.tolerance)
+        for sample, is_near in zip(samples, near.tolist(), strict=True):
+            if not is_near:
+                going.near_since_ns = 0
+                continue
+            at_ns = int(sample["scheduled_ns"])
+            going.near_since_ns = going.near_since_ns or at_ns
+            if at_ns - going.near_since_ns >= self.settle_s * clock.NS:
+                self._going = None
+                going.future.set_result(mean_of(samples[near], self._wall_offset_ns))
+                return
+
+    def _collect(self, samples: NDArray[Any]) -> None:
+        for one in list(self._collecting):
+            one.parts.append(samples)
+            first, last = one.parts[0]["scheduled_ns"][0], samples["scheduled_ns"][-1]
+            if last - first >= (one.seconds - self.period_s) * clock.NS:
+                self._collecting.remove(one)
+                whole = np.concatenate(one.parts)
+                until = whole["scheduled_ns"] - first <= max(one.seconds, 0.0) * clock.NS
+                one.future.set_result(mean_of(whole[until], self._wall_offset_ns))
+
+    def _look_at_the_clock(self) -> None:
+        now_ns = clock.monotonic_ns()
+        if self._going is not None and now_ns > self._going.end_ns:
+            self._leave(
+                f"not within {self.tolerance:g} {self.unit} of {self._going.value:g} after "
+                f"{self.timeout_s:g} s, by the {self.by}'s word"
+            )
+        for one in [one for one in self._collecting if now_ns > one.end_ns]:
+            self._collecting.remove(one)
+            one.future.set_exception(NotNow("no telemetry came"))
+
+    def _fly(
+        self,
+        client: Client,
+        t_s: NDArray[np.float64],
+        value: NDArray[np.float64],
+        future: "Future[Flight]",
+    ) -> None:
+        self._leave("a trajectory was asked for")
+        self._stopping.clear()
+        self._held = None
+        parts: list[NDArray[Any]] = []
+
+        def look(*_: Any) -> None:
+            if self._stopping.is_set():
+                raise _Stopped
+
+        def take(samples: NDArray[Any]) -> None:
+            parts.append(samples)
+            look()
+
+        self._stream.close()
+        try:
+            played = client.play(t_s, value, progress=look, on_samples=take)
+        except _Stopped:
+            client.stop()
+            raise NotNow("the trajectory was stopped") from None
+        finally:
+            self._listen(client)
+        samples = np.concatenate(parts) if parts else NOTHING
+        samples = Tracking(played.tracking.first_seq, played.tracking.expected).add(samples)
+        if played.completed:
+            self._held, self._repeat_ns = float(value[-1]), 0
+        wall_ns = samples["scheduled_ns"] + self._wall_offset_ns
+        future.set_result(Flight(played, samples, wall_ns * 1e-9))
+
+    def _stop(self, client: Client, done: "Future[None]") -> None:
+        self._held = None
+        self._leave("it was stopped")
+        client.stop()
+        done.set_result(None)
+
+    def _leave(self, why: str) -> None:
+        if self._going is not None:
+            going, self._going = self._going, None
+            going.future.set_exception(NotNow(f"{going.value:g} {self.unit} not reached: {why}"))
+
+    def _fail(self, why: str) -> None:
+        """Whoever waits hears of it."""
+        self._leave(why)
+        for one in self._collecting:
+            one.future.set_exception(NotNow(why))
+        self._collecting = []
+
+    _stream: TelemetryStream
+
+
+def model_place(samples: NDArray[Any]) -> NDArray[np.float64]:
+    """Where the model sees the stage, as the set-points count it: without trim and learning."""
+    return np.asarray(samples["predicted"] - samples["trim"] - samples["learned"])
+
+
+def mean_of(samples: NDArray[Any], wall_offset_ns: int) -> Reading:
+    """Means of (n,) TELEMETRY records."""
+    return Reading(
+        measured=_mean(samples["measured"]),
+        spread=float(np.nanstd(samples["measured"]))
+        if np.isfinite(samples["measured"]).any()
+        else float("nan"),
+        target=_mean(samples["target"]),
+        predicted=_mean(samples["predicted"]),
+        volts=_mean(samples["volts"]),
+        wall_s=float(samples["scheduled_ns"][-1] + wall_offset_ns) * 1e-9,
+        samples=int(samples.size),
+        missed=int(np.count_nonzero(samples["flags"] & int(Flag.MISSED))),
+    )
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else float("nan")

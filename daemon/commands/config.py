@@ -1,0 +1,123 @@
+"""write a commented configuration"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from dehyst.daemon.config import parse_config
+from dehyst.daemon.files.models import write_text
+from dehyst.daemon.loop.checks import check_unopened
+from dehyst.daemon.tools.config_text import SLEW_SPANS, limits_within, write_commented
+from dehyst.models.errors import BadInput
+
+EPILOG = """\
+`dehyst config init` writes a configuration with every key: what you give as it is, everything else
+as its default behind a comment sign, with what it means and what is allowed. It touches no device.
+The limits are needed: no voltage is taken for granted. All keys: docs/reference-configuration.md.
+
+exit status: 0; 2 where something is wrong, or the file exists (--force replaces it).
+
+examples: dehyst config init --range 0 100 -o stage.toml
+          dehyst config init --range 0 10 --actuator nidaqmx --set channel=Dev1/ao0 \\
+            --sensor nidaqmx --sensor-set channel=Dev1/ai0 --sensor-set um_per_v_per_v=1000
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst config`."""
+    parser.epilog = EPILOG
+    parser.add_argument("what", choices=("init",), help="init: write a new one")
+    parser.add_argument(
+        "--range",
+        nargs=2,
+        type=float,
+        metavar=("MIN", "MAX"),
+        required=True,
+        help="voltages the stage may see, V",
+    )
+    parser.add_argument(
+        "--slew",
+        type=float,
+        metavar="V_PER_S",
+        help="largest rate of the voltage (default: 20 ranges a second)",
+    )
+    parser.add_argument(
+        "--rate", type=float, default=200.0, metavar="HZ", help="of the loop (default: %(default)g)"
+    )
+    parser.add_argument("--name", default="stage-1", help="the controller's (default: %(default)s)")
+    parser.add_argument(
+        "--model",
+        default="stage.model.toml",
+        metavar="MODEL.toml",
+        help="relative to the configuration (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--actuator",
+        default="mdt693b",
+        metavar="DRIVER",
+        help="see `dehyst drivers` (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="a setting of the actuator's driver; may be repeated",
+    )
+    parser.add_argument(
+        "--sensor", default="ksg101", metavar="DRIVER", help="(default: %(default)s)"
+    )
+    parser.add_argument(
+        "--sensor-set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="a setting of the sensor's driver",
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="default: stdout")
+    parser.add_argument("--force", action="store_true", help="replace an existing file")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write it; 0."""
+    low, high = args.range
+    slew = args.slew or SLEW_SPANS * (high - low)
+    text = write_commented(
+        {
+            "": {"name": args.name},
+            "model": {"file": args.model},
+            "loop": {"rate_hz": args.rate},
+            "actuator": {"driver": args.actuator, "settings": settings_of(args.set)},
+            "sensor": {"driver": args.sensor, "settings": settings_of(args.sensor_set)},
+            **limits_within(low, high, slew),
+        }
+    )
+    check_unopened(parse_config(text, "the configuration"))
+    if args.output is None:
+        print(text, end="")
+        return 0
+    if args.output.exists() and not args.force:
+        raise BadInput(
+            f"{args.output}: exists already; choose another name, or --force replaces it"
+        )
+    try:
+        write_text(args.output, text)
+    except OSError as error:
+        raise BadInput(f"{args.output}: cannot be written: {error.strerror or error}") from None
+    return 0
+
+
+def settings_of(pairs: list[str]) -> dict[str, Any]:
+    """Settings from KEY=VALUE words; a value as TOML has it, else a text."""
+    import tomllib
+
+    table: dict[str, Any] = {}
+    for pair in pairs:
+        key, sign, text = pair.partition("=")
+        if not sign or not key.isidentifier():
+            raise BadInput(f"{pair}: write KEY=VALUE")
+        try:
+            table[key] = tomllib.loads(f"x = {text}")["x"]
+        except tomllib.TOMLDecodeError:
+            table[key] = text
+    return table

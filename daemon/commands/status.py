@@ -1,0 +1,58 @@
+"""One screen about a running daemon."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from dehyst.daemon.client.connection import add_connection, connect, print_json
+from dehyst.models.errors import DehystError
+
+if TYPE_CHECKING:
+    from dehyst.daemon.client.client import Client
+    from dehyst.models.model import Model
+
+EPILOG = """State and reason, position, output, model, inverse, deadline, health, who commands, and
+the newest events. Asking changes nothing and needs no lease.
+
+exit status: 0: all is well; 1: something needs a look (lines that begin with !: no loop, a device
+that fails, a mismatch, a frozen trim, missed deadlines, lost samples); 2: no daemon, or bad usage.
+--json: {"ok", "attention", "status", "model", "events"}.
+
+example: dehyst status || echo "look at the stage"
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst status`."""
+    parser.epilog = EPILOG
+    parser.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    add_connection(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask once; 0, or 1 where something needs a look."""
+    from dehyst.daemon.terminal.overview import describe_kind, find_troubles, overview
+
+    with connect(args, "status") as client:
+        status, events = client.status(), client.events()
+        model = _model(client)
+    troubles = find_troubles(status)
+    if args.json:
+        print_json(
+            {
+                "ok": not troubles,
+                "attention": troubles,
+                "status": status,
+                "model": None if model is None else describe_kind(model),
+                "events": events,
+            }
+        )
+    else:
+        print("\n".join(overview(status, model, events, troubles)))
+    return 1 if troubles else 0
+
+
+def _model(client: "Client") -> "Model | None":
+    try:
+        return client.model()
+    except DehystError:  # no loop has run yet
+        return None

@@ -1,0 +1,54 @@
+"""A file that only grows, and that ends with something whole whatever happens to the disk."""
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+from dehyst.models.errors import BadInput, DehystError
+
+
+class RecordingFailed(DehystError):
+    """The file could not be written further; what was written before is whole."""
+
+
+class AppendedFile:
+    """path: a new file unless `replace`. Raises BadInput where it cannot be made."""
+
+    def __init__(self, path: Path, replace: bool) -> None:
+        self.path = path
+        self.size = 0
+        """Bytes that are in the file."""
+        try:
+            existing = os.O_TRUNC if replace else os.O_EXCL
+            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | existing | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
+
+    def write(self, data: bytes, end: bytes = b"") -> int:
+        """Append. end: the bytes behind which the file may end where not all of `data` can be
+        written; b"": only before or behind it. Raises RecordingFailed once it is cut to that."""
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[os.write(self._file, left) :]
+        except OSError as error:
+            written = data[: len(data) - len(left)]
+            self.size += written.rfind(end) + len(end) if end and end in written else 0
+            with suppress(OSError):  # the disk is gone: the reader will name the broken end
+                os.ftruncate(self._file, self.size)
+            raise RecordingFailed(
+                f"{self.path}: {error.strerror}; the recording ends here, what was written before "
+                "is whole"
+            ) from None
+        self.size += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """Where the next bytes go."""
+        return self.size
+
+    def close(self) -> None:
+        """Safe to call twice."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1

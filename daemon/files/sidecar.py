@@ -1,0 +1,50 @@
+"""What belongs beside the numbers of a CSV file: NAME.csv.meta.json, a flat map of texts.
+
+The CSV itself begins with its header line, so that every program reads it as it is. `.npz` and
+`.mcap` carry their notes inside.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from dehyst.daemon.files.outputs import whole_file
+from dehyst.models.errors import BadRecording
+
+MOST_BYTES = 1 << 20
+
+
+def notes_path(path: Path) -> Path:
+    """Where the notes of a recording stand."""
+    return path.with_name(f"{path.name}.meta.json")
+
+
+def write_notes(path: Path, notes: Mapping[str, str]) -> None:
+    """Put the notes beside the recording `path`; none: what stood there goes. Raises OSError."""
+    beside = notes_path(path)
+    if not notes:
+        beside.unlink(missing_ok=True)
+        return
+    flat = {key: " ".join(str(value).split()) for key, value in notes.items()}
+    with whole_file(beside) as file:
+        file.write((json.dumps(flat, indent=1, ensure_ascii=False) + "\n").encode())
+
+
+def read_notes(path: Path) -> dict[str, str]:
+    """The notes beside a recording; {} where there are none. Raises BadRecording."""
+    beside = notes_path(path)
+    try:
+        with beside.open("rb") as file:
+            raw = file.read(MOST_BYTES + 1)
+        if len(raw) > MOST_BYTES:
+            raise ValueError("it is too long")
+        notes = json.loads(raw)
+        if not isinstance(notes, dict):
+            raise ValueError("it is no map of names to texts")
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, RecursionError) as error:
+        raise BadRecording(
+            f"{beside.name}: the notes of {path.name} cannot be read: {error}; mend or delete it"
+        ) from None
+    return {str(key): value for key, value in notes.items() if isinstance(value, str)}

@@ -1,0 +1,48 @@
+"""Do the steps of a set-up that are not done yet, one after another."""
+
+from typing import Any
+
+from dehyst.daemon.setup.names import NAMES
+from dehyst.daemon.setup.steps import STEPS, Step
+from dehyst.daemon.setup.workbench import Workbench
+
+
+def options_of(bench: Workbench, step: Step) -> dict[str, Any]:
+    """Those that were given, as JSON holds them."""
+    given = {name: getattr(bench.wishes, name) for name in step.options}
+    as_lists = {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
+    return {k: v for k, v in as_lists.items() if v not in (None, [])}
+
+
+def first_to_do(bench: Workbench, repeat_from: str | None) -> int:
+    """Place in STEPS of the first step that is not done, or was done with other options, or is to
+    be repeated."""
+    for number, step in enumerate(STEPS):
+        if step.name == repeat_from or not bench.journal.done(step.name):
+            return number
+        before = bench.journal.options(step.name)
+        if any(before.get(k) != v for k, v in options_of(bench, step).items()):
+            return number
+    return len(STEPS)
+
+
+def do_steps(bench: Workbench, repeat_from: str | None = None, until: str | None = None) -> None:
+    """Do what is to be done, from the first such step on. Raises what a step raises: the journal
+    then holds those before it, and the next call goes on there."""
+    first = first_to_do(bench, repeat_from)
+    bench.journal.forget(list(NAMES[first:]))
+    for number, step in enumerate(STEPS):
+        title = f"{number + 1}. {step.title}"
+        if number < first:
+            done = bench.journal.result(step.name)["words"]
+            bench.say(f"{title}: done {bench.journal.when(step.name)}: {done}")
+        else:
+            bench.say(title)
+            if step.moves is not None:
+                bench.say(f"   {step.moves(bench)}")
+                bench.ask.go_on(step.name)
+            result = step.run(bench)
+            bench.journal.keep(step.name, options_of(bench, step), result)
+            bench.say(f"   {result['words']}")
+        if step.name == until:
+            return

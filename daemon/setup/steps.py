@@ -1,0 +1,218 @@
+"""The steps of a set-up, in order, as one table."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from dehyst.daemon.api.functions import identify, validate
+from dehyst.daemon.files.models import write_text
+from dehyst.daemon.loop.checks import check_unopened, devices_of, highest_rate
+from dehyst.daemon.setup import moving
+from dehyst.daemon.setup.units import FoundUnit, ask_port, known_ports
+from dehyst.daemon.setup.workbench import CONFIG, MADE, MODEL, Workbench
+from dehyst.daemon.tools.config_text import SLEW_SPANS, limits_within, write_commented
+from dehyst.drivers.serial_port import list_serial_ports
+from dehyst.models.errors import BadInput, NotNow
+
+RATE_SHARE = 0.6  # of what the units sustained while nothing else was done
+MOST_HZ = 1000.0  # of the loop, where units would do more
+NAME = "stage-1"
+FRESH = 1  # seed of the drive that validates; 0 is the one that identifies
+
+Result = dict[str, Any]
+"""`words`: what came of it; the rest for later steps and for --json."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step. options: the Wishes that it heeds: another value repeats it; moves: what it will
+    move and how far; None: nothing."""
+
+    name: str
+    title: str
+    run: Callable[[Workbench], Result]
+    options: tuple[str, ...] = ()
+    moves: Callable[[Workbench], str] | None = None
+
+
+def find_units(bench: Workbench) -> Result:
+    """Which unit is where; nothing moves."""
+    if bench.has_own_config():
+        return {"words": f"those of {CONFIG}, which is there already"}
+    wishes = bench.wishes
+    known = known_ports()
+    axis = wishes.axis or bench.ask.choice("axis that drives the stage", "--axis", ["x", "y", "z"])
+    found: dict[str, list[FoundUnit]] = {"actuator": [], "sensor": []}
+    for path in wishes.ports or tuple(known):
+        unit = ask_port(path, axis, known[path]) if path in known else ask_port(path, axis)
+        if unit is None:
+            bench.say(f"   {path}: neither an MDT693B nor a KSG101 answers")
+        else:
+            bench.say(f"   {path}: {unit.spec.identity or unit.driver}")
+            found[unit.kind].append(unit)
+    result: Result = {"axis": axis}
+    actuator = _one_of(bench, found["actuator"], "amplifier")
+    sensor = _one_of(bench, found["sensor"], "gauge reader")
+    for unit in (actuator, sensor):
+        result[unit.kind] = {"driver": unit.driver, "port": unit.port}
+        result[unit.kind] |= {"minimum": unit.spec.minimum, "maximum": unit.spec.maximum}
+    result["sustained_hz"] = highest_rate(actuator.spec, sensor.spec)
+    names = [f"{result[kind]['driver']} at {result[kind]['port']}" for kind in found]
+    return result | {"words": ", ".join(names)}
+
+
+def _one_of(bench: Workbench, units: list[FoundUnit], what: str) -> FoundUnit:
+    if not units:
+        here = ", ".join(p.path for p in list_serial_ports()) or "none"
+        raise NotNow(
+            f"no {what} answers; plug it in, or name the ports that may be asked who they are with "
+            f"--ports (serial ports here: {here}). Other drivers: write {bench.config_path} with "
+            "`dehyst config init`, and give this command again"
+        )
+    port = bench.ask.choice(f"port of the {what}", "--ports", [u.port for u in units])
+    return next(u for u in units if u.port == port)
+
+
+def ask_limits(bench: Workbench) -> Result:
+    """The voltages that the stage may see: asked for, never taken from the amplifier."""
+    if bench.has_own_config():
+        limits = bench.config().limits
+        low, high, slew = limits.min_v, limits.max_v, limits.slew_v_per_s
+        return {"words": f"{low:g} to {high:g} V, {slew:g} V/s, as in {CONFIG}"}
+    unit, wishes, ask = bench.journal.result("units")["actuator"], bench.wishes, bench.ask
+    least, most = unit["minimum"], unit["maximum"]
+    if wishes.range_v:
+        low, high = wishes.range_v
+    else:
+        bench.say(f"   the amplifier gives {least:g} to {most:g} V; see the stage's own data sheet")
+        low = ask.number("lowest voltage for this stage, V", "--range", least, most, None)
+        high = ask.number("highest voltage for this stage, V", "--range", low, most, None)
+    if not least <= low < high <= most:
+        raise BadInput(
+            f"--range {low:g} {high:g}: the amplifier gives {least:g} to {most:g} V, and the "
+            "second must be above the first"
+        )
+    slew = wishes.slew_v_per_s or ask.number(
+        "largest rate of the voltage, V/s", "--slew", 1.0, 1e6, SLEW_SPANS * (high - low)
+    )
+    return {
+        "words": f"{low:g} to {high:g} V at no more than {slew:g} V/s",
+        "min_v": low,
+        "max_v": high,
+        "slew_v_per_s": slew,
+    }
+
+
+def write_configuration(bench: Workbench) -> Result:
+    """The rate that the units sustain, and the file with comments."""
+    if bench.has_own_config():
+        config = bench.config()
+        check_unopened(config)
+        return {"words": f"{CONFIG} as it stands", "rate_hz": config.loop.rate_hz}
+    units, limits = bench.journal.result("units"), bench.journal.result("limits")
+    sustained = units["sustained_hz"]
+    rate_hz = bench.wishes.rate_hz or round(min(RATE_SHARE * sustained, MOST_HZ), -1)
+    if rate_hz > sustained:
+        raise BadInput(f"--rate {rate_hz:g}: these units sustain {sustained:g} Hz as measured")
+    text = write_commented(
+        {
+            "": {"name": bench.wishes.name or NAME},
+            "model": {"file": MODEL},
+            "loop": {"rate_hz": rate_hz},
+            "actuator": {
+                "driver": units["actuator"]["driver"],
+                "settings": {"port": units["actuator"]["port"], "axis": units["axis"]},
+            },
+            "sensor": {
+                "driver": units["sensor"]["driver"],
+                "settings": {"port": units["sensor"]["port"]},
+            },
+            **limits_within(limits["min_v"], limits["max_v"], limits["slew_v_per_s"]),
+        }
+    )
+    if aside := bench.put_aside(bench.config_path, MADE + text):
+        bench.say(f"   the configuration that was there is {aside.name} now")
+    write_text(bench.config_path, MADE + text)
+    check_unopened(bench.config())
+    words = f"{CONFIG}: {rate_hz:g} Hz, of {sustained:g} that these units sustain"
+    return {"words": words, "rate_hz": rate_hz, "sustained_hz": sustained}
+
+
+def identify_model(bench: Workbench) -> Result:
+    """The model and its report."""
+    found = identify(bench.recording("record"))
+    found.save(bench.model_path)
+    found.report(bench.folder / "report.html", MODEL)
+    share = (found.rms or 0.0) / found.figures.stroke
+    words = f"{MODEL}: {found.model.hysteresis.n} play operators, {share:.2%} of the stroke left"
+    return {"words": f"{words}; report.html", "rms": found.rms, "noise_rms": found.noise_rms}
+
+
+def validate_model(bench: Workbench) -> Result:
+    """How well it foretells a recording with another drive."""
+    fresh = moving.record_drive(bench, FRESH, moving.TUNING.exercise_s, "fresh")
+    bench.say(f"   {fresh['words']}")
+    found = validate(bench.model_path, bench.folder / fresh["recording"])
+    found.report(bench.folder / "validation.html")
+    one = found.results[0]
+    words = f"foretold to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
+    if one.worse:
+        words += ", worse than the model claims of itself: `dehyst diagnose` says what it lacks"
+    return fresh | {
+        "words": f"{words}; validation.html",
+        "rms": one.rms,
+        "share_of_span": one.share,
+        "worse_than_claimed": one.worse,
+    }
+
+
+def offer_service(bench: Workbench) -> Result:
+    """What to type next; nothing is installed."""
+    config = bench.config_path
+    devices_of(bench.config())
+    for line in (
+        f"dehyst run --config {config}     # in a terminal; `dehyst watch` in another",
+        'as a service, as root, from a clone (README, "Run it as a service"):',
+        f"  install -D -m 0640 {config} {bench.model_path} -t /etc/dehyst",
+        "  cp systemd/*.service /etc/systemd/system/ && systemctl daemon-reload",
+        "  systemctl enable --now dehyst.service",
+    ):
+        bench.say(f"   {line}")
+    return {"words": "ready to run"}
+
+
+STEPS = (
+    Step("units", "find the units", find_units, ("ports", "axis")),
+    Step("limits", "limits of this stage", ask_limits, ("range_v", "slew_v_per_s")),
+    Step(
+        "configuration",
+        "measure the rate, write the configuration",
+        write_configuration,
+        ("name", "rate_hz"),
+    ),
+    Step("exercise", "exercise gently", moving.exercise_gently, (), moving.describe_gentle),
+    Step(
+        "record",
+        "excite and record",
+        partial(moving.record_drive, seed=0, exercise_s=moving.TUNING.exercise_s, stem="recording"),
+        ("band_hz", "seconds"),
+        partial(moving.describe_drive, seed=0, exercise_s=moving.TUNING.exercise_s),
+    ),
+    Step("identify", "identify a model", identify_model),
+    Step(
+        "validate",
+        "validate it on a fresh drive",
+        validate_model,
+        (),
+        partial(moving.describe_drive, seed=FRESH, exercise_s=moving.TUNING.exercise_s),
+    ),
+    Step(
+        "track",
+        "follow a sine without and with the model",
+        moving.track_sine,
+        (),
+        moving.describe_sine,
+    ),
+    Step("service", "run it", offer_service),
+)

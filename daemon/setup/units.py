@@ -1,0 +1,54 @@
+"""Which units are there: each port is asked by the drivers themselves. Nothing moves."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from dehyst.drivers.interface import Actuator, DeviceSpec, DeviceTimeout, ProtocolError, Sensor
+from dehyst.drivers.ksg101.driver import USB_IDS as GAUGES
+from dehyst.drivers.mdt693b.settings import USB_IDS as AMPLIFIERS
+from dehyst.drivers.registry import load_actuator, load_sensor
+from dehyst.drivers.serial_port import find_usb_ports
+
+ACTUATOR, SENSOR = ("actuator", "mdt693b"), ("sensor", "ksg101")
+"""What may be behind a serial port. The gauge reader is asked first: its question has no line end,
+so an amplifier takes it for half a command, which its own driver then spoils."""
+
+
+@dataclass(frozen=True)
+class FoundUnit:
+    """One unit. kind: "actuator" or "sensor"; spec: as measured just now."""
+
+    kind: str
+    driver: str
+    port: str
+    spec: DeviceSpec
+
+
+def known_ports() -> dict[str, tuple[tuple[str, str], ...]]:
+    """Ports whose USB numbers are those of such a unit, and what is behind each."""
+    found: dict[str, tuple[tuple[str, str], ...]] = {}
+    for ids, unit in ((AMPLIFIERS, ACTUATOR), (GAUGES, SENSOR)):
+        found |= {port.path: (unit,) for port in find_usb_ports(ids)}
+    return found
+
+
+def ask_port(
+    path: str, axis: str, expected: tuple[tuple[str, str], ...] = (SENSOR, ACTUATOR)
+) -> FoundUnit | None:
+    """Who is at this port; None: none of the expected. Raises DriverError where the port cannot be
+    opened, or the unit is there and cannot be used as it stands."""
+    for kind, driver in expected:
+        settings: dict[str, Any] = {"port": path}
+        device: Actuator | Sensor
+        if kind == "actuator":
+            device = load_actuator(driver).from_settings(settings | {"axis": axis})
+        else:
+            device = load_sensor(driver).from_settings(settings)
+        try:
+            device.open()
+        except (DeviceTimeout, ProtocolError):
+            continue
+        finally:
+            device.close()
+        return FoundUnit(kind, driver, path, device.spec)
+    return None

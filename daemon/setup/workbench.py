@@ -1,0 +1,120 @@
+"""What every step of a set-up works with: its folder, its files, and playing a drive."""
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from dehyst.daemon.config import Config, load_config
+from dehyst.daemon.files.recordings import read_recording, write_recording
+from dehyst.daemon.setup.journal import Journal
+from dehyst.daemon.setup.questions import Questions, Wishes
+from dehyst.daemon.terminal.progress import progress_bar
+from dehyst.daemon.tools.acquire import acquire
+from dehyst.drivers.interface import DeviceSpec
+from dehyst.drivers.registry import load_actuator
+from dehyst.models.errors import NotNow
+from dehyst.models.recording import Floats, Recording
+
+CONFIG, MODEL = "stage.toml", "stage.model.toml"
+MADE = "# Made by `dehyst setup`, which replaces it where its limits, units or rate change.\n"
+
+
+class Workbench:
+    """One set-up. folder: where everything goes; say: one line for the user."""
+
+    def __init__(
+        self,
+        folder: Path,
+        wishes: Wishes,
+        journal: Journal,
+        ask: Questions,
+        say: Callable[[str], None],
+    ) -> None:
+        self.folder, self.wishes, self.journal = folder, wishes, journal
+        self.ask, self.say = ask, say
+
+    @property
+    def config_path(self) -> Path:
+        """The configuration that is used from its step on, by whomever it was written."""
+        return self.folder / CONFIG
+
+    @property
+    def model_path(self) -> Path:
+        """The identified model."""
+        return self.folder / MODEL
+
+    def config(self) -> Config:
+        """As it stands in the file now."""
+        return load_config(self.config_path)
+
+    def has_own_config(self) -> bool:
+        """Is the configuration one that the user wrote?"""
+        return self.config_path.exists() and not self.config_path.read_text("utf-8").startswith(
+            MADE
+        )
+
+    def put_aside(self, path: Path, text: str) -> Path | None:
+        """Rename a file that is to be replaced by another text, so that nothing of the user's is
+        lost; its new path, None: it was not there, or says the same."""
+        if not path.exists() or path.read_text("utf-8") == text:
+            return None
+        aside = self._free(path.stem, path.suffix)
+        return path.rename(aside)
+
+    def _free(self, stem: str, suffix: str) -> Path:
+        names = (self.folder / f"{stem}-{i}{suffix}" for i in range(1, 10_000))
+        return next(path for path in names if not path.exists())
+
+    def recording(self, step: str) -> Recording:
+        """What a step recorded."""
+        path = self.folder / str(self.journal.result(step)["recording"])
+        return read_recording(path, need_displacement=True)
+
+    def output_now(self, config: Config) -> tuple[float, DeviceSpec]:
+        """Where the output stands as far as the unit tells, and what it can do. Moves nothing."""
+        actuator = load_actuator(config.actuator.driver).from_settings(config.actuator.settings)
+        try:
+            actuator.open()
+            return float(actuator.output()), actuator.spec
+        finally:
+            actuator.close()
+
+    def play(self, t_s: Floats, volts: Floats, exercise_s: float, text: str) -> Recording:
+        """Play voltages open loop behind exercise_s of full loops, and record; the output ends
+        where it was. Raises NotNow where that ended early, with what was recorded in a file."""
+        config = self.config()
+        drive = volts / config.actuator.gain
+        with interruptible() as stop, progress_bar(text) as progress:
+            found, ended = acquire(config, t_s, drive, "v", exercise_s, progress, stop)
+        if ended:
+            path = self.keep(found, "unfinished")
+            raise NotNow(
+                f"{ended}; what was recorded before is in {path}. The same command repeats it"
+            )
+        return found
+
+    def keep(self, recording: Recording, stem: str) -> Path:
+        """Write a recording under a name that is not taken; the path."""
+        path = self._free(stem, ".csv")
+        assert recording.displacement is not None
+        columns = {
+            recording.drive_column: recording.drive,
+            recording.displacement_column: recording.displacement,
+        }
+        write_recording(path, recording.t_s, columns, {"source": "dehyst setup"})
+        return path
+
+
+@contextmanager
+def interruptible() -> Iterator[Callable[[], str]]:
+    """Ctrl-C and SIGTERM become a reason to end in order, which the yielded function tells."""
+    stopped: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before: list[Any] = [signal.signal(n, lambda n, _: stopped.append(n)) for n in numbers]
+    try:
+        yield lambda: "it was interrupted" if stopped else ""
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)

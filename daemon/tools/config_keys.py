@@ -1,0 +1,86 @@
+"""Every key of the configuration as the classes of dehyst.daemon.config declare it: sections,
+types, defaults, and the sentences that stand below each key there."""
+
+import ast
+import inspect
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, get_args
+
+import msgspec
+from msgspec import structs
+
+from dehyst.daemon import config
+from dehyst.drivers.settings import SettingKey, allowed_words, unit_of
+
+
+@dataclass(frozen=True)
+class ConfigSection:
+    """One table of the file. title: as in its brackets, "" for the top of the file; keys: without
+    those that are tables; needed: the file has to have it."""
+
+    title: str
+    meaning: str
+    keys: tuple[SettingKey, ...]
+    needed: bool
+
+
+def list_config() -> list[ConfigSection]:
+    """Every section in the order of the file, with every key."""
+    return _sections("", config.Config, needed=True)
+
+
+def _sections(title: str, kind: type[msgspec.Struct], needed: bool) -> list[ConfigSection]:
+    said = _sentences()[kind.__name__]
+    own, below = [], []
+    for field in structs.fields(kind):
+        inner = _struct_of(field.type)
+        if inner is None:
+            default = None if field.required else field.default
+            if field.default_factory is not msgspec.NODEFAULT:
+                default = field.default_factory()
+            meaning = said.get(field.name, "")
+            key = SettingKey(
+                field.name,
+                allowed_words(field),
+                field.required,
+                default,
+                unit_of(field.name),
+                meaning,
+            )
+            own.append(key)
+        else:
+            name = f"{field.name}.NAME" if _is_table(field.type) else field.name
+            inside = f"{title}.{name}" if title else name
+            below += _sections(inside, inner, needed and field.required)
+    return [ConfigSection(title, said[""], tuple(own), needed), *below]
+
+
+def _is_table(kind: Any) -> bool:
+    return getattr(kind, "__origin__", None) is dict
+
+
+def _struct_of(kind: Any) -> type[msgspec.Struct] | None:
+    """The class of a section, alone, optional, or as the values of a table of sections."""
+    for one in (kind, *get_args(kind)):
+        if isinstance(one, type) and issubclass(one, msgspec.Struct):
+            return one
+    return None
+
+
+@cache
+def _sentences() -> dict[str, dict[str, str]]:
+    """By class: what stands below each key, and under "" what the class itself says. Classes that
+    are made from others have their keys too."""
+    found: dict[str, dict[str, str]] = {}
+    for node in ast.parse(inspect.getsource(config)).body:
+        if not isinstance(node, ast.ClassDef):
+            continue
+        said = {k: v for base in node.bases for k, v in found.get(ast.unparse(base), {}).items()}
+        said[""] = " ".join((ast.get_docstring(node) or "").split())
+        for key, behind in zip(node.body, node.body[1:], strict=False):
+            if isinstance(key, ast.AnnAssign) and isinstance(behind, ast.Expr):
+                assert isinstance(behind.value, ast.Constant)
+                said[ast.unparse(key.target)] = " ".join(str(behind.value.value).split())
+        found[node.name] = said
+    return found

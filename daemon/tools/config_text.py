@@ -1,0 +1,90 @@
+"""A configuration with comments: what is given as keys, everything else as its default behind a
+comment sign, so that the file shows all that can be said in it."""
+
+import json
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from dehyst.daemon.config import SafeConfig
+from dehyst.daemon.tools.config_keys import ConfigSection, list_config
+from dehyst.drivers.registry import find_plugins, list_settings
+from dehyst.drivers.settings import SettingKey
+
+WIDTH = 100
+SLEW_SPANS = 20.0
+"""Slew limit where none is given, in ranges a second."""
+DEFAULTS = SafeConfig()
+PLAIN = ("a number", "a text", "a text that is not empty", "a list of texts", "true or false")
+"""What a default shows well enough."""
+HEAD = """\
+# The configuration of one controller. Lines behind # show the defaults, and what else there is.
+# `dehyst run --check FILE` says what it means; an unknown key is an error.
+"""
+Given = Mapping[str, Mapping[str, Any]]
+"""Values by section and key; "" is the top of the file, `settings` of a device a table."""
+
+
+def limits_within(low: float, high: float, slew: float) -> dict[str, dict[str, float]]:
+    """The sections [limits] and [safe]; its defaults, 0 V at 50 V/s, may lie outside."""
+    return {
+        "limits": {"min_v": low, "max_v": high, "slew_v_per_s": slew},
+        "safe": {
+            "voltage_v": min(max(DEFAULTS.voltage_v, low), high),
+            "ramp_v_per_s": min(DEFAULTS.ramp_v_per_s, slew),
+        },
+    }
+
+
+def write_commented(given: Given) -> str:
+    """The text of the file. Raises DriverConfigError where a driver does not exist."""
+    top, *sections = list_config()
+    text = [HEAD, *_keys(top, given.get("", {}))]
+    for section in sections:
+        text += ["", *_section(section, given)]
+    return "\n".join(text) + "\n"
+
+
+def _section(section: ConfigSection, given: Given) -> list[str]:
+    values = given.get(section.title, {})
+    shown = section.needed or bool(values)
+    absent = any(key.required for key in section.keys) or "." in section.title
+    head = f"[{section.title}]"
+    if not shown and (absent or section.title == "page"):
+        head = f"# {head}"
+    said = section.meaning.partition("]")[2].lstrip(":,. ") if section.meaning else ""
+    lines = [*_comment(said), head, *_keys(section, values)]
+    if section.title in ("actuator", "sensor") and "driver" in values:
+        lines += ["", f"[{section.title}.settings]", *_driver_keys(section.title, values)]
+    return lines
+
+
+def _keys(section: ConfigSection, values: Mapping[str, Any]) -> list[str]:
+    return [line for key in section.keys if key.name != "settings" for line in _key(key, values)]
+
+
+def _driver_keys(kind: str, values: Mapping[str, Any]) -> list[str]:
+    settings = values.get("settings", {})
+    plugins = [p for p in find_plugins(values["driver"]) if p.kind == kind]
+    keys: Sequence[SettingKey] = (list_settings(plugins[0]) if plugins else None) or []
+    known = {key.name for key in keys}
+    lines = [line for key in keys for line in _key(key, settings)]
+    return lines + [_pair(name, v) for name, v in settings.items() if name not in known]
+
+
+def _key(key: SettingKey, values: Mapping[str, Any]) -> list[str]:
+    allowed = "" if key.type in PLAIN else f"({key.type})"
+    lines = _comment(" ".join(filter(None, (key.meaning, allowed))))
+    if key.name in values:
+        return [*lines, _pair(key.name, values[key.name])]
+    if key.default is None:
+        return [*lines, f"# {key.name} =" + (" ..." if key.required else "")]
+    return [*lines, f"# {_pair(key.name, key.default)}"]
+
+
+def _pair(name: str, value: Any) -> str:
+    return f"{name} = {json.dumps(value, ensure_ascii=False)}"  # of such values TOML's own form
+
+
+def _comment(text: str) -> list[str]:
+    return [f"# {line}" for line in textwrap.wrap(text, WIDTH - 2)]

@@ -1,0 +1,6 @@
+"""The stage as a bluesky device: see dehyst.daemon.client.bluesky_device."""
+
+from dehyst.daemon.client.bluesky_device import Stage
+from dehyst.daemon.client.positioner import Flight, Positioner, Reading
+
+__all__ = ["Flight", "Positioner", "Reading", "Stage"]

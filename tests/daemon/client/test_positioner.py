@@ -1,0 +1,173 @@
+"""A stage for experiments: against the real loop and gateway, by itself, under bluesky's RunEngine
+and in PyMeasure's worker."""
+
+import csv
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.rigs.gateway_bench import ROOT, Bench, environment, wait_until
+
+from dehyst.daemon.client.client import Client, Refusal
+from dehyst.daemon.client.positioner import Positioner
+from dehyst.models.errors import BadInput, DehystError, NotNow
+
+TRIM_ON = {"trim = {enabled = false}": "trim = {enabled = true}"}
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    bench = Bench(tmp_path_factory.mktemp("bench"), **TRIM_ON)
+    try:
+        bench.start_gateway()
+        bench.client().close()
+        yield bench
+    finally:
+        bench.close()
+
+
+@pytest.fixture
+def stage(rig: Bench) -> Iterator[Positioner]:
+    positioner = Positioner(lambda: Client("bench", rig.address, label="scan"), timeout_s=20.0)
+    with positioner:
+        yield positioner
+
+
+def test_it_is_there_when_it_says_so_and_stays(rig: Bench, stage: Positioner) -> None:
+    for place in (3.0, 7.0, 5.0):
+        there = stage.go(place).result(30)
+        assert there.target == place
+        newest = rig.loop.samples(rig.loop.seq - 1)[-1]
+        assert newest["target"] == place
+    stage.by = "gauge"
+    stage.go(6.0).result(30)
+    seen = stage.read(0.2).result(30)
+    assert abs(seen.measured - 6.0) <= stage.tolerance + 3 * seen.spread
+    assert seen.samples in range(38, 43)  # 0.2 s at 200 Hz
+    begun = rig.loop.seq
+    # stale after 1 s and back to 0 V 0.2 s later, were it not repeated
+    wait_until("three seconds pass", lambda: rig.loop.seq > begun + 600)
+    kept = rig.loop.samples(begun)
+    assert (kept["target"] == 6.0).all()
+
+
+def test_what_cannot_be_is_said_in_the_daemons_words(rig: Bench, stage: Positioner) -> None:
+    with pytest.raises(Refusal, match="cannot be reached"):
+        stage.go(44.0).result(30)
+    stage.tolerance, stage.by, stage.timeout_s = 1e-9, "gauge", 1.0
+    with pytest.raises(NotNow, match=r"not within 1e-09 um of 4 after 1 s, by the gauge's word"):
+        stage.go(4.0).result(30)
+    stage.timeout_s = 20.0
+    first = stage.go(4.0)
+    second = stage.go(5.0)
+    with pytest.raises(NotNow, match="another place was asked for"):
+        first.result(30)
+    stage.stop()
+    with pytest.raises(NotNow, match="it was stopped"):
+        second.result(30)
+    with Client("bench", rig.address, label="another") as other:
+        other.take_over()
+        with pytest.raises(Refusal, match="another commands this daemon"):
+            stage.go(4.0).result(30)
+
+
+@pytest.mark.processes
+def test_nobody_there_is_an_error_at_once() -> None:
+    with pytest.raises(DehystError, match="no daemon reached"):
+        Positioner(lambda: Client(connect="tcp/127.0.0.1:9"))
+
+
+def test_a_flight_brings_every_sample_and_a_stop_ends_it(rig: Bench, stage: Positioner) -> None:
+    t_s = np.arange(0.0, 1.0, 0.005)
+    flight = stage.fly(t_s, 5.0 + np.sin(2 * np.pi * t_s)).result(60)
+    assert flight.played.completed
+    assert np.array_equal(np.diff(flight.samples["seq"]), np.ones(199))
+    assert np.allclose(np.diff(flight.wall_s), 0.005, atol=1e-6)
+    asked = 5.0 + np.sin(2 * np.pi * t_s)
+    assert np.abs(flight.samples["target"] - asked).max() < 2 * np.pi * 0.0051
+    long = stage.fly(np.linspace(0.0, 30.0, 301), np.linspace(5.0, 6.0, 301))
+    begun = rig.loop.seq
+    wait_until("it flies", lambda: rig.loop.seq > begun + 100)
+    stage.stop()
+    with pytest.raises(NotNow, match="stopped"):
+        long.result(30)
+
+
+def test_bluesky_runs_a_scan_and_a_flight(stage: Positioner) -> None:
+    pytest.importorskip("bluesky")
+    import bluesky.plan_stubs as do
+    import bluesky.plans as plans
+    from bluesky import RunEngine
+    from bluesky.preprocessors import run_decorator
+    from bluesky.protocols import Flyable, Movable, Readable, Stoppable, Triggerable
+
+    from dehyst.bluesky import Stage
+
+    device = Stage("stage", stage, average_s=0.05)
+    for protocol in (Readable, Movable, Triggerable, Flyable, Stoppable):
+        assert isinstance(device, protocol), protocol
+    engine, told = RunEngine({}), []
+    engine.subscribe(lambda name, document: told.append((name, document)))
+    engine(plans.scan([device], device, 3.0, 7.0, 5))
+    events = [document["data"] for name, document in told if name == "event"]
+    assert [event["stage_setpoint"] for event in events] == [3.0, 4.0, 5.0, 6.0, 7.0]
+    # feed-forward and a trim that has just begun: near, and in order
+    assert np.allclose([event["stage"] for event in events], [3, 4, 5, 6, 7], atol=0.5)
+    described = next(document for name, document in told if name == "descriptor")
+    assert described["data_keys"]["stage"]["units"] == "um"
+    assert described["hints"]["stage"] == {"fields": ["stage"]}
+    assert described["configuration"]["stage"]["data"]["stage_period_s"] == pytest.approx(0.005)
+
+    t_s = np.arange(0.0, 1.0, 0.005)
+
+    @run_decorator()
+    def fly():
+        yield from do.prepare(device, (t_s, 5.0 + np.sin(2 * np.pi * t_s)), wait=True)
+        yield from do.kickoff(device, wait=True)
+        yield from do.complete(device, wait=True)
+        yield from do.collect(device)
+
+    told.clear()
+    engine(fly())
+    (page,) = [document for name, document in told if name == "event_page"]
+    assert {"stage", "stage_setpoint", "stage_drive", "stage_predicted"} == set(page["data"])
+    assert {len(column) for column in page["data"].values()} == {200}
+    at_s = np.array(page["timestamps"]["stage"])
+    assert np.allclose(np.diff(at_s), 0.005, atol=1e-6)
+    assert next(d for n, d in told if n == "stop")["exit_status"] == "success"
+
+    told.clear()
+    with pytest.raises(Exception, match=r"failed: the daemon refuses: .* cannot be reached"):
+        engine(plans.scan([device], device, 3.0, 90.0, 3))
+    with pytest.raises(BadInput, match="prepare"):
+        Stage("other", stage).kickoff()
+
+
+@pytest.mark.parametrize(
+    ("program", "package", "says"),
+    [
+        ("bluesky_scan.py", "bluesky", "200 samples of the flight, rms error 0."),
+        ("pymeasure_scan.py", "pymeasure", ""),
+    ],
+)
+def test_the_examples_run(
+    rig: Bench, tmp_path: Path, program: str, package: str, says: str
+) -> None:
+    pytest.importorskip(package)
+    output = tmp_path / "loop.csv"
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "docs" / "examples" / program), str(output)],
+        env={**environment(), "DEHYST_CONNECT": rig.address},
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert says in done.stdout
+    if program == "pymeasure_scan.py":
+        lines = [line for line in output.read_text().splitlines() if line[:1] != "#"]
+        rows = list(csv.DictReader(lines))
+        assert len(rows) == 11
+        for row in rows:
+            assert abs(float(row["measured"]) - float(row["target"])) < 1.0

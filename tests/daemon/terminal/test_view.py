@@ -1,0 +1,159 @@
+"""The live view on a small terminal, a large one, and one without colours."""
+
+import io
+import time
+from collections import deque
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from rich.console import Console
+
+from dehyst.daemon.bus.messages import Event, GatewayStatus, Rejection, Status
+from dehyst.daemon.rings.records import TELEMETRY, State
+from dehyst.daemon.rings.status import STATUS, message_values
+from dehyst.daemon.terminal import view
+from dehyst.daemon.terminal.overview import find_troubles, overview
+
+WALL_NS = 1_700_000_000_000_000_000  # 2023-11-14 22:13:20 UTC
+
+
+@pytest.fixture(autouse=True)
+def _utc(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "UTC")
+    time.tzset()
+
+
+def status(**changed: Any) -> Status:
+    record = np.zeros(1, STATUS)[0]
+    record["unit"], record["state"], record["period_ns"] = b"um", State.RUNNING, 5_000_000
+    record["actuator_ok"] = record["sensor_ok"] = 1
+    record["wall_ns"], record["reach_max"], record["samples"] = WALL_NS, 15.0, 100_000
+    gateway = GatewayStatus(
+        pid=1,
+        uptime_s=60.0,
+        samples_published=9,
+        samples_lost=0,
+        commands=0,
+        rejected={},
+        lease_client=0,
+        lease_label="",
+        lease_left_s=0.0,
+        history_s=1.0,
+        restarts_of_core=0,
+    )
+    made = Status(
+        name="stage-1",
+        software="1",
+        core_alive=True,
+        run=1,
+        gateway=gateway,
+        **message_values(record),
+    )
+    return msgspec.structs.replace(made, **changed)
+
+
+def window() -> view.RecentTelemetry:
+    samples = np.zeros(2000, TELEMETRY)
+    samples["scheduled_ns"] = 5_000_000 * np.arange(2000)
+    samples["target"] = np.sin(np.arange(2000) / 50.0)
+    samples["measured"] = samples["target"] + 0.01
+    samples["state"] = State.RUNNING
+    made = view.RecentTelemetry(10.0, 5_000_000)
+    made.add(samples)
+    return made
+
+
+def drawn(size: tuple[int, int], events: int = 0, **options: Any) -> str:
+    happened = deque(
+        Event(time_ns=i, wall_ns=WALL_NS + i * 10**9, level=2, code="core", text=f"number {i}")
+        for i in range(events)
+    )
+    refused = deque([Rejection(time_ns=-(10**9), client=1, code="busy", text="no", count=2)])
+    screen = view.screen(status(), window(), 0, happened, refused if events else deque(), size)
+    file = io.StringIO()
+    console = Console(width=size[0], height=size[1], file=file, force_terminal=True, **options)
+    console.print(screen)
+    return file.getvalue()
+
+
+def braille(text: str) -> int:
+    return sum(any(ord(c) >= 0x2800 for c in line) for line in text.splitlines())
+
+
+def test_at_80_by_24_the_plots_have_the_rows_and_an_event_one_line_with_its_time() -> None:
+    text = drawn((80, 24), 3, no_color=True)
+    assert len(text.splitlines()) == 24
+    assert braille(text) >= 16
+    assert "22:13:22 core: number 2" in text
+    assert "number 1" not in text
+    assert "stage-1: running" in text
+    assert "missed 0 of 100000" in text
+
+
+def test_a_large_terminal_shows_all_numbers_and_no_more_of_a_box_than_there_are_events() -> None:
+    for events, lines in ((0, 3), (2, 5)):
+        text = drawn((120, 40), events, no_color=True)
+        assert "wake-up p50" in text
+        box = text.splitlines()[
+            text.splitlines().index(next(line for line in text.splitlines() if "events" in line)) :
+        ]
+        assert len(box) == lines
+    assert "22:13:19 refused 2 x: no" in text  # by the controller's clock of the status
+    assert braille(text) >= 20
+
+
+def test_after_a_resize_it_fills_the_new_size() -> None:
+    assert [len(drawn(size).splitlines()) for size in ((80, 24), (132, 50), (60, 15))] == [
+        24,
+        50,
+        15,
+    ]
+
+
+def test_no_color_is_heeded(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "\x1b[31m" in drawn((80, 24))
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "\x1b[3" not in drawn((80, 24), 1)
+
+
+@pytest.mark.parametrize(
+    ("changed", "gateway", "words"),
+    [
+        ({}, {}, ""),
+        ({"core_alive": False}, {}, "ended, killed or hanging"),
+        ({"sensor_ok": False, "sensor_errors": 7}, {}, "the sensor does not answer (7 errors)"),
+        ({"state": "fault"}, {}, "the events say why"),
+        ({}, {"mismatch": "slow", "health": 1.4}, "does not behave as its model (slow, 1.4 times"),
+        ({"trimmed": True, "trim_frozen": "stuck"}, {}, "the gauge is stuck"),
+        ({"trimmed": True, "trim_frozen": "not_running"}, {}, ""),
+        ({"missed": 100, "missed_by": {"stall": 100}}, {}, ""),
+        ({"missed": 101, "missed_by": {"stall": 101}}, {}, "0.1 % of the deadlines were missed"),
+        ({}, {"samples_lost": 3}, "3 samples were lost"),
+    ],
+)
+def test_status_says_what_needs_a_look(
+    changed: dict[str, Any], gateway: dict[str, Any], words: str
+) -> None:
+    base = status()
+    said = msgspec.structs.replace(
+        base, gateway=msgspec.structs.replace(base.gateway, **gateway), **changed
+    )
+    troubles = find_troubles(said)
+    assert len(troubles) == (1 if words else 0)
+    assert words in " ".join(troubles)
+    screen = "\n".join(overview(said, None, [], troubles))
+    assert screen.count("\n  ! ") == len(troubles)
+    assert screen.count("\n") <= 22
+
+
+def test_the_screen_fits_one() -> None:
+    events = [
+        Event(time_ns=0, wall_ns=WALL_NS, level=1 + i % 3, code="x", text="a\x1b[2J")
+        for i in range(30)
+    ]
+    lines = overview(status(), None, events, [])
+    assert len(lines) <= 24
+    assert "\x1b" not in "".join(lines)
+    assert lines[-1].startswith("11-14 22:13:20 error: x: a\\x1b")

@@ -1,0 +1,58 @@
+"""Recordings of one stage, of which each begins where the stage was left by something else."""
+
+import numpy as np
+import pytest
+
+from dehyst.models.cascade.history import replay
+from dehyst.models.diagnosis import diagnose
+from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.pasts import begin_as_found
+from dehyst.models.recording import Recording
+from dehyst.models.signals.pasts import FRESH, FROM_ABOVE, FROM_BELOW
+
+DT, NOISE = 2e-3, 0.01
+R = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 4.7])
+B = np.array([0.8, 0.05, 0.05, 0.05, 0.05, 0.05])
+BEFORE = {FRESH: [0.0], FROM_ABOVE: [0.0, 10.0], FROM_BELOW: [0.0, 10.0, 0.0]}
+
+
+def stage(u: np.ndarray) -> np.ndarray:
+    """Plays one by one, from 0."""
+    h, out = np.zeros(R.size), np.empty(u.size)
+    for k, v in enumerate(u):
+        h = np.maximum(v - R, np.minimum(v + R, h))
+        out[k] = B @ h
+    return out
+
+
+def record(u: np.ndarray, past: int, seed: int, name: str) -> Recording:
+    y = stage(np.append(BEFORE[past], u))[len(BEFORE[past]) :]
+    noise = NOISE * np.random.default_rng(seed).standard_normal(u.size)
+    return Recording(DT * np.arange(u.size), u, y + noise, name=name)
+
+
+def recordings(past: int) -> list[Recording]:
+    t = DT * np.arange(4000)
+    run = 5.0 - 3.4 * np.cos(2 * np.pi * 0.5 * t) - 1.6 * np.cos(2 * np.pi * 2.3 * t)
+    inner = 5.0 + 1.6 * np.sin(2 * np.pi * 1.1 * t) + 1.2 * np.sin(2 * np.pi * 3.7 * t)
+    return [record(run, FRESH, 0, "run"), record(inner, past, 1, "inner")]
+
+
+@pytest.mark.parametrize("past", BEFORE)
+def test_the_past_of_a_recording_is_found(past: int) -> None:
+    data = begin_as_found(prepare(recordings(past)))
+    assert data.forgets[data.forgets > 0].tolist() == [FRESH, past]
+
+
+def test_a_past_is_no_shape_and_the_errors_are_those_of_the_written_models() -> None:
+    """The stage is of the model's own class, and nothing is hidden in it."""
+    given = recordings(FROM_BELOW)
+    found = diagnose(given)
+    assert found.verdict == "clean"
+    for one, view in zip(given, found.views, strict=True):
+        assert one.displacement is not None
+        for key, model in (("model", found.base_model), ("augmented", found.model)):
+            y = replay(model, one.t_s, one.drive, one.channels, one.displacement).predicted
+            error = float(np.std((one.displacement - y)[view.held_out]))
+            assert found.rms[key][one.name] == pytest.approx(error, rel=1e-6)
+            assert error < 1.3 * NOISE

@@ -1,0 +1,47 @@
+"""What keeps a guided set-up from moving a stage further than it was told."""
+
+from tests.mutations.change import Change, room
+
+MOVING, STEPS = "daemon/setup/moving.py", "daemon/setup/steps.py"
+TESTS = ("tests/daemon/setup/test_moving.py", "tests/daemon/setup/test_journal.py")
+
+CHANGES = [
+    *room(
+        TESTS,
+        Change(
+            "full-range-at-once",
+            MOVING,
+            "gentle_shares: tuple[float, ...] = (0.1, 1.0)",
+            "gentle_shares: tuple[float, ...] = (1.0, 1.0)",
+            "a stage whose gauge is another one's is driven through its whole range",
+        ),
+        Change(
+            "any-gauge-will-do",
+            MOVING,
+            "if follows < TUNING.follows:",
+            "if follows < 0.0:",
+            "a set-up goes on with a gauge that does not sit on the stage",
+        ),
+        Change(
+            "limits-beyond-the-unit",
+            STEPS,
+            "if not least <= low < high <= most:",
+            "if not low < high:",
+            "limits are taken that the amplifier cannot hold",
+        ),
+        Change(
+            "voltage-for-granted",
+            "daemon/setup/questions.py",
+            "            if default is None:\n                raise ",
+            "            if default is None:\n                return high\n                raise ",
+            "without an answer the amplifier's whole range is taken for the stage's",
+        ),
+        Change(
+            "moves-unasked",
+            "daemon/setup/sequence.py",
+            "                bench.ask.go_on(step.name)\n",
+            "",
+            "a step moves the stage before anybody has agreed",
+        ),
+    ),
+]
