@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 ROUND ?= ../shared/concealed/round-1
 FUZZ_S ?= 600
 
-.PHONY: demo test quick check kernels lint types contracts docs reference concealed proof fuzz mutate clean
+.PHONY: demo test quick check kernels lint types contracts docs reference interpreters concealed proof fuzz mutate clean
 
 demo: kernels
 	$(BIN)/dehyst demo --force
@@ -41,6 +41,10 @@ docs: $(READY)
 # docs/reference-*.md, from the code
 reference: $(READY)
 	$(BIN)/python -m dehyst.daemon.reference docs
+
+# installs and runs with every Python of pyproject.toml that is here; two minutes each
+interpreters: $(READY)
+	$(BIN)/python -m tests.packaging.interpreters
 
 concealed: $(READY)
 	$(BIN)/python tests/concealed/make_answers.py $(ROUND)

@@ -6,6 +6,7 @@ from typing import Any
 
 from dehyst.daemon.config import parse_config
 from dehyst.daemon.files.models import write_text
+from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.loop.checks import check_unopened
 from dehyst.daemon.tools.config_text import SLEW_SPANS, limits_within, write_commented
 from dehyst.models.errors import BadInput
@@ -75,7 +76,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="a setting of the sensor's driver",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="default: stdout")
-    parser.add_argument("--force", action="store_true", help="replace an existing file")
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -96,10 +97,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output is None:
         print(text, end="")
         return 0
-    if args.output.exists() and not args.force:
-        raise BadInput(
-            f"{args.output}: exists already; choose another name, or --force replaces it"
-        )
+    check_outputs([args.output], [], args.force)
     try:
         write_text(args.output, text)
     except OSError as error:

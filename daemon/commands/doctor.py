@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dehyst.daemon.client.connection import add_connection, connect, print_json, say
+from dehyst.daemon.files.outputs import add_force
 
 if TYPE_CHECKING:
     from dehyst.daemon.bus.messages import DoctorReport
@@ -30,6 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--report", type=Path, metavar="FILE", help="write the newest report (HTML)"
     )
+    add_force(parser)
     parser.add_argument("--json", action="store_true", help="print all that is kept as JSON")
     add_connection(parser)
 
@@ -56,8 +58,7 @@ def _be_doctor(path: str) -> int:
 def _tell(args: argparse.Namespace) -> int:
     from dehyst.daemon.files.outputs import check_outputs, whole_file
 
-    if args.report:
-        check_outputs([args.report], [], force=False)
+    check_outputs([args.report], [args.credentials], args.force)
     with connect(args, "doctor") as client:
         reports = client.doctor()
         if args.report:

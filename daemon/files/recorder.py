@@ -8,7 +8,6 @@ Displacements count from the set-point origin, or from the model's own zero with
 Missing readings and targets are empty; missing samples are missing rows.
 """
 
-from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -91,8 +90,7 @@ class Recorder:
             self._first_ns = int(samples["scheduled_ns"][0])
             if wall_offset_ns:
                 start_us = (self._first_ns + wall_offset_ns) // 1000
-                started = datetime.fromtimestamp(start_us / 1e6, UTC)
-                self._notes["started"] = started.isoformat(timespec="microseconds")
+                self._notes["started"] = f"{np.datetime64(start_us, 'us')}+00:00"
         t_s = (samples["scheduled_ns"] - self._first_ns) / 1e9
         if (self.rows and t_s[0] <= self.time_s) or np.any(np.diff(t_s) <= 0):
             raise RecordingFailed(

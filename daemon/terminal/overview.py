@@ -59,6 +59,8 @@ def describe_health(status: Status) -> str:
     health = status.gateway.health
     if status.gateway.mismatch:
         return f"{health:.2f}, mismatch: {status.gateway.mismatch}"
+    if health == 0:
+        return "not judged yet"
     if health < 0:
         return f"not known yet: {-100 * health:.0f} % of the first motion is still to be seen"
     return f"{health:.2f} of the misfit that is expected at most: as its model"

@@ -48,7 +48,7 @@ def _values(fitted: JointFit, index: int, p: Floats, cov: Floats) -> dict[str, V
     own = internal([effect])
     gradient: dict[str, list[float]] = {key: [] for key in best}
     sure = {
-        p.key: p.sure + p.within / abs(v)
+        p.key: p.sure + (p.within / abs(v) if p.within else 0.0)
         for p, v in zip(effect.parameters, effect.theta, strict=True)
     }
     log = {key: value > 0 for key, (value, _) in best.items()}

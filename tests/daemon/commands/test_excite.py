@@ -1,6 +1,7 @@
 """dehyst excite --separate: a drive within its limits, and what it is worth."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,3 +50,42 @@ def test_bad_usage_is_one_line(arguments, words, tmp_path, monkeypatch, capsys):
     shown = capsys.readouterr().err
     assert words in shown
     assert shown.count("\n") == 1
+
+
+CONFIG = """
+name = "s"
+model = {file = "m.toml"}
+loop = {rate_hz = 200.0}
+actuator = {driver = "simulated", gain = 10.0}
+sensor = {driver = "simulated"}
+limits = {min_v = 0.0, max_v = 100.0, slew_v_per_s = 2000.0}
+"""
+
+
+@pytest.mark.parametrize(
+    "more", [["--band", "4", "--duration", "10"], ["--separate", "lag", "delay"]]
+)
+def test_with_a_configuration_the_drive_is_one_that_the_stage_can_take(
+    tmp_path: Path, more: list[str]
+) -> None:
+    """In the model's drive unit: a tenth of the actuator's volts here."""
+    config, out = tmp_path / "stage.toml", tmp_path / "drive.csv"
+    config.write_text(CONFIG)
+    assert main(["excite", "--config", str(config), *more, "-o", str(out)]) == 0
+    drive = read_recording(out)
+    assert drive.period_s == pytest.approx(0.005)
+    assert drive.drive.min() >= 0.0
+    assert 9.0 < drive.drive.max() <= 10.0
+    assert np.abs(np.diff(drive.drive)).max() <= 200.0 * 0.005 * (1 + 1e-9)
+
+
+def test_what_is_given_beside_a_configuration_must_lie_within_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "stage.toml"
+    config.write_text(CONFIG)
+    for more in (["--range", "0", "11"], ["--slew", "201"]):
+        line = ["excite", "--config", str(config), "--band", "4", "--duration", "10", *more]
+        assert main([*line, "-o", str(tmp_path / "drive.csv")]) == 2
+        assert "allows 0 to 10 v at 200 v/s" in capsys.readouterr().err
+    assert not (tmp_path / "drive.csv").exists()

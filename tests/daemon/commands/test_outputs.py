@@ -30,6 +30,8 @@ WRITES: dict[str, list[str]] = {
     ],
     "acquire": ["acquire {rec} --config {config} -o {out}"],
     "record": ["record --credentials {credentials} -o {out}"],
+    "config": ["config init --range 0 100 -o {out}"],
+    "doctor": ["doctor --credentials {credentials} --report {out}"],
     "probe": ["probe /dev/null -o {out}"],
     "emulate": ["emulate --dir {dir} --log {out}"],
     "demo": ["demo -o {dir}"],

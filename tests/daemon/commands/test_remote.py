@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import pytest
 from tests.rigs.gateway_bench import ROOT, Bench, wait_until
 
 from dehyst.daemon.files.recorder import Recorder, RecordingFailed
-from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.files.recordings import read_columns, read_recording
 from dehyst.daemon.main import main
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.daemon.terminal.braille import Curve, Plot
@@ -309,3 +310,34 @@ def test_a_recorder_that_stood_still_fetches_what_it_missed(bench: Bench, tmp_pa
     assert recorder.returncode == 0, err
     assert (result["lost_samples"], result["gaps"]) == (0, 0)
     assert result["samples"] + on_grid(read_recording(rec).t_s) == 1400
+
+
+def test_two_kinds_of_file_and_pieces_hold_the_same_samples(bench: Bench, tmp_path: Path) -> None:
+    bench.client()
+    kinds = {"csv": (), "mcap": ("--rotate", "1s")}
+    recorders = [
+        start("record", "-o", str(tmp_path / f"run.{kind}"), "--for", "4", "--json", *rest,
+              bench=bench)
+        for kind, rest in kinds.items()
+    ]  # fmt: skip
+    results = []
+    for recorder in recorders:
+        out, err = recorder.communicate(timeout=60)
+        assert recorder.returncode == 0, err
+        results.append(json.loads(out))
+    pieces = [Path(piece) for piece in results[1]["pieces"]]
+    assert [piece.name for piece in pieces] == [f"run-0000{n}.mcap" for n in (1, 2, 3, 4)]
+    tables = [read_columns(path) for path in (tmp_path / "run.csv", *pieces)]
+    (csv, csv_notes), parts = tables[0], [columns for columns, _ in tables[1:]]
+    mcap = {name: np.concatenate([part[name] for part in parts]) for name in csv}
+    begun_s = [
+        datetime.fromisoformat(notes["started"]).timestamp() for notes in (csv_notes, tables[1][1])
+    ]
+    places = [
+        np.rint((begin_s - begun_s[0] + table["t_s"]) * 200.0).astype(int)
+        for begin_s, table in zip(begun_s, (csv, mcap), strict=True)
+    ]
+    _, one, other = np.intersect1d(places[0][1:], places[1][1:], return_indices=True)
+    assert one.size > 600
+    for name in set(csv) - {"t_s"}:
+        assert np.array_equal(csv[name][1:][one], mcap[name][1:][other], equal_nan=True), name

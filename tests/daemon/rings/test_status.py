@@ -94,7 +94,7 @@ def test_infinite_latency_and_numbers_beyond_63_bits_stay_within_the_message() -
 def test_view_shows_the_status() -> None:
     window = view.RecentTelemetry(1.0, 1_000_000)
     console = Console(width=160, height=40, record=True, file=io.StringIO())
-    console.print(view.screen(message(), window, 4, deque(), deque()), height=40)
+    console.print(view.screen(message(), window, 4, deque(), deque(), (160, 40)), height=40)
     text = console.export_text()
     for words in (
         "dehyst stage", "state running", "(preview)", "samples 7, missed 8",

@@ -128,15 +128,15 @@ CHANGES = [
         Change(
             "limits-three-times",
             LIMITS,
-            "_guess(look, c, SURELY * float(np.sqrt(least)))",
-            "_guess(look, c, 2.1 * float(np.sqrt(least)))",
+            "_guess(look, c, float(np.sqrt(least)))",
+            "_guess(look, c, 3.0 * float(np.sqrt(least)))",
             "the user is told of limits that are twice what would be seen",
         ),
         Change(
-            "limits-of-other-size",
+            "limits-not-asked-again",
             LIMITS,
-            "least = (least_size(c) * sigma) ** 2",
-            "least = (0.05 * sigma) ** 2",
+            "if c.name in seen(contribution_of(look, c, here.probe)):",
+            "if c.name:",
             "the user is told that effects were excluded that could not be seen",
         ),
         Change(

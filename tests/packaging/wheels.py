@@ -1,0 +1,34 @@
+"""Which wheels pip would install where; it reads their metadata and installs nothing."""
+
+import subprocess
+import sys
+import tomllib
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+LABEL = "Programming Language :: Python :: 3."
+PYTHONS = [c.rpartition(" ")[2] for c in PROJECT["classifiers"] if c.startswith(LABEL)]
+"""Versions that the classifiers promise."""
+MACHINES = ("x86_64", "aarch64")
+GLIBC = ("manylinux_2_28", "manylinux_2_27", "manylinux_2_17", "manylinux2014")
+
+
+def resolve(python: str, machine: str, *requirements: str) -> "subprocess.CompletedProcess[str]":
+    """pip's answer to: which wheels would be installed there?"""
+    places = [word for tag in GLIBC for word in ("--platform", f"{tag}_{machine}")]
+    return subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--quiet", "--dry-run", "--no-input",
+         "--ignore-installed", "--target", "nowhere", "--only-binary=:all:", "--timeout", "5",
+         "--retries", "0", "--python-version", python, "--implementation", "cp", *places,
+         *requirements],
+        capture_output=True, text=True, timeout=200, check=False,
+    )  # fmt: skip
+
+
+@cache
+def offline() -> str:
+    """Why there is no package index; "" where there is one."""
+    done = resolve("3.11", "x86_64", "pyserial")
+    return "" if done.returncode == 0 else (done.stderr.strip() or "no answer").splitlines()[-1]
