@@ -5,7 +5,7 @@ what the model left of it says whether what was found is new. Both are not diagn
 what has changed is not the same in both, and a diagnosis names only what is.
 """
 
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,19 +20,23 @@ from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.loop.reach import displacement_range
 from dehyst.models import diagnosis
+from dehyst.models.diagnosis import Finding
 from dehyst.models.errors import BadInput, DehystError
 from dehyst.models.identify.validation import validate
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.mismatch.gauge import find_gauge_fault
-from dehyst.models.mismatch.replay import BothReplayed, replay_both
-from dehyst.models.model import Model
+from dehyst.models.mismatch.replay import BothReplayed, models_to_try, replay_both, weigh_new
+from dehyst.models.model import Block, Model
+from dehyst.models.physics import PHYSICS
 from dehyst.models.recording import Recording
 
 GAUGE = "gauge"
 SPARE_S = 60.0
 """So long beyond its due time the later telemetry is waited for."""
 LOOK_S = 0.25
-SHAPES = ("shape", "memory")
+NAMES = {kind.name: one.name for one in PHYSICS.values() for kind in one.kinds}
+NEW, LEAST = 0.8, 0.1
+"""So much less was left before: it is new; part of what is left that a cause must remove."""
 SPARSER = 0.5
 """Noises rms that a richer model must remove beyond the sparser one."""
 
@@ -65,25 +69,24 @@ def _conclude(
 ) -> Examined:
     details = found.details
     before, after = details.before_after
-    named = [f for f in details.findings if f.name != "unknown"]
-    when_good = _left_when_good(folder, model)
-    says = [_tell(found, before, after)]
-    if when_good >= 0.0:
-        unit = details.unit
-        says.append(
-            f"In the last good recording the model in use left {when_good:.3g} {unit}."
-            if when_good < 0.8 * before
-            else f"But the model in use left {when_good:.3g} {unit} of the last good recording, "
-            "too: it is not new."
-        )
+    good = _read(folder / cases.GOOD)
+    when_good = validate(model, good).rms if good is not None else -1.0
+    later = _wait_for_later(folder, case)
+    ranked = weigh_new(model, found.model, flagged if later is None else later, good)
+    findings = rank_findings(details.findings, ranked, LEAST * before**2)
+    named = [f for f in findings if f.name != "unknown"]
+    says = [_tell(found, findings, before, after), *_tell_good(when_good, before, details.unit)]
     of_sensor = bool(named) and named[0].place == "sensor"
     offered, tested, why = None, None, ""
     if of_sensor:
         why = "What has changed is the gauge: no model is offered."
     elif case.figure == "offset" and before <= 2.0 * max(when_good, details.noise):
         why = "The zero has moved, and nothing else: no model is offered. `dehyst zero` sets it."
-    elif named:
-        offered, tested, why = _try(folder, case, model, found)
+    elif named and later is None:
+        why = "No model is offered: no telemetry came on which it could be tested."
+    elif named and later is not None:
+        models = models_to_try(model, found.model, ranked)
+        offered, tested, why = _try(case, model, models, later, details.noise)
     if offered is not None:
         save_model(offered, folder / cases.OFFERED)
     if why:
@@ -93,16 +96,7 @@ def _conclude(
     return Examined(
         verdict=details.verdict,
         says=" ".join(says)[:2000],
-        effects=tuple(
-            FoundEffect(
-                name=f.name,
-                acts_on=f.place or "stage",
-                share=float(np.nan_to_num(f.share)),
-                ambiguous_with=f.ambiguous_with,
-                says=f.says[:2000],
-            )
-            for f in details.findings[:32]
-        ),
+        effects=tuple(_effect(f) for f in findings[:32]),
         unit=details.unit,
         noise=details.noise,
         rms_in_use=before,
@@ -113,35 +107,70 @@ def _conclude(
     )
 
 
-def _tell(found: Diagnosed, before: float, after: float) -> str:
+def rank_findings(
+    findings: Sequence[Finding], ranked: Sequence[tuple[Block, float]], least: float
+) -> list[Finding]:
+    """What is new first: by the mean square that each finding's blocks remove of later telemetry
+    and not of the good recording; then the loop's shape, then what removes less than `least`, then
+    what nothing explains."""
+    new: dict[str, float] = {}
+    for block, removed in ranked:
+        name = NAMES.get(block.kind, block.kind)
+        new[name] = max(new.get(name, 0.0), removed)
+    last = {"shape": 1, "unknown": 3}
+    return sorted(
+        findings,
+        key=lambda f: (
+            last.get(f.name, 0 if new.get(f.name, 0.0) >= least else 2),
+            -new.get(f.name, 0.0),
+        ),
+    )
+
+
+def _effect(finding: Finding) -> FoundEffect:
+    return FoundEffect(
+        name=finding.name,
+        acts_on=finding.place or "stage",
+        share=float(np.nan_to_num(finding.share)),
+        ambiguous_with=finding.ambiguous_with,
+        says=finding.says[:2000],
+    )
+
+
+def _tell_good(when_good: float, before: float, unit: str) -> list[str]:
+    """What the last good recording says."""
+    if when_good < 0.0:
+        return []
+    left = f"the model in use left {when_good:.3g} {unit} of the last good recording"
+    if when_good < NEW * before:
+        return [f"It is new: {left}."]
+    return [f"It is not new: {left}, too."]
+
+
+def _tell(found: Diagnosed, findings: Sequence[Finding], before: float, after: float) -> str:
     details = found.details
-    names = ", ".join(f.name for f in details.findings) or "nothing"
+    names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
     pair = f"{before:.3g} {details.unit} rms with the model in use, {after:.3g} with what was found"
     return f"Found: {names} ({details.verdict}); {pair}."
 
 
-def _left_when_good(folder: Path, model: Model) -> float:
-    """What the model in use left of the last good recording; below 0: there is none."""
+def _read(path: Path) -> Recording | None:
     try:
-        good = read_recording(folder / cases.GOOD, need_displacement=True, min_rows=1)
-        return validate(model, good).rms
+        return read_recording(path, need_displacement=True)
     except DehystError:
-        return -1.0
+        return None
 
 
 def _try(
-    folder: Path, case: Case, model: Model, found: Diagnosed
+    case: Case, model: Model, models: Sequence[Model], later: Recording, noise: float
 ) -> tuple[Model | None, OfferTest | None, str]:
     """(the model that did best on what came later, its test, why none is offered)."""
-    later = _wait_for_later(folder, case)
-    if later is None:
-        return None, None, "No model is offered: no telemetry came on which it could be tested."
     tried: list[tuple[BothReplayed, Model]] = []
     why = ""
-    for candidate in _candidates(model, found.model):
+    for candidate in models:
         try:
             Compensator(candidate, 1.0 / case.rate_hz, case.low, case.high, case.slew)
-            tried.append((replay_both(model, candidate, later, found.details.noise), candidate))
+            tried.append((replay_both(model, candidate, later, noise), candidate))
         except (DehystError, ValueError, ArithmeticError) as error:
             why = f"No model is offered: the augmented one cannot be used here ({error})."
     if not tried:
@@ -151,7 +180,16 @@ def _try(
         if best.offered**2 - both.offered**2 > (SPARSER * both.noise) ** 2:
             best, offered = both, candidate
     if not best.improves:
-        return None, None, _why_not(best, found)
+        unit = model.displacement_unit
+        return (
+            None,
+            None,
+            (
+                "No model is offered: on later telemetry the augmented one leaves "
+                f"{best.offered:.3g} "
+                f"{unit}, the one in use {best.in_use:.3g}; it is no better by more than the noise."
+            ),
+        )
     test = OfferTest(
         in_use=best.in_use,
         offered=best.offered,
@@ -162,28 +200,10 @@ def _try(
     return offered, test, ""
 
 
-def _candidates(model: Model, augmented: Model) -> list[Model]:
-    """The model in use with the physics alone, and the augmented model with the loop's new shape,
-    which is only known where the recording was."""
-    physics = tuple(b for b in augmented.blocks if b.kind not in SHAPES)
-    alone = replace(augmented, hysteresis=model.hysteresis, blocks=physics)
-    return [alone, augmented] if physics != augmented.blocks and physics else [augmented]
-
-
-def _why_not(both: BothReplayed, found: Diagnosed) -> str:
-    return (
-        f"No model is offered: on later telemetry the augmented one leaves {both.offered:.3g} "
-        f"{found.details.unit}, the one in use {both.in_use:.3g}; that is within the noise."
-    )
-
-
 def _wait_for_later(folder: Path, case: Case) -> Recording | None:
     """The telemetry behind the recording, once it is complete; None: it does not come."""
     for _ in range(round((case.later_s + SPARE_S) / LOOK_S)):
         if (folder / cases.LATER).exists():
-            try:
-                return read_recording(folder / cases.LATER, need_displacement=True)
-            except DehystError:
-                return None
+            return _read(folder / cases.LATER)
         clock.sleep_s(LOOK_S)
     return None

@@ -8,7 +8,7 @@ from dehyst.models.drive_design.separation import EFFECTS
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
 
-SECONDS, SHARE = 20.0, 0.05
+SECONDS, SHARE = (20.0, 60.0, 180.0, 600.0), 0.05
 UNITS = ("v", "um", "nm", "counts")
 
 
@@ -19,19 +19,18 @@ def excite_arguments(case: Case, model: Model, pair: tuple[str, str] | None) -> 
     high = min(case.high, model.validity.drive_max)
     if not high > low or model.drive_unit not in UNITS:
         return ()
-    band = min(SHARE * case.rate_hz, case.slew / (math.pi * (high - low)))
     common = [
         "--range", f"{low:.6g}", f"{high:.6g}", "--unit", model.drive_unit,
-        "--duration", f"{SECONDS:g}", "--sampling", f"{case.rate_hz:g}",
-        "--slew", f"{case.slew:.6g}", "-o", "next.csv",
+        "--sampling", f"{case.rate_hz:g}", "--slew", f"{case.slew:.6g}", "-o", "next.csv",
     ]  # fmt: skip
     if pair is not None and all(name in EFFECTS for name in pair):
-        return ("excite", "--separate", *pair, *common)
-    while band > 2.0 / SECONDS:
-        try:  # what is handed out is what can be run
-            design(low, high, band, SECONDS, case.rate_hz, slew_per_s=case.slew)
-        except BadInput:
-            band /= 2.0
-            continue
-        return ("excite", "--band", f"{band:.4g}", *common)
+        return ("excite", "--separate", *pair, *common, "--duration", f"{SECONDS[0]:g}")
+    band = min(SHARE * case.rate_hz, case.slew / (math.pi * (high - low)))
+    for seconds in SECONDS:  # slow stages take longer
+        for part in (1.0, 0.5, 0.25):
+            try:  # what is handed out is what can be run
+                design(low, high, part * band, seconds, case.rate_hz, slew_per_s=case.slew)
+            except BadInput:
+                continue
+            return ("excite", "--band", f"{part * band:.6g}", *common, "--duration", f"{seconds:g}")
     return ()

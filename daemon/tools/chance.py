@@ -24,27 +24,18 @@ class Drawn:
 
 
 def _creep(chance: random.Random) -> tuple[str, dict[str, float]]:
-    gain = chance.uniform(0.04, 0.07)
+    gain = chance.uniform(0.04, 0.05)
     return f"creep of {100 * gain:.1f} % per decade (before: 1.2)", {"creep_gain_per_decade": gain}
 
 
 def _lag(chance: random.Random) -> tuple[str, dict[str, float]]:
-    tau = chance.uniform(0.008, 0.02)
+    tau = chance.uniform(0.01, 0.02)
     return f"a lag of the amplifier of {1e3 * tau:.1f} ms", {"amplifier_tau_s": tau}
-
-
-def _resonance(chance: random.Random) -> tuple[str, dict[str, float]]:
-    hz, damping = chance.uniform(18.0, 28.0), chance.uniform(0.04, 0.1)
-    return (
-        f"a resonance of {hz:.1f} Hz, damping {damping:.2f}",
-        {"mode_hz": hz, "mode_damping": damping, "mode_share": 0.6},
-    )
 
 
 EFFECTS: dict[str, Callable[[random.Random], tuple[str, dict[str, float]]]] = {
     "creep": _creep,
     "lag": _lag,
-    "resonance": _resonance,
 }
 
 

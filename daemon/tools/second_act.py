@@ -154,7 +154,7 @@ class SecondAct:
         with Client(connect=self._endpoint, label="the demo") as client:
             self._client, self._stream, self._feed = client, client.stream(), client.feed()
             missed = client.status().missed
-            if not self._until(lambda: self._health() >= 0.0, 3.0 * LEARN_S + 60.0):
+            if not self._until(lambda: self._health() > 0.0, 3.0 * LEARN_S + 60.0):
                 story.why = "the watch has not learned the stage in time"
             elif self._mismatch():
                 story.why = "the watch flagged a stage in order"
@@ -222,6 +222,7 @@ class SecondAct:
         return (int(self._parts[-1]["scheduled_ns"][-1]) - self._first_ns) * 1e-9
 
     def _health(self) -> float:
+        """Above 0 once the watch has learned; 0 before it has begun."""
         return self._feed.status.gateway.health if self._feed.status is not None else -1.0
 
     def _mismatch(self) -> str:

@@ -207,8 +207,10 @@ def observer_only_hears(operator: Client, observer: Client) -> tuple[TelemetrySt
 
     wait_until("the observer hears of it", told)
     assert observer.history(0.2).size > 10
+    assert observer.doctor() == ()
     observer.patience_s = 0.0
-    for action in (lambda: observer.send(5.0), observer.stop, observer.take_over):
+    accept = lambda: observer.decide_offer("accept", 1)  # noqa: E731
+    for action in (lambda: observer.send(5.0), observer.stop, observer.take_over, accept):
         with pytest.raises(BusError, match="let these credentials"):
             action()
     return stream, targets

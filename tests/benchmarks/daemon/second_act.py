@@ -58,15 +58,14 @@ def play(output: Path, seed: int) -> Story:
 
 
 def row(facts: dict[str, Any]) -> str:
-    """One line of the table."""
+    """Of the table."""
     flagged, rms = facts["flagged_after_s"], facts["rms_um"]
-    nm = [
-        f"{1e3 * rms[k]:7.0f}" if rms.get(k) else "      -" for k in ("before", "during", "after")
-    ]
+    after = "-" if flagged is None else f"{flagged:.1f}"
+    nm = [f"{1e3 * (rms.get(k) or 0.0):7.0f}" for k in ("before", "during", "after")]
     return (
-        f"{facts['seed']:5d}  {facts['drawn']:10} "
-        f"{'-' if flagged is None else f'{flagged:.1f}':>5} "
-        f"{', '.join(facts['named'][:2]) or '-':22} {'yes' if facts['named_right'] else 'no':4}"
+        f"{facts['seed']:5d}  {facts['drawn']:10} {after:>5} "
+        f"{', '.join(facts['named'][:2]) or '-':22} "
+        f"{'yes' if facts['named_right'] else 'no':4}"
         f"{facts['state'] or '-':9}{''.join(nm)}  {facts['missed']:5d}  {facts['why'][:60]}"
     )
 

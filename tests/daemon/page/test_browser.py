@@ -22,9 +22,9 @@ from tests.rigs.service import SAFE_V, Service
 
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
-from dehyst.daemon.bus.messages import Event
+from dehyst.daemon.bus.messages import DoctorReport, Event, FoundEffect, ModelOffer
 from dehyst.daemon.bus.session import Bus
-from dehyst.daemon.bus.topics import EVENT, subject
+from dehyst.daemon.bus.topics import DOCTOR, EVENT, subject
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.tools.bench_config import simulated_model
 
@@ -225,6 +225,34 @@ def test_an_event_with_markup_stays_text(window: Chromium, service: Service) -> 
     assert window.complaints() == []
 
 
+def test_what_the_doctor_found_is_shown_and_markup_in_it_stays_text(
+    window: Chromium, service: Service
+) -> None:
+    found = DoctorReport(
+        case="mismatch-1", time_ns=time.monotonic_ns(), wall_ns=time.time_ns(), changed_wall_ns=1,
+        state="found", verdict="explained", says=MARKUP, unit="um", noise=0.02, rms_in_use=0.3,
+        rms_augmented=0.02, experiment=("excite", MARKUP),
+        effects=(FoundEffect(name="lag", acts_on="drive", share=0.9, says=MARKUP),),
+        offer=ModelOffer(
+            number=2**61 + 1, seconds=10.0, rms_in_use=0.3, rms_offered=0.03, noise=0.02,
+            trial_s=10.0,
+        ),
+    )  # fmt: skip
+    with Bus.connect([f"tcp/127.0.0.1:{service.port}"]) as bus:
+        sender = bus.sender(Keys("dehyst", "test").pubsub(subject(DOCTOR)), DOCTOR)
+        until(lambda: sender.put(encoding.encode(found)) or MARKUP in window.text("doctor-says"))
+    assert MARKUP in window.text("doctor-effects")
+    assert "0.3 becomes 0.03" in window.text("doctor-figures")
+    assert window.ask("document.querySelectorAll('#doctor img, #doctor script').length") == 0
+    assert window.ask("document.querySelectorAll('#model-loop polyline').length") == 2
+    accept = window.chrome.find_element("id", "accept")
+    assert accept.is_enabled()
+    accept.click()  # the daemon knows no such offer, and is asked for the very number
+    window.until("refused", lambda: "no such offer" in window.text("said"))
+    assert "owned" not in window.chrome.title
+    assert window.complaints() == []
+
+
 def test_an_observer_sees_and_cannot_command(window: Chromium, service: Service) -> None:
     folder = service.folder
     page = PageProcess(f"tcp/127.0.0.1:{service.port}", "--observe", log=folder / "observe.txt")
@@ -234,7 +262,7 @@ def test_an_observer_sees_and_cannot_command(window: Chromium, service: Service)
         window.until("it is connected", lambda: window.text("link") == "connected")
         window.until("it moves", lambda: drawn(window)[1] > 0)
         assert window.text("who") == "observer"
-        for button in ("stop", "hold", "release", "target"):
+        for button in ("stop", "hold", "release", "target", "accept", "reject"):
             assert not window.chrome.find_element("id", button).is_enabled(), button
         before = service.output()
         window.ask("dehystPage.ask({ask: 'go', value: 8, seconds: 5})")  # past the buttons

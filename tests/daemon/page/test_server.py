@@ -281,7 +281,8 @@ def test_with_passwords_nothing_without_one_and_an_observer_cannot_command(
         cookie = log_in(page, "bob", "battery staple")
         observer = looking(page, cookie)
         for ask in ({"ask": "stop"}, {"ask": "go", "value": 4, "seconds": 1},
-                    {"ask": "hold", "seconds": 1}, {"ask": "play", "job": "1"}):  # fmt: skip
+                    {"ask": "hold", "seconds": 1}, {"ask": "play", "job": "1"},
+                    {"ask": "decide", "action": "accept", "offer": "1"}):  # fmt: skip
             told = len(observer.texts())
             observer.socket.send(json.dumps(ask))
             observer.until("refused", lambda n=told: len(observer.texts()) > n)  # type: ignore[misc]

@@ -4,6 +4,7 @@ from tests.mutations.rooms import (
     bus,
     checks,
     diagnosis,
+    doctor,
     drivers,
     files,
     gate,
@@ -32,6 +33,7 @@ ROOMS = {
     "inverse": inverse.CHANGES,
     "identify": identify.CHANGES,
     "diagnosis": diagnosis.CHANGES,
+    "doctor": doctor.CHANGES,
     "mismatch": mismatch.CHANGES,
     "learning": learning.CHANGES,
 }

@@ -1,0 +1,133 @@
+"""What the doctor makes of a case: a lag that nobody modelled, a gauge that fails, garbage."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.rigs.gateway_bench import wait_until
+from tests.rigs.processes import dehyst, simulated_config
+
+from dehyst.daemon.config import load_config
+from dehyst.daemon.doctor.examination import examine, rank_findings
+from dehyst.daemon.doctor.next_step import excite_arguments
+from dehyst.daemon.files import cases
+from dehyst.daemon.files.cases import Case, Examined
+from dehyst.daemon.files.models import load_model, save_model
+from dehyst.daemon.files.recordings import read_recording, write_recording
+from dehyst.daemon.main import main
+from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.daemon.tools.second_act import pattern
+from dehyst.drivers.simulated.settings import StageSettings
+from dehyst.drivers.simulated.stage import Stage
+from dehyst.models.model import Block
+
+RATE_HZ = 200.0
+LAG_S = 0.015
+
+
+def a_case(**more: object) -> Case:
+    fields: dict = {
+        "number": 5, "name": "mismatch-x", "time_ns": 1, "wall_ns": 1, "figure": "whole",
+        "low": 0.0, "high": 150.0, "slew": 4000.0, "rate_hz": RATE_HZ, "later_s": 0.1,
+    }  # fmt: skip
+    return Case(**(fields | more))
+
+
+def lay(folder: Path, tau_s: float = 0.0, **more: object) -> Path:
+    """A good, a flagged and a later recording of a stage whose amplifier lags from the flag on."""
+    folder.mkdir(parents=True, exist_ok=True)
+    t_s, volts = pattern(75.0, 66.0, RATE_HZ)
+    stage = Stage(StageSettings(seed=4))
+    for name in (cases.GOOD, cases.FLAGGED, cases.LATER):
+        if name == cases.FLAGGED:
+            stage.change(amplifier_tau_s=tau_s)
+        _, measured = stage.run(t_s, volts)
+        if name == cases.FLAGGED and more.get("stuck"):
+            measured = np.full(measured.size, 7.0)
+        columns = {"u_v": np.r_[volts[0], volts[:-1]], "y_um": measured}
+        write_recording(folder / name, t_s, columns, {})
+    save_model(simulated_model(), folder / cases.IN_USE)
+    cases.put_record(folder, cases.CASE, a_case())
+    return folder
+
+
+def test_a_lag_is_named_and_the_model_with_it_is_offered(tmp_path: Path) -> None:
+    found = examine(lay(tmp_path / "case", LAG_S))
+    assert "lag" in (found.effects[0].name, *found.effects[0].ambiguous_with)
+    assert found.rms_when_good < 0.5 * found.rms_in_use
+    assert "It is new" in found.says
+    assert found.tested is not None
+    assert found.tested.offered**2 < found.tested.in_use**2 - found.noise**2
+    offered = load_model(tmp_path / "case" / cases.OFFERED)
+    lags = [b for b in offered.blocks if b.kind == "lag" and b.place == "drive"]
+    assert lags
+    assert b"<html" in (tmp_path / "case" / cases.REPORT).read_bytes().lower()
+    assert json.loads((tmp_path / "case" / "found" / "diagnosis.json").read_text())["format"] == 2
+
+
+def test_a_gauge_that_fails_gets_no_model(tmp_path: Path) -> None:
+    found = examine(lay(tmp_path / "case", LAG_S, stuck=True))
+    assert found.verdict == "gauge"
+    assert "stuck" in found.says
+    assert found.tested is None
+    assert found.experiment == ()
+    assert not (tmp_path / "case" / cases.OFFERED).exists()
+
+
+def test_what_is_new_is_told_first() -> None:
+    class F:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+    found = [F(name) for name in ("unknown", "shape", "creep", "rate", "lag")]
+    ranked = [(Block("lag", "drive", {}), 0.04), (Block("creep", "stage", {}), 0.01)]
+    for least, expected in (
+        (0.005, ["lag", "creep", "shape", "rate", "unknown"]),
+        (0.020, ["lag", "shape", "creep", "rate", "unknown"]),
+        (0.100, ["shape", "lag", "creep", "rate", "unknown"]),
+    ):
+        names = [f.name for f in rank_findings(found, ranked, least)]  # type: ignore[arg-type]
+        assert names == expected
+
+
+@pytest.mark.parametrize("pair", [None, ("delay", "lag"), ("shape", "nothing")])
+@pytest.mark.parametrize("slew", [4000.0, 60.0])
+def test_the_next_experiment_can_be_run_within_the_limits(
+    tmp_path: Path, pair: tuple[str, str] | None, slew: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments = excite_arguments(a_case(low=10.0, high=90.0, slew=slew), simulated_model(), pair)
+    assert main(list(arguments)) == 0
+    drive = read_recording(tmp_path / "next.csv")
+    assert drive.drive.min() >= 10.0 - 1e-6
+    assert drive.drive.max() <= 90.0 + 1e-6
+    rate = np.abs(np.diff(drive.drive)) / np.diff(drive.t_s)
+    assert rate.max() <= slew * (1 + 1e-6)
+
+
+def test_the_process_examines_each_case_once_alone_and_ends_when_asked(tmp_path: Path) -> None:
+    save_model(simulated_model(), tmp_path / "model.toml")
+    path = simulated_config(tmp_path, 200.0, tmp_path / "model.toml")
+    (tmp_path / "run").mkdir(mode=0o700)
+    folder = load_config(path).watch_directory / "mismatch-garbage.case"
+    folder.mkdir(parents=True)
+    for name in (cases.FLAGGED, cases.IN_USE):
+        (folder / name).write_text("nothing of this kind\n")
+    cases.put_record(folder, cases.CASE, a_case())
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    doctor = dehyst("doctor", "--config", str(path), **quiet)
+    try:
+        wait_until("it is examined", lambda: (folder / cases.EXAMINED).exists())
+        found = cases.get_record(folder, cases.EXAMINED, Examined)
+        assert found is not None
+        assert found.failed
+        assert "could not be diagnosed" in found.says
+        second = dehyst("doctor", "--config", str(path))
+        _, says = second.communicate(timeout=60)
+        assert second.returncode == 2
+        assert "is in use by process" in says
+    finally:
+        doctor.terminate()
+        assert doctor.wait(30.0) == 0

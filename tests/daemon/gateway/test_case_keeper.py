@@ -1,0 +1,96 @@
+"""What is laid before the doctor when the stage changes: by the real watch, on made telemetry."""
+
+from pathlib import Path
+
+import numpy as np
+from tests.rigs.stepper import CONFIG, PERIOD_NS, model
+
+from dehyst.daemon.config import parse_config
+from dehyst.daemon.files import cases
+from dehyst.daemon.files.cases import Case
+from dehyst.daemon.files.models import load_model, save_model
+from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.gateway.history import TelemetryHistory
+from dehyst.daemon.gateway.mismatch import MismatchWatch
+from dehyst.daemon.rings.records import TELEMETRY, State
+from dehyst.models.hysteresis.forward import simulate_hysteresis
+
+MORE = """
+[watch]
+learn_s = 30.0
+before_s = 4.0
+after_s = 2.0
+[doctor]
+test_s = 3.0
+"""
+RATE_HZ = 1e9 / PERIOD_NS
+CHANGED_S, SECONDS = 90.0, 110.0
+NOISE = 0.01
+
+
+class Once:
+    """A stop that comes when nothing is left to be judged."""
+
+    def __init__(self, watch: MismatchWatch) -> None:
+        self.watch = watch
+
+    def wait(self, _seconds: float) -> bool:
+        return not self.watch._batches
+
+    def is_set(self) -> bool:
+        return False
+
+
+def telemetry() -> np.ndarray:
+    """A stage that follows its model, and from CHANGED_S on moves a twentieth further."""
+    k = np.arange(round(SECONDS * RATE_HZ))
+    t = k / RATE_HZ
+    drive = 5.0 + 3.0 * np.sin(2 * np.pi * 0.7 * t) + 1.5 * np.sin(2 * np.pi * 0.31 * t)
+    records = np.zeros(k.size, TELEMETRY)
+    records["seq"], records["state"], records["scheduled_ns"] = k, State.RUNNING, k * PERIOD_NS
+    records["volts"] = 7.5 * drive
+    records["predicted"] = simulate_hysteresis(
+        model().hysteresis, np.r_[drive[0], drive[:-1]], 1e-3
+    )
+    noise = np.random.default_rng(2).normal(0.0, NOISE, k.size)
+    records["measured"] = records["predicted"] * np.where(t < CHANGED_S, 1.0, 1.05) + noise
+    records["target"] = records["predicted"]
+    return records
+
+
+def test_a_change_becomes_a_case_with_the_last_good_recording_and_what_came_later(
+    tmp_path: Path,
+) -> None:
+    save_model(model(), tmp_path / "model.toml")
+    config = parse_config(f'run_dir = "{tmp_path}"\n{CONFIG}{MORE}')
+    history, told = TelemetryHistory(60_000), []
+    watch = MismatchWatch(config, history, lambda level, code, text: told.append(text))
+    watch.model_path = tmp_path / "model.toml"
+    records = telemetry()
+    for part in np.array_split(records, 1100):
+        watch.add(1, part, 0.0)
+        history.add(part)
+        watch.run(Once(watch))  # type: ignore[arg-type]
+    (folder,) = cases.case_folders(config.watch_directory)
+    case = cases.get_record(folder, cases.CASE, Case)
+    assert case is not None
+    assert case.high == 10.0  # 75 V by the gain of 7.5
+    assert load_model(folder / cases.IN_USE).displacement_unit == "um"
+    good, flagged, later = (
+        read_recording(folder / name, need_displacement=True)
+        for name in (cases.GOOD, cases.FLAGGED, cases.LATER)
+    )
+
+    def gain(recording: object) -> float:
+        y, target = recording.displacement, recording.channels["target_um"]  # type: ignore[attr-defined]
+        return float(np.polyfit(target, y, 1)[0])
+
+    assert abs(gain(good) - 1.0) < 0.002
+    assert abs(gain(flagged) - 1.05) < 0.002
+    assert abs(gain(later) - 1.05) < 0.002
+    assert flagged.t_s[-1] <= 2.1
+    assert 2.9 <= later.t_s[-1] <= 3.1
+    assert folder.with_suffix(".csv").exists()
+    assert any("recording kept" in text for text in told)
+    cases.drop_case(folder.with_suffix(".csv"))
+    assert not folder.exists()
