@@ -40,7 +40,7 @@ def find_troubles(status: Status) -> list[str]:
     if gateway.mismatch:
         found.append(
             f"the stage does not behave as its model ({gateway.mismatch}, {gateway.health:.2g} "
-            "times the expected misfit): run the `dehyst diagnose` line of the event"
+            "times the expected misfit): `dehyst doctor` says what has changed"
         )
     if s.trimmed and s.trim_frozen in FROZEN:
         found.append(f"the trim stands still: {FROZEN[s.trim_frozen]}")
