@@ -20,7 +20,7 @@ from dehyst.models.errors import DehystError, NotNow
 # name: help line. Modules are imported when they are used: numba and zenoh take their time.
 COMMANDS = {
     "run": "the daemon in the foreground (without --config: on the simulated stage)",
-    "demo": "the whole story on the simulated stage in about a minute",
+    "demo": "the whole story on the simulated stage in some minutes",
     "setup": "guided: from two plugged-in units to a validated model",
     "acquire": "play a drive in volts open loop and record what the stage does",
     "identify": "identify a model from a recording",

@@ -1,4 +1,4 @@
-"""the whole story on the simulated stage in about a minute"""
+"""the whole story on the simulated stage in some minutes"""
 
 import argparse
 import json

@@ -147,6 +147,7 @@ class SecondAct:
         self._parts: list[NDArray[Any]] = []
         self.story = Story(seed=chance.seed)
         self._first_ns = 0
+        self._old_cases: set[str] = set()
 
     def run(self) -> Story:
         """From learning to the end; a trajectory is being played by somebody else."""
@@ -154,12 +155,13 @@ class SecondAct:
         with Client(connect=self._endpoint, label="the demo") as client:
             self._client, self._stream, self._feed = client, client.stream(), client.feed()
             missed = client.status().missed
-            if not self._until(lambda: self._health() > 0.0, 3.0 * LEARN_S + 60.0):
-                story.why = "the watch has not learned the stage in time"
-            elif self._mismatch():
-                story.why = "the watch flagged a stage in order"
+            ready_s = 3.0 * LEARN_S + 60.0
+            if not self._until(lambda: self._health() > 0.0 and not self._mismatch(), ready_s):
+                story.why = "the watch has not learned the stage in time, or flags it as it is"
             else:
                 self._wait(self._chance.wait_s)
+                while self._feed.doctor:  # what was said before is another story
+                    self._old_cases.add(self._feed.doctor.popleft().case)
                 self._chance.appear()
                 story.appeared_s = self._now_s()
                 say("7. something changes in the stage")
@@ -231,6 +233,8 @@ class SecondAct:
     def _word(self) -> str:
         while self._feed.doctor:
             report, known = self._feed.doctor.popleft(), self.story.report
+            if report.case in self._old_cases:
+                continue
             if known is None or known.case == report.case:
                 self.story.report = report
         return self.story.state
