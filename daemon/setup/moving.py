@@ -173,7 +173,8 @@ def record_drive(bench: Workbench, seed: int, exercise_s: float, stem: str) -> d
             f"{path} does not excite enough: {'; '.join(covered.missing)}. Give a longer "
             "--duration or another --band"
         )
-    late = round(float(found.t_s[-1] - found.t_s[0]) / found.period_s) + 1 - found.size
+    due = round(float(found.t_s[-1] - found.t_s[0]) * bench.config().loop.rate_hz) + 1
+    late = max(0, due - found.size)
     words = (
         f"{path.name}: {found.size} samples, {late} too late, {covered.covered:.0%} of drive and "
         f"rate covered"

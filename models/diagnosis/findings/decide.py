@@ -83,7 +83,7 @@ def named(problem: Problem, found: SearchState, held: float) -> list[Finding]:
 def shared_out(findings: Sequence[Finding], removed: float) -> list[Finding]:
     """Findings, strongest first and the shape behind them, with shares that add up to `removed`,
     the part of the explainable misfit that all remove together."""
-    total = max(sum(f.share for f in findings), 1e-300)
+    total = max(sum(f.share for f in findings), 1e-300) * (1.0 + 1e-12)  # rounded, still within 1
     return in_rank([replace(f, share=removed * f.share / total) for f in findings])
 
 
