@@ -39,7 +39,8 @@ THOROUGH = (
     "models/inverse/test_compensator.py", "models/physics/test_every_physics.py",
     "daemon/commands/test_diagnose.py", "daemon/commands/test_identify.py",
     "daemon/commands/test_excite.py", "daemon/commands/test_validate.py",
-    "daemon/loop/test_random_life.py",
+    "daemon/loop/test_random_life.py", "daemon/doctor/test_examination.py",
+    "daemon/setup/test_moving.py",
 )  # fmt: skip
 """Folders and files of tests."""
 JOBS = str(len(os.sched_getaffinity(0)))

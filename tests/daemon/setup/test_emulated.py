@@ -14,7 +14,7 @@ from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.setup.names import NAMES
 
 pytestmark = pytest.mark.timing
-RANGE, SLEW = (0.0, 120.0), 3000.0
+RANGE, SLEW = (0.0, 140.0), 3000.0
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def done(
             "--yes",
             "--json",
             "--duration",
-            "10",
+            "12",
             "--ports",
             bench.ports["ksg101"],
             bench.ports["mdt693b"],
