@@ -28,7 +28,7 @@ FULL_SCALE = 32767
 
 
 class Ksg101:
-    """A Sensor, in micrometres. A reading at full scale is reported as NaN: out of range."""
+    """Thorlabs KSG101 strain gauge reader on USB serial, in um; NaN at full scale: out of range."""
 
     settings_type = Ksg101Settings
 
