@@ -6,9 +6,13 @@ READY := $(VENV)/.ready
 ROUND ?= ../shared/concealed/round-1
 FUZZ_S ?= 600
 
-.PHONY: demo test quick check kernels lint types contracts docs reference interpreters concealed proof fuzz mutate clean
+.PHONY: demo second-act test quick check kernels lint types contracts docs reference interpreters concealed proof fuzz mutate clean
 
 demo: kernels
+	$(BIN)/dehyst demo --force --first-act
+
+# and then an effect drawn by chance appears, is flagged, named and compensated; exit 1 where not
+second-act: kernels
 	$(BIN)/dehyst demo --force
 
 # quick: what starts no process and is soon done; see tests/parts.py
