@@ -54,9 +54,9 @@ def lay_case(bench: Bench, name: str, number: int, offered: Model, promise: floa
     return folder
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    folder = tmp_path_factory.mktemp("doctor")
+    folder = tmp_path_factory.mktemp("doctor")  # an own one for every attempt
     bench = Bench(folder, start=False)
     save_model(scaled(1.2), folder / "model.toml")
     bench.path.write_text(bench.path.read_text() + SETTINGS)
