@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from msgspec import structs
+from tests.rigs.direct_calls import direct_of, read, write
 
-from dehyst.drivers.interface import DriverConfigError
+from dehyst.drivers.interface import DeviceGone, DriverConfigError
 from dehyst.drivers.simulated.axes import Platform
 from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor
 from dehyst.drivers.simulated.settings import StageSettings
@@ -114,6 +115,44 @@ def test_virtual_time_passes_when_all_axes_are_written() -> None:
     assert stage.time_s == pytest.approx(6e-3)
     for device in (*pairs["x"], *pairs["y"]):
         device.close()
+
+
+def test_compiled_calls_are_the_python_calls() -> None:
+    """Two stages of one kind, one by C function, one by Python: the same readings bit for bit."""
+    shown = []
+    for stage in ("by python", "by address"):
+        pairs = {}
+        for name, gain in (("x", "from_y"), ("y", "from_x")):
+            settings = {"stage": stage, "axis": name, "period_s": 1e-3, gain: 0.03}
+            pairs[name] = (
+                SimulatedActuator.from_settings(settings),
+                SimulatedSensor.from_settings(settings),
+            )
+            for device in pairs[name]:
+                device.open()
+        direct = {
+            name: (direct_of(actuator), direct_of(sensor))
+            for name, (actuator, sensor) in pairs.items()
+        }
+        rows = []
+        for k in range(100):
+            for name in "xy":
+                volts = 75.0 + 70.0 * np.sin(0.2 * k + (name == "y"))
+                actuator, sensor = pairs[name]
+                if stage == "by python":
+                    rows.append(sensor.read())
+                    actuator.write(volts)
+                else:
+                    rows.append(read(direct[name][1]))
+                    assert write(direct[name][0], volts) is None
+        if stage == "by address":
+            pairs["y"][1].shared.plugged = False
+            assert isinstance(write(direct["y"][0], 0.0), DeviceGone)
+            assert write(direct["x"][0], 0.0) is None
+        shown.append(rows)
+        for device in (*pairs["x"], *pairs["y"]):
+            device.close()
+    assert shown[0] == shown[1]
 
 
 def test_axes_of_one_name_have_settings_of_their_own() -> None:
