@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from dehyst.daemon.bus.security import check_open
-from dehyst.daemon.config import Config, load_config
+from dehyst.daemon.config import Config, load_config, load_controller
 from dehyst.daemon.rings import run_folder
 from dehyst.daemon.tools.interrupts import ended_at_once
 from dehyst.models.errors import BadInput
@@ -96,9 +96,9 @@ def supervise(path: Path) -> int:
     """Core and gateway of a configuration, until a signal."""
     from dehyst.daemon.service.supervisor import Supervisor
 
-    config = load_config(path)
-    with run_folder.at_work(config.directory, run_folder.SUPERVISOR, "run", path):
-        return Supervisor(config, path, say).run()
+    controller = load_controller(path)
+    with run_folder.at_work(controller.directory, run_folder.SUPERVISOR, "run", path):
+        return Supervisor(controller, path, say).run()
 
 
 def check(path: Path) -> int:
@@ -111,7 +111,7 @@ def check(path: Path) -> int:
 
     config: Config = load_config(path)
     check_unopened(config)
-    security_of(config)
+    security_of(load_controller(path))
     model = load_model(config.model.file)
     low, high = displacement_range(model, *drive_range(config, model))
     sensor = devices_of(config)[1]
