@@ -9,10 +9,10 @@ from typing import Any
 import msgspec
 
 from dehyst.daemon.bus.security import check_open
-from dehyst.daemon.config import Config, load_config, load_controller
+from dehyst.daemon.config import Config, load_controller
 from dehyst.daemon.rings import run_folder
 from dehyst.daemon.tools.interrupts import ended_at_once
-from dehyst.models.errors import BadInput
+from dehyst.models.errors import BadInput, DehystError
 
 NAME, LISTEN = "bench", "tcp/127.0.0.1:7447"
 DESCRIPTION = """\
@@ -103,38 +103,59 @@ def supervise(path: Path) -> int:
 
 def check(path: Path) -> int:
     """Print what a configuration means."""
-    from dehyst.daemon.files.models import load_model
     from dehyst.daemon.gateway.process import security_of
+
+    controller = load_controller(path)
+    said = []
+    for config in controller.axes:
+        try:
+            said.append(axis_words(config))
+        except DehystError as error:
+            raise type(error)(
+                f"axis {config.axis}: {error}" if config.axis else str(error)
+            ) from None
+    security_of(controller)
+    whole: Any = controller.axes[0]
+    if controller.axis_names != ("",):
+        whole = {config.axis: config for config in controller.axes}
+    print(msgspec.json.format(msgspec.json.encode(whole), indent=2).decode())
+    for config, words in zip(controller.axes, said, strict=True):
+        where = f"{path}: axis {config.axis}" if config.axis else f"{path}"
+        print(f"{where}: ok. {words}", file=sys.stderr)
+    if controller.longest_ramp_s > UNIT_STOP_S - SPARE_S and any(
+        config.safe.on_stop == "ramp" for config in controller.axes
+    ):
+        longest_s = controller.longest_ramp_s
+        print(
+            f"{path}: to its safe voltage the output may take {longest_s:.0f} s, more "
+            f"than TimeoutStopSec={UNIT_STOP_S:.0f} of dehyst.service leaves. systemd waits as "
+            "long as the daemon asks it to while it ramps; whatever else may end it (another "
+            f"unit, docker stop) must allow {longest_s + SPARE_S:.0f} s, or "
+            "safe.ramp_v_per_s be larger",
+            file=sys.stderr,
+        )
+    return 0
+
+
+def axis_words(config: Config) -> str:
+    """What an axis' configuration means. Raises DehystError where `dehyst run` would refuse it."""
+    from dehyst.daemon.files.models import load_model
     from dehyst.daemon.loop.checks import check_unopened, devices_of
     from dehyst.daemon.loop.reach import displacement_range, drive_range, origin
     from dehyst.daemon.loop.trim import trim_setting
 
-    config: Config = load_config(path)
     check_unopened(config)
-    security_of(load_controller(path))
     model = load_model(config.model.file)
     low, high = displacement_range(model, *drive_range(config, model))
     sensor = devices_of(config)[1]
     trimmed = trim_setting(config, model, high - low, getattr(sensor, "spec", None))
     zero = origin(config.setpoint.origin, low, high)
-    print(msgspec.json.format(msgspec.json.encode(config), indent=2).decode())
     unit = model.displacement_unit
-    print(
-        f"{path}: ok. Set-points from {low - zero:.4g} to {high - zero:.4g} {unit}; set-point 0 is "
+    return (
+        f"Set-points from {low - zero:.4g} to {high - zero:.4g} {unit}; set-point 0 is "
         f"the model's {zero:.4g} {unit}; {config.loop.rate_hz:g} Hz; "
-        f"{trim_words(trimmed[0], unit)}; rings in {config.directory}",
-        file=sys.stderr,
+        f"{trim_words(trimmed[0], unit)}; rings in {config.directory}"
     )
-    if config.longest_ramp_s > UNIT_STOP_S - SPARE_S and config.safe.on_stop == "ramp":
-        print(
-            f"{path}: to its safe voltage the output may take {config.longest_ramp_s:.0f} s, more "
-            f"than TimeoutStopSec={UNIT_STOP_S:.0f} of dehyst.service leaves. systemd waits as "
-            "long as the daemon asks it to while it ramps; whatever else may end it (another "
-            f"unit, docker stop) must allow {config.longest_ramp_s + SPARE_S:.0f} s, or "
-            "safe.ramp_v_per_s be larger",
-            file=sys.stderr,
-        )
-    return 0
 
 
 def trim_words(p: Any, unit: str) -> str:
