@@ -17,7 +17,7 @@ from dehyst.models.errors import BadRecording
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-OTHER_AXIS = re.compile(r"axis\.([a-z0-9]{1,8})(\.drive)?")
+AXIS_CHANNEL = re.compile(r"axis\.([a-z0-9]{1,8})(\.drive)?")
 """Channels that are another axis of the same controller: `axis.y` its displacement, `axis.y.drive`
 its drive."""
 

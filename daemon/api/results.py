@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst import __version__
+from dehyst.daemon.files.axis_columns import to_columns
 from dehyst.daemon.files.models import save_model, write_text
 from dehyst.daemon.files.outputs import check_outputs
-from dehyst.daemon.files.axis_columns import to_columns
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.daemon.tools.diagnosis_summary import describe_diagnosis
 from dehyst.daemon.tools.identification_summary import describe_result

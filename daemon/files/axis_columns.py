@@ -13,7 +13,7 @@ stays a channel of its own name.
 import re
 from collections.abc import Mapping
 
-from dehyst.models.recording import OTHER_AXIS, Floats
+from dehyst.models.recording import AXIS_CHANNEL, Floats
 
 LENGTHS = {"um": 1.0, "nm": 1e-3}
 _COLUMN = re.compile(r"axis_([a-z0-9]{1,8})_(drive_)?([a-z]+)")
@@ -64,7 +64,7 @@ def to_columns(
     """Channels as columns of a file."""
     out = {}
     for name, values in channels.items():
-        match = OTHER_AXIS.fullmatch(name)
+        match = AXIS_CHANNEL.fullmatch(name)
         if match is None:
             out[name] = values
         else:

@@ -8,7 +8,7 @@ from dehyst.daemon.files.axis_columns import LENGTHS
 from dehyst.models.errors import BadInput, BadRecording
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Floats, Model
-from dehyst.models.recording import OTHER_AXIS, Trajectory
+from dehyst.models.recording import AXIS_CHANNEL, Trajectory
 
 EVEN = 1e-3  # largest deviation of a time step from the mean one, as a part of it
 SHORTEST_S, MOST_SAMPLES = 1e-6, 20_000_000
@@ -64,7 +64,7 @@ def channels_along(trajectory: Trajectory, compensator: Compensator, t_s: Floats
     columns = trajectory.channels
     for name in compensator.channels:
         if name not in columns:
-            axis = OTHER_AXIS.fullmatch(name)
+            axis = AXIS_CHANNEL.fullmatch(name)
             column = f"target_{axis[1]}_{trajectory.unit}" if axis and not axis[2] else name
             raise BadRecording(
                 f"{trajectory.name}: the model needs the column {column}; it is missing"

@@ -14,7 +14,7 @@ import numpy as np
 
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Block, Model
-from dehyst.models.recording import OTHER_AXIS, Bools, Floats, Recording
+from dehyst.models.recording import AXIS_CHANNEL, Bools, Floats, Recording
 from dehyst.models.signals.filters import plays
 
 
@@ -34,7 +34,7 @@ class Coupled:
 def find_other_axes(recordings: Sequence[Recording]) -> list[str]:
     """Channels that every recording has and that move: the displacement of another axis, or its
     drive where that is not there."""
-    names = [n for n in recordings[0].channels if OTHER_AXIS.fullmatch(n)]
+    names = [n for n in recordings[0].channels if AXIS_CHANNEL.fullmatch(n)]
     names = [n for n in names if all(n in r.channels for r in recordings)]
     moving = [n for n in names if any(np.nan_to_num(np.nanstd(r.channels[n])) for r in recordings)]
     return [n for n in moving if not (n.endswith(".drive") and n[: -len(".drive")] in moving)]

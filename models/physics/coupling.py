@@ -26,7 +26,7 @@ from dehyst.models.physics.candidate import (
 )
 from dehyst.models.physics.entry import OTHER_AXIS, Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Solved, Values
-from dehyst.models.recording import OTHER_AXIS
+from dehyst.models.recording import AXIS_CHANNEL
 from dehyst.models.signals.filters import lowpass, plays, settle
 from dehyst.models.signals.joined import Data, Floats
 
@@ -160,7 +160,7 @@ class Coupling(Candidate):
         self.key = f"coupling-{channel}"
         self.title = f"Coupling from {channel}"
         self.reference = reference
-        axis = OTHER_AXIS.fullmatch(channel)
+        axis = AXIS_CHANNEL.fullmatch(channel)
         self.unit = channel.rsplit("_", 1)[-1]
         self.whose = f"The channel {channel}"
         if axis:
@@ -235,7 +235,10 @@ def _candidates(data: Data) -> list[Candidate]:
     out: list[Candidate] = []
     for c in other_causes(data):
         reference = float(data.channels[c].mean())
-        out += [Coupling(c, reference, data.unit, data.drive_unit), CoupledMemory(data, c, reference)]
+        out += [
+            Coupling(c, reference, data.unit, data.drive_unit),
+            CoupledMemory(data, c, reference),
+        ]
     return out
 
 

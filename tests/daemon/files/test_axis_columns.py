@@ -27,7 +27,7 @@ def test_other_axes_are_channels(tmp_path: Path) -> None:
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     path, out = tmp_path / "rec.csv", tmp_path / "out.csv"
     path.write_text(f"{HEADER}\n{ROWS}")
-    line = Hysteresis(np.zeros(1), np.ones(1), np.zeros(1), np.array([0.0, 1.0]), 0.0)
+    line = Hysteresis(r=np.zeros(1), b=np.ones(1), k=np.zeros(1), c=np.array([0.0, 1.0]))
     block = Block("coupling", "stage", {"gain_um_per_unit": 0.5, "reference": 3.0}, "axis.y")
     model = Model(line, Validity(0.0, 10.0), blocks=(block,))
     simulated = simulate(model, path)
