@@ -17,6 +17,8 @@ MAX_POINTS = 16_384
 """Most points in one trajectory chunk."""
 MAX_SAMPLES = 65_536
 """Most samples in one telemetry batch."""
+MAX_AXES = 8
+"""Most axes of one controller."""
 
 Seq = Annotated[int, Meta(ge=0, le=2**62)]
 Text = Annotated[str, Meta(max_length=500)]
@@ -71,6 +73,9 @@ class Chunk(Message, tag_field="schema", tag="dehyst.trajectory", frozen=True, k
     stays the target that errors count from; empty: nothing."""
     last: bool = False
     allow_unreachable: bool = False
+    axes: Annotated[tuple[Name, ...], Meta(max_length=MAX_AXES)] = ()
+    """Names of the axes that play a trajectory of this number together, this one among them: they
+    are followed on the same samples. Empty: it is played alone."""
 
 
 Action = Literal[
@@ -104,6 +109,10 @@ class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw
     """Number of the offer that is accepted or rejected."""
     label: Name = ""
     """Who this is, for the other client that is told so."""
+    axes: Annotated[tuple[Name, ...], Meta(max_length=MAX_AXES)] = ()
+    """Names of axes of this controller that are meant together, the asked one among them: a lease
+    is for all of them, under one number, or for none; stop and release are for all. Empty: the
+    asked one."""
 
 
 class HistoryRequest(Message, tag_field="schema", tag="dehyst.history", frozen=True, kw_only=True):
@@ -286,6 +295,10 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
     history_s: float
     """How far back the history reaches now."""
     restarts_of_core: int
+    controller: Name = ""
+    """Name of the controller; that of the daemon where it has one axis alone."""
+    axes: Annotated[tuple[Name, ...], Meta(max_length=MAX_AXES)] = ()
+    """Names (as in keys) of all axes of this controller; empty where it has one alone."""
     links: int = 0
     """Clients and routers that are connected now."""
     links_ended: int = 0

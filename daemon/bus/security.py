@@ -155,15 +155,17 @@ def read_passwords(path: Path, what: str) -> dict[str, str]:
 
 
 def server_settings(
-    keys: Keys,
+    name: str,
+    axes: Sequence[Keys],
     listen: Sequence[str],
     operators: Sequence[str],
     observers: Sequence[str],
     passwords: str,
     certificates: str,
 ) -> dict[str, Any]:
-    """zenoh settings of a daemon that asks for authentication. Raises BadInput where a file is
-    missing, readable for everybody, or does not fit the roles."""
+    """zenoh settings of a daemon that asks for authentication: the controller's name, the keys of
+    each of its axes, where the same roles hold. Raises BadInput where a file is missing, readable
+    for everybody, or does not fit the roles."""
     people = [*operators, *observers]
     if bool(passwords) == bool(certificates):
         raise BadInput("bus.auth: give either `passwords` or `certificates`")
@@ -177,7 +179,7 @@ def server_settings(
             raise BadInput(f"bus.auth: {', '.join(missing)}: no password in {passwords}")
         user = "transport/auth/usrpwd"
         settings: dict[str, Any] = {
-            f"{user}/user": keys.name,
+            f"{user}/user": name,
             f"{user}/password": secrets.token_urlsafe(32),  # ours is asked for by nobody
             f"{user}/dictionary_file": passwords,
         }
@@ -188,7 +190,7 @@ def server_settings(
             raise BadInput(f"bus.listen: {plain[0]}: certificates need an address tls/HOST:PORT")
         settings = _tls(Path(certificates), "listen")
         subject = "cert_common_names"
-    return settings | {"access_control": _access(keys, subject, operators, observers)}
+    return settings | {"access_control": _access(axes, subject, operators, observers)}
 
 
 def client_settings(credentials: str) -> dict[str, Any]:
@@ -207,23 +209,24 @@ def client_settings(credentials: str) -> dict[str, Any]:
 
 
 def _access(
-    keys: Keys, subject: str, operators: Sequence[str], observers: Sequence[str]
+    axes: Sequence[Keys], subject: str, operators: Sequence[str], observers: Sequence[str]
 ) -> dict[str, Any]:
     """Rules by role; `ingress` is what comes to the daemon, `egress` what it lets out."""
-    everyone = Keys(keys.base, "*")
-    published = [keys.pubsub(name) for name in PUBLISHED]
-    asked = [keys.rpc(name) for name in QUESTIONS]
-    setpoints, command = [keys.setpoints()], [keys.rpc("command")]
+    everyone = Keys(axes[0].base, "*")
+    published = [keys.pubsub(name) for keys in axes for name in PUBLISHED]
+    asked = [keys.rpc(name) for keys in axes for name in QUESTIONS]
+    setpoints = [keys.setpoints() for keys in axes]
+    command, alive = [keys.rpc("command") for keys in axes], [keys.alive() for keys in axes]
     observing = {
         "publish": (["put"], "egress", published),
         "subscribe": (["declare_subscriber"], "ingress", published),
         "ask": (["query"], "ingress", asked),
         "answer": (["declare_queryable", "reply"], "egress", asked),
-        "token": (["liveliness_token"], "egress", [keys.alive()]),
+        "token": (["liveliness_token"], "egress", alive),
         "find": (
             ["liveliness_query", "declare_liveliness_subscriber"],
             "ingress",
-            [everyone.alive(), keys.alive()],
+            [everyone.alive(), *alive],
         ),
     }
     operating = {

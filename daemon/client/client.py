@@ -94,42 +94,32 @@ class Client:
     ) -> None:
         connect = os.environ.get(ADDRESS, DEFAULT) if connect is None else connect
         credentials = os.environ.get(CREDENTIALS, "") if credentials is None else credentials
-        self.addresses = [connect] if isinstance(connect, str) else list(connect)
+        addresses = [connect] if isinstance(connect, str) else list(connect)
+        bus = Bus.connect(addresses, security=client_settings(credentials))
+        try:
+            names = find_daemons(bus, base, addresses, lambda found: _chosen(found, name))
+            if (chosen := _chosen(names, name)) is None:
+                raise BusError(_not_chosen(names, name, ", ".join(addresses)))
+            self._begin(bus, Keys(base, chosen), label, new_number())
+        except BaseException:
+            bus.close()
+            raise
+
+    @classmethod
+    def of_axis(cls, bus: Bus, keys: Keys, label: str, number: int) -> Self:
+        """A client that shares a connection, and the number of who commands, with others."""
+        client = cls.__new__(cls)
+        client._begin(bus, keys, label, number)
+        return client
+
+    def _begin(self, bus: Bus, keys: Keys, label: str, number: int) -> None:
+        self.bus, self.keys, self.client = bus, keys, number
         self.label = (label or f"client {os.getpid()} on {socket.gethostname()}")[:64]
-        self.client = new_number()
         self.patience_s = PATIENCE_S
+        self.together: tuple[Client, ...] = (self,)
         self._lease = self._sequence = 0
         self._senders: dict[str, Any] = {}
         self._unit = ""
-        self.bus = Bus.connect(self.addresses, security=client_settings(credentials))
-        try:
-            self.keys = Keys(base, self._find(base, name))
-        except BaseException:
-            self.bus.close()
-            raise
-
-    def _find(self, base: str, name: str | None) -> str:
-        """The daemon's name; one that is just starting is waited for."""
-        deadline_ns = clock.monotonic_ns() + round(FIND_S * 1e9)
-        passed_over: set[str] = set()
-        while True:
-            names = daemons(self.bus, base, passed_over)
-            if name is None and len(names) == 1:
-                return names[0]
-            if name is not None and name in names:
-                return name
-            if clock.monotonic_ns() > deadline_ns or len(names) > 1:
-                break
-            clock.sleep_s(0.05)
-        where = ", ".join(self.addresses)
-        if not names:
-            raise BusError(
-                f"something listens at {where}, but no daemon with keys below {base}/ answers; it "
-                "may not let these credentials see it"
-            )
-        if name is None:
-            raise BusError(f"several daemons answer at {where}: {', '.join(names)}; name one")
-        raise BusError(f"no daemon {name} at {where}; there are: {', '.join(names)}")
 
     def __enter__(self) -> Self:
         return self
@@ -144,14 +134,19 @@ class Client:
 
     def close(self) -> None:
         """Give up the lease and end the connection. Safe to call twice."""
-        if self._lease:
-            self.patience_s = 0.0
-            try:
-                self._ask(self._request("give-up"), timeout_s=0.5)
-            except DehystError as error:
-                log.debug("the lease runs out by itself: %s", error)
-            self._lease = 0
+        self.give_up()
         self.bus.close()
+
+    def give_up(self) -> None:
+        """Give the lease back, so that others need not wait for its end."""
+        if not self._lease:
+            return
+        patience_s, self.patience_s = self.patience_s, 0.0
+        try:
+            self._ask(self._request("give-up"), timeout_s=0.5)
+        except DehystError as error:
+            log.debug("the lease runs out by itself: %s", error)
+        self.patience_s, self._lease = patience_s, 0
 
     # -- questions ------------------------------------------------------------------------------
 
@@ -264,9 +259,10 @@ class Client:
         last: bool,
         allow_unreachable: bool = False,
         correction: NDArray[np.float64] | None = None,
+        axes: Sequence[str] = (),
     ) -> Reply:
         """Send the next points of a trajectory; correction: what was learned for each, added to its
-        target. Raises Refusal."""
+        target; axes: all that play it together, by name. Raises Refusal."""
         return self._command(
             lambda: Chunk(
                 client=self.client,
@@ -280,6 +276,7 @@ class Client:
                 correction=b"" if correction is None else np.asarray(correction, "<f8").tobytes(),
                 last=last,
                 allow_unreachable=allow_unreachable,
+                axes=tuple(axes),
             )
         )
 
@@ -323,13 +320,14 @@ class Client:
         """Accept or reject the doctor's offer of this number. Needs no lease. Raises Refusal."""
         self._tell(msgspec.structs.replace(self._request(action), offer=number))
 
-    def stop(self) -> None:
-        """Drop all targets: the output holds, then ramps to the safe voltage. Needs no lease."""
-        self._tell(self._request("stop"))
+    def stop(self, axes: Sequence[str] = ()) -> None:
+        """Drop all targets: the output holds, then ramps to the safe voltage. Needs no lease. axes:
+        names of axes of this controller that are stopped by the same message, this one too."""
+        self._tell(msgspec.structs.replace(self._request("stop"), axes=tuple(axes)))
 
-    def release(self) -> None:
-        """Drop all targets and ramp to the safe voltage now. Needs no lease."""
-        self._tell(self._request("release"))
+    def release(self, axes: Sequence[str] = ()) -> None:
+        """Drop all targets and ramp to the safe voltage now. Needs no lease. axes: as for stop."""
+        self._tell(msgspec.structs.replace(self._request("release"), axes=tuple(axes)))
 
     # -- parts ----------------------------------------------------------------------------------
 
@@ -368,8 +366,15 @@ class Client:
         return reply
 
     def _take(self, action: Action) -> None:
+        """Take the lease, for all axes that are commanded together or for none."""
         self._lease = 0
-        self._lease = self._tell(self._request(action)).lease
+        request = self._request(action)
+        if len(self.together) > 1:
+            axes = tuple(client.name for client in self.together)
+            request = msgspec.structs.replace(request, axes=axes)
+        lease = self._tell(request).lease
+        for client in self.together:
+            client._lease = lease
 
     def _request(self, action: Action, value: float = 0.0) -> Request:
         return Request(
@@ -392,6 +397,39 @@ class Client:
             unit=self.unit,
             allow_unreachable=allow_unreachable,
         )
+
+
+def find_daemons(
+    bus: Bus, base: str, addresses: Sequence[str], enough: Callable[[list[str]], object]
+) -> list[str]:
+    """Names of the daemons that are there; one that is just starting is waited for, until `enough`
+    is true of the names or there are several. Raises BusError where there is none."""
+    deadline_ns = clock.monotonic_ns() + round(FIND_S * 1e9)
+    passed_over: set[str] = set()
+    while True:
+        names = daemons(bus, base, passed_over)
+        if enough(names) or clock.monotonic_ns() > deadline_ns or len(names) > 1:
+            break
+        clock.sleep_s(0.05)
+    if not names:
+        raise BusError(
+            f"something listens at {', '.join(addresses)}, but no daemon with keys below {base}/ "
+            "answers; it may not let these credentials see it"
+        )
+    return names
+
+
+def _chosen(names: list[str], name: str | None) -> str | None:
+    """The daemon that is meant; None: none, or several."""
+    if name is None:
+        return names[0] if len(names) == 1 else None
+    return name if name in names else None
+
+
+def _not_chosen(names: list[str], name: str | None, where: str) -> str:
+    if name is None:
+        return f"several daemons answer at {where}: {', '.join(names)}; name one"
+    return f"no daemon {name} at {where}; there are: {', '.join(names)}"
 
 
 def daemons(bus: Bus, base: str = "dehyst", passed_over: set[str] | None = None) -> list[str]:

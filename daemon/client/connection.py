@@ -6,12 +6,14 @@ import os
 import re
 import socket
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
 
 from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.client.client import ADDRESS, CREDENTIALS, DEFAULT, Client
+from dehyst.daemon.client.group import Group
 
 
 def add_connection(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +31,12 @@ def add_connection(parser: argparse.ArgumentParser) -> None:
         help="directory with ca.pem, certificate.pem and key.pem, or a file with name:password "
         "(default: $DEHYST_CREDENTIALS)",
     )
-    group.add_argument("--name", help="the controller's name, where several answer")
+    group.add_argument(
+        "--name",
+        "--to",
+        help="the controller's name, where several answer; with several axes also that of one of "
+        "them, such as stage-1-x",
+    )
     group.add_argument(
         "--base", default="dehyst", help="first chunks of the keys (default: dehyst)"
     )
@@ -44,12 +51,21 @@ def address_of(args: argparse.Namespace) -> tuple[str, str]:
 
 def connect(args: argparse.Namespace, what: str) -> Client:
     """The client of one command. `what` tells others who commands. Raises BusError."""
+    return Client(args.name, args.connect, args.base, label_of(what), args.credentials)
+
+
+def connect_axes(args: argparse.Namespace, what: str, axes: Sequence[str] | None = None) -> Group:
+    """As `connect`, for these axes of the controller, all where None is given."""
+    return Group(args.name, axes, args.connect, args.base, label_of(what), args.credentials)
+
+
+def label_of(what: str) -> str:
+    """Who commands, for others."""
     try:
         user = getpass.getuser()
     except (OSError, KeyError):
         user = f"user {os.getuid()}"
-    label = f"dehyst {what} of {user} on {socket.gethostname()}, process {os.getpid()}"
-    return Client(args.name, args.connect, args.base, label, args.credentials)
+    return f"dehyst {what} of {user} on {socket.gethostname()}, process {os.getpid()}"
 
 
 def print_json(value: Any) -> None:

@@ -1,11 +1,14 @@
 """Streams a trajectory to a daemon: chunks ahead of time, paced by what the daemon says is ahead.
 
-About LEAD_S of trajectory are kept ahead, so that a gateway may be killed and started again in
-the midst without the stage noticing. When this program dies, the daemon runs out of points,
-holds, and ramps to its safe voltage.
+Several axes of a controller are played together: each is sent its own chunks, the loop follows them
+on the same samples. They begin together or not at all, and where one ends early the others are
+stopped. About LEAD_S of trajectory are kept ahead, so that a gateway may be killed and started
+again in the midst without the stage noticing. When this program dies, the daemon runs out of
+points, holds, and ramps to its safe voltage.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -68,6 +71,7 @@ class Connection(Protocol):
         last: bool,
         allow_unreachable: bool = False,
         correction: NDArray[np.float64] | None = None,
+        axes: Sequence[str] = (),
     ) -> Reply: ...
 
     def renew(self) -> None: ...
@@ -85,22 +89,101 @@ def play(
     lessons: "LessonTaker | None" = None,
 ) -> Played:
     """See Client.play. lessons: learns from each pass, and corrects the points of the next."""
-    return _Player(client, points, allow_unreachable, lead_s, lessons).run(progress, on_samples)
+    player = Player(client, points, allow_unreachable, lead_s, lessons)
+    return play_together([player], progress, on_samples)[0]
 
 
-class _Player:
+def play_together(
+    players: "Sequence[Player]",
+    progress: Callable[[float, float], None] | None = None,
+    on_samples: Callable[[NDArray[Any]], None] | None = None,
+) -> list[Played]:
+    """Play to the end, for each axis what happened. progress is that of the first; on_samples is
+    for one alone. See Client.play, Group.play."""
+    shown_ns, first = 0, players[0]
+    patience_s = [player.client.patience_s for player in players]
+    try:
+        for player in players:
+            player.client.patience_s = 0.0  # telemetry is read meanwhile
+        while True:
+            now_ns = clock.monotonic_ns()
+            _send_due(players, now_ns)
+            for player in players:
+                samples = player.hear(0.02 if player is first else 0.0)
+                if on_samples is not None and samples.size:
+                    on_samples(samples)
+            ended = [player.ended(now_ns) for player in players]
+            over = any(ended) or None not in ended
+            if progress is not None and (over or now_ns - shown_ns > 2e8):
+                shown_ns = now_ns
+                progress(first.tracking.samples * first.period_s, first.points.duration_s)
+            if over:
+                _stop_others(players, ended)
+                return [p.result(e) for p, e in zip(players, _reasons(ended), strict=True)]
+    except KeyboardInterrupt:
+        for player in players:
+            player.client.stop()
+        if first.points.total is None:  # that is how one without an end is ended
+            for player in players:
+                player.tracking.expected = player.tracking.samples
+            return [player.result("") for player in players]
+        raise
+    finally:
+        for player, patience in zip(players, patience_s, strict=True):
+            player.client.patience_s = patience
+            player.stream.close()
+            player.feed.close()
+
+
+def _send_due(players: "Sequence[Player]", now_ns: int) -> None:
+    """The chunks that are due. Where one axis refuses the first of its own, those that have taken
+    theirs are stopped before anything is followed: a member waits until all have arrived."""
+    for player in players:
+        if now_ns >= player.due_ns and not player.silent_too_long(now_ns):
+            try:
+                player.send(now_ns)
+            except DehystError:
+                _stop_begun(players)
+                raise
+
+
+def _stop_begun(players: "Sequence[Player]") -> None:
+    for player in players:
+        if player.index:
+            with suppress(DehystError):  # it runs dry by itself, and holds
+                player.client.stop()
+
+
+def _stop_others(players: "Sequence[Player]", ended: Sequence[str | None]) -> None:
+    """Stop the axes that would go on alone."""
+    if any(ended):
+        _stop_begun([p for p, e in zip(players, ended, strict=True) if e is None])
+
+
+def _reasons(ended: Sequence[str | None]) -> list[str]:
+    """Why each has ended; "": it was played to the end."""
+    why = next((reason for reason in ended if reason), "")
+    return [f"it was stopped with another axis: {why}" if e is None else e for e in ended]
+
+
+class Player:
+    """Plays one axis. together: names of all axes that play this trajectory, none where it is
+    alone; number: of the trajectory, the same for all of them."""
+
     def __init__(
         self,
         client: Connection,
         points: Repeated,
-        allow_unreachable: bool,
-        lead_s: float,
-        lessons: "LessonTaker | None",
+        allow_unreachable: bool = False,
+        lead_s: float = LEAD_S,
+        lessons: "LessonTaker | None" = None,
+        together: Sequence[str] = (),
+        number: int = 0,
     ) -> None:
         self.lead_s, self.lessons = lead_s, lessons
         self.client, self.points = client, points
-        self.allow = allow_unreachable
-        self.number = new_number()
+        self.allow, self.together = allow_unreachable, tuple(together)
+        self.number = number or new_number()
         self.sent = self.index = 0
         self.piece: tuple[Numbers, Floats, Floats] | None = None
         self.due_ns = self.heard_ns = clock.monotonic_ns()
@@ -114,42 +197,13 @@ class _Player:
         self.period_s = self.before.period_ns * 1e-9
         self.tracking = Tracking(2**62, points.samples(self.period_s))
 
-    def run(
-        self,
-        progress: Callable[[float, float], None] | None,
-        on_samples: Callable[[NDArray[Any]], None] | None,
-    ) -> Played:
-        shown_ns, patience_s = 0, self.client.patience_s
-        self.client.patience_s = 0.0  # telemetry is read meanwhile
-        try:
-            while True:
-                now_ns = clock.monotonic_ns()
-                if now_ns >= self.due_ns and not self.silent_too_long(now_ns):
-                    self.send(now_ns)
-                samples = self.stream.read(0.02)
-                if samples.size:
-                    self.tracking.add(samples)
-                    self.learn(samples)
-                    if on_samples is not None:
-                        on_samples(samples)
-                if progress is not None and now_ns - shown_ns > 2e8:
-                    shown_ns = now_ns
-                    progress(self.tracking.samples * self.period_s, self.points.duration_s)
-                ended = self.ended(now_ns)
-                if ended is not None:
-                    if progress is not None:
-                        progress(self.tracking.samples * self.period_s, self.points.duration_s)
-                    return self.result(ended)
-        except KeyboardInterrupt:
-            self.client.stop()
-            if self.points.total is None:  # that is how one without an end is ended
-                self.tracking.expected = self.tracking.samples
-                return self.result("")
-            raise
-        finally:
-            self.client.patience_s = patience_s
-            self.stream.close()
-            self.feed.close()
+    def hear(self, timeout_s: float) -> NDArray[Any]:
+        """The telemetry that has come."""
+        samples = self.stream.read(timeout_s)
+        if samples.size:
+            self.tracking.add(samples)
+            self.learn(samples)
+        return samples
 
     def learn(self, samples: NDArray[Any]) -> None:
         """Let the learning have the samples of this trajectory."""
@@ -180,6 +234,7 @@ class _Player:
                 self.points.over(end),
                 self.allow,
                 learned if learned.any() else None,
+                self.together,
             )
         except BusError:  # the gateway may be starting again; what was sent ahead plays on
             self.silent_since_ns = self.silent_since_ns or now_ns

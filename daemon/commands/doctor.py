@@ -42,17 +42,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _be_doctor(path: str) -> int:
-    from dehyst.daemon.config import load_config
+    from dehyst.daemon.config import load_controller
     from dehyst.daemon.doctor.process import run_doctor
     from dehyst.daemon.loop.timing import realtime
     from dehyst.daemon.rings import run_folder
 
     realtime.die_with_parent(signal.SIGTERM)
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
-    config = load_config(path)
+    controller = load_controller(path)
     os.nice(19)
-    with run_folder.at_work(config.directory, run_folder.DOCTOR, "doctor", path):
-        return run_doctor(config)
+    with run_folder.at_work(controller.directory, run_folder.DOCTOR, "doctor", path):
+        return run_doctor(controller)
 
 
 def _tell(args: argparse.Namespace) -> int:

@@ -23,11 +23,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Until SIGTERM or SIGINT."""
     realtime.die_with_parent(signal.SIGTERM)
-    from dehyst.daemon.config import load_config
+    from dehyst.daemon.config import load_controller
 
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
-    config = load_config(args.config)
-    with run_folder.at_work(config.directory, run_folder.NETWORK, "gateway", args.config):
+    controller = load_controller(args.config)
+    with run_folder.at_work(controller.directory, run_folder.NETWORK, "gateway", args.config):
         from dehyst.daemon.gateway.process import run_gateway
 
-        return run_gateway(config)
+        return run_gateway(controller)

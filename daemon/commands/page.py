@@ -10,7 +10,7 @@ from typing import Any
 
 from dehyst.daemon.bus.security import check_page
 from dehyst.daemon.client.connection import add_connection, address_of
-from dehyst.daemon.config import PageConfig, load_config
+from dehyst.daemon.config import PageConfig, load_controller
 from dehyst.models.errors import BadInput
 
 EPILOG = """Who opens the page on this machine may look and command. Beyond it only with TLS
@@ -85,10 +85,10 @@ def settings_of(args: argparse.Namespace) -> tuple[PageConfig, list[str], str, s
                  "connect", "credentials"):  # fmt: skip
         if getattr(args, name):
             raise BadInput(f"--{name} goes without --config: its [page] says it itself")
-    config = load_config(args.config)
-    page = config.page or PageConfig()
-    addresses = [*(page.connect or (*config.bus.listen, *config.bus.connect)[:1])]
-    return page, addresses, page.credentials, config.bus.base
+    controller = load_controller(args.config)
+    page, net = controller.page or PageConfig(), controller.bus
+    addresses = [*(page.connect or (*net.listen, *net.connect)[:1])]
+    return page, addresses, page.credentials, net.base
 
 
 def split(names: str | None) -> tuple[str, ...]:

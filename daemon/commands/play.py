@@ -1,7 +1,9 @@
 """Stream a trajectory to a running daemon."""
 
 import argparse
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,18 +11,29 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dehyst.daemon.client.connection import add_connection, connect, print_json, say
+from dehyst.daemon.client.connection import (
+    add_connection,
+    connect,
+    connect_axes,
+    print_json,
+    say,
+)
+from dehyst.daemon.client.group import Group
 from dehyst.daemon.files.outputs import check_outputs
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
     from dehyst.daemon.bus.messages import Status
+    from dehyst.daemon.client.client import Client
     from dehyst.daemon.client.player import Played
     from dehyst.daemon.tools.learning import Lessons
     from dehyst.models.learning.passes import Outcome
+    from dehyst.models.recording import Floats
 
 EPILOG = """The file has the columns t_s and target_um (or the daemon's own unit); further columns
-are ignored. Targets count from the daemon's set-point origin. The trajectory is checked against
+are ignored. With target_x_um, target_y_um ... it is for several axes of one controller: they start
+on the same sample and hold together, and the command is taken of all of them or of none.
+Targets count from the daemon's set-point origin. The trajectory is checked against
 the daemon's reach before anything moves.
 With --learn the error of each pass corrects the targets of the next: what repeats goes, what the
 gauge's noise adds does not come in. It needs a gauge, and acts beside the daemon's slow trim.
@@ -29,6 +42,7 @@ Exit 0: played to the end; 1: ended early, samples missing or out of reach; 2: r
 examples: dehyst play scan.csv --repeat 3
           dehyst play scan.csv --repeat 20 --learn --learned scan.learned.json
           dehyst play scan.csv --repeat 0 --learn       (until Ctrl-C)
+          dehyst play raster.csv --to stage-1
 """
 
 
@@ -41,10 +55,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--offset-um",
-        type=float,
-        default=0.0,
+        default="",
         metavar="X",
-        help="added to every target (in the daemon's displacement unit)",
+        help="added to every target (in the daemon's displacement unit); several axes: x=1.5,y=-2",
     )
     parser.add_argument(
         "--repeat",
@@ -86,57 +99,137 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Check, stream, wait for the end, report."""
-    from dehyst.daemon.files.recordings import read_trajectory
-    from dehyst.daemon.terminal.progress import progress_bar
-    from dehyst.daemon.tools.learning import play_learning
+    from dehyst.daemon.files.trajectories import read_trajectories
 
     learn = args.learn or args.learned is not None
     picture = args.picture or Path(f"{Path(args.trajectory).name.partition('.')[0]}-learned.png")
-    check_asked(args, learn, picture)
-    trajectory = read_trajectory(args.trajectory, min_rows=2, column=args.column)
-    with connect(args, "play") as client:
-        status = client.status()
-        if trajectory.unit != status.unit:
-            raise BadInput(
-                f"{args.trajectory}: the targets are in {trajectory.unit}, the daemon "
-                f"{client.name} takes {status.unit}; convert the column"
-            )
-        target = trajectory.target + args.offset_um
-        if not args.allow_unreachable:
-            check_reach(target, status, args.offset_um)
+    trajectories = read_trajectories(args.trajectory, min_rows=2, column=args.column)
+    offsets = offsets_of(args.offset_um, trajectories)
+    pictures = {axis: of_axis(picture, axis) for axis in trajectories}
+    learned = {axis: args.learned and of_axis(args.learned, axis) for axis in trajectories}
+    check_asked(args, learn, [*learned.values(), *pictures.values()])
+    together = "" not in trajectories
+    with (
+        connect_axes(args, "play", list(trajectories)) if together else connect(args, "play")
+    ) as stage:
+        clients = stage.clients if isinstance(stage, Group) else {"": stage}
+        targets = {}
+        for axis, trajectory in trajectories.items():
+            status = clients[axis].status()
+            targets[axis] = trajectory.target + offsets[axis]
+            check_units(args.trajectory, trajectory.unit, status)
+            if not args.allow_unreachable:
+                check_reach(targets[axis], status, offsets[axis], axis)
+            if args.repeat != 1:
+                say_of_step(trajectory.target, status, axis)
         if args.take_over:
-            client.take_over()
-        jump = abs(float(trajectory.target[-1] - trajectory.target[0]))
-        if args.repeat != 1 and jump > 0.01 * float(np.ptp(trajectory.target)):
-            say(
-                f"the trajectory ends {jump:g} {status.unit} from where it begins: every "
-                "repetition starts with that step, held back by the slew limit"
-            )
-        with progress_bar(f"playing {trajectory.name}") as progress:
-
-            def shown(at_s: float, total_s: float) -> None:
-                progress(min(1.0, at_s / total_s))
-
-            if not learn:
-                played = client.play(
-                    trajectory.t_s, target, args.allow_unreachable, shown, repeat=args.repeat
-                )
-                return report(played, args.json)
-            lessons = play_learning(
-                client,
-                trajectory.t_s,
-                target,
-                args.repeat,
-                args.learned,
-                lambda one: say(words(one, status.unit)),
-                args.allow_unreachable,
-                shown,
-            )
-    draw(lessons, picture, status.unit)
-    return report(lessons.played, args.json, lessons.outcomes)
+            stage.take_over()
+        t_s, name = next(iter(trajectories.values())).t_s, Path(args.trajectory).name
+        if not learn:
+            played = play(stage, t_s, targets, args, name)
+            return report(played, args.json)
+        lessons = learn_of(stage, t_s, targets, args, learned, name)
+    for axis, one in lessons.items():
+        draw(one, pictures[axis], one.played.unit)
+    return report(
+        {axis: one.played for axis, one in lessons.items()},
+        args.json,
+        {axis: one.outcomes for axis, one in lessons.items()},
+    )
 
 
-def check_asked(args: argparse.Namespace, learn: bool, picture: Path) -> None:
+def play(
+    stage: "Client | Group",
+    t_s: "Floats",
+    targets: "Mapping[str, Floats]",
+    args: argparse.Namespace,
+    name: str,
+) -> "dict[str, Played]":
+    """Stream it; what happened, by axis."""
+    with playing(name) as shown:
+        if isinstance(stage, Group):
+            return stage.play(t_s, targets, args.allow_unreachable, shown, repeat=args.repeat)
+        played = stage.play(t_s, targets[""], args.allow_unreachable, shown, repeat=args.repeat)
+        return {"": played}
+
+
+def learn_of(
+    stage: "Client | Group",
+    t_s: "Floats",
+    targets: "Mapping[str, Floats]",
+    args: argparse.Namespace,
+    learned: Mapping[str, Path | None],
+    name: str,
+) -> "dict[str, Lessons]":
+    """Stream it and learn; what came of it, by axis."""
+    from dehyst.daemon.tools.learning import Course, play_learning, play_learning_together
+
+    def course(axis: str, client: "Client") -> Course:
+        head, unit = f"{axis}: " if axis else "", client.status().unit
+        told = lambda one: say(head + words(one, unit))  # noqa: E731
+        return Course(client, t_s, targets[axis], args.repeat, learned[axis], told)
+
+    with playing(name) as shown:
+        if isinstance(stage, Group):
+            courses = {axis: course(axis, client) for axis, client in stage.clients.items()}
+            return play_learning_together(stage, courses, args.allow_unreachable, shown)
+        return {"": play_learning(stage, course("", stage), args.allow_unreachable, shown)}
+
+
+@contextmanager
+def playing(name: str) -> "Iterator[Callable[[float, float], None]]":
+    """A bar that shows how far it is played."""
+    from dehyst.daemon.terminal.progress import progress_bar
+
+    with progress_bar(f"playing {name}") as progress:
+        yield lambda at_s, total_s: progress(min(1.0, at_s / total_s))
+
+
+def of_axis(path: Path, axis: str) -> Path:
+    """The file of one of several axes: scan.json, scan-x.json."""
+    if not axis:
+        return path
+    head, dot, suffix = path.name.partition(".")
+    return path.with_name(f"{head}-{axis}{dot}{suffix}")
+
+
+def offsets_of(given: str, axes: Iterable[str]) -> dict[str, float]:
+    """What is added to the targets of each axis: from "1.5", or "x=1.5,y=-2"."""
+    names = list(axes)
+    out = dict.fromkeys(names, 0.0)
+    for part in filter(None, given.split(",")):
+        axis, equals, number = part.rpartition("=")
+        try:
+            value = float(number)
+        except ValueError:
+            value = math.nan
+        if axis not in out or not math.isfinite(value) or bool(equals) is (names == [""]):
+            wanted = "a number" if names == [""] else f"{names[0]}=1.5,{names[-1]}=-2"
+            raise BadInput(f"--offset-um {given}: {wanted} is wanted")
+        out[axis] = value
+    return out
+
+
+def check_units(file: str, unit: str, status: "Status") -> None:
+    """BadInput where the file is in another unit than the daemon."""
+    if unit != status.unit:
+        raise BadInput(
+            f"{file}: the targets are in {unit}, the daemon "
+            f"{status.name} takes {status.unit}; convert the column"
+        )
+
+
+def say_of_step(target: NDArray[np.float64], status: "Status", axis: str) -> None:
+    """Tell that a repetition begins with a step."""
+    jump = abs(float(target[-1] - target[0]))
+    if jump > 0.01 * float(np.ptp(target)):
+        say(
+            f"the trajectory{' of ' + axis if axis else ''} ends {jump:g} {status.unit} from where "
+            "it begins: every repetition starts with that step, held back by the slew limit"
+        )
+
+
+def check_asked(args: argparse.Namespace, learn: bool, written: Sequence[Path | None]) -> None:
     """BadInput where the options do not go together, or a file would be lost."""
     if args.repeat < 0:
         raise BadInput(f"--repeat {args.repeat}: 1 is the least, 0 is until stopped")
@@ -145,7 +238,7 @@ def check_asked(args: argparse.Namespace, learn: bool, picture: Path) -> None:
     if learn and args.repeat == 1 and not args.learned:
         raise BadInput("--learn needs more than one pass: give --repeat N, or --learned FILE")
     if learn:
-        check_outputs([args.learned, picture], [args.trajectory, args.credentials], False)
+        check_outputs(written, [args.trajectory, args.credentials], False)
 
 
 def words(one: "Outcome", unit: str) -> str:
@@ -172,7 +265,9 @@ def draw(lessons: "Lessons", path: Path, unit: str) -> None:
     say(f"error by pass, before and after: {path}")
 
 
-def check_reach(target: NDArray[np.float64], status: "Status", offset: float) -> None:
+def check_reach(
+    target: NDArray[np.float64], status: "Status", offset: float, axis: str = ""
+) -> None:
     """BadInput where targets are outside the daemon's reach, with what would fit."""
     low, high, unit = status.reach_min, status.reach_max, status.unit
     least, most = float(target.min()), float(target.max())
@@ -181,24 +276,50 @@ def check_reach(target: NDArray[np.float64], status: "Status", offset: float) ->
     outside = float(np.mean((target < low) | (target > high)))
     centred = offset + 0.5 * (low + high) - 0.5 * (least + most)
     advice = (
-        f"--offset-um {centred:.6g} would centre it"
+        f"--offset-um {axis + '=' if axis else ''}{centred:.6g} would centre it"
         if most - least <= high - low
         else f"it spans {most - least:.6g} {unit}, more than the stage's {high - low:.6g}: scale it"
     )
+    of = f"axis {axis}: the " if axis else "the "
     raise BadInput(
-        f"the trajectory goes from {least:.6g} to {most:.6g} {unit}, the stage reaches "
+        f"{of}trajectory goes from {least:.6g} to {most:.6g} {unit}, the "
+        "stage reaches "
         f"{low:.6g} to {high:.6g} ({100 * outside:.3g} % of the points do not fit); {advice}, or "
         "--allow-unreachable plays it with these points flagged"
     )
 
 
-def report(played: "Played", as_json: bool, outcomes: "Sequence[Outcome]" = ()) -> int:
-    """Print the result; the exit code."""
-    tracking, unit = played.tracking, played.unit
-    result: dict[str, Any] = {
+def report(
+    played: "Mapping[str, Played]",
+    as_json: bool,
+    outcomes: "Mapping[str, Sequence[Outcome]] | None" = None,
+) -> int:
+    """Print the result, of each axis; the exit code."""
+    results = {axis: figures(one) for axis, one in played.items()}
+    for axis, passes in (outcomes or {}).items():
+        results[axis]["passes"] = [asdict(one) for one in passes]
+    alone = "" in played
+    if as_json:
+        done = all(one.completed for one in played.values())
+        print_json(results[""] if alone else {"completed": done, "axes": results})
+    else:
+        for axis, one in played.items():
+            tell(one, axis)
+    bad = [
+        one
+        for one in played.values()
+        if not (one.completed and one.tracking.complete) or one.lost or one.tracking.unreachable
+    ]
+    return 1 if bad else 0
+
+
+def figures(played: "Played") -> dict[str, Any]:
+    """What happened at one axis, for JSON."""
+    tracking = played.tracking
+    return {
         "completed": played.completed,
         "reason": played.reason,
-        "unit": unit,
+        "unit": played.unit,
         "duration_s": played.duration_s,
         "samples": tracking.samples,
         "expected_samples": tracking.expected,
@@ -213,22 +334,18 @@ def report(played: "Played", as_json: bool, outcomes: "Sequence[Outcome]" = ()) 
         "missed_deadlines": tracking.missed,
         "state": played.state,
     }
-    if outcomes:
-        result["passes"] = [asdict(one) for one in outcomes]
-    if as_json:
-        print_json(result)
-    else:
-        end = "played to the end" if played.completed else f"ended early: {played.reason}"
-        print(f"{end}; {tracking.samples} of {tracking.expected} samples, {played.lost} lost")
-        print(
-            f"tracking error: rms {result['rms_error']:.4g} {unit}, largest "
-            f"{result['max_error']:.4g} {unit}"
-        )
-        print(
-            f"unreachable {tracking.unreachable}, slew-limited {tracking.slew_limited}, outside "
-            f"the model's validity {tracking.outside_validity}, without a reading "
-            f"{tracking.invalid}, inverse fell back {tracking.dry}, missed deadlines "
-            f"{tracking.missed}"
-        )
-    whole = played.completed and tracking.complete and not played.lost
-    return 0 if whole and not tracking.unreachable else 1
+
+
+def tell(played: "Played", axis: str) -> None:
+    """The same in words."""
+    tracking, unit, head = played.tracking, played.unit, f"{axis}: " if axis else ""
+    end = "played to the end" if played.completed else f"ended early: {played.reason}"
+    print(f"{head}{end}; {tracking.samples} of {tracking.expected} samples, {played.lost} lost")
+    most = tracking.max_error if tracking.valid else float("nan")
+    print(f"{head}tracking error: rms {tracking.rms_error:.4g} {unit}, largest {most:.4g} {unit}")
+    print(
+        f"{head}unreachable {tracking.unreachable}, slew-limited {tracking.slew_limited}, outside "
+        f"the model's validity {tracking.outside_validity}, without a reading "
+        f"{tracking.invalid}, inverse fell back {tracking.dry}, missed deadlines "
+        f"{tracking.missed}"
+    )

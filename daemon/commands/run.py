@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from dehyst.daemon.bus.security import check_open
-from dehyst.daemon.config import Config, load_config, load_controller
+from dehyst.daemon.config import Config, load_controller
 from dehyst.daemon.rings import run_folder
 from dehyst.daemon.tools.interrupts import ended_at_once
 from dehyst.models.errors import BadInput, DehystError
@@ -119,9 +119,9 @@ def supervise(path: Path) -> int:
     """Core and gateway of a configuration, until a signal."""
     from dehyst.daemon.service.supervisor import Supervisor
 
-    config = load_config(path)
-    with run_folder.at_work(config.directory, run_folder.SUPERVISOR, "run", path):
-        return Supervisor(config, path, say).run()
+    controller = load_controller(path)
+    with run_folder.at_work(controller.directory, run_folder.SUPERVISOR, "run", path):
+        return Supervisor(controller, path, say).run()
 
 
 def check(path: Path) -> int:
@@ -137,7 +137,7 @@ def check(path: Path) -> int:
             raise type(error)(
                 f"axis {config.axis}: {error}" if config.axis else str(error)
             ) from None
-    security_of(controller.axes[0])
+    security_of(controller)
     whole: Any = controller.axes[0]
     if controller.axis_names != ("",):
         whole = {config.axis: config for config in controller.axes}

@@ -4,7 +4,7 @@ import argparse
 import sys
 from contextlib import ExitStack
 
-from dehyst.daemon.config import load_config
+from dehyst.daemon.config import load_controller
 from dehyst.daemon.rings import run_folder
 from dehyst.models.errors import DehystError
 
@@ -12,8 +12,8 @@ from dehyst.models.errors import DehystError
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", required=True, metavar="FILE", help="configuration (TOML)")
     parser.description = (
-        "After the loop's process has died: ramp the output to safe.voltage_v, or leave it, "
-        "as safe.on_fault says."
+        "After the loop's process has died: ramp the output of every axis to safe.voltage_v, or "
+        "leave it, as safe.on_fault says."
     )
     parser.epilog = "example: dehyst safe --config /etc/dehyst/stage.toml"
 
@@ -21,16 +21,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.service.safe_state import make_safe
 
-    config = load_config(args.config)
+    controller = load_controller(args.config)
     with ExitStack() as held:
         try:
             held.enter_context(
-                run_folder.at_work(config.directory, run_folder.OUTPUT, "safe", args.config)
+                run_folder.at_work(controller.directory, run_folder.OUTPUT, "safe", args.config)
             )
         except run_folder.InUse:
             raise
         except DehystError as error:  # no folder, however bad, keeps the output from its safe state
             print(f"dehyst safe: {error}; going on without it", file=sys.stderr)
-        volts = make_safe(config)
-    print(f"output at {volts:.3f} V", file=sys.stderr)
+        outputs = make_safe(controller)
+    for name, volts in outputs.items():
+        of = f" of {name}" if len(outputs) > 1 else ""
+        print(f"output{of} at {volts:.3f} V", file=sys.stderr)
     return 0

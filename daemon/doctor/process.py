@@ -1,4 +1,5 @@
-"""The doctor's process: waits for cases, has each examined by a child with bounds, one at a time.
+"""The doctor's process: waits for cases of all axes, has each examined by a child with bounds, one
+at a time.
 
 The child (dehyst.daemon.doctor.examination) writes what it found into the folder of its case; where
 it dies, takes too long or too much, this process writes that it failed, so that no case is tried
@@ -12,7 +13,7 @@ import threading
 from pathlib import Path
 
 from dehyst.daemon import clock, notify
-from dehyst.daemon.config import Config
+from dehyst.daemon.config import Config, Controller
 from dehyst.daemon.doctor.child import examine_case
 from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Case, Examined
@@ -24,8 +25,10 @@ LOOK_S = 0.5
 class Doctor:
     """`run` returns after `end`."""
 
-    def __init__(self, config: Config) -> None:
-        self._config, self._stop = config, threading.Event()
+    def __init__(self, controller: Controller) -> None:
+        self._stop = threading.Event()
+        # `enabled` is for `dehyst run`; one that is started by hand examines what there is
+        self._axes = [a for a in controller.axes if a.doctor.enabled] or controller.axes
         self._ending = False
 
     def end(self) -> None:
@@ -36,25 +39,16 @@ class Doctor:
         """Until `end`."""
         notify.send("READY=1", "STATUS=waiting")
         while not self._ending:
-            folder = self._next()
-            if folder is not None:
-                self._examine(folder)
+            for config in self._axes:
+                folder = _newest_open(config)
+                if folder is not None and not self._ending:
+                    self._examine(config, folder)
             notify.send("WATCHDOG=1", "STATUS=waiting")
             self._stop.wait(LOOK_S)
         notify.send("STOPPING=1")
 
-    def _next(self) -> Path | None:
-        """The newest case that nobody has examined."""
-        open_ones = [
-            folder
-            for folder in cases.case_folders(self._config.watch_directory)
-            if not (folder / cases.EXAMINED).exists()
-            and cases.get_record(folder, cases.CASE, Case) is not None
-        ]
-        return open_ones[-1] if open_ones else None
-
-    def _examine(self, folder: Path) -> None:
-        limits = self._config.doctor
+    def _examine(self, config: Config, folder: Path) -> None:
+        limits = config.doctor
         log.info("%s: examined", folder.name)
         spawn = multiprocessing.get_context("spawn")
         child = spawn.Process(target=examine_case, args=(str(folder), limits.memory_gb))
@@ -84,9 +78,20 @@ class Doctor:
                 self._stop.wait(10.0)  # a full disk: tried again
 
 
-def run_doctor(config: Config) -> int:
+def _newest_open(config: Config) -> Path | None:
+    """The newest case of an axis that nobody has examined."""
+    open_ones = [
+        folder
+        for folder in cases.case_folders(config.watch_directory)
+        if not (folder / cases.EXAMINED).exists()
+        and cases.get_record(folder, cases.CASE, Case) is not None
+    ]
+    return open_ones[-1] if open_ones else None
+
+
+def run_doctor(controller: Controller) -> int:
     """Entry of the doctor's process: until SIGTERM or SIGINT; exit code."""
-    doctor = Doctor(config)
+    doctor = Doctor(controller)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: doctor.end())
     doctor.run()

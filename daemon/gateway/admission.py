@@ -133,17 +133,18 @@ class Admission:
                 records, code = self._request(now_ns, command), "ok"
         except NotAdmitted as refused:
             return self.refuse(now_ns, refused.code, str(refused)), NOTHING
+        return self.granted(now_ns, command, code), records
+
+    def granted(self, now_ns: int, command: Command, code: str = "ok") -> Reply:
+        """The answer to a command that was admitted."""
         holder = self.lease.check(now_ns, command.client, self.lease.lease)
-        return (
-            Reply(
-                ok=True,
-                code=code,
-                lease=self.lease.lease if holder and isinstance(command, Request) else 0,
-                lease_s=self.lease.length_ns * 1e-9,
-                queue_s=self.queue_ahead_s(now_ns),
-                telemetry_seq=self.core.telemetry_seq,
-            ),
-            records,
+        return Reply(
+            ok=True,
+            code=code,
+            lease=self.lease.lease if holder and isinstance(command, Request) else 0,
+            lease_s=self.lease.length_ns * 1e-9,
+            queue_s=self.queue_ahead_s(now_ns),
+            telemetry_seq=self.core.telemetry_seq,
         )
 
     def refuse(self, now_ns: int, code: str, text: str) -> Reply:
@@ -311,19 +312,31 @@ class Admission:
         self._trajectory.over = self._trajectory.over or why
         self._passed.clear()
 
+    def check_free(self, now_ns: int, command: Request) -> None:
+        """NotAdmitted where this command cannot have the lease."""
+        lease = self.lease
+        if command.client == 0:
+            raise NotAdmitted("no-lease", "0 is not a client's number")
+        if command.action == "take-over" or not lease.held(now_ns):
+            return
+        if lease.client != command.client:
+            raise NotAdmitted("lease-taken", self._taken(now_ns))
+
+    def give_lease(self, now_ns: int, command: Request, number: int = 0) -> None:
+        """Give it the lease, which was found free; number: of the lease, 0: a new one."""
+        lease, client = self.lease, command.client
+        before = lease.client if lease.held(now_ns) else 0
+        lease.acquire(now_ns, client, command.label, command.sent_ns, True, number)
+        if before not in (0, client):
+            self._end_trajectory("another client took over")
+
     def _request(self, now_ns: int, command: Request) -> NDArray[np.void]:
         action, client, lease = command.action, command.client, self.lease
         if client == 0:
             raise NotAdmitted("no-lease", "0 is not a client's number")
         if action in ("acquire", "take-over"):
-            before = lease.client if lease.held(now_ns) else 0
-            taken = lease.acquire(
-                now_ns, client, command.label, command.sent_ns, action == "take-over"
-            )
-            if not taken:
-                raise NotAdmitted("lease-taken", self._taken(now_ns))
-            if before not in (0, client):
-                self._end_trajectory("another client took over")
+            self.check_free(now_ns, command)
+            self.give_lease(now_ns, command)
             return NOTHING
         if action in ("stop", "release"):  # whoever may command at all may always stop
             self._check_core()

@@ -15,6 +15,7 @@ from dehyst.daemon.bus.messages import HistoryRequest, RecentEvents
 from dehyst.daemon.bus.session import Asked
 from dehyst.daemon.config import Config
 from dehyst.daemon.files.models import load_model
+from dehyst.daemon.gateway.axis import ServedAxis
 from dehyst.daemon.gateway.history import runs
 from dehyst.daemon.gateway.publisher import LONGEST_BATCH, Publisher
 from dehyst.models.errors import DehystError, NotNow
@@ -41,14 +42,13 @@ def _without_none(value: Any) -> Any:
 class Answers:
     """`ask` is called from zenoh's threads, `run` is its own thread."""
 
-    def __init__(self, config: Config, publisher: Publisher) -> None:
-        self._config, self._publisher = config, publisher
-        self._questions: SimpleQueue[Asked] = SimpleQueue()
+    def __init__(self) -> None:
+        self._questions: SimpleQueue[tuple[ServedAxis, Asked]] = SimpleQueue()
 
-    def ask(self, asked: Asked) -> None:
-        """Store a question; where too many wait it gets no answer."""
+    def ask(self, axis: ServedAxis, asked: Asked) -> None:
+        """Store a question about an axis; where too many wait it gets no answer."""
         if self._questions.qsize() < WAITING:
-            self._questions.put(asked)
+            self._questions.put((axis, asked))
         else:
             asked.done()
 
@@ -56,11 +56,11 @@ class Answers:
         """Until `stop`."""
         while not stop.is_set():
             try:
-                asked = self._questions.get(timeout=0.1)
+                axis, asked = self._questions.get(timeout=0.1)
             except Empty:
                 continue
             try:
-                self._answer(asked)
+                _answer(axis, asked)
             except DehystError as error:
                 asked.refuse(str(error))
             except Exception:
@@ -70,50 +70,53 @@ class Answers:
                 asked.done()
                 del asked  # an asker waits for as long as the question is held
 
-    def _answer(self, asked: Asked) -> None:
-        now_ns = clock.monotonic_ns()
-        method = asked.key.rsplit("/", 1)[-1]
-        if method == "status":
-            asked.reply(encoding.encode(self._publisher.status(now_ns)))
-        elif method == "model":
-            asked.reply(self._model_text().encode(), TOML)
-        elif method == "configuration":
-            asked.reply(config_text(self._config).encode(), TOML)
-        elif method == "events":
-            recent = RecentEvents(events=tuple(self._publisher.recent_events))
-            asked.reply(encoding.encode(recent))
-        elif method == "doctor":
-            asked.reply(encoding.encode(self._publisher.doctor_desk.reports()))
-        elif method == "report":
-            case = asked.payload[:64].decode("utf-8", "replace")
-            asked.reply(self._publisher.doctor_desk.page(case), HTML)
-        elif method == "history":
-            self._history(asked, clock.wall_ns() - now_ns)
-        else:
-            asked.refuse(f"no such method: {method}")
 
-    def _model_text(self) -> str:
-        """The model that the loop runs: its own copy, no other."""
-        path = self._publisher.model_path
-        if path is None:
-            raise NotNow("the loop does not run yet: which model it uses is not known")
-        return dumps(load_model(path))
+def _answer(axis: ServedAxis, asked: Asked) -> None:
+    now_ns = clock.monotonic_ns()
+    method = asked.key.rsplit("/", 1)[-1]
+    if method == "status":
+        asked.reply(encoding.encode(axis.publisher.status(now_ns)))
+    elif method == "model":
+        asked.reply(_model_text(axis.publisher).encode(), TOML)
+    elif method == "configuration":
+        asked.reply(config_text(axis.config).encode(), TOML)
+    elif method == "events":
+        recent = RecentEvents(events=tuple(axis.publisher.recent_events))
+        asked.reply(encoding.encode(recent))
+    elif method == "doctor":
+        asked.reply(encoding.encode(axis.publisher.doctor_desk.reports()))
+    elif method == "report":
+        case = asked.payload[:64].decode("utf-8", "replace")
+        asked.reply(axis.publisher.doctor_desk.page(case), HTML)
+    elif method == "history":
+        _give_history(axis, asked, clock.wall_ns() - now_ns)
+    else:
+        asked.refuse(f"no such method: {method}")
 
-    def _history(self, asked: Asked, wall_offset_ns: int) -> None:
-        try:
-            question = encoding.decode(HistoryRequest, asked.payload)
-        except encoding.BadMessage as error:
-            asked.refuse(str(error))
-            return
-        history = self._publisher.history
-        first, end = question.first_seq, question.end_seq
-        if question.run not in (0, history.run):
-            end = first  # that run is over and its samples are gone
-        if question.seconds:
-            first = max(first, history.end - round(question.seconds / self._config.period_ns * 1e9))
-        first, end = max(first, history.first), min(end, history.end)
-        for start in range(first, max(end, first + 1), COPIED):
-            samples = history.get(start, min(end, start + COPIED))
-            for piece in runs(samples, LONGEST_BATCH) or [samples]:
-                batch = encoding.batch(piece, history.run, self._publisher.unit, wall_offset_ns)
-                asked.reply(encoding.encode(batch))
+
+def _model_text(publisher: Publisher) -> str:
+    """The model that the loop runs: its own copy, no other."""
+    path = publisher.model_path
+    if path is None:
+        raise NotNow("the loop does not run yet: which model it uses is not known")
+    return dumps(load_model(path))
+
+
+def _give_history(axis: ServedAxis, asked: Asked, wall_offset_ns: int) -> None:
+    try:
+        question = encoding.decode(HistoryRequest, asked.payload)
+    except encoding.BadMessage as error:
+        asked.refuse(str(error))
+        return
+    history = axis.publisher.history
+    first, end = question.first_seq, question.end_seq
+    if question.run not in (0, history.run):
+        end = first  # that run is over and its samples are gone
+    if question.seconds:
+        first = max(first, history.end - round(question.seconds / axis.config.period_ns * 1e9))
+    first, end = max(first, history.first), min(end, history.end)
+    for start in range(first, max(end, first + 1), COPIED):
+        samples = history.get(start, min(end, start + COPIED))
+        for piece in runs(samples, LONGEST_BATCH) or [samples]:
+            batch = encoding.batch(piece, history.run, axis.publisher.unit, wall_offset_ns)
+            asked.reply(encoding.encode(batch))

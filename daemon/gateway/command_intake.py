@@ -1,13 +1,15 @@
-"""From the clients to the command ring: what was sent waits in two bounded queues, is admitted or
-refused (dehyst.daemon.gateway.admission), and passed on by one thread.
+"""From the clients to the command rings: what was sent waits in bounded queues, is admitted or
+refused (dehyst.daemon.gateway.admission), and passed on by one thread for all axes.
 
 Questions (answered commands: leases, stop, trajectory chunks) go before set-points that were just
-put, so that a flood of the latter cannot keep a stop away.
+put, so that a flood of the latter cannot keep a stop away. Of the set-points, each axis has its
+own queue, and one of each is taken in turn: a flood at one axis keeps no other waiting.
 """
 
 import logging
 import threading
 from collections import deque
+from collections.abc import Sequence
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -16,11 +18,12 @@ from numpy.typing import NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
-from dehyst.daemon.bus.messages import Rejection, Reply, Setpoint
+from dehyst.daemon.bus.messages import Rejection, Reply, Request, Setpoint
 from dehyst.daemon.bus.session import Asked, Bus
 from dehyst.daemon.bus.topics import REJECTION, subject
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.core_rings import CoreRings
+from dehyst.daemon.gateway.together import handle_together
 
 log = logging.getLogger(__name__)
 WAITING_PUTS = 1024
@@ -31,116 +34,33 @@ REJECTIONS_NS = 100_000_000
 LONGEST_REFUSALS = 64
 
 
-class CommandIntake:
-    """Takes commands. `run` is its thread; `put` and `ask` are called from zenoh's threads."""
+class AxisDoor:
+    """What waits at one axis and what was refused there. keys, rings, admission: the axis' own."""
 
     def __init__(self, bus: Bus, keys: Keys, rings: CoreRings, admission: Admission) -> None:
-        self._rings, self._admission = rings, admission
-        self._puts: deque[tuple[str, bytes]] = deque(maxlen=WAITING_PUTS)
-        self._questions: SimpleQueue[Asked] = SimpleQueue()
-        self._work = threading.Event()
-        self._flooded = 0
+        self.name, self.rings, self.admission = keys.name, rings, admission
+        self.puts: deque[tuple[str, bytes]] = deque(maxlen=WAITING_PUTS)
+        self.flooded = 0
         self._refusals: dict[tuple[int, str], tuple[int, str]] = {}
         self._told_ns = 0
-        self._own: SimpleQueue[NDArray[Any]] = SimpleQueue()
         self._rejections = bus.sender(keys.pubsub(subject(REJECTION)), REJECTION)
 
-    def put(self, key: str, payload: bytes) -> None:
-        """Store a set-point. Where too many wait, the oldest goes: the newest is what counts."""
-        if len(self._puts) == WAITING_PUTS:
-            self._flooded += 1
-        self._puts.append((key, payload))
-        self._work.set()
-
-    def ask(self, asked: Asked) -> None:
-        """Store a command that wants an answer. Where too many wait, it gets none."""
-        if self._questions.qsize() < WAITING_QUESTIONS:
-            self._questions.put(asked)
-            self._work.set()
-        else:
-            self._flooded += 1
-            asked.done()
-
-    def tell_loop(self, records: NDArray[Any]) -> None:
-        """Pass on (n,) COMMAND records of the gateway's own; from any thread."""
-        self._own.put(records)
-        self._work.set()
-
-    def run(self, stop: threading.Event) -> None:
-        """Until `stop`."""
-        while not stop.is_set():
-            self._work.wait(0.1)
-            self._work.clear()
-            while not self._own.empty() and self._rings.room > 0:
-                self._rings.push(self._own.get())
-            while self._answer_one() or self._take_one():
-                if stop.is_set():
-                    return
-            self._tell()
-
-    def _answer_one(self) -> bool:
-        try:
-            asked = self._questions.get_nowait()
-        except Empty:
-            return False
-        asked.reply(encoding.encode(self._decide(asked.payload)))
-        asked.done()
-        return True
-
-    def _take_one(self) -> bool:
-        if len(self._puts) > CROWD:
-            self._thin_out()
-        try:
-            _, payload = self._puts.popleft()
-        except IndexError:
-            return False
-        self._decide(payload, only_setpoints=True)
-        return True
-
-    def _thin_out(self) -> None:
-        """Of what waits, keep the newest of each sender."""
-        waiting = [self._puts.popleft() for _ in range(len(self._puts))]
-        newest = dict(waiting)
-        self._flooded += len(waiting) - len(newest)
-        for payload in newest.values():
-            self._decide(payload, only_setpoints=True)
-
-    def _decide(self, payload: bytes, only_setpoints: bool = False) -> Reply:
-        now_ns = clock.monotonic_ns()
-        client = 0
-        try:
-            command = encoding.decode_command(payload)
-            if only_setpoints and not isinstance(command, Setpoint):
-                raise encoding.BadMessage("only set-points may be put; ask for everything else")
-        except encoding.BadMessage as error:
-            reply = self._admission.refuse(now_ns, "bad-message", str(error))
-        else:
-            client = command.client
-            try:
-                reply, records = self._admission.handle(now_ns, command, self._rings.room)
-                self._rings.push(records)
-            except Exception:  # one command must not take the gateway from everybody
-                log.exception("a command could not be decided: %r", command)
-                reply = self._admission.refuse(now_ns, "bad-message", "an error in the daemon")
-        if not reply.ok:
-            self._refused(client, reply.code, reply.text, 1)
-        return reply
-
-    def _refused(self, client: int, code: str, text: str, count: int) -> None:
+    def refused(self, client: int, code: str, text: str, count: int) -> None:
+        """Keep a refusal until it is told."""
         key = (client, code)
         if key in self._refusals or len(self._refusals) < LONGEST_REFUSALS:
             self._refusals[key] = (self._refusals.get(key, (0, ""))[0] + count, text)
         if clock.monotonic_ns() - self._told_ns >= REJECTIONS_NS:
-            self._tell()
+            self.tell_refusals()
 
-    def _tell(self) -> None:
+    def tell_refusals(self) -> None:
         """Publish the refusals, at most ten times a second and once for each client and reason."""
         now_ns = clock.monotonic_ns()
         if now_ns - self._told_ns < REJECTIONS_NS:
             return
-        if self._flooded:
-            count, self._flooded = self._flooded, 0
-            self._admission.rejected["flood"] += count
+        if self.flooded:
+            count, self.flooded = self.flooded, 0
+            self.admission.rejected["flood"] += count
             self._refusals[(0, "flood")] = (count, "more commands than the daemon reads")
         if not self._refusals:
             return
@@ -149,3 +69,119 @@ class CommandIntake:
         for (client, code), (count, text) in refusals.items():
             message = Rejection(time_ns=now_ns, client=client, code=code, text=text, count=count)
             self._rejections.put(encoding.encode(message))
+
+
+class CommandIntake:
+    """Takes commands for these axes. `run` is its thread; `put` and `ask` are called from zenoh's
+    threads."""
+
+    def __init__(self, doors: Sequence[AxisDoor]) -> None:
+        self._doors = {door.name: door for door in doors}
+        self._questions: SimpleQueue[tuple[AxisDoor, Asked]] = SimpleQueue()
+        self._work = threading.Event()
+        self._own: SimpleQueue[tuple[AxisDoor, NDArray[Any]]] = SimpleQueue()
+
+    def put(self, door: AxisDoor, key: str, payload: bytes) -> None:
+        """Store a set-point. Where too many wait, the oldest goes: the newest is what counts."""
+        if len(door.puts) == WAITING_PUTS:
+            door.flooded += 1
+        door.puts.append((key, payload))
+        self._work.set()
+
+    def ask(self, door: AxisDoor, asked: Asked) -> None:
+        """Store a command that wants an answer. Where too many wait, it gets none."""
+        if self._questions.qsize() < WAITING_QUESTIONS:
+            self._questions.put((door, asked))
+            self._work.set()
+        else:
+            door.flooded += 1
+            asked.done()
+
+    def tell_loop(self, door: AxisDoor, records: NDArray[Any]) -> None:
+        """Pass on (n,) COMMAND records of the gateway's own; from any thread."""
+        self._own.put((door, records))
+        self._work.set()
+
+    def run(self, stop: threading.Event) -> None:
+        """Until `stop`."""
+        while not stop.is_set():
+            self._work.wait(0.1)
+            self._work.clear()
+            self._pass_own()
+            while self._answer_one() or self._take_one_each():
+                if stop.is_set():
+                    return
+            for door in self._doors.values():
+                door.tell_refusals()
+
+    def _pass_own(self) -> None:
+        """What the gateway itself tells the loops; where one takes nothing now, later."""
+        for _ in range(self._own.qsize()):
+            door, records = self._own.get()
+            if door.rings.room > 0:
+                door.rings.push(records)
+            else:
+                self._own.put((door, records))
+
+    def _answer_one(self) -> bool:
+        try:
+            door, asked = self._questions.get_nowait()
+        except Empty:
+            return False
+        asked.reply(encoding.encode(self._decide(door, asked.payload)))
+        asked.done()
+        return True
+
+    def _take_one_each(self) -> bool:
+        """One set-point of each axis that has one; False: none has."""
+        taken = [self._take_one(door) for door in self._doors.values()]
+        return any(taken)
+
+    def _take_one(self, door: AxisDoor) -> bool:
+        if len(door.puts) > CROWD:
+            self._thin_out(door)
+        try:
+            _, payload = door.puts.popleft()
+        except IndexError:
+            return False
+        self._decide(door, payload, only_setpoints=True)
+        return True
+
+    def _thin_out(self, door: AxisDoor) -> None:
+        """Of what waits, keep the newest of each sender."""
+        waiting = [door.puts.popleft() for _ in range(len(door.puts))]
+        newest = dict(waiting)
+        door.flooded += len(waiting) - len(newest)
+        for payload in newest.values():
+            self._decide(door, payload, only_setpoints=True)
+
+    def _decide(self, door: AxisDoor, payload: bytes, only_setpoints: bool = False) -> Reply:
+        now_ns = clock.monotonic_ns()
+        client = 0
+        try:
+            command = encoding.decode_command(payload)
+            if only_setpoints and not isinstance(command, Setpoint):
+                raise encoding.BadMessage("only set-points may be put; ask for everything else")
+        except encoding.BadMessage as error:
+            reply = door.admission.refuse(now_ns, "bad-message", str(error))
+        else:
+            client = command.client
+            try:
+                if isinstance(command, Request) and command.axes:
+                    reply = self._decide_together(now_ns, door, command)
+                else:
+                    reply, records = door.admission.handle(now_ns, command, door.rings.room)
+                    door.rings.push(records)
+            except Exception:  # one command must not take the gateway from everybody
+                log.exception("a command could not be decided: %r", command)
+                reply = door.admission.refuse(now_ns, "bad-message", "an error in the daemon")
+        if not reply.ok:
+            door.refused(client, reply.code, reply.text, 1)
+        return reply
+
+    def _decide_together(self, now_ns: int, door: AxisDoor, request: Request) -> Reply:
+        gates = {name: (d.admission, d.rings.room) for name, d in self._doors.items()}
+        reply, records = handle_together(now_ns, request, gates, door.name)
+        for name, of_axis in records.items():
+            self._doors[name].rings.push(of_axis)
+        return reply

@@ -6,6 +6,8 @@ what the ring had overwritten before is counted, never hidden.
 
 import os
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -21,13 +23,13 @@ from dehyst.daemon.bus.session import Bus
 from dehyst.daemon.bus.topics import DOCTOR, EVENT, TELEMETRY, subject
 from dehyst.daemon.bus.topics import STATUS as STATUS_TOPIC
 from dehyst.daemon.config import Config
-from dehyst.daemon.gateway import refused_starts
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.core_rings import CoreRings
 from dehyst.daemon.gateway.doctor_desk import DoctorDesk
 from dehyst.daemon.gateway.history import TelemetryHistory, runs
 from dehyst.daemon.gateway.mismatch import MismatchWatch
 from dehyst.daemon.gateway.model_trial import ModelTrial
+from dehyst.daemon.gateway.refused_starts import RefusedStarts
 from dehyst.daemon.rings.records import State, model_file, name_of
 from dehyst.daemon.rings.status import STATUS, message_values
 
@@ -36,6 +38,23 @@ SILENT_NS = 2_500_000_000
 LONGEST_BATCH = 4096
 RECENT_EVENTS = 64
 """For those who come later and ask."""
+
+
+@dataclass(frozen=True)
+class Served:
+    """What the gateway says of itself for every axis. controller: its name; axes: names of all its
+    axes, none where it has one alone; links: (links that are open, links that have ended)."""
+
+    controller: str
+    axes: tuple[str, ...]
+    started_ns: int
+    refused: RefusedStarts
+    links: Callable[[], tuple[int, int]]
+
+    @property
+    def unreachable_s(self) -> float:
+        """From the first start that came to nothing to this one."""
+        return (self.started_ns - self.refused.since_ns) * 1e-9 if self.refused.starts else 0.0
 
 
 class Publisher:
@@ -48,24 +67,22 @@ class Publisher:
         keys: Keys,
         rings: CoreRings,
         admission: Admission,
-        started_ns: int,
+        served: Served,
     ) -> None:
         self._config, self._rings, self._admission = config, rings, admission
         self._telemetry = bus.sender(keys.pubsub(subject(TELEMETRY)), TELEMETRY)
         self._status = bus.sender(keys.pubsub(subject(STATUS_TOPIC)), STATUS_TOPIC)
         self._events = bus.sender(keys.pubsub(subject(EVENT)), EVENT)
-        self._links = bus.watch_links()
+        self._served = served
         self.history = TelemetryHistory(round(config.telemetry.history_s * config.loop.rate_hz) + 1)
         self.recent_events: deque[Event] = deque(maxlen=RECENT_EVENTS)
         self._record: Any = np.zeros(1, STATUS)[0]
-        self._started_ns = self._heard_ns = self._said_ns = started_ns
+        self._heard_ns = self._said_ns = served.started_ns
         self._published = self._lost = self._cores = 0
         self._waiting: SimpleQueue[tuple[int, str, str]] = SimpleQueue()
-        self._refused = refused = refused_starts.take_refusals(config.directory)
-        self._unreachable_s = (started_ns - refused.since_ns) * 1e-9 if refused.starts else 0.0
-        if refused.starts:
-            away = f"no client could reach this daemon for {self._unreachable_s:.1f} s"
-            self._waiting.put((1, "gateway", f"{away}: {refused.because}"))
+        if served.refused.starts:
+            away = f"no client could reach this daemon for {served.unreachable_s:.1f} s"
+            self._waiting.put((1, "gateway", f"{away}: {served.refused.because}"))
         self.mismatch_watch = MismatchWatch(config, self.history, self._tell_later)
         found = bus.sender(keys.pubsub(subject(DOCTOR)), DOCTOR)
         trial = ModelTrial(config, self._core_now)
@@ -129,10 +146,11 @@ class Publisher:
     def _own_status(self, now_ns: int) -> GatewayStatus:
         lease, history = self._admission.lease, self.history
         held = lease.held(now_ns)
-        links, links_ended = self._links()
+        served = self._served
+        links, links_ended = served.links()
         return GatewayStatus(
             pid=os.getpid(),
-            uptime_s=(now_ns - self._started_ns) * 1e-9,
+            uptime_s=(now_ns - served.started_ns) * 1e-9,
             samples_published=self._published,
             samples_lost=self._lost,
             commands=self._admission.commands,
@@ -144,9 +162,11 @@ class Publisher:
             links=links,
             links_ended=links_ended,
             restarts_of_core=max(0, self._cores - 1),
-            starts_refused=self._refused.starts,
-            unreachable_s=self._unreachable_s,
-            refused_because=self._refused.because,
+            starts_refused=served.refused.starts,
+            unreachable_s=served.unreachable_s,
+            refused_because=served.refused.because,
+            controller=served.controller,
+            axes=served.axes,
             health=self.mismatch_watch.health,
             mismatch=self.mismatch_watch.figure,
         )

@@ -7,6 +7,7 @@ count, and a process that has not begun to move yet is starting, which takes as 
 take to be compiled.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,3 +88,46 @@ class Heartbeat:
             return self._ring.place()
         except BadInput:  # none yet, or a damaged one
             return self._head, self._tail
+
+
+class Heartbeats:
+    """One core that writes the rings of all axes, one gateway that takes them all: each moves when
+    it does at every axis, and hangs when it does at one. directories: of the rings."""
+
+    def __init__(self, directories: Sequence[Path]) -> None:
+        self._axes = [Heartbeat(directory) for directory in directories]
+
+    def core_started(self, pid: int) -> None:
+        """The core is this process now."""
+        for axis in self._axes:
+            axis.core_started(pid)
+
+    def gateway_started(self) -> None:
+        """The gateway was started anew."""
+        for axis in self._axes:
+            axis.gateway_started()
+
+    def look(self, now_ns: int) -> None:
+        """Judge all anew; about twice a second."""
+        for axis in self._axes:
+            axis.look(now_ns)
+
+    @property
+    def core_moves(self) -> bool:
+        """It has written a sample of every axis since it was started."""
+        return all(axis.core.moves for axis in self._axes)
+
+    @property
+    def core_hangs(self) -> bool:
+        """It has written nothing of one axis for too long."""
+        return any(axis.core.hangs for axis in self._axes)
+
+    @property
+    def gateway_moves(self) -> bool:
+        """It has taken samples of every axis since it was started."""
+        return all(axis.gateway.moves for axis in self._axes)
+
+    @property
+    def gateway_hangs(self) -> bool:
+        """It has not taken what there is of one axis for too long."""
+        return any(axis.gateway.hangs for axis in self._axes)

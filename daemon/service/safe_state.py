@@ -1,33 +1,92 @@
-"""Bring the output to its configured state without the loop: after the core's death."""
+"""Bring the outputs to their configured state without the loop: after the core's death."""
 
-from dehyst.daemon import notify
-from dehyst.daemon.config import Config
+import math
+
+from dehyst.daemon import clock, notify
+from dehyst.daemon.config import Config, Controller
 from dehyst.daemon.loop.checks import check_limits, past_output
-from dehyst.daemon.loop.devices import DeviceLink, ramp
+from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.drivers.registry import load_actuator
+from dehyst.models.errors import DehystError
 
 SHORTEST_PERIOD_S = 0.005
 SPARE_S = 15.0
 
 
-def make_safe(config: Config) -> float:
-    """Ramp to the safe voltage, or leave the output, as `safe.on_fault` says; returns volts.
+class _Output:
+    """One axis' output on its way. volts: where it stands; goal: where it goes."""
 
-    Raises DriverError where the amplifier cannot be reached.
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        actuator = load_actuator(config.actuator.driver).from_settings(config.actuator.settings)
+        actuator.open()
+        self.link = DeviceLink("actuator", actuator)
+        try:
+            check_limits(config, actuator.spec)
+            past, _ = past_output(config, float(actuator.output()))
+        except BaseException:
+            self.link.close()
+            raise
+        self.volts = float(past[-1])
+        self.goal = config.safe.voltage_v if config.safe.on_fault == "ramp" else self.volts
+        self.least_period_s = max(SHORTEST_PERIOD_S, 1.0 / actuator.spec.max_rate_hz)
+
+    @property
+    def left_s(self) -> float:
+        """How long its ramp still takes."""
+        return abs(self.goal - self.volts) / self.config.safe.ramp_v_per_s
+
+    def step(self, period_s: float) -> None:
+        """The next step of the ramp."""
+        way = self.goal - self.volts
+        if way:
+            most = self.config.safe.ramp_v_per_s * period_s
+            self.volts += math.copysign(min(most, abs(way)), way)
+            self.link.call(self.link.device.write, self.volts)
+
+
+def make_safe(controller: Controller) -> dict[str, float]:
+    """Ramp every output to its safe voltage, all at the same time, or leave it, as `safe.on_fault`
+    says; volts by the axes' names in keys.
+
+    One that cannot be reached keeps no other from its safe state. Raises its DriverError then.
     """
-    actuator = load_actuator(config.actuator.driver).from_settings(config.actuator.settings)
-    actuator.open()
-    link = DeviceLink("actuator", actuator)
+    outputs: list[_Output] = []
+    errors: dict[str, DehystError] = {}
     try:
-        check_limits(config, actuator.spec)
-        past, _ = past_output(config, float(actuator.output()))
-        volts = float(past[-1])
-        if config.safe.on_fault == "ramp":
-            ramp_s = abs(config.safe.voltage_v - volts) / config.safe.ramp_v_per_s
-            # systemd waits for it, whatever TimeoutStopSec= says
-            notify.send(f"EXTEND_TIMEOUT_USEC={round(1e6 * (1.5 * ramp_s + SPARE_S))}")
-            period_s = max(SHORTEST_PERIOD_S, 1.0 / actuator.spec.max_rate_hz)
-            volts = ramp(link, volts, config.safe.voltage_v, config.safe.ramp_v_per_s, period_s)
-        return volts
+        for config in controller.axes:
+            try:
+                outputs.append(_Output(config))
+            except DehystError as error:
+                errors[config.name] = error
+        _ramp(outputs, errors)
     finally:
-        link.close()
+        for output in outputs:
+            output.link.close()
+    for name, failed in errors.items():
+        if len(controller.axes) > 1:
+            raise type(failed)(f"{name}: {failed}") from failed
+        raise failed
+    return {output.config.name: output.volts for output in outputs}
+
+
+def _ramp(outputs: list[_Output], errors: dict[str, DehystError]) -> None:
+    """Step by step; an output that fails is left out from there on."""
+    moving = [output for output in outputs if output.left_s > 0]
+    if not moving:
+        return
+    # one after the other writes to what may be one unit; systemd waits for the longest ramp,
+    # whatever TimeoutStopSec= says
+    period_s = max(output.least_period_s for output in moving)
+    longest_s = max(output.left_s for output in moving)
+    notify.send(f"EXTEND_TIMEOUT_USEC={round(1e6 * (1.5 * longest_s + SPARE_S))}")
+    while moving:
+        begun_ns = clock.monotonic_ns()
+        for output in list(moving):
+            try:
+                output.step(period_s)
+            except DehystError as error:
+                errors[output.config.name] = error
+                moving.remove(output)
+        moving = [output for output in moving if output.left_s > 0]
+        clock.sleep_s(max(0.0, period_s - (clock.monotonic_ns() - begun_ns) / clock.NS))

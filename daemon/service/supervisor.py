@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon import clock, notify
-from dehyst.daemon.config import Config
+from dehyst.daemon.config import Config, Controller
 from dehyst.daemon.rings.records import EVENT
 from dehyst.daemon.rings.ring_file import RingFile
-from dehyst.daemon.service.heartbeat import Heartbeat
+from dehyst.daemon.service.heartbeat import Heartbeats
 from dehyst.daemon.service.life import NEXT, Life, LifeEvent
 from dehyst.models.errors import BadInput, DehystError
 
@@ -76,23 +76,52 @@ class Child:
             self.process.wait(5.0)
 
 
-class Supervisor:
-    """Runs core and gateway for one configuration file."""
+class EventTeller:
+    """Says the events of one axis, each once."""
 
-    def __init__(self, config: Config, path: Path, say: Callable[[str], None]) -> None:
-        self.config, self.path, self.say = config, path, say
+    def __init__(self, config: Config, say: Callable[[str], None]) -> None:
+        self._path, self._say = config.directory / "event.ring", say
+        self._axis = f"{config.axis}: " if config.axis else ""
+        self._ring: RingFile | None = None
+        self._told = 0
+
+    def tell(self, pid: int) -> None:
+        """Say what this process' loop has written since the last time."""
+        try:
+            if self._ring is None or self._ring.stale():
+                if self._ring is not None:
+                    self._ring.close()
+                self._ring, self._told = None, 0
+                self._ring = RingFile(self._path, EVENT)
+            if self._ring.pid != pid or self._ring.place()[0] == self._told:
+                return
+            records, self._told = self._ring.read(self._told)
+        except BadInput:
+            return  # no loop yet, or its ring is damaged, which it mends itself
+        for record in records:
+            when = datetime.fromtimestamp(int(record["wall_ns"]) * 1e-9)
+            text = bytes(record["text"]).decode("utf-8", "replace")
+            self._say(f"{when:%H:%M:%S} {self._axis}{text}")
+
+
+class Supervisor:
+    """Runs core and gateway for one configuration file, whatever the number of axes."""
+
+    def __init__(self, controller: Controller, path: Path, say: Callable[[str], None]) -> None:
+        self.controller, self.path, self.say = controller, path, say
         option = ["--config", str(path)]
         self.core = Child("core", ["core", *option])
         self.gateway = Child("gateway", ["gateway", *option])
         self.safe = Child("safe", ["safe", *option])
-        self.page = Child("page", ["page", *option]) if config.page is not None else None
-        self.doctor = Child("doctor", ["doctor", *option]) if config.doctor.enabled else None
+        self.page = Child("page", ["page", *option]) if controller.page is not None else None
+        doctor = any(axis.doctor.enabled for axis in controller.axes)
+        self.doctor = Child("doctor", ["doctor", *option]) if doctor else None
         self.life, self.code = Life.WAITING, 0
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._end_asked = self._reload_asked = False
-        self._heartbeat = Heartbeat(config.directory)
-        self._events: RingFile | None = None
-        self._told = self._pid = 0
+        self._heartbeat = Heartbeats([axis.directory for axis in controller.axes])
+        self._events = [EventTeller(axis, say) for axis in controller.axes]
+        self._pid = 0
         self._entered_ns = 0
         self._began_ns: dict[str, int] = {}
         self._ever = self._ready = False
@@ -125,7 +154,7 @@ class Supervisor:
         """See what has happened; each event leads to the state that the table says."""
         self._heartbeat.look(clock.monotonic_ns())
         self._tell_events()
-        beats = self._heartbeat.core.moves
+        beats = self._heartbeat.core_moves
         if beats and self.core.process is not None:
             self._ever = True
             self._happens(LifeEvent.SAMPLE)
@@ -163,7 +192,7 @@ class Supervisor:
     def _still(self) -> bool:
         """True when what runs has had its time."""
         if self.life in (Life.STARTING, Life.BEATING):
-            return self._heartbeat.core.hangs
+            return self._heartbeat.core_hangs
         if self.life in (Life.ENDING, Life.SAVING, Life.LAST):
             return clock.monotonic_ns() - self._entered_ns > self.patience_s * clock.NS
         return False
@@ -171,7 +200,7 @@ class Supervisor:
     @property
     def patience_s(self) -> float:
         """So long a ramp may take: by the core as it ends, or by `dehyst safe`."""
-        return self.config.longest_ramp_s + SPARE_S
+        return self.controller.longest_ramp_s + SPARE_S
 
     # -- states ---------------------------------------------------------------------------------
 
@@ -218,11 +247,10 @@ class Supervisor:
         self._ready = False
 
     def _look_at_gateway(self) -> None:
-        watched = self._heartbeat.gateway
-        if watched.hangs and self.gateway.process is not None:
+        if self._heartbeat.gateway_hangs and self.gateway.process is not None:
             self.say("gateway hangs; killing it")
             self.gateway.kill()
-        code = self.gateway.died(watched.moves)
+        code = self.gateway.died(self._heartbeat.gateway_moves)
         if code is not None:
             state = (
                 f"not ready: gateway ended with code {code}; clients cannot reach this daemon; "
@@ -232,10 +260,12 @@ class Supervisor:
             notify.send(f"STATUS={state}")
         if self.gateway.due and self.life not in (Life.ENDING, Life.LAST, Life.OVER):
             self._start_gateway()
-        if not self._ready and watched.moves and self.life is Life.BEATING:
+        if not self._ready and self._heartbeat.gateway_moves and self.life is Life.BEATING:
             self._ready = True
-            where = ", ".join((*self.config.bus.listen, *self.config.bus.connect))
-            self.say(f"ready: clients reach {self.config.name} at {where}")
+            net = self.controller.bus
+            where = ", ".join((*net.listen, *net.connect))
+            names = ", ".join(axis.name for axis in self.controller.axes)
+            self.say(f"ready: clients reach {names} at {where}")
             notify.send("STATUS=ready")
 
     def _look_at(self, child: Child | None) -> None:
@@ -269,20 +299,8 @@ class Supervisor:
 
     def _tell_events(self) -> None:
         """Say what this run of the loop has to say, and when that was."""
-        try:
-            if self._events is None or self._events.stale():
-                if self._events is not None:
-                    self._events.close()
-                self._events, self._told = None, 0
-                self._events = RingFile(self.config.directory / "event.ring", EVENT)
-            if self._events.pid != self._pid or self._events.place()[0] == self._told:
-                return
-            records, self._told = self._events.read(self._told)
-        except BadInput:
-            return  # no loop yet, or its ring is damaged, which it mends itself
-        for record in records:
-            when = datetime.fromtimestamp(int(record["wall_ns"]) * 1e-9)
-            self.say(f"{when:%H:%M:%S} {bytes(record['text']).decode('utf-8', 'replace')}")
+        for events in self._events:
+            events.tell(self._pid)
 
     def _on_end(self, *_: Any) -> None:
         self._end_asked = True

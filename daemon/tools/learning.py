@@ -1,10 +1,11 @@
 """Play a trajectory again and again, and learn from each pass: what `dehyst play --learn` runs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from dehyst.daemon.client.client import Client
+from dehyst.daemon.client.group import Group
 from dehyst.daemon.client.learning import LessonTaker
 from dehyst.daemon.client.player import Played
 from dehyst.daemon.client.repeated import Repeated, on_grid
@@ -32,49 +33,88 @@ class Lessons:
     period_s: float
 
 
+class Course:
+    """One axis that learns: (n,) targets at the times t_s, `repeat` passes (0: until an interrupt).
+
+    file: where what was learned is taken up and saved. Raises BadInput for a file of another model
+    or trajectory.
+    """
+
+    def __init__(
+        self,
+        client: Client,
+        t_s: Floats,
+        target: Floats,
+        repeat: int,
+        file: Path | None,
+        told: Callable[[Outcome], None],
+    ) -> None:
+        status, model = client.status(), client.model()
+        self.file, self.unit, self.period_s = file, status.unit, status.period_ns * 1e-9
+        times, values = on_grid(t_s, target, self.period_s)
+        reach = status.reach_max - status.reach_min
+        self.digests = model_digest(dumps(model)), trajectory_digest(values, self.period_s)
+        known = None
+        if file is not None:
+            known = read_learned(file, *self.digests, status.unit, values.size)
+        self.learner = Learner(
+            values,
+            self.period_s,
+            model.fit.noise_rms or model.fit.rms or NO_NOISE * reach,
+            WITHIN * trim.TUNING.limit * reach,
+            known,
+        )
+        expected = expected_reading(model, values, self.period_s)
+        self.taker = LessonTaker(self.learner, expected, status.period_ns, told)
+        self.points = Repeated(times, values, repeat, self.taker.correct)
+
+    def save(self) -> None:
+        """Write what was learned, where there is a file for it. Raises BadInput."""
+        if self.file is None or not self.learner.learned:
+            return
+        write_learned(
+            self.file,
+            Learned(
+                model=self.digests[0],
+                trajectory=self.digests[1],
+                period_s=self.period_s,
+                unit=self.unit,
+                passes=self.learner.learned,
+                correction=self.learner.correction.tolist(),
+            ),
+        )
+
+    def lessons(self, played: Played) -> Lessons:
+        """What came of it."""
+        return Lessons(played, self.learner.outcomes, self.taker.errors, self.period_s)
+
+
 def play_learning(
     client: Client,
-    t_s: Floats,
-    target: Floats,
-    repeat: int,
-    file: Path | None,
-    told: Callable[[Outcome], None],
+    course: Course,
     allow_unreachable: bool = False,
     progress: Callable[[float, float], None] | None = None,
 ) -> Lessons:
-    """Play (n,) targets `repeat` times (0: until an interrupt) and learn. file: where what was
-    learned is taken up and saved. Raises BadInput for a file of another model or trajectory."""
-    status, model = client.status(), client.model()
-    period_s = status.period_ns * 1e-9
-    times, values = on_grid(t_s, target, period_s)
-    reach = status.reach_max - status.reach_min
-    digests = model_digest(dumps(model)), trajectory_digest(values, period_s)
-    known = None
-    if file is not None:
-        known = read_learned(file, *digests, status.unit, values.size)
-    learner = Learner(
-        values,
-        period_s,
-        model.fit.noise_rms or model.fit.rms or NO_NOISE * reach,
-        WITHIN * trim.TUNING.limit * reach,
-        known,
-    )
-    expected = expected_reading(model, values, period_s)
-    taker = LessonTaker(learner, expected, status.period_ns, told)
-    points = Repeated(times, values, repeat, taker.correct)
+    """Play and learn with one axis."""
     try:
-        played = client.play_learning(points, taker, allow_unreachable, progress)
+        played = client.play_learning(course.points, course.taker, allow_unreachable, progress)
     finally:
-        if file is not None and learner.learned:
-            write_learned(
-                file,
-                Learned(
-                    model=digests[0],
-                    trajectory=digests[1],
-                    period_s=period_s,
-                    unit=status.unit,
-                    passes=learner.learned,
-                    correction=learner.correction.tolist(),
-                ),
-            )
-    return Lessons(played, learner.outcomes, taker.errors, period_s)
+        course.save()
+    return course.lessons(played)
+
+
+def play_learning_together(
+    group: Group,
+    courses: Mapping[str, Course],
+    allow_unreachable: bool = False,
+    progress: Callable[[float, float], None] | None = None,
+) -> dict[str, Lessons]:
+    """Play and learn with several axes, each from its own error, on the same samples."""
+    points = {axis: course.points for axis, course in courses.items()}
+    takers = {axis: course.taker for axis, course in courses.items()}
+    try:
+        played = group.play_learning(points, takers, allow_unreachable, progress)
+    finally:
+        for course in courses.values():
+            course.save()
+    return {axis: course.lessons(played[axis]) for axis, course in courses.items()}

@@ -147,7 +147,7 @@ bus = {{listen = ["{endpoint}"]}}
 def test_what_does_not_fit_is_refused_with_the_reason(tmp_path: Path) -> None:
     from dehyst.daemon.bus.keys import Keys
 
-    keys, listen = Keys("dehyst", "a"), ["tcp/10.0.0.1:7447"]
+    keys, listen = [Keys("dehyst", "a")], ["tcp/10.0.0.1:7447"]
     passwords = tmp_path / "passwords"
     passwords.write_text("alice:longer than eight\n")
     passwords.chmod(0o644)
@@ -157,7 +157,7 @@ def test_what_does_not_fit_is_refused_with_the_reason(tmp_path: Path) -> None:
             "operators": ["alice"], "observers": [], "passwords": str(passwords), "certificates": ""
         }  # fmt: skip
         with pytest.raises(BadInput, match=says):
-            server_settings(keys, listen, **(fields | change))
+            server_settings("a", keys, listen, **(fields | change))
 
     refused("chmod 600")
     passwords.chmod(0o600)

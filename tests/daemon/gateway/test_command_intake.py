@@ -9,7 +9,7 @@ from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.messages import Setpoint
 from dehyst.daemon.clock import monotonic_ns
 from dehyst.daemon.gateway.admission import Admission
-from dehyst.daemon.gateway.command_intake import CROWD, WAITING_PUTS, CommandIntake
+from dehyst.daemon.gateway.command_intake import CROWD, WAITING_PUTS, AxisDoor, CommandIntake
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.rings.records import State
 
@@ -39,26 +39,27 @@ def test_of_a_flood_the_newest_of_each_sender_is_looked_at() -> None:
     core = admission.core
     core.alive, core.state, core.reachable = True, State.READY, (0.0, 1e6)
     number = lease.acquire(monotonic_ns(), 1, "one", monotonic_ns())
-    intake = CommandIntake(stand, Keys("dehyst", "a"), stand, admission)
+    door = AxisDoor(stand, Keys("dehyst", "a"), stand, admission)
+    intake = CommandIntake([door])
 
     def put(client: int, sequence: int) -> None:
         message = Setpoint(
             client=client, lease=number, sequence=sequence, sent_ns=monotonic_ns(),
             value=float(sequence), unit="um",
         )  # fmt: skip
-        intake.put(f"dehyst/@v0/a/pubsub/setpoint_um/{client}", encoding.encode(message))
+        intake.put(door, f"dehyst/@v0/a/pubsub/setpoint_um/{client}", encoding.encode(message))
 
     for i in range(CROWD):  # few: each is looked at
         put(1, i + 1)
-    while intake._take_one():
+    while intake._take_one_each():
         pass
     assert stand.values == [float(i + 1) for i in range(CROWD)]
     count = 3 * WAITING_PUTS
     for i in range(count):
         put(1, 1000 + i)
         put(2, 1000 + i)  # without the lease
-    while intake._take_one():
+    while intake._take_one_each():
         pass
     assert stand.values[CROWD:] == [1000.0 + count - 1]
     assert admission.rejected["lease-taken"] == 1
-    assert intake._flooded + admission.rejected["flood"] == 2 * count - 2
+    assert door.flooded + admission.rejected["flood"] == 2 * count - 2

@@ -17,7 +17,7 @@ import pytest
 from tests.rigs.processes import core, dehyst, until
 from tests.rigs.service import SAFE_V, Service
 
-from dehyst.daemon.config import load_config
+from dehyst.daemon.config import load_config, load_controller
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.rings.records import State
 from dehyst.daemon.service.supervisor import Supervisor
@@ -82,7 +82,8 @@ def test_a_long_ramp_is_waited_for(tmp_path: Path, service: Service) -> None:
     service.config.write_text(text.replace("ramp_v_per_s = 200.0", "ramp_v_per_s = 1.0"))
     config = load_config(service.config)
     assert config.longest_ramp_s == 145.0  # from 150 V to 5 V
-    assert Supervisor(config, service.config, print).patience_s > 145.0 + 10.0
+    controller = load_controller(service.config)
+    assert Supervisor(controller, service.config, print).patience_s > 145.0 + 10.0
     done = subprocess.run(
         [sys.executable, "-m", "dehyst.daemon.main", "run", "--check", str(service.config)],
         capture_output=True, text=True, check=False, timeout=60,

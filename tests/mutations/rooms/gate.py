@@ -72,7 +72,7 @@ CHANGES = room(
     ),
     Change(
         "take-over-leaves-trajectory", GATE,
-        '                self._end_trajectory("another client took over")', "                pass",
+        '            self._end_trajectory("another client took over")', "            pass",
         "after two take-overs an old trajectory goes on",
     ),
     Change(

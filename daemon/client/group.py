@@ -1,0 +1,255 @@
+"""Several axes of one controller as one thing: commanded together, or not at all.
+
+    from dehyst.client import Group
+
+    with Group("stage-1", ["x", "y"]) as stage:
+        stage.send({"x": 4.0, "y": 2.0})
+        stage.play(t_s, {"x": x_um, "y": y_um})    # on the same samples
+
+A lease is for all axes of the group or for none; a trajectory starts on all of them at the same
+sample, and where one starves all stand still together. Each axis is a Client of its own
+(`stage["x"]`) on one shared connection; a Group is used by one thread.
+"""
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dehyst.daemon.bus import encoding
+from dehyst.daemon.bus.keys import Keys
+from dehyst.daemon.bus.messages import Status, new_number
+from dehyst.daemon.bus.security import client_settings
+from dehyst.daemon.bus.session import Bus, BusError
+from dehyst.daemon.client.client import (
+    ADDRESS,
+    CREDENTIALS,
+    DEFAULT,
+    TIMEOUT_S,
+    Client,
+    find_daemons,
+)
+from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Player, play_together
+from dehyst.daemon.client.repeated import Repeated
+from dehyst.models.errors import BadInput
+
+if TYPE_CHECKING:  # scipy takes its time
+    from dehyst.daemon.client.learning import LessonTaker
+
+
+class Group:
+    """Axes of one controller.
+
+    name: the controller's (`stage-1`: all its axes) or that of one axis (`stage-1-x`); None: the
+    only controller that answers. axes: which of its axes, in this order; None: all. The rest: as
+    for Client. Raises BusError where there is no such controller or axis.
+    """
+
+    def __init__(
+        self,
+        name: str | None = None,
+        axes: Sequence[str] | None = None,
+        connect: str | Sequence[str] | None = None,
+        base: str = "dehyst",
+        label: str = "",
+        credentials: str | None = None,
+    ) -> None:
+        connect = os.environ.get(ADDRESS, DEFAULT) if connect is None else connect
+        credentials = os.environ.get(CREDENTIALS, "") if credentials is None else credentials
+        addresses = [connect] if isinstance(connect, str) else list(connect)
+        self.bus = Bus.connect(addresses, security=client_settings(credentials))
+        try:
+            self.name, found = find_axes(self.bus, base, name, addresses)
+            missing = [axis for axis in axes or () if axis not in found]
+            if missing:
+                raise BusError(
+                    f"{name or self.name} has no axis {', '.join(missing)}; it has: "
+                    f"{', '.join(found) if '' not in found else 'one axis, without a name'}"
+                )
+            number = new_number()
+            self.clients = {
+                axis: Client.of_axis(self.bus, Keys(base, found[axis]), label, number)
+                for axis in (found if axes is None else axes)
+            }
+        except BaseException:
+            self.bus.close()
+            raise
+        together = tuple(self.clients.values())
+        for client in together:
+            client.together = together
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give up the lease and end the connection. Safe to call twice."""
+        for client in self.clients.values():
+            client.give_up()
+        self.bus.close()
+
+    def __getitem__(self, axis: str) -> Client:
+        return self.clients[axis]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.clients)
+
+    def __len__(self) -> int:
+        return len(self.clients)
+
+    @property
+    def first(self) -> Client:
+        """The client of the first axis."""
+        return next(iter(self.clients.values()))
+
+    def status(self) -> dict[str, Status]:
+        """The present status of each axis."""
+        return {axis: client.status() for axis, client in self.clients.items()}
+
+    # -- commands -------------------------------------------------------------------------------
+
+    def acquire(self) -> None:
+        """Take the lease of all axes, or of none. Raises Refusal, which names the axis."""
+        self.first.acquire()
+
+    def take_over(self) -> None:
+        """Take the lease of all axes from whoever holds them."""
+        self.first.take_over()
+
+    def stop(self) -> None:
+        """Drop all targets of all axes: they hold, then ramp. Needs no lease."""
+        self.first.stop(self._names())
+
+    def release(self) -> None:
+        """Drop all targets and ramp all axes to their safe voltages now. Needs no lease."""
+        self.first.release(self._names())
+
+    def send(self, targets: Mapping[str, float], allow_unreachable: bool = False) -> None:
+        """Go to a place, by axis, and wait for the daemon's word. Nothing is sent where one of the
+        targets is out of reach. Raises BadInput, Refusal."""
+        self._know(targets)
+        if not allow_unreachable:
+            for axis, value in targets.items():
+                check_inside(axis, np.array([value]), self.clients[axis].status())
+        for axis, value in targets.items():
+            self.clients[axis].send(value, allow_unreachable)
+
+    def play(
+        self,
+        t_s: ArrayLike,
+        targets: Mapping[str, ArrayLike],
+        allow_unreachable: bool = False,
+        progress: Callable[[float, float], None] | None = None,
+        lead_s: float = LEAD_S,
+        repeat: int = 1,
+    ) -> dict[str, Played]:
+        """Stream a trajectory of several axes, (n,) times [s] and (n,) targets of each, and wait
+        for its end; what happened at each axis. The rest: as Client.play. Where one axis cannot
+        play it, none begins; where one ends early, the others are stopped."""
+        points = {axis: Repeated(t_s, values, repeat) for axis, values in targets.items()}
+        return self._play(points, allow_unreachable, progress, lead_s, {})
+
+    def play_learning(
+        self,
+        points: Mapping[str, Repeated],
+        lessons: "Mapping[str, LessonTaker]",
+        allow_unreachable: bool = False,
+        progress: Callable[[float, float], None] | None = None,
+    ) -> dict[str, Played]:
+        """As Client.play_learning, for several axes."""
+        return self._play(points, allow_unreachable, progress, LEARNING_LEAD_S, lessons)
+
+    def _play(
+        self,
+        points: Mapping[str, Repeated],
+        allow_unreachable: bool,
+        progress: Callable[[float, float], None] | None,
+        lead_s: float,
+        lessons: "Mapping[str, LessonTaker]",
+    ) -> dict[str, Played]:
+        self._know(points)
+        if not allow_unreachable:
+            for axis, of_axis in points.items():
+                check_inside(axis, of_axis.targets, self.clients[axis].status())
+        self.acquire()
+        number = new_number()
+        names = [self.clients[axis].name for axis in points]
+        together = names if len(names) > 1 else ()
+        players = [
+            Player(
+                self.clients[axis],
+                of_axis,
+                allow_unreachable,
+                lead_s,
+                lessons.get(axis),
+                together,
+                number,
+            )
+            for axis, of_axis in points.items()
+        ]
+        return dict(zip(points, play_together(players, progress), strict=True))
+
+    def _names(self) -> list[str]:
+        return [c.name for c in self.clients.values()] if len(self.clients) > 1 else []
+
+    def _know(self, axes: Mapping[str, object]) -> None:
+        strange = [axis for axis in axes if axis not in self.clients]
+        if strange or not axes:
+            raise BadInput(
+                f"targets for the axes {', '.join(axes) or '(none)'}; there are: "
+                f"{', '.join(self.clients)}"
+            )
+
+
+def check_inside(axis: str, targets: ArrayLike, status: Status) -> None:
+    """BadInput where targets (n,) of an axis are outside its reach."""
+    values = np.asarray(targets, np.float64)
+    outside = (values < status.reach_min) | (values > status.reach_max)
+    if outside.any():
+        raise BadInput(
+            f"axis {axis}: {values[outside][0]:g} {status.unit} cannot be reached: the range is "
+            f"{status.reach_min:g} to {status.reach_max:g}; nothing was sent"
+        )
+
+
+def find_axes(
+    bus: Bus, base: str, name: str | None, addresses: Sequence[str]
+) -> tuple[str, dict[str, str]]:
+    """(the controller's name, the name in keys of each axis by its short name, "" where the
+    controller has one alone). name: of a controller or of an axis. Raises BusError."""
+    names = find_daemons(bus, base, addresses, lambda found: _meant(found, name))
+    where = ", ".join(addresses)
+    found: dict[str, dict[str, str]] = {}
+    for daemon in _meant(names, name):
+        if any(daemon in axes.values() for axes in found.values()):
+            continue
+        answer = next(iter(bus.ask(Keys(base, daemon).rpc("status"), timeout_s=TIMEOUT_S)))
+        said = encoding.decode(Status, answer).gateway
+        controller = said.controller or daemon
+        axes = {one.removeprefix(f"{controller}-"): one for one in said.axes} or {"": daemon}
+        if name in (None, controller):
+            found[controller] = axes
+        elif name == daemon:
+            return controller, {axis: one for axis, one in axes.items() if one == name}
+    if len(found) == 1:
+        return next(iter(found.items()))
+    if found:
+        raise BusError(f"several controllers answer at {where}: {', '.join(found)}; name one")
+    raise BusError(f"no controller {name} at {where}; there are: {', '.join(names)}")
+
+
+def _meant(names: list[str], name: str | None) -> list[str]:
+    """The daemons that may be the one that is meant, or its axes."""
+    if name is None:
+        return names
+    return [one for one in names if one == name or one.startswith(f"{name}-")]

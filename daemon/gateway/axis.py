@@ -1,0 +1,24 @@
+"""One axis at the gateway: its keys, its rings, its gate, and what is published of it."""
+
+from dehyst.daemon import clock
+from dehyst.daemon.bus.keys import Keys
+from dehyst.daemon.bus.session import Bus
+from dehyst.daemon.config import Config
+from dehyst.daemon.gateway.admission import Admission
+from dehyst.daemon.gateway.command_intake import AxisDoor
+from dehyst.daemon.gateway.core_rings import CoreRings
+from dehyst.daemon.gateway.lease import Lease
+from dehyst.daemon.gateway.publisher import Publisher, Served
+
+
+class ServedAxis:
+    """config: the axis'; served: what the gateway says of itself for every axis."""
+
+    def __init__(self, config: Config, bus: Bus, served: Served) -> None:
+        self.config, self.keys = config, Keys(config.bus.base, config.name)
+        rings = CoreRings(config.directory)
+        lease = Lease(round(config.setpoint.lease_s * clock.NS))
+        admission = Admission("", config.setpoint.queue_s, config.setpoint.stale_s, lease)
+        self.publisher = Publisher(config, bus, self.keys, rings, admission, served)
+        admission.decide_offer = self.publisher.doctor_desk.decide
+        self.door = AxisDoor(bus, self.keys, rings, admission)

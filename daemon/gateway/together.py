@@ -1,0 +1,64 @@
+"""Requests for several axes of one controller at once: a lease of all or of none, a stop of all.
+
+Pure, as dehyst.daemon.gateway.admission, whose gates it asks: times come in, records go out.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.typing import NDArray
+
+from dehyst.daemon.bus.messages import Reply, Request, new_number
+from dehyst.daemon.gateway.admission import NOTHING, Admission, NotAdmitted
+
+TOGETHER = ("acquire", "take-over", "renew", "give-up", "stop", "release", "clear")
+Records = NDArray[Any]
+
+
+def handle_together(
+    now_ns: int, request: Request, gates: Mapping[str, tuple[Admission, int]], asked: str
+) -> tuple[Reply, dict[str, Records]]:
+    """(answer, COMMAND records by axis). gates: by the axes' names, with the room in each ring;
+    asked: the axis whose key the request came to.
+
+    A lease that one axis refuses is given for none, and what was held is held as before. A stop
+    reaches every axis that it can reach; where one cannot be stopped, the answer says so.
+    """
+    first, _ = gates[asked]
+    strangers = [name for name in request.axes if name not in gates]
+    if strangers or asked not in request.axes or len(set(request.axes)) < len(request.axes):
+        text = f"axes {', '.join(request.axes)}: there are {', '.join(gates)}, each at most once"
+        return first.refuse(now_ns, "bad-message", text), {}
+    if request.action not in TOGETHER:
+        text = f"{request.action} is for one axis; ask each for itself"
+        return first.refuse(now_ns, "bad-message", text), {}
+    if request.action in ("acquire", "take-over"):
+        return _lease_all(now_ns, request, {name: gates[name][0] for name in request.axes}, asked)
+    refused: Reply | None = None
+    records: dict[str, Records] = {}
+    for name in request.axes:
+        gate, room = gates[name]
+        reply, records[name] = gate.handle(now_ns, request, room)
+        if name == asked:
+            answer = reply
+        if not reply.ok and refused is None:
+            refused = _of_axis(name, reply)
+    return refused or answer, records
+
+
+def _lease_all(
+    now_ns: int, request: Request, gates: Mapping[str, Admission], asked: str
+) -> tuple[Reply, dict[str, Records]]:
+    for name, gate in gates.items():
+        try:
+            gate.check_free(now_ns, request)
+        except NotAdmitted as no:
+            return gate.refuse(now_ns, no.code, f"{name}: {no}; no axis was given"), {}
+    number = new_number()
+    for gate in gates.values():
+        gate.give_lease(now_ns, request, number)
+    return gates[asked].granted(now_ns, request), dict.fromkeys(gates, NOTHING)
+
+
+def _of_axis(name: str, reply: Reply) -> Reply:
+    return Reply(ok=False, code=reply.code, text=f"{name}: {reply.text}"[:500])
