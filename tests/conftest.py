@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from tests.parts import is_of, is_thorough
-from tests.rigs import starts
+from tests.rigs import afresh, starts
 
 from dehyst.daemon.tools import kernel_cache
 
@@ -27,6 +27,11 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # its workers come after it
 starts.watch()
 settings.register_profile("no times are judged", deadline=None)
 settings.load_profile("no times are judged")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Attempts that are made again begin afresh."""
+    config.pluginmanager.register(afresh, "afresh")
 
 
 @pytest.hookimpl(tryfirst=True)  # xdist reads the groups in its own

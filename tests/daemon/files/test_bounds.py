@@ -45,21 +45,21 @@ def changed(key: str, value: str, text: str = "") -> str:
 
 
 MODELS = {
-    "an integer from 1e309": changed("drive_max_v", "1" + "0" * 400),
-    "one of 4400 digits": changed("drive_max_v", "1" * 4400),
-    "the same in hexadecimal": changed("drive_max_v", "0x" + "f" * 5000),
-    "in a list": changed("weights", "[" + "9" * 500 + "]"),
-    "values of 1e300": changed("drive_max_v", "1e300"),
-    "infinity": changed("drive_max_v", "inf"),
-    "a long list": changed("weights", "[" + "1.0, " * 20_000 + "]"),
-    "many blocks": model_text() + '\n[[blocks]]\nkind = "delay"\nplace = "stage"\n' * 1000,
-    "deep arrays": "x = " + "[" * 100_000,
+    "an integer from 1e309": lambda: changed("drive_max_v", "1" + "0" * 400),
+    "one of 4400 digits": lambda: changed("drive_max_v", "1" * 4400),
+    "the same in hexadecimal": lambda: changed("drive_max_v", "0x" + "f" * 5000),
+    "in a list": lambda: changed("weights", "[" + "9" * 500 + "]"),
+    "values of 1e300": lambda: changed("drive_max_v", "1e300"),
+    "infinity": lambda: changed("drive_max_v", "inf"),
+    "a long list": lambda: changed("weights", "[" + "1.0, " * 20_000 + "]"),
+    "many blocks": lambda: model_text() + '\n[[blocks]]\nkind = "delay"\nplace = "stage"\n' * 1000,
+    "deep arrays": lambda: "x = " + "[" * 100_000,
 }
 
 
 @pytest.mark.parametrize("what", MODELS)
 def test_models(what: str, capsys: pytest.CaptureFixture[str]) -> None:
-    Path("bad.toml").write_text(MODELS[what])
+    Path("bad.toml").write_text(MODELS[what]())
     assert "bad.toml" in refused(capsys, "simulate", "bad.toml", "rec.csv", "-o", "out.csv")
     assert not Path("out.csv").exists()
 

@@ -28,39 +28,22 @@ def page(bench: Bench, tmp_path: Path) -> Iterator[PageProcess]:
         page.close()
 
 
-class KeptPage:
-    """The page of the bench that tests share: another one before another bench."""
-
-    def __init__(self, log: Path) -> None:
-        self._log = log
-        self._page: PageProcess | None = None
-
-    def of(self, bench: Bench) -> PageProcess:
-        """Running."""
-        if self._page is None or self._page.address != bench.address:
-            self.close()
-            self._page = PageProcess(bench.address, log=self._log)
-        return self._page
-
-    def close(self) -> None:
-        """End it."""
-        if self._page is not None:
-            self._page.close()
-
-
 @pytest.fixture(scope="module")
-def kept_page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[KeptPage]:
-    kept = KeptPage(tmp_path_factory.mktemp("page") / "page.txt")
+def page_of_module(
+    bench_of_module: Bench, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[PageProcess]:
+    """What `shared_page` hands out."""
+    page = PageProcess(bench_of_module.address, log=tmp_path_factory.mktemp("page") / "page.txt")
     try:
-        yield kept
+        yield page
     finally:
-        kept.close()
+        page.close()
 
 
 @pytest.fixture
-def shared_page(kept_page: KeptPage, shared: Bench) -> PageProcess:
+def shared_page(page_of_module: PageProcess, shared: Bench) -> PageProcess:
     """For tests that end neither bench nor page."""
-    return kept_page.of(shared)
+    return page_of_module
 
 
 @pytest.fixture(scope="module")
