@@ -1,6 +1,7 @@
 """What all tests share."""
 
 import os
+import sys
 
 # as `dehyst` itself does, before numpy is imported
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -12,17 +13,25 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from tests.parts import files_of, is_thorough
-from tests.rigs import starts
+from tests.parts import is_of, is_thorough
+from tests.rigs import afresh, starts
 
 from dehyst.daemon.tools import kernel_cache
 
 ROOT = Path(__file__).resolve().parent.parent
+# byte code is kept on disk: else each of a thousand processes compiles all that it imports
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 if "PYTEST_XDIST_WORKER" not in os.environ:  # its workers come after it
     kernel_cache.drop_stale()
 starts.watch()
 settings.register_profile("no times are judged", deadline=None)
 settings.load_profile("no times are judged")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Attempts that are made again begin afresh."""
+    config.pluginmanager.register(afresh, "afresh")
 
 
 @pytest.hookimpl(tryfirst=True)  # xdist reads the groups in its own
@@ -35,7 +44,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if is_thorough(item.path):
             item.add_marker("thorough")
         for part in ("processes", "timing", "alone"):
-            assert not item.get_closest_marker(part) or item.path in files_of(part), (
+            assert not item.get_closest_marker(part) or is_of(item.path, part), (
                 f"{item.nodeid} is of the part {part}, and tests/parts.py does not see that"
             )
         rigs = item._fixtureinfo.name2fixturedefs.values()  # type: ignore[attr-defined]

@@ -27,7 +27,6 @@ import tempfile
 import time
 from collections import Counter
 from contextlib import ExitStack, suppress
-from functools import cache
 from pathlib import Path
 from typing import IO
 
@@ -72,20 +71,20 @@ def is_thorough(path: Path) -> bool:
     return str(path.relative_to(TESTS)).startswith(THOROUGH)
 
 
-@cache
+def is_of(path: Path, part: str) -> bool:
+    """Whether this file has tests of this part, and perhaps of others."""
+    if part == "quick":
+        return not is_thorough(path)
+    if part == "thorough":
+        return is_thorough(path)
+    if part == "processes" and starts_something_in(path):
+        return True
+    return f"mark.{part}" in path.read_text(encoding="utf-8")
+
+
 def files_of(part: str) -> tuple[Path, ...]:
     """The files that have tests of this part, and perhaps of others."""
-
-    def has(path: Path) -> bool:
-        if part == "quick":
-            return not is_thorough(path)
-        if part == "thorough":
-            return is_thorough(path)
-        if part == "processes" and starts_something_in(path):
-            return True
-        return f"mark.{part}" in path.read_text(encoding="utf-8")
-
-    return tuple(path for path in sorted(TESTS.rglob("test_*.py")) if has(path))
+    return tuple(path for path in sorted(TESTS.rglob("test_*.py")) if is_of(path, part))
 
 
 class Part:

@@ -17,6 +17,7 @@ import re
 import shutil
 import stat
 import tempfile
+import time
 from functools import cache
 from pathlib import Path
 
@@ -126,17 +127,28 @@ def _view(root: Path, view: Path) -> list[tuple[Path, str]]:
 
 
 def drop_stale() -> int:
-    """Remove index files of out-of-date kernels; how many there were."""
+    """Remove index files of out-of-date kernels; how many there were.
+
+    Every process begins with this, so files are read only where one is newer than a kernel; kernels
+    that are found good nevertheless are marked as looked at: they become as new as this look.
+    """
     own = os.environ.get("NUMBA_CACHE_DIR")
     roots = [Path(own)] if own else [PACKAGE / room for room in ROOMS]
+    begun_ns = time.time_ns()
+    last_change_ns = max(path.stat().st_mtime_ns for path in _sources().values())
     newest: dict[tuple[str, str], int] = {}
     dropped = 0
     for index in (path for root in roots for path in root.rglob("*.nbi")):
-        newest = newest or newest_ns()
         try:
-            if index.stat().st_mtime_ns < newest.get(_kernel_file(index), 0):
+            made_ns = index.stat().st_mtime_ns
+            if made_ns >= last_change_ns:
+                continue
+            newest = newest or newest_ns()
+            if made_ns < newest.get(_kernel_file(index), 0):
                 index.unlink()
                 dropped += 1
+            else:
+                os.utime(index, ns=(begun_ns, begun_ns))
         except OSError:
             continue  # another process was faster, or the cache is not ours to clean
     return dropped

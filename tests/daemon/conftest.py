@@ -16,3 +16,22 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
         yield bench
     finally:
         bench.close()
+
+
+@pytest.fixture(scope="module")
+def bench_of_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    """What `shared` hands out."""
+    bench = Bench(tmp_path_factory.mktemp("shared"))
+    try:
+        bench.start_gateway()
+        yield bench
+    finally:
+        bench.close()
+
+
+@pytest.fixture
+def shared(bench_of_module: Bench) -> Bench:
+    """A running loop and gateway for tests that end neither and change nothing that stays: at rest
+    when it is handed out, but not new."""
+    bench_of_module.rest()
+    return bench_of_module

@@ -55,14 +55,15 @@ def test_the_wheel_holds_the_tree_and_nothing_at_top_level_but_dehyst(wheel: Pat
 @pytest.mark.timeout(400)
 def test_it_runs_from_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
     """A new environment that sees this one's libraries, but only the wheel's dehyst."""
-    venv.create(tmp_path / "env", with_pip=True)
+    venv.create(tmp_path / "env")
     python = tmp_path / "env/bin/python"
     subprocess.run(
-        [str(python), "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", str(wheel)],
+        [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--no-deps",
+         "--no-index", str(wheel)],
         check=True,
         capture_output=True,
         timeout=200,
-    )
+    )  # fmt: skip
     site = next((tmp_path / "env/lib").glob("python3*/site-packages"))
     top = {p.name for p in site.iterdir()}
     assert not top & {"daemon", "drivers", "models"}

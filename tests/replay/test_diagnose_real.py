@@ -6,11 +6,12 @@ docs/real-recordings.md tells how.
 
 import numpy as np
 import pytest
+from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.models.cascade.history import replay
 from dehyst.models.cascade.simulate import channels_of
-from dehyst.models.diagnosis import Diagnosis, diagnose
+from dehyst.models.diagnosis import Diagnosis
 from dehyst.models.recording import Recording
 
 pytestmark = pytest.mark.recordings
@@ -28,7 +29,7 @@ def one(data_dir, name: str, every: int) -> Diagnosis:
         {k: v[::every] for k, v in r.channels.items()},
         name=r.name,
     )
-    return diagnose([thin])
+    return diagnose_without_limits([thin])
 
 
 def names(diagnosis: Diagnosis) -> list[str]:

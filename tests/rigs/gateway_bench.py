@@ -168,6 +168,21 @@ class Bench:
         wait_until("the gateway has seen the loop", lambda: follows(client))
         return client
 
+    def rest(self) -> None:
+        """Close the clients; returns when nobody commands and nothing moves."""
+        for client in self.clients:
+            client.close()
+        self.clients.clear()
+        with Client("bench", self.address) as asking:
+            wait_until("the gateway has seen the loop", lambda: follows(asking))
+            asking.stop()
+
+            def rests() -> bool:
+                status = asking.status()
+                return status.state == "ready" and status.gateway.lease_client == 0
+
+            wait_until("it rests", rests)
+
     def kill_gateway(self, number: int = signal.SIGKILL) -> int:
         """Send a signal to the gateway and return its exit code."""
         assert self.gateway is not None

@@ -37,17 +37,39 @@ def _imported(node: ast.AST) -> Iterator[tuple[str, str]]:
             yield alias.asname or alias.name, f"{node.module}.{alias.name}"
 
 
+def _dotted(node: ast.Attribute) -> str:
+    """The name in full; "": not one of names alone."""
+    parts, at = [node.attr], node.value
+    while isinstance(at, ast.Attribute):
+        parts.append(at.attr)
+        at = at.value
+    return ".".join([at.id, *reversed(parts)]) if isinstance(at, ast.Name) else ""
+
+
 def _named(node: ast.AST) -> set[str]:
     """Names, dotted ones in full, within a definition; "(name)" for an argument: a fixture."""
-    names = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
-    names |= {ast.unparse(n) for n in ast.walk(node) if isinstance(n, ast.Attribute)}
-    return names | {f"({n.arg})" for n in ast.walk(node) if isinstance(n, ast.arg)}
+    names = set()
+    for one in ast.walk(node):
+        if isinstance(one, ast.Name):
+            names.add(one.id)
+        elif isinstance(one, ast.Attribute):
+            names.add(_dotted(one))
+        elif isinstance(one, ast.arg):
+            names.add(f"({one.arg})")
+    return names
+
+
+WORDS = {tool.rpartition(".")[0] or tool for tool in TOOLS}
+"""One of them stands in every file that imports a tool."""
 
 
 @cache
 def starting(path: Path, inherited: frozenset[str] = frozenset()) -> frozenset[str]:
     """Names in this file that start something; inherited: fixtures of the folders above."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    text = path.read_text(encoding="utf-8")
+    if not any(word in text for word in (*WORDS, *(name.strip("()") for name in inherited))):
+        return frozenset()  # every worker looks at every file: most need not be parsed
+    tree = ast.parse(text)
     found = {
         name
         for node in ast.walk(tree)
@@ -68,21 +90,26 @@ def starting(path: Path, inherited: frozenset[str] = frozenset()) -> frozenset[s
     return frozenset(found)
 
 
-def starts_something(path: Path, name: str) -> bool:
-    """Whether the test of this name (function, or class) in this file starts something."""
+@cache
+def _above(folder: Path) -> frozenset[str]:
+    """What the fixtures of this folder and of those above start."""
     above: frozenset[str] = frozenset()
-    for folder in reversed(path.parents):
-        conftest = folder / "conftest.py"
+    for one in reversed((folder, *folder.parents)):
+        conftest = one / "conftest.py"
         if conftest.exists():
             above |= starting(conftest, above)
-    return name in starting(path, above)
+    return above
+
+
+def starts_something(path: Path, name: str) -> bool:
+    """Whether the test of this name (function, or class) in this file starts something."""
+    return name in starting(path, _above(path.parent))
 
 
 def starts_something_in(path: Path) -> bool:
     """Whether any test of this file does."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    names = [d.name for d in tree.body if isinstance(d, ast.FunctionDef | ast.ClassDef)]
-    return any(starts_something(path, n) for n in names if n.lower().startswith("test"))
+    names = starting(path, _above(path.parent))
+    return any(name.lower().startswith("test") and name.isidentifier() for name in names)
 
 
 class Started(AssertionError):

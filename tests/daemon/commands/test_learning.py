@@ -11,12 +11,13 @@ from tests.rigs.gateway_bench import Bench, wait_until
 from dehyst.daemon.rings.records import Flag, State
 
 
-def test_play_learns_keeps_it_and_takes_it_up(bench: Bench, tmp_path: Path) -> None:
-    bench.client()
+def test_play_learns_keeps_it_and_takes_it_up(shared: Bench, tmp_path: Path) -> None:
+    shared.client()
+    first = shared.loop.seq
     path, kept, picture = (tmp_path / name for name in ("way.csv", "way.json", "way.png"))
     trajectory(path, 3.0, 7.0, 1.0)
     play = ("play", str(path), "--learned", str(kept), "--picture", str(picture), "--json")
-    _, out, err = run(*play, "--repeat", "12", bench=bench)
+    _, out, err = run(*play, "--repeat", "12", bench=shared)
     result = json.loads(out)
     assert result["completed"]
     assert result["expected_samples"] == 12 * 200
@@ -27,24 +28,24 @@ def test_play_learns_keeps_it_and_takes_it_up(bench: Bench, tmp_path: Path) -> N
     if len(learned) > 4:  # the machine may be too busy for the loop's deadlines
         assert np.median(learned[-3:]) < 0.5 * result["passes"][0]["rms"]
         assert kept.exists()
-        records = bench.loop.samples()
+        records = shared.loop.samples(first)
         assert np.abs(records["learned"]).max() > 0.005
-        _, out, _ = run(*play, "--repeat", "2", bench=bench)
+        _, out, _ = run(*play, "--repeat", "2", bench=shared)
         again = json.loads(out)["passes"]
         assert again[0]["rms"] < 0.7 * result["passes"][0]["rms"]
         trajectory(path, 3.0, 6.9, 1.0)
-        code, _, err = run(*play, "--repeat", "2", bench=bench)
+        code, _, err = run(*play, "--repeat", "2", bench=shared)
         assert code == 2
         assert "another trajectory" in err
 
 
-def test_learning_wants_more_than_one_pass(bench: Bench, tmp_path: Path) -> None:
+def test_learning_wants_more_than_one_pass(shared: Bench, tmp_path: Path) -> None:
     path = tmp_path / "way.csv"
     trajectory(path, 3.0, 7.0, 1.0)
-    code, _, err = run("play", str(path), "--learn", bench=bench)
+    code, _, err = run("play", str(path), "--learn", bench=shared)
     assert code == 2
     assert "more than one pass" in err
-    code, _, err = run("play", str(path), "--repeat", "-1", bench=bench)
+    code, _, err = run("play", str(path), "--repeat", "-1", bench=shared)
     assert code == 2
     assert "0 is until stopped" in err
 
@@ -83,22 +84,23 @@ def test_exercise_shows_it_by_place_and_a_set_point_stands_there(bench: Bench) -
     assert abs(np.mean(means) + found["zero_moved_by"]) < 1e-9
 
 
-def test_a_scan_without_an_end_ends_with_an_interrupt(bench: Bench, tmp_path: Path) -> None:
-    bench.client()
+def test_a_scan_without_an_end_ends_with_an_interrupt(shared: Bench, tmp_path: Path) -> None:
+    shared.client()
     path, kept, picture = (tmp_path / name for name in ("way.csv", "way.json", "way.png"))
     trajectory(path, 3.0, 7.0, 0.5)
     play = ("play", str(path), "--learned", str(kept), "--picture", str(picture), "--json")
-    playing = start(*play, "--repeat", "0", bench=bench)
-    wait_until("nine passes", lambda: bench.loop.seq > 1000 and bench.loop.state is State.RUNNING)
-    begun = bench.loop.seq
-    wait_until("and some more", lambda: bench.loop.seq > begun + 900)
+    first = shared.loop.seq
+    playing = start(*play, "--repeat", "0", bench=shared)
+    wait_until("it plays", lambda: shared.loop.state is State.RUNNING)
+    begun = shared.loop.seq
+    wait_until("nine passes", lambda: shared.loop.seq > begun + 900)
     playing.send_signal(signal.SIGINT)
     out, err = playing.communicate(timeout=60)
     result = json.loads(out)
     assert result["completed"], err
     assert result["samples"] == result["expected_samples"] > 800
     assert len(result["passes"]) >= 6
-    records = bench.loop.samples()
+    records = shared.loop.samples(first)
     own = np.flatnonzero(np.isfinite(records["target"]) & (records["state"] == State.RUNNING))
     assert not np.any(records["flags"][own] & Flag.FALLBACK)  # nothing ran dry between passes
     assert picture.exists()

@@ -58,16 +58,16 @@ def on_grid(t_s: np.ndarray, period_s: float = 0.005) -> int:
     return int(np.rint(places).sum()) - places.size
 
 
-def test_play_watched_and_recorded(bench: Bench, tmp_path: Path) -> None:
-    bench.client()
+def test_play_watched_and_recorded(shared: Bench, tmp_path: Path) -> None:
+    shared.client()
     path, rec = tmp_path / "way.csv", tmp_path / "rec.csv"
     trajectory(path, 2.0, 8.0)
-    recorder = start("record", "-o", str(rec), bench=bench)
+    recorder = start("record", "-o", str(rec), bench=shared)
     wait_until("it records", lambda: rec.exists() and rec.stat().st_size > 2000)
-    watcher = start("watch", "--for", "4", bench=bench)
+    watcher = start("watch", "--for", "4", bench=shared)
     assert watcher.stdout is not None
     assert watcher.stdout.readline()  # it watches before the trajectory begins
-    code, out, err = run("play", str(path), "--json", bench=bench)
+    code, out, err = run("play", str(path), "--json", bench=shared)
     result = json.loads(out)
     assert (code, err) == (0, "")
     assert result["completed"]
@@ -87,7 +87,7 @@ def test_play_watched_and_recorded(bench: Bench, tmp_path: Path) -> None:
     assert recording.displacement is not None
     # against the loop's own records: the recorded drive is the one in force at the reading
     origin = float(recording.metadata["setpoint_origin"].split()[0])
-    records = bench.loop.samples()
+    records = shared.loop.samples()
     measured, shown = records["measured"] + origin, recording.displacement[1:]
     windows = np.lib.stride_tricks.sliding_window_view(measured, 50)
     place = int(np.argmin(np.abs(windows - shown[:50]).sum(axis=1)))
@@ -99,28 +99,28 @@ def test_play_watched_and_recorded(bench: Bench, tmp_path: Path) -> None:
     assert "setpoint_origin" in recording.metadata
 
 
-def test_play_refuses_what_does_not_fit(bench: Bench, tmp_path: Path) -> None:
-    bench.client()
+def test_play_refuses_what_does_not_fit(shared: Bench, tmp_path: Path) -> None:
+    shared.client()
     path = tmp_path / "way.csv"
     trajectory(path, 6.0, 14.0, 1.0)
-    code, _, err = run("play", str(path), bench=bench)
+    code, _, err = run("play", str(path), bench=shared)
     assert code == 2
     offered = re.search(r"--offset-um (-[\d.]+) would centre it", err)
     assert offered
     assert err.count("\n") == 1
-    code, out, _ = run("play", str(path), "--offset-um", offered[1], "--loop", "2", bench=bench)
+    code, out, _ = run("play", str(path), "--offset-um", offered[1], "--loop", "2", bench=shared)
     assert code == 0
     assert "400 of 400 samples" in out
-    code, out, _ = run("play", str(path), "--allow-unreachable", "--json", bench=bench)
+    code, out, _ = run("play", str(path), "--allow-unreachable", "--json", bench=shared)
     assert code == 1
-    reach = bench.client().status().reach_max
+    reach = shared.client().status().reach_max
     target = np.loadtxt(path, delimiter=",", skiprows=1)[:, 2]
     outside = int(np.count_nonzero(target > reach))  # of 200; some can be reached on a way up
     assert 10 < json.loads(out)["unreachable_samples"] <= outside
-    code, _, err = run("play", str(path), "--column", "u_v", bench=bench)
+    code, _, err = run("play", str(path), "--column", "u_v", bench=shared)
     assert code == 2
     assert "targets are in v" in err
-    assert run("play", str(tmp_path / "none.csv"), bench=bench)[0] == 2
+    assert run("play", str(tmp_path / "none.csv"), bench=shared)[0] == 2
 
 
 def test_send(bench: Bench) -> None:
@@ -145,19 +145,19 @@ def test_send(bench: Bench) -> None:
     assert "no daemon reached" in err
 
 
-def test_who_is_refused_hears_how_to_take_over(bench: Bench, tmp_path: Path) -> None:
-    first = bench.client("the first")
+def test_who_is_refused_hears_how_to_take_over(shared: Bench, tmp_path: Path) -> None:
+    first = shared.client("the first")
     first.send(4.0)
     path = tmp_path / "way.csv"
     trajectory(path, 4.0, 5.0, 0.5)
     for command in (("send", "5"), ("play", str(path))):
         first.renew()
-        code, _, err = run(*command, bench=bench)
+        code, _, err = run(*command, bench=shared)
         assert code == 2
         assert "the first commands this daemon" in err
         assert "--take-over" in err
         assert err.count("\n") == 1
-    assert run("send", "5", "--take-over", bench=bench)[0] == 0
+    assert run("send", "5", "--take-over", bench=shared)[0] == 0
 
 
 def test_status_is_one_screen_and_its_exit_status_says_whether_to_look(bench: Bench) -> None:
@@ -184,9 +184,9 @@ def test_status_is_one_screen_and_its_exit_status_says_whether_to_look(bench: Be
     assert "no daemon reached" in err
 
 
-def test_watch_on_a_terminal_of_80_by_24_fits_heeds_no_color_and_a_resize(bench: Bench) -> None:
-    bench.client()
-    command = [sys.executable, "-m", "dehyst.daemon.main", "watch", "--connect", bench.address]
+def test_watch_on_a_terminal_of_80_by_24_fits_heeds_no_color_and_a_resize(shared: Bench) -> None:
+    shared.client()
+    command = [sys.executable, "-m", "dehyst.daemon.main", "watch", "--connect", shared.address]
     env = {**ENV, "NO_COLOR": "1", "TERM": "xterm-256color"}
     env = {k: v for k, v in env.items() if k not in ("COLUMNS", "LINES")}
     watcher = pexpect.spawn(
@@ -205,9 +205,9 @@ def test_watch_on_a_terminal_of_80_by_24_fits_heeds_no_color_and_a_resize(bench:
     assert watcher.exitstatus == 0
 
 
-def test_watch_as_json_is_one_object_a_line(bench: Bench) -> None:
-    bench.client()
-    code, out, _ = run("watch", "--json", "--for", "3.5", bench=bench)
+def test_watch_as_json_is_one_object_a_line(shared: Bench) -> None:
+    shared.client()
+    code, out, _ = run("watch", "--json", "--for", "3.5", bench=shared)
     assert code == 0
     lines = [json.loads(line) for line in out.splitlines()]
     assert len(lines) >= 2
@@ -228,13 +228,15 @@ def test_record_for_so_many_seconds_across_a_killed_gateway(bench: Bench, tmp_pa
     assert result["samples"] + on_grid(read_recording(rec).t_s) == 1000
 
 
-def test_a_recording_that_hits_a_limit_ends_with_a_whole_line(bench: Bench, tmp_path: Path) -> None:
+def test_a_recording_that_hits_a_limit_ends_with_a_whole_line(
+    shared: Bench, tmp_path: Path
+) -> None:
     rec = tmp_path / "rec.csv"
-    bench.client()
+    shared.client()
     program = (
         "import resource, sys; from dehyst.daemon.main import main;"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (8000, 8000));"
-        f"sys.exit(main(['record', '-o', {str(rec)!r}, '--connect', {bench.address!r}]))"
+        f"sys.exit(main(['record', '-o', {str(rec)!r}, '--connect', {shared.address!r}]))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], env=ENV, capture_output=True, text=True, timeout=60
@@ -246,7 +248,7 @@ def test_a_recording_that_hits_a_limit_ends_with_a_whole_line(bench: Bench, tmp_
     assert 7900 <= rec.stat().st_size <= 8000
     assert read_recording(rec).t_s.size > 20
     nowhere = str(tmp_path / "no" / "rec.csv")
-    code, _, err = run("record", "-o", nowhere, bench=bench)
+    code, _, err = run("record", "-o", nowhere, bench=shared)
     assert (code, "cannot be written" in err) == (2, True)
 
 
@@ -296,14 +298,14 @@ def test_braille_plot_draws_the_curve_where_it_is() -> None:
     assert "nothing to draw" in lines[-1]
 
 
-def test_a_recorder_that_stood_still_fetches_what_it_missed(bench: Bench, tmp_path: Path) -> None:
+def test_a_recorder_that_stood_still_fetches_what_it_missed(shared: Bench, tmp_path: Path) -> None:
     rec = tmp_path / "rec.csv"
-    bench.client()
-    recorder = start("record", "-o", str(rec), "--for", "7", "--json", bench=bench)
+    shared.client()
+    recorder = start("record", "-o", str(rec), "--for", "7", "--json", bench=shared)
     wait_until("it records", lambda: rec.exists() and rec.stat().st_size > 2000)
     recorder.send_signal(signal.SIGSTOP)
-    begun = bench.loop.seq
-    wait_until("five seconds pass", lambda: bench.loop.seq > begun + 1000)
+    begun = shared.loop.seq
+    wait_until("five seconds pass", lambda: shared.loop.seq > begun + 1000)
     recorder.send_signal(signal.SIGCONT)
     out, err = recorder.communicate(timeout=60)
     result = json.loads(out)
@@ -312,12 +314,12 @@ def test_a_recorder_that_stood_still_fetches_what_it_missed(bench: Bench, tmp_pa
     assert result["samples"] + on_grid(read_recording(rec).t_s) == 1400
 
 
-def test_two_kinds_of_file_and_pieces_hold_the_same_samples(bench: Bench, tmp_path: Path) -> None:
-    bench.client()
+def test_two_kinds_of_file_and_pieces_hold_the_same_samples(shared: Bench, tmp_path: Path) -> None:
+    shared.client()
     kinds = {"csv": (), "mcap": ("--rotate", "1s")}
     recorders = [
         start("record", "-o", str(tmp_path / f"run.{kind}"), "--for", "4", "--json", *rest,
-              bench=bench)
+              bench=shared)
         for kind, rest in kinds.items()
     ]  # fmt: skip
     results = []

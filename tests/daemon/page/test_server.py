@@ -29,6 +29,24 @@ def page(bench: Bench, tmp_path: Path) -> Iterator[PageProcess]:
 
 
 @pytest.fixture(scope="module")
+def page_of_module(
+    bench_of_module: Bench, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[PageProcess]:
+    """What `shared_page` hands out."""
+    page = PageProcess(bench_of_module.address, log=tmp_path_factory.mktemp("page") / "page.txt")
+    try:
+        yield page
+    finally:
+        page.close()
+
+
+@pytest.fixture
+def shared_page(page_of_module: PageProcess, shared: Bench) -> PageProcess:
+    """For tests that end neither bench nor page."""
+    return page_of_module
+
+
+@pytest.fixture(scope="module")
 def still_bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     """One for all tests that move nothing and end nothing."""
     bench = Bench(tmp_path_factory.mktemp("still"))
@@ -68,12 +86,12 @@ def followed(bench: Bench, um: float) -> bool:
     return bool(bench.loop.samples(bench.loop.seq - 1)[-1]["target"] == um)
 
 
-def test_what_is_drawn_is_what_the_loop_recorded(bench: Bench, page: PageProcess) -> None:
-    browser = looking(page)
+def test_what_is_drawn_is_what_the_loop_recorded(shared: Bench, shared_page: PageProcess) -> None:
+    browser = looking(shared_page)
     browser.ask("go", value=4.0, seconds=2.0)
     browser.until("four seconds", lambda: len(browser.frames) > 40)
     browser.close()
-    samples = bench.loop.samples()
+    samples = shared.loop.samples()
     first, *rest = browser.frames
     assert first.anew
     assert not any(frame.anew for frame in rest)
@@ -115,23 +133,23 @@ def test_a_set_point_is_kept_and_a_stop_stops(bench: Bench, page: PageProcess) -
     browser.close()
 
 
-def test_the_motion_ends_with_its_browser(bench: Bench, page: PageProcess) -> None:
-    browser = looking(page)
-    browser.ask("go", value=5.0, seconds=3600.0)
-    wait_until("the stage is there", lambda: followed(bench, 5.0))
+def test_the_motion_ends_with_its_browser(shared: Bench, shared_page: PageProcess) -> None:
+    browser = looking(shared_page)
+    browser.ask("go", value=5.5, seconds=3600.0)
+    wait_until("the stage is there", lambda: followed(shared, 5.5))
     browser.close()
-    wait_until("nobody commands", lambda: bench.loop.state is State.READY, 20.0)
+    wait_until("nobody commands", lambda: shared.loop.state is State.READY, 20.0)
 
 
 def test_who_commands_already_is_named_and_can_be_taken_over_from(
-    bench: Bench, page: PageProcess
+    shared: Bench, shared_page: PageProcess
 ) -> None:
-    browser, other = looking(page), bench.client("the other one")
+    browser, other = looking(shared_page), shared.client("the other one")
     other.send(3.0)
-    browser.ask("go", value=5.0, seconds=5.0)
+    browser.ask("go", value=6.0, seconds=5.0)
     browser.until("refused", lambda: any("the other one commands" in t for t in browser.texts()))
-    browser.ask("go", value=5.0, seconds=5.0, take_over=True)
-    wait_until("the stage is there", lambda: followed(bench, 5.0))
+    browser.ask("go", value=6.0, seconds=5.0, take_over=True)
+    wait_until("the stage is there", lambda: followed(shared, 6.0))
     browser.close()
 
 
@@ -337,15 +355,15 @@ def test_over_tls(still_bench: Bench, tmp_path: Path) -> None:
         page.close()
 
 
-def test_a_trajectory_is_looked_at_before_it_is_played(bench: Bench, page: PageProcess) -> None:
-    browser = looking(page)
+def test_a_trajectory_is_looked_at_before_it_is_played(shared_page: PageProcess) -> None:
+    browser = looking(shared_page)
     browser.until("the model", lambda: browser.said.get("model", {}).get("model"))
 
     def looked_at(low: float, high: float, hz: float) -> dict:
         t_s = np.arange(0.0, 2.0, 0.005)
         um = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(2 * np.pi * hz * t_s)
         rows = "".join(f"{t:.3f},{y:.6f}\n" for t, y in zip(t_s, um, strict=True))
-        asked = page.post(
+        asked = shared_page.post(
             "/upload/trajectory?controller=bench&file=<b>way</b>.csv",
             content="t_s,target_um\n" + rows,
         )
@@ -353,7 +371,7 @@ def test_a_trajectory_is_looked_at_before_it_is_played(bench: Bench, page: PageP
         number, job = asked.json()["number"], {}
 
         def done() -> bool:
-            job.update(page.http.get(f"/job/{number}").json())
+            job.update(shared_page.http.get(f"/job/{number}").json())
             return job["state"] in ("done", "failed")
 
         browser.until("it is looked at", done, 240.0)

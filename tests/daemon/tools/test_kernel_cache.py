@@ -9,6 +9,7 @@ import pickle
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -141,3 +142,34 @@ def test_the_services_cannot_write_where_they_load_from() -> None:
         assert "CacheDirectory" not in unit
         writable = [x for x in unit.splitlines() if x.startswith(("ReadWritePaths", "StateDir"))]
         assert not any("/opt" in line for line in writable)
+
+
+def test_a_kernel_goes_with_what_its_file_imports_and_no_other_file_is_read_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Seconds: the kernels of three files were made at 30, b was changed at 40."""
+    texts = {"a": "from dehyst.models.b import f\n", "b": "", "c": ""}
+    for name, text in texts.items():
+        path = tmp_path / "models" / f"{name}.py"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+        index = path.parent / "__pycache__" / f"{name}.f-1.py311.nbi"
+        index.parent.mkdir(exist_ok=True)
+        index.write_bytes(b"")
+        os.utime(path, (20, 20))
+        os.utime(index, (30, 30))
+    monkeypatch.setattr(kernel_cache, "PACKAGE", tmp_path)
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+
+    def kernels() -> list[str]:
+        return sorted(path.name[0] for path in tmp_path.rglob("*.nbi"))
+
+    reads = []
+    read_text = Path.read_text
+    monkeypatch.setattr(Path, "read_text", lambda p, **k: reads.append(p) or read_text(p, **k))
+    assert (kernel_cache.drop_stale(), kernels(), reads) == (0, ["a", "b", "c"], [])
+    os.utime(tmp_path / "models" / "b.py", (40, 40))
+    assert (kernel_cache.drop_stale(), kernels(), len(reads)) == (2, ["c"], 3)
+    assert (kernel_cache.drop_stale(), kernels(), len(reads)) == (0, ["c"], 3)  # c was looked at
+    os.utime(tmp_path / "models" / "c.py", (time.time() + 5, time.time() + 5))
+    assert (kernel_cache.drop_stale(), kernels()) == (1, [])

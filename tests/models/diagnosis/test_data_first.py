@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from tests.models.diagnosis.test_subject import DT, NOISE_UM, N, drive, plain, recordings
+from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.data.prepare import prepare
@@ -52,7 +53,7 @@ def test_stalls_of_the_recorder_are_no_physics() -> None:
             keep[at : at + size] = False
         y = plain(u) + NOISE_UM * rng.standard_normal(N)
         given.append(Recording(t[keep], u[keep], y[keep], name=f"r{k}.csv"))
-    d = diagnose(given)
+    d = diagnose_without_limits(given)
     assert names(d) <= PHYSICS - {"unknown"}
     assert 15 <= d.data.stalls <= 18
     assert any("stood still" in s for s in d.data.says)
@@ -63,7 +64,7 @@ def test_coarse_steps_of_the_reading_are_noise() -> None:
     for one in recordings(plain):
         y = np.round(np.array(one.displacement) / 0.15) * 0.15
         given.append(Recording(one.t_s, one.drive, y, name=one.name))
-    d = diagnose(given)
+    d = diagnose_without_limits(given)
     assert d.verdict == "clean"
     assert d.noise == pytest.approx(0.15 / np.sqrt(12), rel=0.15)
     assert any("steps of 150 nm" in s for s in d.data.says)
@@ -79,7 +80,7 @@ def test_coloured_noise_is_noise() -> None:
             slow[i] = keep * slow[i - 1] + np.sqrt(1 - keep**2) * w
         y = one.displacement + 2 * NOISE_UM * slow
         given.append(Recording(one.t_s, one.drive, y, name=one.name))
-    d = diagnose(given)
+    d = diagnose_without_limits(given)
     assert d.verdict == "clean"
     assert d.noise == pytest.approx(np.sqrt(5) * NOISE_UM, rel=0.1)
     assert any("coloured" in s for s in d.data.says)
@@ -87,7 +88,7 @@ def test_coloured_noise_is_noise() -> None:
 
 def test_a_reading_that_is_noise_is_not_clean() -> None:
     rng, t = np.random.default_rng(0), np.arange(N) * DT
-    d = diagnose([Recording(t, drive(0), rng.standard_normal(N))])
+    d = diagnose_without_limits([Recording(t, drive(0), rng.standard_normal(N))])
     assert d.verdict == "unknown"
     assert "does not follow the drive" in " ".join(d.data.says)
     assert names(d) == {"unknown"}
@@ -104,7 +105,7 @@ def test_a_butterfly_is_told() -> None:
             1.0, abs(u[i] - u[i - 1]) / 0.8
         )
     y = p**2 + 0.02 * u * p + 0.002 * np.random.default_rng(1).standard_normal(N)
-    d = diagnose([Recording(t, u, y)])
+    d = diagnose_without_limits([Recording(t, u, y)])
     assert d.verdict != "clean"
     assert any("butterfly" in s for s in d.data.says)
     assert names(d) <= PHYSICS

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.cascade.history import replay
-from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.pasts import begin_as_found
 from dehyst.models.recording import Recording
@@ -47,7 +47,7 @@ def test_the_past_of_a_recording_is_found(past: int) -> None:
 def test_a_past_is_no_shape_and_the_errors_are_those_of_the_written_models() -> None:
     """The stage is of the model's own class, and nothing is hidden in it."""
     given = recordings(FROM_BELOW)
-    found = diagnose(given)
+    found = diagnose_without_limits(given)
     assert found.verdict == "clean"
     for one, view in zip(given, found.views, strict=True):
         assert one.displacement is not None

@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.rigs.diagnosis import diagnose_without_limits
 from tests.rigs.plants.hysteresis import maxwell_slip
 
 from dehyst.models import modelfile
 from dehyst.models.cascade.simulate import simulate
-from dehyst.models.diagnosis import Diagnosis, diagnose
+from dehyst.models.diagnosis import Diagnosis
 from dehyst.models.errors import BadInput
 from dehyst.models.identify import Options, identify
 from dehyst.models.model import Block, Hysteresis, Model, Validity
@@ -83,7 +84,7 @@ def check_figures(d: Diagnosis, given: list[Recording]) -> None:
 @pytest.mark.parametrize("stage", [one_sided, curved_sensor], ids=["asymmetric", "sensor"])
 def test_what_the_base_explains_and_the_model_does_not_is_shape(stage: object) -> None:
     given = recordings(stage)
-    d = diagnose(given)
+    d = diagnose_without_limits(given)
     check_figures(d, given)
     before, after = d.before_after
     assert before > 2.0 * NOISE_UM
@@ -98,7 +99,7 @@ def test_what_the_base_explains_and_the_model_does_not_is_shape(stage: object) -
 
 def test_a_stage_of_the_models_own_class_is_clean_and_the_model_stays() -> None:
     given = recordings(plain)
-    d = diagnose(given)
+    d = diagnose_without_limits(given)
     check_figures(d, given)
     assert (d.verdict, d.findings) == ("clean", ())
     assert d.before_after[0] < 1.1 * NOISE_UM
@@ -107,7 +108,7 @@ def test_a_stage_of_the_models_own_class_is_clean_and_the_model_stays() -> None:
 
 
 def test_a_delay_on_a_stage_of_the_models_class_is_no_shape() -> None:
-    d = diagnose(recordings(plain, late_s=2.5e-3))
+    d = diagnose_without_limits(recordings(plain, late_s=2.5e-3))
     assert [f.name for f in d.findings] == ["delay"]
     assert d.findings[0].parameters["delay_s"].value == pytest.approx(2.5e-3, rel=0.05)
 
@@ -118,7 +119,7 @@ def test_the_given_model_is_what_is_diagnosed() -> None:
     own = identify(recordings(plain), Options(rate=False)).model
     for held, names in ((4e-3, []), (2e-3, ["delay"])):
         model = replace(own, blocks=(Block("delay", "drive", {"delay_s": held}),))
-        d = diagnose(given, model)
+        d = diagnose_without_limits(given, model)
         check_figures(d, given)
         assert [f.name for f in d.findings] == names
         assert d.base_model is model
@@ -132,7 +133,7 @@ def test_a_model_with_other_numbers_is_told_to_be_identified_again() -> None:
     own = identify(given, Options(rate=False)).model
     h = own.hysteresis
     worn = replace(own, hysteresis=replace(h, b=h.b * np.linspace(1.0, 1.15, h.n)))
-    d = diagnose(given, worn)
+    d = diagnose_without_limits(given, worn)
     check_figures(d, given)
     (shape,) = d.findings
     assert shape.name == "shape"
@@ -146,9 +147,9 @@ def test_a_model_of_another_stage_is_told_first() -> None:
         Hysteresis(r=np.array([0.0, 1.0]), b=np.array([2.4, 0.3]), c=np.array([0.0, 1.0])),
         Validity(0.0, 10.0),
     )
-    d = diagnose(given, other)
+    d = diagnose_without_limits(given, other)
     assert "not of this stage" in d.data.says[0]
     assert d.verdict != "clean"
     assert d.before_after[0] > 1.0
     with pytest.raises(BadInput, match="mrad"):
-        diagnose(given, replace(other, displacement_unit="mrad"))
+        diagnose_without_limits(given, replace(other, displacement_unit="mrad"))

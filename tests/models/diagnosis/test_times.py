@@ -4,6 +4,7 @@ drive that are none of the surroundings; recordings that are too long to be fitt
 import numpy as np
 import pytest
 from tests.models.diagnosis.test_subject import DT, NOISE_UM, drive, plain, recordings
+from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.base import rich_base
@@ -31,7 +32,7 @@ def test_creep_of_an_earlier_move_is_named_as_creep() -> None:
         size = 0.12 * (1 - 2 * k) / 1.5
         return sum(size * np.exp(-1.0 / tau) * (1 - np.exp(-t / tau)) for tau in taus)
 
-    d = diagnose(changed(past))
+    d = diagnose_without_limits(changed(past))
     first = d.findings[0]
     assert first.name == "creep"
     assert "before the recording" in first.says
