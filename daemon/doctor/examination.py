@@ -1,11 +1,13 @@
 """One case: is it the gauge? What was left out? Is a better model at hand? What is to be tried?
 
-The flagged recording is diagnosed, about the model in use. The last good recording is the control:
-what the model left of it says whether what was found is new. Both are not diagnosed as one, because
-what has changed is not the same in both, and a diagnosis names only what is.
+The flagged recording is diagnosed, about the model in use, with what led to it in front. The last
+good recording is the control: what the model left of it says whether what was found is new. Both
+are not diagnosed as one, because what has changed is not the same in both, and a diagnosis names
+only what is. Beside the diagnosis each cause is tried alone: mostly one thing has changed.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,25 +22,35 @@ from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.loop.reach import displacement_range
 from dehyst.models import diagnosis
+from dehyst.models.change.causes import WeighedCause, find_causes, weigh_causes
+from dehyst.models.change.led import lead_in, without_lead
+from dehyst.models.change.replay import BothReplayed, replay_both
 from dehyst.models.diagnosis import Finding
 from dehyst.models.errors import BadInput, DehystError
 from dehyst.models.identify.validation import validate
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.mismatch.gauge import find_gauge_fault
-from dehyst.models.mismatch.replay import BothReplayed, models_to_try, replay_both, weigh_new
-from dehyst.models.model import Block, Model
-from dehyst.models.physics import PHYSICS
+from dehyst.models.model import Model
 from dehyst.models.recording import Recording
 
 GAUGE = "gauge"
 SPARE_S = 60.0
 """So long beyond its due time the later telemetry is waited for."""
 LOOK_S = 0.25
-NAMES = {kind.name: one.name for one in PHYSICS.values() for kind in one.kinds}
 NEW, LEAST = 0.8, 0.1
 """So much less was left before: it is new; part of what is left that a cause must remove."""
 SPARSER = 0.5
 """Noises rms that a richer model must remove beyond the sparser one."""
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """later: None where it has not come; good: None where there is none; causes: newest first."""
+
+    flagged: Recording
+    later: Recording | None
+    good: Recording | None
+    causes: Sequence[WeighedCause]
 
 
 def examine(folder: Path) -> Examined:
@@ -47,11 +59,12 @@ def examine(folder: Path) -> Examined:
     if case is None:
         raise BadInput(f"{folder.name}: no case")
     model = load_model(folder / cases.IN_USE)
-    flagged = read_recording(folder / cases.FLAGGED, need_displacement=True, min_rows=1)
+    whole = read_recording(folder / cases.FLAGGED, need_displacement=True, min_rows=1)
+    lead_s = case.leads.get(cases.FLAGGED, 0.0)
     valid = model.validity
     reach = displacement_range(model, valid.drive_min, valid.drive_max)
     fault = "the gauge is stuck" if case.figure == "stuck" else ""
-    fault = find_gauge_fault(flagged, model, reach) or fault
+    fault = find_gauge_fault(without_lead(whole, lead_s), model, reach) or fault
     if fault:
         return Examined(
             verdict=GAUGE,
@@ -59,34 +72,40 @@ def examine(folder: Path) -> Examined:
             "reader first.",
             unit=model.displacement_unit,
         )
+    flagged = lead_in(whole, lead_s)
     found = Diagnosed(diagnosis.diagnose([flagged], model), (flagged,))
     found.save(folder / cases.FOUND)
-    return _conclude(folder, case, model, found, flagged)
+    return _conclude(folder, case, model, found, _gather(folder, case, model, flagged))
+
+
+def _gather(folder: Path, case: Case, model: Model, flagged: Recording) -> _Evidence:
+    causes = find_causes(model, flagged)
+    later, good = _wait_for_later(folder, case), _read(folder, cases.GOOD, case)
+    weighed = weigh_causes(model, causes, flagged if later is None else later, good)
+    return _Evidence(flagged, later, good, weighed)
 
 
 def _conclude(
-    folder: Path, case: Case, model: Model, found: Diagnosed, flagged: Recording
+    folder: Path, case: Case, model: Model, found: Diagnosed, seen: _Evidence
 ) -> Examined:
     details = found.details
     before, after = details.before_after
-    good = _read(folder / cases.GOOD)
-    when_good = validate(model, good).rms if good is not None else -1.0
-    later = _wait_for_later(folder, case)
-    ranked = weigh_new(model, found.model, flagged if later is None else later, good)
-    findings = rank_findings(details.findings, ranked, LEAST * before**2)
+    when_good = validate(model, seen.good).rms if seen.good is not None else -1.0
+    noise2 = details.noise**2
+    findings = rank_findings(details.findings, seen.causes, LEAST * before**2, noise2)
     named = [f for f in findings if f.name != "unknown"]
     says = [_tell(found, findings, before, after), *_tell_good(when_good, before, details.unit)]
-    of_sensor = bool(named) and named[0].place == "sensor"
+    of_sensor = bool(named) and is_of_sensor(named[0], seen.causes, noise2)
     offered, tested, why = None, None, ""
     if of_sensor:
         why = "What has changed is the gauge: no model is offered."
     elif case.figure == "offset" and before <= 2.0 * max(when_good, details.noise):
         why = "The zero has moved, and nothing else: no model is offered. `dehyst zero` sets it."
-    elif named and later is None:
+    elif named and seen.later is None:
         why = "No model is offered: no telemetry came on which it could be tested."
-    elif named and later is not None:
-        models = models_to_try(model, found.model, ranked)
-        offered, tested, why = _try(case, model, models, later, details.noise)
+    elif named and seen.later is not None:
+        models = [*pick_models(named[0], seen.causes), found.model]
+        offered, tested, why = _try(case, model, models, seen.later, details.noise)
     if offered is not None:
         save_model(offered, folder / cases.OFFERED)
     if why:
@@ -108,23 +127,41 @@ def _conclude(
 
 
 def rank_findings(
-    findings: Sequence[Finding], ranked: Sequence[tuple[Block, float]], least: float
+    findings: Sequence[Finding], causes: Sequence[WeighedCause], least: float, noise2: float
 ) -> list[Finding]:
-    """What is new first: by the mean square that each finding's blocks remove of later telemetry
-    and not of the good recording; then the loop's shape, then what removes less than `least`, then
-    what nothing explains."""
+    """What is new first: by the mean square that each finding's cause alone removes of later
+    telemetry and not of the good recording, and where that is as good as the best but for the
+    noise's (noise2), by the diagnosis' share; then the loop's shape, then what removes less than
+    `least`, then what nothing explains."""
     new: dict[str, float] = {}
-    for block, removed in ranked:
-        name = NAMES.get(block.kind, block.kind)
-        new[name] = max(new.get(name, 0.0), removed)
-    last = {"shape": 1, "unknown": 3}
-    return sorted(
-        findings,
-        key=lambda f: (
-            last.get(f.name, 0 if new.get(f.name, 0.0) >= least else 2),
-            -new.get(f.name, 0.0),
-        ),
-    )
+    for one in causes:
+        new[one.cause.name] = max(new.get(one.cause.name, 0.0), one.new)
+    best = max((new.get(f.name, 0.0) for f in findings), default=0.0)
+
+    def rank(finding: Finding) -> tuple[int, float, float]:
+        of_it = new.get(finding.name, 0.0)
+        last = {"shape": 1, "unknown": 3}.get(finding.name, 0 if of_it >= least else 2)
+        return last, -best if of_it >= best - noise2 else -of_it, -finding.share
+
+    return sorted(findings, key=rank)
+
+
+def is_of_sensor(first: Finding, causes: Sequence[WeighedCause], noise2: float) -> bool:
+    """Whether it is the gauge that has changed: no cause of that name elsewhere does as well."""
+    if first.place != "sensor":
+        return False
+    alone = [one for one in causes if one.cause.name == first.name]
+    here = [one.new for one in alone if one.cause.place == "sensor"]
+    elsewhere = [one.new for one in alone if one.cause.place != "sensor"]
+    return not elsewhere or max(elsewhere) < max(here, default=0.0) - noise2
+
+
+def pick_models(first: Finding, causes: Sequence[WeighedCause]) -> list[Model]:
+    """What was named alone, then what it cannot be told from; a gauge's is not compensated."""
+    fit = [one for one in causes if one.new > 0.0 and one.cause.place != "sensor"]
+    named = [one for one in fit if one.cause.name == first.name]
+    near = [one for one in fit if one.cause.name in first.ambiguous_with]
+    return [one.cause.model for one in (*named, *near)]
 
 
 def _effect(finding: Finding) -> FoundEffect:
@@ -154,11 +191,12 @@ def _tell(found: Diagnosed, findings: Sequence[Finding], before: float, after: f
     return f"Found: {names} ({details.verdict}); {pair}."
 
 
-def _read(path: Path) -> Recording | None:
+def _read(folder: Path, name: str, case: Case) -> Recording | None:
     try:
-        return read_recording(path, need_displacement=True)
+        one = read_recording(folder / name, need_displacement=True)
     except DehystError:
         return None
+    return lead_in(one, case.leads.get(name, 0.0))
 
 
 def _try(
@@ -170,7 +208,7 @@ def _try(
     for candidate in models:
         try:
             Compensator(candidate, 1.0 / case.rate_hz, case.low, case.high, case.slew)
-            tried.append((replay_both(model, candidate, later, noise), candidate))
+            tried.append((replay_both(model, candidate, later, noise, case.later_s), candidate))
         except (DehystError, ValueError, ArithmeticError) as error:
             why = f"No model is offered: the augmented one cannot be used here ({error})."
     if not tried:
@@ -204,6 +242,6 @@ def _wait_for_later(folder: Path, case: Case) -> Recording | None:
     """The telemetry behind the recording, once it is complete; None: it does not come."""
     for _ in range(round((case.later_s + SPARE_S) / LOOK_S)):
         if (folder / cases.LATER).exists():
-            return _read(folder / cases.LATER)
+            return _read(folder, cases.LATER, case)
         clock.sleep_s(LOOK_S)
     return None

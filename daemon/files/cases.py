@@ -3,7 +3,8 @@
     mismatch-DATE.case/   case.json      what the gateway knows (Case); written last
                           good.csv       the last good recording, where there is one
                           flagged.csv    from the flag on
-                          later.csv      what came after it; the offer is tested on it
+                          later.csv      what came after it; the offer is tested on it; each of the
+                                         three with what led to it in front (Case.leads)
                           in-use.toml    the model that the loop ran
                           found/         diagnosis.json, report.html, model.toml: the augmented one
                           offered.toml   the model that is offered
@@ -38,7 +39,8 @@ class _Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 class Case(_Kept, frozen=True):
     """number: of the offer that may come of it; figure: of the mismatch watch; low, high, slew: the
-    drive's limits, in its unit and its unit a second."""
+    drive's limits, in its unit and its unit a second; leads: by file, its first seconds that only
+    lead to what it is about."""
 
     number: int
     name: str
@@ -50,6 +52,7 @@ class Case(_Kept, frozen=True):
     slew: float
     rate_hz: float
     later_s: float
+    leads: dict[str, float] = {}
 
 
 class OfferTest(_Kept, frozen=True):

@@ -1,13 +1,15 @@
 """What the doctor is given: the last good recording, the flagged one, and what came after.
 
 Called by the mismatch watch's thread. While the stage is in order and moves, a short stretch of
-telemetry is kept now and then; the newest that ended well before the flag is the good one.
+telemetry is kept now and then; the newest that ended well before the flag is the good one. Each
+recording has what led to it in front (Case.leads): a stage remembers, and what it does hangs on it.
 """
 
 from collections import deque
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,7 +33,9 @@ from dehyst.models.errors import DehystError
 GOOD_S, EVERY_S, SPARE_S = 20.0, 8, 12.0
 """Length of a good stretch; seconds of motion between two; what lies closer to the flag than this
 may have had the mismatch in it already."""
-MOST_ROWS = 60_000
+LEAD_S = 25.0
+"""In front of each recording, as far as the history goes."""
+MOST_ROWS = 60_000  # of a good stretch, and of a lead
 STRETCHES = 4
 
 
@@ -45,6 +49,7 @@ class CaseKeeper:
         self._motion_s = 0
         self._folder: Path | None = None
         self._origin, self._first, self._end = 0.0, 0, -1
+        self._lead = min(MOST_ROWS, round(LEAD_S * self._rate_hz))
 
     def restart(self) -> None:
         """Another run or another model: nothing is known to be good, no case is open."""
@@ -57,7 +62,7 @@ class CaseKeeper:
             return
         self._motion_s = motion_s
         count = min(MOST_ROWS, round(GOOD_S * self._rate_hz))
-        self._good.append(self._history.get(seq + 1 - count, seq + 1))
+        self._good.append(self._history.get(seq + 1 - count - self._lead, seq + 1))
 
     def begin(self, recording: Path, flagged: int, end: int, origin: float, case: Case,
               model: Path) -> None:  # fmt: skip
@@ -65,13 +70,18 @@ class CaseKeeper:
         its last one. Raises OSError, DehystError."""
         folder = case_folder(recording)
         folder.mkdir(parents=True)
-        good = self._last_good(flagged)
+        good, leads = self._last_good(flagged), {}
         if good is not None:
-            self._write(folder / GOOD, good, origin, model)
-        self._write(folder / FLAGGED, self._history.get(flagged, end + 1), origin, model)
+            count = min(MOST_ROWS, round(GOOD_S * self._rate_hz))
+            leads[GOOD] = self._write(
+                folder / GOOD, good, int(good["seq"][-1]) + 1 - count, origin, model
+            )
+        samples = self._history.get(flagged - self._lead, end + 1)
+        leads[FLAGGED] = self._write(folder / FLAGGED, samples, flagged, origin, model)
         save_model(load_model(model), folder / IN_USE)
-        put_record(folder, CASE, case)
-        self._folder, self._origin, self._first = folder, origin, end + 1
+        leads[LATER] = leads[FLAGGED] + (end + 1 - flagged) / self._rate_hz
+        put_record(folder, CASE, msgspec.structs.replace(case, leads=leads))
+        self._folder, self._origin, self._first = folder, origin, flagged - self._lead
         self._end = end + round(case.later_s * self._rate_hz)
 
     def _last_good(self, flagged: int) -> NDArray[Any] | None:
@@ -86,18 +96,23 @@ class CaseKeeper:
         end, self._end = self._end, -1
         try:
             samples = self._history.get(self._first, end + 1)
-            self._write(self._folder / LATER, samples, self._origin, model)
+            self._write(self._folder / LATER, samples, self._first, self._origin, model)
         except (OSError, DehystError):
             return  # the doctor does not find it, and offers nothing
 
-    def _write(self, path: Path, samples: NDArray[Any], origin: float, model: Path) -> None:
-        """Under another name first: the doctor reads what has its own."""
+    def _write(
+        self, path: Path, samples: NDArray[Any], first: int, origin: float, model: Path
+    ) -> float:
+        """Under another name first: the doctor reads what has its own. first: the sample with which
+        what counts begins; how long the lead before it is [s]."""
         known = load_model(model)
         part = path.with_name(f"part-{path.name}")
         units = (known.drive_unit, known.displacement_unit)
         with Recorder(part, self._config.actuator.gain, units, origin, {}, replace=True) as out:
             out.add(samples)
         part.replace(path)
+        lead = samples[samples["seq"] < first]
+        return float((first - lead["seq"][0]) / self._rate_hz) if lead.size else 0.0
 
 
 def describe_case(config: Config, name: str, figure: str, when: tuple[int, int]) -> Case:

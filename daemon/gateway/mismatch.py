@@ -84,10 +84,14 @@ class MismatchWatch:
         """Until `stop`."""
         while not stop.wait(0.1):
             while self._batches and not stop.is_set():
-                try:
-                    self._take(*self._batches.popleft())
-                except DehystError as error:
-                    log.warning("mismatch watch: %s", error)
+                self.judge_next()
+
+    def judge_next(self) -> None:
+        """The oldest batch that waits."""
+        try:
+            self._take(*self._batches.popleft())
+        except DehystError as error:
+            log.warning("mismatch watch: %s", error)
 
     def _take(self, run: int, samples: NDArray[Any], origin: float, zero: float) -> None:
         if run != self._run or self._watch is None:

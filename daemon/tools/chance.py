@@ -33,9 +33,30 @@ def _lag(chance: random.Random) -> tuple[str, dict[str, float]]:
     return f"a lag of the amplifier of {1e3 * tau:.1f} ms", {"amplifier_tau_s": tau}
 
 
+def _delay(chance: random.Random) -> tuple[str, dict[str, float]]:
+    delay = chance.uniform(0.01, 0.02)
+    return f"a delay of {1e3 * delay:.1f} ms", {"sensor_delay_s": delay}
+
+
+def _friction(chance: random.Random) -> tuple[str, dict[str, float]]:
+    half = chance.uniform(0.2, 0.4)
+    return f"friction of the guide, {1e3 * half:.0f} nm to both sides", {"friction_um": half}
+
+
+def _resonance(chance: random.Random) -> tuple[str, dict[str, float]]:
+    hz, damping = chance.uniform(15.0, 25.0), chance.uniform(0.1, 0.2)
+    return (
+        f"a mode of {hz:.0f} Hz with a damping ratio of {damping:.2f}",
+        {"mode_hz": hz, "mode_damping": damping, "mode_share": 0.6},
+    )
+
+
 EFFECTS: dict[str, Callable[[random.Random], tuple[str, dict[str, float]]]] = {
     "creep": _creep,
+    "delay": _delay,
+    "friction": _friction,
     "lag": _lag,
+    "resonance": _resonance,
 }
 
 

@@ -5,7 +5,7 @@ The daemon follows a trajectory with the model of the first act. An effect drawn
 model, the model is accepted, the error falls. This file knows nothing of what was drawn.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
-from dehyst.daemon.bus.messages import DoctorReport
+from dehyst.daemon.bus.messages import DoctorReport, FoundEffect
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.rings.records import Flag
 from dehyst.daemon.tools.chance import Chance
@@ -127,10 +127,11 @@ class Story:
     @property
     def named_right(self) -> bool:
         """The first name, or one that it says it cannot be told from."""
-        if not (self.report and self.report.effects):
-            return False
-        first = self.report.effects[0]
-        return self.drawn in (first.name, *first.ambiguous_with)
+        return self.says_right(self.report.effects if self.report else ())
+
+    def says_right(self, effects: Sequence[FoundEffect]) -> bool:
+        """Whether these, the first one first, name what was drawn."""
+        return bool(effects) and self.drawn in (effects[0].name, *effects[0].ambiguous_with)
 
     @property
     def helped(self) -> bool:

@@ -144,6 +144,7 @@ class MismatchMonitor:
         self._window: deque[Floats] = deque(maxlen=TUNING.window_s)
         self._levels = {name: _Level(least, block_s) for name, least in LEAST.items()}
         self.figures: dict[str, float] = dict.fromkeys((*LEAST, "fit"), 0.0)
+        self._newest = self.figures  # of the last seconds alone
         self.mismatch = False
         self.seconds = self.motion_s = self._moved_s = 0
 
@@ -183,7 +184,7 @@ class MismatchMonitor:
     def health(self) -> float:
         """Largest figure over its threshold: below 1 in order. Below 0: still learning, and minus
         the share of the learning that is left."""
-        worst = self._compare(self.figures)
+        worst = self._worst()
         return -self.learning if self.learning and worst <= 1.0 else worst
 
     @property
@@ -197,6 +198,10 @@ class MismatchMonitor:
         """The figure that is largest over its threshold."""
         limits = self.thresholds
         return max(limits, key=lambda name: self.figures[name] / limits[name])
+
+    def _worst(self) -> float:
+        """The long window's, or the newest seconds', which are judged by wider thresholds."""
+        return max(self._compare(self.figures), self._compare(self._newest) / TUNING.sudden)
 
     def _compare(self, figures: dict[str, float]) -> float:
         return float(max(figures[name] / limit for name, limit in self.thresholds.items()))
@@ -225,7 +230,8 @@ class MismatchMonitor:
             return
         # a large misfit need not wait for the long window
         health = self._compare(self.figures)
-        newest = self._compare(_compute_figures(sums[-TUNING.shortest_s :], misfit2))
+        self._newest = _compute_figures(sums[-TUNING.shortest_s :], misfit2)
+        newest = self._compare(self._newest)
         if health > 1.0 or newest > TUNING.sudden:
             self.mismatch = True
         elif health < TUNING.clear and newest < 1.0:

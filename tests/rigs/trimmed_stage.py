@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.config import parse_config
+from dehyst.daemon.loop.checks import REPLAY_SAMPLES
 from dehyst.daemon.loop.reach import displacement_range
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.step import Stepper
@@ -48,8 +49,8 @@ class TrimmedStage:
         text = CONFIG.format(
             rate_hz=rate_hz, low=LOW_V, high=HIGH_V, slew=slew, trim=str(trim).lower()
         )
-        config = parse_config(text)
-        self.period_ns = config.period_ns
+        config = self._config = parse_config(text)
+        self.period_ns, self._slew = config.period_ns, slew
         valid = model.validity
         low, high = max(LOW_V, valid.drive_min), min(HIGH_V, valid.drive_max)
         least, most = displacement_range(model, low, high)
@@ -82,6 +83,18 @@ class TrimmedStage:
         self.stage.advance(self.period_ns * 1e-9, float(record["volts"]))
         stepper.follow_output(float(record["volts"]))
         self.now_ns += self.period_ns
+
+    def reload(self, model: Model) -> None:
+        """Another model, as the loop takes it: led along the past output."""
+        period_s = self.period_ns * 1e-9
+        compensator = Compensator(model, period_s, LOW_V, HIGH_V, self._slew)
+        past = [float(r["volts"]) for r in self.records[-REPLAY_SAMPLES:]]
+        state = compensator.init(past[0])
+        for volts in past:
+            compensator.applied(state, volts)
+        least, most = self.reach
+        self.stepper.reload(compensator, state, self.stepper.origin)
+        self.stepper.trim_setting[:] = trim_setting(self._config, model, most - least)
 
     def skip(self) -> None:
         """A sample that the loop missed: a period passes under the voltage before."""

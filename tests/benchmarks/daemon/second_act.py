@@ -70,6 +70,28 @@ def row(facts: dict[str, Any]) -> str:
     )
 
 
+def table_head() -> str:
+    """Of the table."""
+    return (
+        f"{'seed':>5}  {'drawn':10} {'flag':>5} {'named':22} right{'state':9}"
+        f"{'before':>7}{'with':>7}{'after':>7} nm  missed"
+    )
+
+
+def judge(stories: list[dict[str, Any]], bars: Bars) -> None:
+    """The bars, on the facts of these seeds."""
+    count = max(1, len(stories))
+    flagged = [f for f in stories if (f["flagged_after_s"] or 1e9) <= FLAG_S]
+    named = [f for f in stories if f["named_right"]]
+    proven = [f for f in stories if f["state"] == "accepted"]
+    better = [f for f in proven if f["rms_um"]["after"] <= TIMES * f["rms_um"]["before"]]
+    wrong = [f for f in proven if f["rms_um"]["after"] >= f["rms_um"]["during"]]
+    bars.least("flagged within 10 s of motion", 100 * len(flagged) / count, 100 * FLAGGED, "%")
+    bars.least("named right first", 100 * len(named) / count, 100 * NAMED, "%")
+    bars.least("after, at most 1.3 times before", 100 * len(better) / count, 100 * BETTER, "%")
+    bars.none("wrong model kept", len(wrong))
+
+
 def main() -> int:
     """Play, print, judge."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -79,8 +101,7 @@ def main() -> int:
     args = parser.parse_args()
     busy, bars = too_busy(), Bars()
     stories: list[dict[str, Any]] = []
-    print(f"{'seed':>5}  drawn      flag   named                  right state     "
-          f"{'before':>7}{'with':>7}{'after':>7} nm  missed")  # fmt: skip
+    print(table_head())
     with tempfile.TemporaryDirectory(prefix="dehyst-act-") as folder:
         first_act(Path(folder))
         for seed in range(args.first, args.first + args.seeds):
@@ -96,16 +117,7 @@ def main() -> int:
     judged = [f for f in stories if f["missed"] <= MOST_LATE * f["samples"]]
     if busy or len(judged) < len(stories):
         print(f"{len(stories) - len(judged)} of {len(stories)} not judged: too busy. {busy}")
-    count = max(1, len(judged))
-    flagged = [f for f in judged if (f["flagged_after_s"] or 1e9) <= FLAG_S]
-    named = [f for f in judged if f["named_right"]]
-    proven = [f for f in judged if f["state"] == "accepted"]
-    better = [f for f in proven if f["rms_um"]["after"] <= TIMES * f["rms_um"]["before"]]
-    wrong = [f for f in proven if f["rms_um"]["after"] >= f["rms_um"]["during"]]
-    bars.least("flagged within 10 s of motion", 100 * len(flagged) / count, 100 * FLAGGED, "%")
-    bars.least("named right first", 100 * len(named) / count, 100 * NAMED, "%")
-    bars.least("after, at most 1.3 times before", 100 * len(better) / count, 100 * BETTER, "%")
-    bars.none("wrong model kept", len(wrong))
+    judge(judged, bars)
     return bars.end()
 
 

@@ -11,7 +11,7 @@ from tests.rigs.gateway_bench import wait_until
 from tests.rigs.processes import dehyst, simulated_config
 
 from dehyst.daemon.config import load_config
-from dehyst.daemon.doctor.examination import examine, rank_findings
+from dehyst.daemon.doctor.examination import examine, is_of_sensor, pick_models, rank_findings
 from dehyst.daemon.doctor.next_step import excite_arguments
 from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Case, Examined
@@ -22,7 +22,8 @@ from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.daemon.tools.second_act import pattern
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
-from dehyst.models.model import Block
+from dehyst.models.change.causes import Cause, WeighedCause
+from dehyst.models.model import Hysteresis, Model, Validity
 
 RATE_HZ = 200.0
 LAG_S = 0.015
@@ -36,41 +37,57 @@ def a_case(**more: object) -> Case:
     return Case(**(fields | more))
 
 
-def lay(folder: Path, tau_s: float = 0.0, **more: object) -> Path:
-    """A good, a flagged and a later recording of a stage whose amplifier lags from the flag on."""
+def lay(folder: Path, stuck: bool = False, **change: float) -> Path:
+    """A good, a flagged and a later recording of a stage that changes with the flag, each with what
+    led to it in front."""
     folder.mkdir(parents=True, exist_ok=True)
     t_s, volts = pattern(75.0, 66.0, RATE_HZ)
-    stage = Stage(StageSettings(seed=4))
-    for name in (cases.GOOD, cases.FLAGGED, cases.LATER):
+    seconds = t_s.size / RATE_HZ
+    stage, drive, reading = Stage(StageSettings(seed=4)), [], []
+    leads: dict[str, float] = {}
+    for name in ("", cases.GOOD, cases.FLAGGED, cases.LATER):
         if name == cases.FLAGGED:
-            stage.change(amplifier_tau_s=tau_s)
+            stage.change(**change)
         _, measured = stage.run(t_s, volts)
-        if name == cases.FLAGGED and more.get("stuck"):
+        if name == cases.FLAGGED and stuck:
             measured = np.full(measured.size, 7.0)
-        columns = {"u_v": np.r_[volts[0], volts[:-1]], "y_um": measured}
-        write_recording(folder / name, t_s, columns, {})
+        drive.append(np.r_[volts[0], volts[:-1]])
+        reading.append(measured)
+        if name:
+            leads[name] = seconds * (len(drive) - 1)
+            columns = {"u_v": np.concatenate(drive), "y_um": np.concatenate(reading)}
+            times = np.arange(columns["u_v"].size) / RATE_HZ
+            write_recording(folder / name, times, columns, {})
     save_model(simulated_model(), folder / cases.IN_USE)
-    cases.put_record(folder, cases.CASE, a_case())
+    cases.put_record(folder, cases.CASE, a_case(leads=leads))
     return folder
 
 
-def test_a_lag_is_named_and_the_model_with_it_is_offered(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("change", "name", "place"),
+    [
+        ({"amplifier_tau_s": LAG_S}, "lag", "drive"),
+        ({"creep_gain_per_decade": 0.045}, "creep", "stage"),  # the stage remembers what led here
+    ],
+)
+def test_what_changed_is_named_and_the_model_with_it_is_offered(
+    tmp_path: Path, change: dict[str, float], name: str, place: str
+) -> None:
     with without_limits():
-        found = examine(lay(tmp_path / "case", LAG_S))
-    assert "lag" in (found.effects[0].name, *found.effects[0].ambiguous_with)
+        found = examine(lay(tmp_path / "case", **change))
+    assert name in (found.effects[0].name, *found.effects[0].ambiguous_with)
     assert found.rms_when_good < 0.5 * found.rms_in_use
     assert "It is new" in found.says
     assert found.tested is not None
-    assert found.tested.offered**2 < found.tested.in_use**2 - found.noise**2
+    assert found.tested.offered < 0.5 * found.tested.in_use
     offered = load_model(tmp_path / "case" / cases.OFFERED)
-    lags = [b for b in offered.blocks if b.kind == "lag" and b.place == "drive"]
-    assert lags
+    assert [b for b in offered.blocks if b.kind == name and b.place == place]
     assert b"<html" in (tmp_path / "case" / cases.REPORT).read_bytes().lower()
     assert json.loads((tmp_path / "case" / "found" / "diagnosis.json").read_text())["format"] == 2
 
 
 def test_a_gauge_that_fails_gets_no_model(tmp_path: Path) -> None:
-    found = examine(lay(tmp_path / "case", LAG_S, stuck=True))
+    found = examine(lay(tmp_path / "case", stuck=True))
     assert found.verdict == "gauge"
     assert "stuck" in found.says
     assert found.tested is None
@@ -78,20 +95,58 @@ def test_a_gauge_that_fails_gets_no_model(tmp_path: Path) -> None:
     assert not (tmp_path / "case" / cases.OFFERED).exists()
 
 
-def test_what_is_new_is_told_first() -> None:
-    class F:
-        def __init__(self, name: str) -> None:
-            self.name = name
+class F:
+    """A finding, as far as it is ranked."""
 
+    def __init__(
+        self, name: str, share: float = 0.5, place: str = "stage", near: tuple[str, ...] = ()
+    ) -> None:
+        self.name, self.share, self.place, self.ambiguous_with = name, share, place, near
+
+
+def alone(name: str, new: float, place: str = "stage") -> WeighedCause:
+    plain = Hysteresis(np.zeros(1), np.ones(1), np.array([0.0, 1.0]))
+    tag = f"{name}-{place}"  # to tell the models apart
+    return WeighedCause(Cause(name, place, "", Model(plain, Validity(0.0, 1.0), tag)), 0.0, new)
+
+
+def test_what_is_new_is_told_first() -> None:
     found = [F(name) for name in ("unknown", "shape", "creep", "rate", "lag")]
-    ranked = [(Block("lag", "drive", {}), 0.04), (Block("creep", "stage", {}), 0.01)]
+    causes = [alone("lag", 0.04), alone("creep", 0.01)]
     for least, expected in (
         (0.005, ["lag", "creep", "shape", "rate", "unknown"]),
         (0.020, ["lag", "shape", "creep", "rate", "unknown"]),
         (0.100, ["shape", "lag", "creep", "rate", "unknown"]),
     ):
-        names = [f.name for f in rank_findings(found, ranked, least)]  # type: ignore[arg-type]
+        names = [f.name for f in rank_findings(found, causes, least, 0.0)]  # type: ignore[arg-type]
         assert names == expected
+
+
+def test_of_what_does_as_well_the_diagnosis_share_decides() -> None:
+    found = [F("lag", 0.1), F("delay", 0.7)]
+    causes = [alone("lag", 0.0403), alone("delay", 0.0400)]
+    for noise2, expected in ((0.0004, "delay"), (0.0002, "lag")):
+        ranked = rank_findings(found, causes, 0.001, noise2)  # type: ignore[arg-type]
+        assert ranked[0].name == expected
+
+
+def test_the_gauge_has_changed_where_nothing_else_does_as_well() -> None:
+    lag = F("lag", place="sensor")
+    for elsewhere, expected in ((0.0400, False), (0.0300, True)):
+        causes = [alone("lag", 0.0402, "sensor"), alone("lag", elsewhere, "drive")]
+        assert is_of_sensor(lag, causes, 0.0004) is expected  # type: ignore[arg-type]
+    assert is_of_sensor(lag, causes[:1], 0.0004)  # type: ignore[arg-type]
+    assert not is_of_sensor(F("lag", place="drive"), causes, 0.0004)  # type: ignore[arg-type]
+
+
+def test_what_was_named_is_offered_before_what_it_cannot_be_told_from() -> None:
+    causes = [
+        alone("rate", 0.05), alone("lag", 0.045, "sensor"), alone("lag", 0.04, "drive"),
+        alone("creep", 0.01), alone("delay", -0.01),
+    ]  # fmt: skip
+    first = F("lag", near=("rate", "delay"))
+    picked = [m.drive_unit for m in pick_models(first, causes)]  # type: ignore[arg-type]
+    assert picked == ["lag-drive", "rate-stage"]
 
 
 @pytest.mark.parametrize("pair", [None, ("delay", "lag"), ("shape", "nothing")])

@@ -7,7 +7,6 @@ import pytest
 
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.mismatch.gauge import find_gauge_fault
-from dehyst.models.mismatch.replay import BothReplayed, replay_both
 from dehyst.models.mismatch.trial import ErrorMeter, Errors, why_back
 from dehyst.models.model import Fit, Hysteresis, Model, Validity
 from dehyst.models.recording import Recording
@@ -73,21 +72,6 @@ def test_it_stays_where_its_error_fell_by_half_of_the_promise(
     before: Errors, after: Errors, stays: bool
 ) -> None:
     assert (why_back(before, after, (0.3, 0.03), NOISE) == "") is stays
-
-
-def test_an_offer_must_improve_by_more_than_the_noise() -> None:
-    assert BothReplayed(0.10, 0.02, 0.02, 10.0).improves
-    assert not BothReplayed(0.028, 0.020, 0.02, 10.0).improves  # removes 0.0196 rms
-    assert BothReplayed(0.029, 0.020, 0.02, 10.0).improves  # removes 0.0210 rms
-    assert not BothReplayed(0.02, 0.10, 0.02, 10.0).improves
-
-
-def test_both_are_replayed_on_what_came_later() -> None:
-    both = replay_both(stage(), stage(0.9), recording(0.9), NOISE)
-    assert both.offered < 1.2 * NOISE
-    assert both.in_use > 10 * NOISE
-    assert both.improves
-    assert not replay_both(stage(), stage(0.9), recording(1.0), NOISE).improves
 
 
 def stuck(y: np.ndarray) -> np.ndarray:

@@ -2,8 +2,9 @@
 
 from tests.mutations.change import Change, room
 
-REPLAY, TRIAL, GAUGE = (f"models/mismatch/{name}.py" for name in ("replay", "trial", "gauge"))
-PURE = ("tests/models/mismatch/test_trial.py",)
+TRIAL, GAUGE = (f"models/mismatch/{name}.py" for name in ("trial", "gauge"))
+REPLAY, LED = (f"models/change/{name}.py" for name in ("replay", "led"))
+PURE = ("tests/models/mismatch/test_trial.py", "tests/models/change")
 DESK, WORK = "daemon/gateway/doctor_desk.py", "daemon/gateway/model_trial.py"
 CHOSEN, EXAMINATION = "daemon/files/chosen.py", "daemon/doctor/examination.py"
 
@@ -15,6 +16,16 @@ CHANGES = [
             "return self.in_use**2 - self.offered**2 > self.noise**2",
             "return self.in_use > self.offered",
             "a model is offered that is better by chance",
+        ),
+        Change(
+            "lead-counts", LED, "np.where(_before(recording, first), np.nan, y)", "np.array(y)",
+            "what a stage did before it changed is explained by what has changed",
+        ),
+        Change(
+            "blocks-in-any-order", REPLAY,
+            "tuple(sorted([*before, *model.blocks, *behind], key=rank))",
+            "(*model.blocks, *before, *behind)",
+            "a lag of the amplifier is compensated as one behind the stage",
         ),
         Change(
             "trial-any-error", TRIAL, "if not after.model <= enough:", "if False:",
@@ -70,6 +81,27 @@ CHANGES = [
         Change(
             "gauge-diagnosed", EXAMINATION, "    if fault:\n", "    if False:\n",
             "a gauge that fails becomes a model",
+        ),
+        Change(
+            "memory-unknown", EXAMINATION, "    flagged = lead_in(whole, lead_s)\n",
+            "    flagged = without_lead(whole, lead_s)\n",
+            "creep is taken for another shape of the loop, and nothing is offered",
+        ),
+        Change(
+            "chance-ranks", EXAMINATION, "if of_it >= best - noise2 else -of_it",
+            "if False else -of_it",
+            "of two causes that do as well the one is named that did better by chance",
+        ),
+        Change(
+            "gauge-compensated", EXAMINATION,
+            'if one.new > 0.0 and one.cause.place != "sensor"]', "if one.new > 0.0]",
+            "the stage is moved for a gauge that has become slow",
+        ),
+        Change(
+            "gauge-at-once", EXAMINATION,
+            "return not elsewhere or max(elsewhere) < max(here, default=0.0) - noise2",
+            "return True",
+            "a lag of the amplifier is blamed on the gauge",
         ),
     ),
     *room(

@@ -1,0 +1,88 @@
+"""What one change alone explains of a recording, beside the model in use.
+
+A stage that was in order a minute ago has mostly changed in one thing. A diagnosis fits the loop's
+shape anew beside each cause, and a shape can stand for much of a cause; here nothing but the
+cause's own numbers is fitted: each candidate of the library alone around the model in use.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dehyst.models.change.replay import with_blocks
+from dehyst.models.diagnosis.base import no_base
+from dehyst.models.diagnosis.data.excerpt import excerpt
+from dehyst.models.diagnosis.data.noise import noise_rms
+from dehyst.models.diagnosis.data.prepare import prepare, were_de_energised
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, effect_of
+from dehyst.models.diagnosis.pasts import begin_as_found
+from dehyst.models.diagnosis.search import search_one_more
+from dehyst.models.diagnosis.subject import take_subject
+from dehyst.models.errors import BadInput
+from dehyst.models.identify.validation import validate
+from dehyst.models.model import Model
+from dehyst.models.recording import Recording
+
+SHORTLIST = 6
+"""Candidates that get the full refit."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """name: in the diagnosis' words; place: drive, stage or sensor; says: a sentence; model: the
+    one in use with it."""
+
+    name: str
+    place: str
+    says: str
+    model: Model
+
+
+@dataclass(frozen=True)
+class WeighedCause:
+    """left: rms that the cause's model leaves of later telemetry; new: mean square that it removes
+    of that, less what it removes of the good recording."""
+
+    cause: Cause
+    left: float
+    new: float
+
+
+def find_causes(model: Model, recording: Recording) -> list[Cause]:
+    """Each alone, what removes most first. Rows without a reading lead the stage's memory, and
+    count for nothing. Raises BadInput, BadRecording as a diagnosis does."""
+    data = begin_as_found(excerpt(prepare([recording], were_de_energised([recording]))))
+    problem = Problem(data, no_base(data), take_subject(model, data))
+    null = problem.solve([])
+    sigma = noise_rms(data, null.residual(data))
+    state = SearchState(problem, sigma, null, null, counted=int(data.rows.sum()))
+    state = search_one_more(state, SHORTLIST)
+    return [_as_cause(model, problem, t) for t in state.rounds[0] if not t.refused]
+
+
+def _as_cause(model: Model, problem: Problem, trial: CandidateTrial) -> Cause:
+    one, fit = trial.candidate, trial.fit
+    effect = effect_of(fit, one.key)
+    amplitudes = fit.amplitudes[fit.effects.index(effect)]
+    blocks = one.blocks(effect.theta, amplitudes, problem.data)
+    says = one.says(one.values(effect.theta, amplitudes))
+    return Cause(one.name, one.place, says, with_blocks(model, blocks))
+
+
+def weigh_causes(
+    in_use: Model, causes: Sequence[Cause], later: Recording, good: Recording | None
+) -> list[WeighedCause]:
+    """What is newest first. A cause whose model cannot be run there is left out."""
+    before = validate(in_use, later).rms ** 2
+    when_good = validate(in_use, good).rms ** 2 if good is not None else 0.0
+    found = []
+    for cause in causes:
+        try:
+            left = validate(cause.model, later).rms
+            new = before - left**2
+            if good is not None:
+                new -= max(0.0, when_good - validate(cause.model, good).rms ** 2)
+        except BadInput:
+            continue
+        found.append(WeighedCause(cause, left, new))
+    return sorted(found, key=lambda one: -one.new)

@@ -1,0 +1,36 @@
+"""Recordings with what led to them: the stage's memory is known, and only the rest counts."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from dehyst.models.recording import Recording
+
+
+def lead_in(recording: Recording, lead_s: float) -> Recording:
+    """The same without a reading in its first lead_s seconds."""
+    y = recording.displacement
+    if y is None or lead_s <= 0.0:
+        return recording
+    first = recording.t_s[0] + lead_s
+    return replace(recording, displacement=np.where(_before(recording, first), np.nan, y))
+
+
+def without_lead(recording: Recording, lead_s: float) -> Recording:
+    """What counts alone."""
+    y = recording.displacement
+    counts = ~_before(recording, recording.t_s[0] + lead_s)
+    if y is None or lead_s <= 0.0 or not counts.any():
+        return recording
+    return replace(
+        recording,
+        t_s=recording.t_s[counts],
+        drive=recording.drive[counts],
+        displacement=y[counts],
+        channels={name: column[counts] for name, column in recording.channels.items()},
+    )
+
+
+def _before(recording: Recording, first_s: float) -> np.ndarray:
+    step = float(np.min(np.diff(recording.t_s))) if recording.size > 1 else 0.0
+    return np.asarray(recording.t_s < first_s - 0.5 * step)

@@ -1,0 +1,108 @@
+"""The demo's second act over many seeds, without processes and faster than in real time.
+
+    python -m tests.benchmarks.daemon.second_act_offline [--seeds 30] [--first 1] [--keep DIR]
+
+The simulated stage, the controller's step, the mismatch watch, the doctor's examination and the
+trial are the product's own (tests/rigs/story.py); time is a count of samples, so that a busy
+machine changes nothing. No driver, no serial line, no late sample: second_act.py plays it with all
+of them. The stage has no RC corner, no mode of 780 Hz and no filter of the bridge, which are over
+within a sample and would cost most of the time. The bars are those of second_act.py.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from tests.benchmarks.bars import Bars
+from tests.benchmarks.daemon.second_act import judge, row, table_head
+from tests.rigs.story import OfflineStory
+
+from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.daemon.tools.chance import Chance
+from dehyst.daemon.tools.second_act import BEFORE_S, FLAG_S, LAST_S, LEARN_S, TRIAL_S, Story
+from dehyst.models.model import Model
+
+DOCTOR_S = 20.0  # that the doctor takes, of the stage's time
+
+
+def tell_story(folder: Path, model: Model, seed: int) -> dict[str, Any]:
+    """One seed, as the facts of second_act.describe_facts."""
+    chance = Chance(seed, "")
+    facts: dict[str, Any] = {
+        "seed": seed, "drawn": "", "flagged_after_s": None, "named": [], "ambiguous_with": [],
+        "named_right": False, "state": "", "rms_um": {}, "missed": 0, "samples": 1, "why": "",
+    }  # fmt: skip
+    with OfflineStory(folder, model, seed) as story:
+        if not story.until(story.learned, 3.0 * LEARN_S + 60.0):
+            return facts | {"why": "the watch has not learned the stage in time"}
+        story.wait(chance.wait_s)
+        drawn = chance.drawn()
+        facts |= {"drawn": drawn.name, "drawn_says": drawn.says}
+        appeared_s, early = story.now_s, story.watch.mismatch
+        facts["rms_um"]["before"] = story.rms(appeared_s - BEFORE_S, appeared_s)
+        story.rig.stage.change(**drawn.stage)
+        if not story.until(lambda: story.watch.mismatch, FLAG_S):
+            facts["rms_um"]["during"] = story.rms(appeared_s + 1.0, story.now_s)
+            return facts | {"why": f"the watch flagged nothing within {FLAG_S:g} s"}
+        facts["flagged_after_s"] = -1.0 if early else story.now_s - appeared_s
+        facts["figure"] = story.watch.figure
+        _examine(story, facts, appeared_s)
+    return facts
+
+
+def _examine(story: OfflineStory, facts: dict[str, Any], appeared_s: float) -> None:
+    """From the flag to the end."""
+    if not story.until(lambda: story.open_case() is not None, 120.0):
+        facts["why"] = "no case was kept"
+        return
+    folder = story.open_case()
+    assert folder is not None
+    began = time.monotonic()
+    found = story.examine(folder)
+    facts["examined_s"] = time.monotonic() - began
+    told = Story(drawn=facts["drawn"])
+    facts["says"], facts["verdict"] = found.says, found.verdict
+    facts["named"] = [e.name for e in found.effects]
+    facts["shares"] = [e.share for e in found.effects]
+    facts["named_right"] = told.says_right(found.effects)
+    story.wait(DOCTOR_S)
+    facts["rms_um"]["during"] = story.rms(appeared_s + 1.0, story.now_s)
+    if found.tested is None:
+        facts["why"] = "no model is offered"
+        return
+    facts["blocks"] = list(found.tested.blocks)
+    accepted_s = story.now_s
+    facts["state"], facts["why"] = story.accept(folder, TRIAL_S)
+    if facts["state"] == "accepted":
+        story.wait(max(0.0, accepted_s + 4.0 + LAST_S - story.now_s))
+        facts["why"] = ""
+        facts["rms_um"]["after"] = story.rms(story.now_s - LAST_S, story.now_s)
+
+
+def main() -> int:
+    """Play, print, judge."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--seeds", type=int, default=30)
+    parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--keep", type=Path, help="the cases of all seeds, for a closer look")
+    parser.add_argument("--json", type=Path, help="the facts of each seed")
+    args = parser.parse_args()
+    model, bars, stories = simulated_model(), Bars(), []
+    print(table_head(), flush=True)
+    with tempfile.TemporaryDirectory(prefix="dehyst-act-") as scratch:
+        for seed in range(args.first, args.first + args.seeds):
+            facts = tell_story((args.keep or Path(scratch)) / str(seed), model, seed)
+            stories.append(facts)
+            print(row(facts), flush=True)
+            if args.json:
+                args.json.write_text(json.dumps(stories, indent=1))
+    judge(stories, bars)
+    return bars.end()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

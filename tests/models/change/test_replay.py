@@ -1,0 +1,32 @@
+"""Whether a model is better than the one in use on telemetry that it was not fitted to."""
+
+from tests.models.mismatch.test_trial import NOISE, recording, stage
+
+from dehyst.models.change.replay import BothReplayed, replay_both, with_blocks
+from dehyst.models.model import Block
+
+
+def test_an_offer_must_improve_by_more_than_the_noise() -> None:
+    assert BothReplayed(0.10, 0.02, 0.02, 10.0).improves
+    assert not BothReplayed(0.028, 0.020, 0.02, 10.0).improves  # removes 0.0196 rms
+    assert BothReplayed(0.029, 0.020, 0.02, 10.0).improves  # removes 0.0210 rms
+    assert not BothReplayed(0.02, 0.10, 0.02, 10.0).improves
+
+
+def test_both_are_replayed_on_what_came_later() -> None:
+    both = replay_both(stage(), stage(0.9), recording(0.9), NOISE, 10.0)
+    assert both.offered < 1.2 * NOISE
+    assert both.in_use > 10 * NOISE
+    assert both.improves
+    assert not replay_both(stage(), stage(0.9), recording(1.0), NOISE, 10.0).improves
+
+
+def test_blocks_stand_in_the_order_of_what_they_are() -> None:
+    """What is found stands around the model: nearer to the amplifier, and nearer to the gauge."""
+    own = with_blocks(stage(), [Block("lag", "drive", {"tau_s": 1.0}), Block("creep", "stage", {})])
+    added = [Block("lag", place, {"tau_s": 2.0}) for place in ("sensor", "drive", "stage")]
+    found = with_blocks(own, added).blocks
+    assert [(b.kind, b.place, b.params.get("tau_s")) for b in found] == [
+        ("lag", "drive", 2.0), ("lag", "drive", 1.0), ("creep", "stage", None),
+        ("lag", "stage", 2.0), ("lag", "sensor", 2.0),
+    ]  # fmt: skip
