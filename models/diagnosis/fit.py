@@ -54,17 +54,27 @@ class JointFit:
         return tuple(e.candidate.key for e in self.effects)
 
 
+@dataclass(frozen=True)
+class Leaning:
+    """What the base is held to where nothing was recorded: columns (m, width), target (m,)."""
+
+    columns: Floats
+    target: Floats
+
+
 @dataclass
 class Problem:
     """Data, base and model in use of one diagnosis, with what the fits share.
 
-    several: how independent fits are run: `map`, or an executor's for some at once.
+    several: how independent fits are run: `map`, or an executor's for some at once. leaning: rows
+    beside the recorded ones.
     """
 
     data: Data
     base: Base
     subject: Subject = NO_MODEL
     several: Callable[..., Iterable[Any]] = map
+    leaning: Leaning | None = None
 
     def __post_init__(self) -> None:
         self._solutions: list[int] = []  # width of each; appending is safe where fits run at once
@@ -93,6 +103,16 @@ class Problem:
         out[:k] = 1e-13
         out[k : k + self.base.width] = self.base.priors
         return out
+
+    def lean(self, gram: Floats, moment: Floats) -> None:
+        """Add the rows that were not recorded to normal equations, in place."""
+        if self.leaning is None:
+            return
+        k = len(self.data.names)
+        own = slice(k, k + self.base.width)
+        x = self.leaning.columns
+        gram[own, own] += x.T @ x
+        moment[own] += x.T @ self.leaning.target
 
     def counted(self, x: Floats) -> Floats:
         """The rows that count."""
@@ -125,6 +145,7 @@ class Problem:
         y = data.y - fixed
         xr, yr = (x, y) if used.all() else (x[used], y[used])
         gram, moment = xr.T @ xr, xr.T @ yr
+        self.lean(gram, moment)
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
         normed = gram / np.outer(scale, scale) + np.diag(self.penalty(scale.size))
         try:
