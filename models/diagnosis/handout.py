@@ -11,10 +11,11 @@ import numpy as np
 
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis.augment import REACH_S, augmented, slow_ways, stays_in_reach
+from dehyst.models.diagnosis.base import Leaning
 from dehyst.models.diagnosis.data.survey import left_of
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.findings.weigh import Weighed
-from dehyst.models.diagnosis.fit import JointFit, Leaning, Problem
+from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.signals.joined import Data, Floats

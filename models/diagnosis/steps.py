@@ -217,7 +217,7 @@ def _told(t: CandidateTrial, n: int) -> str:
 def _names_found(found: SearchState, added: Floats) -> set[str]:
     """Names that are told beside what was found, where the reading has so much more (N,) in it."""
     light = found.problem.light(TUNING.limit_rows)
-    there = replace(light, data=replace(light.data, y=light.data.y + added))
+    there = light.with_reading(light.data.y + added)
     null = there.solve([])
     known = there.solve(found.accepted.effects, there.output_of(null))
     counted = int(there.data.rows.sum())
