@@ -19,7 +19,7 @@ from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance
 from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays
 from dehyst.models.signals.filters import plays
-from dehyst.models.signals.joined import Data
+from dehyst.models.signals.joined import Data, Floats
 
 REACH_SAMPLES, REACH_S = 300, 0.1  # of one way over the range, and from one to the next
 
@@ -86,15 +86,21 @@ def augmented(problem: Problem, fitted: JointFit) -> Model:
 def stays_in_reach(model: Model, data: Data) -> bool:
     """Whether the model, driven slowly from rest over what was recorded, stays where the stage has
     been: a shape is known where the recordings went, and powers of it go astray beyond."""
-    low, high = data.u_min, data.u_min + data.span
-    rest = min(max(0.0, low), high)
-    legs = [rest, high, low, high]
-    u = np.interp(np.linspace(0.0, 3.0, 3 * REACH_SAMPLES), np.arange(4.0), legs)
+    u = slow_ways(data)
     channels = {name: np.full(u.size, data.channels[name].mean()) for name in channels_of(model)}
     y = simulate(model, REACH_S, u, channels)
     room = TUNING.reach_room * float(np.ptp(data.y))
     here = bool(np.all(np.isfinite(y)))
     return here and y.min() >= data.y.min() - room and y.max() <= data.y.max() + room
+
+
+def slow_ways(data: Data) -> Floats:
+    """(3 REACH_SAMPLES,) drive from rest to the top of what was recorded, to its bottom, and back
+    to the top."""
+    low, high = data.u_min, data.u_min + data.span
+    rest = min(max(0.0, low), high)
+    legs = [rest, high, low, high]
+    return np.interp(np.linspace(0.0, 3.0, 3 * REACH_SAMPLES), np.arange(4.0), legs)
 
 
 def _added(problem: Problem, fitted: JointFit, hysteresis: Hysteresis) -> tuple[list[Block], float]:

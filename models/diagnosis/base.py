@@ -141,6 +141,24 @@ def numbers_base(data: Data, hysteresis: Hysteresis) -> Base:
     return NumbersBase(none.low, none.span, none.thresholds, none.lengths, none.keep, hysteresis)
 
 
+@dataclass(frozen=True)
+class Leaning:
+    """What a base is held to where nothing was recorded: columns (m, width), target (m,)."""
+
+    columns: Floats
+    target: Floats
+
+    def add_to(self, gram: Floats, moment: Floats, first: int) -> None:
+        """Add these rows to normal equations in which the base's columns begin at `first`."""
+        if self.target.size:
+            own = slice(first, first + self.columns.shape[1])
+            gram[own, own] += self.columns.T @ self.columns
+            moment[own] += self.columns.T @ self.target
+
+
+NO_LEANING = Leaning(np.zeros((0, 0)), np.zeros(0))
+
+
 @njit(cache=True, nogil=True)
 def _fill(out: Floats, x: Floats, h: Floats, z: Floats) -> None:
     n, m = h.shape[1], z.shape[1]

@@ -105,6 +105,7 @@ def by_blocks(problem: Problem, fitted: JointFit) -> HeldOut:
     always = (groups < 0) & data.rows
     total = np.sum(grams, axis=0) + x[always].T @ x[always]
     moment = np.sum(moments, axis=0) + x[always].T @ (data.y - fitted.fixed)[always]
+    problem.leaning.add_to(total, moment, len(data.names))
     scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
     penalty = problem.penalty(scale.size)
     prediction = np.array(fitted.prediction)

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from dehyst.models.diagnosis.base import Base
+from dehyst.models.diagnosis.base import NO_LEANING, Base, Leaning
+from dehyst.models.diagnosis.columns import Columns
 from dehyst.models.diagnosis.effects import (
     Effect,
     behind_output,
@@ -27,7 +28,7 @@ from dehyst.models.diagnosis.effects import (
 from dehyst.models.diagnosis.subject import NO_MODEL, Subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Context
-from dehyst.models.signals.joined import Bools, Data, Floats
+from dehyst.models.signals.joined import Data, Floats
 
 
 @dataclass(frozen=True)
@@ -65,9 +66,11 @@ class Problem:
     base: Base
     subject: Subject = NO_MODEL
     several: Callable[..., Iterable[Any]] = map
+    leaning: Leaning = NO_LEANING  # rows beside the recorded ones
 
     def __post_init__(self) -> None:
         self._solutions: list[int] = []  # width of each; appending is safe where fits run at once
+        self._columns = Columns(self.base, self.subject)
         count = len(self.data.names)
         self.offset_columns = (self.data.rec[:, None] == np.arange(count)[None, :]).astype(float)
         self.row_index = np.flatnonzero(self.data.rows)
@@ -84,7 +87,17 @@ class Problem:
         every = max(1, int(self.row_index.size // most))
         rows = np.zeros(self.data.n, dtype=bool)
         rows[self.row_index[::every]] = True
-        return self if every == 1 else replace(self, data=replace(self.data, rows=rows))
+        return self if every == 1 else self._alike(replace(self.data, rows=rows))
+
+    def with_reading(self, y: Floats) -> "Problem":
+        """The same problem with another reading (N,)."""
+        return self._alike(replace(self.data, y=y))
+
+    def _alike(self, data: Data) -> "Problem":
+        """The same with data of the same drive."""
+        out = replace(self, data=data)
+        out._columns = self._columns
+        return out
 
     def penalty(self, size: int) -> Floats:
         """Ridge of each of a design's columns, as a part of its mean square."""
@@ -98,20 +111,18 @@ class Problem:
         """The rows that count."""
         return x if self.all_rows else x[self.row_index]
 
-    def solve(
-        self, effects: Sequence[Effect], output: Floats | None = None, rows: Bools | None = None
-    ) -> JointFit:
+    def solve(self, effects: Sequence[Effect], output: Floats | None = None) -> JointFit:
         """Linear weights at fixed nonlinear parameters.
 
         output: hysteresis' output (N,) of an earlier fit, for columns that depend on it; None:
-        the reading stands in. rows: (N,) counted rows instead of all.
+        the reading stands in.
         """
         data = self.data
         effects = in_order(effects)
         v = self.drive_at_hysteresis(effects)
-        columns = self.subject.passed(data, self.base.columns(v, data.forgets))
-        columns = behind_output(data, effects, columns)
-        fixed = behind_output(data, effects, self.subject.reading(data, v)[:, None])[:, 0]
+        same = all(e.candidate.mode != "drive" for e in effects)
+        columns = behind_output(data, effects, self._columns.of_base(data, v, same))
+        fixed = behind_output(data, effects, self._columns.of_model(data, v, same)[:, None])[:, 0]
         context = Context(v, data.y if output is None else output)
         extra = [
             e.candidate.columns(data, context, e.theta)
@@ -121,10 +132,9 @@ class Problem:
         ]
         x = np.concatenate([self.offset_columns, columns, *extra], axis=1)
         self._solutions.append(x.shape[1])
-        used = data.rows if rows is None else rows
-        y = data.y - fixed
-        xr, yr = (x, y) if used.all() else (x[used], y[used])
+        xr, yr = self.counted(x), self.counted(data.y - fixed)
         gram, moment = xr.T @ xr, xr.T @ yr
+        self.leaning.add_to(gram, moment, len(data.names))
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
         normed = gram / np.outer(scale, scale) + np.diag(self.penalty(scale.size))
         try:
@@ -167,7 +177,7 @@ class Problem:
         if (way, "base") not in known:
             added = self.base.combine(v, data.forgets, fitted.weights)
             added = self.subject.passed(data, added[:, None])[:, 0]
-            known[way, "base"] = self.subject.reading(data, v) + added
+            known[way, "base"] = self._columns.of_model(data, v, not way) + added
         h = known[way, "base"]
         y = behind_output(data, effects, h[:, None])[:, 0] + self.offset_columns @ fitted.offsets
         context = Context(v, output)

@@ -1,22 +1,25 @@
 """How the memory of the drive's path began in each recording: as a hysteresis of any shape, fitted
-behind each past, tells.
+behind each past, tells; and whether that past explains the recording's head, so that it counts.
 
 A recording that begins where another one ended does not climb the virgin curve. Taken for
 de-energised, its wide operators would move where the stage's do not, and what they miss would look
 like a step, or a loop of another shape, as large as most of what a diagnosis looks for.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dehyst.models.diagnosis.base import rich_base
-from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.fit import JointFit, Problem
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.signals.joined import Data
+from dehyst.models.signals.joined import Bools, Data
 from dehyst.models.signals.pasts import FROM_ABOVE, FROM_BELOW
 
 BETTER = 0.05  # of the mean square, that a past must take away to be believed
+AS_WELL = 1.15  # times the rms of the other rows, that a head may leave
+NO_WORSE = 0.15  # of the noise: what the other rows may leave more beside it
 
 
 def begin_as_found(data: Data) -> Data:
@@ -36,3 +39,32 @@ def begin_as_found(data: Data) -> Data:
             if left < (1.0 - BETTER) * least:
                 best, least = trial, left
     return replace(data, forgets=best.forgets)
+
+
+def explained_heads(problem: Problem, fitted: JointFit, sigma: float) -> list[int]:
+    """Recordings whose heads a fit's effects and the base explain as well as all else, behind the
+    pasts that were found: what they did before is known then."""
+    data = problem.data
+    out = [i for i in range(len(data.names)) if np.any(data.heads & (data.rec == i))]
+    before = fitted.residual(data)
+    while out:
+        there = replace(problem, data=replace(data, rows=rows_with_heads(data, out)))
+        left = there.solve(fitted.effects, problem.output_of(fitted)).residual(data)
+        wrong = []
+        for i in out:
+            here = data.rec == i
+            rest = here & data.rows
+            usual = max(float(np.sqrt(np.mean(before[rest] ** 2))) if rest.any() else 0.0, sigma)
+            head = float(np.sqrt(np.mean(left[here & data.heads] ** 2)))
+            if head > AS_WELL * usual:
+                wrong.append(i)
+        if not wrong:
+            more = np.mean(left[data.rows] ** 2) - np.mean(before[data.rows] ** 2)
+            return out if more < (NO_WORSE * sigma) ** 2 else []
+        out = [i for i in out if i not in wrong]
+    return out
+
+
+def rows_with_heads(data: Data, recordings: Sequence[int]) -> Bools:
+    """(N,) the rows that count, with the heads of some recordings."""
+    return data.rows | (data.heads & np.isin(data.rec, recordings))

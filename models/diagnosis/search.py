@@ -46,12 +46,15 @@ def search(
     if len(first) >= 2 and state.rounds:
         # one back-track: a wrong first pick is often repaired by a crowd of others
         chosen = next(t for t in state.rounds[0] if t.candidate.key in state.picked[:1])
+        last = chosen.candidate.last  # what leaves structure to another one was not the last
+        part = TUNING.other_than_last if last else TUNING.other_first
         rivals = [
             t
             for t in state.rounds[0]
-            if t is not chosen and not t.refused and t.gain > TUNING.other_first * chosen.gain
+            if t is not chosen and not t.refused and t.gain > part * chosen.gain
         ]
-        if rivals and chosen.candidate.driven and problem.solved < 0.5 * TUNING.budget:
+        doubtful = chosen.candidate.driven or last
+        if rivals and doubtful and problem.solved < 0.5 * TUNING.budget:
             other = _forward(problem, sigma, null, say, share, (*forbidden, chosen.candidate.key))
             if better(other, state, left):
                 state = other
@@ -59,13 +62,16 @@ def search(
 
 
 def better(other: SearchState, state: SearchState, left: float) -> bool:
-    """Whether another search explains the same with fewer effects, or clearly more."""
+    """Whether another search explains the same with fewer physics, or clearly more."""
     n = int(state.problem.data.rows.sum())
     other_left = excess(state.problem, other.accepted, state.sigma)
     margin = max(0.1 * left, (0.07 * state.sigma) ** 2)
-    if len(other.accepted.effects) < len(state.accepted.effects):
+    count, other_count = (
+        len({e.candidate.name for e in s.accepted.effects}) for s in (state, other)
+    )
+    if other_count < count:
         return other_left < left + margin
-    if len(other.accepted.effects) == len(state.accepted.effects):
+    if other_count == count:
         return (
             left - other_left
         ) * n > TUNING.price * state.sigma**2 and other_left < left - margin

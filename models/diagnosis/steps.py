@@ -1,13 +1,12 @@
 """The diagnosis from recordings to verdict. See the steps in the package's text."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from dehyst.models.diagnosis.augment import augmented, stays_in_reach
 from dehyst.models.diagnosis.base import no_base, rich_base
 from dehyst.models.diagnosis.data.colour import is_coloured
 from dehyst.models.diagnosis.data.excerpt import excerpt
@@ -33,10 +32,11 @@ from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.shape import not_contained
 from dehyst.models.diagnosis.findings.sightings import accept, retell, sightings
 from dehyst.models.diagnosis.findings.told import only_told, without_driven, worth_telling
-from dehyst.models.diagnosis.findings.weigh import Weighed, weigh, with_episode
-from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.findings.weigh import weigh, with_episode
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.handout import hand_out
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, base_error, excess
-from dehyst.models.diagnosis.pasts import begin_as_found
+from dehyst.models.diagnosis.pasts import begin_as_found, explained_heads, rows_with_heads
 from dehyst.models.diagnosis.result import Diagnosis, View
 from dehyst.models.diagnosis.search import search_one_more
 from dehyst.models.diagnosis.subject import identify_plain, take_subject
@@ -87,6 +87,17 @@ def diagnose(
         problem = replace(problem, data=data)
         null = problem.solve([])
     found = find_above_noise(problem, null, say)
+    known = explained_heads(found.search.problem, found.search.accepted, found.search.sigma)
+    if known:
+        # with what was found, the past is known: the heads count, and tell of what began before
+        data = replace(data, rows=rows_with_heads(data, known))
+        whole = replace(whole, rows=rows_with_heads(whole, known))
+        problem, bare = (
+            replace(problem, data=data),
+            replace(bare, data=replace(bare.data, rows=data.rows)),
+        )
+        null = problem.solve([])
+        found = find_above_noise(problem, null, say)
     sigma = found.search.sigma
     unexplained = by_blocks(problem, null).mean_square
     explained = by_blocks(found.search.problem, found.search.accepted).mean_square
@@ -158,7 +169,7 @@ def _conclude(
     seen = partial(_names_found, found)
     limited = tuple(limits(found, untold, seen)) if verdict in ("clean", "explained") else ()
     bare_left = left_of(recorded, subject.whole(recorded))
-    handed = _hand_out(recorded, bare, weighed, bare_left, sigma)
+    handed = hand_out(recorded, bare, weighed, bare_left, sigma)
     if not handed.contains_shape:
         findings = [not_contained(f) for f in findings]
     views = tuple(_views(recorded, bare_left, handed.left))
@@ -206,7 +217,7 @@ def _told(t: CandidateTrial, n: int) -> str:
 def _names_found(found: SearchState, added: Floats) -> set[str]:
     """Names that are told beside what was found, where the reading has so much more (N,) in it."""
     light = found.problem.light(TUNING.limit_rows)
-    there = replace(light, data=replace(light.data, y=light.data.y + added))
+    there = light.with_reading(light.data.y + added)
     null = there.solve([])
     known = there.solve(found.accepted.effects, there.output_of(null))
     counted = int(there.data.rows.sum())
@@ -214,52 +225,6 @@ def _names_found(found: SearchState, added: Floats) -> set[str]:
     state = search_one_more(state, TUNING.limit_shortlist)
     told = only_told(worth_telling(state)).accepted
     return {e.candidate.name for e in told.effects}
-
-
-@dataclass(frozen=True)
-class _Handed:
-    """The augmented model; left: (N,) what it leaves of all samples; held: mean square that it
-    leaves of held-out ones."""
-
-    model: Model
-    left: Floats
-    held: float
-    contains_shape: bool = True
-
-
-def _hand_out(
-    data: Data, bare: Problem, weighed: Weighed, bare_left: Floats, sigma: float
-) -> _Handed:
-    """The model that is handed out: with all that was found, else with the effects alone, else the
-    model in use; the first that is nowhere worse than that one by more than the noise, and does not
-    go astray where nothing was recorded. bare_left: (N,) what the model in use leaves."""
-    final = weighed.final
-
-    def tried(problem: Problem, fit: JointFit, held: float, whole: bool) -> _Handed:
-        model = augmented(problem, fit)
-        left = left_of(data, replace(bare.subject, model=model).whole(data))
-        return _Handed(model, left, held, whole)
-
-    out = tried(weighed.problem, final, weighed.held, True)
-    if stays_in_reach(out.model, data) and not _is_worse(data, out.left, bare_left, sigma):
-        return out
-    if final.effects:
-        fit = bare.refit(final.effects)
-        out = tried(bare, fit, by_blocks(bare, fit).mean_square, False)
-        if out.held < weighed.bare and not _is_worse(data, out.left, bare_left, sigma):
-            return out
-    return _Handed(bare.subject.model, bare_left, weighed.bare, False)
-
-
-def _is_worse(data: Data, left: Floats, before: Floats, sigma: float) -> bool:
-    """Whether a model leaves more than the one before, by more than the noise: of any recording, in
-    its rows that count or in all."""
-    for i in range(len(data.names)):
-        here = (data.rec == i) & (data.raw_index >= 0)
-        for k in (here, here & data.rows):
-            if np.std(left[k]) > np.std(before[k]) + sigma:
-                return True
-    return False
 
 
 def _views(data: Data, left: Floats, left_by_all: Floats) -> list[View]:

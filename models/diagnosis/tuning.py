@@ -31,6 +31,7 @@ class Tuning(NamedTuple):
     price: float = 16.0  # of a parameter, in noise variances; the number of candidates is in it
     tie: float = 0.12  # a simpler cause that leaves no more than this size beside the best is taken
     other_first: float = 0.7  # of the first pick's gain: another first pick is tried too
+    other_than_last: float = 0.5  # the same, where that was a drift with structure beside it
     few_turns: int = 3  # with fewer turns of the drive nothing that it causes can be told
     # what a cause must remove
     driven_share: float = 0.12  # where the drive causes it
@@ -81,6 +82,8 @@ class Tuning(NamedTuple):
     mostly_shape: float = 0.7  # of what is explained: more that effects leave to the base is shape
     foreign_share: float = 0.03  # of the stroke: a given model that leaves more, and
     foreign_times: float = 4.0  # times what a model of its class would, is of another stage
+    leanings: tuple[float, ...] = (1e-3, 1e-2, 0.1)  # weights by which a base that goes astray
+    # where nothing was recorded is held to the model there, of the recorded rows; the first helps
     # intervals
     widest: float = 10.0  # factor that an interval may span
     interval_width: float = 1.96  # standard deviations of white noise; blocks: Student's t

@@ -191,6 +191,13 @@ def apart(data: Data, x: Floats) -> Floats:
     return x[:, None] * (data.rec[:, None] == np.arange(len(data.names))[None, :])
 
 
+def move_from_zero(data: Data) -> float:
+    """Displacement of a move from no drive to where the recordings are, at their mean slope: the
+    last move before a small scan may have been so large."""
+    farthest = max(abs(data.u_min), abs(data.u_min + data.span))
+    return float(np.ptp(data.y)) * farthest / data.span
+
+
 def common_amplitude(data: Data, columns: Floats, amplitudes: Floats) -> float:
     """The one amplitude that stands best for those (k,) of columns (N, k), one for each recording,
     each recording's mean apart."""

@@ -18,6 +18,7 @@ from dehyst.models.physics.candidate import (
     Parameter,
     apart,
     common_amplitude,
+    move_from_zero,
     small,
 )
 from dehyst.models.physics.entry import Physics, Scales, Specimen
@@ -27,6 +28,7 @@ from dehyst.models.signals.joined import Data, Floats
 PACKED = fields("amount", "since")
 STATE = fields("elapsed")  # since the first sample
 MOST = 0.5  # of the stroke, that a decade of time may move: the move may have been a larger one
+MOST_OF_REACH = 0.1  # and of the displacement that the drive makes from 0
 EARLIEST, LATEST = 0.002, 3.0  # of the recording's length: the last move's end before it
 
 
@@ -106,7 +108,8 @@ class EarlierCreep(Candidate):
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
-        if float(np.abs(amplitudes).max()) > MOST * float(np.ptp(data.y)):
+        most = max(MOST * float(np.ptp(data.y)), MOST_OF_REACH * move_from_zero(data))
+        if float(np.abs(amplitudes).max()) > most:
             return "creep of more than half of the stroke"
         return ""
 

@@ -16,6 +16,7 @@ from dehyst.models.physics.candidate import (
     Parameter,
     apart,
     common_amplitude,
+    move_from_zero,
     small,
 )
 from dehyst.models.physics.entry import Physics, Scales, Specimen
@@ -102,7 +103,8 @@ class Trend(Candidate):
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
-        if float(np.abs(amplitudes).max()) > 0.3 * float(np.ptp(data.y)):
+        seen = float(np.abs(amplitudes).max()) * (1.0 - math.exp(-self._longest / theta[0]))
+        if seen > max(0.3 * float(np.ptp(data.y)), 0.1 * move_from_zero(data)):
             return "a drift of more than a third of the stroke"
         return ""
 

@@ -29,6 +29,7 @@ class Data:
     starts: Bools
     forgets: Ints  # 0: the memory goes on; else how it begins, see signals.pasts
     rows: Bools  # counted in the fits
+    heads: Bools  # left out of them, as what the stage did before is not known
     block: Ints  # time block, unique over the recordings
     fold: Ints  # cross-validation group
     channels: dict[str, Floats] = field(default_factory=dict)

@@ -9,10 +9,13 @@ the residual has it about as strong as the drive would make it, while the drive 
 frequencies: no loop is wrong by as much as it is high.
 """
 
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
 
 from dehyst.models.signals.filters import dahl, plays
-from dehyst.models.signals.joined import Bools, Data, Floats
+from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 from dehyst.models.signals.periodic import fundamental_hz
 
 MAX_LINES = 4
@@ -31,12 +34,11 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
     first."""
     work = residual.astype(float).copy()
     found: list[float] = []
-    products: dict[int, Floats] = {}
     slope = _slope(data)
     names = range(len(data.names))
     whole = [_longest_part(data, i) for i in names]
     longest = max(float(np.ptp(data.t[here])) for here in whole)
-    fundamentals = [fundamental_hz(data.u[here], float(data.dt[here][0])) for here in whole]
+    drives = [_drive_of(data, here) for here in whole]
     for _ in range(count):
         step = 0.5 / longest
         top = 0.49 / float(data.dt.max())
@@ -55,11 +57,10 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
             local = _local_rms(spectrum)
             ratio = spectrum / (local + 1e-300)
             total = np.minimum(total, np.interp(grid, f, ratio))
-            if i not in products:
-                products[i] = _products(data, here, dt)
-            driven = np.minimum(driven, np.interp(grid, f, products[i]))
-            fed_back &= np.interp(grid, f, _as_high(spectrum, data.u[here], slope)) > 0.5
-            first = fundamentals[i]
+            drive = drives[i]
+            driven = np.minimum(driven, np.interp(grid, f, drive.products))
+            fed_back &= np.interp(grid, f, _as_high(spectrum, drive, slope)) > 0.5
+            first = drive.first_hz
             harmonic &= _harmonics(grid, first, longest) if first else False
         if not np.isfinite(total).any():
             return found
@@ -96,21 +97,46 @@ def _slope(data: Data) -> float:
     return abs(float(u @ (y - y.mean()))) / max(float(u @ u), 1e-300)
 
 
-def _as_high(spectrum: Floats, u: Floats, slope: float) -> Floats:
+@dataclass(frozen=True)
+class _DriveLines:
+    """What the lines of a recording's drive are, whatever was read: its own spectrum, where that
+    has minor lines, height of what a hysteresis makes of it, frequency of the whole (0: none)."""
+
+    spectrum: Floats
+    minor: Bools
+    products: Floats
+    first_hz: float
+
+
+def _drive_of(data: Data, here: Bools) -> _DriveLines:
+    u, forgets = data.u[here], data.forgets[here]
+    dt = float(data.dt[here][0])
+    return _drive_lines(u.tobytes(), forgets.tobytes(), data.u_min, data.span, dt)
+
+
+@lru_cache(maxsize=16)  # it is asked again for every residual of the same recordings
+def _drive_lines(drive: bytes, forgotten: bytes, low: float, span: float, dt: float) -> _DriveLines:
+    """drive, forgotten: u and forgets (n,) of one stretch."""
+    u, forgets = np.frombuffer(drive), np.frombuffer(forgotten, dtype=np.int64)
+    spectrum = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size), PADDED * u.size))
+    minor = (spectrum < MINOR * spectrum.max()) & (spectrum > 3.0 * _local_rms(spectrum))
+    products = _products(u, forgets, low, span, dt)
+    return _DriveLines(spectrum, minor, products, fundamental_hz(u, dt))
+
+
+def _as_high(spectrum: Floats, drive: _DriveLines, slope: float) -> Floats:
     """1 in the bins where a residual's line is about as high as the drive's own would make it, and
     the drive's is a minor one; 0 elsewhere."""
-    drive = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size), PADDED * u.size))
-    line = (drive < MINOR * drive.max()) & (drive > 3.0 * _local_rms(drive))
-    return np.asarray(line & (spectrum > AS_HIGH * slope * drive), dtype=np.float64)
+    high = spectrum > AS_HIGH * slope * drive.spectrum
+    return np.asarray(drive.minor & high, dtype=np.float64)
 
 
-def _products(data: Data, here: Bools, dt: float) -> Floats:
+def _products(u: Floats, forgets: Ints, low: float, span: float, dt: float) -> Floats:
     """Height over their neighbours of the lines that a hysteresis makes of a recording's drive, by
     frequency; each as wide as the main lobe."""
     from scipy.ndimage import maximum_filter1d  # takes its time, and the loop does not need it
 
-    u, forgets = data.u[here], data.forgets[here]
-    x = 2.0 * (u - data.u_min) / data.span - 1.0
+    x = 2.0 * (u - low) / span - 1.0
     h, z = plays(2.0 * WIDTHS, x + 1.0, forgets) - 1.0, dahl(2.0 * WIDTHS, x, forgets)
     columns = [x, x**2, x**3, *h.T, *(h**2).T, *(h**3).T, *z.T, *(z**2).T, *(z**3).T]
     top = np.zeros(0)

@@ -55,6 +55,7 @@ def excerpt(data: Data, most: int = TUNING.most_rows) -> Data:
         starts=starts,
         forgets=data.forgets[k],
         rows=data.rows[k] & ~cut,
+        heads=data.heads[k] & ~cut,
         block=rec * TUNING.time_blocks
         + np.asarray(order * TUNING.time_blocks // size, dtype=np.int64),
         fold=order * (TUNING.folds * TUNING.fold_pieces) // size % TUNING.folds,

@@ -139,6 +139,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
             channels[k] = np.interp(np.arange(n), np.flatnonzero(there), values)
         first = np.zeros(n, dtype=np.int64)
         first[0] = FRESH
+        history = _known_history(laid.u, laid.cut, virgin)
         pieces.append(
             {
                 "t": laid.t,
@@ -149,7 +150,8 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
                 "starts": laid.cut,
                 "forgets": first,
                 "part": part + np.cumsum(laid.cut) - 1,
-                "rows": _known_history(laid.u, laid.cut, virgin) & laid.known,
+                "rows": history & laid.known,
+                "heads": ~history & laid.known,
                 "block": block + _cut_evenly(n, TUNING.time_blocks),
                 "fold": _groups(laid.u),
                 "raw": laid.raw,
@@ -171,6 +173,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         starts=joined["starts"],
         forgets=joined["forgets"],
         rows=joined["rows"],
+        heads=joined["heads"],
         block=joined["block"],
         fold=joined["fold"],
         channels={

@@ -53,6 +53,7 @@ def named(problem: Problem, found: SearchState, held: float) -> list[Finding]:
         steady = constancy(problem, sigma, x, r)
         near = rivals(found, effect)
         c = effect.candidate
+        others = _other_names(c, near, rest)
         plain = {k: (v.value, v.unit) for k, v in values[i].items()}
         wide = unidentified(effect, values[i])
         evidence = {
@@ -72,9 +73,9 @@ def named(problem: Problem, found: SearchState, held: float) -> list[Finding]:
                 share=max(without - held, 0.0),
                 evidence=evidence,
                 parameters={_in_units(k, keys): v for k, v in values[i].items() if k not in wide},
-                ambiguous_with=_other_names(c, near),
+                ambiguous_with=others,
                 where=hot_spots(locate(data, r, sigma)),
-                says=c.says(plain) + _reservations(effect, near, steady.spread, wide),
+                says=c.says(plain) + _reservations(effect, near, others, steady.spread, wide),
             )
         )
     return out
@@ -102,20 +103,26 @@ def _in_units(key: str, units: dict[str, str]) -> str:
     return key.replace("_v_", units["_v_"], 1)
 
 
-def _other_names(c: Candidate, near: Sequence[Rival]) -> tuple[str, ...]:
-    out: list[str] = []
-    for r in near:
-        if r.name != c.name and r.name not in out:
-            out.append(r.name)
-    return tuple(out)
+def _other_names(c: Candidate, near: Sequence[Rival], beside: Sequence[Effect]) -> tuple[str, ...]:
+    """Names that would do as well. A drift beside creep may be that creep's own past, in another
+    form than the library's."""
+    names = [r.name for r in near]
+    if c.last:
+        names += [e.candidate.name for e in beside if e.candidate.name in c.confused_with]
+    return tuple(dict.fromkeys(n for n in names if n != c.name))
 
 
-def _reservations(effect: Effect, near: Sequence[Rival], spread: float, wide: Sequence[str]) -> str:
+def _reservations(
+    effect: Effect,
+    near: Sequence[Rival],
+    others: Sequence[str],
+    spread: float,
+    wide: Sequence[str],
+) -> str:
     """What the sentence must add so that it does not promise too much."""
     c, text = effect.candidate, ""
     if any(r.name == c.name and r.place != c.place for r in near):
         text += " These recordings cannot tell whether it is the amplifier or the sensor."
-    others = _other_names(c, near)
     if others:
         text += f" It could as well be {' or '.join(others)}."
     if spread > 0.5:

@@ -1,12 +1,16 @@
 """Recordings of one stage, of which each begins where the stage was left by something else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.cascade.history import replay
+from dehyst.models.diagnosis.base import rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.pasts import begin_as_found
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.pasts import begin_as_found, explained_heads
 from dehyst.models.recording import Recording
 from dehyst.models.signals.pasts import FRESH, FROM_ABOVE, FROM_BELOW
 
@@ -42,6 +46,16 @@ def recordings(past: int) -> list[Recording]:
 def test_the_past_of_a_recording_is_found(past: int) -> None:
     data = begin_as_found(prepare(recordings(past)))
     assert data.forgets[data.forgets > 0].tolist() == [FRESH, past]
+
+
+def test_a_head_counts_where_its_past_explains_it_and_not_behind_a_wrong_one() -> None:
+    data = begin_as_found(prepare(recordings(FROM_BELOW)))
+    assert np.any(data.heads & (data.rec == 1))
+    problem = Problem(data, rich_base(data))
+    assert explained_heads(problem, problem.solve([]), NOISE) == [1]
+    head = np.where(data.heads, 10.0 * NOISE, 0.0)
+    moved = Problem(replace(data, y=data.y + np.cumsum(head) / 20.0), problem.base)
+    assert explained_heads(moved, moved.solve([]), NOISE) == []
 
 
 def test_a_past_is_no_shape_and_the_errors_are_those_of_the_written_models() -> None:

@@ -1,0 +1,71 @@
+"""The augmented model holds the shape that was found, and goes nowhere astray."""
+
+import numpy as np
+import pytest
+from tests.rigs.plants.drives import small_scan
+from tests.rigs.plants.hysteresis import preisach
+
+from dehyst.models.cascade.simulate import simulate
+from dehyst.models.diagnosis import Diagnosis, diagnose
+from dehyst.models.diagnosis.augment import REACH_S, augmented, slow_ways
+from dehyst.models.diagnosis.base import rich_base
+from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.handout import lean_on_the_model
+from dehyst.models.diagnosis.subject import THRESHOLDS, Subject, fit_plain
+from dehyst.models.recording import Recording
+
+DT, NOISE, LEVEL, SWING = 2e-3, 0.01, 6.0, 2.5
+
+
+def scan(seed: int) -> Recording:
+    """A scan of a Preisach stage about a level to which it came from 0: nobody has seen the way."""
+    t = DT * np.arange(4000)
+    u = small_scan(LEVEL, SWING)(np.random.default_rng(seed), t, DT)
+    way = np.linspace(0.0, LEVEL, 200)
+    y = preisach(np.random.default_rng(5))(np.append(way, u))[way.size :]
+    noise = NOISE * np.random.default_rng(seed + 10).standard_normal(u.size)
+    return Recording(t, u, y + noise, name=f"scan {seed}")
+
+
+@pytest.fixture(scope="module")
+def found() -> Diagnosis:
+    return diagnose([scan(1), scan(2)])
+
+
+def test_the_shape_is_in_the_augmented_model(found: Diagnosis) -> None:
+    shape = next(f for f in found.findings if f.name == "shape")
+    assert "The augmented model contains it" in shape.says
+    for view in found.views:
+        k = view.held_out
+        assert np.std((view.displacement - view.augmented)[k]) < 1.3 * NOISE
+        assert np.std((view.displacement - view.base)[k]) > 2.0 * NOISE
+
+
+def test_on_the_way_up_that_nobody_has_seen_it_stays_near_the_model_in_use(
+    found: Diagnosis,
+) -> None:
+    low, high = LEVEL - SWING, LEVEL + SWING
+    u = np.concatenate([np.linspace(a, b, 300) for a, b in ((low, high), (high, low))])
+    with_all, in_use = (simulate(m, 0.05, u) for m in (found.model, found.base_model))
+    stroke = float(np.ptp(found.views[0].displacement))
+    assert np.abs(with_all - in_use).max() < 0.3 * stroke
+
+
+def test_rows_that_were_not_recorded_cost_the_recorded_ones_nothing() -> None:
+    """Only the loops are shown here, not the way there."""
+    data = prepare([scan(1), scan(2)])
+    subject = Subject(fit_plain(data, THRESHOLDS * data.span))
+    free = Problem(data, rich_base(data), subject)
+    held = lean_on_the_model(free, 0.01)
+    u = slow_ways(data)
+    in_use = simulate(subject.model, REACH_S, u)
+    left, off = [], []
+    for problem in (free, held):
+        fit = problem.solve([])
+        left.append(float(np.std(fit.residual(data)[data.rows])))
+        there = simulate(augmented(problem, fit), REACH_S, u) - in_use
+        off.append(float(np.ptp(there)) / float(np.ptp(data.y)))
+    assert left[1] < 1.02 * left[0]
+    assert off[1] < 0.3
+    assert off[0] > 2.0 * off[1]
