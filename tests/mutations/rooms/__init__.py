@@ -1,6 +1,7 @@
 """The changes, by room."""
 
 from tests.mutations.rooms import (
+    axes,
     bus,
     checks,
     diagnosis,
@@ -22,6 +23,7 @@ from tests.mutations.rooms import (
 ROOMS = {
     "motion": motion.CHANGES,
     "setup": setup.CHANGES,
+    "axes": axes.CHANGES,
     "gate": gate.CHANGES,
     "bus": bus.CHANGES,
     "rings": rings.CHANGES,
