@@ -61,7 +61,7 @@ def test_who_asks_for_no_axis_is_told_which_there_are(stage: AxesBench, kinds: K
         Client(None, stage.address)
     with pytest.raises(BusError, match="no axis w; it has: x, y, z"):
         Group("stage-1", ["x", "w"], stage.address)
-    with pytest.raises(BusError, match="no controller stage-2"):
+    with pytest.raises(BusError, match="no daemon stage-2"):
         Group("stage-2", None, stage.address)
     with Group("stage-1-y", None, stage.address) as one, Group(None, None, stage.address) as all_:
         assert (list(one), list(all_)) == (["y"], ["x", "y", "z"])
