@@ -4,6 +4,7 @@ Nothing is resampled or filled in. A missing sample shows as NaN in its column o
 time stamps; both are counted here, so that whoever computes decides what to do about them.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,6 +16,10 @@ from dehyst.models.errors import BadRecording
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+AXIS_CHANNEL = re.compile(r"axis\.([a-z0-9]{1,8})(\.drive)?")
+"""Channels that are another axis of the same controller: `axis.y` its displacement, `axis.y.drive`
+its drive."""
 
 GAP_PERIODS = 1.6  # two stamps further apart than this many periods have a gap between them
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst import __version__
+from dehyst.daemon.files.axis_columns import to_columns
 from dehyst.daemon.files.models import save_model, write_text
 from dehyst.daemon.files.outputs import check_outputs
 from dehyst.daemon.files.recordings import write_recording
@@ -150,7 +151,7 @@ class Simulated:
         columns = {one.drive_column: one.drive}
         if one.displacement is not None:
             columns[one.displacement_column] = one.displacement
-        columns |= one.channels
+        columns |= to_columns(one.channels, one.displacement_unit, one.drive_unit)
         columns[f"y_model_{self.unit}"] = self.displacement
         write_recording(path, one.t_s, columns, dict(one.metadata))
         return Path(path)

@@ -46,10 +46,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="MODEL.toml",
         help="without --config: this model, on a simulated stage that is scaled to it",
     )
+    parser.add_argument(
+        "--axes",
+        type=int,
+        choices=(1, 2, 3),
+        help="without --config: a simulated stage of so many axes (default: 1)",
+    )
     parser.add_argument("--name", help=f"without --config: the daemon's name (default: {NAME})")
     parser.epilog = (
         "examples: dehyst run\n          dehyst run --model stage.toml\n          "
-        "dehyst run --config /etc/dehyst/stage.toml"
+        "dehyst run --axes 3\n          dehyst run --config /etc/dehyst/stage.toml"
     )
 
 
@@ -61,31 +67,48 @@ def say(text: str) -> None:
 def run(args: argparse.Namespace) -> int:
     if args.check:
         return check(args.check)
-    for option in ("model", "name", "listen"):
+    for option in ("model", "name", "listen", "axes"):
         if args.config and getattr(args, option):
             raise BadInput(f"--{option} goes without --config: the configuration says it itself")
     with ended_at_once("dehyst run"):
         from dehyst.daemon.files.models import load_model
         from dehyst.daemon.service.supervisor import BenchProcess
-        from dehyst.daemon.tools.bench_config import Imitation, simulated_model, write_bench
+        from dehyst.daemon.tools.bench_config import (
+            Imitation,
+            simulated_model,
+            write_axes_bench,
+            write_bench,
+        )
+        from dehyst.drivers.simulated.axes import settings_of
+        from dehyst.drivers.simulated.settings import AXES
 
     if args.config:
         return supervise(args.config)
+    axes = AXES[: args.axes or 1]
+    if args.model and len(axes) > 1:
+        raise BadInput("--model goes with one axis; with several each has its own model")
     check_open([args.listen or LISTEN], authenticated=False)
     from dehyst.daemon.terminal.compiling import compiling_told
 
     with ended_at_once("dehyst run"), compiling_told("dehyst run", in_pipes=True):
-        model = load_model(args.model) if args.model else simulated_model()
-        imitation = Imitation.of(model) if args.model else Imitation()
+        imitation, models = Imitation(), {}
+        if len(axes) > 1:
+            models = {a: simulated_model(one) for a, one in settings_of(axes, {}).items()}
+        else:
+            model = load_model(args.model) if args.model else simulated_model()
+            imitation = Imitation.of(model) if args.model else imitation
 
     with tempfile.TemporaryDirectory(prefix="dehyst-") as folder:
         directory = Path(folder)
         say("no --config: an emulated MDT693B and KSG101 with a simulated stage behind")
-        bench = BenchProcess(directory, list(imitation.stage))
+        several = ["--axes", str(len(axes))] if len(axes) > 1 else []
+        bench = BenchProcess(directory, [*imitation.stage, *several])
+        name, listen = args.name or NAME, args.listen or LISTEN
         try:
-            path = write_bench(
-                directory, bench.ports, args.name or NAME, args.listen or LISTEN, model, imitation
-            )
+            if several:
+                path = write_axes_bench(directory, bench.ports, name, listen, models)
+            else:
+                path = write_bench(directory, bench.ports, name, listen, model, imitation)
             say(f"configuration and model in {directory}; try `dehyst watch` in another terminal")
             return supervise(path)
         finally:

@@ -1,7 +1,8 @@
 """Recordings and trajectories on disk: .csv, .csv.gz, .npz, .mcap, .mat; and from arrays by name.
 
 Column names carry the units: `t_s`, the drive `u_v` (or `u_um`, ...), the displacement `y_um`
-(or `y_nm`, `y_v`, `y_counts`, ...), anything else is kept as a further channel. Empty fields and
+(or `y_nm`, `y_v`, `y_counts`, ...), anything else is kept as a further channel, other axes of the
+stage (`axis_y_um`, see axis_columns.py) as `axis.y`. Empty fields and
 NaN are missing samples; they stay missing. Every damaged file ends in one BadRecording line.
 """
 
@@ -18,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from dehyst.daemon.files.axis_columns import targets_as_channels, to_channels
 from dehyst.daemon.files.csv_table import LARGEST, MOST_BYTES, Table, line_of_row, read_table
 from dehyst.daemon.files.mat_file import read_mat
 from dehyst.daemon.files.mcap_file import read_mcap, write_mcap
@@ -58,7 +60,8 @@ def _recording(path: Path, table: Table, need_displacement: bool, min_rows: int)
     t_s = _time(path, columns, min_rows)
     drive = _unit_column(path, columns, "u", "drive", required=True)
     disp = _unit_column(path, columns, "y", "displacement", required=need_displacement)
-    channels = {k: v for k, v in columns.items() if k not in ("t_s", drive, disp)}
+    further = {k: v for k, v in columns.items() if k not in ("t_s", drive, disp)}
+    channels = to_channels(further, disp[2:] if disp else "um", drive[2:])
     return Recording(
         t_s=t_s,
         drive=columns[drive],
@@ -101,8 +104,10 @@ def _trajectory(
     row = np.flatnonzero(~np.isfinite(columns[key]))
     if row.size:
         raise BadRecording(f"{path.name}: {_where(path, int(row[0]))}: {key} is missing")
-    channels = {name: values for name, values in columns.items() if name not in ("t_s", key)}
-    return Trajectory(t_s, columns[key], key.rpartition("_")[2], path.name, channels=channels)
+    further = {name: values for name, values in columns.items() if name not in ("t_s", key)}
+    unit = key.rpartition("_")[2]
+    channels = targets_as_channels(further, unit)
+    return Trajectory(t_s, columns[key], unit, path.name, channels=channels)
 
 
 def read_columns(

@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 
+from dehyst.daemon.files.axis_columns import LENGTHS
 from dehyst.models.errors import BadInput, BadRecording
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Floats, Model
-from dehyst.models.recording import Trajectory
+from dehyst.models.recording import AXIS_CHANNEL, Trajectory
 
 EVEN = 1e-3  # largest deviation of a time step from the mean one, as a part of it
 SHORTEST_S, MOST_SAMPLES = 1e-6, 20_000_000
-UM = {"um": 1.0, "nm": 1e-3}
 
 
 def target_in_unit(trajectory: Trajectory, model: Model) -> Floats:
@@ -19,8 +19,8 @@ def target_in_unit(trajectory: Trajectory, model: Model) -> Floats:
     unit, wanted = trajectory.unit, model.displacement_unit
     if unit == wanted:
         return trajectory.target
-    if unit in UM and wanted in UM:
-        return trajectory.target * (UM[unit] / UM[wanted])
+    if unit in LENGTHS and wanted in LENGTHS:
+        return trajectory.target * (LENGTHS[unit] / LENGTHS[wanted])
     raise BadRecording(
         f"{trajectory.name}: targets in {unit}, the model's displacement is in {wanted}; "
         f"a column target_{wanted} is needed"
@@ -64,8 +64,10 @@ def channels_along(trajectory: Trajectory, compensator: Compensator, t_s: Floats
     columns = trajectory.channels
     for name in compensator.channels:
         if name not in columns:
+            axis = AXIS_CHANNEL.fullmatch(name)
+            column = f"target_{axis[1]}_{trajectory.unit}" if axis and not axis[2] else name
             raise BadRecording(
-                f"{trajectory.name}: the model needs the column {name}; it is missing"
+                f"{trajectory.name}: the model needs the column {column}; it is missing"
             )
     return np.stack(
         [np.interp(t_s, trajectory.t_s, columns[n]) for n in compensator.channels], axis=1

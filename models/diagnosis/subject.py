@@ -21,7 +21,7 @@ from dehyst.models.cascade.history import HISTORIES, replay, simulate_behind
 from dehyst.models.cascade.simulate import channels_of, simulate
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadInput, DehystError
-from dehyst.models.identify import Options, identify
+from dehyst.models.identify import Options, identify_alone
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.physics import KINDS
 from dehyst.models.recording import Recording
@@ -143,7 +143,7 @@ def identify_plain(recordings: Sequence[Recording], data: Data) -> Subject:
     hysteresis, or refuses, the hysteresis is fitted here without."""
     refused, r = "", THRESHOLDS * data.span
     try:
-        model = identify(recordings, Options(rate=False)).model
+        model = identify_alone(recordings, Options(rate=False)).model
     except (DehystError, ValueError) as error:  # also what it meets with no row to fit
         refused = str(error)
     else:

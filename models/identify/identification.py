@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
+from dehyst.models.identify.coupling import Coupled
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
 from dehyst.models.identify.final import Fitted, fit_all
@@ -80,8 +81,8 @@ class Identification:
 
     residuals: one (N,) array per recording, y - model, NaN where there is none; used: (N,) rows
     that were fitted; shape, offset: the structure; params, errors: packed parameters and their
-    standard errors (0: on the bound); tried, orders: what the hold-out compared; notes: what a
-    reader should be told.
+    standard errors (0: on the bound); tried, orders: what the hold-out compared; couplings: from
+    other axes, which the model has as blocks; notes: what a reader should be told.
     """
 
     model: Model
@@ -95,25 +96,21 @@ class Identification:
     orders: tuple[tuple[int, float], ...]
     noise_rms: float
     recordings: tuple[Left, ...]
+    couplings: tuple[Coupled, ...] = ()
     notes: tuple[str, ...] = field(default_factory=tuple)
 
 
-def _keep_quiet(text: str) -> None:
-    """No progress wanted."""
-
-
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads wait for each other at this size
-def identify(
+def identify_alone(
     recordings: Sequence[Recording],
-    options: Options | None = None,
-    progress: Callable[[str], None] = _keep_quiet,
+    options: Options,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> Identification:
-    """Identify one model from one or more recordings of the same stage.
+    """One model from one or more recordings of the same stage, whatever other axes did.
 
-    progress: called with a few words as the work goes on. Raises BadRecording when the recordings
-    cannot carry a model, in one sentence; BadInput when they do not belong together.
+    Raises BadRecording when the recordings cannot carry a model, in one sentence; BadInput when
+    they do not belong together.
     """
-    options = options or Options()
     if not recordings:
         raise BadInput("no recording was given")
     _require_same_units(recordings)

@@ -76,6 +76,13 @@ class Tuning(NamedTuple):
     least_damping: float = 0.45  # below it rings: a resonance, and no lag
     blocks: int = 20  # of time, whose means tell a drift
     sure_drift: float = 5.0  # standard errors of its slope
+    # coupling from other axes, judged by tests/models/identify/test_coupling.py
+    coupling_plays: int = 12  # on the own drive, by which a channel is cleared of it
+    coupling_stretches: int = 16  # of time, of each recording
+    coupling_moves: float = 0.1  # of the mean power of a channel, that it has where it moves
+    coupling_pays: float = 0.05  # of the held-out power, where the channel moves
+    coupling_rounds: int = 3  # of model and gains in turn
+    coupling_settled: float = 0.1  # of what the model leaves: a change of the gains that is none
     # sizes
     rows_compared: int = 12_000  # for the choice of the structure
     rows_slope: int = 1_000_000  # for the mean slope

@@ -106,7 +106,7 @@ class CoupledMode(Coupling):
     order = 62
 
     def __init__(self, data: Data, channel: str, reference: float) -> None:
-        super().__init__(channel, reference, data.unit)
+        super().__init__(channel, reference, data.unit, data.drive_unit)
         self.key = f"coupledmode-{channel}"
         self.title = f"Coupling from {channel} through a mode"
         self.confused_with = ("resonance",)
@@ -192,7 +192,7 @@ class CoupledMode(Coupling):
         at = [f"{v:.4g}" for k, (v, _) in values.items() if k.startswith("frequency")]
         modes = " and ".join(f"{g} by one at {f} Hz" for g, f in zip(gains, at, strict=False))
         return (
-            f"The channel {self.channel} moves this reading through modes, {modes}: the axes are "
+            f"{self.whose} moves this reading through modes, {modes}: the axes are "
             "not decoupled, and the drives should stay away from there."
         )
 

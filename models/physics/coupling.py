@@ -26,6 +26,7 @@ from dehyst.models.physics.candidate import (
 )
 from dehyst.models.physics.entry import OTHER_AXIS, Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Solved, Values
+from dehyst.models.recording import AXIS_CHANNEL
 from dehyst.models.signals.filters import lowpass, plays, settle
 from dehyst.models.signals.joined import Data, Floats
 
@@ -154,12 +155,17 @@ class Coupling(Candidate):
     order = 60
     driven = False
 
-    def __init__(self, channel: str, reference: float, unit: str) -> None:
+    def __init__(self, channel: str, reference: float, unit: str, drive_unit: str = "v") -> None:
         self.channel = channel
         self.key = f"coupling-{channel}"
         self.title = f"Coupling from {channel}"
         self.reference = reference
+        axis = AXIS_CHANNEL.fullmatch(channel)
         self.unit = channel.rsplit("_", 1)[-1]
+        self.whose = f"The channel {channel}"
+        if axis:
+            self.unit = drive_unit if axis[2] else unit
+            self.whose = f"The {'drive' if axis[2] else 'displacement'} of axis {axis[1]}"
         self.limit_unit = f"{unit}/{self.unit}"
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
@@ -180,9 +186,7 @@ class Coupling(Candidate):
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         gain = small(values["gain_um_per_unit"])
-        return (
-            f"The channel {self.channel} moves this reading by {gain}: the axes are not decoupled."
-        )
+        return f"{self.whose} moves this reading by {gain}: the axes are not decoupled."
 
 
 class CoupledMemory(Coupling):
@@ -192,7 +196,7 @@ class CoupledMemory(Coupling):
     order = 61
 
     def __init__(self, data: Data, channel: str, reference: float) -> None:
-        super().__init__(channel, reference, data.unit)
+        super().__init__(channel, reference, data.unit, data.drive_unit)
         self.key = f"coupling2-{channel}"
         self.refines = f"coupling-{channel}"
         self.scale = float(np.ptp(data.channels[channel]))
@@ -231,7 +235,10 @@ def _candidates(data: Data) -> list[Candidate]:
     out: list[Candidate] = []
     for c in other_causes(data):
         reference = float(data.channels[c].mean())
-        out += [Coupling(c, reference, data.unit), CoupledMemory(data, c, reference)]
+        out += [
+            Coupling(c, reference, data.unit, data.drive_unit),
+            CoupledMemory(data, c, reference),
+        ]
     return out
 
 

@@ -1,0 +1,83 @@
+"""What a file of one axis calls the other axes, and what the channels of a recording call them.
+
+    column in a file                        channel of the recording
+    axis_y_um, axis_y_nm (displacement)     axis.y
+    axis_y_drive_v (drive)                  axis.y.drive
+    target_y_um (of a trajectory)           axis.y
+
+The columns have no dot, so that numpy.genfromtxt keeps their names. A channel is in the unit of the
+recording's own displacement or drive; lengths are converted, and a column in a unit that cannot be
+stays a channel of its own name.
+"""
+
+import re
+from collections.abc import Mapping
+
+from dehyst.models.recording import AXIS_CHANNEL, Floats
+
+LENGTHS = {"um": 1.0, "nm": 1e-3}
+_COLUMN = re.compile(r"axis_([a-z0-9]{1,8})_(drive_)?([a-z]+)")
+_TARGET = re.compile(r"target_([a-z0-9]{1,8})_([a-z]+)")
+
+
+def axis_column(axis: str, unit: str, drive: bool = False) -> str:
+    """The column of another axis: its displacement, or its drive."""
+    return f"axis_{axis}_drive_{unit}" if drive else f"axis_{axis}_{unit}"
+
+
+def to_channels(
+    columns: Mapping[str, Floats], displacement_unit: str, drive_unit: str = ""
+) -> dict[str, Floats]:
+    """Columns as channels by name; those of other axes are `axis.y` and `axis.y.drive`."""
+    out = {}
+    for key, values in columns.items():
+        match = _COLUMN.fullmatch(key)
+        if match is None:
+            out[key] = values
+            continue
+        axis, drive, unit = match.groups()
+        factor = _factor(unit, drive_unit if drive else displacement_unit)
+        name = f"axis.{axis}.drive" if drive else f"axis.{axis}"
+        if factor is None or name in out:
+            out[key] = values
+        else:
+            out[name] = values if factor == 1.0 else values * factor
+    return out
+
+
+def targets_as_channels(columns: Mapping[str, Floats], unit: str) -> dict[str, Floats]:
+    """Further columns of a trajectory; the targets of other axes are `axis.y`, in `unit`."""
+    out = to_channels(columns, unit)
+    for key, values in columns.items():
+        match = _TARGET.fullmatch(key)
+        if match is None or f"axis.{match[1]}" in out:
+            continue
+        factor = _factor(match[2], unit)
+        if factor is not None:
+            out[f"axis.{match[1]}"] = values * factor
+    return out
+
+
+def to_columns(
+    channels: Mapping[str, Floats], displacement_unit: str, drive_unit: str
+) -> dict[str, Floats]:
+    """Channels as columns of a file."""
+    out = {}
+    for name, values in channels.items():
+        match = AXIS_CHANNEL.fullmatch(name)
+        if match is None:
+            out[name] = values
+        else:
+            drive = bool(match[2])
+            unit = drive_unit if drive else displacement_unit
+            out[axis_column(match[1], unit, drive)] = values
+    return out
+
+
+def _factor(unit: str, wanted: str) -> float | None:
+    """By which numbers in one unit become those in the other; None: they are different things."""
+    if unit == wanted:
+        return 1.0
+    if unit in LENGTHS and wanted in LENGTHS:
+        return LENGTHS[unit] / LENGTHS[wanted]
+    return None

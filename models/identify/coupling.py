@@ -1,0 +1,152 @@
+"""What other axes of the stage bring: y = f(u) + sum_k gain_k (channel_k - reference_k).
+
+Recordings of one axis that hold what the other axes did (channels `axis.y`, their displacement, or
+`axis.y.drive`) are fitted with one gain for each, where held-out stretches say that it pays. The
+gains come from what the model without them leaves, both cleared of what the own drive could explain
+as well (R. Frisch and F. V. Waugh, Econometrica 1, 1933): so axes that moved together do no harm.
+Memory, modes and lags of a coupling are for a diagnosis.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.model import Block, Model
+from dehyst.models.recording import AXIS_CHANNEL, Bools, Floats, Recording
+from dehyst.models.signals.filters import plays
+
+
+@dataclass(frozen=True)
+class Coupled:
+    """One gain. channel: of the recordings; gain: displacement per unit of it; reference: its mean;
+    before, after: rms held out without it and with it, over stretches in which the channel moves.
+    """
+
+    channel: str
+    gain: float
+    reference: float
+    before: float
+    after: float
+
+
+def find_other_axes(recordings: Sequence[Recording]) -> list[str]:
+    """Channels that every recording has and that move: the displacement of another axis, or its
+    drive where that is not there."""
+    names = [n for n in recordings[0].channels if AXIS_CHANNEL.fullmatch(n)]
+    names = [n for n in names if all(n in r.channels for r in recordings)]
+    moving = [n for n in names if any(np.nan_to_num(np.nanstd(r.channels[n])) for r in recordings)]
+    return [n for n in moving if not (n.endswith(".drive") and n[: -len(".drive")] in moving)]
+
+
+def couple(
+    recordings: Sequence[Recording], residuals: Sequence[Floats], known: Sequence[Coupled] = ()
+) -> list[Coupled]:
+    """The gains that pay, the largest first. residuals: one (N,) for each recording, y - model, NaN
+    where it does not count; the model has the couplings that are known: they stay, and their gains
+    become exact."""
+    names = find_other_axes(recordings)
+    if not names:
+        return []
+    rest = _Rest(recordings, residuals, names)
+    taken = [names.index(one.channel) for one in known]
+    found = {one.channel: one for one in known}
+    gains = np.zeros(len(names))
+    gains[taken] = [one.gain for one in known]
+    open_ = [i for i in range(len(names)) if i not in taken]
+    while open_ and not known:
+        trials = [(*rest.try_out(taken, i), i) for i in open_]
+        before, after, sure, best = min(trials, key=lambda trial: trial[1] - trial[0])
+        if not sure:
+            break
+        taken.append(best)
+        open_.remove(best)
+        found[names[best]] = Coupled(names[best], 0.0, rest.means[best], before, after)
+    if taken:
+        gains[taken] += rest.gains(taken, np.ones(rest.left.size, dtype=bool))
+    return [replace(found[names[i]], gain=float(gains[i])) for i in taken]
+
+
+def uncouple(recording: Recording, couplings: Sequence[Coupled]) -> Recording:
+    """The recording as it would be if the other axes stood at their means."""
+    assert recording.displacement is not None
+    y = recording.displacement.copy()
+    for one in couplings:
+        y -= one.gain * (recording.channels[one.channel] - one.reference)
+    return replace(recording, displacement=y)
+
+
+def with_couplings(model: Model, couplings: Sequence[Coupled]) -> Model:
+    """The model with a block for each, before those of the sensor."""
+    blocks = tuple(
+        Block(
+            "coupling",
+            "stage",
+            {f"gain_{model.displacement_unit}_per_unit": one.gain, "reference": one.reference},
+            one.channel,
+        )
+        for one in couplings
+    )
+    own = [b for b in model.blocks if b.place != "sensor"]
+    return replace(model, blocks=(*own, *blocks, *model.blocks[len(own) :]))
+
+
+class _Rest:
+    """What a model leaves and what the channels do, both cleared of what the own drive explains."""
+
+    def __init__(
+        self, recordings: Sequence[Recording], residuals: Sequence[Floats], names: Sequence[str]
+    ) -> None:
+        span = max(float(np.nanmax(r.drive) - np.nanmin(r.drive)) for r in recordings)
+        lefts, columns, pieces, count = [], [], [], 0
+        for recording, residual in zip(recordings, residuals, strict=True):
+            channels = np.stack([recording.channels[n] for n in names], axis=1)
+            good = ~np.isnan(residual) & ~np.isnan(channels).any(axis=1) & ~recording.missing_drive
+            if not good.any():
+                continue
+            u = recording.drive[good]
+            begin = np.zeros(u.size, dtype=bool)
+            begin[0] = True
+            r = np.linspace(0.0, 0.5, TUNING.coupling_plays) * span
+            own = np.column_stack(
+                [np.ones(u.size), plays(r, np.ascontiguousarray(u), begin) / span]
+            )
+            pair = np.column_stack([residual[good], channels[good]])
+            pair = pair - own @ np.linalg.lstsq(own, pair, rcond=None)[0]
+            lefts.append(pair[:, 0])
+            columns.append(pair[:, 1:])
+            pieces.append(count + np.arange(u.size) * TUNING.coupling_stretches // u.size)
+            count += TUNING.coupling_stretches
+        self.left = np.concatenate(lefts)
+        self.columns = np.concatenate(columns)
+        self.piece = np.concatenate(pieces)
+        self.count = count
+        whole = [np.concatenate([r.channels[n] for r in recordings]) for n in names]
+        self.means = [float(np.nanmean(one)) for one in whole]
+
+    def gains(self, taken: Sequence[int], rows: Bools) -> Floats:
+        """(len(taken),) from these rows."""
+        c = self.columns[rows][:, list(taken)]
+        return np.asarray(np.linalg.lstsq(c, self.left[rows], rcond=None)[0], np.float64)
+
+    def try_out(self, taken: Sequence[int], more: int) -> tuple[float, float, bool]:
+        """Rms held out without and with one channel more, and whether that pays: in the stretches
+        in which it moves."""
+        moves = np.bincount(self.piece, self.columns[:, more] ** 2, self.count)
+        size = np.bincount(self.piece, minlength=self.count)
+        lively = np.flatnonzero(moves > TUNING.coupling_moves * moves.sum() / self.count)
+        powers = np.zeros((2, lively.size))
+        for k, piece in enumerate(lively):
+            held = self.piece == piece
+            for row, some in enumerate((list(taken), [*taken, more])):
+                error = self.left[held]
+                if some:
+                    error = error - self.columns[held][:, some] @ self.gains(some, ~held)
+                powers[row, k] = float(error @ error)
+        before, after = np.sqrt(powers.sum(axis=1) / max(1, int(size[lively].sum())))
+        gain = powers[0] - powers[1]
+        if lively.size < 2 or gain.sum() < TUNING.coupling_pays * powers[0].sum():
+            return float(before), float(after), False
+        doubt = float(np.std(gain, ddof=1)) / np.sqrt(gain.size)
+        return float(before), float(after), bool(gain.mean() > TUNING.sure * doubt)

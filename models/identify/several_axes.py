@@ -1,0 +1,77 @@
+"""Identification of one axis beside others: the axis itself, and what the others bring to it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from dehyst.models.identify.coupling import (
+    Coupled,
+    couple,
+    find_other_axes,
+    uncouple,
+    with_couplings,
+)
+from dehyst.models.identify.identification import Identification, Options, identify_alone
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Floats, Recording
+
+
+def _keep_quiet(text: str) -> None:
+    """No progress wanted."""
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def identify(
+    recordings: Sequence[Recording],
+    options: Options | None = None,
+    progress: Callable[[str], None] = _keep_quiet,
+) -> Identification:
+    """Identify one model from one or more recordings of the same stage.
+
+    Channels that are other axes of the stage (`axis.y`) are kept in it as coupling where that pays
+    on held-out stretches; model and gains are fitted in turn. progress: called with a few words as
+    the work goes on. Raises BadRecording when the recordings cannot carry a model, in one sentence;
+    BadInput when they do not belong together.
+    """
+    options = options or Options()
+    found = identify_alone(recordings, options, progress)
+    if not find_other_axes(recordings):
+        return found
+    progress("coupling from other axes")
+    couplings = couple(recordings, _used(found))
+    if not couplings:
+        return found
+    for _ in range(TUNING.coupling_rounds):
+        before = couplings
+        found = identify_alone([uncouple(r, before) for r in recordings], options, progress)
+        couplings = couple(recordings, _used(found), before)
+        moved = [
+            abs(new.gain - old.gain) * float(np.nanstd(one.channels[new.channel]))
+            for old, new in zip(before, couplings, strict=True)
+            for one in recordings
+        ]
+        if max(moved) < TUNING.coupling_settled * (found.model.fit.rms or 0.0):
+            break
+    unit = found.model.displacement_unit
+    return replace(
+        found,
+        model=with_couplings(found.model, before),
+        couplings=tuple(before),
+        notes=(*found.notes, *(_tell(one, unit) for one in before)),
+    )
+
+
+def _used(found: Identification) -> list[Floats]:
+    """What the model leaves, NaN where a row was not fitted."""
+    pairs = zip(found.residuals, found.used, strict=True)
+    return [np.where(used, error, np.nan) for error, used in pairs]
+
+
+def _tell(one: Coupled, unit: str) -> str:
+    """A coupling in words."""
+    return (
+        f"{one.channel} moves this axis by {one.gain:+.3g} {unit} per unit: it stays in the model "
+        f"(held out, where it moves: {one.before:.3g} {unit} without, {one.after:.3g} with)"
+    )
