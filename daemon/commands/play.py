@@ -19,7 +19,7 @@ from dehyst.daemon.client.connection import (
     say,
 )
 from dehyst.daemon.client.group import Group
-from dehyst.daemon.files.outputs import check_outputs
+from dehyst.daemon.files.outputs import check_outputs, of_axis
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
@@ -183,14 +183,6 @@ def playing(name: str) -> "Iterator[Callable[[float, float], None]]":
 
     with progress_bar(f"playing {name}") as progress:
         yield lambda at_s, total_s: progress(min(1.0, at_s / total_s))
-
-
-def of_axis(path: Path, axis: str) -> Path:
-    """The file of one of several axes: scan.json, scan-x.json."""
-    if not axis:
-        return path
-    head, dot, suffix = path.name.partition(".")
-    return path.with_name(f"{head}-{axis}{dot}{suffix}")
 
 
 def offsets_of(given: str, axes: Iterable[str]) -> dict[str, float]:
