@@ -16,9 +16,11 @@ block longer than the driver's own time-out. A driver never clips: a value outsi
 
 A driver whose device can be called without Python may add `direct()`, see
 dehyst.drivers.direct_calls: the compiled loop then uses it.
+
+A driver of an amplifier with several outputs behind one link may add `join()`: see Joinable.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, runtime_checkable
 
@@ -129,4 +131,33 @@ class Sensor(Protocol):
 
     def close(self) -> None:
         """Release the device. Safe to call twice."""
+        ...
+
+
+class Joint(Protocol):
+    """Several open outputs of one amplifier, behind one link.
+
+    together: `write_all` sets all of them in one command.
+    """
+
+    together: bool
+
+    def rate_hz(self, driven: int) -> float:
+        """The highest rate at which so many of these outputs can be set, as measured."""
+        ...
+
+    def write_all(self, volts: Sequence[float]) -> None:
+        """Set all outputs, in their order. Raises OutOfRange before anything is written."""
+        ...
+
+
+@runtime_checkable
+class Joinable(Protocol):
+    """An actuator whose unit may have further outputs."""
+
+    unit_key: str
+    """The same for outputs of the same unit."""
+
+    def join(self, others: Sequence[Any]) -> Joint:
+        """This output and others of the same unit, all open."""
         ...

@@ -3,7 +3,7 @@
 import argparse
 import signal
 
-from dehyst.daemon.config import load_config
+from dehyst.daemon.config import load_controller
 from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.rings import run_folder
 
@@ -18,8 +18,8 @@ def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.service.requests import Requests
 
     requests = Requests()
-    config = load_config(args.config)
-    with run_folder.at_work(config.directory, run_folder.OUTPUT, "core", args.config):
+    controller = load_controller(args.config)
+    with run_folder.at_work(controller.directory, run_folder.OUTPUT, "core", args.config):
         from dehyst.daemon.loop.process import run_core
 
-        return run_core(config, requests.serve)
+        return run_core(controller, requests.serve)

@@ -4,6 +4,7 @@ Nothing here needs the compiler: `dehyst safe` must run when nothing else does.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from dehyst.daemon.config import Config
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.daemon.rings.ring_file import RingFile
-from dehyst.drivers.interface import Actuator, DeviceSpec, Sensor
+from dehyst.drivers.interface import Actuator, DeviceSpec, Joinable, Joint, Sensor
 from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.models.errors import BadInput
 
@@ -64,6 +65,61 @@ def check_rates(config: Config, actuator: DeviceSpec, sensor: DeviceSpec) -> int
             f"{1e3 / rate:.2f} ms period; set loop.rate_hz to {_round_down(SPARE / io_s):g} or less"
         )
     return every
+
+
+def check_rates_together(
+    configs: Sequence[Config],
+    specs: Sequence[tuple[DeviceSpec, DeviceSpec]],
+    joints: Sequence[tuple[Joint, tuple[int, ...]]],
+) -> list[int]:
+    """How often each axis' sensor is read; BadInput where the loop is too fast for all of them in
+    one period. specs: (actuator, sensor) of each axis; joints: from `joined`."""
+    if len(configs) == 1:
+        return [check_rates(configs[0], *specs[0])]
+    rate, alone = configs[0].loop.rate_hz, set(range(len(configs)))
+    io_s = sum(sensor.latency_s for _, sensor in specs)
+    for joint, places in joints:
+        alone -= set(places)
+        driven = min(range(1, len(places) + 1), key=joint.rate_hz)
+        sustained = joint.rate_hz(driven)
+        io_s += 1.0 / sustained
+        if rate > sustained:
+            names = ", ".join(configs[i].axis for i in places)
+            raise BadInput(
+                f"loop.rate_hz = {rate:g}: the amplifier of the axes {names} sustains "
+                f"{sustained:.0f} Hz with {driven} of them driven, as measured on this unit; set "
+                f"loop.rate_hz to {_round_down(sustained):g} or less"
+            )
+    every = []
+    for i, (config, (actuator, sensor)) in enumerate(zip(configs, specs, strict=True)):
+        try:
+            every.append(check_rates(config, actuator, sensor))
+        except BadInput as error:
+            raise BadInput(f"axis {config.axis}: {error}") from None
+        io_s += actuator.latency_s if i in alone else 0.0
+    if io_s * rate > SPARE:
+        raise BadInput(
+            f"loop.rate_hz = {rate:g}: the device calls of {len(configs)} axes take "
+            f"{io_s * 1e3:.2f} ms of the {1e3 / rate:.2f} ms period; set loop.rate_hz to "
+            f"{_round_down(SPARE / io_s):g} or less"
+        )
+    return every
+
+
+def joined(actuators: Sequence[Actuator]) -> list[tuple[Joint, tuple[int, ...]]]:
+    """Which of these open outputs belong to one amplifier, by their places; those that are alone
+    are left out."""
+    units: dict[tuple[type, str], list[int]] = {}
+    for place, actuator in enumerate(actuators):
+        if isinstance(actuator, Joinable):
+            units.setdefault((type(actuator), actuator.unit_key), []).append(place)
+    found = []
+    for places in units.values():
+        if len(places) > 1:
+            first, *others = [actuators[place] for place in places]
+            assert isinstance(first, Joinable)
+            found.append((first.join(others), tuple(places)))
+    return found
 
 
 def highest_rate(actuator: DeviceSpec, sensor: DeviceSpec) -> float:

@@ -45,6 +45,7 @@ POINT_LATE, RUN_DRY, NO_SETPOINT = (
     number(Note.RUN_DRY),
     number(Note.NO_SETPOINT),
 )
+GROUP_WAITS = number(Note.GROUP_WAITS)
 ZEROED, BAD_CORRECTION = number(Note.ZEROED), number(Note.BAD_CORRECTION)
 
 
@@ -102,7 +103,11 @@ def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
     q = queue_of(table)
     c.target_ns = now_ns
     value, offset_ns, last = command.value, command.offset_ns, command.last != 0
-    correction = command.correction
+    correction, group = command.correction, command.group
+    if command.members < 2:
+        group = 0
+    if group != 0 and group == c.left:
+        return  # this axis has left it, with words
     most = trim_setting_of(table).learned
     if not abs(correction) <= most:
         note(table, c, BAD_CORRECTION, correction)
@@ -112,6 +117,11 @@ def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
         start = c.target + c.learned if moving else _position(table, c, p)
         _approach(table, c, p, now_ns, start, value, offset_ns, correction, last)
         q.id = command.trajectory
+        if c.group != 0 and c.group != group and c.trajectory_done == 0:
+            c.left = c.group
+        c.group = q.group = group
+        if group != 0:  # it stands at its first point until the others do
+            q.members, q.stops, q.stop_ns = command.members, targets.LASTING, c.approach_until_ns
         c.trajectory, c.trajectory_done = command.trajectory, 0
         happens(c, TARGET, now_ns)
         return
@@ -175,7 +185,7 @@ def age(table: Table, c: Any, p: Any, now_ns: int) -> None:
     q, points = queue_of(table), points_of(table)
     times = points.times
     if targets.finished(q, times, now_ns):
-        end = targets.end_ns(q, times)
+        end = targets.end_ns(q, times) + q.shift_ns
         newest = (q.first + q.count - 1) % times.size
         c.target, c.learned = points.values[newest], points.corrections[newest]
         c.target_ns = max(c.target_ns, end)
@@ -185,9 +195,9 @@ def age(table: Table, c: Any, p: Any, now_ns: int) -> None:
     starved = targets.starved(q, times, now_ns)
     if starved and c.starved == 0:
         c.target_ns = now_ns
-        note(table, c, RUN_DRY, 0.0)
-    elif c.starved != 0 and not starved and q.count > 0:
-        c.glide = NAN
+        note(table, c, GROUP_WAITS if q.dry == targets.OTHER else RUN_DRY, 0.0)
+    elif c.starved != 0 and not starved and q.count > 0 and q.group == 0:
+        c.glide = NAN  # time has gone on; a group's stood still
     c.starved = 1 if starved else 0
     if (starved or q.count == 0) and now_ns - c.target_ns > p.stale_ns:
         note(table, c, NO_SETPOINT, p.stale_ns * 1e-9)

@@ -6,7 +6,7 @@ back, publishes status and events, and talks to the loop through the meter's req
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.loop import systemcalls
+from dehyst.daemon.loop.axes.kernels import axis_at, begin_axes
 from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.daemon.loop.records_in_memory import CLOCK, NAN, Table, meter_of
-from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, begin_sample, finish
-from dehyst.daemon.loop.status import PLACE, LoopMonitor
+from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, finish
+from dehyst.daemon.loop.status import PLACE, LoopMonitor, addresses_of, begin_together
 from dehyst.daemon.loop.step_kernel import stopped
 from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.rings.records import Flag
@@ -61,64 +62,93 @@ def sleep_of(table: Table, buffer: NDArray[np.int64], deadline_ns: int, spin_ns:
 
 
 @njit(cache=True, nogil=True)
-def run_samples(table: Table, samples: int) -> None:
-    """Samples until stopped, or so many (-1: no end)."""
-    m = meter_of(table)
-    buffer, value = np.zeros(32, np.int64), np.zeros(1)
+def read_gauge(table: Table, clock: Table, buffer: NDArray[np.int64]) -> tuple[int, int]:
+    """Read an axis' sensor into its meter: (flags, nanoseconds in the driver)."""
+    m, value = meter_of(table), np.zeros(1)
+    flags, io_ns = 0, 0
+    if m.sensor_ok == 0:
+        m.measured = NAN
+        flags = INVALID
+    elif m.samples % m.sensor_every != 0:
+        flags = HELD
+    else:
+        before = now_of(clock, buffer)
+        code = call(m.read, m.read_context, before, value.ctypes.data)
+        m.measured = value[0] * m.scale + m.zero
+        if code != 0:
+            m.measured = NAN
+            m.sensor_ok, m.sensor_code = 0, code
+        io_ns = now_of(clock, buffer) - before
+    m.held = 1 if flags == HELD else 0
+    return flags, io_ns
+
+
+@njit(cache=True, nogil=True)
+def run_samples(axes: NDArray[np.int64], samples: int) -> None:
+    """Samples until all axes have stopped, or so many (-1: no end). axes: (n,) addresses of their
+    tables; the first one's clock is that of all."""
+    n = axes.size
+    clock = axis_at(axes[0])
+    m = meter_of(clock)
+    buffer, value, volts = np.zeros(32, np.int64), np.zeros(1), np.zeros(n)
+    flags, wrote = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    written, took, ended = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64)
     while samples < 0 or m.samples < samples:
-        woke = sleep_of(table, buffer, m.scheduled_ns, m.spin_ns)
+        woke = sleep_of(clock, buffer, m.scheduled_ns, m.spin_ns)
         if woke < m.scheduled_ns:
             continue
-        flags, io_ns = 0, 0
-        if m.sensor_ok == 0:
-            m.measured = NAN
-            flags = INVALID
-        elif m.samples % m.sensor_every != 0:
-            flags = HELD
-        else:
-            before = now_of(table, buffer)
-            code = call(m.read, m.read_context, before, value.ctypes.data)
-            m.measured = value[0] * m.scale + m.zero
-            if code != 0:
-                m.measured = NAN
-                m.sensor_ok, m.sensor_code = 0, code
-            io_ns = now_of(table, buffer) - before
-        m.held = 1 if flags == HELD else 0
-        volts = begin_sample(table, now_of(table, buffer))
-        wrote = NOT_WRITTEN
-        if volts == volts:
-            before = now_of(table, buffer)
-            value[0] = volts
-            code = call(m.write, m.write_context, before, value.ctypes.data)
-            wrote = WRITTEN
-            if code != 0:
-                m.actuator_ok, m.actuator_code = 0, code
-                wrote = REFUSED
-            finished = now_of(table, buffer)
-            io_ns += finished - before
-        else:
-            finished = now_of(table, buffer)
-        finish(table, wrote, flags, woke, finished, io_ns)
-        if stopped(table, finished):
+        io_ns = 0
+        for i in range(n):
+            flags[i], spent_ns = read_gauge(axis_at(axes[i]), clock, buffer)
+            io_ns += spent_ns
+        begin_axes(axes, now_of(clock, buffer), volts)
+        finished = woke
+        for i in range(n):
+            a = meter_of(axis_at(axes[i]))
+            wrote[i] = NOT_WRITTEN
+            if volts[i] == volts[i]:
+                before = now_of(clock, buffer)
+                value[0] = volts[i]
+                code = call(a.write, a.write_context, before, value.ctypes.data)
+                wrote[i] = WRITTEN
+                if code != 0:
+                    a.actuator_ok, a.actuator_code = 0, code
+                    wrote[i] = REFUSED
+                finished = now_of(clock, buffer)
+                took[i] = finished - before
+                io_ns += took[i]
+            else:
+                finished = now_of(clock, buffer)
+            written[i] = finished
+        for i in range(n):
+            table = axis_at(axes[i])
+            finish(table, wrote[i], flags[i], woke, finished, io_ns, written[i], took[i])
+            if ended[i] == 0 and stopped(table, finished):
+                ended[i] = 1
+        if ended.all():
             break
 
 
-def warm_up(monitor: LoopMonitor, compiled: bool) -> None:
-    """Run every kernel of a sample on a monitor of its own, without its devices.
+def warm_up(monitors: Sequence[LoopMonitor], compiled: bool) -> None:
+    """Run every kernel of a sample on monitors of its own, without their devices.
 
     Nothing compiles after this, and the code is in memory.
     """
-    monitor.numbers[PLACE["actuator_ok"]] = monitor.numbers[PLACE["sensor_ok"]] = 0
-    table = monitor.stepper.table
+    for monitor in monitors:
+        monitor.numbers[PLACE["actuator_ok"]] = monitor.numbers[PLACE["sensor_ok"]] = 0
+    axes, volts = addresses_of(monitors), np.zeros(len(monitors))
     if compiled:
-        table.put(CLOCK, np.array([0, 100, 0, 0]))
-        run_samples(table.words, 5)
+        monitors[0].stepper.table.put(CLOCK, np.array([0, 100, 0, 0]))
+        run_samples(axes, 5)
     for _ in range(5):
         systemcalls.sleeper()(0)
-        begin_sample(table.words, 0)
-        finish(table.words, NOT_WRITTEN, INVALID, 0, 1, 0)
-        stopped(table.words, 0)
-    monitor.attend(clock.monotonic_ns())
+        begin_axes(axes, 0, volts)
+        for monitor in monitors:
+            table = monitor.stepper.table.words
+            finish(table, NOT_WRITTEN, INVALID, 0, 1, 0, 1, 1)
+            stopped(table, 0)
+    for monitor in monitors:
+        monitor.attend(clock.monotonic_ns())
 
 
 def direct_of(device: Any) -> Direct | None:
@@ -133,16 +163,11 @@ def spin_ns(asked_us: float | None, rate_hz: float) -> int:
     return round(1000 * min(asked_us, 0.5e6 / rate_hz))
 
 
-class CompiledLoop:
-    """Runs a monitor's controller in compiled code. Raises BadInput where a device needs Python.
+class _Axis:
+    """An axis' devices, as compiled code calls them. Raises BadInput where one needs Python."""
 
-    enter: called in the loop's thread before the first sample: priority and the like.
-    """
-
-    def __init__(
-        self, monitor: LoopMonitor, enter: Callable[[], realtime.Obtained] | None = None
-    ) -> None:
-        self.monitor, self._enter = monitor, enter
+    def __init__(self, monitor: LoopMonitor) -> None:
+        self.monitor = monitor
         write, read = direct_of(monitor.actuator.device), direct_of(monitor.sensor.device)
         if write is None or read is None:
             raise BadInput(
@@ -154,31 +179,7 @@ class CompiledLoop:
         m["write"], m["write_context"] = write.function, write.context
         m["read"], m["read_context"] = read.function, read.context
 
-    def run(self, samples: int | None = None) -> None:
-        """Loop until stopped (or for a number of samples); the calling thread attends to it."""
-        thread = threading.Thread(target=self._run, args=(samples,), name="loop", daemon=True)
-        thread.start()
-        while True:
-            thread.join(ATTEND_S)
-            self._attend()
-            if not thread.is_alive():
-                break
-        self.monitor.attend(clock.monotonic_ns())
-        self.monitor.publish_status(clock.monotonic_ns())
-
-    def _run(self, samples: int | None) -> None:
-        monitor = self.monitor
-        if self._enter is not None:
-            monitor.obtained = self._enter()
-            monitor.stepper.events.extend(monitor.obtained.advice)
-        monitor.meter["schedstat"] = systemcalls.open_schedstat()
-        table = monitor.stepper.table.words
-        buffer = np.zeros(32, np.int64)
-        if monitor.samples == 0:
-            monitor.begin(now_of(table, buffer))
-        run_samples(table, -1 if samples is None else samples)
-
-    def _attend(self) -> None:
+    def attend(self) -> None:
         """Devices that went down or came back, and what is to be said."""
         monitor, numbers = self.monitor, self.monitor.numbers
         if numbers[PLACE["actuator_ok"]] == 0:
@@ -199,3 +200,49 @@ class CompiledLoop:
         code = int(self.monitor.numbers[PLACE[f"{kind}_code"]])
         link.down(direct.explain(code))
         return True
+
+
+class CompiledLoop:
+    """Runs a monitor's controller, and those of the axes beside it, in compiled code. Raises
+    BadInput where a device needs Python.
+
+    enter: called in the loop's thread before the first sample: priority and the like.
+    """
+
+    def __init__(
+        self,
+        monitor: LoopMonitor,
+        enter: Callable[[], realtime.Obtained] | None = None,
+        beside: Sequence[LoopMonitor] = (),
+    ) -> None:
+        self._monitors, self._enter = (monitor, *beside), enter
+        self._axes = [_Axis(one) for one in self._monitors]
+
+    def run(self, samples: int | None = None) -> None:
+        """Loop until stopped (or for a number of samples); the calling thread attends to it."""
+        thread = threading.Thread(target=self._run, args=(samples,), name="loop", daemon=True)
+        thread.start()
+        while True:
+            thread.join(ATTEND_S)
+            for axis in self._axes:
+                axis.attend()
+            if not thread.is_alive():
+                break
+        for monitor in self._monitors:
+            monitor.attend(clock.monotonic_ns())
+            monitor.publish_status(clock.monotonic_ns())
+
+    def _run(self, samples: int | None) -> None:
+        first = self._monitors[0]
+        if self._enter is not None:
+            obtained = self._enter()
+            first.stepper.events.extend(obtained.advice)
+            for monitor in self._monitors:
+                monitor.obtained = obtained
+        for monitor in self._monitors:
+            monitor.meter["schedstat"] = systemcalls.open_schedstat()
+        table = first.stepper.table.words
+        buffer = np.zeros(32, np.int64)
+        if first.samples == 0:
+            begin_together(self._monitors, now_of(table, buffer))
+        run_samples(addresses_of(self._monitors), -1 if samples is None else samples)

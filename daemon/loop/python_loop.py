@@ -1,20 +1,24 @@
-"""The Python loop: wait for the deadline, read, step, write, record.
+"""The Python loop: wait for the deadline, read, step, write, record; all axes in each step.
 
 For devices that only Python reaches, serial ones above all; dehyst.daemon.loop.compiled_loop is its
 compiled sister. Nothing here can block for long: no bus, no disk, no log, no garbage collection,
 and device calls have their own time-outs.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
 
 from dehyst.daemon import clock
 from dehyst.daemon.loop import systemcalls
+from dehyst.daemon.loop.axes.kernels import begin_axes
 from dehyst.daemon.loop.readback import ReadbackCheck
-from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, begin_sample, finish
-from dehyst.daemon.loop.status import PLACE, LoopMonitor
+from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, finish
+from dehyst.daemon.loop.status import PLACE, LoopMonitor, addresses_of, begin_together
 from dehyst.daemon.loop.step_kernel import stopped
 from dehyst.daemon.rings.records import Flag, State
-from dehyst.drivers.interface import DriverError
+from dehyst.drivers.interface import DriverError, Joint
 
 INVALID, HELD = int(Flag.SENSOR_INVALID), int(Flag.SENSOR_HELD)
 SCHEDULED, SAMPLES, MEASURED = PLACE["scheduled_ns"], PLACE["samples"], PLACE["measured"]
@@ -24,11 +28,27 @@ MOVING = (State.RUNNING, State.STOPPING)
 NAN = float("nan")
 
 
-class PythonLoop:
-    """Runs a monitor's controller against its devices on a grid of deadlines.
+class Axis(NamedTuple):
+    """One axis of the loop. readback: where the amplifier can report its output, the slow check of
+    that report."""
 
-    `now` and `sleep_until` are the clock, injected: integer nanoseconds. readback: where the
-    amplifier can report its output, the slow check of that report.
+    monitor: LoopMonitor
+    readback: ReadbackCheck | None = None
+
+
+class Together(NamedTuple):
+    """Axes, by their places, whose outputs one amplifier can set in one command."""
+
+    joint: Joint
+    places: tuple[int, ...]
+
+
+class PythonLoop:
+    """Runs a monitor's controller, and those of the axes beside it, against their devices on one
+    grid of deadlines.
+
+    `now` and `sleep_until` are the clock, injected: integer nanoseconds. together: amplifiers that
+    set several of these axes in one command.
     """
 
     def __init__(
@@ -37,61 +57,146 @@ class PythonLoop:
         now: Callable[[], int] = clock.monotonic_ns,
         sleep_until: Callable[[int], int] | None = None,
         readback: ReadbackCheck | None = None,
+        beside: Sequence[Axis] = (),
+        together: Sequence[Together] = (),
     ) -> None:
-        self.monitor, self._now, self.readback = monitor, now, readback
+        self._now, self._together = now, together
         self._sleep_until = sleep_until or systemcalls.sleeper()
-        self._words = monitor.stepper.table.words
-        self._scale = float(monitor.meter["scale"][0])
-        self._zero = float(monitor.meter["zero"][0])
-        self._every = int(monitor.meter["sensor_every"][0])
+        monitors = [monitor, *(axis.monitor for axis in beside)]
+        self._volts = np.full(len(monitors), NAN)
+        self._addresses = addresses_of(monitors)
+        checks = [readback, *(axis.readback for axis in beside)]
+        self._axes = [_AxisDevices(*pair, now) for pair in zip(monitors, checks, strict=True)]
 
     def run(self, samples: int | None = None) -> None:
-        """Loop until stopped (or for a number of samples)."""
-        monitor, numbers = self.monitor, self.monitor.numbers
-        monitor.meter["schedstat"] = systemcalls.open_schedstat()
+        """Loop until all axes have stopped (or for a number of samples)."""
+        monitors = [axis.monitor for axis in self._axes]
+        numbers, going = monitors[0].numbers, list(self._axes)
+        for monitor in monitors:
+            monitor.meter["schedstat"] = systemcalls.open_schedstat()
         if numbers[SAMPLES] == 0:
-            monitor.begin(self._now())
+            begin_together(monitors, self._now())
         while samples is None or numbers[SAMPLES] < samples:
             woke_ns = self._sleep_until(numbers[SCHEDULED])
             if woke_ns < numbers[SCHEDULED]:
                 continue  # a signal woke us
             finished_ns = self._sample(woke_ns)
-            monitor.attend(finished_ns)
-            if stopped(self._words, finished_ns):
+            for monitor in monitors:
+                monitor.attend(finished_ns)
+            going = [axis for axis in going if not stopped(axis.words, finished_ns)]
+            if not going:
                 break
-        monitor.attend(clock.monotonic_ns())
-        monitor.publish_status(clock.monotonic_ns())
+        for monitor in monitors:
+            monitor.attend(clock.monotonic_ns())
+            monitor.publish_status(clock.monotonic_ns())
 
     def _sample(self, woke_ns: int) -> int:
-        monitor = self.monitor
-        flags, io_ns = self._read_sensor()
-        monitor.numbers[THE_HELD] = 1 if flags & HELD else 0
-        actuator = monitor.actuator
+        axes, io_ns = self._axes, 0
+        for axis in axes:
+            io_ns += axis.read_sensor()
+        for axis in axes:
+            axis.take_back()
+        begin_axes(self._addresses, self._now(), self._volts)
+        volts = self._volts.tolist()
+        for joint, places in self._together:
+            io_ns += self._write_together(joint, places, volts)
+        finished_ns = woke_ns
+        for axis, wanted in zip(axes, volts, strict=True):
+            spent_ns, finished_ns = axis.write(wanted)
+            io_ns += spent_ns
+        for axis in axes:
+            axis.finish(woke_ns, finished_ns, io_ns)
+        return finished_ns
+
+    def _write_together(self, joint: Joint, places: tuple[int, ...], volts: list[float]) -> int:
+        """One command for all these outputs, where all of them are to be set; nanoseconds."""
+        wanted = [volts[place] for place in places]
+        if not joint.together or any(v != v for v in wanted):
+            return 0
+        before_ns, error = self._now(), None
+        try:
+            joint.write_all(wanted)
+        except DriverError as found:
+            error = found
+        after_ns = self._now()
+        for place in places:
+            volts[place] = NAN
+            self._axes[place].was_written(before_ns, after_ns, error)
+        return after_ns - before_ns
+
+
+class _AxisDevices:
+    """One axis' devices in a sample, and what became of its write."""
+
+    def __init__(
+        self, monitor: LoopMonitor, readback: ReadbackCheck | None, now: Callable[[], int]
+    ) -> None:
+        self.monitor, self.readback, self._now = monitor, readback, now
+        self.words = monitor.stepper.table.words
+        self._scale = float(monitor.meter["scale"][0])
+        self._zero = float(monitor.meter["zero"][0])
+        self._every = int(monitor.meter["sensor_every"][0])
+        self._flags, self._wrote, self._written_ns, self._call_ns = 0, NOT_WRITTEN, 0, 0
+
+    def take_back(self) -> None:
+        """An amplifier that was down and answers again."""
+        monitor, actuator = self.monitor, self.monitor.actuator
+        self._wrote = NOT_WRITTEN
         if not actuator.ok and actuator.came_back():
             monitor.meter["back_v"], monitor.meter["actuator_back"] = actuator.device.output(), 1
             monitor.numbers[DOUBTFUL] = 0
             if self.readback is not None:
                 self.readback.begin(actuator.device.output())
-        volts = begin_sample(self._words, self._now())
-        wrote = NOT_WRITTEN
-        if volts == volts:
-            before_ns = self._now()
-            try:
-                actuator.call(actuator.device.write, volts)
-                wrote = WRITTEN
-            except DriverError as error:
-                monitor.numbers[ACTUATOR_OK] = 0
-                monitor.stepper.events.append(f"the amplifier does not take voltages: {error}")
-                wrote = REFUSED
-            finished_ns = self._now()
-            io_ns += finished_ns - before_ns
-        else:
-            finished_ns = self._now()
-        finish(self._words, wrote, flags, woke_ns, finished_ns, io_ns)
-        return finished_ns
 
-    def _read_sensor(self) -> tuple[int, int]:
-        """(flags, nanoseconds in the driver); the reading goes into the meter."""
+    def write(self, volts: float) -> tuple[int, int]:
+        """Set the output (NaN: leave it): (nanoseconds, the time now)."""
+        if volts != volts:
+            return 0, self._now()
+        actuator, before_ns = self.monitor.actuator, self._now()
+        try:
+            actuator.device.write(volts)
+            error = None
+        except DriverError as found:
+            error = found
+        after_ns = self._now()
+        self._settle(after_ns, after_ns - before_ns, error)
+        return after_ns - before_ns, after_ns
+
+    def was_written(self, before_ns: int, after_ns: int, error: DriverError | None) -> None:
+        """The output was set with others in one command. A command for it alone would take half as
+        long at the least."""
+        self._settle(after_ns, (after_ns - before_ns) // 2, error)
+
+    def _settle(self, written_ns: int, call_ns: int, error: DriverError | None) -> None:
+        self._written_ns, self._call_ns, self._wrote = written_ns, call_ns, WRITTEN
+        if error is not None:
+            monitor = self.monitor
+            monitor.actuator.down(error)
+            monitor.numbers[ACTUATOR_OK] = 0
+            monitor.stepper.events.append(f"the amplifier does not take voltages: {error}")
+            self._wrote = REFUSED
+
+    def finish(self, woke_ns: int, finished_ns: int, io_ns: int) -> None:
+        """Close the sample."""
+        finish(
+            self.words,
+            self._wrote,
+            self._flags,
+            woke_ns,
+            finished_ns,
+            io_ns,
+            self._written_ns,
+            self._call_ns,
+        )
+
+    def read_sensor(self) -> int:
+        """Nanoseconds in the driver; the reading goes into the meter."""
+        self._flags, spent_ns = self._read()
+        self.monitor.numbers[THE_HELD] = 1 if self._flags & HELD else 0
+        return spent_ns
+
+    def _read(self) -> tuple[int, int]:
+        """(flags, nanoseconds in the driver)."""
         monitor, sensor = self.monitor, self.monitor.sensor
         if not sensor.ok:
             monitor.floats[MEASURED] = NAN

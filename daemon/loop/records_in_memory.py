@@ -33,7 +33,7 @@ CONTROL_T = np.dtype(
         ("volts", "<f8"),  # the output as last written
         ("found", "<i8"),  # 1: as the device reports it, which may be off; nothing moved it since
         ("wrote_ns", "<i8"),  # no later than so the way of the next one counts; 0: not written yet
-        ("least_ns", "<i8"),  # the least that a write has taken, from its voltage's making
+        ("least_ns", "<i8"),  # the least that a write has taken
         ("writes", "<i8"),  # how many there have been
         ("move_ns", "<i8"),  # time that the next voltage may take for its way, at most a period
         ("glide", "<f8"),  # what is left of a glide to the target: 1 to 0; NaN: begin one
@@ -56,6 +56,9 @@ CONTROL_T = np.dtype(
         ("trajectory", "<u8"),
         ("trajectory_done", "<i8"),
         ("inverse", "<i8"),  # address of the inverse's table
+        ("group", "<i8"),  # of the trajectory being played or played last; 0: none
+        ("left", "<i8"),  # the group that this axis left before its end
+        ("made", "<i8"),  # 1: this sample's voltage has been made
         ("notes", "<i8"),  # how many notes were made
     ]
 )
@@ -63,7 +66,6 @@ CONTROL_T = np.dtype(
 METER_T = np.dtype(
     [
         ("scheduled_ns", "<i8"),  # the deadline that is waited for or being served
-        ("begun_ns", "<i8"),  # when its voltage was made
         ("samples", "<i8"),
         ("missed", "<i8"),
         ("tail", "<i8"),  # of the command ring
@@ -84,6 +86,8 @@ METER_T = np.dtype(
         ("stop", "<i8"),
         ("swap", "<i8"),  # address of another inverse's table
         ("swap_origin", "<f8"),
+        ("swap_rows", "<i8"),  # address of its FOLLOW_T rows
+        ("swap_n_rows", "<i8"),
         ("actuator_back", "<i8"),
         ("back_v", "<f8"),
         # devices: 1 usable, 0 down; the code that brought it down
@@ -99,6 +103,17 @@ METER_T = np.dtype(
         ("read_context", "<i8"),
     ]
 )
+
+FOLLOW_T = np.dtype(
+    [
+        ("channel", "<i8"),  # place in the inverse's channels
+        ("axis", "<i8"),  # address of the followed axis' table
+        ("drive", "<i8"),  # 1: its drive; 0: its displacement
+        ("scale", "<f8"),
+        ("zero", "<f8"),
+    ]
+)
+"""One channel of the model that is another axis of the controller."""
 
 NOTE_T = np.dtype([("code", "<i8"), ("value", "<f8")])
 NOTES = 64
@@ -137,8 +152,9 @@ CAUSES = len(MissCause)
     WITNESS,
     CLOCK,
     BUFFER,
+    FOLLOWS,
     N_TABLE,
-) = range(31)
+) = range(32)
 
 
 class Note(IntEnum):
@@ -165,6 +181,8 @@ class Note(IntEnum):
     TRIM_DISTRUSTED = 19
     ZEROED = 20
     BAD_CORRECTION = 21
+    GROUP_WAITS = 22
+    GROUP_BROKEN = 23
 
 
 TEXTS = {
@@ -191,6 +209,8 @@ TEXTS = {
     Note.TRIM_DISTRUSTED: "trim frozen: the mismatch watch does not trust the stage or its gauge",
     Note.ZEROED: "the gauge's zero was moved by {:.6g}",
     Note.BAD_CORRECTION: "learned correction {:g} held at the largest that is taken",
+    Note.GROUP_WAITS: "holding its target until the other axes of the trajectory can go on",
+    Note.GROUP_BROKEN: "holding: another axis of the trajectory has left it",
     Note.RELOADED: "the new model is in use, set-point 0 is its {:.6g}",
 }
 
@@ -254,6 +274,12 @@ def record_of(table: Table) -> Any:
 def commands_of(table: Table) -> Any:
     """The (n,) COMMAND records of this sample."""
     return carray(pointer(table[3 * COMMANDS]), (table[3 * COMMANDS + 1],), COMMAND)
+
+
+@njit(cache=True, nogil=True)
+def follows_of(table: Table) -> Any:
+    """The (n,) FOLLOW_T rows."""
+    return carray(pointer(table[3 * FOLLOWS]), (table[3 * FOLLOWS + 1],), FOLLOW_T)
 
 
 @njit(cache=True, nogil=True)

@@ -1,7 +1,9 @@
 """What surrounds the step in a sample, for both loops: requests and commands before it,
 deadlines, causes, histograms and the telemetry ring after it.
 
-    begin -> (voltage to write, or NaN) -> the caller writes -> finish
+    take_requests -> make_voltage (NaN: none is to be written) -> the caller writes -> finish
+
+What lies between the first two for several axes stands in dehyst.daemon.loop.axes.kernels.
 """
 
 from typing import Any, NamedTuple
@@ -25,7 +27,15 @@ from dehyst.daemon.loop.records_in_memory import (
     ring_of,
     settings_of,
 )
-from dehyst.daemon.loop.step_kernel import fault, follow_output, recover, stop, swap, take_step
+from dehyst.daemon.loop.step_kernel import (
+    begin_step,
+    fault,
+    follow_output,
+    make_step,
+    recover,
+    stop,
+    swap,
+)
 from dehyst.daemon.loop.timing import deadlines
 from dehyst.daemon.loop.timing.histogram import count
 from dehyst.daemon.loop.timing.witness import excuse
@@ -50,15 +60,14 @@ ENOUGH = 100
 
 
 @njit(cache=True, nogil=True)
-def begin_sample(table: Table, clock_ns: int) -> float:
-    """Take requests and commands, step; the voltage to write, NaN where none is to be written.
+def take_requests(table: Table, clock_ns: int) -> None:
+    """Take requests and commands.
 
-    The reading has been put into the meter before. clock_ns: the time now, which may be late: the
-    slew limit holds by the clock, so a sample that follows a late one closely moves less.
+    clock_ns: the time now, which may be late: the slew limit holds by the clock, so a sample that
+    follows a late one closely moves less.
     """
-    m, c, r, p = meter_of(table), control_of(table), record_of(table), settings_of(table)
+    m, c, p = meter_of(table), control_of(table), settings_of(table)
     now_ns = m.scheduled_ns
-    m.begun_ns = clock_ns
     since_ns = clock_ns - c.wrote_ns if c.wrote_ns != 0 else p.period_ns
     c.move_ns = min(max(since_ns, 0), p.period_ns)
     c.held = m.held
@@ -66,6 +75,7 @@ def begin_sample(table: Table, clock_ns: int) -> float:
         stop(table, now_ns)
     if m.swap != 0:
         swap(table, m.swap, m.swap_origin)
+        table[3 * at.FOLLOWS], table[3 * at.FOLLOWS + 1] = m.swap_rows, m.swap_n_rows
         follow_output(table, c.volts)
         note(table, c, RELOADED, m.swap_origin)
         m.swap = 0
@@ -74,7 +84,15 @@ def begin_sample(table: Table, clock_ns: int) -> float:
         # what it took at last may have changed the output just now
         c.wrote_ns, c.move_ns = clock_ns, 0
         m.actuator_ok, m.actuator_back = 1, 0
-    take_step(table, now_ns, m.measured, _take(table, m, c))
+    begin_step(table, now_ns, _take(table, m, c))
+
+
+@njit(cache=True, nogil=True)
+def make_voltage(table: Table) -> float:
+    """Step; the voltage to write, NaN where none is to be written. The reading has been put into
+    the meter before."""
+    m, c, r = meter_of(table), control_of(table), record_of(table)
+    make_step(table, m.scheduled_ns, m.measured)
     if c.state == FAULT or m.actuator_ok == 0 or m.doubtful != 0:
         r.volts = c.volts
         return NAN
@@ -117,8 +135,21 @@ def _take(table: Table, m: Any, c: Any) -> int:
 
 
 @njit(cache=True, nogil=True)
-def finish(table: Table, wrote: int, flags: int, woke_ns: int, finished_ns: int, io_ns: int) -> int:
-    """Close the sample: model, record, deadline, ring. Returns how many deadlines were missed."""
+def finish(
+    table: Table,
+    wrote: int,
+    flags: int,
+    woke_ns: int,
+    finished_ns: int,
+    io_ns: int,
+    written_ns: int,
+    call_ns: int,
+) -> int:
+    """Close the sample: model, record, deadline, ring. Returns how many deadlines were missed.
+
+    finished_ns, io_ns: of all axes; written_ns, call_ns: when this axis' write ended, and how long
+    one takes at the least.
+    """
     m, c, p, r = meter_of(table), control_of(table), settings_of(table), record_of(table)
     scheduled_ns = m.scheduled_ns
     if wrote == REFUSED:
@@ -126,10 +157,9 @@ def finish(table: Table, wrote: int, flags: int, woke_ns: int, finished_ns: int,
         r.volts = c.volts
         flags |= WRITE_FAILED
     if wrote != NOT_WRITTEN:
-        c.wrote_ns = finished_ns - (_surely_after(c.least_ns) if c.writes > ENOUGH else 0)
+        c.wrote_ns = written_ns - (_surely_after(c.least_ns) if c.writes > ENOUGH else 0)
     if wrote == WRITTEN:
-        took_ns = finished_ns - m.begun_ns
-        c.least_ns = took_ns if c.writes == 0 else min(took_ns, c.least_ns)
+        c.least_ns = call_ns if c.writes == 0 else min(call_ns, c.least_ns)
         c.writes += 1
     follow_output(table, r.volts)
     r.seq, r.scheduled_ns, r.actual_ns = m.samples, scheduled_ns, woke_ns

@@ -5,7 +5,7 @@ once a second, at every change of state, and when something happened.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,6 +39,21 @@ class Reading(NamedTuple):
 
 
 AS_IT_COMES = Reading()
+NO_ROWS = np.zeros(0, records_in_memory.FOLLOW_T)
+
+
+def begin_together(monitors: Sequence["LoopMonitor"], now_ns: int) -> None:
+    """Put the first deadline of all axes at the same grid point, behind now_ns; nothing where the
+    loop has already run."""
+    first, *others = monitors
+    first.begin(now_ns)
+    for monitor in others:
+        monitor.numbers[PLACE["scheduled_ns"]] = first.numbers[PLACE["scheduled_ns"]]
+
+
+def addresses_of(monitors: Sequence["LoopMonitor"]) -> NDArray[np.int64]:
+    """(n,) addresses of the axes' tables, for the kernels."""
+    return np.array([monitor.stepper.table.address for monitor in monitors], np.int64)
 
 
 class LoopMonitor:
@@ -70,6 +85,7 @@ class LoopMonitor:
         self._status, self._event = np.zeros(1, STATUS), np.zeros(1, EVENT)
         self._status_ns, self._last_state, self._notes = 0, int(State.START), 0
         self._next: tuple[Any, ...] | None = None
+        self._next_rows = NO_ROWS
         m = self.meter
         m["measured"], m["schedstat"] = np.nan, -1
         m["scale"], m["zero"] = reading.scale, reading.zero
@@ -126,15 +142,24 @@ class LoopMonitor:
         """End: the output goes to its configured state first. From any thread or signal handler."""
         self.numbers[PLACE["stop"]] = 1
 
-    def reload(self, compensator: Compensator, inverse: CompensatorState, origin: float) -> None:
-        """Let the loop take another model at its next sample. From any thread."""
+    def reload(
+        self,
+        compensator: Compensator,
+        inverse: CompensatorState,
+        origin: float,
+        rows: NDArray[Any] = NO_ROWS,
+    ) -> None:
+        """Let the loop take another model at its next sample. From any thread. rows: (n,) FOLLOW_T,
+        what its channels are of the other axes."""
         for _ in range(1000):  # one that came just before
             if self.numbers[PLACE["swap"]] == 0:
                 break
             clock.sleep_s(0.001)
         self._settle_reload()
         self.stepper.fill_channels(compensator, inverse)
-        self._next = (compensator, inverse)
+        self._next, self._next_rows = (compensator, inverse), rows
+        self.numbers[PLACE["swap_rows"]] = rows.ctypes.data
+        self.numbers[PLACE["swap_n_rows"]] = rows.size
         self.floats[PLACE["swap_origin"]] = origin
         self.numbers[PLACE["swap"]] = inverse.address
 
@@ -142,6 +167,7 @@ class LoopMonitor:
         """The old model is kept until the loop has let go of it."""
         if self._next is not None and self.numbers[PLACE["swap"]] == 0:
             self.stepper.taken(*self._next)
+            self.stepper.follow(self._next_rows)
             self._next = None
 
     # -- what the loop says -----------------------------------------------------------------------
@@ -186,7 +212,7 @@ class LoopMonitor:
         played = stepper.queue.numbers["count"][0] or control["learned"]
         row["learned"] = control["corrected"] and played and self._last_state == State.RUNNING
         row["gauge_zero"] = trim["zero"]
-        row["trajectory_start_ns"] = stepper.queue.numbers["start_ns"][0]
+        row["trajectory_start_ns"] = stepper.queue.begun_ns
         row["queue_s"] = stepper.queue.ahead_s(now_ns)
         row["trajectory"], row["trajectory_done"] = stepper.trajectory, stepper.trajectory_done
         row["origin"], row["period_ns"] = stepper.origin, stepper.settings.period_ns

@@ -123,6 +123,10 @@ class Stepper:
         step_kernel.swap(self.table.words, inverse.address, origin)
         self.taken(compensator, inverse)
 
+    def follow(self, rows: NDArray[Any]) -> None:
+        """Let channels of the inverse in use follow other axes: (n,) FOLLOW_T."""
+        self.table.put(records_in_memory.FOLLOWS, rows)
+
     def taken(self, compensator: Compensator, inverse: CompensatorState) -> None:
         """The kernels use this inverse now; the one before may go."""
         self.compensator, self.inverse = compensator, inverse

@@ -2,9 +2,9 @@
 
     admit commands -> age -> state -> target window -> glide -> inverse -> range, slew -> record
 
-Both loops and the tests call `take_step` and `follow_output` here; there is no second copy of the
-rules. Everything it works on lies in two tables of addresses
-(dehyst.daemon.loop.records_in_memory).
+`take_step` is all of it for one axis alone. Several axes take it in parts, begin_step for all,
+then `age`, then make_step (dehyst.daemon.loop.axes.kernels); there is no second copy of the rules.
+Everything it works on lies in two tables of addresses (dehyst.daemon.loop.records_in_memory).
 """
 
 import math
@@ -134,8 +134,16 @@ def take_step(table: Table, now_ns: int, measured: float, n_commands: int) -> No
     measured: sensor reading as model displacement, NaN where invalid; the first n_commands of
     the COMMANDS array are admitted.
     """
-    c, p, r = control_of(table), settings_of(table), record_of(table)
-    flags, mode = 0, MODE_HOLD
+    begin_step(table, now_ns, n_commands)
+    age(table, control_of(table), settings_of(table), now_ns)
+    make_step(table, now_ns, measured)
+
+
+@njit(cache=True, nogil=True)
+def begin_step(table: Table, now_ns: int, n_commands: int) -> None:
+    """The sample's first part: its commands."""
+    c, p = control_of(table), settings_of(table)
+    c.made = 0
     still_ns = now_ns - c.step_ns if c.step_ns != 0 else 0
     if still_ns > max(STILL_NS, 3 * p.period_ns):
         note(table, c, STOOD_STILL, still_ns * 1e-9)
@@ -143,7 +151,13 @@ def take_step(table: Table, now_ns: int, measured: float, n_commands: int) -> No
     c.step_ns = now_ns
     for i in range(n_commands):
         admit(table, c, p, now_ns, commands_of(table)[i])
-    age(table, c, p, now_ns)
+
+
+@njit(cache=True, nogil=True)
+def make_step(table: Table, now_ns: int, measured: float) -> None:
+    """The sample's last part: the voltage, and the record."""
+    c, p, r = control_of(table), settings_of(table), record_of(table)
+    flags, mode = 0, MODE_HOLD
     reading = measured - p.origin + trim_of(table).zero
     flags |= _trim(table, c, reading)
     wanted, target, learned = c.volts, NAN, 0.0
@@ -173,6 +187,7 @@ def take_step(table: Table, now_ns: int, measured: float, n_commands: int) -> No
     r.predicted, r.trim, r.learned = c.predicted, trim_of(table).trim, learned
     r.volts_raw, r.volts = wanted, volts
     r.flags, r.state, r.mode = flags, c.state, mode
+    c.made = 1
 
 
 @njit(cache=True, nogil=True)

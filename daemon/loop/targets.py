@@ -17,8 +17,20 @@ QUEUE_T = np.dtype(
         ("count", "<i8"),
         ("start_ns", "<i8"),
         ("complete", "<i8"),
+        # of a trajectory that several axes play together (dehyst.daemon.loop.axes.groups)
+        ("group", "<i8"),  # its number; 0: this axis plays alone
+        ("members", "<i8"),  # how many axes
+        ("started", "<i8"),  # 1: all members were at their first points
+        ("shift_ns", "<i8"),  # how much later it is played than its times say
+        ("stops", "<i8"),  # NOT: nothing; LASTING, OPEN: it stands still from stop_ns on
+        ("stop_ns", "<i8"),  # by the queue's times
+        ("dry", "<i8"),  # OWN: no point ahead; OTHER: another member has none
     ]
 )
+NOT, LASTING, OPEN = 0, 1, 2
+"""Behind stop_ns: all targets are known; it stands there for long; what comes is not known yet."""
+OWN, OTHER = 1, 2
+FAR_NS = 1 << 62
 
 
 class Points(NamedTuple):
@@ -48,25 +60,68 @@ class TrajectoryQueue:
         """The arrays as the kernels take them."""
         return Points(self.times, self.values, self.corrections)
 
+    @property
+    def begun_ns(self) -> int:
+        """When the trajectory's time is 0; 0: there is none, or its group has not started."""
+        queue = self.numbers[0]
+        if queue["group"] and not queue["started"]:
+            return 0
+        return int(queue["start_ns"]) + int(queue["shift_ns"])
+
     def ahead_s(self, now_ns: int) -> float:
         """Seconds of trajectory that lie ahead of now."""
         queue = self.numbers[0]
         if queue["count"] == 0:
             return 0.0
-        return max(0.0, (int(end_ns(queue, self.times)) - now_ns) * 1e-9)
+        end = int(end_ns(queue, self.times)) + int(queue["shift_ns"])
+        return max(0.0, (end - now_ns) * 1e-9)
 
 
 @njit(cache=True, nogil=True)
 def clear(queue: Any) -> None:
     """Forget everything. queue: a QUEUE_T record, as in all kernels here."""
-    queue.id = 0
+    queue.id = queue.group = 0
     queue.first = queue.count = queue.start_ns = queue.complete = 0
+    queue.members = queue.started = queue.shift_ns = 0
+    queue.stops = queue.stop_ns = queue.dry = 0
 
 
 @njit(cache=True, nogil=True)
 def end_ns(queue: Any, times: NDArray[np.int64]) -> int:
-    """Time of the newest point."""
+    """Time of the newest point, by the queue's times."""
     return times[(queue.first + queue.count - 1) % times.size]
+
+
+@njit(cache=True, nogil=True)
+def drop_until(queue: Any, times: NDArray[np.int64], at_ns: int) -> None:
+    """Forget the points before the last one that is not after at_ns, by the queue's times."""
+    dropped = 0
+    while queue.count - dropped > 1:
+        if times[(queue.first + dropped + 1) % times.size] > at_ns:
+            break
+        dropped += 1
+    queue.first = (queue.first + dropped) % times.size
+    queue.count -= dropped
+
+
+@njit(cache=True, nogil=True)
+def target_at(queue: Any, points: Points, time_ns: int) -> float:
+    """The target at a time, without what was learned; the nearest point's where none is there."""
+    times, capacity = points.times, points.times.size
+    at = time_ns - queue.shift_ns
+    if queue.stops != NOT:
+        at = min(at, queue.stop_ns)
+    slot = queue.first
+    for i in range(1, queue.count):
+        after = (queue.first + i) % capacity
+        if times[after] > at:
+            here_ns, value = times[slot], points.values[slot]
+            if at <= here_ns:
+                return value
+            share = (at - here_ns) / (times[after] - here_ns)
+            return value + share * (points.values[after] - value)
+        slot = after
+    return points.values[slot]
 
 
 @njit(cache=True, nogil=True)
@@ -95,14 +150,19 @@ def append(
 
 @njit(cache=True, nogil=True)
 def starved(queue: Any, times: NDArray[np.int64], now_ns: int) -> bool:
-    """True when an incomplete trajectory has no point at or after now."""
+    """True when an incomplete trajectory has no point at or after now, or when its group waits."""
+    if queue.count > 0 and queue.group != 0:
+        return queue.dry != 0
     return queue.count > 0 and queue.complete == 0 and now_ns > end_ns(queue, times)
 
 
 @njit(cache=True, nogil=True)
 def finished(queue: Any, times: NDArray[np.int64], now_ns: int) -> bool:
     """True when a complete trajectory lies in the past."""
-    return queue.count > 0 and queue.complete != 0 and now_ns >= end_ns(queue, times)
+    if queue.group != 0 and queue.started == 0:
+        return False
+    played_ns = now_ns - queue.shift_ns
+    return queue.count > 0 and queue.complete != 0 and played_ns >= end_ns(queue, times)
 
 
 @njit(cache=True, nogil=True)
@@ -117,14 +177,13 @@ def window(
     target and correction of now alone. Drops what is over."""
     times = points.times
     capacity, complete = times.size, queue.complete != 0
-    dropped = 0
-    while queue.count - dropped > 1 and times[(queue.first + dropped + 1) % capacity] <= now_ns:
-        dropped += 1
-    queue.first = (queue.first + dropped) % capacity
-    queue.count -= dropped
-    slot, left, time = queue.first, queue.count, now_ns
+    stop_ns = FAR_NS if queue.stops == NOT else queue.stop_ns
+    played_ns = now_ns - queue.shift_ns
+    drop_until(queue, times, min(played_ns, stop_ns))
+    slot, left = queue.first, queue.count
     target = correction = 0.0
     for i in range(out.size):
+        time = min(played_ns, stop_ns)
         after = (slot + 1) % capacity
         while left > 1 and times[after] <= time:
             slot, left = after, left - 1
@@ -144,6 +203,9 @@ def window(
             more += share * (points.corrections[after] - more)
         if i == 0:
             target, correction = value, more
+        if played_ns > stop_ns and queue.stops == OPEN:
+            out[i:] = value + more
+            return i, target, correction
         out[i] = value + more
-        time += period_ns
+        played_ns += period_ns
     return out.size, target, correction

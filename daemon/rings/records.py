@@ -48,6 +48,8 @@ COMMAND = np.dtype(
         ("last", "u1"),  # POINT: the trajectory ends here
         ("client", "<u8"),
         ("trajectory", "<u8"),
+        ("members", "u1"),  # POINT: how many axes play this together
+        ("group", "<i8"),  # POINT: their number, 0: this axis alone
         ("offset_ns", "<i8"),  # POINT: time since the trajectory's start
         ("value", "<f8"),
         ("correction", "<f8"),  # POINT: added to the target's value, which stays what is asked for

@@ -153,7 +153,7 @@ def measure(setup: Setup) -> LatencyOutcome:
         actuator.open()
         sensor.open()
         links = DeviceLink("actuator", actuator), DeviceLink("sensor", sensor)
-        warm_up(_monitor(setup, links, _rings(16)), compiled)
+        warm_up([_monitor(setup, links, _rings(16))], compiled)
     rings = _rings(32768)
     monitor = _monitor(setup, links, rings)
     rings["command"].push_many(_sine(setup))

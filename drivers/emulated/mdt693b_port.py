@@ -125,6 +125,7 @@ class ControlLines:
             "outputs_v": outputs,
             "commands": unit.commands_done,
             "sets": unit.sets_done,
+            "sets_of_all": unit.sets_of_all,
         }
 
 

@@ -59,6 +59,7 @@ class Mdt693bUnit:
         self.ext_v = dict.fromkeys(self.knobs.axes, 0.0)
         self.commands_done = 0
         self.sets_done = 0
+        self.sets_of_all = 0
         self._on_output = on_output
         self._clock = clock
         self._random = random.Random(self.knobs.seed)
@@ -158,6 +159,7 @@ class Mdt693bUnit:
         )
         if self.registers.set_v is not before:
             self.sets_done += 1
+            self.sets_of_all += waiting.line.strip().lower().startswith("xyzvoltage=")
             if self.faults.lose_sets:
                 self.registers.set_v = before
         self._update(waiting.due_s)

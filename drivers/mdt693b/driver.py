@@ -5,6 +5,8 @@ The unit has no way to ask for its set-point: `xvoltage?` reads an ADC with an o
 it is known only as well as that readback (about 0.3 V), unless the setting `initial_v` gives it.
 No loop is ever closed on the readback.
 
+Outputs of one unit, driven in one process, share its port: see unit.py and together.py.
+
 Commands that move an output by themselves (`restore`) are never sent. The limits of the unit
 (voltage switch, axis minimum and maximum) are read and held: a value outside raises OutOfRange
 before a byte is written.
@@ -12,7 +14,8 @@ before a byte is written.
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Self, TypeVar
 
@@ -21,13 +24,16 @@ from dehyst.drivers.interface import (
     DeviceGone,
     DeviceSpec,
     DriverConfigError,
+    DriverError,
     OutOfRange,
     ProtocolError,
 )
 from dehyst.drivers.mdt693b.codec import Dialect
 from dehyst.drivers.mdt693b.link import CommandRefused, Mdt693bLink
 from dehyst.drivers.mdt693b.settings import HIGHEST_V, Mdt693bConfig, find_port
+from dehyst.drivers.mdt693b.together import JointOutputs
 from dehyst.drivers.mdt693b.tuning import TUNING
+from dehyst.drivers.mdt693b.unit import SharedUnit, unit_of
 from dehyst.drivers.mdt693b.unit_facts import NATIVE, check_serial, learn
 from dehyst.drivers.serial_port import SerialPort
 from dehyst.drivers.settings import read_settings
@@ -70,6 +76,8 @@ class Mdt693b:
         self._clock = clock
         self._sleep = sleep
         self._link: Mdt693bLink | None = None
+        self._unit: SharedUnit | None = None
+        self._timed_before = False
         self._words = NATIVE
         self._set_v = math.nan  # the last acknowledged set-point
         self._tried_v: float | None = None  # a set whose fate is not known
@@ -114,17 +122,18 @@ class Mdt693b:
         acknowledged, and the next call first makes sure that no reply is outstanding);
         ProtocolError when the unit refuses or answers nonsense; DeviceGone after an unplug.
         """
-        link = self._opened()
-        volts = self._admit(volts)
+        self._opened()
+        volts = self.admit(volts)
         started_s = self._clock()
-        self._get_in_step(link)
-        self._tried_v = volts
-        try:
-            link.set(self._word("set", volts=volts))
-        except CommandRefused:
-            self._tried_v = None
-            raise
-        self._set_v, self._tried_v = volts, None
+        with self.conversation() as link:
+            self.get_in_step(link)
+            self.trying(volts)
+            try:
+                link.set(self.word("set", volts=volts))
+            except CommandRefused:
+                self.trying(None)
+                raise
+            self.carried_out(volts)
         self.timing.add(self._clock() - started_s)
         if self.timing.count % TUNING.measured_after == 0:
             self._update_spec(self.timing)
@@ -137,9 +146,9 @@ class Mdt693b:
     def readback(self) -> float:
         """The voltage in V that the unit's ADC sees: late, with an offset, for slow checks only.
         Takes a round trip like write()."""
-        link = self._opened()
-        self._get_in_step(link)
-        return float(link.ask(self._word("read")).value)
+        with self.conversation() as link:
+            self.get_in_step(link)
+            return float(link.ask(self.word("read")).value)
 
     def reconnect(self) -> None:
         """Restore the link after DeviceGone or DeviceTimeout. The dialect is detected anew and
@@ -167,39 +176,92 @@ class Mdt693b:
         """Give the port back; the output stays where it is. Safe to call twice."""
         if self._link is not None:
             self._stray_before += self._link.stray_bytes
-            self._link.close()
-            self._link = None
+        self._link, unit, self._unit = None, self._unit, None
+        if unit is not None and (last := unit.release(self.config.axis, self)) is not None:
+            last.close()
+
+    # -- with the other outputs of the unit
+
+    @property
+    def unit_key(self) -> str:
+        """The same for outputs of one unit."""
+        return str(id(self._unit)) if self._unit is not None else ""
+
+    def join(self, others: Sequence["Mdt693b"]) -> JointOutputs:
+        """This output and others of the same unit, all open. Measures what rate they sustain."""
+        return JointOutputs((self, *others), self._clock)
+
+    @contextmanager
+    def conversation(self) -> Iterator[Mdt693bLink]:
+        """The link, for this thread alone. Raises DeviceGone where it is lost; what fails within
+        is a loss for all outputs of the unit, except a command that was refused."""
+        link, unit = self._opened(), self._unit
+        if unit is None:
+            yield link
+            return
+        with unit.lock:
+            try:
+                yield self._opened()
+            except CommandRefused:
+                raise
+            except DriverError as error:
+                unit.lose(error)
+                raise
+
+    def trying(self, volts: float | None) -> None:
+        """A set goes out whose fate is not known yet; None: it was refused."""
+        self._tried_v = volts
+
+    def carried_out(self, volts: float) -> None:
+        """The unit has acknowledged this set-point."""
+        self._set_v, self._tried_v = volts, None
 
     # -- inside
 
     def _connect(self) -> None:
         """Everything of open() and reconnect() that does not touch the set-point."""
+        unit = unit_of(self.config)
+        unit.claim(self.config, self)
+        self._unit = unit
+        self._link = self._or_close(lambda: unit.connect(self._new_link))
+        self._or_close(self._learn)
+
+    def _new_link(self) -> Mdt693bLink:
         config = self.config
         path = find_port(config, self.serial_number)
         port = SerialPort(path, config.baud, config.write_timeout_s, clock=self._clock)
-        self._link = link = Mdt693bLink(port, config.timeout_s, config.idle_s, self._clock)
-        self._or_close(link.handshake)
-        self._or_close(lambda: self._learn(link))
+        link = Mdt693bLink(port, config.timeout_s, config.idle_s, self._clock)
+        try:
+            link.handshake()
+        except Exception:
+            link.close()
+            raise
+        return link
 
-    def _learn(self, link: Mdt693bLink) -> None:
+    def _learn(self) -> None:
         config = self.config
-        facts = learn(link, config.axis, config.max_v)
+        with self.conversation() as link:
+            facts = learn(link, config.axis, config.max_v)
         check_serial(link.port.path, facts.serial_number, config.serial_number, self.serial_number)
         self.serial_number, self._words = facts.serial_number, facts.words
         self.spec = replace(
             self.spec, minimum=facts.minimum_v, maximum=facts.maximum_v, identity=facts.identity
         )
-        if config.rate_hz is None:
-            self._update_spec(self._timed(link))
+        # while others use the link, what was measured before counts
+        alone = self._unit is None or not self._unit.shared
+        if config.rate_hz is None and (alone or not self._timed_before):
+            self._update_spec(self._timed())
+            self._timed_before = True
 
-    def _timed(self, link: Mdt693bLink) -> CallTimes:
+    def _timed(self) -> CallTimes:
         """Round trips of readings, the best batch of them."""
         best, fastest_s = CallTimes(), math.inf
         for _ in range(TUNING.most_batches):
             batch = CallTimes()
             for _ in range(TUNING.batch):
                 started_s = self._clock()
-                link.ask(self._word("read"))
+                with self.conversation() as link:
+                    link.ask(self.word("read"))
                 batch.add(self._clock() - started_s)
             fastest_s = min(fastest_s, batch.percentile_s(0.0))
             typical_s = batch.percentile_s(TUNING.rate_percentile)
@@ -209,7 +271,7 @@ class Mdt693b:
                 break
         return best
 
-    def _get_in_step(self, link: Mdt693bLink) -> None:
+    def get_in_step(self, link: Mdt693bLink) -> None:
         """Before the next command: find out what became of a set that was not acknowledged."""
         link.get_in_step()
         tried_v, self._tried_v = self._tried_v, None
@@ -227,7 +289,7 @@ class Mdt693b:
         rate_hz = self.config.rate_hz or 1.0 / timing.percentile_s(TUNING.rate_percentile)
         self.spec = replace(self.spec, max_rate_hz=rate_hz, latency_s=timing.percentile_s(50.0))
 
-    def _admit(self, volts: float) -> float:
+    def admit(self, volts: float) -> float:
         """`volts` as it will be written: in range, on the grid of the text, not beyond a limit."""
         minimum, maximum = self.spec.minimum, self.spec.maximum
         if not minimum <= volts <= maximum:  # NaN included
@@ -268,12 +330,15 @@ class Mdt693b:
             )
         return inside_v
 
-    def _word(self, name: str, volts: float = 0.0) -> str:
+    def word(self, name: str, volts: float = 0.0) -> str:
         return self._words[name].format(axis=self.config.axis, volts=volts)
 
     def _opened(self) -> Mdt693bLink:
         if self._link is None:
             raise DeviceGone("the MDT693B is not open: call open() or reconnect()")
+        unit = self._unit
+        if unit is not None and (unit.lost or unit.link is not self._link):
+            raise DeviceGone(f"the link to the unit was lost: {unit.lost or 'made anew since'}")
         return self._link
 
     def _or_close(self, job: Callable[[], T]) -> T:

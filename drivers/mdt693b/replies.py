@@ -46,6 +46,7 @@ FORMS: dict[str, Form] = {
     "r?": _VOLTS,
     "xyzvoltage?": Form(Ends.LINE, _BRACKET),
     "voltage=": _SET,
+    "xyzvoltage=": _SET,
     "min?": _VALUE,
     "max?": _VALUE,
     "l?": _VALUE,

@@ -67,8 +67,8 @@ CHANGES = [
         ),
         Change(
             "slew-from-the-begin", SAMPLE,
-            "c.wrote_ns = finished_ns - (_surely_after(c.least_ns) if c.writes > ENOUGH else 0)",
-            "c.wrote_ns = m.begun_ns",
+            "c.wrote_ns = written_ns - (_surely_after(c.least_ns) if c.writes > ENOUGH else 0)",
+            "c.wrote_ns = written_ns - call_ns",
             "a call that took long and a short one behind it: two steps within a few milliseconds",
         ),
         Change(

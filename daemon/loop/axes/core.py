@@ -1,0 +1,320 @@
+"""One axis of the core process: its model, devices, stepper, rings and status."""
+
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.config import Config
+from dehyst.daemon.files.chosen import choose_model
+from dehyst.daemon.files.models import load_model, write_text
+from dehyst.daemon.loop.checks import REPLAY_SAMPLES, check_limits, devices_of, past_output
+from dehyst.daemon.loop.devices import DeviceLink
+from dehyst.daemon.loop.reach import displacement_range, drive_range, origin
+from dehyst.daemon.loop.readback import ReadbackCheck
+from dehyst.daemon.loop.records_in_memory import FOLLOW_T
+from dehyst.daemon.loop.settings import LoopSettings
+from dehyst.daemon.loop.status import LoopMonitor, Reading
+from dehyst.daemon.loop.step import Stepper
+from dehyst.daemon.loop.trim import trim_setting
+from dehyst.daemon.rings.records import (
+    COMMAND,
+    EVENT,
+    TELEMETRY,
+    Command,
+    State,
+    model_digest,
+    model_file,
+)
+from dehyst.daemon.rings.ring import Ring
+from dehyst.daemon.rings.run_folder import make_run_folder
+from dehyst.daemon.rings.status import STATUS
+from dehyst.models.errors import BadInput, DehystError, NotNow
+from dehyst.models.inverse.compensator import Compensator, CompensatorState
+from dehyst.models.model import Model
+from dehyst.models.modelfile import dumps
+
+RINGS = {"telemetry": (TELEMETRY, 65536), "status": (STATUS, 256), "event": (EVENT, 256)}
+COMMAND_RECORDS = 65536
+KEPT_MODELS = 2  # whoever was told of the one before may still be reading it
+FOLLOWED = "axis."
+"""A model's channel `axis.y` is axis y's displacement, `axis.y.drive` its drive."""
+
+
+class Followed:
+    """What a channel of a model is of another axis: axis, drive (or displacement), scale, zero."""
+
+    def __init__(self, axis: str, drive: bool, scale: float = 1.0, zero: float = 0.0) -> None:
+        self.axis, self.drive, self.scale, self.zero = axis, drive, scale, zero
+
+
+def followed_by(config: Config, channels: tuple[str, ...]) -> dict[str, Followed]:
+    """What an axis' model follows of other axes, by channel: as the configuration binds it, or by
+    its name."""
+    found = {}
+    for name in channels:
+        bound = config.channels.get(name)
+        if bound is not None and bound.axis:
+            drive = bound.quantity == "drive"
+            found[name] = Followed(bound.axis, drive, bound.scale, bound.zero)
+        elif bound is None and name.startswith(FOLLOWED):
+            axis, _, quantity = name.removeprefix(FOLLOWED).partition(".")
+            if quantity in ("", "drive") and axis != config.axis:
+                found[name] = Followed(axis, quantity == "drive")
+    return found
+
+
+class AxisCore:
+    """One axis. `open` before anything else, `prepare` before the loop runs.
+
+    tell: called with each status record while it is filled.
+    """
+
+    def __init__(self, config: Config, tell: Callable[[NDArray[Any]], None]) -> None:
+        self.config, self._tell = config, tell
+        self.model, self._accepted, self._about_model = choose_model(config)
+        actuator, sensor = devices_of(config)
+        self.actuator, self.sensor = DeviceLink("actuator", actuator), DeviceLink("sensor", sensor)
+        self._beside: Mapping[str, AxisCore] = {}
+
+    def open(self) -> None:
+        """Open the devices; none stays open where one cannot be."""
+        self.actuator.device.open()
+        try:
+            self.sensor.device.open()
+        except BaseException:
+            self.actuator.device.close()
+            raise
+
+    def close(self) -> None:
+        """Release the devices."""
+        self.sensor.close()
+        self.actuator.close()
+
+    @property
+    def at_rest(self) -> bool:
+        """True when the output stands where safe.on_stop wants it."""
+        stepper = self.monitor.stepper
+        return self.config.safe.on_stop == "hold" or stepper.volts == stepper.settings.safe_v
+
+    # -- before the loop ------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Take over limits, model and output."""
+        config, actuator = self.config, self.actuator.device
+        self.min_v, self.max_v = check_limits(config, actuator.spec)
+        self._settings, self._first = self._begin_model()
+        past, self._doubt = past_output(config, float(actuator.output()))
+        self.stepper = Stepper(self._settings, self._first, float(past[-1]), self._trim(self.model))
+        self._past = past
+
+    def prepare(self, beside: Mapping[str, "AxisCore"], run: int, every: int, spin_ns: int) -> None:
+        """Make the rings and the monitor. beside: all axes by name; run: number of this run;
+        every: the sensor is read in every n-th sample."""
+        config, stepper, compensator = self.config, self.stepper, self._first
+        self._beside = beside
+        stepper.use(compensator, self._led(compensator, self._past))
+        stepper.follow(self._rows(compensator))
+        make_run_folder(config.directory)
+        self._tell_model(self.model)
+        rings = {
+            name: Ring.create(config.directory / f"{name}.ring", dtype, size, run)
+            for name, (dtype, size) in RINGS.items()
+        }
+        # the command ring is made last: who finds it finds the others, and a status, complete
+        rings["status"].push(self._first_status()[0])
+        path = config.directory / "command.ring"
+        rings["command"] = Ring.create(path, COMMAND, COMMAND_RECORDS, run)
+        self._telemetry = rings["telemetry"]
+        self.monitor = LoopMonitor(
+            stepper,
+            self.actuator,
+            self.sensor,
+            rings,
+            Reading(config.sensor.scale, config.sensor.zero, every),
+            spin_ns,
+            self._fill_status,
+        )
+
+    def say_how(self, loop: str) -> None:
+        """The first events: what runs, and what is not as it should be. loop: in words."""
+        compensator, events = self._first, self.stepper.events
+        events.append(f"the loop runs: {compensator.mode} inverse ({compensator.reason}), {loop}")
+        if self._about_model:
+            events.append(self._about_model)
+        events.extend(self.unmeasured(compensator))
+        events.extend(self._doubt)
+
+    def readback_check(self) -> ReadbackCheck | None:
+        """The slow check of the amplifier's report, where it can be asked."""
+        tolerance_v = self.config.actuator.readback_tolerance_v
+        if not tolerance_v or not hasattr(self.actuator.device, "readback"):
+            return None
+        return ReadbackCheck(tolerance_v, self.stepper.volts)
+
+    def twin(self) -> LoopMonitor:
+        """A monitor of the same kind that nobody sees, after some samples: for warming up."""
+        settings = self._settings
+        volts = self.stepper.volts
+        stepper = Stepper(settings, self._first, volts, self._trim(self.model))
+        point = np.zeros(2, COMMAND)
+        point["kind"], point["trajectory"] = Command.POINT, 1
+        point["offset_ns"], point["last"] = (0, 1_000_000), (0, 1)
+        single = np.zeros(1, COMMAND)
+        single["kind"] = Command.SETPOINT
+        for i, commands in enumerate((point, point[:0], single, single, point[:0])):
+            record = stepper.step(i * settings.period_ns, 0.0, commands)
+            stepper.follow_output(float(record["volts"][0]))
+        rings = {
+            "command": Ring.scratch(COMMAND, 16),
+            "telemetry": Ring.scratch(TELEMETRY, 16),
+            "status": Ring.scratch(STATUS, 4),
+            "event": Ring.scratch(EVENT, 16),
+        }
+        return LoopMonitor(stepper, self.actuator, self.sensor, rings)
+
+    # -- models -----------------------------------------------------------------------------------
+
+    def _compensator(self, model: Model) -> Compensator:
+        config, gain = self.config, self.config.actuator.gain
+        return Compensator(
+            model,
+            config.period_ns * 1e-9,
+            self.min_v / gain,
+            self.max_v / gain,
+            config.limits.slew_v_per_s / gain,
+            config.inverse.mode,
+            config.inverse.preview_s,
+        )
+
+    def _trim(self, model: Model) -> NDArray[Any]:
+        low, high = displacement_range(model, *drive_range(self.config, model))
+        return trim_setting(self.config, model, high - low, self.sensor.device.spec)
+
+    def _loop_settings(self, model: Model) -> LoopSettings:
+        drives = drive_range(self.config, model)
+        low, high = displacement_range(model, *drives)
+        zero = origin(self.config.setpoint.origin, low, high)
+        slope = (high - low) / (drives[1] - drives[0])
+        return LoopSettings.from_config(self.config, zero, self.min_v, self.max_v, slope)
+
+    def _begin_model(self) -> tuple[LoopSettings, Compensator]:
+        """What the model is run with; an accepted one that cannot be run makes way."""
+        try:
+            return self._loop_settings(self.model), self._compensator(self.model)
+        except (DehystError, ValueError, ArithmeticError) as error:
+            if not self._accepted:
+                raise
+            self._about_model = f"{self._about_model} cannot be run, the configured one is: {error}"
+        self.model, self._accepted = load_model(self.config.model.file), False
+        return self._loop_settings(self.model), self._compensator(self.model)
+
+    def _led(self, compensator: Compensator, volts: NDArray[np.float64]) -> CompensatorState:
+        """A compensator's state after the given past."""
+        drives = volts / self.config.actuator.gain
+        state = compensator.init(float(drives[0]))
+        for drive in drives.tolist():
+            compensator.applied(state, drive)
+        return state
+
+    def followed(self, compensator: Compensator) -> dict[str, Followed]:
+        """What this model follows of axes that are there, by channel."""
+        found = followed_by(self.config, compensator.channels)
+        return {name: what for name, what in found.items() if what.axis in self._beside}
+
+    def _rows(self, compensator: Compensator) -> NDArray[Any]:
+        followed = self.followed(compensator)
+        rows = np.zeros(len(followed), FOLLOW_T)
+        for row, (name, what) in zip(rows, followed.items(), strict=True):
+            row["channel"] = compensator.channels.index(name)
+            row["axis"] = self._beside[what.axis].stepper.table.address
+            row["drive"], row["scale"], row["zero"] = what.drive, what.scale, what.zero
+        return rows
+
+    def unmeasured(self, compensator: Compensator) -> list[str]:
+        """What to tell of channels that are neither measured nor followed."""
+        measured = {name for name, channel in self.config.channels.items() if channel.driver}
+        known = measured | self.followed(compensator).keys()
+        names = ", ".join(name for name in compensator.channels if name not in known)
+        return [f"not measured here, so not compensated: {names}"] if names else []
+
+    def reload(self) -> None:
+        """Load the model file again; keep the old model where the new one is refused."""
+        monitor = self.monitor
+        try:
+            model, accepted, about = choose_model(self.config)
+            if (model.drive_unit, model.displacement_unit) != (
+                self.model.drive_unit,
+                self.model.displacement_unit,
+            ):
+                raise BadInput("its units are not those of the running model")
+            compensator, settings = self._compensator(model), self._loop_settings(model)
+            trimmed = self._trim(model)
+            ring = self._telemetry
+            records, _, _ = ring.read(max(0, ring.head - REPLAY_SAMPLES))
+            past = records["volts"] if records.size else np.array([monitor.stepper.volts])
+            state = self._led(compensator, past)
+        except (DehystError, ValueError, ArithmeticError) as error:
+            monitor.stepper.events.append(f"reload refused, the old model stays: {error}")
+            return
+        # a set-point means the same place before and after, where the stage's owner changed nothing
+        same = accepted or (self._accepted and not about)
+        about = f" ({about})" if about else ""
+        monitor.stepper.events.append(f"model reloaded{about}: {compensator.reason}")
+        monitor.stepper.events.extend(self.unmeasured(compensator))
+        zero = monitor.stepper.origin if same else settings.origin
+        monitor.reload(compensator, state, zero, self._rows(compensator))
+        monitor.stepper.trim_setting[:] = trimmed
+        self.model, self._accepted = model, accepted
+        try:
+            self._tell_model(model)
+        except DehystError as error:
+            monitor.stepper.events.append(f"clients still see the old model: {error}")
+
+    def _tell_model(self, model: Model) -> None:
+        """Leave the model that the loop really uses where the gateway finds it."""
+        text = dumps(model)
+        path = model_file(self.config.directory, model_digest(text))
+        try:
+            old = sorted(path.parent.glob("model-*.toml"), key=lambda p: p.stat().st_mtime_ns)
+            for file in old[:-KEPT_MODELS]:
+                file.unlink()
+            write_text(path, text)
+        except OSError as error:
+            raise NotNow(f"{path}: cannot be written: {error.strerror or error}") from None
+        self._told_model = model, model_digest(text)
+
+    # -- status -----------------------------------------------------------------------------------
+
+    def _first_status(self) -> NDArray[Any]:
+        """What clients may know before the first sample."""
+        settings, status = self._settings, np.zeros(1, STATUS)
+        status["time_ns"], status["wall_ns"] = clock.monotonic_ns(), clock.wall_ns()
+        status["state"], status["volts"] = State.START, self.stepper.volts
+        status["pid"] = os.getpid()
+        status["origin"], status["period_ns"] = settings.origin, settings.period_ns
+        self._fill_model(status, settings.origin)
+        return status
+
+    def _fill_model(self, status: NDArray[Any], zero: float) -> None:
+        low, high = self._reach()
+        status["reach_min"], status["reach_max"] = low - zero, high - zero
+        model, digest = self._told_model
+        status["unit"], status["drive_unit"] = model.displacement_unit, model.drive_unit
+        status["model"] = digest
+
+    def _fill_status(self, status: NDArray[Any]) -> None:
+        self._fill_model(status, self.monitor.stepper.origin)
+        status["latency_s"] = self.monitor.stepper.compensator.latency_s
+        self._tell(status)
+
+    def _reach(self) -> tuple[float, float]:
+        if self.model is not getattr(self, "_reach_of", None):
+            self._reach_of = self.model
+            self._reach_range = displacement_range(
+                self.model, *drive_range(self.config, self.model)
+            )
+        return self._reach_range

@@ -1,0 +1,157 @@
+"""Trajectories that several axes play together, as kernels: start, stand still and hold together.
+
+Each member has its own queue, all with the same time zero. A member that is at its first point
+waits there until all are; then they start, a preview's length later, so that no plan is surprised.
+When one has no points left, time stands still for all of them (QUEUE_T.shift_ns), so that nothing
+jumps when it goes on. When one leaves before its end (fault, release, stop, other commands), the
+others hold. A member that waits for longer than setpoint.stale_s holds, too, as in any trajectory
+that has run dry.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dehyst.daemon.loop import targets
+from dehyst.daemon.loop.records_in_memory import (
+    N_TABLE,
+    Note,
+    Table,
+    control_of,
+    happens,
+    note,
+    number,
+    points_of,
+    queue_of,
+    settings_of,
+)
+from dehyst.daemon.loop.states import LoopEvent
+from dehyst.daemon.rings.records import State
+from dehyst.drivers.direct_calls import table_at
+from dehyst.models.inverse.state import inverse_at
+
+RUNNING, FAULT = number(State.RUNNING), number(State.FAULT)
+HALT, GROUP_BROKEN = number(LoopEvent.HALT), number(Note.GROUP_BROKEN)
+
+
+@njit(cache=True, nogil=True)
+def coordinate(axes: NDArray[np.int64], now_ns: int) -> None:
+    """Let each group start, go on, stand still or hold, before the targets of this sample."""
+    for i in range(axes.size):
+        _leave(table_at(axes[i], N_TABLE))
+    for i in range(axes.size):
+        q = queue_of(table_at(axes[i], N_TABLE))
+        if q.group == 0 or _is_seen(axes, i):
+            continue
+        if _is_left(axes, q.group):
+            _hold_all(axes, q.group, now_ns)
+        elif q.started == 0:
+            _gather(axes, q.group, now_ns)
+        else:
+            _keep_together(axes, q.group, now_ns)
+
+
+@njit(cache=True, nogil=True)
+def _is_seen(axes: NDArray[np.int64], place: int) -> bool:
+    """Whether an axis before this place plays in the same group."""
+    group, found = queue_of(table_at(axes[place], N_TABLE)).group, False
+    for i in range(place):
+        found |= queue_of(table_at(axes[i], N_TABLE)).group == group
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _leave(table: Table) -> None:
+    """Notice that an axis does not play its group's trajectory any more."""
+    c, q = control_of(table), queue_of(table)
+    if c.group == 0:
+        return
+    playing = c.state == RUNNING and q.group == c.group
+    done = c.trajectory_done != 0 and c.state != FAULT
+    if not playing and not done:
+        c.left = c.group
+        c.group = 0
+
+
+@njit(cache=True, nogil=True)
+def _is_left(axes: NDArray[np.int64], group: int) -> bool:
+    found = False
+    for i in range(axes.size):
+        found |= control_of(table_at(axes[i], N_TABLE)).left == group
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _hold_all(axes: NDArray[np.int64], group: int, now_ns: int) -> None:
+    for i in range(axes.size):
+        table = table_at(axes[i], N_TABLE)
+        c, q = control_of(table), queue_of(table)
+        if q.group == group:
+            if happens(c, HALT, now_ns):
+                note(table, c, GROUP_BROKEN, 0.0)
+                c.hold_ns = settings_of(table).hold_ns
+            targets.clear(q)
+            c.left = group
+            c.group = 0
+
+
+@njit(cache=True, nogil=True)
+def _gather(axes: NDArray[np.int64], group: int, now_ns: int) -> None:
+    """Let those that have arrived wait; start all when the last one has."""
+    there, arrived, ahead_ns, first_ns = 0, 0, 0, targets.FAR_NS
+    wanted = 0
+    for i in range(axes.size):
+        table = table_at(axes[i], N_TABLE)
+        q = queue_of(table)
+        if q.group != group or q.started != 0:
+            continue
+        there += 1
+        wanted = q.members
+        if now_ns - q.shift_ns >= q.stop_ns:
+            arrived += 1
+        preview = inverse_at(control_of(table).inverse).targets.size
+        ahead_ns = max(ahead_ns, preview * settings_of(table).period_ns)
+        first_ns = min(first_ns, q.stop_ns - q.start_ns)
+    for i in range(axes.size):
+        table = table_at(axes[i], N_TABLE)
+        c, q = control_of(table), queue_of(table)
+        if q.group != group or q.started != 0 or now_ns - q.shift_ns < q.stop_ns:
+            continue
+        targets.drop_until(q, points_of(table).times, q.stop_ns)
+        if there >= wanted and arrived == there:
+            q.shift_ns = now_ns + ahead_ns - first_ns - q.start_ns
+            c.approach_until_ns = q.stop_ns + q.shift_ns
+            q.started, q.stops, q.dry = 1, targets.NOT, 0
+        else:
+            q.shift_ns = now_ns - q.stop_ns
+            c.approach_until_ns = now_ns + 1
+            q.dry = targets.OTHER if there < wanted else 0
+
+
+@njit(cache=True, nogil=True)
+def _keep_together(axes: NDArray[np.int64], group: int, now_ns: int) -> None:
+    """No member plays beyond what all of them know; at that point time stands still."""
+    horizon_ns = targets.FAR_NS  # since the trajectory's time zero
+    for i in range(axes.size):
+        table = table_at(axes[i], N_TABLE)
+        q = queue_of(table)
+        if q.group == group and q.started != 0 and q.complete == 0:
+            end_ns = targets.end_ns(q, points_of(table).times)
+            horizon_ns = min(horizon_ns, end_ns - q.start_ns)
+    for i in range(axes.size):
+        table = table_at(axes[i], N_TABLE)
+        q = queue_of(table)
+        if q.group != group:
+            continue
+        if q.started == 0:
+            q.dry = targets.OTHER  # too late: it goes stale at its first point
+            continue
+        q.stops, q.dry = targets.NOT, 0
+        if horizon_ns == targets.FAR_NS:
+            continue
+        q.stops, q.stop_ns = targets.OPEN, q.start_ns + horizon_ns
+        beyond_ns = now_ns - q.shift_ns - q.stop_ns
+        if beyond_ns > 0:
+            q.shift_ns += beyond_ns
+            own = q.complete == 0 and targets.end_ns(q, points_of(table).times) == q.stop_ns
+            q.dry = targets.OWN if own else targets.OTHER

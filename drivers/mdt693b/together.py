@@ -1,0 +1,87 @@
+"""Several outputs of one MDT693B: what they sustain together, and all three in one command."""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from dehyst.drivers.call_times import CallTimes
+from dehyst.drivers.mdt693b.link import CommandRefused
+from dehyst.drivers.mdt693b.tuning import TUNING
+from dehyst.drivers.mdt693b.unit_facts import NATIVE
+
+if TYPE_CHECKING:  # the driver makes these
+    from dehyst.drivers.mdt693b.driver import Mdt693b
+
+ALL, ASK_ALL = "xyzvoltage={:.3f},{:.3f},{:.3f}", "xyzvoltage?"
+
+
+class JointOutputs:
+    """A Joint of open outputs. `together`: all three are here and the firmware has XYZVOLTAGE=.
+
+    The rates are measured when it is made, with readings, as those of one output are.
+    """
+
+    def __init__(
+        self, outputs: Sequence["Mdt693b"], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._outputs = tuple(sorted(outputs, key=lambda output: output.config.axis))
+        self._order = [outputs.index(output) for output in self._outputs]
+        self.together = len(outputs) == 3 and self._knows_all()
+        reads = [output.word("read") for output in self._outputs]
+        self._rates_hz = [self._measure(reads[:n], clock) for n in range(1, len(reads) + 1)]
+        if self.together:
+            self._rates_hz[2] = self._measure([ASK_ALL], clock)
+
+    def rate_hz(self, driven: int) -> float:
+        """The highest rate of setting so many of the outputs."""
+        return self._rates_hz[driven - 1]
+
+    def write_all(self, volts: Sequence[float]) -> None:
+        """Set all three in one command; volts in the order of the outputs as they were given.
+        Raises as Mdt693b.write(), for all of them."""
+        first, outputs = self._outputs[0], self._outputs
+        admitted = [
+            output.admit(volts[place]) for output, place in zip(outputs, self._order, strict=True)
+        ]
+        with first.conversation() as link:
+            for output in outputs:
+                output.get_in_step(link)
+            for output, volt in zip(outputs, admitted, strict=True):
+                output.trying(volt)
+            try:
+                link.set(ALL.format(*admitted))
+            except CommandRefused:
+                for output in outputs:
+                    output.trying(None)
+                raise
+            for output, volt in zip(outputs, admitted, strict=True):
+                output.carried_out(volt)
+
+    def _knows_all(self) -> bool:
+        """Whether the firmware knows the command, by its query."""
+        first = self._outputs[0]
+        if first.word("limit") != NATIVE["limit"]:
+            return False
+        try:
+            with first.conversation() as link:
+                link.ask(ASK_ALL)
+        except CommandRefused:
+            return False
+        return True
+
+    def _measure(self, words: Sequence[str], clock: Callable[[], float]) -> float:
+        """How often a second these commands are answered one after the other, in the best batch."""
+        best_s, fastest_s = float("inf"), float("inf")
+        for _ in range(TUNING.most_batches):
+            batch = CallTimes()
+            for _ in range(TUNING.batch):
+                started_s = clock()
+                for word in words:
+                    with self._outputs[0].conversation() as link:
+                        link.ask(word)
+                batch.add(clock() - started_s)
+            fastest_s = min(fastest_s, batch.percentile_s(0.0))
+            best_s = min(best_s, batch.percentile_s(TUNING.rate_percentile))
+            if best_s <= TUNING.close_to_fastest * fastest_s:
+                break
+        return 1.0 / best_s

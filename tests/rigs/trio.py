@@ -1,0 +1,72 @@
+"""Several axes in virtual time on one clock, run by either engine; each on a simulated stage of its
+own unless a test gives other devices or models."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from tests.rigs.two_loops import PERIOD_NS, Rig, VirtualClock
+
+from dehyst.daemon.loop import records_in_memory
+from dehyst.daemon.loop.compiled_loop import CompiledLoop
+from dehyst.daemon.loop.python_loop import Axis, PythonLoop, Together
+from dehyst.daemon.rings.records import COMMAND, Command
+
+
+def group_points(
+    values: Sequence[float],
+    group: int = 9,
+    members: int = 2,
+    first: int = 0,
+    last: bool = False,
+    trajectory: int = 5,
+) -> np.ndarray:
+    """Points of a trajectory that `members` axes play together, one a period, from `first` on."""
+    batch = np.zeros(len(values), COMMAND)
+    batch["kind"], batch["trajectory"] = Command.POINT, trajectory
+    batch["group"], batch["members"] = group, members
+    batch["offset_ns"] = (first + np.arange(len(values))) * PERIOD_NS
+    batch["value"] = values
+    batch["last"][-1:] = last
+    return batch
+
+
+class Trio:
+    """Axes x, y, z (or those that are named), each a Rig; `play` runs them together."""
+
+    def __init__(
+        self,
+        prefix: str,
+        axes: str = "xyz",
+        mode: str = "static",
+        lateness_ns: Iterable[int] = (5000,),
+    ) -> None:
+        self.rigs = {axis: Rig(f"{prefix}-{axis}", mode) for axis in axes}
+        self.clock = VirtualClock(lateness_ns)
+        self.words = self.clock.words()
+        self.together: list[Together] = []
+
+    def play(
+        self, commands: Mapping[str, np.ndarray], samples: int, compiled: bool = False
+    ) -> dict[str, np.ndarray]:
+        """Push commands to axes, run so many samples: each axis' telemetry of these samples."""
+        first, *others = [rig.monitor for rig in self.rigs.values()]
+        if compiled:
+            runner: CompiledLoop | PythonLoop = CompiledLoop(first, beside=others)
+            next(iter(self.rigs.values())).stepper.table.put(records_in_memory.CLOCK, self.words)
+        else:
+            runner = PythonLoop(
+                first,
+                self.clock.now,
+                self.clock.sleep_until,
+                beside=[Axis(monitor) for monitor in others],
+                together=self.together,
+            )
+        for axis, batch in commands.items():
+            self.rigs[axis].rings["command"].push_many(batch)
+        begun = first.samples
+        runner.run(begun + samples)
+        return {axis: rig.rings["telemetry"].read(begun)[0] for axis, rig in self.rigs.items()}
+
+    def events(self, axis: str) -> list[str]:
+        """What an axis said."""
+        return [row["text"].decode() for row in self.rigs[axis].rings["event"].read(0)[0]]
