@@ -19,7 +19,7 @@ from dehyst.daemon.client.connection import (
     say,
 )
 from dehyst.daemon.client.group import Group
-from dehyst.daemon.files.outputs import check_outputs, of_axis
+from dehyst.daemon.files.outputs import check_outputs, file_of_axis
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
@@ -105,8 +105,8 @@ def run(args: argparse.Namespace) -> int:
     picture = args.picture or Path(f"{Path(args.trajectory).name.partition('.')[0]}-learned.png")
     trajectories = read_trajectories(args.trajectory, min_rows=2, column=args.column)
     offsets = offsets_of(args.offset_um, trajectories)
-    pictures = {axis: of_axis(picture, axis) for axis in trajectories}
-    learned = {axis: args.learned and of_axis(args.learned, axis) for axis in trajectories}
+    pictures = {axis: file_of_axis(picture, axis) for axis in trajectories}
+    learned = {axis: args.learned and file_of_axis(args.learned, axis) for axis in trajectories}
     check_asked(args, learn, [*learned.values(), *pictures.values()])
     together = "" not in trajectories
     with (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from dehyst import __version__
 from dehyst.daemon.client.connection import add_connection, connect_axes, print_json, say
-from dehyst.daemon.files.outputs import add_force, check_outputs, of_axis
+from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
 from dehyst.daemon.rings.records import Flag
 from dehyst.models.errors import BadInput, NotNow
 
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         recorders = {
             axis: opened.enter_context(
                 Recorder(
-                    args.output if alone else of_axis(args.output, axis),
+                    args.output if alone else file_of_axis(args.output, axis),
                     one.gain,
                     one.units,
                     one.status.origin if args.frame == "model" else 0.0,

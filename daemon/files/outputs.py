@@ -91,8 +91,8 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def of_axis(path: Path, axis: str) -> Path:
-    """The file of one of several axes, run-x.csv for run.csv; "": the path itself."""
+def file_of_axis(path: Path, axis: str) -> Path:
+    """The file of one of several axes: scan.json, scan-x.json."""
     if not axis:
         return path
     head, dot, suffix = path.name.partition(".")
