@@ -30,6 +30,7 @@ COMMANDS = {
     "convert": "write a recording in another kind of file: .csv, .csv.gz, .npz, .mcap",
     "invert": "turn a trajectory in micrometres into a drive in volts",
     "diagnose": "say what physics a model leaves out of a recording, and model it",
+    "scan": "write the path of a scan in the plane: raster, spiral or Lissajous figure",
     "send": "send one set-point to a running daemon",
     "play": "stream a trajectory to a running daemon",
     "status": "one screen about a running daemon; exit status 1 where something needs a look",
@@ -44,7 +45,7 @@ COMMANDS = {
     "drivers": "list the driver plugins, the broken ones with their error",
     "latency": "self-test of this machine: does it hold the loop's deadlines?",
     "probe": "record a unit's raw bytes and timings into a fixture file",
-    "emulate": "an MDT693B and a KSG101 on pseudo terminals, with a simulated stage behind",
+    "emulate": "an MDT693B and KSG101s on pseudo terminals, with a simulated stage behind",
     "warm": "compile all kernels now, so that the next start is quick",
     "completion": "print a script for tab completion",
     "keys": "make certificates for a controller and its clients",
@@ -56,7 +57,7 @@ COMMANDS = {
 
 COMPILING = {
     *("demo", "setup", "acquire", "identify", "excite", "simulate", "validate", "invert"),
-    *("diagnose", "latency"),
+    *("diagnose", "latency", "scan"),
 }
 """Commands that may have to compile kernels first, and say so on a terminal; the daemon's own
 processes say it wherever they are read."""

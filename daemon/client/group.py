@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
-from dehyst.daemon.bus.messages import Status, new_number
+from dehyst.daemon.bus.messages import Reply, Status, new_number
 from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.client.client import (
@@ -134,15 +134,19 @@ class Group:
         """Drop all targets and ramp all axes to their safe voltages now. Needs no lease."""
         self.first.release(self._names())
 
-    def send(self, targets: Mapping[str, float], allow_unreachable: bool = False) -> None:
-        """Go to a place, by axis, and wait for the daemon's word. Nothing is sent where one of the
-        targets is out of reach. Raises BadInput, Refusal."""
+    def send(
+        self, targets: Mapping[str, float], allow_unreachable: bool = False
+    ) -> dict[str, Reply]:
+        """Go to a place, by axis, and wait for the daemon's word on each. Nothing is sent where one
+        of the targets is out of reach. Raises BadInput, Refusal."""
         self._know(targets)
-        if not allow_unreachable:
+        if not allow_unreachable and len(targets) > 1:
             for axis, value in targets.items():
                 check_inside(axis, np.array([value]), self.clients[axis].status())
-        for axis, value in targets.items():
-            self.clients[axis].send(value, allow_unreachable)
+        return {
+            axis: self.clients[axis].send(value, allow_unreachable)
+            for axis, value in targets.items()
+        }
 
     def play(
         self,
@@ -244,8 +248,8 @@ def find_axes(
     if len(found) == 1:
         return next(iter(found.items()))
     if found:
-        raise BusError(f"several controllers answer at {where}: {', '.join(found)}; name one")
-    raise BusError(f"no controller {name} at {where}; there are: {', '.join(names)}")
+        raise BusError(f"several daemons answer at {where}: {', '.join(found)}; name one")
+    raise BusError(f"no daemon {name} at {where}; there are: {', '.join(names)}")
 
 
 def _meant(names: list[str], name: str | None) -> list[str]:

@@ -44,6 +44,7 @@ class LessonTaker:
         self._held: dict[int, NDArray[np.bool_]] = {}
         self._trimmed = False
         self._done = 0  # passes
+        self._spoilt = -1  # the one in which the loop held
         self._waiting: list[NDArray[Any]] = []
         self._fade = round(TUNING.fade_s * 1e9 / period_ns)
 
@@ -58,6 +59,14 @@ class LessonTaker:
         self._sent = int(numbers[-1]) + 1
         return np.asarray(out, np.float64)
 
+    def begins(self, start_ns: int) -> None:
+        """The loop's time of point 0, as it was told. It moves where the loop held this trajectory
+        and the ones that are played with it; nothing is learned from the pass in which it did."""
+        if self.start_ns not in (0, start_ns):
+            self._error[self._done] = np.full(self.n, np.nan)
+            self._spoilt = self._done
+        self.start_ns = start_ns
+
     def add(self, samples: NDArray[Any]) -> None:
         """Take (m,) TELEMETRY records of this trajectory."""
         self._waiting.append(samples)
@@ -68,7 +77,7 @@ class LessonTaker:
         mine = (number >= 0) & np.isfinite(samples["target"])
         samples, number = samples[mine], number[mine]
         for of_pass in np.unique(number // self.n).tolist():
-            if of_pass >= self._done:
+            if of_pass >= self._done and of_pass != self._spoilt:
                 here = number // self.n == of_pass
                 self._put(int(of_pass), samples[here], number[here] % self.n)
         while number.size and number[-1] >= (self._done + 1) * self.n - 1:

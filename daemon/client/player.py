@@ -210,8 +210,8 @@ class Player:
         if self.lessons is None or self.index == 0:
             return
         status = self.feed.status
-        if self.lessons.start_ns == 0 and status is not None and status.trajectory == self.number:
-            self.lessons.start_ns = status.trajectory_start_ns
+        if status is not None and status.trajectory == self.number and status.trajectory_start_ns:
+            self.lessons.begins(status.trajectory_start_ns)
         self.lessons.add(samples[samples["seq"] >= self.tracking.first_seq])
 
     def send(self, now_ns: int) -> None:

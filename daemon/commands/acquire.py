@@ -4,10 +4,12 @@ import argparse
 import json
 import signal
 import sys
+from pathlib import Path
 
-from dehyst.daemon.config import load_config
-from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.config import Config, load_config, load_controller
+from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
 from dehyst.daemon.terminal.progress import progress_bar
+from dehyst.models.recording import Recording
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -21,51 +23,71 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="full loops before the recording, so that it has crept already (default: 5 s)",
     )
+    parser.add_argument("--axis", default="", metavar="NAME", help="of several axes this one alone")
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="result as JSON on stdout")
     parser.epilog = """Ctrl-C ends it: the output goes back to where it was, and what was recorded
 is written.
+Of a controller with several axes each goes through the drive alone while the others rest, then all
+together, each at its own pace: REC-x.csv, REC-y.csv, ..., in which axis_y_um and axis_y_drive_v say
+what the others did, so that `dehyst identify` finds what they bring. --axis NAME: that one alone.
 Exit 0: the whole drive was recorded; 1: it ended before; 2: nothing was recorded.
 
 example: dehyst acquire drive.csv --config stage.toml -o recording.csv"""
 
 
 def run(args: argparse.Namespace) -> int:
-    from dehyst.daemon.files.recordings import read_recording, write_recording
+    from dehyst.daemon.files.recordings import read_recording
     from dehyst.daemon.tools.acquire import acquire
+    from dehyst.daemon.tools.acquire_axes import acquire_axes
 
-    check_outputs([args.output], [args.drive, args.config], args.force)
-    config = load_config(args.config)
-    check_outputs([args.output], [config.model.file], args.force)
+    controller = load_controller(args.config)
+    several = len(controller.axes) > 1 and not args.axis
+    configs = controller.axes if several else (load_config(args.config, args.axis),)
+    output = Path(args.output)
+    files = {c.axis: file_of_axis(output, c.axis) if several else output for c in configs}
+    inputs = [args.drive, args.config, *(c.model.file for c in configs)]
+    check_outputs(list(files.values()), inputs, args.force)
     drive = read_recording(args.drive)
     stopped: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: stopped.append(number))
+
+    def stop() -> str:
+        return "it was interrupted" if stopped else ""
+
     with progress_bar("recording") as progress:
-        recording, ended = acquire(
-            config,
-            drive.t_s,
-            drive.drive,
-            drive.drive_unit,
-            args.exercise,
-            progress,
-            lambda: "it was interrupted" if stopped else "",
-        )
-    assert recording.displacement is not None
-    write_recording(
-        args.output,
-        recording.t_s,
-        {
-            recording.drive_column: recording.drive,
-            recording.displacement_column: recording.displacement,
-        },
-        {"source": f"dehyst acquire, {config.name}", "actuator": config.actuator.driver},
-    )
+        given = drive.t_s, drive.drive, drive.drive_unit, args.exercise, progress, stop
+        if several:
+            found, ended = acquire_axes(configs, *given)
+        else:
+            one, ended = acquire(configs[0], *given)
+            found = {configs[0].axis: one}
+    for config in configs:
+        _write(files[config.axis], found[config.axis], config)
     if args.json:
-        print(json.dumps({"file": args.output, "samples": recording.size, "ended": ended}))
+        (size,) = {one.size for one in found.values()}
+        names = [str(file) for file in files.values()]
+        told = {"files": names} if several else {"file": names[0]}
+        print(json.dumps({**told, "samples": size, "ended": ended}))
     else:
         early = f", before the drive's end: {ended}" if ended else ""
-        print(f"{args.output}: {recording.size} samples{early}", file=sys.stderr)
-        if defects := recording.defects():
-            print(defects, file=sys.stderr)
+        for axis, recording in found.items():
+            print(f"{files[axis]}: {recording.size} samples{early}", file=sys.stderr)
+            if defects := recording.defects():
+                print(defects, file=sys.stderr)
     return 1 if ended else 0
+
+
+def _write(path: Path, recording: Recording, config: Config) -> None:
+    from dehyst.daemon.files.axis_columns import to_columns
+    from dehyst.daemon.files.recordings import write_recording
+
+    assert recording.displacement is not None
+    columns = {
+        recording.drive_column: recording.drive,
+        recording.displacement_column: recording.displacement,
+    }
+    columns |= to_columns(recording.channels, recording.displacement_unit, recording.drive_unit)
+    notes = {"source": f"dehyst acquire, {config.name}", "actuator": config.actuator.driver}
+    write_recording(path, recording.t_s, columns, notes)

@@ -1,4 +1,4 @@
-"""an MDT693B and a KSG101 for each axis on pseudo terminals, with a simulated stage behind"""
+"""an MDT693B and KSG101s on pseudo terminals, with a simulated stage behind"""
 
 import argparse
 import contextlib

@@ -19,7 +19,7 @@ from dehyst.daemon.client.connection import (
     say,
 )
 from dehyst.daemon.client.group import Group
-from dehyst.daemon.files.outputs import check_outputs
+from dehyst.daemon.files.outputs import check_outputs, file_of_axis
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
@@ -105,8 +105,8 @@ def run(args: argparse.Namespace) -> int:
     picture = args.picture or Path(f"{Path(args.trajectory).name.partition('.')[0]}-learned.png")
     trajectories = read_trajectories(args.trajectory, min_rows=2, column=args.column)
     offsets = offsets_of(args.offset_um, trajectories)
-    pictures = {axis: of_axis(picture, axis) for axis in trajectories}
-    learned = {axis: args.learned and of_axis(args.learned, axis) for axis in trajectories}
+    pictures = {axis: file_of_axis(picture, axis) for axis in trajectories}
+    learned = {axis: args.learned and file_of_axis(args.learned, axis) for axis in trajectories}
     check_asked(args, learn, [*learned.values(), *pictures.values()])
     together = "" not in trajectories
     with (
@@ -183,14 +183,6 @@ def playing(name: str) -> "Iterator[Callable[[float, float], None]]":
 
     with progress_bar(f"playing {name}") as progress:
         yield lambda at_s, total_s: progress(min(1.0, at_s / total_s))
-
-
-def of_axis(path: Path, axis: str) -> Path:
-    """The file of one of several axes: scan.json, scan-x.json."""
-    if not axis:
-        return path
-    head, dot, suffix = path.name.partition(".")
-    return path.with_name(f"{head}-{axis}{dot}{suffix}")
 
 
 def offsets_of(given: str, axes: Iterable[str]) -> dict[str, float]:

@@ -1,9 +1,9 @@
-"""One screen about a running daemon."""
+"""One screen about each axis of a running daemon."""
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from dehyst.daemon.client.connection import add_connection, connect, print_json
+from dehyst.daemon.client.connection import add_connection, connect_axes, print_json
 from dehyst.models.errors import DehystError
 
 if TYPE_CHECKING:
@@ -15,7 +15,8 @@ the newest events. Asking changes nothing and needs no lease.
 
 exit status: 0: all is well; 1: something needs a look (lines that begin with !: no loop, a device
 that fails, a mismatch, a frozen trim, missed deadlines, lost samples); 2: no daemon, or bad usage.
---json: {"ok", "attention", "status", "model", "events"}.
+--json: {"ok", "attention", "status", "model", "events"}; of several axes {"ok", "axes": {"x": the
+same, ...}}.
 
 example: dehyst status || echo "look at the stage"
 """
@@ -32,23 +33,28 @@ def run(args: argparse.Namespace) -> int:
     """Ask once; 0, or 1 where something needs a look."""
     from dehyst.daemon.terminal.overview import describe_kind, find_troubles, overview
 
-    with connect(args, "status") as client:
-        status, events = client.status(), client.events()
-        model = _model(client)
-    troubles = find_troubles(status)
-    if args.json:
-        print_json(
-            {
+    found: dict[str, dict[str, Any]] = {}
+    screens = []
+    with connect_axes(args, "status") as stage:
+        for axis, client in stage.clients.items():
+            status, events = client.status(), client.events()
+            model, troubles = _model(client), find_troubles(status)
+            screens.append("\n".join(overview(status, model, events, troubles)))
+            found[axis] = {
                 "ok": not troubles,
                 "attention": troubles,
                 "status": status,
                 "model": None if model is None else describe_kind(model),
                 "events": events,
             }
-        )
+    ok = all(one["ok"] for one in found.values())
+    if not args.json:
+        print("\n\n".join(screens))
+    elif len(found) == 1:
+        print_json(next(iter(found.values())))
     else:
-        print("\n".join(overview(status, model, events, troubles)))
-    return 1 if troubles else 0
+        print_json({"ok": ok, "axes": found})
+    return 0 if ok else 1
 
 
 def _model(client: "Client") -> "Model | None":

@@ -3,18 +3,24 @@
 import argparse
 import sys
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 from dehyst.daemon.client.connection import (
     add_connection,
     address_of,
-    connect,
+    connect_axes,
     print_json,
     print_json_line,
     say,
 )
 
+if TYPE_CHECKING:
+    from dehyst.daemon.client.client import Client
+    from dehyst.daemon.terminal import view
+
 EPILOG = """On a terminal: target, measured and error as plots, state, deadlines, devices, events;
 Ctrl-C leaves. In a pipe: one line a second, events as they come. --json: one JSON status a second.
+Of a controller with several axes all are shown, by their short names (x, y, ...).
 Watching changes nothing and needs no lease.
 
 examples: dehyst watch --for 10
@@ -42,41 +48,36 @@ def run(args: argparse.Namespace) -> int:
     from rich.live import Live
 
     from dehyst.daemon import clock
-    from dehyst.daemon.bus.printable import printable
     from dehyst.daemon.terminal import view
 
-    with connect(args, "watch") as client:
-        feed, stream = client.feed(), client.stream()
-        feed.status = client.status()
-        window = view.RecentTelemetry(args.window, feed.status.period_ns)
+    with connect_axes(args, "watch") as stage:
+        watched = {axis: Watched(client, args.window) for axis, client in stage.clients.items()}
         begun_ns = shown_ns = clock.monotonic_ns()
         console = Console()
         live = None
         if console.is_terminal and not args.json:
-            feed.events.extend(client.events())
+            for axis in watched.values():
+                axis.feed.events.extend(axis.client.events())
             live = Live(console=console, screen=True, auto_refresh=False)
             live.start()
         try:
             while args.seconds is None or clock.monotonic_ns() - begun_ns < args.seconds * clock.NS:
-                window.add(stream.read(0.1))
+                for axis in watched.values():
+                    axis.window.add(axis.stream.read(0.1 / len(watched)))
                 now_ns = clock.monotonic_ns()
                 if now_ns - shown_ns < (clock.NS // 4 if live else clock.NS):
                     continue
                 shown_ns = now_ns
                 if live is not None:
                     size = console.size.width, console.size.height
-                    told = feed.events, feed.rejections
-                    live.update(
-                        view.screen(feed.status, window, stream.lost, *told, size), refresh=True
-                    )
+                    views = [axis.view() for axis in watched.values()]
+                    live.update(view.screens(views, size), refresh=True)
                 elif args.json:
-                    print_json_line(feed.status)
+                    said = {name: axis.feed.status for name, axis in watched.items()}
+                    print_json_line(said if len(said) > 1 else next(iter(said.values())))
                 else:
-                    while feed.events:
-                        event = feed.events.popleft()
-                        when = datetime.fromtimestamp(event.wall_ns * 1e-9)
-                        print(printable(f"event    {when:%H:%M:%S} {event.code}: {event.text}"))
-                    print(view.line(feed.status, window, stream.lost))
+                    for name, axis in watched.items():
+                        axis.print_lines(f"{name} " if len(watched) > 1 else "")
                 sys.stdout.flush()
         except KeyboardInterrupt:
             return 0
@@ -84,6 +85,35 @@ def run(args: argparse.Namespace) -> int:
             if live is not None:
                 live.stop()
     return 0
+
+
+class Watched:
+    """One axis that is watched. seconds: in its plots."""
+
+    def __init__(self, client: "Client", seconds: float) -> None:
+        from dehyst.daemon.terminal import view
+
+        self.client, self.feed, self.stream = client, client.feed(), client.stream()
+        self.feed.status = status = client.status()
+        self.window = view.RecentTelemetry(seconds, status.period_ns)
+
+    def view(self) -> "view.View":
+        """What the screen shows of it."""
+        from dehyst.daemon.terminal import view
+
+        feed = self.feed
+        return view.View(feed.status, self.window, self.stream.lost, feed.events, feed.rejections)
+
+    def print_lines(self, head: str) -> None:
+        """Events that came, and one line on how it is."""
+        from dehyst.daemon.bus.printable import printable
+        from dehyst.daemon.terminal import view
+
+        while self.feed.events:
+            event = self.feed.events.popleft()
+            when = datetime.fromtimestamp(event.wall_ns * 1e-9)
+            print(printable(f"{head}event    {when:%H:%M:%S} {event.code}: {event.text}"))
+        print(head + view.line(self.feed.status, self.window, self.stream.lost))
 
 
 def list_all(args: argparse.Namespace) -> int:

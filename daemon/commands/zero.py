@@ -4,10 +4,11 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
-from dehyst.daemon.client.connection import add_connection, connect, print_json, say
+from dehyst.daemon.client.connection import add_connection, connect_axes, print_json, say
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
+    from dehyst.daemon.client.client import Client
     from dehyst.daemon.tools.zero import Disagreement
 
 EPILOG = """A stage that was switched on, or warms up, stands elsewhere than its model believes:
@@ -16,6 +17,7 @@ the gauge's zero by their mean difference, so that `dehyst send 5` stands at 5. 
 --exercise nothing moves by itself: the difference is that of the place where the stage stands.
 --exercise goes slowly through the reach first, twice, within the limits: after that the model
 knows the stage's past.
+Of a controller with several axes it is done with one after the other, or with --to stage-1-x.
 The shift lasts until the loop's process ends; the line that keeps it is printed.
 Exit 0: done; 1: the gauge gives no reading; 2: refused or no daemon.
 
@@ -64,25 +66,38 @@ def _seconds(text: str) -> float:
 
 def run(args: argparse.Namespace) -> int:
     """Exercise where asked, compare, set."""
-    from dehyst.daemon.tools import zero
-
     if args.exercise and args.look:
         raise BadInput("--look moves nothing; leave out --exercise")
-    with connect(args, "zero") as client:
-        config = client.config()
+    with connect_axes(args, "zero") as stage:
         if args.take_over:
-            client.take_over()
-        if args.exercise:
-            say(f"through {100 * args.share:g} % of the reach, twice, {args.seconds:g} s each")
-            found = zero.exercise_and_compare(client, args.share, args.seconds)
-        else:
-            found = zero.compare(client)
-        status = client.status()  # newer than the shift that came before this command
-        shift = 0.0 if args.look else -found.mean
-        if found.samples and shift:
-            client.move_zero(shift)
+            stage.take_over()
+        results = {axis: zero_of(client, args) for axis, client in stage.clients.items()}
+    if args.json:
+        print_json(results if len(results) > 1 else next(iter(results.values())))
+    return 0 if all(result["samples"] for result in results.values()) else 1
+
+
+def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
+    """Exercise where asked, compare, set; of one axis, what came of it."""
+    from dehyst.daemon.tools import zero
+
+    config = client.config()
+    if args.exercise:
+        of = f"{client.name}: " if config.axis else ""
+        say(f"{of}through {100 * args.share:g} % of the reach, twice, {args.seconds:g} s each")
+        found = zero.exercise_and_compare(client, args.share, args.seconds)
+    else:
+        found = zero.compare(client)
+    status = client.status()  # newer than the shift that came before this command
+    shift = 0.0 if args.look else -found.mean
+    if found.samples and shift:
+        client.move_zero(shift)
     keep = config.sensor.zero + status.gauge_zero + shift
-    result: dict[str, Any] = {
+    if not args.json:
+        if config.axis:
+            print(f"{client.name}:")
+        tell(found, shift, keep, status.unit)
+    return {
         "unit": status.unit,
         "samples": found.samples,
         "gauge_minus_model": found.mean,
@@ -92,11 +107,6 @@ def run(args: argparse.Namespace) -> int:
         "zero_moved_by": shift if found.samples else 0.0,
         "sensor_zero_that_keeps_it": keep,
     }
-    if args.json:
-        print_json(result)
-    else:
-        tell(found, shift, keep, status.unit)
-    return 0 if found.samples else 1
 
 
 def tell(found: "Disagreement", shift: float, keep: float, unit: str) -> None:

@@ -89,3 +89,11 @@ def _sync_folder(folder: Path) -> None:
         pass  # some network file systems cannot
     finally:
         os.close(handle)
+
+
+def file_of_axis(path: Path, axis: str) -> Path:
+    """The file of one of several axes: scan.json, scan-x.json."""
+    if not axis:
+        return path
+    head, dot, suffix = path.name.partition(".")
+    return path.with_name(f"{head}-{axis}{dot}{suffix}")

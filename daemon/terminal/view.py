@@ -1,8 +1,9 @@
 """The live view of a daemon on a terminal: plot, state, deadlines, volts, events."""
 
 from collections import deque
+from collections.abc import Sequence
 from datetime import datetime
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +121,26 @@ def screen(
         Layout(_plots(status, window), name="plots"),
         Layout(foot, size=1 if small else max(1, len(said)) + 2),
     )
+    return layout
+
+
+class View(NamedTuple):
+    """What is shown of one axis, as `screen` takes it."""
+
+    status: Status | None
+    window: RecentTelemetry
+    lost: int
+    events: deque[Event]
+    rejections: deque[Rejection]
+
+
+def screens(views: Sequence[View], size: tuple[int, int]) -> Layout:
+    """The whole view of several axes, one over the other; of one alone: `screen`."""
+    if len(views) == 1:
+        return screen(*views[0], size)
+    layout = Layout()
+    each = size[0], min(size[1] // len(views), ROOMY[1] - 1)
+    layout.split_column(*(Layout(screen(*view, each)) for view in views))
     return layout
 
 

@@ -5,14 +5,14 @@ the drive's first and from its last voltage goes at the configured ramp; range a
 checked for the whole drive before anything moves.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config
-from dehyst.daemon.loop.checks import check_limits, check_rates, past_output
+from dehyst.daemon.loop.checks import check_limits, check_rates_together, joined, past_output
 from dehyst.daemon.loop.devices import DeviceLink, ramp
 from dehyst.daemon.loop.systemcalls import sleeper
 from dehyst.daemon.loop.timing import realtime
@@ -26,19 +26,19 @@ EXERCISE_S = 5.0
 
 def check_drive(config: Config, t_s: Floats, volts: Floats) -> None:
     """Raise BadRecording where a drive [actuator volts] leaves range or slew."""
-    limits = config.limits
+    limits, whose = config.limits, f"axis {config.axis}: " if config.axis else ""
     if not np.all(np.isfinite(volts)):
-        raise BadRecording("the drive has missing values; nothing was moved")
+        raise BadRecording(f"{whose}the drive has missing values; nothing was moved")
     if volts.min() < limits.min_v or volts.max() > limits.max_v:
         raise BadRecording(
-            f"the drive spans {volts.min():g} to {volts.max():g} V, the limits are "
+            f"{whose}the drive spans {volts.min():g} to {volts.max():g} V, the limits are "
             f"{limits.min_v:g} to {limits.max_v:g} V; nothing was moved"
         )
     rate = np.abs(np.diff(volts) / np.diff(t_s))
     if rate.size and rate.max() > limits.slew_v_per_s:
         at = float(t_s[int(np.argmax(rate))])
         raise BadRecording(
-            f"the drive changes by {rate.max():g} V/s at {at:.3f} s, limits.slew_v_per_s is "
+            f"{whose}the drive changes by {rate.max():g} V/s at {at:.3f} s, limits.slew_v_per_s is "
             f"{limits.slew_v_per_s:g}; nothing was moved"
         )
 
@@ -78,22 +78,11 @@ def acquire(
     """
     volts = drive * config.actuator.gain
     check_drive(config, t_s, volts)
-    grid = np.arange(t_s[0], t_s[-1], 1.0 / config.loop.rate_hz)
-    rows = np.full((grid.size, 3), np.nan)
-    ended = ""
-    try:
-        with realtime.raised(config.loop.priority):
-            volts_at = np.interp(grid, t_s, volts)
-            loops = exercise(t_s, volts, exercise_s, 1.0 / config.loop.rate_hz)
-            player = _Player(config, stop, sleeper())
-            ended = _run(player, loops, volts_at, rows, progress)
-    except DriverError as error:
-        if not np.isfinite(rows[:, 0]).any():
-            raise
-        ended = str(error)
-    rows = rows[np.isfinite(rows[:, 0])]
-    if not rows.size:
-        raise BadRecording(f"nothing was recorded: {ended or 'every sample came too late'}")
+    period_s = 1.0 / config.loop.rate_hz
+    grid = np.arange(t_s[0], t_s[-1], period_s)
+    volts_at = np.interp(grid, t_s, volts)[:, None]
+    loops = exercise(t_s, volts, exercise_s, period_s)[:, None]
+    rows, ended = play_and_record([config], volts_at, loops, progress, stop)
     recording = Recording(
         t_s=rows[:, 0],
         drive=rows[:, 1] / config.actuator.gain,
@@ -104,12 +93,64 @@ def acquire(
     return recording, ended
 
 
+def play_and_record(
+    configs: Sequence[Config],
+    volts_at: Floats,
+    loops: Floats,
+    progress: Callable[[float], None] | None = None,
+    stop: Callable[[], str] = str,
+) -> tuple[Floats, str]:
+    """Write volts_at (N, axes) [actuator volts], one row a period, behind loops (M, axes) of
+    exercise; the outputs start and end where they were.
+
+    (rows, 1 + 2 axes): time [s], then of each axis the voltage in force and the reading; and the
+    reason where it ended early. Raises as `acquire`.
+    """
+    rows = np.full((volts_at.shape[0], 1 + 2 * len(configs)), np.nan)
+    ended = ""
+    try:
+        with realtime.raised(configs[0].loop.priority):
+            player = _Player(configs, stop, sleeper())
+            ended = _run(player, loops, volts_at, rows, progress)
+    except DriverError as error:
+        if not np.isfinite(rows[:, 0]).any():
+            raise
+        ended = str(error)
+    rows = rows[np.isfinite(rows[:, 0])]
+    if not rows.size:
+        raise BadRecording(f"nothing was recorded: {ended or 'every sample came too late'}")
+    return rows, ended
+
+
 class _Player(NamedTuple):
     """What playing needs beside the devices."""
 
-    config: Config
+    configs: Sequence[Config]
     stop: Callable[[], str]
     sleep_until: Callable[[int], object]
+
+
+class _Links(NamedTuple):
+    """The devices of the axes, in their order."""
+
+    actuators: list[DeviceLink]
+    sensors: list[DeviceLink]
+
+    def close(self) -> None:
+        for link in (*self.sensors, *self.actuators):
+            link.close()
+
+
+def _link(configs: Sequence[Config]) -> _Links:
+    """The devices, not open yet."""
+    links = _Links([], [])
+    for config in configs:
+        actuator, sensor = config.actuator, config.sensor
+        opened = load_actuator(actuator.driver).from_settings(actuator.settings)
+        links.actuators.append(DeviceLink("actuator", opened))
+        read = load_sensor(sensor.driver).from_settings(sensor.settings)
+        links.sensors.append(DeviceLink("sensor", read))
+    return links
 
 
 def _run(
@@ -119,70 +160,92 @@ def _run(
     rows: Floats,
     progress: Callable[[float], None] | None,
 ) -> str:
-    """Fill the (N, 3) rows of time, voltage in force and reading; the output ends where it was.
-    The reason where it ended early."""
-    config = player.config
-    actuator = DeviceLink(
-        "actuator", load_actuator(config.actuator.driver).from_settings(config.actuator.settings)
-    )
-    sensor = DeviceLink(
-        "sensor", load_sensor(config.sensor.driver).from_settings(config.sensor.settings)
-    )
-    actuator.device.open()
+    """Fill the rows of time, voltages in force and readings; the outputs end where they were. The
+    reason where it ended early."""
+    configs = player.configs
+    links = _link(configs)
     try:
-        sensor.device.open()
-        check_limits(config, actuator.device.spec)
-        check_rates(config, actuator.device.spec, sensor.device.spec)
-        past, _ = past_output(config, float(actuator.device.output()))
-        start = float(past[-1])
-        rate, period_s = config.safe.ramp_v_per_s, 1.0 / config.loop.rate_hz
+        for link in links.actuators:
+            link.device.open()
+        for link in links.sensors:
+            link.device.open()
+        specs = [
+            (actuator.device.spec, sensor.device.spec)
+            for actuator, sensor in zip(links.actuators, links.sensors, strict=True)
+        ]
+        for config, (spec, _) in zip(configs, specs, strict=True):
+            check_limits(config, spec)
+        check_rates_together(configs, specs, joined([link.device for link in links.actuators]))
+        starts = [
+            float(past_output(config, float(link.device.output()))[0][-1])
+            for config, link in zip(configs, links.actuators, strict=True)
+        ]
         try:
-            at, ended = start, ""
+            ended = ""
             if loops.size:
-                at = ramp(actuator, at, float(loops[0]), rate, period_s)
-                unread = np.zeros((loops.size, 3))
-                ended = _play(player, actuator, sensor, loops, unread, None)
-                at = float(actuator.device.output())
+                _go_to(player, links, loops[0])
+                unread = np.zeros((loops.shape[0], rows.shape[1]))
+                ended = _play(player, links, loops, unread, None)
             if not ended:
-                ramp(actuator, at, float(volts_at[0]), rate, period_s)
-                ended = _play(player, actuator, sensor, volts_at, rows, progress)
+                _go_to(player, links, volts_at[0])
+                ended = _play(player, links, volts_at, rows, progress)
         finally:
-            if actuator.ok:  # back from wherever it stands, also when it was interrupted
-                ramp(actuator, float(actuator.device.output()), start, rate, period_s)
+            _go_to(player, links, starts)  # from wherever they stand, also when interrupted
     finally:
-        sensor.close()
-        actuator.close()
+        links.close()
     return ended
+
+
+def _go_to(player: _Player, links: _Links, volts: Sequence[float] | Floats) -> None:
+    """Ramp one output after the other; one that fails stays, and the others go all the same."""
+    failed: DriverError | None = None
+    for config, link, goal in zip(player.configs, links.actuators, volts, strict=True):
+        if link.ok:
+            try:
+                at = float(link.device.output())
+                ramp(link, at, float(goal), config.safe.ramp_v_per_s, 1.0 / config.loop.rate_hz)
+            except DriverError as error:
+                failed = failed or error
+    if failed is not None:
+        raise failed
 
 
 def _play(
     player: _Player,
-    actuator: DeviceLink,
-    sensor: DeviceLink,
+    links: _Links,
     volts_at: Floats,
     rows: Floats,
     progress: Callable[[float], None] | None,
 ) -> str:
-    """Write volts_at, one voltage a period; the reason where it ended early."""
-    config = player.config
-    first = clock.monotonic_ns() + config.period_ns
-    at = float(volts_at[0])
+    """Write volts_at, one row a period; the reason where it ended early."""
+    period_ns = player.configs[0].period_ns
+    first = clock.monotonic_ns() + period_ns
+    at = volts_at[0].tolist()
     for i, volts in enumerate(volts_at.tolist()):
         if reason := player.stop():
             return reason
-        due = first + i * config.period_ns
-        if clock.monotonic_ns() > due + config.period_ns:
+        due = first + i * period_ns
+        if clock.monotonic_ns() > due + period_ns:
             continue  # too late for this sample: a gap, not a burst
         player.sleep_until(due)
         time_ns = clock.monotonic_ns()
-        try:
-            reading = sensor.device.read() * config.sensor.scale + config.sensor.zero
-        except DriverError:
-            reading = np.nan
-        actuator.call(actuator.device.write, volts)
-        # the reading was taken before this write: it belongs to the drive before it
-        rows[i] = (time_ns - first) * 1e-9, at, reading
+        readings = [
+            _read(config, link) for config, link in zip(player.configs, links.sensors, strict=True)
+        ]
+        for k, link in enumerate(links.actuators):
+            link.call(link.device.write, volts[k])
+        # the readings were taken before this write: they belong to the drive before it
+        rows[i, 0] = (time_ns - first) * 1e-9
+        rows[i, 1::2], rows[i, 2::2] = at, readings
         at = volts
         if progress is not None and i % 64 == 0:
-            progress(i / volts_at.size)
+            progress(i / volts_at.shape[0])
     return ""
+
+
+def _read(config: Config, link: DeviceLink) -> float:
+    """A reading [displacement unit]; NaN where it failed."""
+    try:
+        return float(link.device.read()) * config.sensor.scale + config.sensor.zero
+    except DriverError:
+        return float("nan")

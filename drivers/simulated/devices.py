@@ -127,8 +127,7 @@ class SimulatedActuator(_Simulated):
                 f"simulated actuator: {volts} V is outside {self.spec.minimum} to "
                 f"{self.spec.maximum} V; nothing was written"
             )
-        stage.command(volts)
-        self.shared.platform.written(self.shared.place)
+        self.shared.platform.write(self.shared.place, stage, volts)
 
     def _switch(self, on: bool) -> None:
         self.shared.drive(on)

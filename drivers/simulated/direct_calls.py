@@ -68,6 +68,9 @@ def _write(t: Words, now_ns: int, volts: float) -> int:
         return NOT_IN_RANGE
     _follow(t, now_ns)
     platform = _platform(t)
+    if period_s > 0.0 and switches[WRITTEN + place] != 0:
+        kernels.advance_platform(platform, period_s)
+        switches[WRITTEN : WRITTEN + N] = 0
     platform.state[place].command_v = volts
     switches[WRITTEN + place] = 1
     for i in range(N):

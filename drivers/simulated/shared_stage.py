@@ -41,13 +41,20 @@ class SharedPlatform:
         if not self.period_s:
             self.platform.advance_to(self.clock_ns())
 
-    def written(self, place: int) -> None:
-        """An axis was written: in virtual time, time passes when all have been."""
+    def write(self, place: int, stage: Stage, volts: float) -> None:
+        """An axis is written. In virtual time, time passes when all have been, and before one is
+        for the second time."""
         written, driven = self.switches[WRITTEN:EPOCH], self.switches[DRIVEN:WRITTEN]
+        if self.period_s and written[place]:
+            self._pass_sample(self.period_s)
+        stage.command(volts)
         written[place] = 1
         if self.period_s and np.all(written >= driven):
-            self.platform.advance(self.period_s)
-            written[:] = 0
+            self._pass_sample(self.period_s)
+
+    def _pass_sample(self, period_s: float) -> None:
+        self.platform.advance(period_s)
+        self.switches[WRITTEN:EPOCH] = 0
 
 
 class SharedStage:

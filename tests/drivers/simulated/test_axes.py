@@ -109,10 +109,14 @@ def test_virtual_time_passes_when_all_axes_are_written() -> None:
         assert stage.time_s == pytest.approx(sample * 1e-3)
         pairs["y"][0].write(5.0 * sample)
         assert stage.time_s == pytest.approx((sample + 1) * 1e-3)
+    pairs["x"][0].write(1.0)
+    pairs["x"][0].write(2.0)  # once more, before the other: its own sample is over
+    assert stage.time_s == pytest.approx(6e-3)
+    pairs["y"][0].write(2.0)
     assert "axis y" in pairs["y"][0].spec.identity
     pairs["y"][0].close()
     pairs["x"][0].write(1.0)  # the other amplifier is not open: nobody waits for it
-    assert stage.time_s == pytest.approx(6e-3)
+    assert stage.time_s == pytest.approx(8e-3)
     for device in (*pairs["x"], *pairs["y"]):
         device.close()
 

@@ -267,7 +267,7 @@ CHANGES = [
     ),
     Change(
         "interrupt-loses-all", "daemon/commands/acquire.py",
-        "lambda: \"it was interrupted\" if stopped else \"\",", "str,",
+        "return \"it was interrupted\" if stopped else \"\"", "return \"\"",
         "Ctrl-C in a recording of an hour does nothing",
         tests=("tests/daemon/commands/test_interrupted.py",),
     ),

@@ -1,0 +1,193 @@
+"""write the path of a scan in the plane: raster, spiral or Lissajous figure"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dehyst.daemon.files.outputs import add_force, check_outputs, whole_file
+from dehyst.models.errors import BadInput
+
+if TYPE_CHECKING:
+    from dehyst.daemon.tools.scan_check import Reached
+    from dehyst.models.drive_design.scans import Scan
+
+SAMPLING_HZ = 500.0
+FREE_SLEW = 1e12  # where only models are given
+EPILOG = """The file has the columns t_s, target_x_um, target_y_um (with --axes and --unit others);
+`dehyst play` streams it. Every path begins and ends at rest at one place, so that it can be
+repeated and learned, and has no corner. With --config (or --model) every target is inverted as the
+daemon would: a path that leaves an axis' reach, or is faster than its slew limit, is refused, and
+nothing is written. Targets count from the set-point origin of each axis.
+
+examples: dehyst scan raster --size 5 5 --lines 20 --config stage.toml -o raster.csv
+          dehyst scan spiral --radius 2.5 --pitch 0.25 --center 8 8 -o spiral.csv
+          dehyst scan lissajous --size 5 5 --ratio 2 3 -o figure.csv --picture figure.png
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst scan`."""
+    parser.epilog = EPILOG
+    parser.add_argument("kind", choices=("raster", "spiral", "lissajous"))
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="PATH.csv")
+    add = parser.add_argument
+    add(
+        "--size",
+        nargs=2,
+        type=float,
+        metavar=("W", "H"),
+        help="width and height (raster, lissajous)",
+    )
+    add("--lines", type=int, default=20, metavar="N", help="of a raster (default: 20)")
+    add(
+        "--line-s",
+        type=float,
+        default=0.5,
+        metavar="S",
+        help="a line with its turn (default: 0.5 s)",
+    )
+    add("--turn", type=float, default=0.2, help="share of it that the turn takes (default: 0.2)")
+    add("--radius", type=float, metavar="R", help="of a spiral")
+    add("--pitch", type=float, metavar="P", help="from turn to turn of a spiral (default: R / 10)")
+    add("--speed", type=float, metavar="V", help="along a spiral, a second (default: 4 R)")
+    add(
+        "--most-hz",
+        type=float,
+        default=2.0,
+        metavar="HZ",
+        help="turns a second at its middle (default: 2)",
+    )
+    add(
+        "--ratio",
+        nargs=2,
+        type=int,
+        default=(2, 3),
+        metavar=("A", "B"),
+        help="of a figure (default: 2 3)",
+    )
+    add("--figure-s", type=float, default=4.0, metavar="S", help="one figure (default: 4 s)")
+    add("--turns", type=int, default=2, metavar="N", help="how many figures (default: 2)")
+    add(
+        "--center",
+        nargs=2,
+        type=float,
+        metavar=("X", "Y"),
+        help="default: middle of what is reached, else 0 0",
+    )
+    add("--axes", nargs=2, default=("x", "y"), metavar=("A", "B"), help="default: x y")
+    add("--unit", default="um", choices=("um", "nm", "mrad", "urad"), help="default: um")
+    add(
+        "--sampling",
+        type=float,
+        metavar="HZ",
+        help=f"default: the loop's of --config, else {SAMPLING_HZ:g}",
+    )
+    add("--config", type=Path, metavar="FILE", help="reach and slew of this controller's axes")
+    add(
+        "--model",
+        nargs=2,
+        action="append",
+        default=[],
+        metavar=("AXIS", "MODEL.toml"),
+        help="without --config: reach of this axis; for each axis one",
+    )
+    add("--slew", type=float, metavar="PER_S", help="with --model: largest rate of the drive")
+    add("--picture", type=Path, metavar="PNG", help="the path, and its targets over time")
+    add_force(parser)
+    add("--json", action="store_true", help="what was written, as JSON on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make, check, write; 0."""
+    from dehyst.daemon.files.recordings import write_recording
+    from dehyst.daemon.tools.scan_check import require_reach
+
+    check_outputs([args.output, args.picture], [args.config], args.force)
+    axes, rate_hz = _axes(args)
+    period_s = 1.0 / (args.sampling or rate_hz)
+    scan = _scan(args, period_s)
+    center = args.center or [_middle(axes.get(name)) for name in args.axes]
+    targets = {
+        name: values + at
+        for name, values, at in zip(args.axes, (scan.x, scan.y), center, strict=True)
+    }
+    for name, one in axes.items():
+        if one.model.displacement_unit != args.unit:
+            raise BadInput(f"axis {name} is in {one.model.displacement_unit}: give --unit so")
+    said = require_reach(axes, targets, period_s)
+    if not axes:
+        said.append("reach and slew are not checked: --config or --model says what they are")
+    columns = {f"target_{name}_{args.unit}": values for name, values in targets.items()}
+    columns["scan"] = scan.image.astype(float)
+    write_recording(args.output, scan.t_s, columns, {"source": f"dehyst scan: {scan.says}"})
+    if args.picture:
+        from dehyst.daemon.report.scan import picture_scan
+
+        x, y = targets.values()
+        png = picture_scan(scan, x, y, tuple(args.axes), args.unit)
+        with whole_file(args.picture) as file:
+            file.write(png)
+    for words in said:
+        print(f"dehyst scan: {words}", file=sys.stderr)
+    facts = {
+        "file": str(args.output),
+        "says": scan.says,
+        "seconds": float(scan.t_s[-1]),
+        "samples": int(scan.t_s.size),
+        "center": [float(at) for at in center],
+        "fastest_per_s": list(scan.speed),
+        "checked": sorted(axes),
+    }
+    if args.json:
+        print(json.dumps(facts))
+    else:
+        print(
+            f"{args.output}: {scan.says}; {scan.t_s[-1]:.4g} s, at most {scan.speed[0]:.3g} and "
+            f"{scan.speed[1]:.3g} {args.unit}/s, about ({center[0]:.4g}, {center[1]:.4g})"
+        )
+    return 0
+
+
+def _scan(args: argparse.Namespace, period_s: float) -> "Scan":
+    from dehyst.models.drive_design.scans import scan_lissajous, scan_raster, scan_spiral
+
+    if args.axes[0] == args.axes[1]:
+        raise BadInput(f"--axes {args.axes[0]} {args.axes[1]}: a path in the plane needs two axes")
+    if args.kind == "spiral":
+        if args.radius is None:
+            raise BadInput("a spiral needs --radius")
+        pitch = 0.1 * args.radius if args.pitch is None else args.pitch
+        speed = 4.0 * args.radius if args.speed is None else args.speed
+        return scan_spiral(args.radius, pitch, speed, args.most_hz, period_s)
+    if args.size is None:
+        raise BadInput(f"a {args.kind} needs --size W H")
+    width, height = args.size
+    if args.kind == "raster":
+        return scan_raster(width, height, args.lines, args.line_s, period_s, args.turn)
+    return scan_lissajous(width, height, tuple(args.ratio), args.figure_s, period_s, args.turns)
+
+
+def _axes(args: argparse.Namespace) -> tuple[dict[str, "Reached"], float]:
+    """What is known of the axes, by name, and the rate to sample at."""
+    from dehyst.daemon.files.models import load_model
+    from dehyst.daemon.tools.scan_check import axes_of, axis_of_model
+
+    if args.sampling is not None and not 0 < args.sampling < np.inf:
+        raise BadInput(f"--sampling: must be above 0, not {args.sampling:g}")
+    if args.config and args.model:
+        raise BadInput("--model goes without --config: the configuration names the models itself")
+    if args.config:
+        return axes_of(args.config, tuple(args.axes))
+    names = [name for name, _ in args.model]
+    if names and sorted(names) != sorted(args.axes):
+        raise BadInput(f"--model is needed for each of the axes {' and '.join(args.axes)}")
+    slew = FREE_SLEW if args.slew is None else args.slew
+    return {name: axis_of_model(load_model(file), slew) for name, file in args.model}, SAMPLING_HZ
+
+
+def _middle(one: "Reached | None") -> float:
+    return 0.0 if one is None else 0.5 * sum(one.set_points)
