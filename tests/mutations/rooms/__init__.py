@@ -17,12 +17,14 @@ from tests.mutations.rooms import (
     rings,
     safety,
     setup,
+    together,
 )
 
 ROOMS = {
     "motion": motion.CHANGES,
     "setup": setup.CHANGES,
     "gate": gate.CHANGES,
+    "together": together.CHANGES,
     "bus": bus.CHANGES,
     "rings": rings.CHANGES,
     "safety": safety.CHANGES,
