@@ -1,6 +1,7 @@
 """The changes, by room."""
 
 from tests.mutations.rooms import (
+    axes,
     bus,
     checks,
     diagnosis,
@@ -23,6 +24,7 @@ from tests.mutations.rooms import (
 ROOMS = {
     "motion": motion.CHANGES,
     "setup": setup.CHANGES,
+    "axes": axes.CHANGES,
     "gate": gate.CHANGES,
     "together": together.CHANGES,
     "bus": bus.CHANGES,
