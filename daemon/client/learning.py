@@ -22,18 +22,22 @@ UNUSABLE = Flag.SENSOR_INVALID | Flag.MISSED
 class LessonTaker:
     """Follows one playing of a trajectory of n points a pass, a point a period.
 
-    learner: of this trajectory; expected: (n,) what the gauge should read in a pass; period_ns: the
-    loop's. told: called with the outcome of each pass. `errors`: (n,) of the newest whole pass.
+    learner: of this trajectory; targets: (n,) of a pass; expected: (n,) what the gauge should read
+    in it; period_ns: the loop's. told: called with the outcome of each pass. `errors`: (n,) of the
+    newest whole pass.
     """
 
     def __init__(
         self,
         learner: Learner,
+        targets: Floats,
         expected: Floats,
         period_ns: int,
         told: Callable[[Outcome], None],
     ) -> None:
         self.learner, self._expected, self._told = learner, expected, told
+        self._targets = targets
+        self._step = 1.01 * float(np.abs(np.diff(targets, append=targets[0])).max()) + 1e-9
         self.n, self._period_ns = learner.n, period_ns
         self.start_ns = 0  # the loop's time of point 0; 0: not known yet
         self.errors: list[Floats] = []  # of the first pass, and of the newest
@@ -44,7 +48,6 @@ class LessonTaker:
         self._held: dict[int, NDArray[np.bool_]] = {}
         self._trimmed = False
         self._done = 0  # passes
-        self._spoilt = -1  # the one in which the loop held
         self._waiting: list[NDArray[Any]] = []
         self._fade = round(TUNING.fade_s * 1e9 / period_ns)
 
@@ -59,14 +62,6 @@ class LessonTaker:
         self._sent = int(numbers[-1]) + 1
         return np.asarray(out, np.float64)
 
-    def begins(self, start_ns: int) -> None:
-        """The loop's time of point 0, as it was told. It moves where the loop held this trajectory
-        and the ones that are played with it; nothing is learned from the pass in which it did."""
-        if self.start_ns not in (0, start_ns):
-            self._error[self._done] = np.full(self.n, np.nan)
-            self._spoilt = self._done
-        self.start_ns = start_ns
-
     def add(self, samples: NDArray[Any]) -> None:
         """Take (m,) TELEMETRY records of this trajectory."""
         self._waiting.append(samples)
@@ -77,7 +72,7 @@ class LessonTaker:
         mine = (number >= 0) & np.isfinite(samples["target"])
         samples, number = samples[mine], number[mine]
         for of_pass in np.unique(number // self.n).tolist():
-            if of_pass >= self._done and of_pass != self._spoilt:
+            if of_pass >= self._done:
                 here = number // self.n == of_pass
                 self._put(int(of_pass), samples[here], number[here] % self.n)
         while number.size and number[-1] >= (self._done + 1) * self.n - 1:
@@ -87,6 +82,8 @@ class LessonTaker:
         error = self._error.setdefault(of_pass, np.full(self.n, np.nan))
         held = self._held.setdefault(of_pass, np.zeros(self.n, np.bool_))
         good = (samples["flags"] & int(UNUSABLE)) == 0
+        # where the loop held a group, point 0 is later than it was told last
+        good &= np.abs(samples["target"] - self._targets[place]) <= self._step
         held[place] = good & ((samples["flags"] & int(Flag.SENSOR_HELD)) != 0)
         error[place] = np.where(good, samples["measured"] - self._expected[place], np.nan)
         self._trimmed = bool(samples["trim"][-1])

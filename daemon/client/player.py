@@ -211,7 +211,7 @@ class Player:
             return
         status = self.feed.status
         if status is not None and status.trajectory == self.number and status.trajectory_start_ns:
-            self.lessons.begins(status.trajectory_start_ns)
+            self.lessons.start_ns = status.trajectory_start_ns
         self.lessons.add(samples[samples["seq"] >= self.tracking.first_seq])
 
     def send(self, now_ns: int) -> None:

@@ -2,12 +2,14 @@
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.rigs.axes_bench import AxesBench
-from tests.rigs.gateway_bench import wait_until
+from tests.rigs.gateway_bench import forged_setpoint, observer_only_hears, wait_until
 
+from dehyst.daemon.bus import encoding, topics
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.client.group import Group
@@ -218,11 +220,16 @@ def test_the_gateway_may_be_killed_while_a_group_plays(stage: AxesBench, kinds: 
             stage.start_gateway()
 
     way = 5.0 + np.sin(2 * np.pi * 0.4 * t_s)
+    first = stage.loops["x"].seq
     played = group.play(t_s, {"x": way, "y": way, "z": way}, progress=kill)
     assert killed
     for one in played.values():
         assert one.completed, one.reason
-        assert one.tracking.dry == 0
+    # where the new gateway came late they stood still, together
+    ways = {axis: followed(stage, axis, first)[:1000] for axis in "xyz"}
+    for samples in ways.values():
+        assert np.array_equal(samples["scheduled_ns"], ways["x"]["scheduled_ns"])
+        assert np.allclose(samples["target"], ways["x"]["target"], atol=1e-9)
 
 
 def test_an_axis_that_cannot_play_it_keeps_the_others_still(stage: AxesBench, kinds: Kinds) -> None:
@@ -230,3 +237,45 @@ def test_an_axis_that_cannot_play_it_keeps_the_others_still(stage: AxesBench, ki
     with pytest.raises(BadInput, match="axis y: 2000 um"):
         group.play([0.0, 0.1], {"x": [2.0, 3.0], "y": [2.0, 2000.0]})
     assert kinds("x", Command.POINT) == 0
+
+
+def test_the_roles_hold_at_every_axis(tmp_path: Path) -> None:
+    """One rule for each role, whatever the axis: the observer hears all and commands none, alone
+    or together."""
+    passwords = tmp_path / "passwords"
+    passwords.write_text("alice:correct horse\nbob:battery staple\n")
+    for name, line in (("passwords", ""), ("alice", "correct horse"), ("bob", "battery staple")):
+        if line:
+            (tmp_path / name).write_text(f"{name}:{line}")
+        (tmp_path / name).chmod(0o600)
+    auth = 'auth = {passwords = "passwords", operators = ["alice"], observers = ["bob"]}, '
+    bench = AxesBench(tmp_path, "xy", auth)
+    alice, bob = (str(tmp_path / name) for name in ("alice", "bob"))
+    try:
+        bench.start_gateway()
+        for axis in "xy":
+            operator = bench.client(axis, credentials=alice)
+            _, targets = observer_only_hears(operator, bench.client(axis, credentials=bob))
+            assert 4.0 in targets
+            operator.give_up()
+        group = bench.group(credentials=bob)
+        for client in group.clients.values():
+            client.patience_s = 0.0
+        for command in (group.acquire, group.take_over, group.stop, group.release):
+            with pytest.raises(BusError, match="let these credentials"):
+                command()
+        before = {axis: loop.commands.size for axis, loop in bench.loops.items()}
+        for axis in "xy":
+            forged = forged_setpoint(group[axis])
+            group.bus.sender(group[axis].keys.pubsub("setpoint_um", "1"), topics.SETPOINT).put(
+                encoding.encode(forged)
+            )
+        with bench.group(credentials=alice) as operators:
+            operators.send({"x": 3.0, "y": 3.0})
+            wait_until("it arrives", lambda: bench.loops["y"].commands.size > before["y"])
+            newest = {axis: loop.commands["value"] for axis, loop in bench.loops.items()}
+        assert all(values[before[axis] :].tolist() == [3.0] for axis, values in newest.items())
+        with pytest.raises(BusError):
+            Group("stage-1", None, bench.address, credentials="")
+    finally:
+        bench.close()

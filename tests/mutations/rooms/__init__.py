@@ -18,6 +18,7 @@ from tests.mutations.rooms import (
     rings,
     safety,
     setup,
+    together,
 )
 
 ROOMS = {
@@ -25,6 +26,7 @@ ROOMS = {
     "setup": setup.CHANGES,
     "axes": axes.CHANGES,
     "gate": gate.CHANGES,
+    "together": together.CHANGES,
     "bus": bus.CHANGES,
     "rings": rings.CHANGES,
     "safety": safety.CHANGES,
