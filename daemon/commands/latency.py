@@ -58,6 +58,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure, report, judge."""
     config = load_config(args.config) if args.config else None
+    _setup(args, config, _default_hz({}))  # what is given is checked before anything is measured
     io = {} if args.no_io else time_devices(config)
     setup = _setup(args, config, _default_hz(io))
     with _progress(setup.seconds):

@@ -12,6 +12,7 @@ import pytest
 from dehyst.daemon.commands.latency import _default_hz
 from dehyst.daemon.loop.timing.histogram import Histogram
 from dehyst.daemon.loop.timing.realtime import IDLE_LATENCY, Obtained
+from dehyst.daemon.main import main
 from dehyst.daemon.tools.latency import LatencyOutcome, Setup
 from dehyst.daemon.tools.machine import advice
 
@@ -49,10 +50,11 @@ def test_times_the_emulated_devices_and_refuses_what_they_cannot() -> None:
 
 
 @pytest.mark.parametrize("bad", [("--rate", "0"), ("--for", "-1"), ("--config", "/nowhere.toml")])
-def test_bad_arguments_are_one_line(bad: tuple[str, str]) -> None:
-    done = dehyst(*bad)
-    assert done.returncode == 2
-    assert len(done.stderr.strip().splitlines()) == 1
+def test_bad_arguments_are_one_line(
+    bad: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["latency", *bad]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
 def outcome(missed: int, io_us: float = 0.0) -> LatencyOutcome:
