@@ -106,7 +106,8 @@ def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.files.recordings import write_recording
     from dehyst.daemon.tools.scan_check import require_reach
 
-    check_outputs([args.output, args.picture], [args.config], args.force)
+    models = [Path(file) for _, file in args.model]
+    check_outputs([args.output, args.picture], [args.config, *models], args.force)
     axes, rate_hz = _axes(args)
     period_s = 1.0 / (args.sampling or rate_hz)
     scan = _scan(args, period_s)

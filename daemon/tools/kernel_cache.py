@@ -134,7 +134,7 @@ def drop_stale() -> int:
     """
     own = os.environ.get("NUMBA_CACHE_DIR")
     roots = [Path(own)] if own else [PACKAGE / room for room in ROOMS]
-    begun_ns = time.time_ns()
+    now_ns = time.time_ns()  # files are dated by the wall clock
     last_change_ns = max(path.stat().st_mtime_ns for path in _sources().values())
     newest: dict[tuple[str, str], int] = {}
     dropped = 0
@@ -148,7 +148,7 @@ def drop_stale() -> int:
                 index.unlink()
                 dropped += 1
             else:
-                os.utime(index, ns=(begun_ns, begun_ns))
+                os.utime(index, ns=(now_ns, now_ns))
         except OSError:
             continue  # another process was faster, or the cache is not ours to clean
     return dropped

@@ -29,6 +29,11 @@ WRITES: dict[str, list[str]] = {
         "excite --range 0 50 --band 5 --duration 2 -o d.csv --picture {out}",
     ],
     "acquire": ["acquire {rec} --config {config} -o {out}"],
+    "scan": [
+        "scan lissajous --size 1 1 --model x {model} --model y {model} -o {out}",
+        "scan lissajous --size 1 1 --config {config} -o {out}",
+        "scan lissajous --size 1 1 -o s.csv --picture {out}",
+    ],
     "record": ["record --credentials {credentials} -o {out}"],
     "config": ["config init --range 0 100 -o {out}"],
     "doctor": ["doctor --credentials {credentials} --report {out}"],
