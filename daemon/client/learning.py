@@ -22,18 +22,22 @@ UNUSABLE = Flag.SENSOR_INVALID | Flag.MISSED
 class LessonTaker:
     """Follows one playing of a trajectory of n points a pass, a point a period.
 
-    learner: of this trajectory; expected: (n,) what the gauge should read in a pass; period_ns: the
-    loop's. told: called with the outcome of each pass. `errors`: (n,) of the newest whole pass.
+    learner: of this trajectory; targets: (n,) of a pass; expected: (n,) what the gauge should read
+    in it; period_ns: the loop's. told: called with the outcome of each pass. `errors`: (n,) of the
+    newest whole pass.
     """
 
     def __init__(
         self,
         learner: Learner,
+        targets: Floats,
         expected: Floats,
         period_ns: int,
         told: Callable[[Outcome], None],
     ) -> None:
         self.learner, self._expected, self._told = learner, expected, told
+        self._targets = targets
+        self._step = 1.01 * float(np.abs(np.diff(targets, append=targets[0])).max()) + 1e-9
         self.n, self._period_ns = learner.n, period_ns
         self.start_ns = 0  # the loop's time of point 0; 0: not known yet
         self.errors: list[Floats] = []  # of the first pass, and of the newest
@@ -78,6 +82,8 @@ class LessonTaker:
         error = self._error.setdefault(of_pass, np.full(self.n, np.nan))
         held = self._held.setdefault(of_pass, np.zeros(self.n, np.bool_))
         good = (samples["flags"] & int(UNUSABLE)) == 0
+        # where the loop held a group, point 0 is later than it was told last
+        good &= np.abs(samples["target"] - self._targets[place]) <= self._step
         held[place] = good & ((samples["flags"] & int(Flag.SENSOR_HELD)) != 0)
         error[place] = np.where(good, samples["measured"] - self._expected[place], np.nan)
         self._trimmed = bool(samples["trim"][-1])

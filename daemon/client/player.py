@@ -210,7 +210,7 @@ class Player:
         if self.lessons is None or self.index == 0:
             return
         status = self.feed.status
-        if self.lessons.start_ns == 0 and status is not None and status.trajectory == self.number:
+        if status is not None and status.trajectory == self.number and status.trajectory_start_ns:
             self.lessons.start_ns = status.trajectory_start_ns
         self.lessons.add(samples[samples["seq"] >= self.tracking.first_seq])
 

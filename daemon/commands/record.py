@@ -2,22 +2,27 @@
 
 import argparse
 import signal
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dehyst import __version__
-from dehyst.daemon.client.connection import add_connection, connect, print_json, say
-from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.client.connection import add_connection, connect_axes, print_json, say
+from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
 from dehyst.daemon.rings.records import Flag
 from dehyst.models.errors import BadInput, NotNow
 
 if TYPE_CHECKING:
     from dehyst.daemon.bus.messages import Status
     from dehyst.daemon.client.client import Client
+    from dehyst.daemon.client.telemetry import TelemetryStream
+    from dehyst.daemon.files.recorder import OtherAxis, Recorder
 
 LATE_S, LOOP_S = 10.0, 60.0
 EPILOG = """Columns: t_s, the drive in the model's unit (u_v), the measured displacement (y_um), the
 target (target_um), trim_um, learned_um, missed and flags; `dehyst identify` reads the file back.
+Of a controller with several axes each gets a file of its own (run-x.csv, run-y.csv), with the other
+axes' displacements and drives beside (axis_y_um, axis_y_drive_v).
 Displacements count from the daemon's set-point origin; --frame model counts from the model's own
 zero, for a file from which a new model for the same configuration is identified. Samples that did
 not arrive are fetched from the daemon's history; what cannot be had is a gap in t_s, never bridged.
@@ -57,6 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Record until --for, SIGINT or SIGTERM."""
     from dehyst.daemon import clock
+    from dehyst.daemon.files.joined import JoinedTelemetry, at_the_same_time
     from dehyst.daemon.files.pieces import parse_rotation
     from dehyst.daemon.files.recorder import Recorder
     from dehyst.daemon.files.rows import check_kind
@@ -72,47 +78,86 @@ def run(args: argparse.Namespace) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: ending.append(number))
     until_s = args.seconds if args.seconds is not None else float("inf")
-    with connect(args, "record") as client:
-        status, config = known_status(client, ending), client.config()
-        origin = status.origin if args.frame == "model" else 0.0
-        units = (status.drive_unit, status.unit)
-        stream = client.stream()
-        with Recorder(
-            args.output,
-            config.actuator.gain,
-            units,
-            origin,
-            notes(status, args.frame),
-            replace=args.force and rotation is None,
-            rotation=rotation,
-        ) as file:
-            begun_ns = heard_ns = clock.monotonic_ns()
-            done = quiet = late = False
-            while not (ending or done or late):
-                samples = stream.read(0.1)
-                done = file.add(samples, until_s, stream.wall_offset_ns)
-                now_ns = clock.monotonic_ns()
-                late = (now_ns - begun_ns) / clock.NS > until_s + LATE_S
-                if samples.size:
-                    heard_ns, quiet = now_ns, False
-                elif not quiet and now_ns - heard_ns > 5 * clock.NS:
-                    quiet = True
-                    say("no telemetry for 5 s; waiting")
-        result: dict[str, Any] = {
-            "file": str(args.output),
-            "samples": file.rows,
-            "seconds": file.time_s,
-            "lost_samples": stream.lost,
-            "gaps": file.gaps,
-            "fetched_from_history": stream.recovered,
-            **(
-                {"pieces": [str(p) for p in file.pieces.made], "dropped": file.pieces.dropped}
-                if rotation
-                else {}
-            ),
-            "complete": not (stream.lost or file.gaps or late) and file.rows > 0,
+    with connect_axes(args, "record") as stage, ExitStack() as opened:
+        axes = {axis: Recorded(client, ending) for axis, client in stage.clients.items()}
+        alone = len(axes) == 1
+        recorders = {
+            axis: opened.enter_context(
+                Recorder(
+                    args.output if alone else file_of_axis(args.output, axis),
+                    one.gain,
+                    one.units,
+                    one.status.origin if args.frame == "model" else 0.0,
+                    notes(one.status, args.frame),
+                    replace=args.force and rotation is None,
+                    rotation=rotation,
+                    others=[other.beside(name) for name, other in axes.items() if name != axis],
+                )
+            )
+            for axis, one in axes.items()
         }
-    return report(result, args.json)
+        joined = JoinedTelemetry(list(axes))
+        begun_ns = heard_ns = clock.monotonic_ns()
+        done = quiet = late = False
+        while not (ending or done or late):
+            came = 0
+            for axis, one in axes.items():
+                samples = one.stream.read(0.1 / len(axes))
+                joined.add(axis, samples)
+                came += samples.size
+            parts = joined.take()
+            for axis, file in recorders.items():
+                others = {
+                    name: at_the_same_time(parts[axis], parts[name])
+                    for name in axes
+                    if name != axis
+                }
+                done |= file.add(parts[axis], until_s, axes[axis].stream.wall_offset_ns, others)
+            now_ns = clock.monotonic_ns()
+            late = (now_ns - begun_ns) / clock.NS > until_s + LATE_S
+            if came:
+                heard_ns, quiet = now_ns, False
+            elif not quiet and now_ns - heard_ns > 5 * clock.NS:
+                quiet = True
+                say("no telemetry for 5 s; waiting")
+        opened.close()
+    results = {
+        axis: outcome(file, axes[axis].stream, late, rotation is not None)
+        for axis, file in recorders.items()
+    }
+    return report(results, args.json)
+
+
+class Recorded:
+    """One axis that is recorded. ending: not empty, where no more is wanted."""
+
+    def __init__(self, client: "Client", ending: list[int]) -> None:
+        self.status, self.stream = known_status(client, ending), client.stream()
+        self.gain = client.config().actuator.gain
+        self.units = (self.status.drive_unit, self.status.unit)
+
+    def beside(self, axis: str) -> "OtherAxis":
+        """What the recordings of the other axes have of this one."""
+        from dehyst.daemon.files.recorder import OtherAxis
+
+        return OtherAxis(axis, self.gain, *self.units)
+
+
+def outcome(
+    file: "Recorder", stream: "TelemetryStream", late: bool, pieces: bool
+) -> dict[str, Any]:
+    """What came of one file."""
+    made = {"pieces": [str(p) for p in file.pieces.made], "dropped": file.pieces.dropped}
+    return {
+        "file": str(file.path),
+        "samples": file.rows,
+        "seconds": file.time_s,
+        "lost_samples": stream.lost,
+        "gaps": file.gaps,
+        "fetched_from_history": stream.recovered,
+        **(made if pieces else {}),
+        "complete": not (stream.lost or file.gaps or late) and file.rows > 0,
+    }
 
 
 def known_status(client: "Client", ending: list[int]) -> "Status":
@@ -141,14 +186,15 @@ def notes(status: "Status", frame: str) -> dict[str, str]:
     }
 
 
-def report(result: dict[str, Any], as_json: bool) -> int:
-    """Print the result; the exit code."""
+def report(results: dict[str, dict[str, Any]], as_json: bool) -> int:
+    """Print the result of each axis; the exit code."""
     if as_json:
-        print_json(result)
+        print_json(results if len(results) > 1 else next(iter(results.values())))
     else:
-        lost, fetched = result["lost_samples"], result["fetched_from_history"]
-        say(
-            f"{result['file']}: {result['samples']} samples, {result['seconds']:.3f} s; "
-            f"{lost} lost" + (f", {fetched} fetched from the history" if fetched else "")
-        )
-    return 0 if result["complete"] else 1
+        for result in results.values():
+            lost, fetched = result["lost_samples"], result["fetched_from_history"]
+            say(
+                f"{result['file']}: {result['samples']} samples, {result['seconds']:.3f} s; "
+                f"{lost} lost" + (f", {fetched} fetched from the history" if fetched else "")
+            )
+    return 0 if all(result["complete"] for result in results.values()) else 1

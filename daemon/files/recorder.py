@@ -5,9 +5,12 @@ measured displacement, the target, what trim and learning added to it, whether t
 missed, the flags (dehyst.daemon.rings.records.Flag). A reading is taken before its sample's voltage
 is written, so the drive beside it is the one written a sample before: the drive that was in force.
 Displacements count from the set-point origin, or from the model's own zero with frame "model".
-Missing readings and targets are empty; missing samples are missing rows.
+Missing readings and targets are empty; missing samples are missing rows. Of the controller's other
+axes, the displacement (from the set-point origin) and the drive in force go beside it.
 """
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -16,9 +19,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon.files.appended import RecordingFailed
+from dehyst.daemon.files.axis_columns import axis_column
 from dehyst.daemon.files.pieces import Pieces, Rotation
 from dehyst.daemon.files.rows import Columns, Rows, check_kind, open_rows
 from dehyst.daemon.rings.records import Flag
+
+NO_OTHERS: Mapping[str, NDArray[Any]] = {}
+
+
+@dataclass(frozen=True)
+class OtherAxis:
+    """Another axis of the controller: its name, actuator volts per drive unit, its units."""
+
+    name: str
+    gain: float
+    drive_unit: str
+    unit: str
 
 
 class Recorder:
@@ -26,7 +42,8 @@ class Recorder:
 
     path: the file, a new one unless `replace`; gain: actuator volts per drive unit; units:
     (drive, displacement); origin: added to displacements; metadata: notes, to which `started` is
-    added; rotation: write numbered pieces instead. Raises BadInput on a kind that is not written.
+    added; rotation: write numbered pieces instead; others: axes whose samples come with each `add`.
+    Raises BadInput on a kind that is not written.
     """
 
     def __init__(
@@ -38,6 +55,7 @@ class Recorder:
         metadata: dict[str, str],
         replace: bool = False,
         rotation: Rotation | None = None,
+        others: Sequence[OtherAxis] = (),
     ) -> None:
         check_kind(path)
         self.path, self._gain, self._origin = path, gain, origin
@@ -45,7 +63,10 @@ class Recorder:
         self.time_s = float("nan")  # of the newest row
         self.pieces = Pieces(path, rotation)
         self._first_ns: int | None = None
-        self._before: Any = None  # the newest sample: its voltage is the next row's drive
+        # the newest sample: its voltage is the next row's drive; and those of the other axes
+        self._before: Any = None
+        self._others = others
+        self._others_before: dict[str, Any] = {}
         self._notes, self._replace = dict(metadata), replace
         drive, disp = units
         self._names = (
@@ -54,6 +75,8 @@ class Recorder:
             *(f"{what}_{disp}" for what in ("y", "target", "trim", "learned")),
             "missed",
             "flags",
+            *(axis_column(other.name, other.unit) for other in others),
+            *(axis_column(other.name, other.drive_unit, drive=True) for other in others),
         )
         self._complete_rows = 0
         self._piece: Rows | None = None
@@ -78,10 +101,15 @@ class Recorder:
         self._end_piece()
 
     def add(
-        self, samples: NDArray[Any], until_s: float = float("inf"), wall_offset_ns: int = 0
+        self,
+        samples: NDArray[Any],
+        until_s: float = float("inf"),
+        wall_offset_ns: int = 0,
+        others: Mapping[str, NDArray[Any]] = NO_OTHERS,
     ) -> bool:
         """Append (n,) TELEMETRY records, ascending, up to and without the time until_s; True when
-        that time has come. wall_offset_ns: wall clock minus their clock, 0 where it is not known.
+        that time has come. wall_offset_ns: wall clock minus their clock, 0 where it is not known;
+        others: (n,) records of the other axes at the same moments.
         Raises BadInput where the file cannot be made, RecordingFailed when the disk is full or
         gone; the file then ends with something whole."""
         if not samples.size:
@@ -101,18 +129,27 @@ class Recorder:
         done = not keep.all()
         samples, t_s = samples[keep], t_s[keep]
         if samples.size:
+            beside = [others[other.name][keep] for other in self._others]
             self._append(
                 (
                     t_s,
-                    self._drive(samples),
+                    self._drive(samples, self._before, self._gain),
                     samples["measured"] + self._origin,
                     samples["target"] + self._origin,
                     samples["trim"],
                     samples["learned"],
                     np.asarray((samples["flags"] & int(Flag.MISSED)) != 0, np.uint8),
                     samples["flags"],
+                    *(of["measured"] for of in beside),
+                    *(
+                        self._drive(of, self._others_before.get(other.name), other.gain)
+                        for other, of in zip(self._others, beside, strict=True)
+                    ),
                 )
             )
+            self._count_gaps(samples)
+            for other, of in zip(self._others, beside, strict=True):
+                self._others_before[other.name] = of[-1].copy()
             self.time_s = float(t_s[-1])
             self._before = samples[-1].copy()
         return done
@@ -154,16 +191,18 @@ class Recorder:
             finally:
                 self._complete_rows += piece.rows
 
-    def _drive(self, samples: NDArray[Any]) -> NDArray[np.float64]:
-        """Drive in force at each reading: the voltage of the sample before, NaN after a gap."""
+    def _count_gaps(self, samples: NDArray[Any]) -> None:
+        self.gaps += int(np.count_nonzero(np.diff(samples["seq"]) != 1))
+        if self._before is not None:
+            self.gaps += int(self._before["seq"]) + 1 != int(samples["seq"][0])
+
+    @staticmethod
+    def _drive(samples: NDArray[Any], before: Any, gain: float) -> NDArray[np.float64]:
+        """Drive in force at each reading: the voltage of the sample before, NaN after a gap.
+        before: the record before these."""
         out = np.full(samples.size, np.nan)
         out[1:] = samples["volts"][:-1]
-        follows = np.diff(samples["seq"]) == 1
-        out[1:][~follows] = np.nan
-        self.gaps += int(np.count_nonzero(~follows))
-        if self._before is not None:
-            if int(self._before["seq"]) + 1 == int(samples["seq"][0]):
-                out[0] = self._before["volts"]
-            else:
-                self.gaps += 1
-        return np.asarray(out / self._gain)
+        out[1:][np.diff(samples["seq"]) != 1] = np.nan
+        if before is not None and int(before["seq"]) + 1 == int(samples["seq"][0]):
+            out[0] = before["volts"]
+        return np.asarray(out / gain)

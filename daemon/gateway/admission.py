@@ -280,6 +280,8 @@ class Admission:
         records = _records(Kind.POINT, command.client, command.trajectory, values, offsets)
         records["last"][-1] = command.last
         records["correction"] = learned
+        if len(command.axes) > 1:
+            records["group"], records["members"] = command.trajectory, len(command.axes)
         return records, "ok"
 
     def _continued(self, command: Chunk) -> _Trajectory:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
-from dehyst.daemon.bus.messages import Rejection, Reply, Request, Setpoint
+from dehyst.daemon.bus.messages import Chunk, Rejection, Reply, Request, Setpoint
 from dehyst.daemon.bus.session import Asked, Bus
 from dehyst.daemon.bus.topics import REJECTION, subject
 from dehyst.daemon.gateway.admission import Admission
@@ -169,6 +169,8 @@ class CommandIntake:
             try:
                 if isinstance(command, Request) and command.axes:
                     reply = self._decide_together(now_ns, door, command)
+                elif isinstance(command, Chunk) and (why := self._strange(door, command)):
+                    reply = door.admission.refuse(now_ns, "bad-message", why)
                 else:
                     reply, records = door.admission.handle(now_ns, command, door.rings.room)
                     door.rings.push(records)
@@ -178,6 +180,15 @@ class CommandIntake:
         if not reply.ok:
             door.refused(client, reply.code, reply.text, 1)
         return reply
+
+    def _strange(self, door: AxisDoor, chunk: Chunk) -> str:
+        """Why these axes cannot play together: one that is not there would be waited for."""
+        axes = chunk.axes
+        if not axes or (
+            door.name in axes and set(axes) <= self._doors.keys() and len(set(axes)) == len(axes)
+        ):
+            return ""
+        return f"axes {', '.join(axes)}: there are {', '.join(self._doors)}, each at most once"
 
     def _decide_together(self, now_ns: int, door: AxisDoor, request: Request) -> Reply:
         gates = {name: (d.admission, d.rings.room) for name, d in self._doors.items()}

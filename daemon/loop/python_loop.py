@@ -91,9 +91,10 @@ class PythonLoop:
             monitor.publish_status(clock.monotonic_ns())
 
     def _sample(self, woke_ns: int) -> int:
-        axes, io_ns = self._axes, 0
+        axes, io_ns, asked = self._axes, 0, False
         for axis in axes:
-            io_ns += axis.read_sensor()
+            spent_ns, asked = axis.read_sensor(asked)
+            io_ns += spent_ns
         for axis in axes:
             axis.take_back()
         begin_axes(self._addresses, self._now(), self._volts)
@@ -189,31 +190,32 @@ class _AxisDevices:
             self._call_ns,
         )
 
-    def read_sensor(self) -> int:
-        """Nanoseconds in the driver; the reading goes into the meter."""
-        self._flags, spent_ns = self._read()
+    def read_sensor(self, others_asked: bool) -> tuple[int, bool]:
+        """The reading goes into the meter. Nanoseconds in the driver, and whether an amplifier has
+        been asked for its report in this sample, here or before: one axis in a sample is."""
+        begun_ns = self._now()
+        asked = not others_asked and self.readback is not None and self._read_back(self.readback)
+        self._flags = self._read(asked)
         self.monitor.numbers[THE_HELD] = 1 if self._flags & HELD else 0
-        return spent_ns
+        return self._now() - begun_ns, asked or others_asked
 
-    def _read(self) -> tuple[int, int]:
-        """(flags, nanoseconds in the driver)."""
+    def _read(self, asked: bool) -> int:
+        """Flags of the reading. asked: there is no time for one."""
         monitor, sensor = self.monitor, self.monitor.sensor
         if not sensor.ok:
             monitor.floats[MEASURED] = NAN
             monitor.numbers[SENSOR_OK] = sensor.came_back()
-        before_ns = self._now()
-        asked = self.readback is not None and self._read_back(self.readback)
         if not sensor.ok or not monitor.numbers[SENSOR_OK]:
-            return INVALID, self._now() - before_ns
+            return INVALID
         if asked or monitor.numbers[SAMPLES] % self._every:
-            return HELD, self._now() - before_ns
+            return HELD
         try:
             reading = sensor.call(sensor.device.read)
             monitor.floats[MEASURED] = reading * self._scale + self._zero
         except DriverError:
             monitor.floats[MEASURED] = NAN
             monitor.numbers[SENSOR_OK] = 0
-        return 0, self._now() - before_ns
+        return 0
 
     def _read_back(self, check: ReadbackCheck) -> bool:
         """Now and then, in the place of a sensor reading: does the amplifier report what was

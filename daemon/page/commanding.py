@@ -87,6 +87,10 @@ class Commander:
 
         self._begin(task)
 
+    def end_task(self) -> None:
+        """End what runs, as another axis of the controller was stopped and this one with it."""
+        self._over.set()
+
     def stop(self, at_once: bool) -> None:
         """Stop the stage, whoever commands it; at_once: ramp now. Raises BusError, Refusal."""
         self._over.set()

@@ -68,7 +68,7 @@ class Visit:
         self.controllers, self.jobs, self.ticks = controllers, jobs, ticks
         self._look: wire.Look | None = None
         self._cursor = -1
-        self._run = self._event = self._changes = self._findings = -1
+        self._run = self._event = self._changes = self._findings = self._path = -1
         self._commanders: dict[str, Commander] = {}
         self._waiting: asyncio.Queue[str | bytes] = asyncio.Queue(MOST_WAITING)
         self._loop = asyncio.get_running_loop()
@@ -127,6 +127,12 @@ class Visit:
             await self._send(wire.encode_view("events", name=watch.name, events=events))
         if number % STATUS_TICKS == 0:
             await self._send(share((watch, "status"), lambda: wire.describe_status(watch)))
+            if len(watch.axes) > 1:
+                text, self._path = share(
+                    (watch.axes, "axes", self._path),
+                    lambda: wire.describe_axes(self.controllers.of_one(watch), self._path),
+                )
+                await self._send(text)
 
     def _frame(self, watch: Watch, look: wire.Look) -> tuple[bytes, int, int]:
         level = level_for(look.window_s, look.width_px)
@@ -171,7 +177,7 @@ class Visit:
     async def _do(self, ask: wire.Ask) -> None:
         if isinstance(ask, wire.Look):
             if self._look is None or self._look.name != ask.name:
-                self._event = self._changes = self._findings = -1
+                self._event = self._changes = self._findings = self._path = -1
             self._look, self._cursor = ask, -1
             return
         watch = self._watch()
@@ -188,6 +194,9 @@ class Visit:
             return
         commander = self._commander(watch)
         if isinstance(ask, wire.Stop):
+            for watch_of in self.controllers.of_one(watch):
+                if watch_of is not watch and watch_of.name in self._commanders:
+                    self._commanders[watch_of.name].end_task()
             await asyncio.to_thread(commander.stop, ask.at_once)
             self.say(RELEASED if ask.at_once else STOPPED)
         elif isinstance(ask, wire.Go):

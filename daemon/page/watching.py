@@ -21,6 +21,7 @@ from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.client.client import Client, daemons
 from dehyst.daemon.config import Config
 from dehyst.daemon.page.buckets import Buckets
+from dehyst.daemon.page.trail import Trail
 from dehyst.daemon.page.wakeups import Wakeups
 from dehyst.models.errors import DehystError
 from dehyst.models.model import Model
@@ -40,7 +41,7 @@ class Watch:
 
     def __init__(self, address: str, base: str, name: str, credentials: str) -> None:
         self.address, self.base, self.name, self.credentials = address, base, name, credentials
-        self.buckets, self.wakeups = Buckets(), Wakeups()
+        self.buckets, self.wakeups, self.trail = Buckets(), Wakeups(), Trail()
         self.lock = threading.Lock()
         self.status: Status | None = None
         self.status_at_ns = 0
@@ -80,12 +81,18 @@ class Watch:
             return float("nan"), float("nan")
         return float(np.sqrt(sum(s for s, _, _ in parts) / count)), max(m for _, m, _ in parts)
 
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of all axes of its controller; empty where it has one alone."""
+        return self.status.gateway.axes if self.status is not None else ()
+
     def stop(self, at_once: bool) -> None:
-        """Drop all targets: hold, then ramp; at_once: ramp now. Raises BusError, Refusal."""
+        """Drop all targets of all axes of this controller: hold, then ramp; at_once: ramp now.
+        Raises BusError, Refusal."""
         client = self._client
         if client is None:
             raise BusError(f"{self.name} cannot be reached: {self.problem}")
-        client.release() if at_once else client.stop()
+        client.release(self.axes) if at_once else client.stop(self.axes)
 
     def decide_offer(self, action: Literal["accept", "reject"], number: int) -> None:
         """Accept or reject an offer of the doctor. Raises BusError, Refusal."""
@@ -169,6 +176,7 @@ class Watch:
         with self.lock:
             self.buckets.add(samples)
             self.wakeups.add(samples)
+            self.trail.add(samples)
         self.newest = samples[-1]
 
     def _take_status(self, status: Status, at_ns: int) -> None:
@@ -199,7 +207,8 @@ class Watch:
 
 
 class Controllers:
-    """All controllers at the given addresses, by name; new ones are found while it runs."""
+    """All controllers at the given addresses, each axis by its name; new ones are found while it
+    runs."""
 
     def __init__(
         self, addresses: Sequence[str], base: str, name: str | None, credentials: str
@@ -215,6 +224,11 @@ class Controllers:
         ]
         for thread in self._threads:
             thread.start()
+
+    def of_one(self, watch: Watch) -> list[Watch]:
+        """All axes of this one's controller that are known, in its order."""
+        names = watch.axes or (watch.name,)
+        return [self.watches[name] for name in names if name in self.watches]
 
     def close(self) -> None:
         """End all connections."""

@@ -8,6 +8,7 @@ largest values f32.
 """
 
 import struct
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -16,6 +17,7 @@ from msgspec import Meta
 
 from dehyst.daemon.page.buckets import FINEST_NS, Piece
 from dehyst.daemon.page.commanding import LONGEST_S
+from dehyst.daemon.page.trail import POINT_NS, join_trails
 from dehyst.daemon.page.wakeups import edges_us
 from dehyst.daemon.page.watching import Controllers, Watch
 from dehyst.models.hysteresis.forward import simulate_hysteresis
@@ -137,6 +139,48 @@ def describe_status(watch: Watch) -> str:
         healths=list(watch.healths),
         changes=watch.changes,
     )
+
+
+def describe_axes(axes: Sequence[Watch], path: int) -> tuple[str, int]:
+    """All axes of a controller, and their way since the point of the number `path`; the number of
+    the newest point."""
+    pieces = []
+    for watch in axes:
+        with watch.lock:
+            pieces.append(watch.trail.since(path))
+    pieces = join_trails(pieces)
+    newest = int(pieces[0].number[-1]) if pieces and pieces[0].number.size else path
+    said = encode_view(
+        "axes",
+        controller=axes[0].status.gateway.controller if axes and axes[0].status else "",
+        anew=path < 0,
+        point_s=POINT_NS * 1e-9,
+        number=[] if not pieces else pieces[0].number.tolist(),
+        axes=[
+            _axis(watch) | {"way": [piece.target.tolist(), piece.measured.tolist()]}
+            for watch, piece in zip(axes, pieces, strict=True)
+        ],
+    )
+    return said, newest
+
+
+def _axis(watch: Watch) -> dict[str, Any]:
+    status, newest = watch.status, watch.newest
+    if status is None or newest is None:
+        return {"name": watch.name, "state": watch.problem}
+    alive = status.core_alive and watch.silent_s < 3.0
+    return {
+        "name": watch.name,
+        "axis": watch.name.removeprefix(f"{status.gateway.controller}-"),
+        "unit": status.unit,
+        "state": status.state if alive else "no word",
+        "target": float(newest["target"]),
+        "measured": float(newest["measured"]),
+        "error": watch.error()[0],
+        "volts": float(newest["volts"]),
+        "commander": status.gateway.lease_label,
+        "mismatch": status.gateway.mismatch,
+    }
 
 
 def describe_doctor(watch: Watch) -> str:

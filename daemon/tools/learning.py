@@ -65,7 +65,7 @@ class Course:
             known,
         )
         expected = expected_reading(model, values, self.period_s)
-        self.taker = LessonTaker(self.learner, expected, status.period_ns, told)
+        self.taker = LessonTaker(self.learner, values, expected, status.period_ns, told)
         self.points = Repeated(times, values, repeat, self.taker.correct)
 
     def save(self) -> None:

@@ -154,6 +154,7 @@ class Control:
             "drive_v": stage.drive_v,
             "displacement_um": stage.displacement_um,
             "sets": unit.sets_done,
+            "sets_of_all": unit.sets_of_all,
             "readings": bench.gauge_units[axis].readings_done,
         }
 

@@ -2,17 +2,46 @@
 
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from contextlib import AbstractContextManager
+from typing import Protocol
 
 from dehyst.drivers.call_times import CallTimes
-from dehyst.drivers.mdt693b.link import CommandRefused
+from dehyst.drivers.mdt693b.link import CommandRefused, Mdt693bLink
+from dehyst.drivers.mdt693b.settings import Mdt693bConfig
 from dehyst.drivers.mdt693b.tuning import TUNING
 from dehyst.drivers.mdt693b.unit_facts import NATIVE
 
-if TYPE_CHECKING:  # the driver makes these
-    from dehyst.drivers.mdt693b.driver import Mdt693b
-
 ALL, ASK_ALL = "xyzvoltage={:.3f},{:.3f},{:.3f}", "xyzvoltage?"
+
+
+class Output(Protocol):
+    """What is needed of the driver of one output (driver.py)."""
+
+    config: Mdt693bConfig
+
+    def word(self, name: str, volts: float = 0.0) -> str:
+        """A command in this unit's words."""
+        ...
+
+    def admit(self, volts: float) -> float:
+        """The set-point as it will be written. Raises OutOfRange."""
+        ...
+
+    def conversation(self) -> AbstractContextManager[Mdt693bLink]:
+        """The link, for this thread alone."""
+        ...
+
+    def get_in_step(self, link: Mdt693bLink) -> None:
+        """Before a set: what became of the one before."""
+        ...
+
+    def trying(self, volts: float | None) -> None:
+        """A set goes out whose fate is not known yet; None: it was refused."""
+        ...
+
+    def carried_out(self, volts: float) -> None:
+        """The unit has acknowledged this set-point."""
+        ...
 
 
 class JointOutputs:
@@ -22,7 +51,7 @@ class JointOutputs:
     """
 
     def __init__(
-        self, outputs: Sequence["Mdt693b"], clock: Callable[[], float] = time.monotonic
+        self, outputs: Sequence[Output], clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._outputs = tuple(sorted(outputs, key=lambda output: output.config.axis))
         self._order = [outputs.index(output) for output in self._outputs]

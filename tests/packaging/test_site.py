@@ -32,14 +32,14 @@ def build(folder: Path, extra: str) -> "subprocess.CompletedProcess[str]":
 
 
 def test_links_that_lead_somewhere(tmp_path: Path) -> None:
-    good = "[a](record.md) [b](record.md#for-weeks) [c](../daemon/config.py) [d](../README.md)"
+    good = "[a](record.md) [b](record.md#for-weeks) [c](../daemon/main.py) [d](../README.md)"
     done = build(tmp_path, good)
     assert done.returncode == 0, done.stderr
     site = tmp_path / "out" / "site"
     assert "A piezo stage does not go where its voltage says" in (site / "index.html").read_text()
     page = (site / "extra.html").read_text()
     assert 'href="record.html#for-weeks"' in page
-    assert "c (<code>daemon/config.py</code>)" in page
+    assert "c (<code>daemon/main.py</code>)" in page
     assert 'href="index.html"' in page
     assert (site / "layouts" / "foxglove.json").exists()
 

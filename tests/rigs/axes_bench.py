@@ -1,4 +1,4 @@
-"""A controller of several axes for tests: its gateway process, and a real loop for each axis."""
+"""A controller of several axes for tests: its loop and its gateway, a process each."""
 
 import signal
 import socket
@@ -17,7 +17,7 @@ from tests.rigs.gateway_bench import (
 
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.client.group import Group
-from dehyst.daemon.config import load_config, load_controller
+from dehyst.daemon.config import Config, load_controller
 
 SHARED = """
 name = "stage-1"
@@ -28,7 +28,7 @@ model = {{file = "model.toml"}}
 limits = {{min_v = 0.0, max_v = 95.0, slew_v_per_s = 10000.0}}
 trim = {{enabled = false}}
 safe = {{voltage_v = 0.0, ramp_v_per_s = 1000.0}}
-setpoint = {{stale_s = 1.0, hold_s = 0.2, approach_um_per_s = 200.0, queue_s = 10.0, lease_s = 3.0}}
+setpoint = {{stale_s = 5.0, hold_s = 0.2, approach_um_per_s = 200.0, queue_s = 10.0, lease_s = 3.0}}
 """
 AXIS = """
 [axis.{axis}]
@@ -37,8 +37,15 @@ sensor = {{driver = "simulated", settings = {{stage = "{axis}"}}}}
 """
 
 
+class AxisRings(Core):
+    """One axis of the loop's process, by its rings."""
+
+    def __init__(self, config: Config, process: subprocess.Popen[bytes]) -> None:
+        self.config, self.process = config, process
+
+
 class AxesBench:
-    """Loops and gateway of a controller with these axes; auth: text in [bus]."""
+    """Loop and gateway of a controller with these axes; auth: text in [bus]."""
 
     def __init__(self, folder: Path, axes: str = "xyz", auth: str = "") -> None:
         self.folder, self.port, self.axes = folder, free_port(), tuple(axes)
@@ -50,16 +57,9 @@ class AxesBench:
         self.address = f"tcp/127.0.0.1:{self.port}"
         self.open: list[Client | Group] = []
         self.gateway: subprocess.Popen[bytes] | None = None
-        self.loops = {axis: self._loop(text, axis) for axis in axes}
-
-    def _loop(self, shared: str, axis: str) -> Core:
-        """A loop that writes where the controller's own would for this axis."""
-        path = self.folder / f"loop-{axis}.toml"
-        lines = shared.replace('name = "stage-1"', f'name = "stage-1-{axis}"')
-        lines = lines.replace('/run"', f'/run/{axis}"')
-        lines += AXIS.format(axis=axis).replace(f"[axis.{axis}]", "")
-        path.write_text(lines)
-        return Core(load_config(path), path)
+        command = [sys.executable, "-m", "dehyst.daemon.main", "core", "--config", str(self.path)]
+        self.core = subprocess.Popen(command, env=environment(), stdin=subprocess.DEVNULL)
+        self.loops = {c.axis: AxisRings(c, self.core) for c in self.controller.axes}
 
     def start_gateway(self) -> None:
         """Start it, and wait until it listens and the loops run."""
@@ -102,5 +102,6 @@ class AxesBench:
         if self.gateway is not None and self.gateway.poll() is None:
             self.gateway.kill()
             self.gateway.wait(10.0)
-        for loop in self.loops.values():
-            loop.close()
+        if self.core.poll() is None:
+            self.core.kill()
+        self.core.wait(20.0)

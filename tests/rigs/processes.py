@@ -142,10 +142,10 @@ class EmulatedBench:
 
 
 class Rings:
-    """The rings of a running core."""
+    """The rings of a running core; axis: of one of its axes, where it has several."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder / "run"
+    def __init__(self, folder: Path, axis: str = "") -> None:
+        self.folder = folder / "run" / axis
 
     def read(self, name: str) -> np.ndarray:
         """All records that the ring still holds."""
@@ -190,8 +190,12 @@ class Rings:
         """Give one command as the gateway would."""
         row = np.zeros(1, COMMAND)
         row["kind"], row["value"] = kind, value
+        self.commands(row)
+
+    def commands(self, batch: np.ndarray) -> None:
+        """Give commands as the gateway would."""
         ring = Ring.attach(self.folder / "command.ring", COMMAND)
-        ring.push(row[0])
+        ring.push_many(batch)
         ring.close()
 
 
@@ -208,12 +212,12 @@ def end(process: "subprocess.Popen[str]", timeout: float = 30.0) -> int:
 
 
 @contextmanager
-def core(config: Path) -> Iterator["subprocess.Popen[str]"]:
-    """`dehyst core`, running: yields when it has written its first sample."""
-    ring = config.parent / "run" / "telemetry.ring"
+def core(config: Path, axis: str = "") -> Iterator["subprocess.Popen[str]"]:
+    """`dehyst core`, running: yields when it has written its first sample. axis: one of several."""
+    ring = config.parent / "run" / axis / "telemetry.ring"
     old = ring.stat().st_ino if ring.exists() else 0
     process = dehyst("core", "--config", str(config))
-    rings = Rings(config.parent)
+    rings = Rings(config.parent, axis)
 
     def first_sample() -> bool:
         fresh = ring.exists() and ring.stat().st_ino != old

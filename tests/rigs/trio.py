@@ -10,6 +10,7 @@ from dehyst.daemon.loop import records_in_memory
 from dehyst.daemon.loop.compiled_loop import CompiledLoop
 from dehyst.daemon.loop.python_loop import Axis, PythonLoop, Together
 from dehyst.daemon.rings.records import COMMAND, Command
+from dehyst.models.model import Block
 
 
 def group_points(
@@ -39,8 +40,19 @@ class Trio:
         axes: str = "xyz",
         mode: str = "static",
         lateness_ns: Iterable[int] = (5000,),
+        blocks: Mapping[str, tuple[Block, ...]] | None = None,
     ) -> None:
-        self.rigs = {axis: Rig(f"{prefix}-{axis}", mode) for axis in axes}
+        """blocks: by axis, of its model; those whose channel is `axis.y` or `axis.y.drive` follow
+        that axis."""
+        blocks = blocks or {}
+        self.rigs = {a: Rig(f"{prefix}-{a}", mode, blocks=blocks.get(a, ())) for a in axes}
+        for rig in self.rigs.values():
+            channels = rig.stepper.compensator.channels
+            rows = np.zeros(len(channels), records_in_memory.FOLLOW_T)
+            for i, name in enumerate(channels):
+                other = self.rigs[name.split(".")[1]].stepper.table.address
+                rows[i] = (i, other, name.endswith(".drive"), 1.0, 0.0)
+            rig.stepper.follow(rows)
         self.clock = VirtualClock(lateness_ns)
         self.words = self.clock.words()
         self.together: list[Together] = []

@@ -19,7 +19,7 @@ from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS
 from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor
 from dehyst.models.inverse.compensator import Compensator
-from dehyst.models.model import Hysteresis, Model, Validity
+from dehyst.models.model import Block, Hysteresis, Model, Validity
 
 PERIOD_NS = 1_000_000
 LOOK_NS = 700  # what one look at the clock costs in virtual time
@@ -46,11 +46,11 @@ approach_um_per_s = 200.0
 """
 
 
-def model(tau_s: float = 0.0) -> Model:
+def model(tau_s: float = 0.0, blocks: tuple[Block, ...] = ()) -> Model:
     r = 150 * (np.arange(8) / 8) ** 2 / 2
     b = np.r_[0.08, np.full(7, 0.005)]
     k = b * tau_s
-    return Model(Hysteresis(r=r, b=b, c=[0.0, 1.0], k=k), Validity(0.0, 150.0))
+    return Model(Hysteresis(r=r, b=b, c=[0.0, 1.0], k=k), Validity(0.0, 150.0), blocks=blocks)
 
 
 def setpoint(um: float) -> np.ndarray:
@@ -93,6 +93,7 @@ class Rig:
         mode: str = "static",
         lateness_ns: Iterable[int] = (5000,),
         devices: tuple[Any, Any] | None = None,
+        blocks: tuple[Block, ...] = (),
     ):
         if devices is None:
             settings: dict[str, Any] = {"stage": name, "period_s": PERIOD_NS * 1e-9}
@@ -103,8 +104,8 @@ class Rig:
                 device.open()
         actuator, sensor = devices
         compensator = Compensator(
-            model(0.0 if mode == "static" else 2e-5), PERIOD_NS * 1e-9, 0.0, 150.0, 4000.0, mode,
-            0.02,
+            model(0.0 if mode == "static" else 2e-5, blocks), PERIOD_NS * 1e-9, 0.0, 150.0, 4000.0,
+            mode, 0.02,
         )  # fmt: skip
         settings = LoopSettings.from_config(parse_config(CONFIG), 0.0, 0.0, 150.0, 0.1)
         self.stepper = Stepper(settings, compensator, 0.0)

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -44,11 +45,14 @@ FOLLOWED = "axis."
 """A model's channel `axis.y` is axis y's displacement, `axis.y.drive` its drive."""
 
 
+@dataclass(frozen=True)
 class Followed:
-    """What a channel of a model is of another axis: axis, drive (or displacement), scale, zero."""
+    """What a channel of a model is of another axis: its drive, or its displacement."""
 
-    def __init__(self, axis: str, drive: bool, scale: float = 1.0, zero: float = 0.0) -> None:
-        self.axis, self.drive, self.scale, self.zero = axis, drive, scale, zero
+    axis: str
+    drive: bool
+    scale: float = 1.0
+    zero: float = 0.0
 
 
 def followed_by(config: Config, channels: tuple[str, ...]) -> dict[str, Followed]:

@@ -3,6 +3,7 @@
 "use strict";
 import { Doctor, drawLoop } from "./doctor.js";
 import { Files, fillList } from "./files.js";
+import { Axes } from "./axes.js";
 import { Plots, clockTime, drawStill, number, readFrame } from "./plot.js";
 
 const $ = (id) => document.getElementById(id);
@@ -31,6 +32,8 @@ const plots = new Plots(
 page.plots = plots;
 const files = new Files(page);
 const doctor = new Doctor(page);
+const axes = new Axes(page, plots, (name) => choose(name));
+page.axes = axes;
 
 // -- connection ---------------------------------------------------------------------------------
 
@@ -98,6 +101,7 @@ function hear(said) {
     case "status": if (said.name === page.name) showStatus(said); break;
     case "model": if (said.name === page.name) showModel(said); break;
     case "events": if (said.name === page.name) said.events.forEach(addEvent); break;
+    case "axes": axes.hear(said); break;
     case "doctor": if (said.name === page.name) doctor.hear(said); break;
     case "said": page.say(said.text, said.wrong); break;
     default: break;
@@ -140,6 +144,7 @@ function choose(name) {
   document.title = `${name} · dehyst`;
   $("events").replaceChildren();
   doctor.hear({ reports: [] });
+  axes.choose(name);
   page.status = null;
   look();
 }
@@ -306,6 +311,7 @@ $("theme").addEventListener("click", () => {
   root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
   localStorage.setItem("theme", root.dataset.theme);
   plots.remake();
+  axes.draw();
   files.restyle();
 });
 document.addEventListener("keydown", (e) => {

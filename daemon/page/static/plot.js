@@ -7,7 +7,7 @@ const LIVE = 0x31504844;
 const KEEP = 6000; // points of a curve
 const LAG_S = 0.15; // behind the newest sample, so that the edge moves evenly
 
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
 export function clockTime(seconds, step) {
   const d = new Date(seconds * 1000);

@@ -63,7 +63,7 @@ class Loop:
     def __init__(self, start_ns: int = 77_000_000) -> None:
         self.learner = Learner(TARGET, PERIOD_NS * 1e-9, 0.02, 1.5)
         self.told: list[Outcome] = []
-        self.taker = LessonTaker(self.learner, TARGET, PERIOD_NS, self.told.append)
+        self.taker = LessonTaker(self.learner, TARGET, TARGET, PERIOD_NS, self.told.append)
         self.points = Repeated(T, TARGET, 0, self.taker.correct)
         self.rng, self.start_ns, self.sent, self.played = np.random.default_rng(3), start_ns, 0, 0
         self.learned = np.zeros(0)
@@ -120,6 +120,21 @@ def test_a_pass_with_missed_samples_is_told_and_not_learned_from() -> None:
     spoiled = [one for one in loop.told if not one.learned and one.number > 1]
     assert len(spoiled) == 1
     assert "10 of 200 samples" in spoiled[0].says
+
+
+def test_where_the_loop_held_it_is_not_learned_at_the_wrong_places() -> None:
+    """A group stands still where one of its axes starves: everything comes later from there on,
+    and is told of only after some passes."""
+    loop = Loop()
+    loop.taker.start_ns = loop.start_ns
+    loop.go(5.0)
+    loop.start_ns += 40 * PERIOD_NS
+    loop.go(2.5)
+    loop.taker.start_ns = loop.start_ns
+    loop.go(8.5)
+    assert [one.number for one in loop.told if not one.learned] == [1, 6, 7, 8]
+    left = loop.repeats + loop.learned[loop.played - N : loop.played]
+    assert left.std() < 0.15 * loop.repeats.std()
 
 
 def test_a_slow_gauge_is_learned_from_too() -> None:

@@ -1,16 +1,19 @@
 """One gateway for three axes: real loops, real sessions, real clients."""
 
+import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.rigs.axes_bench import AxesBench
-from tests.rigs.gateway_bench import wait_until
+from tests.rigs.gateway_bench import forged_setpoint, observer_only_hears, wait_until
 
+from dehyst.daemon.bus import encoding, topics
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.client.group import Group
-from dehyst.daemon.rings.records import Command
+from dehyst.daemon.rings.records import Command, Flag, State
 from dehyst.models.errors import BadInput
 
 Kinds = Callable[[str, Command], int]
@@ -38,6 +41,12 @@ def kinds(stage: AxesBench) -> Iterator[Kinds]:
     for one in stage.open:
         one.close()
     stage.open.clear()
+
+
+def followed(stage: AxesBench, axis: str, first: int) -> np.ndarray:
+    """The samples of the newest trajectory since sample `first`, without the approach."""
+    samples = stage.loops[axis].samples(first)
+    return samples[np.flatnonzero((samples["flags"] & Flag.APPROACH) != 0)[-1] + 1 :]
 
 
 def test_each_axis_has_its_own_name_and_says_whose_it_is(stage: AxesBench, kinds: Kinds) -> None:
@@ -119,8 +128,154 @@ def test_a_trajectory_is_played_by_all_axes(stage: AxesBench, kinds: Kinds) -> N
     assert (kinds("z", Command.POINT), kinds("x", Command.POINT)) == (0, 300)
 
 
+def test_they_start_on_the_same_sample_however_far_each_comes(
+    stage: AxesBench, kinds: Kinds
+) -> None:
+    group = stage.group("xyz")
+    group.send({"x": 2.0, "y": 6.0, "z": 9.0})
+    wait_until("they are there", lambda: abs(group["z"].history(0.1)["target"][-1] - 9.0) < 1e-6)
+    t_s = np.arange(0.0, 0.5, 0.005)
+    way = 2.0 + 4.0 * np.sin(np.pi * t_s) ** 2
+    first = stage.loops["x"].seq
+    group.play(t_s, {"x": way, "y": way, "z": way})
+    begun = set()
+    for axis in "xyz":
+        samples = followed(stage, axis, first)[:100]
+        begun.add(int(samples["scheduled_ns"][0]))
+        time_s = 1e-9 * (samples["scheduled_ns"] - samples["scheduled_ns"][0])
+        assert np.allclose(samples["target"], np.interp(time_s, t_s, way), atol=1e-9)
+    assert len(begun) == 1
+
+
+def test_where_one_starves_all_stand_still_together(stage: AxesBench, kinds: Kinds) -> None:
+    """The chunks of y come late: x stops, waits and goes on with it, without a jump."""
+    group = stage.group("xy")
+    group.acquire()
+    names, number = ["stage-1-x", "stage-1-y"], 4711
+    offsets = np.arange(0, 800) * 5_000_000
+    x, y = 3.0 + 2.0 * offsets * 1e-9, 7.0 - offsets * 1e-9
+    first = stage.loops["x"].seq
+
+    def send(axis: str, index: int, values: np.ndarray, part: slice, last: bool) -> None:
+        group[axis].chunk(number, index, offsets[part], values[part], last, False, None, names)
+
+    send("x", 0, x, slice(0, 400), True)
+    send("y", 0, y, slice(0, 200), False)
+    time.sleep(1.6)  # a second of y, and then it has none
+    send("y", 1, y, slice(200, 400), True)
+    done = lambda: all(c.status().trajectory_done for c in group.clients.values())  # noqa: E731
+    wait_until("they are through", done)
+    ways = {}
+    for axis in "xy":
+        samples = followed(stage, axis, first)
+        ways[axis] = samples[samples["state"] == State.RUNNING]
+    low = max(int(way["seq"][0]) for way in ways.values())
+    high = min(int(way["seq"][-1]) for way in ways.values())
+    at = {a: w["target"][(w["seq"] >= low) & (w["seq"] <= high)] for a, w in ways.items()}
+    assert np.abs(2.0 * (7.0 - at["y"]) - (at["x"] - 3.0)).max() < 1e-6  # one path, in the plane
+    x_way = ways["x"]
+    steps, periods = np.diff(x_way["target"]), np.diff(x_way["scheduled_ns"]) / 5e6
+    assert (np.abs(steps) < 1e-9).sum() > 50  # it stood
+    assert np.all(steps < 0.01 * periods + 1e-9)  # and never jumped
+    assert at["x"].max() > 6.9  # and went through to the end
+
+
+def test_where_one_is_stopped_by_another_client_the_other_holds(
+    stage: AxesBench, kinds: Kinds
+) -> None:
+    group, other = stage.group("xy"), stage.client("y", "the other")
+    t_s = np.arange(0.0, 8.0, 0.005)
+    begun = stage.loops["x"].seq
+
+    def stop(at_s: float, _total_s: float) -> None:
+        if at_s > 0.3 and kinds("y", Command.STOP_MOTION) == 0:
+            other.stop()
+
+    played = group.play(t_s, {"x": 4.0 + 0.2 * t_s, "y": 4.0 + 0.2 * t_s}, progress=stop)
+    assert not any(one.completed for one in played.values())
+    assert all(one.reason for one in played.values())
+    for axis in "xy":
+        loop = stage.loops[axis]
+        wait_until(f"{axis} is at rest", lambda loop=loop: loop.state is State.READY)
+        assert np.nanmax(followed(stage, axis, begun)["target"]) < 4.0 + 0.2 * 4.0
+
+
+def test_a_group_with_an_axis_that_is_not_there_is_refused(stage: AxesBench, kinds: Kinds) -> None:
+    x = stage.client("x")
+    offsets, values = np.array([0, 5_000_000]), np.array([4.0, 4.1])
+    with pytest.raises(Refusal, match="there are stage-1-x, stage-1-y, stage-1-z"):
+        x.chunk(9, 0, offsets, values, True, False, None, ["stage-1-x", "stage-1-w"])
+    assert kinds("x", Command.POINT) == 0
+
+
+def test_the_gateway_may_be_killed_while_a_group_plays(stage: AxesBench, kinds: Kinds) -> None:
+    group = stage.group("xyz")
+    t_s = np.arange(0.0, 5.0, 0.005)
+    killed: list[float] = []
+
+    def kill(at_s: float, _total_s: float) -> None:
+        if at_s > 0.5 and not killed:
+            killed.append(at_s)
+            stage.kill_gateway()
+            stage.start_gateway()
+
+    way = 5.0 + np.sin(2 * np.pi * 0.4 * t_s)
+    first = stage.loops["x"].seq
+    played = group.play(t_s, {"x": way, "y": way, "z": way}, progress=kill)
+    assert killed
+    for one in played.values():
+        assert one.completed, one.reason
+    # where the new gateway came late they stood still, together
+    ways = {axis: followed(stage, axis, first)[:1000] for axis in "xyz"}
+    for samples in ways.values():
+        assert np.array_equal(samples["scheduled_ns"], ways["x"]["scheduled_ns"])
+        assert np.allclose(samples["target"], ways["x"]["target"], atol=1e-9)
+
+
 def test_an_axis_that_cannot_play_it_keeps_the_others_still(stage: AxesBench, kinds: Kinds) -> None:
     group = stage.group("xy")
     with pytest.raises(BadInput, match="axis y: 2000 um"):
         group.play([0.0, 0.1], {"x": [2.0, 3.0], "y": [2.0, 2000.0]})
     assert kinds("x", Command.POINT) == 0
+
+
+def test_the_roles_hold_at_every_axis(tmp_path: Path) -> None:
+    """One rule for each role, whatever the axis: the observer hears all and commands none, alone
+    or together."""
+    passwords = tmp_path / "passwords"
+    passwords.write_text("alice:correct horse\nbob:battery staple\n")
+    for name, line in (("passwords", ""), ("alice", "correct horse"), ("bob", "battery staple")):
+        if line:
+            (tmp_path / name).write_text(f"{name}:{line}")
+        (tmp_path / name).chmod(0o600)
+    auth = 'auth = {passwords = "passwords", operators = ["alice"], observers = ["bob"]}, '
+    bench = AxesBench(tmp_path, "xy", auth)
+    alice, bob = (str(tmp_path / name) for name in ("alice", "bob"))
+    try:
+        bench.start_gateway()
+        for axis in "xy":
+            operator = bench.client(axis, credentials=alice)
+            _, targets = observer_only_hears(operator, bench.client(axis, credentials=bob))
+            assert 4.0 in targets
+            operator.give_up()
+        group = bench.group(credentials=bob)
+        for client in group.clients.values():
+            client.patience_s = 0.0
+        for command in (group.acquire, group.take_over, group.stop, group.release):
+            with pytest.raises(BusError, match="let these credentials"):
+                command()
+        before = {axis: loop.commands.size for axis, loop in bench.loops.items()}
+        for axis in "xy":
+            forged = forged_setpoint(group[axis])
+            group.bus.sender(group[axis].keys.pubsub("setpoint_um", "1"), topics.SETPOINT).put(
+                encoding.encode(forged)
+            )
+        with bench.group(credentials=alice) as operators:
+            operators.send({"x": 3.0, "y": 3.0})
+            wait_until("it arrives", lambda: bench.loops["y"].commands.size > before["y"])
+            newest = {axis: loop.commands["value"] for axis, loop in bench.loops.items()}
+        assert all(values[before[axis] :].tolist() == [3.0] for axis, values in newest.items())
+        with pytest.raises(BusError):
+            Group("stage-1", None, bench.address, credentials="")
+    finally:
+        bench.close()

@@ -128,3 +128,16 @@ def test_what_makes_no_sense_for_several_is_refused(
     assert (reply.ok, reply.code) == (False, "bad-message")
     assert gates.holders() == [0, 0, 0]
     assert not any(records.size for records in gates.records.values())
+
+
+def test_the_points_of_a_group_say_whose_they_are_and_how_many(gates: Gates) -> None:
+    assert gates.ask(1, "acquire", "xy").ok
+    times = np.array([0.0, 0.01])
+    for axis in "xy":
+        gate = gates.gates[axis]
+        gate.leases[1] = gates.lease[1]
+        assert gate.chunk(0, times, axes=("x", "y")).ok
+        assert gate.records["group"].tolist() == [9, 9]  # the trajectory's own number
+        assert gate.records["members"].tolist() == [2, 2]
+    assert gates.gates["x"].chunk(0, times, trajectory=10).ok
+    assert gates.gates["x"].records["group"].tolist() == [0, 0]

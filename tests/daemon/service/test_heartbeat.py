@@ -9,7 +9,7 @@ import pytest
 
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.daemon.rings.ring import Ring
-from dehyst.daemon.service.heartbeat import Heartbeat
+from dehyst.daemon.service.heartbeat import Heartbeat, Heartbeats
 
 SAMPLE = np.zeros(1, TELEMETRY)[0]
 
@@ -95,3 +95,39 @@ def test_a_damaged_ring_neither_moves_nor_raises(tmp_path: Path, watch: Watch) -
     os.truncate(tmp_path / "telemetry.ring", 64)
     assert watch.look(9.0) == [False, False]
     assert watch.look(2.0) == [True, False]
+
+
+def test_of_several_axes_the_slowest_counts(tmp_path: Path) -> None:
+    folders = [tmp_path / axis for axis in "xy"]
+    for folder in folders:
+        folder.mkdir()
+    rings = [new_ring(folder) for folder in folders]
+    beats = Heartbeats(folders)
+    beats.core_started(os.getpid())
+    beats.gateway_started()
+    now_s = 0.0
+
+    def look(seconds: float, write: str, take: str) -> None:
+        nonlocal now_s
+        for _ in range(round(2 * seconds)):
+            now_s += 0.5
+            for axis, ring in zip("xy", rings, strict=True):
+                if axis in write:
+                    ring.push(SAMPLE)
+                if axis in take:
+                    ring.taken(ring.head)
+            beats.look(round(now_s * 1e9))
+
+    look(2.0, "x", "x")
+    assert not beats.core_moves
+    assert not beats.gateway_moves
+    look(2.0, "xy", "xy")
+    assert beats.core_moves
+    assert beats.gateway_moves
+    look(11.0, "x", "x")
+    assert beats.core_hangs  # y is written no more
+    assert not beats.gateway_hangs  # there is nothing of y to take
+    beats.core_started(os.getpid())
+    look(22.0, "xy", "y")
+    assert not beats.core_hangs
+    assert beats.gateway_hangs

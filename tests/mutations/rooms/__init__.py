@@ -1,6 +1,7 @@
 """The changes, by room."""
 
 from tests.mutations.rooms import (
+    axes,
     bus,
     checks,
     diagnosis,
@@ -17,12 +18,15 @@ from tests.mutations.rooms import (
     rings,
     safety,
     setup,
+    together,
 )
 
 ROOMS = {
     "motion": motion.CHANGES,
     "setup": setup.CHANGES,
+    "axes": axes.CHANGES,
     "gate": gate.CHANGES,
+    "together": together.CHANGES,
     "bus": bus.CHANGES,
     "rings": rings.CHANGES,
     "safety": safety.CHANGES,

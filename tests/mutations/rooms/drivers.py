@@ -133,8 +133,8 @@ CHANGES = [
         Change(
             "set-before-step",
             DRIVER,
-            "        self._get_in_step(link)\n        self._tried_v = volts\n",
-            "        self._tried_v = volts\n",
+            "            self.get_in_step(link)\n            self.trying(volts)\n",
+            "            self.trying(volts)\n",
             "an earlier set's acknowledgement is taken for this one's",
         ),
     ),

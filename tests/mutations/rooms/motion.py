@@ -40,7 +40,7 @@ CHANGES = [
         Change(
             "no-glide-of-a-starved-stream",
             COMMANDS,
-            "        c.glide = NAN\n",
+            "        c.glide = NAN  # time has gone on; a group's stood still\n",
             "        pass\n",
             "a stream that returns makes the stage jump",
         ),

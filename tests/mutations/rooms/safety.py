@@ -141,12 +141,13 @@ CHANGES = [
             tests=(f"{RUNS}::test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready",),
         ),
         Change(
-            "ready-without-clients", SUPERVISOR, "if not self._ready and watched.moves and",
-            "if not self._ready and", "ready is said though no client can connect",
+            "ready-without-clients", SUPERVISOR,
+            "if not self._ready and self._heartbeat.gateway_moves and", "if not self._ready and",
+            "ready is said though no client can connect",
             tests=(f"{RUNS}::test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready",),
         ),
         Change(
-            "ramp-cut", SUPERVISOR, "return self.config.longest_ramp_s + SPARE_S",
+            "ramp-cut", SUPERVISOR, "return self.controller.longest_ramp_s + SPARE_S",
             "return SPARE_S", "a slow ramp is killed half-way",
             tests=(f"{RUNS}::test_a_long_ramp_is_waited_for",),
         ),
@@ -158,7 +159,7 @@ CHANGES = [
             ),
         ),
         Change(
-            "old-events", SUPERVISOR, "if self._events.pid != self._pid or", "if",
+            "old-events", SUPERVISOR, "if self._ring.pid != pid or", "if",
             "events of the run before are told as this one's",
             tests=(f"{RUNS}::test_events_carry_their_time_and_belong_to_their_run",),
         ),

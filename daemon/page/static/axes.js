@@ -1,0 +1,171 @@
+// All axes of a controller: a line for each, and the path in the plane of two of them.
+"use strict";
+import { colour, number } from "./plot.js";
+
+const $ = (id) => document.getElementById(id);
+const MARGIN = 46, LEAST = 0.02; // of the picture [px]; smallest span [of the displacement unit]
+
+export class Axes {
+  constructor(page, plots, choose) {
+    this.page = page;
+    this.plots = plots;
+    this.chosen = choose;
+    this.said = null;
+    this.number = [];
+    this.way = new Map(); // by axis: [targets, readings]
+    for (const id of ["plane-x", "plane-y"]) $(id).addEventListener("change", () => this.draw());
+    new ResizeObserver(() => this.draw()).observe($("plane"));
+  }
+
+  // Another axis was chosen; one of another controller begins everything anew.
+  choose(name) {
+    if (this.said && this.said.axes.some((a) => a.name === name)) { this.list(); return; }
+    this.said = null;
+    this.number = [];
+    this.way.clear();
+    $("axes").hidden = true;
+  }
+
+  hear(said) {
+    if (!said.axes.some((a) => a.name === this.page.name)) return;
+    const names = said.axes.map((a) => a.axis || a.name);
+    const fresh = !this.said || this.names().join() !== names.join();
+    if (said.anew || fresh) { this.number = []; this.way.clear(); }
+    this.said = said;
+    this.number.push(...said.number);
+    said.axes.forEach((axis, i) => {
+      const way = this.way.get(names[i]) || [[], []];
+      axis.way.forEach((values, k) => way[k].push(...values));
+      this.way.set(names[i], way);
+    });
+    const kept = Math.round(Math.min(30, this.plots.window_s) / said.point_s);
+    const drop = this.number.length - kept;
+    if (drop > 0) {
+      this.number.splice(0, drop);
+      for (const way of this.way.values()) for (const values of way) values.splice(0, drop);
+    }
+    $("axes").hidden = false;
+    $("axes-of").textContent = said.controller;
+    if (fresh) this.offer(names);
+    this.list();
+    this.draw();
+  }
+
+  names() { return this.said.axes.map((a) => a.axis || a.name); }
+
+  offer(names) {
+    [["plane-x", 0], ["plane-y", 1]].forEach(([id, place]) => {
+      $(id).replaceChildren(...names.map((name) => {
+        const option = document.createElement("option");
+        option.value = option.textContent = name;
+        return option;
+      }));
+      $(id).value = names[Math.min(place, names.length - 1)];
+    });
+  }
+
+  list() {
+    const rows = this.said.axes.map((a) => {
+      const row = document.createElement("tr"), unit = a.unit || "";
+      row.setAttribute("aria-current", String(a.name === this.page.name));
+      const error = a.error === null || a.error === undefined ? "-" : `${number(a.error, 3)} ${unit}`;
+      const words = [a.axis || a.name, a.mismatch ? `${a.state}, mismatch` : a.state, `${number(a.target)} ${unit}`,
+        `${number(a.measured)} ${unit}`, error, `${number(a.volts)} V`, a.commander || "nobody"];
+      row.append(...words.map((text) => {
+        const cell = document.createElement("td");
+        cell.textContent = text;
+        return cell;
+      }));
+      row.addEventListener("click", () => this.chosen(a.name));
+      return row;
+    });
+    $("axes-table").querySelector("tbody").replaceChildren(...rows);
+  }
+
+  draw() {
+    if (!this.said || $("axes").hidden) return;
+    const canvas = $("plane"), dense = window.devicePixelRatio || 1;
+    const size = canvas.clientWidth;
+    if (!size) return;
+    canvas.width = canvas.height = Math.round(size * dense);
+    const draw = canvas.getContext("2d");
+    draw.scale(dense, dense);
+    const right = this.way.get($("plane-x").value), up = this.way.get($("plane-y").value);
+    if (!right || !up) return;
+    const aimed = right[0].some((v) => v !== null) && up[0].some((v) => v !== null);
+    const [x0, y0, span] = aimed ? bounds([right[0]], [up[0]]) : bounds(right, up);
+    const room = size - 1.3 * MARGIN, scale = room / span;
+    const px = (x) => MARGIN + (x - x0) * scale, py = (y) => 0.3 * MARGIN + room - (y - y0) * scale;
+    this.grid(draw, { x0, y0, span, px, py, size });
+    stroke(draw, right[0], up[0], px, py, colour("target"), 3);
+    stroke(draw, right[1], up[1], px, py, colour("measured"), 1.25);
+    const last = right[1].length - 1;
+    if (last >= 0 && right[1][last] !== null && up[1][last] !== null) {
+      draw.fillStyle = colour("measured");
+      draw.beginPath();
+      draw.arc(px(right[1][last]), py(up[1][last]), 4, 0, 2 * Math.PI);
+      draw.fill();
+    }
+    this.drawn = (this.drawn || 0) + 1; // for tests
+  }
+
+  grid(draw, { x0, y0, span, px, py, size }) {
+    const unit = this.said.axes[0].unit || "", step = tick(span);
+    draw.strokeStyle = colour("line");
+    draw.fillStyle = colour("soft");
+    draw.font = "12px system-ui, sans-serif";
+    draw.lineWidth = 1;
+    draw.textAlign = "center";
+    for (let x = step * Math.ceil(x0 / step); x <= x0 + span; x += step) {
+      line(draw, px(x), py(y0), px(x), py(y0 + span));
+      draw.fillText(number(x, 3), px(x), py(y0) + 15);
+    }
+    draw.fillText(`${$("plane-x").value}, ${unit}`, px(x0 + span / 2), size - 3);
+    draw.textAlign = "right";
+    for (let y = step * Math.ceil(y0 / step); y <= y0 + span; y += step) {
+      line(draw, px(x0), py(y), px(x0 + span), py(y));
+      draw.fillText(number(y, 3), px(x0) - 5, py(y) + 4);
+    }
+    draw.textAlign = "left";
+    draw.fillText(`${$("plane-y").value}, ${unit}`, 4, 12);
+  }
+}
+
+// The square that holds all of it: [left, bottom, side].
+function bounds(right, up) {
+  const one = (way) => {
+    let least = Infinity, most = -Infinity;
+    for (const values of way) for (const v of values) if (v !== null) { least = Math.min(least, v); most = Math.max(most, v); }
+    return least > most ? [0, 0] : [least, most];
+  };
+  const [x0, x1] = one(right), [y0, y1] = one(up);
+  const span = 1.16 * Math.max(LEAST, x1 - x0, y1 - y0);
+  return [(x0 + x1 - span) / 2, (y0 + y1 - span) / 2, span];
+}
+
+function tick(span) {
+  const rough = span / 5, ten = 10 ** Math.floor(Math.log10(rough));
+  return ten * [1, 2, 5, 10].find((f) => f * ten >= rough);
+}
+
+function line(draw, x0, y0, x1, y1) {
+  draw.beginPath();
+  draw.moveTo(x0, y0);
+  draw.lineTo(x1, y1);
+  draw.stroke();
+}
+
+function stroke(draw, x, y, px, py, style, width) {
+  draw.strokeStyle = style;
+  draw.lineWidth = width;
+  draw.lineJoin = "round";
+  draw.beginPath();
+  let pen = false;
+  for (let i = 0; i < x.length; i++) {
+    if (x[i] === null || y[i] === null) { pen = false; continue; }
+    if (pen) draw.lineTo(px(x[i]), py(y[i]));
+    else draw.moveTo(px(x[i]), py(y[i]));
+    pen = true;
+  }
+  draw.stroke();
+}

@@ -1,0 +1,66 @@
+"""Where an axis was, thinned for a picture of its path in the plane. Pure.
+
+One point in each POINT_NS of the loop's clock, the newest KEPT of them: axes of one loop are
+sampled at the same moments, so that points of the same number belong together.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+POINT_NS = 5_000_000
+KEPT = 6000
+
+
+class Piece(NamedTuple):
+    """Points by ascending number, (n,) each; NaN: no target, no reading."""
+
+    number: NDArray[np.int64]
+    target: NDArray[np.float64]
+    measured: NDArray[np.float64]
+
+
+NOTHING = Piece(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+
+
+class Trail:
+    """The newest points of one axis."""
+
+    def __init__(self) -> None:
+        self._piece = NOTHING
+
+    def add(self, samples: NDArray[Any]) -> None:
+        """Take (n,) TELEMETRY records, ascending. A clock that began anew begins the trail anew."""
+        number = samples["scheduled_ns"] // POINT_NS
+        held = self._piece
+        if held.number.size and number.size and number[-1] < held.number[0]:
+            held = NOTHING
+        newest = int(held.number[-1]) if held.number.size else -1
+        first = np.flatnonzero(np.diff(number, prepend=newest) > 0)  # the first in each POINT_NS
+        first = first[number[first] > newest]
+        self._piece = Piece(
+            np.concatenate([held.number, number[first]])[-KEPT:],
+            np.concatenate([held.target, samples["target"][first]])[-KEPT:],
+            np.concatenate([held.measured, samples["measured"][first]])[-KEPT:],
+        )
+
+    def since(self, number: int) -> Piece:
+        """The points behind this number."""
+        start = int(np.searchsorted(self._piece.number, number, side="right"))
+        held = self._piece
+        return Piece(held.number[start:], held.target[start:], held.measured[start:])
+
+
+def join_trails(pieces: list[Piece]) -> list[Piece]:
+    """The points that all of these axes have, side by side."""
+    if not pieces:
+        return []
+    common = pieces[0].number
+    for piece in pieces[1:]:
+        common = np.intersect1d(common, piece.number, assume_unique=True)
+    out = []
+    for piece in pieces:
+        place = np.searchsorted(piece.number, common)
+        out.append(Piece(common, piece.target[place], piece.measured[place]))
+    return out

@@ -1,0 +1,68 @@
+"""How fast a loop of several axes may be: refused above what the amplifier sustains, in words."""
+
+from collections.abc import Sequence
+
+import msgspec
+import pytest
+from tests.rigs.two_loops import CONFIG
+
+from dehyst.daemon.config import Config, LoopConfig, parse_config
+from dehyst.daemon.loop.checks import check_rates_together
+from dehyst.drivers.interface import DeviceSpec
+from dehyst.models.errors import BadInput
+
+
+class Unit:
+    """300 Hz for one output, half of it for two, all three in one command."""
+
+    together = True
+
+    def rate_hz(self, driven: int) -> float:
+        return (300.0, 150.0, 280.0)[driven - 1]
+
+    def write_all(self, volts: Sequence[float]) -> None:
+        raise AssertionError("nothing is to be written")
+
+
+def axes(rate_hz: float) -> list[Config]:
+    one = parse_config(CONFIG)
+    return [
+        msgspec.structs.replace(one, axis=axis, loop=LoopConfig(rate_hz=rate_hz)) for axis in "xyz"
+    ]
+
+
+def spec(rate_hz: float, latency_s: float) -> DeviceSpec:
+    return DeviceSpec("v", 0.0, 150.0, 1e-3, rate_hz, latency_s)
+
+
+def specs(gauge_hz: float, gauge_s: float) -> list[tuple[DeviceSpec, DeviceSpec]]:
+    return [(spec(300.0, 1 / 300), spec(gauge_hz, gauge_s))] * 3
+
+
+def test_the_slowest_number_of_driven_axes_counts() -> None:
+    joints = [(Unit(), (0, 1, 2))]
+    with pytest.raises(BadInput, match=r"axes x, y, z sustains 150 Hz with 2 .* to 150 or less"):
+        check_rates_together(axes(200.0), specs(2000.0, 1e-4), joints)
+    assert check_rates_together(axes(100.0), specs(2000.0, 1e-4), joints) == [1, 1, 1]
+
+
+def test_the_gauges_of_all_axes_have_to_be_read_in_the_period() -> None:
+    joints = [(Unit(), (0, 1, 2))]
+    # 1 / 150 s and three gauges of 1 ms: 9.7 ms; four fifths of a period are 8
+    with pytest.raises(BadInput, match=r"3 axes take 9.67 ms of the 10.00 ms period"):
+        check_rates_together(axes(100.0), specs(2000.0, 1e-3), joints)
+    assert check_rates_together(axes(80.0), specs(50.0, 1e-3), joints) == [2, 2, 2]
+
+
+def test_amplifiers_of_their_own_are_added_up() -> None:
+    # three of 3.3 ms and three gauges of 0.1 ms: 10.3 ms
+    with pytest.raises(BadInput, match=r"take 10.30 ms of the 10.00 ms period"):
+        check_rates_together(axes(100.0), specs(2000.0, 1e-4), [])
+    assert check_rates_together(axes(77.0), specs(2000.0, 1e-4), []) == [1, 1, 1]
+
+
+def test_what_one_axis_cannot_is_told_of_that_axis() -> None:
+    mixed = specs(2000.0, 1e-5)
+    mixed[1] = (spec(50.0, 1e-4), mixed[1][1])
+    with pytest.raises(BadInput, match=r"axis y: loop.rate_hz = 60: actuator simulated sustains"):
+        check_rates_together(axes(60.0), mixed, [])

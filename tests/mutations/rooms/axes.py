@@ -1,0 +1,130 @@
+"""Several axes on one amplifier: what they do together, and the unit that they share."""
+
+from tests.mutations.change import Change, room
+
+GROUPS, KERNELS = "daemon/loop/axes/groups.py", "daemon/loop/axes/kernels.py"
+UNIT, TOGETHER = "drivers/mdt693b/unit.py", "drivers/mdt693b/together.py"
+CONTROLLER, CHECKS = "daemon/config/controller.py", "daemon/loop/checks.py"
+
+CHANGES = [
+    *room(
+        ("tests/daemon/loop/axes/test_groups.py",),
+        Change(
+            "others-go-on",
+            GROUPS,
+            "        if _is_left(axes, q.group):\n",
+            "        if False:\n",
+            "when one axis has faulted the others go on along the path",
+        ),
+        Change(
+            "fault-is-no-leaving",
+            GROUPS,
+            "playing = c.state == RUNNING and q.group == c.group",
+            "playing = True",
+            "an axis that was released or faulted counts as playing",
+        ),
+        Change(
+            "started-before-all-are-there",
+            GROUPS,
+            "if there >= wanted and arrived == there:",
+            "if arrived > 0:",
+            "one axis sets out while the others are still on their way",
+        ),
+        Change(
+            "time-goes-on-for-the-others",
+            GROUPS,
+            "            q.shift_ns += beyond_ns\n",
+            "            q.shift_ns += beyond_ns if q.complete == 0 else 0\n",
+            "while one axis has no points another one goes on along its path",
+        ),
+        Change(
+            "waits-for-ever",
+            GROUPS,
+            "            q.dry = targets.OTHER if there < wanted else 0\n",
+            "            q.dry = 0\n",
+            "an axis whose group never comes stays where it waits for ever",
+        ),
+        Change(
+            "late-points-start-again",
+            "daemon/loop/command_kernels.py",
+            "if group != 0 and group == c.left:",
+            "if False:",
+            "late points of a broken trajectory move the stage again",
+        ),
+    ),
+    *room(
+        ("tests/daemon/loop/axes/test_coupling.py",),
+        Change(
+            "target-of-now",
+            KERNELS,
+            "return targets.target_at(q, points_of(table), now_ns + p.period_ns)",
+            "return targets.target_at(q, points_of(table), now_ns)",
+            "the other axis' displacement is compensated one sample late",
+        ),
+        Change(
+            "drives-in-the-files-order",
+            KERNELS,
+            "        if not waits:\n",
+            "        if True:\n",
+            "the other axis' drive is compensated one sample late",
+        ),
+        Change(
+            "target-that-nobody-follows",
+            KERNELS,
+            "if c.state != RUNNING or held_back != 0 or c.glide != 0.0:",
+            "if False:",
+            "an axis that ramps to its safe voltage counts where its target was",
+        ),
+    ),
+    *room(
+        ("tests/drivers/mdt693b/test_together.py",),
+        Change(
+            "lost-for-one",
+            UNIT,
+            "        if self.shared and not self.lost:\n",
+            "        if False:\n",
+            "after a set without an answer the next axis' set goes out into the same link",
+        ),
+        Change(
+            "output-driven-twice",
+            UNIT,
+            "if self._outputs.setdefault(config.axis, output) is not output:",
+            "if False:",
+            "two axes drive the same output",
+        ),
+        Change(
+            "all-three-in-the-order-of-the-loop",
+            TOGETHER,
+            "self._order = [outputs.index(output) for output in self._outputs]",
+            "self._order = list(range(len(outputs)))",
+            "the voltages of one command go to the wrong axes",
+        ),
+        Change(
+            "rate-of-one-for-all",
+            TOGETHER,
+            "self._measure(reads[:n], clock) for n in",
+            "self._measure(reads[:1], clock) for n in",
+            "the unit is asked for more sets than it sustains",
+        ),
+    ),
+    *room(
+        ("tests/daemon/config/test_controller.py",),
+        Change(
+            "same-output-twice",
+            CONTROLLER,
+            "if (mine.driver, mine.settings) == (theirs.driver, theirs.settings):",
+            "if False:",
+            "two axes with the same amplifier output are accepted",
+        ),
+    ),
+    *room(
+        ("tests/daemon/loop/axes/test_rates.py",),
+        Change(
+            "rate-of-fewest",
+            CHECKS,
+            "driven = min(range(1, len(places) + 1), key=joint.rate_hz)",
+            "driven = 1",
+            "the loop runs faster than the amplifier with all its axes driven",
+        ),
+    ),
+]

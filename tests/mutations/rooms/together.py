@@ -1,0 +1,103 @@
+"""Several axes of one controller: leases of all or none, stops that reach all, roles at each."""
+
+from tests.mutations.change import Change, room
+
+TOGETHER, GATE = "daemon/gateway/together.py", "daemon/gateway/admission.py"
+INTAKE, SAFE = "daemon/gateway/command_intake.py", "daemon/service/safe_state.py"
+HEARTBEAT, SECURITY = "daemon/service/heartbeat.py", "daemon/bus/security.py"
+LEARNING, JOINED = "daemon/client/learning.py", "daemon/files/joined.py"
+AXES = "tests/daemon/gateway/test_several_axes.py"
+
+CHANGES = [
+    *room(
+        ("tests/daemon/gateway/test_together.py",),
+        Change(
+            "lease-of-some-axes", TOGETHER,
+            "            gate.check_free(now_ns, request)\n", "            pass\n",
+            "a client that asks for several axes takes them from whoever commands them",
+        ),
+        Change(
+            "lease-number-of-each", TOGETHER, "gate.give_lease(now_ns, request, number)",
+            "gate.give_lease(now_ns, request)",
+            "a client that has several axes can command one of them alone",
+        ),
+        Change(
+            "stop-ends-at-a-refusal", TOGETHER,
+            "            refused = _of_axis(name, reply)\n",
+            "            return _of_axis(name, reply), records\n",
+            "one axis that cannot be stopped keeps the others moving",
+        ),
+        Change(
+            "strange-axes-taken", TOGETHER,
+            "    if strangers or asked not in request.axes or", "    if",
+            "a lease is taken at an axis that was not asked for",
+        ),
+        Change(
+            "group-forgotten", GATE, "        if len(command.axes) > 1:\n", "        if False:\n",
+            "axes that play a trajectory together run apart",
+        ),
+    ),
+    *room(
+        ("tests/daemon/service/test_safe_state.py",),
+        Change(
+            "one-axis-keeps-all-high", SAFE,
+            "                errors[config.name] = error\n        _ramp(",
+            "                raise error\n        _ramp(",
+            "one amplifier that is unplugged keeps the outputs of the others high",
+        ),
+        Change(
+            "first-axis-alone-is-safe", SAFE, "        for config in controller.axes:\n",
+            "        for config in controller.axes[:1]:\n",
+            "after the core's death only the first axis is made safe",
+        ),
+        Change(
+            "hold-is-ramped", SAFE, 'if config.safe.on_fault == "ramp" else self.volts', "",
+            "an output that is to be held is ramped",
+        ),
+    ),
+    *room(
+        ("tests/daemon/service/test_heartbeat.py",),
+        Change(
+            "one-axis-may-stand", HEARTBEAT,
+            "return any(axis.core.hangs for axis in self._axes)",
+            "return all(axis.core.hangs for axis in self._axes)",
+            "a core that serves one of its axes no more is left hanging",
+        ),
+        Change(
+            "ready-with-one-axis", HEARTBEAT,
+            "return all(axis.gateway.moves for axis in self._axes)",
+            "return any(axis.gateway.moves for axis in self._axes)",
+            "it is said to be ready while an axis cannot be reached",
+        ),
+    ),
+    *room(
+        (AXES,),
+        Change(
+            "roles-of-the-first-axis", SECURITY, "[keys.setpoints() for keys in axes]",
+            "[keys.setpoints() for keys in axes[:1]]",
+            "operators cannot put set-points at the further axes",
+        ),
+        Change(
+            "axis-that-is-not-there", INTAKE, "(why := self._strange(door, command))",
+            '(why := "")', "a group waits for an axis that does not exist",
+        ),
+        Change(
+            "others-play-on-alone", "daemon/client/player.py",
+            "        _stop_begun([p for p, e in zip(players, ended, strict=True) if e is None])\n",
+            "        pass\n", "where one axis ends early the others go on",
+            survives="the loop itself holds the members of a group together",
+        ),
+    ),
+    *room(
+        ("tests/daemon/client/test_repeated.py", "tests/daemon/files/test_joined.py"),
+        Change(
+            "held-pass-learned", LEARNING, "good &= np.abs(samples", "np.abs(samples",
+            "a pass in which the loop held is learned from at the wrong places",
+        ),
+        Change(
+            "joined-too-early", JOINED, "else min(self._newest_ns.values())",
+            "else max(self._newest_ns.values())",
+            "a recording lacks what the other axis had, as it came later",
+        ),
+    ),
+]  # fmt: skip
