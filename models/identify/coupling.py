@@ -43,9 +43,9 @@ def find_other_axes(recordings: Sequence[Recording]) -> list[str]:
 def couple(
     recordings: Sequence[Recording], residuals: Sequence[Floats], known: Sequence[Coupled] = ()
 ) -> list[Coupled]:
-    """The gains that pay, the largest first. residuals: one (N,) for each recording, y - model, NaN
-    where it does not count; the model has the couplings that are known: they stay, and their gains
-    become exact."""
+    """The gains that pay, the largest first. residuals: one (N,) for each recording, its
+    displacement or what a model leaves of it, NaN where it does not count; a model has the
+    couplings that are known: they stay, and their gains become exact."""
     names = find_other_axes(recordings)
     if not names:
         return []
@@ -57,9 +57,10 @@ def couple(
     open_ = [i for i in range(len(names)) if i not in taken]
     while open_ and not known:
         trials = [(*rest.try_out(taken, i), i) for i in open_]
-        before, after, sure, best = min(trials, key=lambda trial: trial[1] - trial[0])
-        if not sure:
+        trials = [trial for trial in trials if trial[2]]
+        if not trials:
             break
+        before, after, _, best = min(trials, key=lambda trial: trial[1] - trial[0])
         taken.append(best)
         open_.remove(best)
         found[names[best]] = Coupled(names[best], 0.0, rest.means[best], before, after)
@@ -75,6 +76,19 @@ def uncouple(recording: Recording, couplings: Sequence[Coupled]) -> Recording:
     for one in couplings:
         y -= one.gain * (recording.channels[one.channel] - one.reference)
     return replace(recording, displacement=y)
+
+
+def without_rests(recording: Recording) -> Recording:
+    """The recording without the displacement while its own drive stands for long and others move:
+    what is seen there is theirs."""
+    assert recording.displacement is not None
+    u = recording.drive
+    still = np.abs(np.diff(u, prepend=u[:1])) <= TUNING.coupling_still * float(
+        np.nanmax(u) - np.nanmin(u)
+    )
+    last_move = np.maximum.accumulate(np.where(still, 0, np.arange(u.size)))
+    rests = recording.t_s - recording.t_s[last_move] > TUNING.coupling_rest_s
+    return replace(recording, displacement=np.where(rests, np.nan, recording.displacement))
 
 
 def with_couplings(model: Model, couplings: Sequence[Coupled]) -> Model:

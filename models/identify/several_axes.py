@@ -12,6 +12,7 @@ from dehyst.models.identify.coupling import (
     find_other_axes,
     uncouple,
     with_couplings,
+    without_rests,
 )
 from dehyst.models.identify.identification import Identification, Options, identify_alone
 from dehyst.models.identify.tuning import TUNING
@@ -36,24 +37,25 @@ def identify(
     BadInput when they do not belong together.
     """
     options = options or Options()
-    found = identify_alone(recordings, options, progress)
-    if not find_other_axes(recordings):
-        return found
+    if not recordings or not find_other_axes(recordings):
+        return identify_alone(recordings, options, progress)
     progress("coupling from other axes")
-    couplings = couple(recordings, _used(found))
-    if not couplings:
-        return found
+    couplings = couple(recordings, [_displacement(one) for one in recordings])
     for _ in range(TUNING.coupling_rounds):
         before = couplings
-        found = identify_alone([uncouple(r, before) for r in recordings], options, progress)
+        own = [without_rests(uncouple(one, before)) for one in recordings]
+        found = identify_alone(own, options, progress)
         couplings = couple(recordings, _used(found), before)
         moved = [
             abs(new.gain - old.gain) * float(np.nanstd(one.channels[new.channel]))
-            for old, new in zip(before, couplings, strict=True)
+            for old, new in zip(before, couplings, strict=False)
             for one in recordings
         ]
-        if max(moved) < TUNING.coupling_settled * (found.model.fit.rms or 0.0):
+        settled = TUNING.coupling_settled * (found.model.fit.rms or 0.0)
+        if len(couplings) == len(before) and max(moved, default=0.0) <= settled:
             break
+    if not before:
+        return found
     unit = found.model.displacement_unit
     return replace(
         found,
@@ -61,6 +63,12 @@ def identify(
         couplings=tuple(before),
         notes=(*found.notes, *(_tell(one, unit) for one in before)),
     )
+
+
+def _displacement(one: Recording) -> Floats:
+    """NaN where there is none."""
+    empty = np.full(one.size, np.nan)
+    return empty if one.displacement is None else one.displacement
 
 
 def _used(found: Identification) -> list[Floats]:

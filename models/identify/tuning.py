@@ -81,6 +81,8 @@ class Tuning(NamedTuple):
     coupling_stretches: int = 16  # of time, of each recording
     coupling_moves: float = 0.1  # of the mean power of a channel, that it has where it moves
     coupling_pays: float = 0.05  # of the held-out power, where the channel moves
+    coupling_still: float = 1e-6  # of the span: a drive that changes less stands
+    coupling_rest_s: float = 1.0  # of a rest, that counts
     coupling_rounds: int = 3  # of model and gains in turn
     coupling_settled: float = 0.1  # of what the model leaves: a change of the gains that is none
     # sizes

@@ -2,7 +2,8 @@
 
 From Python: `load_recording`, `load_model`, `identify`, `simulate`, `invert`, `diagnose` and
 `validate` on arrays, files and recordings, with results that show themselves in a notebook; and
-`Client` for a running daemon. What is heavy is imported when it is first used.
+`Client`, or `Group` for several axes, for a running daemon. What is heavy is imported when it is
+first used.
 """
 
 import importlib
@@ -21,6 +22,7 @@ HOMES = {
     ),
     "Client": "dehyst.daemon.client.client",
     "DehystError": "dehyst.models.errors",
+    "Group": "dehyst.daemon.client.group",
     "Model": "dehyst.models.model",
     "Positioner": "dehyst.daemon.client.positioner",
     "Recording": "dehyst.models.recording",

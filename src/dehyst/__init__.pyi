@@ -6,6 +6,7 @@ from dehyst.daemon.api.functions import load_recording as load_recording
 from dehyst.daemon.api.functions import simulate as simulate
 from dehyst.daemon.api.functions import validate as validate
 from dehyst.daemon.client.client import Client as Client
+from dehyst.daemon.client.group import Group as Group
 from dehyst.daemon.client.positioner import Positioner as Positioner
 from dehyst.models.errors import DehystError as DehystError
 from dehyst.models.model import Model as Model

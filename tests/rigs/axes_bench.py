@@ -28,7 +28,7 @@ model = {{file = "model.toml"}}
 limits = {{min_v = 0.0, max_v = 95.0, slew_v_per_s = 10000.0}}
 trim = {{enabled = false}}
 safe = {{voltage_v = 0.0, ramp_v_per_s = 1000.0}}
-setpoint = {{stale_s = 1.0, hold_s = 0.2, approach_um_per_s = 200.0, queue_s = 10.0, lease_s = 3.0}}
+setpoint = {{stale_s = 5.0, hold_s = 0.2, approach_um_per_s = 200.0, queue_s = 10.0, lease_s = 3.0}}
 """
 AXIS = """
 [axis.{axis}]

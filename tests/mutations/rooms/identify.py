@@ -60,4 +60,31 @@ CHANGES = room(
         "start-without-lag", START, "        lag = found.lag\n", "        return False\n",
         "a lag makes a de-energised start look wrong",
     ),
+) + room(
+    ("tests/models/identify/test_coupling.py",),
+    Change(
+        "coupling-never-pays", TUNING, "coupling_pays: float = 0.05", "coupling_pays: float = 2.0",
+        "what other axes bring is in no model",
+    ),
+    Change(
+        "coupling-always-pays", "models/identify/coupling.py",
+        "        trials = [trial for trial in trials if trial[2]]\n", "",
+        "a coupling is in the model where there is none",
+    ),
+) + room(
+    ("tests/daemon/commands/test_scan.py",),
+    Change(
+        "scan-out-of-reach", "daemon/tools/scan_check.py", "(UNREACHABLE, \"out of reach\")",
+        "(0, \"out of reach\")", "a path that an axis cannot follow is written",
+    ),
+    Change(
+        "scan-too-fast", "daemon/tools/scan_check.py", "(FLAG_SLEW, ", "(0, ",
+        "a path faster than the slew limit is written",
+    ),
+) + room(
+    ("tests/daemon/tools/test_acquire_axes.py",),
+    Change(
+        "axes-in-step", "daemon/tools/acquire_axes.py", "PACES = (1.0, 0.83, 0.71)",
+        "PACES = (1.0, 1.0, 1.0)", "axes that move together cannot be told apart",
+    ),
 )  # fmt: skip

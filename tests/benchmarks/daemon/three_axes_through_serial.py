@@ -1,0 +1,190 @@
+"""Three axes end to end: identified over serial, then a raster and a Lissajous figure played from
+another process, through an emulated MDT693B and three emulated KSG101.
+
+    python -m tests.benchmarks.daemon.three_axes_through_serial [--passes N] [--seconds S]
+
+`dehyst acquire`, `identify`, `scan` and `play` as they are, each a process of its own; the daemon
+once with a straight line for each axis, once with models that know nothing of the other axes, once
+with those that do, and once more with learning. The error is that of the true displacement, as the
+emulated bench has logged it at each reading; z stands under command all the while, so that what
+moves it is cross-talk.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from tests.benchmarks.bars import Bars, too_busy
+from tests.rigs.gateway_bench import free_port
+from tests.rigs.processes import EmulatedBench, dehyst, until
+
+from dehyst.daemon.bus.session import BusError
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.files.models import load_model, save_model
+from dehyst.daemon.files.recordings import read_columns, read_recording, write_recording
+from dehyst.daemon.rings.records import Flag
+from dehyst.daemon.tools.bench_config import AXES_RATE_HZ, exploring_drive, write_axes_bench
+from dehyst.models.hysteresis.forward import simulate_hysteresis
+from dehyst.models.identify import identify
+from dehyst.models.model import Floats, Hysteresis, Model
+
+AXES = "xyz"
+NAME = "three"
+LEAST_GAIN = 3.0
+FIGURES = {
+    "raster of 5 x 5 um": ("raster", "--size", "5", "5", "--lines", "10"),
+    "Lissajous figure of 5 x 5 um": ("lissajous", "--size", "5", "5", "--figure-s", "3"),
+}
+CENTER = ("--center", "8", "7.5")
+STILL_UM = 8.5
+
+
+def run_command(*words: str, seconds: float = 600.0) -> None:
+    """A command of dehyst, in a process of its own; it must not end with 2."""
+    command = [sys.executable, "-m", "dehyst.daemon.main", *words]
+    ended = subprocess.run(command, check=False, env=os.environ, timeout=seconds)
+    if ended.returncode not in (0, 1):
+        raise SystemExit(f"dehyst {words[0]} ended with {ended.returncode}")
+
+
+def straight(model: Model) -> Model:
+    """The line through the ends of the loop: what a linear gain is."""
+    low, high = model.validity.drive_min, model.validity.drive_max
+    ends = simulate_hysteresis(model.hysteresis, np.linspace(low, high, 500), 1e9)[[0, -1]]
+    slope = float(ends[1] - ends[0]) / (high - low)
+    offset = float(ends[0]) - slope * low
+    line = Hysteresis(r=np.zeros(1), b=np.array([slope]), k=np.zeros(1), c=np.array([offset, 1.0]))
+    return replace(model, hysteresis=line, blocks=())
+
+
+def identified(folder: Path, config: Path, seconds: float) -> dict[str, dict[str, Model]]:
+    """Models of each axis by kind, from recordings that `dehyst acquire` makes."""
+    t_s, volts = exploring_drive(AXES_RATE_HZ, seconds)
+    write_recording(folder / "drive.csv", t_s, {"u_v": volts})
+    recording = str(folder / "rec.csv")
+    run_command("acquire", str(folder / "drive.csv"), "--config", str(config), "-o", recording)
+    kinds: dict[str, dict[str, Model]] = {"linear": {}, "compensated": {}, "coupled": {}}
+    for axis in AXES:
+        path, model = folder / f"rec-{axis}.csv", folder / f"identified-{axis}.toml"
+        run_command("identify", str(path), "-o", str(model))
+        kinds["coupled"][axis] = load_model(model)
+        alone = replace(read_recording(path), channels={})
+        kinds["compensated"][axis] = identify([alone]).model
+        kinds["linear"][axis] = straight(kinds["compensated"][axis])
+    return kinds
+
+
+def log_of(bench: EmulatedBench) -> dict[str, tuple[Floats, Floats]]:
+    """(time [ns], true displacement [um]) at each reading, by axis."""
+    bench.output()
+    with np.load(bench.log) as saved:
+        heads = [name.removesuffix("true_um") for name in saved.files if "true_um" in name]
+        return {
+            (head.rstrip("_") or "x"): (saved[f"{head}reading_ns"] * 1.0, saved[f"{head}true_um"])
+            for head in heads
+        }
+
+
+def errors_nm(
+    client: Mapping[str, Client], bench: EmulatedBench, n: int, passes: int
+) -> tuple[float, float]:
+    """Of the last pass: rms of the path's error in the plane, and of z's, each about its mean."""
+    true, off = log_of(bench), {}
+    for axis, one in client.items():
+        records = one.history(seconds=(passes * n + 1000) / AXES_RATE_HZ)
+        begun = int(np.flatnonzero(records["flags"] & int(Flag.APPROACH))[-1]) + 1
+        last = records[begun : begun + passes * n][-n:]
+        at_ns, where = true[axis]
+        error = 1e3 * (np.interp(last["scheduled_ns"], at_ns, where) - last["target"])
+        error = error[(last["flags"] & int(Flag.MISSED)) == 0]
+        off[axis] = float(np.var(error))
+    return float(np.sqrt(off["x"] + off["y"])), float(np.sqrt(off["z"]))
+
+
+def connected(address: str) -> dict[str, Client] | None:
+    """A client for each axis, once all loops run."""
+    clients: dict[str, Client] = {}
+    try:
+        for axis in AXES:
+            clients[axis] = Client(f"{NAME}-{axis}", address)
+    except BusError:
+        pass
+    if len(clients) == len(AXES) and all(c.status().state == "ready" for c in clients.values()):
+        return clients
+    for one in clients.values():
+        one.close()
+    return None
+
+
+def played(
+    folder: Path, bench: EmulatedBench, config: Path, address: str, passes: int
+) -> dict[str, tuple[float, float]]:
+    """The errors of each figure with the models that stand in the folder."""
+    out = {}
+    daemon = dehyst("run", "--config", str(config), stdout=None, stderr=subprocess.DEVNULL)
+    try:
+        clients = until(lambda: connected(address), 240.0, "the daemon")
+        for name, words in FIGURES.items():
+            path = folder / f"{words[0]}.csv"
+            if not path.exists():
+                plane = folder / f"{words[0]}-plane.csv"
+                run_command("scan", *words, *CENTER, "--config", str(config), "-o", str(plane))
+                columns, _ = read_columns(plane)
+                t_s = columns.pop("t_s")
+                columns["target_z_um"] = np.full(t_s.size, STILL_UM)
+                del columns["scan"]
+                write_recording(path, t_s, columns)
+            n = read_columns(path)[0]["t_s"].size
+            more = ("--learn", "--picture", str(folder / "p.png")) if passes > 1 else ()
+            where = ("--to", NAME, "--connect", address, "--repeat", str(passes))
+            run_command("play", str(path), *where, *more)
+            out[name] = errors_nm(clients, bench, n, passes)
+        for one in clients.values():
+            one.close()
+    finally:
+        daemon.terminate()
+        daemon.wait(60)
+    return out
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--passes", type=int, default=8)
+    parser.add_argument("--seconds", type=float, default=20.0, help="of the drive")
+    args = parser.parse_args()
+    bars, busy = Bars(), too_busy(1.0)
+    with tempfile.TemporaryDirectory() as name:
+        folder, address = Path(name), f"tcp/127.0.0.1:{free_port()}"
+        bench = EmulatedBench(folder, "--axes", str(len(AXES)))
+        try:
+            nothing: dict[str, Model | None] = dict.fromkeys(AXES)
+            config = write_axes_bench(folder, bench.ports, NAME, address, nothing, trim=False)
+            found = {}
+            for kind, models in identified(folder, config, args.seconds).items():
+                for axis, model in models.items():
+                    save_model(model, folder / f"model-{axis}.toml")
+                found[kind] = played(folder, bench, config, address, 1)
+            found["learned"] = played(folder, bench, config, address, args.passes)
+        finally:
+            bench.close()
+    for figure in FIGURES:
+        plane = {kind: results[figure][0] for kind, results in found.items()}
+        still = {kind: results[figure][1] for kind, results in found.items()}
+        told = "; ".join(f"{kind} {plane[kind]:.0f}, z {still[kind]:.1f}" for kind in found)
+        print(f"{figure}: path error, and that of z which stands, nm: {told}")
+        gain = still["compensated"] / still["coupled"]
+        if busy and not gain >= LEAST_GAIN:
+            bars.cannot(f"{figure}: cross-talk, without over with: {gain:.1f}", busy)
+        else:
+            bars.least(f"{figure}: cross-talk, without over with", gain, LEAST_GAIN)
+    return bars.end()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
