@@ -44,12 +44,13 @@ from dehyst.daemon.bus.messages import (
 from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError, Nobody
 from dehyst.daemon.bus.topics import SETPOINT, subject
+from dehyst.daemon.client.finding import TIMEOUT_S, chosen_of, find_daemons, not_chosen
 from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, play
 from dehyst.daemon.client.repeated import Repeated
 from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
 from dehyst.daemon.config import Config, parse_config
 from dehyst.daemon.rings.records import TELEMETRY
-from dehyst.models.errors import BadInput, DehystError
+from dehyst.models.errors import DehystError
 from dehyst.models.model import Model
 from dehyst.models.modelfile import loads
 
@@ -60,8 +61,6 @@ log = logging.getLogger(__name__)
 DEFAULT = "tcp/127.0.0.1:7447"
 ADDRESS, CREDENTIALS = "DEHYST_CONNECT", "DEHYST_CREDENTIALS"
 """What the environment may say instead of the defaults."""
-TIMEOUT_S = 3.0
-FIND_S = 5.0
 PATIENCE_S = 2.0
 
 
@@ -97,9 +96,9 @@ class Client:
         addresses = [connect] if isinstance(connect, str) else list(connect)
         bus = Bus.connect(addresses, security=client_settings(credentials))
         try:
-            names = find_daemons(bus, base, addresses, lambda found: _chosen(found, name))
-            if (chosen := _chosen(names, name)) is None:
-                raise BusError(_not_chosen(names, name, ", ".join(addresses)))
+            names = find_daemons(bus, base, addresses, lambda found: chosen_of(found, name))
+            if (chosen := chosen_of(names, name)) is None:
+                raise BusError(not_chosen(names, name, ", ".join(addresses)))
             self._begin(bus, Keys(base, chosen), label, new_number())
         except BaseException:
             bus.close()
@@ -397,50 +396,3 @@ class Client:
             unit=self.unit,
             allow_unreachable=allow_unreachable,
         )
-
-
-def find_daemons(
-    bus: Bus, base: str, addresses: Sequence[str], enough: Callable[[list[str]], object]
-) -> list[str]:
-    """Names of the daemons that are there; one that is just starting is waited for, until `enough`
-    is true of the names or there are several. Raises BusError where there is none."""
-    deadline_ns = clock.monotonic_ns() + round(FIND_S * 1e9)
-    passed_over: set[str] = set()
-    while True:
-        names = daemons(bus, base, passed_over)
-        if enough(names) or clock.monotonic_ns() > deadline_ns or len(names) > 1:
-            break
-        clock.sleep_s(0.05)
-    if not names:
-        raise BusError(
-            f"something listens at {', '.join(addresses)}, but no daemon with keys below {base}/ "
-            "answers; it may not let these credentials see it"
-        )
-    return names
-
-
-def _chosen(names: list[str], name: str | None) -> str | None:
-    """The daemon that is meant; None: none, or several."""
-    if name is None:
-        return names[0] if len(names) == 1 else None
-    return name if name in names else None
-
-
-def _not_chosen(names: list[str], name: str | None, where: str) -> str:
-    if name is None:
-        return f"several daemons answer at {where}: {', '.join(names)}; name one"
-    return f"no daemon {name} at {where}; there are: {', '.join(names)}"
-
-
-def daemons(bus: Bus, base: str = "dehyst", passed_over: set[str] | None = None) -> list[str]:
-    """Names of the daemons that are there. What announces itself under a key that no daemon has is
-    passed over, and named in the log unless it is in `passed_over` already."""
-    keys, known, found = Keys(base, "*"), set() if passed_over is None else passed_over, []
-    for key in bus.alive(keys.alive()):
-        try:
-            found.append(keys.parse(key).name)
-        except BadInput as error:
-            if key not in known:
-                log.warning("passed over, it is no daemon of ours: %s", error)
-            known.add(key)
-    return sorted(found)

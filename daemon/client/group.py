@@ -19,19 +19,12 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.messages import Reply, Status, new_number
 from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError
-from dehyst.daemon.client.client import (
-    ADDRESS,
-    CREDENTIALS,
-    DEFAULT,
-    TIMEOUT_S,
-    Client,
-    find_daemons,
-)
+from dehyst.daemon.client.client import ADDRESS, CREDENTIALS, DEFAULT, Client
+from dehyst.daemon.client.finding import find_axes
 from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Player, play_together
 from dehyst.daemon.client.repeated import Repeated
 from dehyst.models.errors import BadInput
@@ -224,36 +217,3 @@ def check_inside(axis: str, targets: ArrayLike, status: Status) -> None:
             f"axis {axis}: {values[outside][0]:g} {status.unit} cannot be reached: the range is "
             f"{status.reach_min:g} to {status.reach_max:g}; nothing was sent"
         )
-
-
-def find_axes(
-    bus: Bus, base: str, name: str | None, addresses: Sequence[str]
-) -> tuple[str, dict[str, str]]:
-    """(the controller's name, the name in keys of each axis by its short name, "" where the
-    controller has one alone). name: of a controller or of an axis. Raises BusError."""
-    names = find_daemons(bus, base, addresses, lambda found: _meant(found, name))
-    where = ", ".join(addresses)
-    found: dict[str, dict[str, str]] = {}
-    for daemon in _meant(names, name):
-        if any(daemon in axes.values() for axes in found.values()):
-            continue
-        answer = next(iter(bus.ask(Keys(base, daemon).rpc("status"), timeout_s=TIMEOUT_S)))
-        said = encoding.decode(Status, answer).gateway
-        controller = said.controller or daemon
-        axes = {one.removeprefix(f"{controller}-"): one for one in said.axes} or {"": daemon}
-        if name in (None, controller):
-            found[controller] = axes
-        elif name == daemon:
-            return controller, {axis: one for axis, one in axes.items() if one == name}
-    if len(found) == 1:
-        return next(iter(found.items()))
-    if found:
-        raise BusError(f"several daemons answer at {where}: {', '.join(found)}; name one")
-    raise BusError(f"no daemon {name} at {where}; there are: {', '.join(names)}")
-
-
-def _meant(names: list[str], name: str | None) -> list[str]:
-    """The daemons that may be the one that is meant, or its axes."""
-    if name is None:
-        return names
-    return [one for one in names if one == name or one.startswith(f"{name}-")]

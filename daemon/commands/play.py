@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -287,7 +287,9 @@ def report(
     outcomes: "Mapping[str, Sequence[Outcome]] | None" = None,
 ) -> int:
     """Print the result, of each axis; the exit code."""
-    results = {axis: figures(one) for axis, one in played.items()}
+    from dehyst.daemon.tools.played_summary import describe_played, list_figures
+
+    results = {axis: list_figures(one) for axis, one in played.items()}
     for axis, passes in (outcomes or {}).items():
         results[axis]["passes"] = [asdict(one) for one in passes]
     alone = "" in played
@@ -296,48 +298,10 @@ def report(
         print_json(results[""] if alone else {"completed": done, "axes": results})
     else:
         for axis, one in played.items():
-            tell(one, axis)
+            print("\n".join(describe_played(one, axis)))
     bad = [
         one
         for one in played.values()
         if not (one.completed and one.tracking.complete) or one.lost or one.tracking.unreachable
     ]
     return 1 if bad else 0
-
-
-def figures(played: "Played") -> dict[str, Any]:
-    """What happened at one axis, for JSON."""
-    tracking = played.tracking
-    return {
-        "completed": played.completed,
-        "reason": played.reason,
-        "unit": played.unit,
-        "duration_s": played.duration_s,
-        "samples": tracking.samples,
-        "expected_samples": tracking.expected,
-        "lost_telemetry_samples": played.lost,
-        "rms_error": tracking.rms_error,
-        "max_error": tracking.max_error if tracking.valid else float("nan"),
-        "unreachable_samples": tracking.unreachable,
-        "slew_limited_samples": tracking.slew_limited,
-        "outside_validity_samples": tracking.outside_validity,
-        "invalid_sensor_samples": tracking.invalid,
-        "fallback_samples": tracking.dry,
-        "missed_deadlines": tracking.missed,
-        "state": played.state,
-    }
-
-
-def tell(played: "Played", axis: str) -> None:
-    """The same in words."""
-    tracking, unit, head = played.tracking, played.unit, f"{axis}: " if axis else ""
-    end = "played to the end" if played.completed else f"ended early: {played.reason}"
-    print(f"{head}{end}; {tracking.samples} of {tracking.expected} samples, {played.lost} lost")
-    most = tracking.max_error if tracking.valid else float("nan")
-    print(f"{head}tracking error: rms {tracking.rms_error:.4g} {unit}, largest {most:.4g} {unit}")
-    print(
-        f"{head}unreachable {tracking.unreachable}, slew-limited {tracking.slew_limited}, outside "
-        f"the model's validity {tracking.outside_validity}, without a reading "
-        f"{tracking.invalid}, inverse fell back {tracking.dry}, missed deadlines "
-        f"{tracking.missed}"
-    )

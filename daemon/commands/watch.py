@@ -124,7 +124,7 @@ def list_all(args: argparse.Namespace) -> int:
     from dehyst.daemon.bus.printable import printable
     from dehyst.daemon.bus.security import client_settings
     from dehyst.daemon.bus.session import Bus, BusError
-    from dehyst.daemon.client.client import daemons
+    from dehyst.daemon.client.finding import daemons
 
     where, credentials = address_of(args)
     with Bus.connect([where], security=client_settings(credentials)) as bus:

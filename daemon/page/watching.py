@@ -18,7 +18,8 @@ from dehyst.daemon import clock
 from dehyst.daemon.bus.messages import DoctorReport, Event, Rejection, Status
 from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError
-from dehyst.daemon.client.client import Client, daemons
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.client.finding import daemons
 from dehyst.daemon.config import Config
 from dehyst.daemon.page.buckets import Buckets
 from dehyst.daemon.page.trail import Trail

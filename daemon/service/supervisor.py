@@ -13,17 +13,15 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from dehyst.daemon import clock, notify
-from dehyst.daemon.config import Config, Controller
-from dehyst.daemon.rings.records import EVENT
-from dehyst.daemon.rings.ring_file import RingFile
+from dehyst.daemon.config import Controller
+from dehyst.daemon.service.event_teller import EventTeller
 from dehyst.daemon.service.heartbeat import Heartbeats
 from dehyst.daemon.service.life import NEXT, Life, LifeEvent
-from dehyst.models.errors import BadInput, DehystError
+from dehyst.models.errors import DehystError
 
 # -P: a folder called dehyst where the user stands must not be taken for the package
 DEHYST = (sys.executable, "-P", "-m", "dehyst.daemon.main")
@@ -74,34 +72,6 @@ class Child:
         if self.process is not None:
             self.process.kill()
             self.process.wait(5.0)
-
-
-class EventTeller:
-    """Says the events of one axis, each once."""
-
-    def __init__(self, config: Config, say: Callable[[str], None]) -> None:
-        self._path, self._say = config.directory / "event.ring", say
-        self._axis = f"{config.axis}: " if config.axis else ""
-        self._ring: RingFile | None = None
-        self._told = 0
-
-    def tell(self, pid: int) -> None:
-        """Say what this process' loop has written since the last time."""
-        try:
-            if self._ring is None or self._ring.stale():
-                if self._ring is not None:
-                    self._ring.close()
-                self._ring, self._told = None, 0
-                self._ring = RingFile(self._path, EVENT)
-            if self._ring.pid != pid or self._ring.place()[0] == self._told:
-                return
-            records, self._told = self._ring.read(self._told)
-        except BadInput:
-            return  # no loop yet, or its ring is damaged, which it mends itself
-        for record in records:
-            when = datetime.fromtimestamp(int(record["wall_ns"]) * 1e-9)
-            text = bytes(record["text"]).decode("utf-8", "replace")
-            self._say(f"{when:%H:%M:%S} {self._axis}{text}")
 
 
 class Supervisor:

@@ -23,8 +23,8 @@ from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import (
     DeviceGone,
     DeviceSpec,
+    DeviceTimeout,
     DriverConfigError,
-    DriverError,
     OutOfRange,
     ProtocolError,
 )
@@ -204,7 +204,7 @@ class Mdt693b:
                 yield self._opened()
             except CommandRefused:
                 raise
-            except DriverError as error:
+            except (DeviceGone, DeviceTimeout, ProtocolError) as error:
                 unit.lose(error)
                 raise
 

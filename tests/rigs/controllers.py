@@ -32,7 +32,8 @@ from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.messages import Command, Event, Reply, Status, TelemetryBatch
 from dehyst.daemon.bus.session import Bus, BusError
-from dehyst.daemon.client.client import Client, daemons
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.client.finding import daemons
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.tools.bench_config import simulated_model

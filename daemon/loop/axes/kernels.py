@@ -55,8 +55,7 @@ def begin_axes(axes: NDArray[np.int64], clock_ns: int, volts: NDArray[np.float64
     for i in range(axes.size):
         take_requests(axis_at(axes[i]), clock_ns)
     now_ns = meter_of(axis_at(axes[0])).scheduled_ns
-    if axes.size > 1:
-        groups.coordinate(axes, now_ns)
+    groups.coordinate(axes, now_ns)
     for i in range(axes.size):
         table = axis_at(axes[i])
         age(table, control_of(table), settings_of(table), now_ns)

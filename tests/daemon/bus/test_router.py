@@ -24,7 +24,8 @@ from dehyst.daemon.bus import encoding, topics
 from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError
-from dehyst.daemon.client.client import Client, daemons
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.client.finding import daemons
 from dehyst.daemon.config import load_config, parse_config
 from dehyst.daemon.main import main
 from dehyst.models.errors import BadInput

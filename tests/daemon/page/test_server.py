@@ -9,6 +9,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
+from tests.rigs.axes_bench import AxesBench
 from tests.rigs.gateway_bench import Bench, wait_until
 from tests.rigs.page import Browser, PageProcess
 from websockets.exceptions import InvalidStatus
@@ -429,3 +430,43 @@ def test_a_dropped_recording_is_identified_beside_a_look_at_a_trajectory(
     report = still_page.http.get(f"/job/{number}/report")
     assert report.headers["content-security-policy"].startswith("sandbox; default-src 'none'")
     assert "<html" in report.text
+
+
+def test_all_axes_of_a_controller_their_path_and_one_stop(tmp_path: Path) -> None:
+    axes = AxesBench(tmp_path, "xy")
+    page: PageProcess | None = None
+    try:
+        axes.start_gateway()
+        group = axes.group()
+        page = PageProcess(axes.address, log=tmp_path / "page.txt")
+        browser = Browser(page)
+        names = ["stage-1-x", "stage-1-y"]
+        browser.until("they are found", lambda: browser.said.get("controllers"))
+        browser.until("both", lambda: browser.said["controllers"]["names"] == names)
+        browser.look("stage-1-x")
+        said = browser.until("all axes", lambda: browser.said.get("axes"))
+        assert (said["controller"], said["anew"]) == ("stage-1", True)
+        assert [one["axis"] for one in said["axes"]] == ["x", "y"]
+        group.send({"x": 3.0, "y": 6.0})
+        way: dict[int, list[float | None]] = {}
+
+        def arrived() -> bool:
+            for one in browser.heard:
+                if one["kind"] == "axes":
+                    targets = zip(*(axis["way"][0] for axis in one["axes"]), strict=True)
+                    way.update(dict(zip(one["number"], targets, strict=True)))
+            return (3.0, 6.0) in way.values()
+
+        browser.until("the path comes there", arrived)
+        assert list(way) == sorted(way)  # each point once, in order
+        before = {axis: loop.commands.size for axis, loop in axes.loops.items()}
+        browser.ask("stop")
+        browser.until("stopped", lambda: "stopped" in browser.said.get("said", {}).get("text", ""))
+        for axis, loop in axes.loops.items():
+            wait_until(f"{axis} is stopped", lambda one=loop, n=before[axis]: one.commands.size > n)
+            assert Command.STOP_MOTION in loop.commands["kind"][before[axis] :]
+        browser.close()
+    finally:
+        if page is not None:
+            page.close()
+        axes.close()

@@ -113,6 +113,10 @@ def test_what_cannot_be_shared_is_refused(tmp_path: Path) -> None:
             output(emulator, "x").open()
         with pytest.raises(DriverConfigError, match="setting timeout_s"):
             output(emulator, "z", timeout_s=0.7).open()
+        emulator.unit.registers.min_v["z"] = 60.0
+        with pytest.raises(DriverConfigError, match="nothing is left"):
+            output(emulator, "z", max_v=50.0).open()
+        emulator.unit.registers.min_v["z"] = 0.0
         outputs[0].write(25.0)
         late = output(emulator, "z")
         late.open()

@@ -139,6 +139,13 @@ def test_without_the_others_nobody_starts() -> None:
     assert np.nanmax(told["target"]) == pytest.approx(RAMP_X[0])
 
 
+def test_a_stage_of_one_axis_waits_for_nobody_for_ever() -> None:
+    trio = Trio(next(names), "x")
+    told = trio.play({"x": group_points(RAMP_X, last=True)}, 300)["x"]
+    assert State(told["state"][-1]) in (State.HOLDING, State.READY)
+    assert np.nanmax(told["target"]) == pytest.approx(RAMP_X[0])
+
+
 def test_one_that_has_played_to_its_end_may_go() -> None:
     trio = Trio(next(names), "xy")
     trio.play(

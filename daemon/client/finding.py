@@ -1,0 +1,94 @@
+"""Which daemons are there, and which of them is meant: by its name, or as the only one."""
+
+import logging
+from collections.abc import Callable, Sequence
+
+from dehyst.daemon import clock
+from dehyst.daemon.bus import encoding
+from dehyst.daemon.bus.keys import Keys
+from dehyst.daemon.bus.messages import Status
+from dehyst.daemon.bus.session import Bus, BusError
+from dehyst.models.errors import BadInput
+
+log = logging.getLogger(__name__)
+FIND_S, TIMEOUT_S = 5.0, 3.0
+
+
+def find_daemons(
+    bus: Bus, base: str, addresses: Sequence[str], enough: Callable[[list[str]], object]
+) -> list[str]:
+    """Names of the daemons that are there; one that is just starting is waited for, until `enough`
+    is true of the names or there are several. Raises BusError where there is none."""
+    deadline_ns = clock.monotonic_ns() + round(FIND_S * 1e9)
+    passed_over: set[str] = set()
+    while True:
+        names = daemons(bus, base, passed_over)
+        if enough(names) or clock.monotonic_ns() > deadline_ns or len(names) > 1:
+            break
+        clock.sleep_s(0.05)
+    if not names:
+        raise BusError(
+            f"something listens at {', '.join(addresses)}, but no daemon with keys below {base}/ "
+            "answers; it may not let these credentials see it"
+        )
+    return names
+
+
+def chosen_of(names: list[str], name: str | None) -> str | None:
+    """The daemon that is meant; None: none, or several."""
+    if name is None:
+        return names[0] if len(names) == 1 else None
+    return name if name in names else None
+
+
+def not_chosen(names: list[str], name: str | None, where: str) -> str:
+    if name is None:
+        return f"several daemons answer at {where}: {', '.join(names)}; name one"
+    return f"no daemon {name} at {where}; there are: {', '.join(names)}"
+
+
+def daemons(bus: Bus, base: str = "dehyst", passed_over: set[str] | None = None) -> list[str]:
+    """Names of the daemons that are there. What announces itself under a key that no daemon has is
+    passed over, and named in the log unless it is in `passed_over` already."""
+    keys, known, found = Keys(base, "*"), set() if passed_over is None else passed_over, []
+    for key in bus.alive(keys.alive()):
+        try:
+            found.append(keys.parse(key).name)
+        except BadInput as error:
+            if key not in known:
+                log.warning("passed over, it is no daemon of ours: %s", error)
+            known.add(key)
+    return sorted(found)
+
+
+def find_axes(
+    bus: Bus, base: str, name: str | None, addresses: Sequence[str]
+) -> tuple[str, dict[str, str]]:
+    """(the controller's name, the name in keys of each axis by its short name, "" where the
+    controller has one alone). name: of a controller or of an axis. Raises BusError."""
+    names = find_daemons(bus, base, addresses, lambda found: _meant(found, name))
+    where = ", ".join(addresses)
+    found: dict[str, dict[str, str]] = {}
+    for daemon in _meant(names, name):
+        if any(daemon in axes.values() for axes in found.values()):
+            continue
+        answer = next(iter(bus.ask(Keys(base, daemon).rpc("status"), timeout_s=TIMEOUT_S)))
+        said = encoding.decode(Status, answer).gateway
+        controller = said.controller or daemon
+        axes = {one.removeprefix(f"{controller}-"): one for one in said.axes} or {"": daemon}
+        if name in (None, controller):
+            found[controller] = axes
+        elif name == daemon:
+            return controller, {axis: one for axis, one in axes.items() if one == name}
+    if len(found) == 1:
+        return next(iter(found.items()))
+    if found:
+        raise BusError(f"several daemons answer at {where}: {', '.join(found)}; name one")
+    raise BusError(f"no daemon {name} at {where}; there are: {', '.join(names)}")
+
+
+def _meant(names: list[str], name: str | None) -> list[str]:
+    """The daemons that may be the one that is meant, or its axes."""
+    if name is None:
+        return names
+    return [one for one in names if one == name or one.startswith(f"{name}-")]

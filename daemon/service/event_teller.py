@@ -1,0 +1,37 @@
+"""What the loop's process has to say, for the supervisor's own words: from the rings of events."""
+
+from collections.abc import Callable
+from datetime import datetime
+
+from dehyst.daemon.config import Config
+from dehyst.daemon.rings.records import EVENT
+from dehyst.daemon.rings.ring_file import RingFile
+from dehyst.models.errors import BadInput
+
+
+class EventTeller:
+    """Says the events of one axis, each once."""
+
+    def __init__(self, config: Config, say: Callable[[str], None]) -> None:
+        self._path, self._say = config.directory / "event.ring", say
+        self._axis = f"{config.axis}: " if config.axis else ""
+        self._ring: RingFile | None = None
+        self._told = 0
+
+    def tell(self, pid: int) -> None:
+        """Say what this process' loop has written since the last time."""
+        try:
+            if self._ring is None or self._ring.stale():
+                if self._ring is not None:
+                    self._ring.close()
+                self._ring, self._told = None, 0
+                self._ring = RingFile(self._path, EVENT)
+            if self._ring.pid != pid or self._ring.place()[0] == self._told:
+                return
+            records, self._told = self._ring.read(self._told)
+        except BadInput:
+            return  # no loop yet, or its ring is damaged, which it mends itself
+        for record in records:
+            when = datetime.fromtimestamp(int(record["wall_ns"]) * 1e-9)
+            text = bytes(record["text"]).decode("utf-8", "replace")
+            self._say(f"{when:%H:%M:%S} {self._axis}{text}")

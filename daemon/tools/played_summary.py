@@ -1,0 +1,43 @@
+"""What became of a trajectory at one axis: for JSON, and in words."""
+
+from typing import Any
+
+from dehyst.daemon.client.player import Played
+
+
+def list_figures(played: Played) -> dict[str, Any]:
+    """What happened at one axis, for JSON."""
+    tracking = played.tracking
+    return {
+        "completed": played.completed,
+        "reason": played.reason,
+        "unit": played.unit,
+        "duration_s": played.duration_s,
+        "samples": tracking.samples,
+        "expected_samples": tracking.expected,
+        "lost_telemetry_samples": played.lost,
+        "rms_error": tracking.rms_error,
+        "max_error": tracking.max_error if tracking.valid else float("nan"),
+        "unreachable_samples": tracking.unreachable,
+        "slew_limited_samples": tracking.slew_limited,
+        "outside_validity_samples": tracking.outside_validity,
+        "invalid_sensor_samples": tracking.invalid,
+        "fallback_samples": tracking.dry,
+        "missed_deadlines": tracking.missed,
+        "state": played.state,
+    }
+
+
+def describe_played(played: Played, axis: str) -> list[str]:
+    """The same in words, as lines."""
+    tracking, unit, head = played.tracking, played.unit, f"{axis}: " if axis else ""
+    end = "played to the end" if played.completed else f"ended early: {played.reason}"
+    most = tracking.max_error if tracking.valid else float("nan")
+    return [
+        f"{head}{end}; {tracking.samples} of {tracking.expected} samples, {played.lost} lost",
+        f"{head}tracking error: rms {tracking.rms_error:.4g} {unit}, largest {most:.4g} {unit}",
+        f"{head}unreachable {tracking.unreachable}, slew-limited {tracking.slew_limited}, outside "
+        f"the model's validity {tracking.outside_validity}, without a reading "
+        f"{tracking.invalid}, inverse fell back {tracking.dry}, missed deadlines "
+        f"{tracking.missed}",
+    ]
