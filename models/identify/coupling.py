@@ -123,14 +123,17 @@ class _Rest:
             begin = np.zeros(u.size, dtype=bool)
             begin[0] = True
             r = np.linspace(0.0, 0.5, TUNING.coupling_plays) * span
-            own = np.column_stack(
-                [np.ones(u.size), plays(r, np.ascontiguousarray(u), begin) / span]
-            )
+            piece = np.arange(u.size) * TUNING.coupling_stretches // u.size
+            # a level for each stretch: creep and drift are no coupling
+            levels = piece[:, None] == np.arange(TUNING.coupling_stretches)
+            h = plays(r, np.ascontiguousarray(u), begin) / span
+            z = (u - u.mean()) / span
+            own = np.column_stack([levels, h, z**2, z**3])
             pair = np.column_stack([residual[good], channels[good]])
             pair = pair - own @ np.linalg.lstsq(own, pair, rcond=None)[0]
             lefts.append(pair[:, 0])
             columns.append(pair[:, 1:])
-            pieces.append(count + np.arange(u.size) * TUNING.coupling_stretches // u.size)
+            pieces.append(count + piece)
             count += TUNING.coupling_stretches
         self.left = np.concatenate(lefts)
         self.columns = np.concatenate(columns)

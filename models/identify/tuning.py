@@ -84,7 +84,7 @@ class Tuning(NamedTuple):
     coupling_still: float = 1e-6  # of the span: a drive that changes less stands
     coupling_rest_s: float = 1.0  # of a rest, that counts
     coupling_rounds: int = 3  # of model and gains in turn
-    coupling_settled: float = 0.1  # of what the model leaves: a change of the gains that is none
+    coupling_settled: float = 0.2  # of the noise: a change of the gains that brings less is none
     # sizes
     rows_compared: int = 12_000  # for the choice of the structure
     rows_slope: int = 1_000_000  # for the mean slope
