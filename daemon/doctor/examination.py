@@ -24,12 +24,12 @@ from dehyst.daemon.loop.reach import displacement_range
 from dehyst.models import diagnosis
 from dehyst.models.change.causes import WeighedCause, find_causes, weigh_causes
 from dehyst.models.change.led import lead_in, without_lead
-from dehyst.models.change.replay import BothReplayed, replay_both
+from dehyst.models.change.replay import BothReplayed, keep_zero, replay_both
 from dehyst.models.diagnosis import Finding
 from dehyst.models.errors import BadInput, DehystError
 from dehyst.models.identify.validation import validate
 from dehyst.models.inverse.compensator import Compensator
-from dehyst.models.mismatch.gauge import find_gauge_fault
+from dehyst.models.mismatch.gauge import find_gauge_fault, find_moved_zero
 from dehyst.models.model import Model
 from dehyst.models.recording import Recording
 
@@ -72,15 +72,25 @@ def examine(folder: Path) -> Examined:
             "reader first.",
             unit=model.displacement_unit,
         )
-    flagged = lead_in(whole, lead_s)
+    flagged, good = lead_in(whole, lead_s), _read(folder, cases.GOOD, case)
+    moved = find_moved_zero(flagged, model, good)
+    if moved:
+        return Examined(
+            verdict=GAUGE,
+            says=f"{moved}: no model is offered. It is the gauge's zero, or the mount's; the trim "
+            "follows it within its limit, and `dehyst zero` sets it.",
+            unit=model.displacement_unit,
+        )
     found = Diagnosed(diagnosis.diagnose([flagged], model), (flagged,))
     found.save(folder / cases.FOUND)
-    return _conclude(folder, case, model, found, _gather(folder, case, model, flagged))
+    return _conclude(folder, case, model, found, _gather(folder, case, model, flagged, good))
 
 
-def _gather(folder: Path, case: Case, model: Model, flagged: Recording) -> _Evidence:
+def _gather(
+    folder: Path, case: Case, model: Model, flagged: Recording, good: Recording | None
+) -> _Evidence:
     causes = find_causes(model, flagged)
-    later, good = _wait_for_later(folder, case), _read(folder, cases.GOOD, case)
+    later = _wait_for_later(folder, case)
     weighed = weigh_causes(model, causes, flagged if later is None else later, good)
     return _Evidence(flagged, later, good, weighed)
 
@@ -99,8 +109,6 @@ def _conclude(
     offered, tested, why = None, None, ""
     if of_sensor:
         why = "What has changed is the gauge: no model is offered."
-    elif case.figure == "offset" and before <= 2.0 * max(when_good, details.noise):
-        why = "The zero has moved, and nothing else: no model is offered. `dehyst zero` sets it."
     elif named and seen.later is None:
         why = "No model is offered: no telemetry came on which it could be tested."
     elif named and seen.later is not None:
@@ -205,8 +213,9 @@ def _try(
     """(the model that did best on what came later, its test, why none is offered)."""
     tried: list[tuple[BothReplayed, Model]] = []
     why = ""
-    for candidate in models:
+    for one in models:
         try:
+            candidate = keep_zero(model, one, later)
             Compensator(candidate, 1.0 / case.rate_hz, case.low, case.high, case.slew)
             tried.append((replay_both(model, candidate, later, noise, case.later_s), candidate))
         except (DehystError, ValueError, ArithmeticError) as error:

@@ -30,6 +30,9 @@ from dehyst.models.mismatch.monitor import MismatchMonitor
 log = logging.getLogger(__name__)
 WAITING_BATCHES = 4096
 UNUSABLE = Flag.SENSOR_HELD | Flag.SENSOR_INVALID
+STUCK, SILENT = "stuck", "silent"
+LOST, SILENT_S = 0.2, 2
+"""Share of a second's readings that are not valid, and seconds of it: the gauge is silent."""
 MEANS = {
     "gain": "it moves by another amount, or creeps in another way",
     "offset": "its zero has moved",
@@ -38,8 +41,9 @@ MEANS = {
     "ringing": "it rings, or something shakes it",
     "short": "its reading is noisier",
     "fit": "the model fits far worse than it states",
+    STUCK: "its reading stands still",
+    SILENT: "its gauge gives no valid reading",
 }
-STUCK = "stuck"
 
 Trust = Callable[[bool], None]
 """Whether stage and gauge are to be trusted, told to the loop."""
@@ -70,6 +74,7 @@ class MismatchWatch:
         self._before: Any = None
         self._keep_at: int | None = None  # sequence number at which the recording is complete
         self._stuck = False
+        self._due = self._lost = self._silent_s = 0
         self.health, self.mismatch, self.figure = 0.0, False, ""
 
     def add(self, run: int, samples: NDArray[Any], origin: float, zero: float = 0.0) -> None:
@@ -109,6 +114,10 @@ class MismatchWatch:
             & (samples["state"] != State.FAULT)
             & (np.diff(seq) == 1)
         )
+        due = (samples["flags"] & int(Flag.SENSOR_HELD) == 0) & (samples["state"] != State.FAULT)
+        invalid = samples["flags"] & int(Flag.SENSOR_INVALID) != 0
+        self._due += int(due.sum())
+        self._lost += int((due & (invalid | ~np.isfinite(samples["measured"]))).sum())
         judged = watch.update(
             drive,
             samples["predicted"] + origin,
@@ -137,6 +146,7 @@ class MismatchWatch:
         self._cases.restart()
         self.trust(True)
         self.health, self.mismatch, self.figure, self._stuck = 0.0, False, "", False
+        self._due = self._lost = self._silent_s = 0
 
     def _judged(self, watch: MismatchMonitor, seq: int) -> None:
         if self.model_path != self._model_used:
@@ -144,8 +154,12 @@ class MismatchWatch:
             return
         stuck_s = watch.stuck_s
         self.health = watch.health
-        wrong = watch.mismatch or stuck_s > 0.0
-        self.figure = (STUCK if stuck_s else watch.cause) if wrong else ""
+        self._silent_s = self._silent_s + 1 if self._lost > LOST * self._due else 0
+        self._due = self._lost = 0
+        silent = self._silent_s >= SILENT_S
+        wrong = watch.mismatch or stuck_s > 0.0 or silent
+        cause = SILENT if silent else STUCK if stuck_s else watch.cause
+        self.figure = cause if wrong else ""
         if stuck_s and not self._stuck:
             self._tell(
                 2,
@@ -159,11 +173,10 @@ class MismatchWatch:
             self._flagged = seq, clock.monotonic_ns(), clock.wall_ns()
             self._figure_flagged = self.figure
             self._keep_at = seq + round(self._config.watch.after_s * rate_hz)
-            why = MEANS.get(self.figure, "its reading stands still")
             self._tell(
                 2,
                 "mismatch",
-                f"the stage does not behave as its model: {why} (health "
+                f"the stage does not behave as its model: {MEANS[self.figure]} (health "
                 f"{self.health:.2f}, above 1 is out of order, by the figure {self.figure!r})",
             )
         elif self.mismatch and not wrong:

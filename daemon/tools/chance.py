@@ -44,10 +44,10 @@ def _friction(chance: random.Random) -> tuple[str, dict[str, float]]:
 
 
 def _resonance(chance: random.Random) -> tuple[str, dict[str, float]]:
-    hz, damping = chance.uniform(15.0, 25.0), chance.uniform(0.1, 0.2)
+    hz, damping = chance.uniform(11.0, 15.0), chance.uniform(0.1, 0.2)
     return (
         f"a mode of {hz:.0f} Hz with a damping ratio of {damping:.2f}",
-        {"mode_hz": hz, "mode_damping": damping, "mode_share": 0.6},
+        {"mode_hz": hz, "mode_damping": damping, "mode_share": 0.8},
     )
 
 

@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from dehyst.models.identify.validation import validate
 from dehyst.models.model import Block, Model
 from dehyst.models.physics import KINDS
@@ -10,6 +12,8 @@ from dehyst.models.recording import Recording
 
 PLACES = {"drive": 0.0, "stage": 1.0, "sensor": 2.0}
 BESIDE = 0.5
+ROUNDS, CLOSE = 4, 0.02
+"""Steps towards the wanted zero, and the part of a step that may be left."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,26 @@ def replay_both(
     cannot be run on it."""
     before, after = validate(in_use, recording), validate(offered, recording)
     return BothReplayed(before.rms, after.rms, noise, seconds)
+
+
+def keep_zero(in_use: Model, offered: Model, recording: Recording) -> Model:
+    """The offered model with the constant with which a target means the same place as under the one
+    in use and its trim: a creep of the whole displacement moves a model's zero by micrometres, and
+    with another model the trim begins at nothing. Raises BadInput where one cannot be run on the
+    recording."""
+    trim = recording.channels.get(f"trim_{in_use.displacement_unit}", np.zeros(1))
+    wanted = validate(in_use, recording).offset + float(np.nanmean(trim))
+    shift, gain, model = validate(offered, recording).offset - wanted, 1.0, offered
+    for _ in range(ROUNDS):
+        c = np.array(model.hysteresis.c)
+        c[0] += shift / gain
+        model = replace(model, hysteresis=replace(model.hysteresis, c=c))
+        left = validate(model, recording).offset - wanted
+        if abs(left) <= CLOSE * abs(shift):
+            break
+        gain *= (shift - left) / shift  # blocks behind take the constant up, too
+        shift = left
+    return model
 
 
 def with_blocks(model: Model, blocks: Iterable[Block]) -> Model:

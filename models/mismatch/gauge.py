@@ -28,6 +28,9 @@ class GaugeTuning(NamedTuple):
     noisier: float = 3.0  # times the noise that the model states
     white: float = 0.15  # correlation of what is left with itself, at the first lags
     lags: int = 10
+    same_error: float = 1.5  # times what the model left of the good recording: as good as then
+    zero: float = 3.0  # the same for a zero that has moved
+    line: float = 2.0  # times what is left without it: the error that is a straight line in time
 
 
 GAUGE = GaugeTuning()
@@ -83,4 +86,29 @@ def _find_noise(recording: Recording, model: Model) -> str:
             f"the gauge's reading is noisier: {found.rms:.3g} {model.displacement_unit} rms from "
             f"row to row, where it was {stated:.3g}"
         )
+    return ""
+
+
+def find_moved_zero(recording: Recording, model: Model, good: Recording | None) -> str:
+    """Whether the zero alone has moved or moves on, in words; "": it has not, or not alone. good:
+    the last good recording."""
+    if good is None:
+        return ""
+    try:
+        now, then = validate(model, recording), validate(model, good)
+    except DehystError:
+        return ""
+    assert recording.displacement is not None
+    error = recording.displacement - now.predicted
+    known = np.isfinite(error)
+    t, e = recording.t_s[known], error[known]
+    slope, _ = np.polyfit(t - t.mean(), e, 1)
+    straight = float(np.std(e - slope * (t - t.mean())))
+    as_good = GAUGE.same_error * max(then.rms, model.fit.noise_rms or 0.0)
+    unit = model.displacement_unit
+    if straight <= as_good and now.rms > GAUGE.line * straight:
+        return f"The zero drifts by {slope:.3g} {unit}/s, and nothing else has changed"
+    moved = now.offset - then.offset
+    if now.rms <= as_good and abs(moved) > GAUGE.zero * as_good:
+        return f"The zero has moved by {moved:.3g} {unit}, and nothing else has changed"
     return ""

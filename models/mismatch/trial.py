@@ -4,7 +4,7 @@ Samples count while the stage follows moving targets with a valid reading. Two f
 seconds of motion, before and after: the model's own error (measured minus predicted, without its
 mean: a zero that has moved is no error of the model) and the tracking error (measured minus
 target). The model stays where its own error has come down by half of what its replay promised, and
-the tracking error has not grown. Pure: no clock.
+the tracking error has not grown, and has fallen where it was the model's. Pure: no clock.
 """
 
 import math
@@ -23,6 +23,8 @@ class TrialTuning(NamedTuple):
     settle_s: float = 2.0  # after the switch: the glide, and what the trim finds anew
     promised: float = 0.5  # of what the replay has removed, in rms
     grown: float = 1.1  # times the tracking error before
+    mostly: float = 0.8  # of the model's error: a tracking error that large was mostly its own,
+    fallen: float = 0.8  # and must be at most so much of what it was
     motion: float = 0.002  # of the reach, between batches: the stage is moved
 
 
@@ -89,4 +91,9 @@ def why_back(before: Errors, after: Errors, promised: tuple[float, float], noise
     most = TRIAL.grown * before.tracking + noise
     if math.isfinite(before.tracking) and not after.tracking <= most:
         return f"the tracking error has grown from {before.tracking:.3g} to {after.tracking:.3g}"
+    own = before.tracking >= TRIAL.mostly * known  # False where nothing moved before
+    if own and not after.tracking <= TRIAL.fallen * before.tracking:
+        return (
+            f"the tracking error has not fallen: {after.tracking:.3g}, before {before.tracking:.3g}"
+        )
     return ""

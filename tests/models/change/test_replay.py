@@ -1,8 +1,12 @@
 """Whether a model is better than the one in use on telemetry that it was not fitted to."""
 
+from dataclasses import replace
+
+import numpy as np
 from tests.models.mismatch.test_trial import NOISE, recording, stage
 
-from dehyst.models.change.replay import BothReplayed, replay_both, with_blocks
+from dehyst.models.change.replay import BothReplayed, keep_zero, replay_both, with_blocks
+from dehyst.models.identify.validation import validate
 from dehyst.models.model import Block
 
 
@@ -30,3 +34,16 @@ def test_blocks_stand_in_the_order_of_what_they_are() -> None:
         ("lag", "drive", 2.0), ("lag", "drive", 1.0), ("creep", "stage", None),
         ("lag", "stage", 2.0), ("lag", "sensor", 2.0),
     ]  # fmt: skip
+
+
+def test_a_target_means_the_same_place_under_the_offered_model() -> None:
+    """Creep of 4 % a decade over four decades moves a model's zero by a tenth of its position."""
+    seen = recording()
+    creep = {"gain_per_decade": 0.04, "tau_min_s": 0.05, "tau_max_s": 500.0}
+    offered = with_blocks(stage(), [Block("creep", "stage", creep)])
+    assert abs(validate(offered, seen).offset - validate(stage(), seen).offset) > 0.3
+    for trim in (0.0, 0.25):
+        trimmed = replace(seen, channels={"trim_um": np.full(seen.size, trim)})
+        kept = keep_zero(stage(), offered, trimmed)
+        moved = validate(kept, seen).offset - validate(stage(), seen).offset
+        assert abs(moved - trim) < 0.01

@@ -42,12 +42,38 @@ CHANGES = [
             "a model that makes the stage follow worse stays at work",
         ),
         Change(
+            "trial-no-help", TRIAL,
+            "if own and not after.tracking <= TRIAL.fallen * before.tracking:", "if False:",
+            "a model that does not help stays at work",
+        ),
+        Change(
+            "zero-jumps", REPLAY, "        c[0] += shift / gain\n", "        c[0] += 0.0\n",
+            "an accepted model moves the stage by micrometres",
+        ),
+        Change(
             "gauge-stuck-unseen", GAUGE, "if share > GAUGE.same:", "if False:",
             "a model is offered for a gauge that is stuck",
         ),
         Change(
             "gauge-far-unseen", GAUGE, "if share > GAUGE.beyond_rows:", "if False:",
             "a model is offered for a gauge that reads nonsense",
+        ),
+    ),
+    *room(
+        ("tests/daemon/doctor/test_story.py",),
+        Change(
+            "silence-unseen", "daemon/gateway/mismatch.py", "silent = self._silent_s >= SILENT_S",
+            "silent = False", "a gauge that gives nothing is in order",
+        ),
+        Change(
+            "drift-modelled", GAUGE,
+            "if straight <= as_good and now.rms > GAUGE.line * straight:", "if False:",
+            "a zero that drifts is called a shape of the loop",
+        ),
+        Change(
+            "offset-modelled", GAUGE,
+            "if now.rms <= as_good and abs(moved) > GAUGE.zero * as_good:", "if False:",
+            "a zero that has moved is called a shape of the loop",
         ),
     ),
     *room(
