@@ -15,8 +15,9 @@ Each part is given the files that have tests of it, because every worker imports
 
 Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
 Real processes on a machine that stands still for a second now and then miss a time-out now and
-then: in the three latter parts a test that fails is run again, twice at most, is named RERUN with
-its reason, and is counted in the closing line. Exit status: 0 where all passed, else 1.
+then: in the three latter parts a test that fails is run again, twice at most, with all that its
+module shares made anew; it is named RERUN with its reason, and is counted in the closing line. Exit
+status: 0 where all passed, else 1.
 """
 
 import os
