@@ -7,7 +7,8 @@ quick      what starts no process, no zenoh session and no pty, on all processor
 thorough   the same where it takes longer: identification, diagnosis, the mismatch watch, recordings
 processes  what does; tests that share a rig of their module in one worker, and two workers more
            than there are processors, because they mostly wait
-timing     what judges times and mostly waits, on all processors; nothing that computes is beside it
+timing     what judges times and mostly waits, in one worker more than there are processors: two
+           halves of the chaos test and a whole set-up side by side; nothing that computes is beside
 alone      what judges times and takes a processor for itself, one after another
 
 Each part is given the files that have tests of it, because every worker imports what it is given.
@@ -15,8 +16,9 @@ Each part is given the files that have tests of it, because every worker imports
 
 Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
 Real processes on a machine that stands still for a second now and then miss a time-out now and
-then: in the three latter parts a test that fails is run again, twice at most, is named RERUN with
-its reason, and is counted in the closing line. Exit status: 0 where all passed, else 1.
+then: in the three latter parts a test that fails is run again, twice at most, with all that its
+module shares made anew; it is named RERUN with its reason, and is counted in the closing line. Exit
+status: 0 where all passed, else 1.
 """
 
 import os
@@ -58,7 +60,8 @@ PARTS = {
         *AGAIN,
     ],
     "timing": [
-        *("-n", JOBS, "--dist", "loadgroup", "--tb=native", "-m", "timing and not alone"),
+        *("-n", str(int(JOBS) + 1), "--dist", "loadgroup", "--tb=native"),
+        *("-m", "timing and not alone"),
         *AGAIN,
     ],
     "alone": ["-m", "alone", *AGAIN],

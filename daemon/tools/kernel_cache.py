@@ -130,7 +130,8 @@ def drop_stale() -> int:
     """Remove index files of out-of-date kernels; how many there were.
 
     Every process begins with this, so files are read only where one is newer than a kernel; kernels
-    that are found good nevertheless are marked as looked at: they become as new as this look.
+    that are found good nevertheless are marked as looked at: they become as new as this look, but
+    for those that another tree shares by a hard link, whose sources may be others.
     """
     own = os.environ.get("NUMBA_CACHE_DIR")
     roots = [Path(own)] if own else [PACKAGE / room for room in ROOMS]
@@ -140,15 +141,15 @@ def drop_stale() -> int:
     dropped = 0
     for index in (path for root in roots for path in root.rglob("*.nbi")):
         try:
-            made_ns = index.stat().st_mtime_ns
-            if made_ns >= last_change_ns:
+            found = index.stat()
+            if found.st_mtime_ns >= last_change_ns:
                 continue
             newest = newest or newest_ns()
-            if made_ns < newest.get(_kernel_file(index), 0):
+            if found.st_mtime_ns < newest.get(_kernel_file(index), 0):
                 index.unlink()
                 dropped += 1
-            else:
-                os.utime(index, ns=(now_ns, now_ns))
+            elif found.st_nlink == 1:
+                os.utime(index, ns=(now_ns, now_ns), follow_symlinks=False)
         except OSError:
             continue  # another process was faster, or the cache is not ours to clean
     return dropped

@@ -171,5 +171,10 @@ def test_a_kernel_goes_with_what_its_file_imports_and_no_other_file_is_read_for_
     os.utime(tmp_path / "models" / "b.py", (40, 40))
     assert (kernel_cache.drop_stale(), kernels(), len(reads)) == (2, ["c"], 3)
     assert (kernel_cache.drop_stale(), kernels(), len(reads)) == (0, ["c"], 3)  # c was looked at
+    index = next(tmp_path.rglob("c.*.nbi"))
+    os.utime(index, (30, 30))
+    os.link(index, tmp_path / "another tree's")  # by whose sources it may be out of date
+    kernel_cache.drop_stale()
+    assert index.stat().st_mtime == 30
     os.utime(tmp_path / "models" / "c.py", (time.time() + 5, time.time() + 5))
     assert (kernel_cache.drop_stale(), kernels()) == (1, [])
