@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dehyst.models.errors import BadRecording
-from dehyst.models.identify.outliers import sample
+from dehyst.models.identify.data.outliers import sample
 from dehyst.models.recording import Floats, Recording, typical_step
 
 SIZE_EDGES = (0.02, 0.15, 0.4, 0.7, 1.01)  # classes of loop sizes, of the span

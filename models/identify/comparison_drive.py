@@ -9,7 +9,7 @@ the data and to that first fit on this drive alike.
 
 import numpy as np
 
-from dehyst.models.identify.rows import Rows
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.recording import Floats
 
 SIZES = (1.0, 0.8, 0.6, 0.4)  # of the drive range

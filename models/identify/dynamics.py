@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from dehyst.models.identify.rows import Rows, compute_rates
+from dehyst.models.identify.data.rows import Rows, compute_rates
 from dehyst.models.model import Block
 from dehyst.models.physics import KINDS
 from dehyst.models.recording import Bools, Floats

@@ -22,8 +22,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dehyst.models.hysteresis.play import play_step
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.dynamics import Dynamics
-from dehyst.models.identify.rows import Rows
 from dehyst.models.recording import Bools, Floats
 
 ROWS_HELD = 8192

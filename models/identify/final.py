@@ -13,6 +13,8 @@ import numpy as np
 
 from dehyst.models.identify.bounded import bounded_solve
 from dehyst.models.identify.comparison_drive import make_comparison_drive
+from dehyst.models.identify.data.outliers import thin
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.equations import (
     Equations,
     Normal,
@@ -22,8 +24,6 @@ from dehyst.models.identify.equations import (
     measure_misfit,
 )
 from dehyst.models.identify.fit import Solution, make_bounds, make_start, solve
-from dehyst.models.identify.outliers import thin
-from dehyst.models.identify.rows import Rows
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, Trial
 from dehyst.models.identify.thresholds import Prior, eliminate, regrid, space_thresholds

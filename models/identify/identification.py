@@ -16,12 +16,12 @@ from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
 from dehyst.models.identify.coupling import Coupled
+from dehyst.models.identify.data.outliers import thin
+from dehyst.models.identify.data.rows import Rows, read_rows
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
 from dehyst.models.identify.final import Fitted, fit_all
 from dehyst.models.identify.fit import make_start
-from dehyst.models.identify.outliers import thin
-from dehyst.models.identify.rows import Rows, read_rows
 from dehyst.models.identify.search import Search
 from dehyst.models.identify.sense import (
     require_better_than_a_line,

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dehyst.models.errors import BadRecording
-from dehyst.models.identify.outliers import sample, thin
-from dehyst.models.identify.rows import Rows
+from dehyst.models.identify.data.outliers import sample, thin
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats

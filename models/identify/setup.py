@@ -14,6 +14,9 @@ from numpy.polynomial import Polynomial
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
 from dehyst.models.hysteresis.z_range import find_least_slope
+from dehyst.models.identify.data.folds import assign_pieces
+from dehyst.models.identify.data.outliers import measure_deviation, measure_jumps, sample, thin
+from dehyst.models.identify.data.rows import Rows, find_drive_range, find_rate_range
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import (
     Equations,
@@ -23,9 +26,6 @@ from dehyst.models.identify.equations import (
     gather_equations,
     make_equations,
 )
-from dehyst.models.identify.folds import assign_pieces
-from dehyst.models.identify.outliers import measure_deviation, measure_jumps, sample, thin
-from dehyst.models.identify.rows import Rows, find_drive_range, find_rate_range
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Hysteresis, Model, Validity
 from dehyst.models.recording import Bools, Floats

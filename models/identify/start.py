@@ -9,11 +9,11 @@ the start: where the start's rows cost these a good part of their fit, it is not
 
 import numpy as np
 
+from dehyst.models.identify.data.outliers import thin
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Shape
 from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.lags import LagSearch
-from dehyst.models.identify.outliers import thin
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Trial, shows
 from dehyst.models.identify.thresholds import space_thresholds

@@ -1,7 +1,7 @@
 """Which structure the data support: static or rate-dependent, which saturation, how strong a prior.
 
 All candidates are scored from the same normal equations, linearised once, stretch by stretch
-(dehyst.models.identify.folds): each is fitted without a stretch and foretells it. A richer
+(dehyst.models.identify.data.folds): each is fitted without a stretch and foretells it. A richer
 structure is taken only where what it gains over the stretches is more than chance, paired.
 """
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadRecording, DehystError
-from dehyst.models.identify.rows import read_rows
+from dehyst.models.identify.data.rows import read_rows
 from dehyst.models.identify.setup import set_up
 from dehyst.models.identify.start import start_agrees
 from dehyst.models.recording import Recording, typical_step

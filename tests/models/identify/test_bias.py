@@ -5,8 +5,8 @@ import pytest
 
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.identify import identify
+from dehyst.models.identify.data.rows import read_rows
 from dehyst.models.identify.equations import Params, Shape
-from dehyst.models.identify.rows import read_rows
 from dehyst.models.identify.setup import set_up
 from dehyst.models.recording import Floats, Recording
 

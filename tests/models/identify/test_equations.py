@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from dehyst.models.hysteresis.forward import simulate_hysteresis
+from dehyst.models.identify.data.rows import read_rows
 from dehyst.models.identify.equations import Params, Shape, assemble, linearise, make_equations
 from dehyst.models.identify.fit import make_bounds, make_start, solve
-from dehyst.models.identify.rows import read_rows
 from dehyst.models.identify.setup import set_up
 from dehyst.models.recording import Recording
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dehyst.models.identify.rows import Rows
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 

@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dehyst.models.errors import BadRecording
-from dehyst.models.identify.outliers import remove_glitches, sample
+from dehyst.models.identify.data.outliers import remove_glitches, sample
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats, Recording
 
