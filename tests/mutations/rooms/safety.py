@@ -248,7 +248,7 @@ CHANGES = [
             "a client's label commands the terminal of whoever watches",
         ),
         Change(
-            "odd-token-locks-out", "daemon/client/client.py",
+            "odd-token-locks-out", "daemon/client/finding.py",
             "        except BadInput as error:\n            if key not in known:",
             "        except KeyError as error:\n            if key not in known:",
             "one liveliness token with odd letters locks every client out",
