@@ -28,7 +28,7 @@ def test_the_loop_and_its_rules_never_read_the_wall_clock() -> None:
         *(
             path
             for room in ("loop", "rings", "service")
-            for path in (ROOT / "daemon" / room).glob("*.py")
+            for path in (ROOT / "daemon" / room).rglob("*.py")
             if path.name not in LABELLING
         ),
         *(
