@@ -4,8 +4,8 @@ another process, through an emulated MDT693B and three emulated KSG101.
     python -m tests.benchmarks.daemon.three_axes_through_serial [--passes N] [--seconds S]
 
 `dehyst acquire`, `identify`, `scan` and `play` as they are, each a process of its own; the daemon
-once with a straight line for each axis, once with models that know nothing of the other axes, once
-with those that do, and once more with learning. The error is that of the true displacement, as the
+once with a straight line for each axis, once with the models without their coupling, once with it,
+and once more with learning. The error is that of the true displacement, as the
 emulated bench has logged it at each reading; z stands under command all the while, so that what
 moves it is cross-talk.
 """
@@ -27,11 +27,10 @@ from tests.rigs.processes import EmulatedBench, dehyst, until
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.files.models import load_model, save_model
-from dehyst.daemon.files.recordings import read_columns, read_recording, write_recording
+from dehyst.daemon.files.recordings import read_columns, write_recording
 from dehyst.daemon.rings.records import Flag
 from dehyst.daemon.tools.bench_config import AXES_RATE_HZ, exploring_drive, write_axes_bench
 from dehyst.models.hysteresis.forward import simulate_hysteresis
-from dehyst.models.identify import identify
 from dehyst.models.model import Floats, Hysteresis, Model
 
 AXES = "xyz"
@@ -74,8 +73,8 @@ def identified(folder: Path, config: Path, seconds: float) -> dict[str, dict[str
         path, model = folder / f"rec-{axis}.csv", folder / f"identified-{axis}.toml"
         run_command("identify", str(path), "-o", str(model))
         kinds["coupled"][axis] = load_model(model)
-        alone = replace(read_recording(path), channels={})
-        kinds["compensated"][axis] = identify([alone]).model
+        own = tuple(b for b in kinds["coupled"][axis].blocks if not b.channel)
+        kinds["compensated"][axis] = replace(kinds["coupled"][axis], blocks=own)
         kinds["linear"][axis] = straight(kinds["compensated"][axis])
     return kinds
 
@@ -170,6 +169,7 @@ def main() -> int:
                 for axis, model in models.items():
                     save_model(model, folder / f"model-{axis}.toml")
                 found[kind] = played(folder, bench, config, address, 1)
+                print(kind, found[kind], flush=True)
             found["learned"] = played(folder, bench, config, address, args.passes)
         finally:
             bench.close()
