@@ -58,6 +58,14 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
         return (yield)
 
 
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Why each attempt failed that was made again: a green run hides nothing."""
+    for report in terminalreporter.stats.get("rerun", []):
+        crash = getattr(report.longrepr, "reprcrash", None)
+        why = " ".join((crash.message if crash else report.longreprtext).split())
+        terminalreporter.write_line(f"RERUN {report.nodeid} ({report.when}): {why[:400]}")
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """Folder with recordings/ and concealed/: $DEHYST_DATA, else ../shared beside the project."""

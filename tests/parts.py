@@ -15,8 +15,8 @@ Each part is given the files that have tests of it, because every worker imports
 
 Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
 Real processes on a machine that stands still for a second now and then miss a time-out now and
-then: in the three latter parts a test that fails is run again, twice at most, and is named RERUN in
-the summary and counted in the closing line. Exit status: 0 where all passed, else 1.
+then: in the three latter parts a test that fails is run again, twice at most, is named RERUN with
+its reason, and is counted in the closing line. Exit status: 0 where all passed, else 1.
 """
 
 import os
@@ -44,7 +44,7 @@ THOROUGH = (
 )  # fmt: skip
 """Folders and files of tests."""
 JOBS = str(len(os.sched_getaffinity(0)))
-AGAIN = ["--reruns", "2", "--reruns-delay", "3", "-rfER"]
+AGAIN = ["--reruns", "2", "--reruns-delay", "3", "-rfE"]
 PARTS = {
     "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes and not thorough"],
     "thorough": [

@@ -1,4 +1,4 @@
-"""an MDT693B and a KSG101 on pseudo terminals, with a simulated stage behind"""
+"""an MDT693B and a KSG101 for each axis on pseudo terminals, with a simulated stage behind"""
 
 import argparse
 import contextlib
@@ -7,19 +7,19 @@ import signal
 import sys
 import tempfile
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from msgspec import structs
-
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.loop.timing import realtime
-from dehyst.drivers.emulated.bench import Bench, BenchSettings, covering_gauge
+from dehyst.drivers.emulated.bench import Bench, BenchSettings
+from dehyst.drivers.emulated.ksg101_knobs import Ksg101Knobs
 from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
 from dehyst.drivers.emulated.process import ready_line, run_bench
-from dehyst.drivers.settings import read_settings
-from dehyst.drivers.simulated.settings import StageSettings
+from dehyst.drivers.simulated.axes import settings_of
+from dehyst.drivers.simulated.settings import AXES, StageSettings
 from dehyst.models.errors import BadInput
 
 LATENCY_S = 0.0015
@@ -30,9 +30,11 @@ BENCH_PRIORITY = 60
 EPILOG = """\
 Prints one line of JSON with the paths of both ports and of the control socket when they can be
 opened, and runs until SIGTERM or Ctrl-C. Faults and changes go to the control socket, one JSON
-object a datagram, e.g. {"fault": "unplug", "for_s": 2} or {"stage": {"stroke_um": 15.0}}.
+object a datagram, e.g. {"fault": "unplug", "for_s": 2} or {"stage": {"stroke_um": 15.0}}; with
+several axes "axis": "y" says whose.
 
-example: dehyst emulate --dir /tmp/bench --dialect 1.05 --stage creep_gain_per_decade=0.02
+examples: dehyst emulate --dir /tmp/bench --dialect 1.05 --stage creep_gain_per_decade=0.02
+          dehyst emulate --axes 3 --stage x.from_y=0.03
 """
 
 
@@ -49,7 +51,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=knobs.dialect,
         help="firmware of the amplifier (default: %(default)s)",
     )
-    parser.add_argument("--axis", choices=("x", "y", "z"), default="x", help="default: x")
+    parser.add_argument("--axis", choices=AXES, default="x", help="default: x")
+    parser.add_argument(
+        "--axes",
+        type=int,
+        choices=(1, 2, 3),
+        default=1,
+        help="a stage of so many axes (x, y, z) that move each other a little, each with its gauge",
+    )
     parser.add_argument(
         "--limit-v",
         type=int,
@@ -86,7 +95,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="a setting of the stage, e.g. stroke_um=11.6; may be repeated",
+        help="a setting of the stage, e.g. stroke_um=11.6 (of each axis; y.stroke_um=11.6: of that "
+        "one); may be repeated",
     )
     parser.add_argument(
         "--log", metavar="FILE", help="write the history of the output voltage (.npz or .csv)"
@@ -94,18 +104,24 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_force(parser)
 
 
-def stage_settings(pairs: list[str]) -> StageSettings:
-    """Stage settings from KEY=VALUE words. Raises BadInput or DriverConfigError."""
-    table: dict[str, Any] = {}
+def stage_settings(pairs: list[str], axes: Sequence[str]) -> dict[str, StageSettings]:
+    """Settings for each axis from KEY=VALUE or AXIS.KEY=VALUE words. Raises BadInput or
+    DriverConfigError."""
+    tables: dict[str, dict[str, Any]] = {axis: {} for axis in axes}
     for pair in pairs:
-        key, sign, text = pair.partition("=")
+        name, sign, text = pair.partition("=")
+        axis, dot, key = name.rpartition(".")
         try:
-            table[key] = int(text) if key == "seed" else float(text)
+            number = int(text) if key == "seed" else float(text)
         except ValueError:
             raise BadInput(f"--stage {pair}: write KEY=NUMBER") from None
         if not sign:
             raise BadInput(f"--stage {pair}: write KEY=NUMBER")
-    return read_settings(StageSettings, table)
+        if dot and axis not in tables:
+            raise BadInput(f"--stage {pair}: there is no axis {axis}; axes: {', '.join(tables)}")
+        for one in [axis] if dot else tables:
+            tables[one][key] = number
+    return settings_of(axes, tables)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -119,12 +135,15 @@ def run(args: argparse.Namespace) -> int:
     ):
         if not low <= getattr(args, name) <= high:
             raise BadInput(f"--{name.replace('_', '-')} must be from {low:g} to {high:g}")
-    stage = stage_settings(args.stage)
-    gauge = covering_gauge(stage)
+    if args.axes > 1 and args.axis != "x":
+        raise BadInput(f"--axis {args.axis}: goes with one axis; --axes {args.axes} has x first")
+    axes = AXES[: args.axes] if args.axes > 1 else (args.axis,)
+    stages = stage_settings(args.stage, axes)
+    gauge = None
     if args.max_travel_um is not None:
         if not 0 < args.max_travel_um <= 6500:
             raise BadInput("--max-travel-um must be above 0 and at most 6500")
-        gauge = structs.replace(gauge, max_travel_um=args.max_travel_um)
+        gauge = Ksg101Knobs(max_travel_um=args.max_travel_um)
     amplifier = Mdt693bKnobs(
         dialect=args.dialect,
         limit_v=args.limit_v,
@@ -132,7 +151,8 @@ def run(args: argparse.Namespace) -> int:
         jitter_s=args.jitter_s,
         start_v=args.start_v,
     )
-    settings = BenchSettings(stage, amplifier, gauge, args.axis)
+    first = stages.pop(axes[0])
+    settings = BenchSettings(first, amplifier, gauge, axes[0], stages)
     # hardware answers in time whatever else the machine does; below the loop's own priority
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(BENCH_PRIORITY))

@@ -9,10 +9,10 @@ from typing import Any
 import msgspec
 
 from dehyst.daemon.bus.security import check_open
-from dehyst.daemon.config import Config, load_config
+from dehyst.daemon.config import Config, load_config, load_controller
 from dehyst.daemon.rings import run_folder
 from dehyst.daemon.tools.interrupts import ended_at_once
-from dehyst.models.errors import BadInput
+from dehyst.models.errors import BadInput, DehystError
 
 NAME, LISTEN = "bench", "tcp/127.0.0.1:7447"
 DESCRIPTION = """\
@@ -46,10 +46,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="MODEL.toml",
         help="without --config: this model, on a simulated stage that is scaled to it",
     )
+    parser.add_argument(
+        "--axes",
+        type=int,
+        choices=(1, 2, 3),
+        help="without --config: a simulated stage of so many axes (default: 1)",
+    )
     parser.add_argument("--name", help=f"without --config: the daemon's name (default: {NAME})")
     parser.epilog = (
         "examples: dehyst run\n          dehyst run --model stage.toml\n          "
-        "dehyst run --config /etc/dehyst/stage.toml"
+        "dehyst run --axes 3\n          dehyst run --config /etc/dehyst/stage.toml"
     )
 
 
@@ -61,31 +67,48 @@ def say(text: str) -> None:
 def run(args: argparse.Namespace) -> int:
     if args.check:
         return check(args.check)
-    for option in ("model", "name", "listen"):
+    for option in ("model", "name", "listen", "axes"):
         if args.config and getattr(args, option):
             raise BadInput(f"--{option} goes without --config: the configuration says it itself")
     with ended_at_once("dehyst run"):
         from dehyst.daemon.files.models import load_model
         from dehyst.daemon.service.supervisor import BenchProcess
-        from dehyst.daemon.tools.bench_config import Imitation, simulated_model, write_bench
+        from dehyst.daemon.tools.bench_config import (
+            Imitation,
+            simulated_model,
+            write_axes_bench,
+            write_bench,
+        )
+        from dehyst.drivers.simulated.axes import settings_of
+        from dehyst.drivers.simulated.settings import AXES
 
     if args.config:
         return supervise(args.config)
+    axes = AXES[: args.axes or 1]
+    if args.model and len(axes) > 1:
+        raise BadInput("--model goes with one axis; with several each has its own model")
     check_open([args.listen or LISTEN], authenticated=False)
     from dehyst.daemon.terminal.compiling import compiling_told
 
     with ended_at_once("dehyst run"), compiling_told("dehyst run", in_pipes=True):
-        model = load_model(args.model) if args.model else simulated_model()
-        imitation = Imitation.of(model) if args.model else Imitation()
+        imitation, models = Imitation(), {}
+        if len(axes) > 1:
+            models = {a: simulated_model(one) for a, one in settings_of(axes, {}).items()}
+        else:
+            model = load_model(args.model) if args.model else simulated_model()
+            imitation = Imitation.of(model) if args.model else imitation
 
     with tempfile.TemporaryDirectory(prefix="dehyst-") as folder:
         directory = Path(folder)
         say("no --config: an emulated MDT693B and KSG101 with a simulated stage behind")
-        bench = BenchProcess(directory, list(imitation.stage))
+        several = ["--axes", str(len(axes))] if len(axes) > 1 else []
+        bench = BenchProcess(directory, [*imitation.stage, *several])
+        name, listen = args.name or NAME, args.listen or LISTEN
         try:
-            path = write_bench(
-                directory, bench.ports, args.name or NAME, args.listen or LISTEN, model, imitation
-            )
+            if several:
+                path = write_axes_bench(directory, bench.ports, name, listen, models)
+            else:
+                path = write_bench(directory, bench.ports, name, listen, model, imitation)
             say(f"configuration and model in {directory}; try `dehyst watch` in another terminal")
             return supervise(path)
         finally:
@@ -103,38 +126,59 @@ def supervise(path: Path) -> int:
 
 def check(path: Path) -> int:
     """Print what a configuration means."""
-    from dehyst.daemon.files.models import load_model
     from dehyst.daemon.gateway.process import security_of
+
+    controller = load_controller(path)
+    said = []
+    for config in controller.axes:
+        try:
+            said.append(axis_words(config))
+        except DehystError as error:
+            raise type(error)(
+                f"axis {config.axis}: {error}" if config.axis else str(error)
+            ) from None
+    security_of(controller.axes[0])
+    whole: Any = controller.axes[0]
+    if controller.axis_names != ("",):
+        whole = {config.axis: config for config in controller.axes}
+    print(msgspec.json.format(msgspec.json.encode(whole), indent=2).decode())
+    for config, words in zip(controller.axes, said, strict=True):
+        where = f"{path}: axis {config.axis}" if config.axis else f"{path}"
+        print(f"{where}: ok. {words}", file=sys.stderr)
+    if controller.longest_ramp_s > UNIT_STOP_S - SPARE_S and any(
+        config.safe.on_stop == "ramp" for config in controller.axes
+    ):
+        longest_s = controller.longest_ramp_s
+        print(
+            f"{path}: to its safe voltage the output may take {longest_s:.0f} s, more "
+            f"than TimeoutStopSec={UNIT_STOP_S:.0f} of dehyst.service leaves. systemd waits as "
+            "long as the daemon asks it to while it ramps; whatever else may end it (another "
+            f"unit, docker stop) must allow {longest_s + SPARE_S:.0f} s, or "
+            "safe.ramp_v_per_s be larger",
+            file=sys.stderr,
+        )
+    return 0
+
+
+def axis_words(config: Config) -> str:
+    """What an axis' configuration means. Raises DehystError where `dehyst run` would refuse it."""
+    from dehyst.daemon.files.models import load_model
     from dehyst.daemon.loop.checks import check_unopened, devices_of
     from dehyst.daemon.loop.reach import displacement_range, drive_range, origin
     from dehyst.daemon.loop.trim import trim_setting
 
-    config: Config = load_config(path)
     check_unopened(config)
-    security_of(config)
     model = load_model(config.model.file)
     low, high = displacement_range(model, *drive_range(config, model))
     sensor = devices_of(config)[1]
     trimmed = trim_setting(config, model, high - low, getattr(sensor, "spec", None))
     zero = origin(config.setpoint.origin, low, high)
-    print(msgspec.json.format(msgspec.json.encode(config), indent=2).decode())
     unit = model.displacement_unit
-    print(
-        f"{path}: ok. Set-points from {low - zero:.4g} to {high - zero:.4g} {unit}; set-point 0 is "
+    return (
+        f"Set-points from {low - zero:.4g} to {high - zero:.4g} {unit}; set-point 0 is "
         f"the model's {zero:.4g} {unit}; {config.loop.rate_hz:g} Hz; "
-        f"{trim_words(trimmed[0], unit)}; rings in {config.directory}",
-        file=sys.stderr,
+        f"{trim_words(trimmed[0], unit)}; rings in {config.directory}"
     )
-    if config.longest_ramp_s > UNIT_STOP_S - SPARE_S and config.safe.on_stop == "ramp":
-        print(
-            f"{path}: to its safe voltage the output may take {config.longest_ramp_s:.0f} s, more "
-            f"than TimeoutStopSec={UNIT_STOP_S:.0f} of dehyst.service leaves. systemd waits as "
-            "long as the daemon asks it to while it ramps; whatever else may end it (another "
-            f"unit, docker stop) must allow {config.longest_ramp_s + SPARE_S:.0f} s, or "
-            "safe.ramp_v_per_s be larger",
-            file=sys.stderr,
-        )
-    return 0
 
 
 def trim_words(p: Any, unit: str) -> str:

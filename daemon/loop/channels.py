@@ -17,7 +17,8 @@ from dehyst.drivers.registry import load_sensor
 
 
 class Channels:
-    """The sensors of [channels.NAME], open. Raises DriverError where one cannot be opened.
+    """The sensors of [channels.NAME], open; not the channels that follow an axis. Raises
+    DriverError where one cannot be opened.
 
     measured: called with the name and the value of each valid reading; tell: with what went wrong
     or right again, in words.
@@ -29,14 +30,15 @@ class Channels:
         measured: Callable[[str, float], None],
         tell: Callable[[str], None],
     ) -> None:
-        self._configs, self._measured, self._tell = configs, measured, tell
+        self._configs = {name: config for name, config in configs.items() if config.driver}
+        self._measured, self._tell = measured, tell
         self._sensors: dict[str, Sensor] = {}
         self._said: dict[str, str] = {}
         self._known: set[str] = set()
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="channels", daemon=True)
         try:
-            for name, config in configs.items():
+            for name, config in self._configs.items():
                 sensor = load_sensor(config.driver).from_settings(config.settings)
                 sensor.open()
                 self._sensors[name] = sensor

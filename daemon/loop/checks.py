@@ -32,7 +32,8 @@ def check_unopened(config: Config) -> None:
     and rates beyond what the drivers know of their units. Raises BadInput or DriverConfigError."""
     actuator, _ = devices_of(config)
     for channel in config.channels.values():
-        load_sensor(channel.driver).from_settings(channel.settings)
+        if channel.driver:
+            load_sensor(channel.driver).from_settings(channel.settings)
     spec = getattr(actuator, "spec", None)  # some know nothing before they are open
     if spec is None:
         return

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dehyst.daemon.files.models import save_model, write_text
+from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
 from dehyst.models.errors import BadModel
 from dehyst.models.hysteresis.forward import simulate_hysteresis
@@ -19,6 +20,7 @@ from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
 
 RATE_HZ = 200.0  # what an MDT693B sustains over serial
+AXES_RATE_HZ = 100.0  # with several axes on it
 FULL_SCALE_V = 150.0
 
 TEMPLATE = """\
@@ -57,6 +59,44 @@ listen = ["{listen}"]
 """
 
 
+AXES_TEMPLATE = """\
+# The emulated bench with several axes: an MDT693B and a KSG101 for each axis on pseudo terminals,
+# a simulated stage behind.
+name = "{name}"
+run_dir = "{directory}"
+
+[loop]
+rate_hz = {rate_hz}
+
+[actuator]
+driver = "mdt693b"
+[actuator.settings]
+port = "{actuator}"
+
+[limits]
+min_v = 0.0
+max_v = {full_scale_v}
+slew_v_per_s = 4000.0
+
+[trim]
+enabled = {trim}
+
+[bus]
+listen = ["{listen}"]
+"""
+
+AXIS_TEMPLATE = """
+[axis.{axis}.model]
+file = "model-{axis}.toml"
+[axis.{axis}.actuator.settings]
+axis = "{axis}"
+[axis.{axis}.sensor]
+driver = "ksg101"
+[axis.{axis}.sensor.settings]
+port = "{sensor}"
+"""
+
+
 def exploring_drive(rate_hz: float = RATE_HZ, seconds: float = 12.0) -> tuple[Floats, Floats]:
     """(t_s, volts): a sine whose amplitude shrinks and grows, from 0 V and back to it."""
     t_s = np.arange(round(rate_hz * seconds)) / rate_hz
@@ -67,10 +107,11 @@ def exploring_drive(rate_hz: float = RATE_HZ, seconds: float = 12.0) -> tuple[Fl
     return t_s, volts * fade
 
 
-def simulated_model() -> Model:
-    """A model of the default simulated stage, identified from its own simulated recording."""
+def simulated_model(settings: StageSettings | None = None) -> Model:
+    """A model of a simulated stage (None: the default one), identified from its own simulated
+    recording."""
     t_s, volts = exploring_drive()
-    _, reading = Stage().run(t_s, volts)
+    _, reading = Stage(settings).run(t_s, volts)
     held = np.concatenate([[0.0], volts[:-1]])  # a reading belongs to the voltage before it
     recording = Recording(t_s=t_s, drive=held, displacement=reading, name="simulated stage")
     return identify([recording]).model
@@ -140,4 +181,38 @@ def write_bench(
         )
         + more,
     )
+    return config
+
+
+def write_axes_bench(
+    directory: Path,
+    ports: Mapping[str, str],
+    name: str,
+    listen: str,
+    models: Mapping[str, Model | None],
+    trim: bool = True,
+    rate_hz: float = AXES_RATE_HZ,
+    more: str = "",
+) -> Path:
+    """Write config.toml for the axes of an emulated bench, and model-AXIS.toml where a model is
+    given, into directory; the config's path.
+
+    ports: {"mdt693b": path, "ksg101-x": path, ...}, as `dehyst emulate --axes 3` prints them;
+    models: by axis; trim, more: as in write_bench.
+    """
+    text = AXES_TEMPLATE.format(
+        name=name,
+        directory=directory,
+        rate_hz=rate_hz,
+        full_scale_v=FULL_SCALE_V,
+        actuator=ports["mdt693b"],
+        listen=listen,
+        trim=str(trim).lower(),
+    )
+    for axis, model in models.items():
+        if model is not None:
+            save_model(model, directory / f"model-{axis}.toml")
+        text += AXIS_TEMPLATE.format(axis=axis, sensor=ports[f"ksg101-{axis}"])
+    config = directory / "config.toml"
+    write_text(config, text + more)
     return config

@@ -1,5 +1,5 @@
-"""Every key of the configuration as the classes of dehyst.daemon.config declare it: sections,
-types, defaults, and the sentences that stand below each key there."""
+"""Every key of the configuration as the classes of dehyst.daemon.config.sections declare it:
+sections, types, defaults, and the sentences that stand below each key there."""
 
 import ast
 import inspect
@@ -10,8 +10,11 @@ from typing import Any, get_args
 import msgspec
 from msgspec import structs
 
-from dehyst.daemon import config
+from dehyst.daemon.config import sections
 from dehyst.drivers.settings import SettingKey, allowed_words, unit_of
+
+NOT_WRITTEN = ((sections.Config, "axis"),)
+"""What no file says: a daemon puts it in."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +30,15 @@ class ConfigSection:
 
 def list_config() -> list[ConfigSection]:
     """Every section in the order of the file, with every key."""
-    return _sections("", config.Config, needed=True)
+    return _sections("", sections.Config, needed=True)
 
 
 def _sections(title: str, kind: type[msgspec.Struct], needed: bool) -> list[ConfigSection]:
     said = _sentences()[kind.__name__]
     own, below = [], []
     for field in structs.fields(kind):
+        if (kind, field.name) in NOT_WRITTEN:
+            continue
         inner = _struct_of(field.type)
         if inner is None:
             default = None if field.required else field.default
@@ -73,7 +78,7 @@ def _sentences() -> dict[str, dict[str, str]]:
     """By class: what stands below each key, and under "" what the class itself says. Classes that
     are made from others have their keys too."""
     found: dict[str, dict[str, str]] = {}
-    for node in ast.parse(inspect.getsource(config)).body:
+    for node in ast.parse(inspect.getsource(sections)).body:
         if not isinstance(node, ast.ClassDef):
             continue
         said = {k: v for base in node.bases for k, v in found.get(ast.unparse(base), {}).items()}

@@ -1,22 +1,27 @@
-"""The emulated bench: an MDT693B and a KSG101 on two ptys, one simulated stage between them.
+"""The emulated bench: an MDT693B and a gauge reader for each axis, a simulated stage between them.
 
     directory/mdt693b   port of the amplifier        directory/ksg101   port of the strain gauge
     directory/control   Unix datagram socket that takes faults and changes (control.py)
+
+With several axes each has its KSG101: directory/ksg101-x, ksg101-y, ksg101-z.
 
 The stage follows real time: it is advanced to the present whenever the amplifier's output
 changes and whenever the gauge is read. DAC step, EXT input and clip are the amplifier unit's;
 slew, RC and everything behind them are the stage's.
 """
 
+import functools
 import os
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from msgspec import structs
+from numpy.typing import NDArray
 
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Knobs
 from dehyst.drivers.emulated.ksg101_unit import Ksg101Unit
@@ -24,6 +29,7 @@ from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
 from dehyst.drivers.emulated.mdt693b_port import Mdt693bEmulator
 from dehyst.drivers.emulated.pty_device import PtyServer
 from dehyst.drivers.interface import DriverConfigError
+from dehyst.drivers.simulated.axes import Platform
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
 
@@ -32,17 +38,56 @@ NS_PER_S = 1e9
 
 @dataclass(frozen=True)
 class BenchSettings:
-    """The three parts. axis: the amplifier's axis that drives the stage; another axis' voltage
-    acts through the stage's coupling. gauge: None: a KSG101 whose travel covers the stage."""
+    """The parts. axis: the amplifier's axis that drives the stage; more: further axes of the stage,
+    each with its own gauge. The voltage of an axis that drives nothing acts through the stage's
+    coupling_um_per_v. gauge: None: a KSG101 whose travel covers the stage."""
 
     stage: StageSettings = field(default_factory=StageSettings)
     amplifier: Mdt693bKnobs = field(default_factory=Mdt693bKnobs)
     gauge: Ksg101Knobs | None = None
     axis: str = "x"
+    more: Mapping[str, StageSettings] = field(default_factory=dict)
+
+    @property
+    def stages(self) -> dict[str, StageSettings]:
+        """Every axis that drives something, the first one first."""
+        return {self.axis: self.stage, **self.more}
 
 
 class BenchLog:
-    """What left the amplifier and what the gauge showed, with the times of the bench's clock."""
+    """What left the amplifier and what the gauge showed, with the times of the bench's clock: of
+    each axis."""
+
+    def __init__(self) -> None:
+        self.axes: dict[str, AxisLog] = {}
+
+    def of(self, axis: str) -> "AxisLog":
+        """The log of one axis, the first that was asked for first."""
+        return self.axes.setdefault(axis, AxisLog())
+
+    def save(self, path: Path) -> None:
+        """.npz: time_ns, volts (output); reading_ns, reading_um, true_um; of further axes the same
+        with `y_` before. .csv: the output of the first axis. The file appears complete or not at
+        all."""
+        part = path.with_name(path.name + ".part")
+        logs = self.axes or {"x": AxisLog()}
+        with part.open("wb") as file:
+            if path.suffix == ".csv":
+                first = next(iter(logs.values()))
+                rows = zip(first.output_ns, first.output_v, strict=True)
+                text = "time_ns,volts\n" + "".join(f"{t},{v:.9g}\n" for t, v in rows)
+                file.write(text.encode())
+            else:
+                table: dict[str, Any] = {}
+                for axis, log in logs.items():
+                    head = f"{axis}_" if table else ""
+                    table |= {f"{head}{key}": values for key, values in log.arrays().items()}
+                np.savez(file, **table)
+        os.replace(part, path)
+
+
+class AxisLog:
+    """What BenchLog keeps of one axis."""
 
     def __init__(self) -> None:
         self.output_ns = array("q")
@@ -51,25 +96,15 @@ class BenchLog:
         self.reading_um = array("d")
         self.true_um = array("d")
 
-    def save(self, path: Path) -> None:
-        """.npz: time_ns, volts (output); reading_ns, reading_um, true_um. .csv: the output. The
-        file appears complete or not at all."""
-        part = path.with_name(path.name + ".part")
-        with part.open("wb") as file:
-            if path.suffix == ".csv":
-                rows = zip(self.output_ns, self.output_v, strict=True)
-                text = "time_ns,volts\n" + "".join(f"{t},{v:.9g}\n" for t, v in rows)
-                file.write(text.encode())
-            else:
-                np.savez(
-                    file,
-                    time_ns=np.array(self.output_ns),
-                    volts=np.array(self.output_v),
-                    reading_ns=np.array(self.reading_ns),
-                    reading_um=np.array(self.reading_um),
-                    true_um=np.array(self.true_um),
-                )
-        os.replace(part, path)
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """By the name in the file."""
+        return {
+            "time_ns": np.array(self.output_ns),
+            "volts": np.array(self.output_v),
+            "reading_ns": np.array(self.reading_ns),
+            "reading_um": np.array(self.reading_um),
+            "true_um": np.array(self.true_um),
+        }
 
 
 class Bench:
@@ -89,61 +124,82 @@ class Bench:
         self.log = log
         self._clock = clock
         knobs = self.settings.amplifier
-        if self.settings.axis not in knobs.axes:
-            raise DriverConfigError(f"the amplifier has axes {knobs.axes}, no {self.settings.axis}")
+        stages = self.settings.stages
+        for axis in stages:
+            if axis not in knobs.axes:
+                raise DriverConfigError(f"the amplifier has axes {knobs.axes}, no {axis}")
         # what the amplifier unit does already, the stage must not do again
-        self.stage = Stage(
-            structs.replace(
-                self.settings.stage,
-                dac_step_v=0.0,
-                ext_gain=0.0,
-                clip_min_v=-1.0,
-                clip_max_v=knobs.limit_v + 1.0,
-            )
-        )
+        units = {
+            "dac_step_v": 0.0,
+            "ext_gain": 0.0,
+            "clip_min_v": -1.0,
+            "clip_max_v": knobs.limit_v + 1.0,
+        }
+        self._platform = Platform({a: structs.replace(s, **units) for a, s in stages.items()})
+        self.stages = self._platform.axes
         if knobs.start_v:
-            self.stage.settle(knobs.start_v)
+            for stage in self.stages.values():
+                stage.settle(knobs.start_v)
         self.amplifier = Mdt693bEmulator(self.directory / "mdt693b", knobs, self._output, clock)
-        self.gauge_unit = Ksg101Unit(
-            self.settings.gauge or covering_gauge(self.settings.stage), self._position, clock
-        )
-        self.gauge = PtyServer(self.gauge_unit, self.directory / "ksg101", clock)
+        self.gauges: dict[str, PtyServer] = {}
+        self.gauge_units: dict[str, Ksg101Unit] = {}
+        for place, (axis, one) in enumerate(stages.items()):
+            knobs_of = self.settings.gauge or covering_gauge(one)
+            unit = Ksg101Unit(
+                structs.replace(knobs_of, serial_number=knobs_of.serial_number + place),
+                functools.partial(self._position, axis),
+                clock,
+            )
+            name = "ksg101" if len(stages) == 1 else f"ksg101-{axis}"
+            self.gauge_units[axis] = unit
+            self.gauges[axis] = PtyServer(unit, self.directory / name, clock)
 
     @property
-    def servers(self) -> tuple[PtyServer, PtyServer]:
-        """For pty_device.serve()."""
-        return (self.amplifier, self.gauge)
+    def stage(self) -> Stage:
+        """That of the first axis."""
+        return self.stages[self.settings.axis]
+
+    @property
+    def servers(self) -> tuple[PtyServer, ...]:
+        """For pty_device.serve(): the amplifier, then the gauges."""
+        return (self.amplifier, *self.gauges.values())
 
     def ports(self) -> dict[str, str]:
         """The paths that drivers open, by the driver's name, and the control socket."""
+        gauges = {server.link_path.name: server.port for server in self.gauges.values()}
         return {
             "mdt693b": self.amplifier.port,
-            "ksg101": self.gauge.port,
+            **gauges,
             "control": str(self.directory / "control"),
         }
 
     def follow(self) -> None:
         """Bring the stage to the present."""
-        self.stage.advance_to(round(self._clock() * NS_PER_S))
+        self._platform.advance_to(round(self._clock() * NS_PER_S))
 
     def _output(self, axis: str, volts: float, time_s: float) -> None:
-        if axis != self.settings.axis:
+        if axis not in self.stages:
             self.follow()
-            self.stage.set_inputs(other_v=volts)
+            for stage in self.stages.values():
+                stage.set_inputs(other_v=volts)
             return
         time_ns = round(time_s * NS_PER_S)
-        self.stage.advance_to(time_ns, volts)
+        self._platform.advance_to(time_ns)
+        self.stages[axis].command(volts)
         if self.log is not None:
-            self.log.output_ns.append(time_ns)
-            self.log.output_v.append(volts)
+            log = self.log.of(axis)
+            log.output_ns.append(time_ns)
+            log.output_v.append(volts)
 
-    def _position(self) -> float:
+    def _position(self, axis: str) -> float:
         self.follow()
-        reading_um = self.stage.reading_um()
+        stage = self.stages[axis]
+        reading_um = stage.reading_um()
         if self.log is not None:
-            self.log.reading_ns.append(round(self._clock() * NS_PER_S))
-            self.log.reading_um.append(reading_um)
-            self.log.true_um.append(self.stage.displacement_um)
+            log = self.log.of(axis)
+            log.reading_ns.append(round(self._clock() * NS_PER_S))
+            log.reading_um.append(reading_um)
+            log.true_um.append(stage.displacement_um)
         return reading_um
 
 

@@ -12,6 +12,8 @@ Each datagram is one object with one or more of these keys:
     {"clear": true}      a healthy bench again (the stage's settings stay)
     {"save": true}       write the log now
 
+Of a bench with several axes, "axis": "y" says whose gauge, stage and inputs are meant, and whose
+state is wanted (left out: the first axis; the state of each is under "axes").
 Without for_s a fault stays until it is cleared; an amplifier that is unplugged with a dialect has
 that firmware when it is plugged in again. With "reply_to" (path of the sender's own
 datagram socket) the answer goes there: {"ok": true, "state": {...}} or {"ok": false, "error": ...}.
@@ -64,6 +66,7 @@ class Order(Settings, frozen=True):
         ]
         | None
     ) = None
+    axis: Annotated[str, Meta(description="whose gauge and stage; left out: the first")] = ""
     device: Annotated[Literal["mdt693b", "ksg101", "both"], Meta(description="whose port")] = (
         "mdt693b"
     )
@@ -119,36 +122,50 @@ class Control:
             if not isinstance(command, dict):
                 raise DriverConfigError("a control message is a JSON object")
             reply_to = command.get("reply_to")
-            self._carry_out(read_settings(Order, command))
-            answer: dict[str, Any] = {"ok": True, "state": self._state()}
+            order = read_settings(Order, command)
+            axis = self._axis(order)
+            self._carry_out(order, axis)
+            answer: dict[str, Any] = {"ok": True, "state": self._state(axis)}
         except (DriverError, ValueError, TypeError) as error:
             answer = {"ok": False, "error": str(error)}
         if isinstance(reply_to, str):
             with contextlib.suppress(OSError):  # the asker has gone
                 self._socket.sendto(json.dumps(answer).encode(), reply_to)
 
-    def _state(self) -> dict[str, Any]:
+    def _axis(self, order: Order) -> str:
+        """Which axis is meant."""
+        known = self._bench.stages
+        axis = order.axis or next(iter(known))
+        if axis not in known:
+            raise order.wrong("axis", f"one of {', '.join(known)}")
+        return axis
+
+    def _state(self, axis: str) -> dict[str, Any]:
+        self._bench.follow()
+        axes = {name: self._state_of(name) for name in self._bench.stages}
+        return {**axes[axis], "axes": axes}
+
+    def _state_of(self, axis: str) -> dict[str, Any]:
         bench = self._bench
-        bench.follow()
-        unit = bench.amplifier.unit
+        unit, stage = bench.amplifier.unit, bench.stages[axis]
         return {
-            "plugged": {"mdt693b": bench.amplifier.plugged, "ksg101": bench.gauge.plugged},
-            "output_v": unit.output_v(bench.settings.axis),
-            "drive_v": bench.stage.drive_v,
-            "displacement_um": bench.stage.displacement_um,
+            "plugged": {"mdt693b": bench.amplifier.plugged, "ksg101": bench.gauges[axis].plugged},
+            "output_v": unit.output_v(axis),
+            "drive_v": stage.drive_v,
+            "displacement_um": stage.displacement_um,
             "sets": unit.sets_done,
-            "readings": bench.gauge_unit.readings_done,
+            "readings": bench.gauge_units[axis].readings_done,
         }
 
-    def _carry_out(self, order: Order) -> None:
+    def _carry_out(self, order: Order, axis: str) -> None:
         bench = self._bench
         if order.clear:
             self._clear()
         if order.stage:
             bench.follow()
-            bench.stage.change(jump=order.jump, **order.stage)
+            bench.stages[axis].change(jump=order.jump, **order.stage)
         if order.inputs:
-            self._inputs(order.inputs)
+            self._inputs(order.inputs, axis)
         if order.amplifier:
             table = dict(order.amplifier)
             for name in ("before_reply", "after_reply"):
@@ -159,24 +176,24 @@ class Control:
             back = {name: getattr(Mdt693bFaults(), name) for name in changes}
             self._later(order.for_s, lambda: bench.amplifier.fault(**back))
         if order.gauge:
-            self._gauge_fault(read_values(Ksg101Faults, order.gauge), order.for_s)
+            self._gauge_fault(axis, read_values(Ksg101Faults, order.gauge), order.for_s)
         if order.fault is not None:
-            self._fault(order, order.fault)
+            self._fault(order, order.fault, axis)
         if order.save:
             if self._log_path is None or bench.log is None:
                 raise DriverConfigError("the bench was started without a log")
             bench.log.save(self._log_path)
 
-    def _fault(self, order: Order, kind: str) -> None:
+    def _fault(self, order: Order, kind: str, axis: str) -> None:
         bench, for_s = self._bench, order.for_s
         if kind == "late":
-            self._gauge_fault({"delay_s": order.late_s}, for_s)
+            self._gauge_fault(axis, {"delay_s": order.late_s}, for_s)
             return
         if kind in READING_FAULTS:
             bench.follow()
-            bench.stage.fault(kind, math.inf if for_s is None else for_s)
+            bench.stages[axis].fault(kind, math.inf if for_s is None else for_s)
             return
-        for name, server in zip(DEVICES, bench.servers, strict=True):
+        for name, server in zip(DEVICES, (bench.amplifier, bench.gauges[axis]), strict=True):
             if order.device not in (name, "both"):
                 continue
             if kind == "unplug":
@@ -188,23 +205,23 @@ class Control:
                 server.stall_writes(True)
                 self._later(for_s, functools.partial(server.stall_writes, False))
 
-    def _gauge_fault(self, changes: dict[str, Any], for_s: float | None) -> None:
-        unit = self._bench.gauge_unit
+    def _gauge_fault(self, axis: str, changes: dict[str, Any], for_s: float | None) -> None:
+        unit = self._bench.gauge_units[axis]
         unit.faults = structs.replace(unit.faults, **changes)
         back = {name: getattr(Ksg101Faults(), name) for name in changes}
 
         def end() -> None:
             unit.faults = structs.replace(unit.faults, **back)
 
-        self._later(for_s, lambda: self._bench.gauge.call(end))
+        self._later(for_s, lambda: self._bench.gauges[axis].call(end))
 
-    def _inputs(self, inputs: dict[str, Any]) -> None:
+    def _inputs(self, inputs: dict[str, Any], axis: str) -> None:
         values = read_values(Inputs, inputs)
         bench = self._bench
         if "ext_v" in values:  # the amplifier sums and clips it
-            bench.amplifier.unit.set_ext(bench.settings.axis, values.pop("ext_v"))
+            bench.amplifier.unit.set_ext(axis, values.pop("ext_v"))
         bench.follow()
-        bench.stage.set_inputs(**values)
+        bench.stages[axis].set_inputs(**values)
 
     def _clear(self) -> None:
         for timer in self._timers:
@@ -212,9 +229,10 @@ class Control:
         self._timers.clear()
         bench = self._bench
         bench.amplifier.clear_faults()
-        bench.gauge.stall_writes(False)
-        bench.gauge_unit.faults = Ksg101Faults()
-        bench.stage.clear_fault()
+        for axis, stage in bench.stages.items():
+            bench.gauges[axis].stall_writes(False)
+            bench.gauge_units[axis].faults = Ksg101Faults()
+            stage.clear_fault()
         for server in bench.servers:
             server.plug()
 

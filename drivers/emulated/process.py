@@ -9,7 +9,7 @@ from dehyst.drivers.emulated.bench import Bench, BenchLog, BenchSettings
 from dehyst.drivers.emulated.control import Control
 from dehyst.drivers.emulated.pty_device import serve
 from dehyst.drivers.interface import DriverConfigError
-from dehyst.drivers.simulated.stage import compile_stage
+from dehyst.drivers.simulated.axes import compile_stage
 
 LOG_SUFFIXES = (".npz", ".csv")
 

@@ -1,7 +1,8 @@
 """A simulated amplifier and a simulated strain gauge in this process, on one simulated stage.
 
-Both drivers are made from settings; those that name the same `stage` share it. Either table may
-hold stage parameters (see settings.py); what both say must agree.
+Both drivers are made from settings; those that name the same `stage` share it, and of a stage with
+several axes each pair of drivers has its `axis`. Either table may hold parameters of the axis (see
+settings.py); what both say must agree.
 
     [actuator.settings]              [sensor.settings]
     stage = "a"                      stage = "a"
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from dehyst.drivers.interface import DeviceGone, DeviceSpec, DriverConfigError, OutOfRange
 from dehyst.drivers.settings import read_settings
+from dehyst.drivers.simulated.axes import compile_stage
 from dehyst.drivers.simulated.settings import (
     SHARED_KEYS,
     SimulatedActuatorSettings,
@@ -21,7 +23,7 @@ from dehyst.drivers.simulated.settings import (
     SimulatedSettings,
 )
 from dehyst.drivers.simulated.shared_stage import SharedStage, shared_stage
-from dehyst.drivers.simulated.stage import Stage, compile_stage
+from dehyst.drivers.simulated.stage import Stage
 
 if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
     from dehyst.drivers.direct_calls import Direct
@@ -55,7 +57,7 @@ class _Simulated:
         """Make a driver; DriverConfigError names a wrong key."""
         checked = read_settings(cls.settings_type, settings)
         given = {key: getattr(checked, key) for key in settings if key in SHARED_KEYS}
-        return cls(shared_stage(checked.stage, given, clock_ns, sleep), checked)
+        return cls(shared_stage(checked.stage, given, clock_ns, sleep, checked.axis), checked)
 
     def open(self) -> None:
         """Start using the stage; it stays where it is."""
@@ -64,6 +66,7 @@ class _Simulated:
         if not self._open:
             self._open = True
             self.shared.users += 1
+            self._switch(True)
         self.spec = self._spec()
         self.shared.follow_clock()
 
@@ -76,6 +79,10 @@ class _Simulated:
         if self._open:
             self._open = False
             self.shared.users -= 1
+            self._switch(False)
+
+    def _switch(self, on: bool) -> None:
+        """Opened or closed."""
 
     def _ready(self) -> Stage:
         if not self._open:
@@ -109,7 +116,7 @@ class SimulatedActuator(_Simulated):
             resolution=stage.dac_step_v,
             max_rate_hz=MAX_RATE_HZ,
             latency_s=LATENCY_S,
-            identity=f"simulated amplifier, stage '{self.shared.name}'",
+            identity=f"simulated amplifier, {self.shared.title}",
         )
 
     def write(self, volts: float) -> None:
@@ -121,8 +128,10 @@ class SimulatedActuator(_Simulated):
                 f"{self.spec.maximum} V; nothing was written"
             )
         stage.command(volts)
-        if self.shared.period_s:
-            stage.advance(self.shared.period_s)
+        self.shared.platform.written(self.shared.place)
+
+    def _switch(self, on: bool) -> None:
+        self.shared.drive(on)
 
     def output(self) -> float:
         """The last command [V]."""
@@ -149,7 +158,7 @@ class SimulatedSensor(_Simulated):
             resolution=stage.adc_step_um,
             max_rate_hz=MAX_RATE_HZ,
             latency_s=LATENCY_S,
-            identity=f"simulated strain gauge, stage '{self.shared.name}'",
+            identity=f"simulated strain gauge, {self.shared.title}",
         )
 
     def read(self) -> float:
@@ -159,7 +168,7 @@ class SimulatedSensor(_Simulated):
             if self.shared.period_s:
                 stage.advance(stage.late_s)
             else:
-                self.shared.sleep(stage.late_s)
+                self.shared.platform.sleep(stage.late_s)
         return stage.reading_um()
 
     def direct(self) -> "Direct":

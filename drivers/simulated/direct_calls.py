@@ -1,4 +1,4 @@
-"""The simulated stage's amplifier and gauge as C functions, for the compiled loop.
+"""A simulated axis' amplifier and gauge as C functions, for the compiled loop.
 
 They do what SimulatedActuator.write and SimulatedSensor.read do, on the same stage; faults of the
 reading (Stage.fault) are Python's and do not show here. The context is a table of addresses.
@@ -21,67 +21,71 @@ from dehyst.drivers.direct_calls import (
 )
 from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange
 from dehyst.drivers.simulated import kernels, parts
-from dehyst.drivers.simulated.kernels import StageArrays
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.axes import DRIVEN, EPOCH, PLUGGED, WRITTEN, N
+from dehyst.drivers.simulated.kernels import PlatformArrays
 
 UNPLUGGED, NOT_IN_RANGE = 1, 2
-# Places in the context's table: the fields of StageArrays, then SWITCHES: [1 when plugged, origin
-# of time in ns], then NUMBERS: [seconds per write or 0 for the clock's time, lowest volts,
-# highest volts].
-SWITCHES, NUMBERS, N_PLACES = (len(StageArrays._fields) + i for i in range(3))
-PARAMETERS, ELEMENTS, STATE, SPRINGS, RELAX, RING, RANDOM = (
-    StageArrays._fields.index(name)
-    for name in ("parameters", "elements", "state", "springs", "relax", "ring", "random")
-)
+# Places in the context's table: the fields of PlatformArrays, then SWITCHES (see shared_stage.py),
+# then NUMBERS: [seconds per sample or 0 for the clock's time, lowest volts, highest volts, axis].
+SWITCHES, NUMBERS, N_PLACES = (len(PlatformArrays._fields) + i for i in range(3))
+PARAMETERS, ELEMENTS, STATE, SPRINGS, RELAX, RING, RANDOM, PRESENT = range(SWITCHES)
 
 
 @njit(cache=True, nogil=True)
-def _plant(t: Words) -> StageArrays:
-    return StageArrays(
-        carray(pointer(t[3 * PARAMETERS]), (1,), parts.PARAMETERS_T),
+def _platform(t: Words) -> PlatformArrays:
+    return PlatformArrays(
+        carray(pointer(t[3 * PARAMETERS]), (N,), parts.PARAMETERS_T),
         grid_at(t, ELEMENTS),
-        carray(pointer(t[3 * STATE]), (1,), parts.STATE_T),
-        floats_at(t, SPRINGS),
-        floats_at(t, RELAX),
+        carray(pointer(t[3 * STATE]), (N,), parts.STATE_T),
+        grid_at(t, SPRINGS),
+        grid_at(t, RELAX),
         grid_at(t, RING),
-        carray(pointer(t[3 * RANDOM]), (1,), types.uint64),
+        carray(pointer(t[3 * RANDOM]), (N,), types.uint64),
+        whole_at(t, PRESENT),
     )
 
 
 @njit(cache=True, nogil=True)
 def _follow(t: Words, now_ns: int) -> None:
     """Let the stage's time come up to the loop's."""
-    if floats_at(t, NUMBERS)[0] > 0.0:
+    numbers = floats_at(t, NUMBERS)
+    if numbers[0] > 0.0:
         return
-    plant = _plant(t)
-    s = plant.state[0]
-    dt_s = (now_ns - whole_at(t, SWITCHES)[1]) * 1e-9 - s.time_s
+    platform = _platform(t)
+    begun_s = platform.state[int(numbers[3])].time_s
+    dt_s = (now_ns - whole_at(t, SWITCHES)[EPOCH]) * 1e-9 - begun_s
     if dt_s > 0.0:
-        kernels.advance_stage(plant, dt_s, s.command_v, s.command_v)
+        kernels.advance_platform(platform, dt_s)
 
 
 @njit(cache=True, nogil=True)
 def _write(t: Words, now_ns: int, volts: float) -> int:
-    if whole_at(t, SWITCHES)[0] == 0:
+    numbers, switches = floats_at(t, NUMBERS), whole_at(t, SWITCHES)
+    period_s, low_v, high_v, place = numbers[0], numbers[1], numbers[2], int(numbers[3])
+    if switches[PLUGGED + place] == 0:
         return UNPLUGGED
-    numbers = floats_at(t, NUMBERS)
-    period_s, low_v, high_v = numbers[0], numbers[1], numbers[2]
     if not low_v <= volts <= high_v:
         return NOT_IN_RANGE
     _follow(t, now_ns)
-    plant = _plant(t)
-    plant.state[0].command_v = volts
+    platform = _platform(t)
+    platform.state[place].command_v = volts
+    switches[WRITTEN + place] = 1
+    for i in range(N):
+        if switches[WRITTEN + i] < switches[DRIVEN + i]:
+            return 0
     if period_s > 0.0:
-        kernels.advance_stage(plant, period_s, volts, volts)
+        kernels.advance_platform(platform, period_s)
+        switches[WRITTEN : WRITTEN + N] = 0
     return 0
 
 
 @njit(cache=True, nogil=True)
 def _read(t: Words, now_ns: int) -> float:
-    if whole_at(t, SWITCHES)[0] == 0:
+    place = int(floats_at(t, NUMBERS)[3])
+    if whole_at(t, SWITCHES)[PLUGGED + place] == 0:
         return math.nan
     _follow(t, now_ns)
-    plant = _plant(t)
+    plant = kernels.axis_of(_platform(t), place)
     return parts.reading(plant.parameters, plant.state, plant.ring, plant.random)
 
 
@@ -96,18 +100,19 @@ def read(context, now_ns, value):  # type: ignore[no-untyped-def]
     """Put one reading into value[0]."""
     t = carray(context, (3 * N_PLACES,), types.int64)
     value[0] = _read(t, now_ns)
-    return UNPLUGGED if whole_at(t, SWITCHES)[0] == 0 else 0
+    place = int(floats_at(t, NUMBERS)[3])
+    return UNPLUGGED if whole_at(t, SWITCHES)[PLUGGED + place] == 0 else 0
 
 
 def context_of(
-    stage: Stage, switches: Words, period_s: float, low_v: float, high_v: float
+    arrays: PlatformArrays, switches: Words, numbers: tuple[float, float, float, int]
 ) -> Addresses:
-    """The context of both functions; switches: (2,) see SWITCHES."""
+    """The context of both functions; switches, numbers: see SWITCHES, NUMBERS."""
     table = Addresses(N_PLACES)
-    for place, array in enumerate(stage.plant):
+    for place, array in enumerate(arrays):
         table.put(place, array)
     table.put(SWITCHES, switches)
-    table.put(NUMBERS, np.array([period_s, low_v, high_v]))
+    table.put(NUMBERS, np.array(numbers, dtype=np.float64))
     return table
 
 

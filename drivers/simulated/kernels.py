@@ -1,6 +1,7 @@
-"""The simulated stage as two compiled kernels with explicit state: no clock, no files, no objects.
+"""The simulated stage as compiled kernels with explicit state: no clock, no files, no objects.
 
-`advance_stage` lets time pass, `run_stage` does whole arrays with it. The parts are in parts.py.
+`advance_stage` lets time pass for one axis, `advance_platform` for several that feel each other,
+`run_stage` does whole arrays of one. The parts are in parts.py.
 
 Linear parts are discretised exactly (a held or a straight-line input over a sub-step), so they
 are stable at any step length. Sub-steps resolve the RC corner and the mode only while something
@@ -21,6 +22,7 @@ from dehyst.drivers.simulated.parts import (
     Floats,
     Record,
     creep_sum,
+    cross,
     displacement,
     electrical,
     mode_factors,
@@ -30,6 +32,7 @@ from dehyst.drivers.simulated.parts import (
 from dehyst.drivers.simulated.tuning import TUNING
 
 SETTLED, STILL, RATE_TAU_S = TUNING.settled, TUNING.still, TUNING.rate_tau_s
+TOGETHER_S = TUNING.together_s
 
 
 class StageArrays(NamedTuple):
@@ -76,6 +79,7 @@ def advance_stage(plant: StageArrays, dt: float, v0: float, v1: float) -> None:
         if p.mode_hz > 0.0:  # what rings is resolved too: the bridge's filter sees it
             swing = abs(s.mode_rate) / (2.0 * math.pi * p.mode_hz)
             rest = rest and abs(s.mode - s.creep) < STILL and swing < STILL
+        rest = rest and abs(s.cross_um - s.others_um) < STILL * p.stroke_um
         if rest:
             s.amplifier_v = s.source_v = s.drive_v = wanted
             h = min(p.quiet_s, dt - done)
@@ -88,7 +92,7 @@ def advance_stage(plant: StageArrays, dt: float, v0: float, v1: float) -> None:
             sensor_decay = math.exp(-h / p.sensor_tau_s) if p.sensor_tau_s > 0.0 else 0.0
             rate_decay = math.exp(-h / RATE_TAU_S)
             if p.mode_hz > 0.0:
-                a11, a12, a21, a22 = mode_factors(p, h)
+                a11, a12, a21, a22 = mode_factors(p.mode_hz, p.mode_damping, h)
         done += h
         s.time_s = begin_s + done
 
@@ -127,6 +131,7 @@ def advance_stage(plant: StageArrays, dt: float, v0: float, v1: float) -> None:
 
         # the rest, and the bridge's filter with a straight-line input
         y0 = s.true_um
+        cross(p, s, h)
         s.true_um = displacement(p, s)
         if p.sensor_tau_s > 0.0:
             late = (s.true_um - y0) / h * p.sensor_tau_s
@@ -139,6 +144,61 @@ def advance_stage(plant: StageArrays, dt: float, v0: float, v1: float) -> None:
             ring[0, head] = s.time_s
             ring[1, head] = s.bridge_um
             ring[0, RING] += 1.0
+
+
+class PlatformArrays(NamedTuple):
+    """The axes of one simulated stage, in the order of settings.AXES: the arrays of StageArrays
+    one behind the other; present: (3,) 1 for an axis that is there."""
+
+    parameters: Record
+    elements: Floats
+    state: Record
+    springs: Floats
+    relax: Floats
+    ring: Floats
+    random: NDArray[np.uint64]
+    present: NDArray[np.int64]
+
+
+@njit(cache=True, nogil=True)
+def axis_of(platform: PlatformArrays, i: int) -> StageArrays:
+    """One axis, as views."""
+    return StageArrays(
+        platform.parameters[i : i + 1],
+        platform.elements[3 * i : 3 * i + 3],
+        platform.state[i : i + 1],
+        platform.springs[i],
+        platform.relax[i],
+        platform.ring[2 * i : 2 * i + 2],
+        platform.random[i : i + 1],
+    )
+
+
+@njit(cache=True, nogil=True)
+def advance_platform(platform: PlatformArrays, dt: float) -> None:
+    """Advance all axes by dt seconds under their commands, side by side.
+
+    What an axis brings to the others is held over a step of TUNING.together_s; while nothing
+    moves the steps grow.
+    """
+    state, parameters = platform.state, platform.parameters
+    alone = platform.present.sum() == 1
+    done, h = 0.0, TOGETHER_S
+    while dt - done > 1e-12 * max(1.0, dt):
+        h = dt - done if alone else min(h, dt - done)
+        for i in range(state.size):
+            p, s = parameters[i], state[i]
+            s.others_um = p.from_x * state[0].moved_um
+            s.others_um += p.from_y * state[1].moved_um + p.from_z * state[2].moved_um
+        moved = 0.0
+        for i in range(state.size):
+            if platform.present[i]:
+                s = state[i]
+                before = s.moved_um
+                advance_stage(axis_of(platform, i), h, s.command_v, s.command_v)
+                moved = max(moved, abs(s.moved_um - before) / parameters[i].stroke_um)
+        done += h
+        h = 2.0 * h if moved < STILL else TOGETHER_S
 
 
 @njit(cache=True, nogil=True)

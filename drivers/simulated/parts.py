@@ -2,7 +2,7 @@
 
 command -> DAC step -> + gain x EXT -> clip -> amplifier lag -> 60 mA slew -> RC
         -> hysteresis -> creep -> mechanical mode -> guide friction
-        -> temperature, drift, coupling, hum -> bridge filter -> delay -> noise -> ADC
+        -> temperature, drift, coupling, other axes, hum -> bridge filter -> delay -> noise -> ADC
 """
 
 import math
@@ -37,6 +37,11 @@ STATE = (
     "mode",  # the mode's own coordinate
     "mode_rate",
     "friction",  # um, behind the guide
+    "moved_um",  # from the origin, by this axis' own piezo: what the other axes feel
+    "others_um",  # what the other axes bring, before the platform's mode,
+    "swing",  # the mode's coordinate
+    "swing_rate",
+    "cross_um",  # and behind it
     "shift_um",  # keeps the displacement where it is when settings change
     "true_um",
     "bridge_um",  # behind the bridge's filter
@@ -89,13 +94,13 @@ def electrical(
 
 
 @njit(cache=True, nogil=True)
-def mode_factors(p: Record, h: float) -> tuple[float, float, float, float]:
-    """Transition of the mode's free motion over h seconds: a11, a12, a21, a22."""
-    w = 2.0 * math.pi * p.mode_hz
-    wd = w * math.sqrt(1.0 - p.mode_damping**2)
-    fade = math.exp(-p.mode_damping * w * h)
+def mode_factors(hz: float, damping: float, h: float) -> tuple[float, float, float, float]:
+    """Transition of a mode's free motion over h seconds: a11, a12, a21, a22."""
+    w = 2.0 * math.pi * hz
+    wd = w * math.sqrt(1.0 - damping**2)
+    fade = math.exp(-damping * w * h)
     c, sn = math.cos(wd * h), math.sin(wd * h)
-    ratio = p.mode_damping * w / wd
+    ratio = damping * w / wd
     return (
         fade * (c + ratio * sn),
         fade * sn / wd,
@@ -105,13 +110,28 @@ def mode_factors(p: Record, h: float) -> tuple[float, float, float, float]:
 
 
 @njit(cache=True, nogil=True)
+def cross(p: Record, s: Record, h: float) -> None:
+    """What the other axes bring, h seconds on: s.others_um is held for so long."""
+    if p.cross_share > 0.0 and p.cross_hz > 0.0:
+        a11, a12, a21, a22 = mode_factors(p.cross_hz, p.cross_damping, h)
+        off, rate = s.swing - s.others_um, s.swing_rate
+        s.swing = s.others_um + a11 * off + a12 * rate
+        s.swing_rate = a21 * off + a22 * rate
+        s.cross_um = s.others_um + p.cross_share * (s.swing - s.others_um)
+    else:
+        s.cross_um = s.swing = s.others_um
+        s.swing_rate = 0.0
+
+
+@njit(cache=True, nogil=True)
 def displacement(p: Record, s: Record) -> float:
     """True displacement [um] from the state as it stands; moves the guide's friction with it."""
     share = p.mode_share if p.mode_hz > 0.0 else 0.0
     moved = p.stroke_um * ((1.0 - share) * s.creep + share * s.mode)
     s.friction = max(moved - p.friction_um, min(moved + p.friction_um, s.friction))
     warm = s.temperature_k
-    y = p.origin_um + s.friction * (1.0 + p.gain_per_k * warm) + p.expansion_um_per_k * warm
+    s.moved_um = s.friction * (1.0 + p.gain_per_k * warm)
+    y = p.origin_um + s.moved_um + p.expansion_um_per_k * warm + s.cross_um
     y += p.drift_um_per_s * s.time_s + p.coupling_um_per_v * s.other_v
     if p.hum_um > 0.0:
         y += p.hum_um * math.sin(2.0 * math.pi * p.hum_hz * s.time_s)

@@ -2,10 +2,11 @@
 
 The defaults are a PZS001 stack (1.4 uF, 17.4 um at 150 V) on an MDT693B: 150 ohm and 60 mA in
 front of the capacitor, 10 to 15 % hysteresis, creep of 1.2 % per decade, one mechanical mode and
-a bridge with a filter and noise. Hum, drift, coupling, friction and rate dependence are off.
+a bridge with a filter and noise. Hum, drift, coupling, friction and rate dependence are off. An
+axis of a stage with several has such settings of its own, and what the others bring to it.
 """
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from msgspec import Meta, structs
 
@@ -82,6 +83,24 @@ class StageSettings(Settings, frozen=True):
     coupling_um_per_v: Annotated[
         float, Meta(description="displacement by the other axis' voltage")
     ] = 0.0
+    # what the other axes of the stage bring: their own motion, from their origin
+    from_x: Annotated[
+        float, Meta(ge=-0.5, le=0.5, description="displacement per displacement of axis x")
+    ] = 0.0
+    from_y: Annotated[
+        float, Meta(ge=-0.5, le=0.5, description="displacement per displacement of axis y")
+    ] = 0.0
+    from_z: Annotated[
+        float, Meta(ge=-0.5, le=0.5, description="displacement per displacement of axis z")
+    ] = 0.0
+    cross_share: Annotated[
+        float,
+        Meta(ge=0, le=1, description="share of it that passes through a mode of the platform"),
+    ] = 0.0
+    cross_hz: Annotated[float, Meta(ge=0, description="frequency of that mode")] = 260.0
+    cross_damping: Annotated[
+        float, Meta(ge=0, le=0.99, description="damping ratio of that mode")
+    ] = 0.05
     hum_um: Annotated[float, Meta(description="amplitude of the hum; below 0 is off")] = 0.0
     hum_hz: Annotated[float, Meta(ge=0, description="frequency of the hum")] = 50.0
     # sensor
@@ -111,13 +130,18 @@ class StageSettings(Settings, frozen=True):
 
 
 class SimulatedSettings(StageSettings, frozen=True):
-    """What both drivers of a simulated stage take: whose stage, and what the stage is."""
+    """What both drivers of a simulated stage take: whose stage, which axis, and what it is."""
 
     stage: Annotated[
         str, Meta(min_length=1, description="name of the stage; drivers that give one share it")
     ] = "default"
+    axis: Annotated[
+        Literal["x", "y", "z"],
+        Meta(description="which axis of the stage this is; the other settings are this axis' own"),
+    ] = "x"
     period_s: Annotated[
-        float, Meta(ge=0, description="virtual time that passes with each write; 0: real time")
+        float,
+        Meta(ge=0, description="virtual time that passes when each axis is written; 0: real time"),
     ] = 0.0
 
 
@@ -141,6 +165,7 @@ class SimulatedSensorSettings(SimulatedSettings, frozen=True):
     driver = "simulated sensor"
 
 
+AXES = ("x", "y", "z")
 STAGE_KEYS = StageSettings.__struct_fields__
 SHARED_KEYS = (*STAGE_KEYS, "period_s")
 OFF_FOR_QUIET = (

@@ -1,7 +1,8 @@
-"""The simulated stage that an amplifier and a gauge share, by its name.
+"""The simulated stage that amplifiers and gauges share, by its name and their axis.
 
-Time is the clock's, or, with `period_s`, virtual: every write lets exactly that much time pass
-under the voltage just written, so that a run repeats bit for bit.
+Time is the clock's, or, with `period_s`, virtual: when each axis that has an open amplifier has
+been written, exactly that much time passes under the voltages just written, so that a run repeats
+bit for bit.
 """
 
 import time
@@ -12,94 +13,140 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dehyst.drivers.interface import DeviceGone, DriverConfigError
-from dehyst.drivers.simulated.settings import STAGE_KEYS, StageSettings
+from dehyst.drivers.simulated.axes import DRIVEN, EPOCH, PLUGGED, WRITTEN, N, Platform
+from dehyst.drivers.simulated.settings import AXES, STAGE_KEYS, StageSettings
 from dehyst.drivers.simulated.stage import Stage
 
 if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
     from dehyst.drivers.direct_calls import Addresses
 
 
-class SharedStage:
-    """One simulated stage and who uses it. `plugged = False` pulls its plug, for tests.
+class SharedPlatform:
+    """A simulated stage, the clock it follows, and how its devices are switched.
 
     clock_ns, sleep: injected; by default the monotonic clock and time.sleep.
     """
 
-    def __init__(self, name: str, clock_ns: Callable[[], int], sleep: Callable[[float], None]):
+    def __init__(self, name: str) -> None:
         self.name = name
-        self.clock_ns = clock_ns
-        self.sleep = sleep
+        self.clock_ns: Callable[[], int] = time.monotonic_ns
+        self.sleep: Callable[[float], None] = time.sleep
+        self.period_s: float | None = None  # None: not said yet, which is 0
+        self.platform = Platform()
+        self.switches = np.array([1] * N + [0] * (2 * N + 1))
+        self.axes: weakref.WeakValueDictionary[str, SharedStage] = weakref.WeakValueDictionary()
+
+    def follow_clock(self) -> None:
+        """Bring the stage to the present; nothing in virtual time."""
+        if not self.period_s:
+            self.platform.advance_to(self.clock_ns())
+
+    def written(self, place: int) -> None:
+        """An axis was written: in virtual time, time passes when all have been."""
+        written, driven = self.switches[WRITTEN:EPOCH], self.switches[DRIVEN:WRITTEN]
+        written[place] = 1
+        if self.period_s and np.all(written >= driven):
+            self.platform.advance(self.period_s)
+            written[:] = 0
+
+
+class SharedStage:
+    """One axis of a simulated stage and who uses it. `plugged = False` pulls its plug."""
+
+    def __init__(self, shared: SharedPlatform, axis: str) -> None:
+        self.platform = shared
+        self.axis = axis
+        self.place = AXES.index(axis)
         self.given: dict[str, Any] = {}
         self.users = 0
-        self.switches = np.array([1, 0])  # plugged, origin of time [ns]: the compiled loop's too
-        self._stage: Stage | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the stage."""
+        return self.platform.name
+
+    @property
+    def title(self) -> str:
+        """The stage's name, and the axis where it has several."""
+        alone = len(self.platform.axes) == 1 and self.axis == AXES[0]
+        return f"stage '{self.name}'" + ("" if alone else f", axis {self.axis}")
 
     @property
     def plugged(self) -> bool:
         """False: every call raises DeviceGone."""
-        return bool(self.switches[0])
+        return bool(self.platform.switches[PLUGGED + self.place])
 
     @plugged.setter
     def plugged(self, value: bool) -> None:
-        self.switches[0] = value
+        self.platform.switches[PLUGGED + self.place] = value
+
+    def drive(self, on: bool) -> None:
+        """The amplifier was opened, or closed: virtual time waits for it, or no more."""
+        self.platform.switches[DRIVEN + self.place] = on
 
     @property
     def period_s(self) -> float:
-        """Virtual time per write; 0: the clock's time."""
-        return float(self.given.get("period_s", 0.0))
+        """Virtual time per sample; 0: the clock's time."""
+        return float(self.platform.period_s or 0.0)
 
     def settings(self) -> StageSettings:
-        """The stage's settings as far as they were given."""
+        """The axis' settings as far as they were given."""
         return StageSettings(**{k: v for k, v in self.given.items() if k in STAGE_KEYS})
 
     @property
     def idle(self) -> bool:
-        """True when the stage has been used and nobody has it open now."""
-        return self.users == 0 and self._stage is not None
+        """True when the axis has been used and nobody has it open now."""
+        return self.users == 0 and self.axis in self.platform.platform.axes
 
     @property
     def stage(self) -> Stage:
-        """The stage; made when it is first needed."""
-        if self._stage is None:
-            self._stage = Stage(self.settings())
-        return self._stage
+        """The axis; made when it is first needed."""
+        made = self.platform.platform
+        return made.axes.get(self.axis) or made.add(self.axis, self.settings())
 
     def merge(self, given: Mapping[str, Any]) -> None:
         """Add the keys of one driver, checked; DriverConfigError where they contradict others."""
+        known = dict(self.given)
+        if self.platform.period_s is not None or self.platform.platform.axes:
+            known["period_s"] = self.period_s
         for key, value in given.items():
-            if key in self.given and self.given[key] != value:
+            if key in known and known[key] != value:
                 raise DriverConfigError(
-                    f"simulated stage '{self.name}': {key} = {value!r} here, but "
-                    f"{self.given[key]!r} in the other driver of this stage"
+                    f"simulated {self.title}: {key} = {value!r} here, but "
+                    f"{known[key]!r} in the other driver of this stage"
                 )
-        new = {k: v for k, v in given.items() if k not in self.given}
-        if new and self._stage is not None:
+        new = {k: v for k, v in given.items() if k not in known}
+        if new and self.axis in self.platform.platform.axes:
             raise DriverConfigError(
-                f"simulated stage '{self.name}' is running; {sorted(new)[0]} comes too late"
+                f"simulated {self.title} is running; {sorted(new)[0]} comes too late"
             )
+        self.platform.period_s = new.pop("period_s", self.platform.period_s)
         self.given |= new
         self.settings()
 
     def require_plug(self) -> None:
         """Raise DeviceGone while the plug is out."""
         if not self.plugged:
-            raise DeviceGone(f"simulated stage '{self.name}' is unplugged")
+            raise DeviceGone(f"simulated {self.title} is unplugged")
 
     def follow_clock(self) -> None:
         """Bring the stage to the present; nothing in virtual time."""
-        if not self.period_s:
-            self.stage.advance_to(self.clock_ns())
+        self.stage  # noqa: B018  its time begins with its first use
+        self.platform.follow_clock()
 
     def context(self, low_v: float, high_v: float) -> "Addresses":
-        """This stage for the C functions of direct_calls.py."""
+        """This axis for the C functions of direct_calls.py."""
         from dehyst.drivers.simulated import direct_calls
 
+        shared = self.platform
         self.follow_clock()
-        self.switches[1] = self.stage.epoch_ns
-        return direct_calls.context_of(self.stage, self.switches, self.period_s, low_v, high_v)
+        shared.switches[EPOCH] = shared.platform.epoch_ns
+        return direct_calls.context_of(
+            shared.platform.arrays, shared.switches, (self.period_s, low_v, high_v, self.place)
+        )
 
 
-_stages: weakref.WeakValueDictionary[str, SharedStage] = weakref.WeakValueDictionary()
+_platforms: weakref.WeakValueDictionary[str, SharedPlatform] = weakref.WeakValueDictionary()
 
 
 def shared_stage(
@@ -107,22 +154,28 @@ def shared_stage(
     given: Mapping[str, Any] | None = None,
     clock_ns: Callable[[], int] | None = None,
     sleep: Callable[[float], None] | None = None,
+    axis: str = AXES[0],
 ) -> SharedStage:
-    """The stage of this name, made if it is not there; it lives as long as a driver holds it.
+    """The axis of the stage of this name, made if it is not there; it lives as long as a driver
+    holds it.
 
-    A stage that nobody has open gives way to one with other settings.
+    A stage of which nobody has an axis open gives way to one with other settings.
     """
-    shared = _stages.get(name)
+    shared = _platforms.get(name)
     given = given or {}
-    if shared is not None and shared.idle:
-        differs = any(shared.given.get(key) != value for key, value in given.items())
-        shared = None if differs else shared
-    if shared is None:
-        shared = SharedStage(name, time.monotonic_ns, time.sleep)
-    shared.merge(given)
-    _stages[name] = shared
+    if shared is not None:
+        known = dict(shared.axes)
+        own = known[axis].given | {"period_s": shared.period_s} if axis in known else {}
+        differs = any(own.get(key) != value for key, value in given.items())
+        if axis in known and differs and all(one.idle for one in known.values()):
+            shared = None
+    shared = shared or SharedPlatform(name)
+    found = shared.axes.get(axis) or SharedStage(shared, axis)
+    found.merge(given)
+    shared.axes[axis] = found
+    _platforms[name] = shared
     if clock_ns is not None:
         shared.clock_ns = clock_ns
     if sleep is not None:
         shared.sleep = sleep
-    return shared
+    return found

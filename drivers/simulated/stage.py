@@ -7,6 +7,7 @@ given; a reading is taken at the present moment.
 
 import functools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -36,17 +37,17 @@ class Stage:
     plant: the state in arrays that stay where they are, for compiled code.
     """
 
-    def __init__(self, settings: StageSettings | None = None) -> None:
+    def __init__(
+        self,
+        settings: StageSettings | None = None,
+        plant: StageArrays | None = None,
+        pass_time: Callable[[float], None] | None = None,
+    ) -> None:
+        """plant, pass_time: of an axis of a Platform, the arrays and what lets time pass."""
         self.settings = settings or StageSettings()
-        self.plant = StageArrays(
-            parameters=np.zeros(1, parts.PARAMETERS_T),
-            elements=np.zeros((3, COUNT)),
-            state=np.zeros(1, parts.STATE_T),
-            springs=np.zeros(COUNT),
-            relax=np.zeros(parts.CREEP_TAUS_S.size),
-            ring=np.zeros((2, parts.RING + 1)),
-            random=np.array([self.settings.seed], dtype=np.uint64),
-        )
+        self.plant = plant or stage_arrays()
+        self._pass_time = pass_time or self._alone
+        self.plant.random[0] = self.settings.seed
         self._apply(self.settings)
         self._set("true_um", self.settings.origin_um)
         self._set("bridge_um", self.settings.origin_um)
@@ -83,6 +84,9 @@ class Stage:
             raise DriverConfigError(f"stage: cannot advance by {dt_s} s")
         if dt_s == 0.0:
             return
+        self._pass_time(dt_s)
+
+    def _alone(self, dt_s: float) -> None:
         held = self.plant.state["command_v"][0]
         kernels.advance_stage(self.plant, dt_s, held, held)
 
@@ -257,12 +261,17 @@ class Stage:
         self.plant.state[name] = value
 
 
-@functools.cache
-def compile_stage() -> None:
-    """Compile the kernels, or load them from numba's cache, before a clock starts."""
-    stage = Stage()
-    stage.advance(1e-3, 1.0)
-    stage.reading_um()
+def stage_arrays() -> StageArrays:
+    """A stage at rest, all 0."""
+    return StageArrays(
+        parameters=np.zeros(1, parts.PARAMETERS_T),
+        elements=np.zeros((3, COUNT)),
+        state=np.zeros(1, parts.STATE_T),
+        springs=np.zeros(COUNT),
+        relax=np.zeros(parts.CREEP_TAUS_S.size),
+        ring=np.zeros((2, parts.RING + 1)),
+        random=np.zeros(1, dtype=np.uint64),
+    )
 
 
 def _substep_s(settings: StageSettings) -> float:
@@ -274,6 +283,8 @@ def _substep_s(settings: StageSettings) -> float:
         limits.append(settings.sensor_tau_s / TUNING.substeps_per_sensor_tau)
     if settings.mode_hz > 0:
         limits.append(1 / (TUNING.substeps_per_oscillation * settings.mode_hz))
+    if settings.cross_share > 0 and settings.cross_hz > 0:
+        limits.append(1 / (TUNING.substeps_per_oscillation * settings.cross_hz))
     limits.append(_quiet_s(settings))
     return max(min(limits), TUNING.shortest_substep_s)
 

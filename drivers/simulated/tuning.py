@@ -15,6 +15,7 @@ class Tuning(NamedTuple):
     substeps_per_hum: float = 40.0
     settled: float = 1e-10  # share of full scale at which the capacitor counts as charged
     still: float = 1e-6  # share of the stroke below which the mode counts as still
+    together_s: float = 2.5e-4  # of axes that feel each other, while one moves
     rate_tau_s: float = 0.005  # the walls' inertia: how fast rate dependence follows the rate
 
 

@@ -22,7 +22,7 @@ from dehyst.models.physics.address import Kernel, behind, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe, Sighting
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import SAME, Kind, Param, Solved, Values, named
-from dehyst.models.signals.filters import relaxations, settle
+from dehyst.models.signals.filters import relaxed, settle
 from dehyst.models.signals.held import longest_hold
 from dehyst.models.signals.joined import Data, Floats
 
@@ -172,8 +172,7 @@ class Creep(Candidate):
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
         third, mean, taus = _relaxations_of(*theta)
-        slow = relaxations(x, taus, data.dt, data.starts)
-        return x + third * (slow - mean * x)
+        return relaxed(x, taus, data.dt, data.starts, third, mean)
 
     def seen(self, data: Data, sigma: float) -> Sighting | None:
         held = longest_hold(data, sigma)

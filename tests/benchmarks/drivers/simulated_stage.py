@@ -7,7 +7,8 @@ import time
 import numpy as np
 from tests.benchmarks.bars import Bars, too_busy
 
-from dehyst.drivers.simulated.stage import Stage, compile_stage
+from dehyst.drivers.simulated.axes import compile_stage
+from dehyst.drivers.simulated.stage import Stage
 
 STEPS = 20_000
 

@@ -41,7 +41,7 @@ def writers(folder: Path) -> dict[str, Path]:
         last = [output] if words[0] == "convert" else ["-o", output]
         assert main([*words, *last]) == 0, name
     log = BenchLog()
-    log.output_ns, log.output_v = array("q", [1, 2]), array("d", [0.5, 1e-9])
+    log.of("x").output_ns, log.of("x").output_v = array("q", [1, 2]), array("d", [0.5, 1e-9])
     log.save(folder / "emulate.csv")
     return {path.name: path for path in folder.iterdir() if path.name.endswith((".csv", ".csv.gz"))}
 

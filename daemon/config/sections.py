@@ -1,29 +1,21 @@
-"""The daemon's configuration: one TOML file, every key known, every value checked.
+"""The configuration's sections and keys, one class a section: the documentation's defaults.
 
 An unknown key, a missing key, a wrong type or a value outside its range is BadInput that names
-the key. The defaults below are the documentation's defaults; `dehyst run --check FILE` prints
-what a file means.
+the key. `dehyst run --check FILE` prints what a file means.
 """
 
 import os
-import re
 import tempfile
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
-from dehyst.daemon.bus.security import check_open, check_page, check_routers
-from dehyst.daemon.input_file import NotReadable, read_text
-from dehyst.models.errors import BadInput
-from dehyst.models.toml_text import parse_toml
-
-LARGEST_BYTES = 1 << 18
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
-Section = TypeVar("Section", bound=msgspec.Struct)
 Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,62}$")]
+AxisName = Annotated[str, Meta(pattern=r"^[a-z0-9]{0,8}$")]
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -82,16 +74,24 @@ class SensorConfig(DeviceConfig, frozen=True):
     """Added to the scaled reading: the model's displacement where the sensor reads 0."""
 
 
-class ChannelConfig(DeviceConfig, frozen=True):
-    """[channels.NAME]: a further sensor that blocks of the model follow, such as a temperature;
-    NAME is the channel's in the model."""
+class ChannelConfig(_Strict, frozen=True):
+    """[channels.NAME]: what blocks of the model follow, NAME in the model: a further sensor, such
+    as a temperature (`driver`), or another axis of this amplifier (`axis`)."""
 
+    driver: str = ""
+    """A sensor plugin's name."""
+    settings: dict[str, Any] = {}
+    axis: AxisName = ""
+    """Or the axis that is followed, in the same sample."""
+    quantity: Literal["displacement", "drive"] = "displacement"
+    """Of that axis: in its model's displacement unit from its set-point origin, or in its model's
+    drive unit."""
     scale: float = 1.0
-    """The model's channel unit per sensor unit."""
+    """The model's channel unit per unit of the sensor or axis."""
     zero: float = 0.0
-    """Added to the scaled reading."""
+    """Added to the scaled value."""
     every_s: Annotated[float, Meta(ge=0.01, le=3600)] = 1.0
-    """How often it is read, beside the loop."""
+    """How often a sensor is read, beside the loop."""
 
 
 class LimitsConfig(_Strict, frozen=True):
@@ -254,7 +254,7 @@ class Config(_Strict, frozen=True):
     """The whole file."""
 
     name: Name
-    """This controller's name in every key."""
+    """This controller's name in every key; with several axes, NAME-AXIS is that of each."""
     model: ModelConfig
     actuator: ActuatorConfig
     sensor: SensorConfig
@@ -270,6 +270,8 @@ class Config(_Strict, frozen=True):
     watch: WatchConfig = WatchConfig()
     doctor: DoctorConfig = DoctorConfig()
     page: PageConfig | None = None
+    axis: AxisName = ""
+    """What a daemon of several axes says of one of them: which. In a file it is left out."""
     run_dir: str = ""
     """Directory of the memory-mapped rings, the user's own; default: `dehyst-NAME` in
     $RUNTIME_DIRECTORY or $XDG_RUNTIME_DIR, else `dehyst-USER-NAME` in the temporary directory."""
@@ -294,77 +296,14 @@ class Config(_Strict, frozen=True):
     @property
     def directory(self) -> Path:
         """Where core and gateway meet."""
-        if self.run_dir:
-            return Path(self.run_dir)
-        base = os.environ.get("RUNTIME_DIRECTORY") or os.environ.get("XDG_RUNTIME_DIR")
-        if base:
-            return Path(base) / f"dehyst-{self.name}"
-        return Path(tempfile.gettempdir()) / f"dehyst-{os.geteuid()}-{self.name}"
+        return run_directory(self.name, self.run_dir)
 
 
-def parse_config(text: str, where: str = "configuration") -> Config:
-    """Config from TOML text. Raises BadInput naming the key."""
-    try:
-        data = parse_toml(text)
-    except BadInput as error:
-        raise BadInput(f"{where}: {error}") from None
-    try:
-        config = msgspec.convert(data, Config, strict=True)
-    except msgspec.ValidationError as error:
-        message = re.sub(r"`\$\.?([^`]*)`", r"`\1`", str(error)).replace(" at ``", " at top level")
-        raise BadInput(f"{where}: {message}") from None
-    _check(config, where)
-    return config
-
-
-def _check(config: Config, where: str) -> None:
-    limits, safe = config.limits, config.safe
-    if limits.max_v <= limits.min_v:
-        raise BadInput(f"{where}: limits.max_v must be greater than limits.min_v")
-    if not limits.min_v <= safe.voltage_v <= limits.max_v:
-        raise BadInput(
-            f"{where}: safe.voltage_v is {safe.voltage_v:g} V, outside the limits "
-            f"{limits.min_v:g} to {limits.max_v:g} V"
-        )
-    if safe.ramp_v_per_s > limits.slew_v_per_s:
-        raise BadInput(
-            f"{where}: safe.ramp_v_per_s ({safe.ramp_v_per_s:g}) is faster than "
-            f"limits.slew_v_per_s ({limits.slew_v_per_s:g})"
-        )
-    try:
-        check_routers(config.bus.listen, config.bus.connect, config.bus.auth)
-        check_open(config.bus.listen, config.bus.auth is not None)
-        if (page := config.page) is not None:
-            check_page(page.listen, page.certificate, page.key, page.passwords)
-    except BadInput as error:
-        raise BadInput(f"{where}: {error}") from None
-    if config.sensor.scale == 0:
-        raise BadInput(f"{where}: sensor.scale must not be 0")
-
-
-def load_config(path: str | Path) -> Config:
-    """Config from a file; the model's path is resolved relative to the file."""
-    path = Path(path)
-    try:
-        text = read_text(path, LARGEST_BYTES)
-    except NotReadable as error:
-        raise BadInput(f"{path}: cannot be read: {error}") from None
-    config = parse_config(text, str(path))
-    model = path.parent / config.model.file
-    if model.exists():
-        config = msgspec.structs.replace(config, model=ModelConfig(file=str(model.resolve())))
-    if config.bus.auth is not None:
-        files = ("passwords", "certificates", "credentials")
-        auth = _resolved(config.bus.auth, path.parent, *files)
-        bus = msgspec.structs.replace(config.bus, auth=auth)
-        config = msgspec.structs.replace(config, bus=bus)
-    if config.page is not None:
-        page = _resolved(config.page, path.parent, "certificate", "key", "passwords", "credentials")
-        config = msgspec.structs.replace(config, page=page)
-    return config
-
-
-def _resolved(section: Section, folder: Path, *keys: str) -> Section:
-    """The section with its paths relative to the configuration's folder."""
-    paths = {key: str(folder.resolve() / value) for key in keys if (value := getattr(section, key))}
-    return msgspec.structs.replace(section, **paths)
+def run_directory(name: str, run_dir: str) -> Path:
+    """The folder of a controller's rings; run_dir: as configured, "" for the default."""
+    if run_dir:
+        return Path(run_dir)
+    base = os.environ.get("RUNTIME_DIRECTORY") or os.environ.get("XDG_RUNTIME_DIR")
+    if base:
+        return Path(base) / f"dehyst-{name}"
+    return Path(tempfile.gettempdir()) / f"dehyst-{os.geteuid()}-{name}"

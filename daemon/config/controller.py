@@ -1,0 +1,188 @@
+"""A controller and its axes: one file, one clock, one amplifier, a Config for each axis.
+
+A file with [axis.x], [axis.y], ... has in each what is the axis' own: OWN. What stands beside them
+is for all axes: SHARED. The sections of an axis may stand at top level, too, as defaults: a table
+of the axis is laid over the shared one, key by key and table into table, so that
+
+    [actuator]
+    driver = "mdt693b"
+    settings = {port = "/dev/ttyACM0"}
+    [axis.x.actuator.settings]
+    axis = "x"
+
+names the port once. A table that names another `driver` than the shared one stands alone. Shared
+`watch.directory`: each axis keeps its recordings in a folder of its own in there.
+
+A file without [axis] is one axis: its Config and its folder are as ever.
+"""
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dehyst.daemon.config.file import checked_config, read_tables, resolved_config
+from dehyst.daemon.config.sections import (
+    BusConfig,
+    Config,
+    LoopConfig,
+    PageConfig,
+    TelemetryConfig,
+    run_directory,
+)
+from dehyst.models.errors import BadInput
+
+SHARED = ("name", "loop", "bus", "telemetry", "page", "run_dir")
+OWN = (
+    *("model", "actuator", "sensor", "limits", "channels", "safe"),
+    *("setpoint", "inverse", "trim", "watch", "doctor"),
+)
+AXIS_NAME = re.compile(r"[a-z0-9]{1,8}")
+
+
+@dataclass(frozen=True)
+class Controller:
+    """What one core process and one gateway process run.
+
+    name: of the controller, NAME; axes: each with its Config, whose name is NAME-AXIS, or NAME
+    where the file has no [axis]; directory: where the processes meet and hold their locks; an
+    axis' rings are in `Config.directory`, DIRECTORY/AXIS or, without [axis], the same.
+    """
+
+    name: str
+    axes: tuple[Config, ...]
+    directory: Path
+
+    @property
+    def loop(self) -> LoopConfig:
+        """One clock for all axes."""
+        return self.axes[0].loop
+
+    @property
+    def bus(self) -> BusConfig:
+        """One session for all axes."""
+        return self.axes[0].bus
+
+    @property
+    def telemetry(self) -> TelemetryConfig:
+        """The same for all axes."""
+        return self.axes[0].telemetry
+
+    @property
+    def page(self) -> PageConfig | None:
+        """One page for all axes."""
+        return self.axes[0].page
+
+    @property
+    def period_ns(self) -> int:
+        """Sampling period, integer nanoseconds."""
+        return self.axes[0].period_ns
+
+    @property
+    def longest_ramp_s(self) -> float:
+        """How long the slowest axis may take to its safe voltage."""
+        return max(config.longest_ramp_s for config in self.axes)
+
+    @property
+    def axis_names(self) -> tuple[str, ...]:
+        """The axes' names in the file's order; ("",) without [axis]."""
+        return tuple(config.axis for config in self.axes)
+
+
+def load_controller(path: str | Path) -> Controller:
+    """The controller of a file, and the Config of each of its axes. Raises BadInput."""
+    path = Path(path)
+    data = read_tables(path)
+    if not isinstance(data.get("axis"), dict):
+        config = resolved_config(checked_config(data, str(path)), path.parent)
+        return Controller(config.name, (config,), config.directory)
+    return _several(data, path)
+
+
+def load_config(path: str | Path, axis: str = "") -> Config:
+    """The Config of one axis; paths relative to the file. axis: which, where there are several.
+    Raises BadInput, which names the axes that there are."""
+    controller = load_controller(path)
+    if not axis and len(controller.axes) == 1:
+        return controller.axes[0]
+    names = ", ".join(controller.axis_names)
+    if not axis:
+        raise BadInput(f"{path}: it has the axes {names}, one is needed here: --axis NAME")
+    for config in controller.axes:
+        if config.axis == axis:
+            return config
+    has = f"the axes {names}" if names else "one axis, without a name"
+    raise BadInput(f"{path}: there is no axis {axis!r}; it has {has}")
+
+
+def _several(data: dict[str, Any], path: Path) -> Controller:
+    axes = data["axis"]
+    unknown = [key for key in data if key not in (*SHARED, *OWN, "axis")]
+    if unknown:
+        raise BadInput(f"{path}: Object contains unknown field `{unknown[0]}` at top level")
+    if not axes:
+        raise BadInput(f"{path}: [axis] needs a table for each axis: [axis.x]")
+    name = data.get("name")
+    if not isinstance(name, str):
+        raise BadInput(f"{path}: Object missing required field `name` at top level")
+    run_dir = data.get("run_dir", "")
+    directory = run_directory(name, run_dir if isinstance(run_dir, str) else "")
+    configs = tuple(_axis(data, axis, directory, path) for axis in axes)
+    _check_together(configs, path)
+    return Controller(name, configs, directory)
+
+
+def _axis(data: dict[str, Any], axis: str, directory: Path, path: Path) -> Config:
+    own, where = data["axis"][axis], f"{path}: axis {axis}"
+    if not AXIS_NAME.fullmatch(axis):
+        raise BadInput(f"{path}: axis {axis!r}: a name is one to eight of a-z and 0-9")
+    if not isinstance(own, dict):
+        raise BadInput(f"{path}: axis.{axis} must be a table: [axis.{axis}]")
+    for key in own:
+        if key in SHARED:
+            raise BadInput(f"{where}: `{key}` is for all axes and stands at top level")
+        if key not in OWN:
+            raise BadInput(f"{where}: Object contains unknown field `{key}`")
+    shared = {key: value for key, value in data.items() if key in SHARED}
+    merged = shared | {
+        key: _laid_over(data.get(key), own.get(key)) for key in OWN if key in data or key in own
+    }
+    checked_config(merged | {"axis": axis}, where)  # before names and folders are put in
+    merged |= {"name": f"{data['name']}-{axis}", "axis": axis}
+    merged["run_dir"] = os.fspath(directory / axis)
+    kept = data.get("watch", {}).get("directory", "")
+    if kept and "directory" not in own.get("watch", {}):
+        merged["watch"] = merged["watch"] | {"directory": os.fspath(Path(kept) / axis)}
+    return resolved_config(checked_config(merged, where), path.parent)
+
+
+def _laid_over(shared: Any, own: Any) -> Any:
+    """An axis' table over the shared one."""
+    if own is None or shared is None:
+        return shared if own is None else own
+    if not isinstance(shared, dict) or not isinstance(own, dict):
+        return own
+    if "driver" in shared and own.get("driver", shared["driver"]) != shared["driver"]:
+        return own
+    return {key: _laid_over(shared.get(key), own.get(key)) for key in shared | own}
+
+
+def _check_together(configs: tuple[Config, ...], path: Path) -> None:
+    names = [config.axis for config in configs]
+    for i, config in enumerate(configs):
+        for other in configs[:i]:
+            for part in ("actuator", "sensor"):
+                mine, theirs = getattr(config, part), getattr(other, part)
+                if (mine.driver, mine.settings) == (theirs.driver, theirs.settings):
+                    raise BadInput(
+                        f"{path}: axes {other.axis} and {config.axis} have the same {part} "
+                        f"({mine.driver} with the same settings); each needs its own: "
+                        f"[axis.{config.axis}.{part}.settings]"
+                    )
+        for channel, follows in config.channels.items():
+            if follows.axis and follows.axis not in names:
+                raise BadInput(
+                    f"{path}: axis {config.axis}: channels.{channel} follows axis "
+                    f"{follows.axis}; there are: {', '.join(names)}"
+                )

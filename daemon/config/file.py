@@ -1,0 +1,111 @@
+"""From TOML text to a checked Config: one controller with one axis, or one axis of several."""
+
+import re
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from dehyst.daemon.bus.security import check_open, check_page, check_routers
+from dehyst.daemon.config.sections import Config, ModelConfig
+from dehyst.daemon.input_file import NotReadable, read_text
+from dehyst.models.errors import BadInput
+from dehyst.models.toml_text import parse_toml
+
+LARGEST_BYTES = 1 << 18
+Section = TypeVar("Section", bound=msgspec.Struct)
+
+
+def read_tables(path: Path) -> dict[str, Any]:
+    """The tables of a configuration file. Raises BadInput."""
+    try:
+        text = read_text(path, LARGEST_BYTES)
+    except NotReadable as error:
+        raise BadInput(f"{path}: cannot be read: {error}") from None
+    return _tables(text, str(path))
+
+
+def parse_config(text: str, where: str = "configuration") -> Config:
+    """Config from the TOML text of one axis. Raises BadInput naming the key."""
+    data = _tables(text, where)
+    if isinstance(data.get("axis"), dict):
+        raise BadInput(f"{where}: it has several axes; one is needed here")
+    return checked_config(data, where)
+
+
+def checked_config(data: dict[str, Any], where: str) -> Config:
+    """Config from tables. Raises BadInput naming the key."""
+    try:
+        config = msgspec.convert(data, Config, strict=True)
+    except msgspec.ValidationError as error:
+        message = re.sub(r"`\$\.?([^`]*)`", r"`\1`", str(error)).replace(" at ``", " at top level")
+        raise BadInput(f"{where}: {message}") from None
+    _check(config, where)
+    return config
+
+
+def resolved_config(config: Config, folder: Path) -> Config:
+    """The config with its paths relative to the folder of its file."""
+    model = folder / config.model.file
+    if model.exists():
+        config = msgspec.structs.replace(config, model=ModelConfig(file=str(model.resolve())))
+    if config.bus.auth is not None:
+        files = ("passwords", "certificates", "credentials")
+        auth = _resolved(config.bus.auth, folder, *files)
+        bus = msgspec.structs.replace(config.bus, auth=auth)
+        config = msgspec.structs.replace(config, bus=bus)
+    if config.page is not None:
+        page = _resolved(config.page, folder, "certificate", "key", "passwords", "credentials")
+        config = msgspec.structs.replace(config, page=page)
+    return config
+
+
+def _tables(text: str, where: str) -> dict[str, Any]:
+    try:
+        return parse_toml(text)
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from None
+
+
+def _check(config: Config, where: str) -> None:
+    limits, safe = config.limits, config.safe
+    if limits.max_v <= limits.min_v:
+        raise BadInput(f"{where}: limits.max_v must be greater than limits.min_v")
+    if not limits.min_v <= safe.voltage_v <= limits.max_v:
+        raise BadInput(
+            f"{where}: safe.voltage_v is {safe.voltage_v:g} V, outside the limits "
+            f"{limits.min_v:g} to {limits.max_v:g} V"
+        )
+    if safe.ramp_v_per_s > limits.slew_v_per_s:
+        raise BadInput(
+            f"{where}: safe.ramp_v_per_s ({safe.ramp_v_per_s:g}) is faster than "
+            f"limits.slew_v_per_s ({limits.slew_v_per_s:g})"
+        )
+    try:
+        check_routers(config.bus.listen, config.bus.connect, config.bus.auth)
+        check_open(config.bus.listen, config.bus.auth is not None)
+        if (page := config.page) is not None:
+            check_page(page.listen, page.certificate, page.key, page.passwords)
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from None
+    if config.sensor.scale == 0:
+        raise BadInput(f"{where}: sensor.scale must not be 0")
+    for name, channel in config.channels.items():
+        if bool(channel.driver) == bool(channel.axis):
+            raise BadInput(
+                f"{where}: channels.{name} needs one of `driver` (a sensor) and `axis` (another "
+                "axis of this amplifier)"
+            )
+        if channel.axis and channel.axis == config.axis:
+            raise BadInput(f"{where}: channels.{name} follows its own axis {channel.axis}")
+        if channel.axis and not config.axis:
+            raise BadInput(
+                f"{where}: channels.{name} follows axis {channel.axis}, and this controller has "
+                "one axis only"
+            )
+
+
+def _resolved(section: Section, folder: Path, *keys: str) -> Section:
+    """The section with its paths relative to the configuration's folder."""
+    paths = {key: str(folder.resolve() / value) for key in keys if (value := getattr(section, key))}
+    return msgspec.structs.replace(section, **paths)
