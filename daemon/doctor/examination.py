@@ -165,11 +165,11 @@ def is_of_sensor(first: Finding, causes: Sequence[WeighedCause], noise2: float) 
 
 
 def pick_models(first: Finding, causes: Sequence[WeighedCause]) -> list[Model]:
-    """What was named alone, then what it cannot be told from; a gauge's is not compensated."""
+    """What was named alone, else what it cannot be told from; a gauge's is not compensated."""
     fit = [one for one in causes if one.new > 0.0 and one.cause.place != "sensor"]
     named = [one for one in fit if one.cause.name == first.name]
     near = [one for one in fit if one.cause.name in first.ambiguous_with]
-    return [one.cause.model for one in (*named, *near)]
+    return [one.cause.model for one in named or near]
 
 
 def _effect(finding: Finding) -> FoundEffect:

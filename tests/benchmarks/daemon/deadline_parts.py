@@ -74,20 +74,24 @@ for client in clients:
 
 CASES = 60  # more than a doctor can examine in one window
 BROWSER = """
-import sys
+import json, sys
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
-socket = connect(f"ws://{sys.argv[1]}/stream", origin=f"http://{sys.argv[1]}", compression=None)
 look = '{"ask":"look","name":"%s","window_s":10,"width_px":1000}'
-import json
-while True:
-    message = socket.recv()
-    if isinstance(message, str):
-        said = json.loads(message)
-        if said["kind"] == "controllers" and said["names"]:
-            socket.send(look % said["names"][0])
-            break
-while True:
-    socket.recv()
+address = sys.argv[1]
+with connect(f"ws://{address}/stream", origin=f"http://{address}", compression=None) as socket:
+    looks = False
+    try:
+        while True:
+            message = socket.recv()
+            if looks or not isinstance(message, str):
+                continue
+            said = json.loads(message)
+            if said["kind"] == "controllers" and said["names"]:
+                socket.send(look % said["names"][0])
+                looks = True
+    except ConnectionClosed:  # the page has ended
+        pass
 """
 
 
