@@ -109,8 +109,8 @@ CHANGES = [
             "a gauge that fails becomes a model",
         ),
         Change(
-            "memory-unknown", EXAMINATION, "    flagged = lead_in(whole, lead_s)\n",
-            "    flagged = without_lead(whole, lead_s)\n",
+            "memory-unknown", EXAMINATION, "    flagged, good = lead_in(whole, lead_s),",
+            "    flagged, good = without_lead(whole, lead_s),",
             "creep is taken for another shape of the loop, and nothing is offered",
         ),
         Change(
