@@ -7,8 +7,7 @@ quick      what starts no process, no zenoh session and no pty, on all processor
 thorough   the same where it takes longer: identification, diagnosis, the mismatch watch, recordings
 processes  what does; tests that share a rig of their module in one worker, and two workers more
            than there are processors, because they mostly wait
-timing     what judges times and mostly waits, in one worker more than there are processors: two
-           halves of the chaos test and a whole set-up side by side; nothing that computes is beside
+timing     what judges times and mostly waits, on all processors; nothing that computes is beside it
 alone      what judges times and takes a processor for itself, one after another
 
 Each part is given the files that have tests of it, because every worker imports what it is given.
@@ -60,8 +59,7 @@ PARTS = {
         *AGAIN,
     ],
     "timing": [
-        *("-n", str(int(JOBS) + 1), "--dist", "loadgroup", "--tb=native"),
-        *("-m", "timing and not alone"),
+        *("-n", JOBS, "--dist", "loadgroup", "--tb=native", "-m", "timing and not alone"),
         *AGAIN,
     ],
     "alone": ["-m", "alone", *AGAIN],
