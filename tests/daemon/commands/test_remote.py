@@ -190,8 +190,9 @@ def test_watch_on_a_terminal_of_80_by_24_fits_heeds_no_color_and_a_resize(shared
     env = {**ENV, "NO_COLOR": "1", "TERM": "xterm-256color"}
     env = {k: v for k, v in env.items() if k not in ("COLUMNS", "LINES")}
     watcher = pexpect.spawn(
-        command[0], [*command[1:], "--for", "20"], env=env, dimensions=(24, 80), encoding="utf-8"
-    )
+        command[0], [*command[1:], "--for", "20"], env=env, dimensions=(24, 80), encoding="utf-8",
+        codec_errors="replace",  # an interrupt throws away what the terminal has not shown yet
+    )  # fmt: skip
     watcher.expect("bench: ", timeout=60)
     watcher.expect("missed", timeout=60)
     shown = str(watcher.before)
