@@ -1,7 +1,9 @@
 """What all tests share."""
 
 import os
+import signal
 import sys
+import threading
 
 # as `dehyst` itself does, before numpy is imported
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -19,6 +21,12 @@ from tests.rigs import afresh, starts
 from dehyst.daemon.tools import kernel_cache
 
 ROOT = Path(__file__).resolve().parent.parent
+# started in the background of a script, tests would start programs that heed no interrupt
+if (
+    threading.current_thread() is threading.main_thread()
+    and signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+):
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 # byte code is kept on disk: else each of a thousand processes compiles all that it imports
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
