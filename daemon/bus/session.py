@@ -10,7 +10,6 @@ import itertools
 import json
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from types import TracebackType
 from typing import Any, Self
 
 import zenoh
@@ -19,6 +18,7 @@ from dehyst.daemon.bus.encoding import ENCODING, MAX_BATCH_BYTES, MAX_COMMAND_BY
 from dehyst.daemon.bus.security import check_address, check_open
 from dehyst.daemon.bus.sockets import allow_open_files, end_unread_connections
 from dehyst.daemon.bus.topics import Topic
+from dehyst.daemon.closing import Closing
 from dehyst.models.errors import DehystError
 
 log = logging.getLogger(__name__)
@@ -82,7 +82,7 @@ class Sender:
             raise BusError(f"cannot publish: {error}") from None
 
 
-class Bus:
+class Bus(Closing):
     """A zenoh session. Make one with `serve` or `connect`; use it with `with`."""
 
     def __init__(self, settings: dict[str, Any], what: str) -> None:
@@ -169,17 +169,6 @@ class Bus:
             f"no daemon reached at {where}: is it running, is the address right, and does it ask "
             "for credentials?",
         )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        tb: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the session. Safe to call twice."""

@@ -15,7 +15,6 @@ import logging
 import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import msgspec
@@ -48,6 +47,7 @@ from dehyst.daemon.client.finding import TIMEOUT_S, chosen_of, find_daemons, not
 from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, play
 from dehyst.daemon.client.repeated import Repeated
 from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
+from dehyst.daemon.closing import Closing
 from dehyst.daemon.config import Config, parse_config
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.errors import DehystError
@@ -73,7 +73,7 @@ class Refusal(DehystError):
         self.code = code
 
 
-class Client:
+class Client(Closing):
     """A connection to one daemon.
 
     name: the controller's name; None: the only one that answers. connect: zenoh address, or
@@ -119,17 +119,6 @@ class Client:
         self._lease = self._sequence = 0
         self._senders: dict[str, Any] = {}
         self._unit = ""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Give up the lease and end the connection. Safe to call twice."""

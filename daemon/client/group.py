@@ -13,8 +13,7 @@ sample, and where one starves all stand still together. Each axis is a Client of
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,13 +26,14 @@ from dehyst.daemon.client.client import ADDRESS, CREDENTIALS, DEFAULT, Client
 from dehyst.daemon.client.finding import find_axes
 from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Player, play_together
 from dehyst.daemon.client.repeated import Repeated
+from dehyst.daemon.closing import Closing
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:  # scipy takes its time
     from dehyst.daemon.client.learning import LessonTaker
 
 
-class Group:
+class Group(Closing):
     """Axes of one controller.
 
     name: the controller's (`stage-1`: all its axes) or that of one axis (`stage-1-x`); None: the
@@ -73,17 +73,6 @@ class Group:
         together = tuple(self.clients.values())
         for client in together:
             client.together = together
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Give up the lease and end the connection. Safe to call twice."""

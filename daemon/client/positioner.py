@@ -16,8 +16,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +26,7 @@ from dehyst.daemon.client.client import Client
 from dehyst.daemon.client.player import Played
 from dehyst.daemon.client.telemetry import NOTHING, TelemetryStream
 from dehyst.daemon.client.tracking import Tracking
+from dehyst.daemon.closing import Closing
 from dehyst.daemon.rings.records import Flag
 from dehyst.models.errors import DehystError, NotNow
 
@@ -87,7 +87,7 @@ class _Collecting:
     parts: list[NDArray[Any]]
 
 
-class Positioner:
+class Positioner(Closing):
     """connect: makes the Client, in the thread that uses it; None: `Client()`. tolerance: how near
     is there, in the stage's unit (0: 0.2 % of the reach); settle_s: for how long it must be near;
     by: whose word counts, the model's (open loop: it knows when the way is over) or the gauge's;
@@ -116,17 +116,6 @@ class Positioner:
         self._thread.start()
         self.name, self.unit, self.reach, self.period_s, self._stale_s = ready.result()
         self.tolerance = tolerance or SHARE * (self.reach[1] - self.reach[0])
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     # -- what may be asked, from any thread ------------------------------------------------------
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dehyst.daemon.closing import Closing
 from dehyst.daemon.rings.layout import (
     CAPACITY_AT,
     HEAD,
@@ -24,7 +25,7 @@ from dehyst.daemon.rings.layout import (
 from dehyst.models.errors import BadInput
 
 
-class RingFile:
+class RingFile(Closing):
     """Reads the ring in the file at `path`. Raises BadInput where there is none, or a damaged
     one; so do all the methods. run, pid: of its writer."""
 
@@ -94,9 +95,3 @@ class RingFile:
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
-
-    def __enter__(self) -> "RingFile":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -105,9 +105,12 @@ def test_when_one_leaves_the_others_hold(compiled: bool, why: Command) -> None:
     assert np.ptp(told["x"]["volts"][1:]) == 0.0
     assert State(told["z"]["state"][-1]) is State.RUNNING  # it plays nothing with them
     assert any("another axis of the trajectory has left" in text for text in trio.events("x"))
-    # what comes too late for the trajectory moves nobody
+    # what comes too late for the trajectory moves nobody, and begins no hold anew
+    said = len(trio.events("x"))
     told = trio.play({"x": group_points(RAMP_X, first=900)}, 5, compiled)
     assert State(told["x"]["state"][-1]) is State.HOLDING
+    assert np.ptp(told["x"]["volts"]) == 0.0
+    assert len(trio.events("x")) == said
 
 
 @pytest.mark.parametrize("compiled", [False, True])
