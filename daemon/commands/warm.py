@@ -21,7 +21,7 @@ def run(args: argparse.Namespace) -> int:
     """Run everything that is compiled, briefly, on the simulated stage."""
     from dehyst.daemon.terminal.compiling import compiling_shown
     from dehyst.daemon.tools.bench_config import simulated_model
-    from dehyst.daemon.tools.latency import Setup, measure
+    from dehyst.daemon.tools.latency import Setup, compile_step, measure
     from dehyst.models.mismatch.monitor import compile_monitor
     from dehyst.models.physics import KINDS
 
@@ -30,6 +30,7 @@ def run(args: argparse.Namespace) -> int:
             kind.compile()
         simulated_model()
         compile_monitor()
+        compile_step()
         for engine in ("compiled", "python"):
             measure(Setup(rate_hz=200.0, seconds=0.2, engine=engine))
     if compilations.count:

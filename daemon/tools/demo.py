@@ -154,9 +154,11 @@ class Demo:
         while clock.monotonic_ns() < end_ns:
             try:
                 with Client(connect=self.endpoint) as client:
-                    while not client.status().core_alive and clock.monotonic_ns() < end_ns:
+                    while clock.monotonic_ns() < end_ns:
+                        status = client.status()
+                        if status.core_alive and status.state != "start":
+                            return
                         clock.sleep_s(0.2)
-                    return
             except DehystError:
                 clock.sleep_s(0.2)
         raise DehystError(f"the daemon did not start within {START_S:g} s")

@@ -128,11 +128,19 @@ def _sine(setup: Setup) -> np.ndarray:
 def _monitor(
     setup: Setup, devices: tuple[DeviceLink, DeviceLink], rings: dict[str, Ring]
 ) -> LoopMonitor:
-    period_s = 1.0 / setup.rate_hz
-    config = parse_config(CONFIG.format(rate=float(setup.rate_hz)))
-    inverse = Compensator(_model(), period_s, 0.0, FULL_SCALE_V, 20_000.0)
-    stepper = Stepper(LoopSettings.from_config(config, 0.0, 0.0, FULL_SCALE_V, 1.0), inverse, 0.0)
-    return LoopMonitor(stepper, *devices, rings, spin_ns=spin_ns(setup.spin_us, setup.rate_hz))
+    awake_ns = spin_ns(setup.spin_us, setup.rate_hz)
+    return LoopMonitor(_stepper(setup.rate_hz), *devices, rings, spin_ns=awake_ns)
+
+
+def _stepper(rate_hz: float) -> Stepper:
+    config = parse_config(CONFIG.format(rate=float(rate_hz)))
+    inverse = Compensator(_model(), 1.0 / rate_hz, 0.0, FULL_SCALE_V, 20_000.0)
+    return Stepper(LoopSettings.from_config(config, 0.0, 0.0, FULL_SCALE_V, 1.0), inverse, 0.0)
+
+
+def compile_step() -> None:
+    """Compile the step of one axis by itself, which the loop takes once as it starts."""
+    _stepper(200.0).step(0, 0.0, np.zeros(0, COMMAND))
 
 
 def _rings(commands: int) -> dict[str, Ring]:
