@@ -35,16 +35,17 @@ class CallTimes:
 
 @dataclass(frozen=True)
 class Batches:
-    """How a unit's calls are timed: in batches of `size`, up to `most` of them, until one batch's
-    `percentile` is within `close_to_fastest` times the fastest call of all.
+    """How a unit's calls are timed: in batches of `size`, up to `most` of them, until the late ones
+    of a batch, by the percentile `late`, are within `close_to_fastest` times the fastest of all.
 
-    What slows one batch and not another is this machine, not the unit: the best batch counts. Its
-    percentile is a high one, so that a loop at the rate that follows waits for late replies too.
+    What slows one batch and not another is this machine, not the unit: the best batch counts.
+    `usual`: percentile of what the unit sustains at the most, without room for late replies.
     """
 
     size: int = 30
     most: int = 8
-    percentile: float = 95.0
+    usual: float = 75.0
+    late: float = 95.0
     close_to_fastest: float = 1.15
 
     def best(self, call: Callable[[], object], clock: Callable[[], float]) -> CallTimes:
@@ -65,7 +66,11 @@ class Batches:
 
     def late_s(self, times: CallTimes) -> float:
         """What few of these calls take longer than."""
-        return times.percentile_s(self.percentile)
+        return times.percentile_s(self.late)
+
+    def rate_hz(self, times: CallTimes) -> float:
+        """How often a second these calls can be made at the most."""
+        return 1.0 / times.percentile_s(self.usual)
 
 
 def typical_s(call: Callable[[], object], clock: Callable[[], float]) -> float:

@@ -76,7 +76,7 @@ class DeviceSpec:
 
     @property
     def call_s(self) -> float:
-        """What a loop has to leave for one call."""
+        """What a loop has to leave for one call, a late one too."""
         return max(self.late_s, self.latency_s)
 
 
@@ -151,6 +151,10 @@ class Joint(Protocol):
 
     def rate_hz(self, driven: int) -> float:
         """The highest rate at which so many of these outputs can be set, as measured."""
+        ...
+
+    def late_s(self, driven: int) -> float:
+        """What few sets of so many of these outputs take longer than."""
         ...
 
     def write_all(self, volts: Sequence[float]) -> None:

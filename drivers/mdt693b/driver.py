@@ -49,8 +49,8 @@ class Mdt693b:
 
     An Actuator; its settings are those of Mdt693bConfig.
 
-    timing: durations of write(); `spec.latency_s` (median), `spec.late_s` (a high
-    percentile) and `spec.max_rate_hz` (from that one) are measured at open() with harmless queries
+    timing: durations of write(); `spec.latency_s` (median), `spec.late_s` (the 95th
+    percentile) and `spec.max_rate_hz` (from the 75th) are measured at open() with harmless queries
     and from then on with the sets themselves. stray_bytes: bytes that came in unasked so far.
     """
 
@@ -273,12 +273,11 @@ class Mdt693b:
             )
 
     def _update_spec(self, timing: CallTimes) -> None:
-        late_s = TUNING.batches.late_s(timing)
         self.spec = replace(
             self.spec,
-            max_rate_hz=self.config.rate_hz or 1.0 / late_s,
+            max_rate_hz=self.config.rate_hz or TUNING.batches.rate_hz(timing),
             latency_s=timing.percentile_s(50.0),
-            late_s=late_s,
+            late_s=TUNING.batches.late_s(timing),
         )
 
     def admit(self, volts: float) -> float:

@@ -156,8 +156,8 @@ CHANGES = [
         Change(
             "late-replies-do-not-count",
             "drivers/call_times.py",
-            "percentile: float = 95.0",
-            "percentile: float = 50.0",
+            "late: float = 95.0",
+            "late: float = 50.0",
             "the rate that is offered is one that the unit does not sustain",
         ),
     ),

@@ -127,6 +127,13 @@ class AxesRig(Rig):
         command = [sys.executable, script, self.address, "chaos-y", str(LASTS_S)]
         self.beside = self._start(command, "beside")
 
+    def end_beside(self) -> None:
+        """Kill it."""
+        assert self.beside is not None
+        self.beside.kill()
+        self.beside.wait(5.0)
+        self.beside = None
+
     def volts(self, axis: str) -> float:
         """At an output, now."""
         return float(self.bench_order()["axes"][axis]["output_v"])
@@ -202,8 +209,8 @@ class AxesRig(Rig):
         states = {State(int(s)).name for s in np.unique(samples["state"])}
         assert states == {"RUNNING"}, f"{axis} was disturbed: {states}"
         assert not np.bitwise_or.reduce(samples["flags"]) & Flag.APPROACH, f"{axis} began anew"
-        way = np.abs(np.diff(samples["target"]))
-        most = MOST_UM_PER_S / RATE_HZ
+        way = np.abs(np.diff(samples["target"]))  # by the clock, where a deadline was missed
+        most = MOST_UM_PER_S * np.diff(samples["scheduled_ns"]) * 1e-9
         assert np.all(way <= most), f"the target of {axis} jumped by {np.nanmax(way):.3f} um"
         time_ns, _ = during(*self.channel(axis), self.fault_ns)
         silent_s = float(np.max(np.diff(time_ns))) * 1e-9
