@@ -74,7 +74,7 @@ def follows_again(rig: Rig) -> bool:
 
     def sent() -> bool:
         try:
-            with Client("chaos", rig.address, label="afterwards") as client:
+            with Client(rig.name, rig.address, label="afterwards") as client:
                 client.take_over()
                 status = client.status()
                 middle = 0.5 * (status.reach_min + status.reach_max)
