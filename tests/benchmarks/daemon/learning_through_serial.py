@@ -33,6 +33,7 @@ from dehyst.models.model import Floats
 
 SINES = ((1.0, 8.0), (5.0, 6.0))
 LEAST_GAIN = 5.0
+BEFORE_S = 60.0  # the approach is so long ago at the most, where the machine is busy
 
 
 class Errors(NamedTuple):
@@ -55,7 +56,7 @@ def true_at(logged: dict[str, np.ndarray], moments_ns: np.ndarray) -> Floats:
 
 def errors_of(client: Client, bench: EmulatedBench, passes: int, n: int) -> Errors:
     """What the bench and the loop wrote down of the newest passes."""
-    records = client.history(seconds=passes * n / RATE_HZ + 5.0)
+    records = client.history(seconds=passes * n / RATE_HZ + BEFORE_S)
     begun = int(np.flatnonzero(records["flags"] & int(Flag.APPROACH))[-1]) + 1
     records = records[begun : begun + passes * n]
     logged, due_ns = bench.logged(), records["scheduled_ns"]
