@@ -61,7 +61,8 @@ class DeviceSpec:
 
     unit: "v", "um", ...; minimum, maximum, resolution: in that unit; max_rate_hz: the highest
     rate of write() or read() that this unit sustains (measured where it can be);
-    latency_s: typical duration of one call; identity: model, firmware, serial number.
+    latency_s: typical duration of one call; identity: model, firmware, serial number; late_s: what
+    few calls take longer than, 0: not known, the typical one counts.
     """
 
     unit: str
@@ -71,6 +72,12 @@ class DeviceSpec:
     max_rate_hz: float
     latency_s: float
     identity: str = ""
+    late_s: float = 0.0
+
+    @property
+    def call_s(self) -> float:
+        """What a loop has to leave for one call."""
+        return max(self.late_s, self.latency_s)
 
 
 @runtime_checkable

@@ -18,7 +18,8 @@ from dehyst.models.errors import BadInput
 
 REPLAY_SAMPLES = 20_000
 OUTPUT_AGREES_V = 1.0  # an MDT693B's readback is off by up to 0.3 V
-SPARE = 0.8  # share of the period that device calls may take
+SPARE = 0.8  # share of the period that device calls may take, late ones
+REPORT_SPARE = 0.95  # the same in a sample that asks the amplifier for its report
 
 
 def devices_of(config: Config) -> tuple[Actuator, Sensor]:
@@ -58,7 +59,7 @@ def check_rates(config: Config, actuator: DeviceSpec, sensor: DeviceSpec) -> int
             f"analog input"
         )
     every = max(1, math.ceil(rate / sensor.max_rate_hz))
-    io_s = actuator.latency_s + sensor.latency_s
+    io_s = actuator.call_s + sensor.call_s
     if io_s * rate > SPARE:
         raise BadInput(
             f"loop.rate_hz = {rate:g}: device calls take {io_s * 1e3:.2f} ms of the "
@@ -76,13 +77,10 @@ def check_rates_together(
     one period. specs: (actuator, sensor) of each axis; joints: from `joined`."""
     if len(configs) == 1:
         return [check_rates(configs[0], *specs[0])]
-    rate, alone = configs[0].loop.rate_hz, set(range(len(configs)))
-    io_s = sum(sensor.latency_s for _, sensor in specs)
+    rate = configs[0].loop.rate_hz
     for joint, places in joints:
-        alone -= set(places)
-        driven = min(range(1, len(places) + 1), key=joint.rate_hz)
+        driven = slowest_number(joint, places)
         sustained = joint.rate_hz(driven)
-        io_s += 1.0 / sustained
         if rate > sustained:
             names = ", ".join(configs[i].axis for i in places)
             raise BadInput(
@@ -90,13 +88,12 @@ def check_rates_together(
                 f"{sustained:.0f} Hz with {driven} of them driven, as measured on this unit; set "
                 f"loop.rate_hz to {_round_down(sustained):g} or less"
             )
-    every = []
-    for i, (config, (actuator, sensor)) in enumerate(zip(configs, specs, strict=True)):
+    every, io_s = [], sum(sensor.call_s for _, sensor in specs) + sets_s(specs, joints)
+    for config, (actuator, sensor) in zip(configs, specs, strict=True):
         try:
             every.append(check_rates(config, actuator, sensor))
         except BadInput as error:
             raise BadInput(f"axis {config.axis}: {error}") from None
-        io_s += actuator.latency_s if i in alone else 0.0
     if io_s * rate > SPARE:
         raise BadInput(
             f"loop.rate_hz = {rate:g}: the device calls of {len(configs)} axes take "
@@ -104,6 +101,39 @@ def check_rates_together(
             f"{_round_down(SPARE / io_s):g} or less"
         )
     return every
+
+
+def slowest_number(joint: Joint, places: tuple[int, ...]) -> int:
+    """How many of an amplifier's outputs are driven when setting them takes longest."""
+    return min(range(1, len(places) + 1), key=joint.rate_hz)
+
+
+def sets_s(
+    specs: Sequence[tuple[DeviceSpec, DeviceSpec]],
+    joints: Sequence[tuple[Joint, tuple[int, ...]]],
+) -> float:
+    """How long it takes to set the outputs of all axes [s]."""
+    alone, spent_s = set(range(len(specs))), 0.0
+    for joint, places in joints:
+        alone -= set(places)
+        spent_s += 1.0 / joint.rate_hz(slowest_number(joint, places))
+    return spent_s + sum(specs[i][0].call_s for i in alone)
+
+
+def crowded(
+    period_s: float,
+    specs: Sequence[tuple[DeviceSpec, DeviceSpec]],
+    joints: Sequence[tuple[Joint, tuple[int, ...]]],
+) -> dict[int, tuple[int, ...]]:
+    """Axes, by their places, whose amplifier cannot be asked for its report in a sample that sets
+    the outputs too: (place: places of all outputs of that amplifier)."""
+    together = {place: places for _, places in joints for place in places}
+    io_s = sum(sensor.call_s for _, sensor in specs) + sets_s(specs, joints)
+    return {
+        i: together.get(i, (i,))
+        for i, (actuator, sensor) in enumerate(specs)
+        if io_s - sensor.call_s + actuator.call_s > REPORT_SPARE * period_s
+    }
 
 
 def joined(actuators: Sequence[Actuator]) -> list[tuple[Joint, tuple[int, ...]]]:
@@ -125,7 +155,7 @@ def joined(actuators: Sequence[Actuator]) -> list[tuple[Joint, tuple[int, ...]]]
 def highest_rate(actuator: DeviceSpec, sensor: DeviceSpec) -> float:
     """The highest loop rate [Hz], with two digits, that `check_rates` lets these units have, the
     sensor read at every sample."""
-    io_s = actuator.latency_s + sensor.latency_s
+    io_s = actuator.call_s + sensor.call_s
     return _round_down(min(actuator.max_rate_hz, sensor.max_rate_hz, SPARE / io_s))
 
 

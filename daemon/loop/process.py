@@ -17,7 +17,7 @@ from dehyst.daemon import clock, notify
 from dehyst.daemon.config import ChannelConfig, Controller
 from dehyst.daemon.loop.axes.core import AxisCore
 from dehyst.daemon.loop.channels import Channels
-from dehyst.daemon.loop.checks import check_rates_together, joined
+from dehyst.daemon.loop.checks import check_rates_together, crowded, joined
 from dehyst.daemon.loop.compiled_loop import CompiledLoop, direct_of, spin_ns, warm_up
 from dehyst.daemon.loop.python_loop import Axis, PythonLoop, Together
 from dehyst.daemon.loop.step import Stepper
@@ -67,6 +67,7 @@ class Core:
         self._joint = joined([axis.actuator.device for axis in axes])
         specs = [(axis.actuator.device.spec, axis.sensor.device.spec) for axis in axes]
         every = check_rates_together([axis.config for axis in axes], specs, self._joint)
+        self._crowded = crowded(self.controller.period_ns * 1e-9, specs, self._joint)
         for axis in axes:
             axis.begin()
         channels = self._channels()
@@ -130,6 +131,7 @@ class Core:
             readback=checks[0],
             beside=[Axis(*pair) for pair in zip(others, checks[1:], strict=True)],
             together=[Together(joint, places) for joint, places in self._joint if joint.together],
+            crowded=self._crowded,
         )
 
     def _channels(self) -> Channels:

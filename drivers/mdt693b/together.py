@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import Protocol
 
-from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.mdt693b.link import CommandRefused, Mdt693bLink
 from dehyst.drivers.mdt693b.settings import Mdt693bConfig
 from dehyst.drivers.mdt693b.tuning import TUNING
@@ -99,18 +98,11 @@ class JointOutputs:
         return True
 
     def _measure(self, words: Sequence[str], clock: Callable[[], float]) -> float:
-        """How often a second these commands are answered one after the other, in the best batch."""
-        best_s, fastest_s = float("inf"), float("inf")
-        for _ in range(TUNING.most_batches):
-            batch = CallTimes()
-            for _ in range(TUNING.batch):
-                started_s = clock()
-                for word in words:
-                    with self._outputs[0].conversation() as link:
-                        link.ask(word)
-                batch.add(clock() - started_s)
-            fastest_s = min(fastest_s, batch.percentile_s(0.0))
-            best_s = min(best_s, batch.percentile_s(TUNING.rate_percentile))
-            if best_s <= TUNING.close_to_fastest * fastest_s:
-                break
-        return 1.0 / best_s
+        """How often a second these commands are answered one after the other, the late ones too."""
+
+        def ask() -> None:
+            for word in words:
+                with self._outputs[0].conversation() as link:
+                    link.ask(word)
+
+        return 1.0 / TUNING.batches.late_s(TUNING.batches.best(ask, clock))

@@ -7,7 +7,7 @@ import pytest
 from tests.rigs.two_loops import CONFIG
 
 from dehyst.daemon.config import Config, LoopConfig, parse_config
-from dehyst.daemon.loop.checks import check_rates_together
+from dehyst.daemon.loop.checks import check_rates_together, crowded
 from dehyst.drivers.interface import DeviceSpec
 from dehyst.models.errors import BadInput
 
@@ -31,8 +31,8 @@ def axes(rate_hz: float) -> list[Config]:
     ]
 
 
-def spec(rate_hz: float, latency_s: float) -> DeviceSpec:
-    return DeviceSpec("v", 0.0, 150.0, 1e-3, rate_hz, latency_s)
+def spec(rate_hz: float, latency_s: float, late_s: float = 0.0) -> DeviceSpec:
+    return DeviceSpec("v", 0.0, 150.0, 1e-3, rate_hz, latency_s, late_s=late_s)
 
 
 def specs(gauge_hz: float, gauge_s: float) -> list[tuple[DeviceSpec, DeviceSpec]]:
@@ -66,3 +66,24 @@ def test_what_one_axis_cannot_is_told_of_that_axis() -> None:
     mixed[1] = (spec(50.0, 1e-4), mixed[1][1])
     with pytest.raises(BadInput, match=r"axis y: loop.rate_hz = 60: actuator simulated sustains"):
         check_rates_together(axes(60.0), mixed, [])
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_late_replies_count(count: int) -> None:
+    """Sets of 2 ms, late ones 3 ms; gauges of 0.1 ms, late ones 0.2 ms: 3.2 ms and 9.6 ms."""
+    one = spec(1000.0, 2e-3, 3e-3), spec(2000.0, 1e-4, 2e-4)
+    highest_hz = 0.8 / (count * 3.2e-3)
+    with pytest.raises(BadInput, match=r"device calls .* ms period"):
+        check_rates_together(axes(1.02 * highest_hz)[:count], [one] * count, [])
+    assert check_rates_together(axes(0.98 * highest_hz)[:count], [one] * count, []) == [1] * count
+
+
+def test_where_a_report_and_the_sets_do_not_fit_into_a_period_is_known() -> None:
+    """Three outputs of one unit: 6.67 ms for two of them, three gauges of 0.5 ms, a report of
+    3.33 ms in the place of one gauge: 11 ms. One alone: 3.33 ms twice."""
+    several, one = specs(2000.0, 5e-4), specs(2000.0, 5e-4)[:1]
+    joints = [(Unit(), (0, 1, 2))]
+    assert crowded(11.0e-3, several, joints) == dict.fromkeys(range(3), (0, 1, 2))
+    assert crowded(12.0e-3, several, joints) == {}
+    assert crowded(6.9e-3, one, []) == {0: (0,)}
+    assert crowded(7.1e-3, one, []) == {}
