@@ -168,6 +168,23 @@ def highest_rate(actuator: DeviceSpec, sensor: DeviceSpec) -> float:
     return min(offered_hz([(actuator, sensor)], []), _round_down(sensor.max_rate_hz))
 
 
+def highest_rate_together(
+    specs: Sequence[tuple[DeviceSpec, DeviceSpec]],
+    joints: Sequence[tuple[Joint, tuple[int, ...]]],
+) -> float:
+    """As `highest_rate`, of several axes in one period; specs, joints: as `check_rates_together`
+    has them."""
+    io_s = sum(sensor.latency_s for _, sensor in specs)
+    rates = [min(actuator.max_rate_hz, sensor.max_rate_hz) for actuator, sensor in specs]
+    alone = set(range(len(specs)))
+    for joint, places in joints:
+        alone -= set(places)
+        rates.append(min(joint.rate_hz(driven) for driven in range(1, len(places) + 1)))
+        io_s += 1.0 / rates[-1]
+    io_s += sum(specs[place][0].latency_s for place in alone)
+    return _round_down(min(*rates, SPARE / io_s))
+
+
 def _round_down(rate_hz: float) -> float:
     """The next rate below with two digits."""
     step = 10.0 ** (math.floor(math.log10(rate_hz)) - 1)
