@@ -46,6 +46,7 @@ FIGURES = {
 CENTER = ("--center", "8", "7.5")
 STILL_UM = 8.5
 SETTLE_S = 15.0  # at the first targets, before anything is judged
+AFTER_S = 60.0  # what `dehyst play` may take to end: its report, its picture
 
 
 def run_command(*words: str, seconds: float = 600.0) -> None:
@@ -100,7 +101,7 @@ def courses_um(
     """(n,) true displacement less target of each axis in the last pass; (n,) in time."""
     true, off, good = log_of(bench), {}, np.ones(n, bool)
     for axis, one in client.items():
-        records = one.history(seconds=(passes * n + 1000) / AXES_RATE_HZ)
+        records = one.history(seconds=passes * n / AXES_RATE_HZ + AFTER_S)
         begun = int(np.flatnonzero(records["flags"] & int(Flag.APPROACH))[-1]) + 1
         last = records[begun : begun + passes * n][-n:]
         at_ns, where = true[axis]

@@ -33,10 +33,7 @@ def _check_x_undisturbed(rig: AxesRig) -> None:
 @contextmanager
 def _y_alone(rig: AxesRig) -> Iterator[Client]:
     """A client of the test's own commands y; the one that played it is away meanwhile."""
-    assert rig.beside is not None
-    rig.beside.kill()
-    rig.beside.wait(5.0)
-    rig.beside = None
+    rig.end_beside()
     try:
         with Client("chaos-y", rig.address, label="test") as client:
             client.take_over()

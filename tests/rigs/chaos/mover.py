@@ -12,7 +12,7 @@ from dehyst.daemon.client.client import Client
 from dehyst.models.errors import DehystError
 
 
-def main(address: str, name: str, seconds: float = 30.0) -> None:
+def main(address: str, name: str, seconds: float) -> None:
     """Until killed; each trajectory lasts so long."""
     seed = 0
     while True:
@@ -30,4 +30,4 @@ def main(address: str, name: str, seconds: float = 30.0) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], *map(float, sys.argv[3:]))
+    main(sys.argv[1], sys.argv[2], float(sys.argv[3]))

@@ -138,6 +138,7 @@ class Rig:
     name = "chaos"
     commanded: tuple[str, ...] = (name,)
     axes = ""
+    lasts_s = 30.0  # a trajectory of the mover
     bench_options: tuple[str, ...] = ()
 
     def __init__(self, folder: Path, model: Path, on_fault: str = "ramp") -> None:
@@ -233,7 +234,9 @@ class Rig:
     def start_mover(self) -> None:
         """Start the client that commands."""
         script = str(ROOT / "tests" / "rigs" / "chaos" / "mover.py")
-        self.mover = self._start([sys.executable, script, self.address, self.name], "mover")
+        self.mover = self._start(
+            [sys.executable, script, self.address, self.name, str(self.lasts_s)], "mover"
+        )
 
     def pid(self, name: str) -> int:
         """Process number of core, gateway or client."""
