@@ -35,6 +35,7 @@ EVENTS, HEALTHS, REPORTS = 200, 600, 10
 PAST_SAMPLES, PAST_S = 60_000, 60.0
 """What is fetched from the daemon's history, so that the page does not begin empty."""
 MODEL_S = 10.0
+CLOSE_S = 5.0
 
 
 class Watch:
@@ -65,9 +66,12 @@ class Watch:
         self._thread.start()
 
     def close(self) -> None:
-        """End the connection."""
+        """Let the thread end the connection; `await_end` waits for it."""
         self._stop.set()
-        self._thread.join(5.0)
+
+    def await_end(self, timeout_s: float) -> None:
+        """Wait until the connection has ended, so long at most."""
+        self._thread.join(timeout_s)
 
     @property
     def silent_s(self) -> float:
@@ -232,12 +236,14 @@ class Controllers:
         return [self.watches[name] for name in names if name in self.watches]
 
     def close(self) -> None:
-        """End all connections."""
+        """End all connections; one that does not end within CLOSE_S is left: nobody answers."""
         self._stop.set()
-        for thread in self._threads:
-            thread.join(5.0)
-        for watch in self.watches.values():
+        watches = list(self.watches.values())
+        for watch in watches:
             watch.close()
+        end_ns = clock.monotonic_ns() + round(CLOSE_S * clock.NS)
+        for wait in (*(t.join for t in self._threads), *(w.await_end for w in watches)):
+            wait(max(0.0, (end_ns - clock.monotonic_ns()) / clock.NS))
 
     def _find(self, address: str) -> None:
         while not self._stop.is_set():
