@@ -62,16 +62,12 @@ class Watch:
         self._errors: deque[tuple[float, float, int]] = deque(maxlen=round(1.0 / TICK_S))
         self._client: Client | None = None
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=f"watch {name}", daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._run, name=f"watch {name}", daemon=True)
+        self.thread.start()
 
     def close(self) -> None:
-        """Let the thread end the connection; `await_end` waits for it."""
+        """Let the thread end the connection."""
         self._stop.set()
-
-    def await_end(self, timeout_s: float) -> None:
-        """Wait until the connection has ended, so long at most."""
-        self._thread.join(timeout_s)
 
     @property
     def silent_s(self) -> float:
@@ -242,8 +238,8 @@ class Controllers:
         for watch in watches:
             watch.close()
         end_ns = clock.monotonic_ns() + round(CLOSE_S * clock.NS)
-        for wait in (*(t.join for t in self._threads), *(w.await_end for w in watches)):
-            wait(max(0.0, (end_ns - clock.monotonic_ns()) / clock.NS))
+        for thread in (*self._threads, *(watch.thread for watch in watches)):
+            thread.join(max(0.0, (end_ns - clock.monotonic_ns()) / clock.NS))
 
     def _find(self, address: str) -> None:
         while not self._stop.is_set():
