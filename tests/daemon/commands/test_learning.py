@@ -50,24 +50,24 @@ def test_learning_wants_more_than_one_pass(shared: Bench, tmp_path: Path) -> Non
     assert "0 is until stopped" in err
 
 
-def test_zero_says_the_difference_and_takes_it_away(shared: Bench) -> None:
-    client = shared.client()
-    code, out, _ = run("zero", "--look", "--json", bench=shared)
+def test_zero_says_the_difference_and_takes_it_away(bench: Bench) -> None:
+    client = bench.client()
+    code, out, _ = run("zero", "--look", "--json", bench=bench)
     look = json.loads(out)
     assert code == 0
     assert look["zero_moved_by"] == 0.0
     client.acquire()
     client.move_zero(0.4)
     client.close()
-    code, out, _ = run("zero", "--json", bench=shared)
+    code, out, _ = run("zero", "--json", bench=bench)
     found = json.loads(out)
     assert code == 0
     assert abs(found["gauge_minus_model"] - look["gauge_minus_model"] - 0.4) < 0.02
     assert abs(found["sensor_zero_that_keeps_it"] + look["gauge_minus_model"]) < 0.02
-    code, out, _ = run("zero", "--look", bench=shared)
+    code, out, _ = run("zero", "--look", bench=bench)
     assert code == 0
     assert "from the model" in out
-    after = json.loads(run("zero", "--look", "--json", bench=shared)[1])
+    after = json.loads(run("zero", "--look", "--json", bench=bench)[1])
     assert abs(after["gauge_minus_model"]) < 0.02
 
 

@@ -212,13 +212,13 @@ def test_watch_as_json_is_one_object_a_line(shared: Bench) -> None:
     assert {line["name"] for line in lines} == {"bench"}
 
 
-def test_record_for_so_many_seconds_across_a_killed_gateway(shared: Bench, tmp_path: Path) -> None:
+def test_record_for_so_many_seconds_across_a_killed_gateway(bench: Bench, tmp_path: Path) -> None:
     rec = tmp_path / "rec.csv"
-    shared.client()
-    recorder = start("record", "-o", str(rec), "--for", "5", "--json", bench=shared)
+    bench.client()
+    recorder = start("record", "-o", str(rec), "--for", "5", "--json", bench=bench)
     wait_until("it records", lambda: rec.exists() and rec.stat().st_size > 2000)
-    shared.kill_gateway()
-    shared.start_gateway()
+    bench.kill_gateway()
+    bench.start_gateway()
     out, err = recorder.communicate(timeout=60)
     result = json.loads(out)
     assert recorder.returncode == 0, err

@@ -30,19 +30,6 @@ def service(tmp_path: Path) -> Iterator[Service]:
         service.close()
 
 
-@pytest.fixture(scope="module")
-def lasting(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    """One that runs, for what must cost no restart."""
-    folder = tmp_path_factory.mktemp("lasting")
-    save_model(simulated_model(), folder / "model.toml")
-    service = Service(folder, folder / "model.toml")
-    try:
-        service.start()
-        yield service
-    finally:
-        service.close()
-
-
 def sent(client: Client) -> bool:
     """A set-point went through."""
     try:
@@ -87,8 +74,8 @@ def test_safe_and_a_new_start_with_a_damaged_ring(service: Service, how: str) ->
 
 
 @pytest.mark.parametrize("name", ["status", "event", "telemetry", "command"])
-def test_random_bytes_in_a_ring_that_is_in_use(lasting: Service, name: str) -> None:
-    service = lasting
+def test_random_bytes_in_a_ring_that_is_in_use(service: Service, name: str) -> None:
+    service.start()
     with service.client() as client:
         until(lambda: follows(client), 60.0, "the core follows commands")
         client.send(5.0)
