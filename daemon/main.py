@@ -14,7 +14,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 from dehyst import __version__
 from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.tools import kernel_cache
-from dehyst.daemon.tools.interrupts import INTERRUPTED, ended_at_once
+from dehyst.daemon.tools.interrupts import INTERRUPTED, end_for_good, ended_at_once
 from dehyst.models.errors import DehystError, NotNow
 
 # name: help line. Modules are imported when they are used: numba and zenoh take their time.
@@ -108,8 +108,11 @@ def build_whole_parser() -> Parser:
 def _compiling_told(command: str | None, said_by: str) -> AbstractContextManager[None]:
     if command not in COMPILING | PROCESSES:
         return nullcontext()
-    from dehyst.daemon.terminal.compiling import compiling_told  # numba, which these need anyway
+    # both import numba, which these need anyway
+    from dehyst.daemon.terminal.compiling import compiling_told
+    from dehyst.daemon.tools.light_numba import leave_out_scipy
 
+    leave_out_scipy()
     process = command in PROCESSES
     return compiling_told(said_by, in_pipes=process, ends=not process)
 
@@ -143,5 +146,16 @@ def main(argv: list[str] | None = None) -> int:
         return INTERRUPTED
 
 
+def run_process() -> NoReturn:
+    """`main` as a process of its own."""
+    try:
+        code = main()
+    except SystemExit as ended:
+        if not isinstance(ended.code, int):
+            raise
+        code = ended.code
+    end_for_good(code)
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    run_process()

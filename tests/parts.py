@@ -7,11 +7,15 @@ quick      what starts no process, no zenoh session and no pty, on all processor
 thorough   the same where it takes longer: identification, diagnosis, the mismatch watch, recordings
 processes  what does; tests that share a rig of their module in one worker, and two workers more
            than there are processors, because they mostly wait
-timing     what judges times and mostly waits, on all processors; nothing that computes is beside it
+timing     what judges times and mostly waits, one worker more than there are processors; nothing
+           that computes is beside it, but for `thorough`
 alone      what judges times and takes a processor for itself, one after another
 
 Each part is given the files that have tests of it, because every worker imports what it is given.
-`thorough` runs beside `processes` and `timing`, at the lowest priority, and is shown after them.
+`thorough` begins first and runs beside `quick`, `processes` and `timing`, at the lowest priority:
+it takes what they leave, where they wait and where a part's last worker is alone. It is shown after
+them, before `alone`, which bears nothing beside it. Its longest files come first, so that no worker
+has one left when the other is done; xdist by itself begins with the files of most tests.
 
 Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
 Real processes on a machine that stands still for a second now and then miss a time-out now and
@@ -43,12 +47,22 @@ THOROUGH = (
     "daemon/setup/test_moving.py",
 )  # fmt: skip
 """Folders and files of tests."""
+LONGEST = (
+    "models/diagnosis/test_hard_recordings.py", "daemon/doctor/test_examination.py",
+    "models/diagnosis/test_names.py", "models/inverse/test_compensator.py",
+    "models/diagnosis/test_subject.py", "models/identify/test_identify.py",
+    "models/diagnosis/test_times.py", "daemon/commands/test_diagnose.py",
+    "models/identify/test_intervals.py", "replay/test_diagnose_real.py",
+    "replay/test_real_trajectory.py", "models/identify/test_timing.py",
+    "models/drive_design/test_excitation.py", "models/diagnosis/test_data_first.py",
+)  # fmt: skip
+"""Of `thorough`, by the processor time that they take: 32 to 7 s each, of 250 s."""
 JOBS = str(len(os.sched_getaffinity(0)))
 AGAIN = ["--reruns", "2", "--reruns-delay", "3", "-rfE"]
 PARTS = {
     "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes and not thorough"],
     "thorough": [
-        *("-n", JOBS, "--dist", "loadfile", "-p", "no:cacheprovider"),
+        *("-n", JOBS, "--dist", "loadfile", "--no-loadscope-reorder", "-p", "no:cacheprovider"),
         *("-m", "thorough and not processes"),
     ],
     # native: pytest's own tracebacks parse the source, and where threads do so at once, CPython
@@ -59,7 +73,8 @@ PARTS = {
         *AGAIN,
     ],
     "timing": [
-        *("-n", JOBS, "--dist", "loadgroup", "--tb=native", "-m", "timing and not alone"),
+        *("-n", str(int(JOBS) + 1), "--dist", "loadgroup", "--tb=native"),
+        *("-m", "timing and not alone"),
         *AGAIN,
     ],
     "alone": ["-m", "alone", *AGAIN],
@@ -84,8 +99,12 @@ def is_of(path: Path, part: str) -> bool:
 
 
 def files_of(part: str) -> tuple[Path, ...]:
-    """The files that have tests of this part, and perhaps of others."""
-    return tuple(path for path in sorted(TESTS.rglob("test_*.py")) if is_of(path, part))
+    """The files that have tests of this part, and perhaps of others; the longest ones first."""
+    files = [path for path in sorted(TESTS.rglob("test_*.py")) if is_of(path, part)]
+    if part == "thorough":
+        places = {name: place for place, name in enumerate(LONGEST)}
+        files.sort(key=lambda path: places.get(str(path.relative_to(TESTS)), len(LONGEST)))
+    return tuple(files)
 
 
 class Part:
@@ -152,11 +171,10 @@ def main(parts: list[str]) -> int:
             counts, failed = counts + found, failed or code != 0
 
         beside: Part | None = None
+        if "thorough" in names and len(names) > 1:
+            beside = begin("thorough", running.enter_context(tempfile.TemporaryFile("w+")))
+            names.remove("thorough")
         for name in names:
-            if name == "thorough" and len(names) > 1:
-                kept = running.enter_context(tempfile.TemporaryFile("w+"))
-                beside = begin(name, kept)
-                continue
             if name == "alone" and beside is not None:
                 show(beside)
                 beside = None

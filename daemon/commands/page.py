@@ -46,6 +46,9 @@ def run(args: argparse.Namespace) -> int:
 
     realtime.die_with_parent(signal.SIGTERM)
     config, addresses, credentials, base = settings_of(args)
+    from dehyst.daemon.tools.light_numba import leave_out_scipy
+
+    leave_out_scipy()
     # the server's packages take their time
     from dehyst.daemon.page.people import People
     from dehyst.daemon.page.server import Listen, serve_page

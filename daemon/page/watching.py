@@ -35,6 +35,7 @@ EVENTS, HEALTHS, REPORTS = 200, 600, 10
 PAST_SAMPLES, PAST_S = 60_000, 60.0
 """What is fetched from the daemon's history, so that the page does not begin empty."""
 MODEL_S = 10.0
+CLOSE_S = 5.0
 
 
 class Watch:
@@ -61,13 +62,12 @@ class Watch:
         self._errors: deque[tuple[float, float, int]] = deque(maxlen=round(1.0 / TICK_S))
         self._client: Client | None = None
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=f"watch {name}", daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._run, name=f"watch {name}", daemon=True)
+        self.thread.start()
 
     def close(self) -> None:
-        """End the connection."""
+        """Let the thread end the connection."""
         self._stop.set()
-        self._thread.join(5.0)
 
     @property
     def silent_s(self) -> float:
@@ -232,12 +232,14 @@ class Controllers:
         return [self.watches[name] for name in names if name in self.watches]
 
     def close(self) -> None:
-        """End all connections."""
+        """End all connections; one that does not end within CLOSE_S is left: nobody answers."""
         self._stop.set()
-        for thread in self._threads:
-            thread.join(5.0)
-        for watch in self.watches.values():
+        watches = list(self.watches.values())
+        for watch in watches:
             watch.close()
+        end_ns = clock.monotonic_ns() + round(CLOSE_S * clock.NS)
+        for thread in (*self._threads, *(watch.thread for watch in watches)):
+            thread.join(max(0.0, (end_ns - clock.monotonic_ns()) / clock.NS))
 
     def _find(self, address: str) -> None:
         while not self._stop.is_set():

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from numba.core.event import Listener, install_listener
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dehyst.daemon import clock
 
@@ -87,6 +85,10 @@ def compiling_told(said_by: str, in_pipes: bool = False, ends: bool = True) -> I
 @contextmanager
 def compiling_shown() -> Iterator[Compilations]:
     """A bar on a terminal with the kernel that is compiled and the time that is left."""
+    # core and gateway import this file, and draw no bars
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
     console = Console(stderr=True)
     if not console.is_terminal:
         compilations = Compilations(lambda kernel: None)

@@ -1,9 +1,13 @@
-"""Ctrl-C while nothing has begun that must be ended in order."""
+"""The two ends of a process: at once while nothing has begun, and for good when all is closed."""
 
+import atexit
 import os
 import signal
+import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NoReturn
 
 INTERRUPTED = 130
 
@@ -25,3 +29,24 @@ def ended_at_once(said_by: str) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def end_for_good(code: int) -> NoReturn:
+    """End the process with this exit status, in order but for the interpreter's own end.
+
+    Threads that are no daemons are waited for, and what is done at exit is done. The interpreter is
+    not taken down: that costs a process with kernels 0.3 s of a processor, and with a thread still
+    within the bus it ends with SIGABRT: CPython ends such a thread as it comes back, which zenoh's
+    Rust takes for a foreign exception.
+    """
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except BrokenPipeError:  # the reader has gone
+        pass
+    except OSError as error:
+        os.write(2, f"dehyst: stdout: {error.strerror}\n".encode())
+        code = code or 1
+    os._exit(code)

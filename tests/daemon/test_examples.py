@@ -15,9 +15,9 @@ PROGRAMS = [
 
 
 @pytest.mark.parametrize(("arguments", "says"), PROGRAMS)
-def test_example_runs(bench: Bench, arguments: list[str], says: str) -> None:
-    bench.client()
-    done = run(arguments, bench.address)
+def test_example_runs(shared: Bench, arguments: list[str], says: str) -> None:
+    shared.client()
+    done = run(arguments, shared.address)
     assert done.returncode == 0, done.stderr
     assert says in done.stdout
 

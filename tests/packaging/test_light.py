@@ -24,3 +24,26 @@ def test_an_import_takes_nothing_heavy_with_it(module: str, without: set[str]) -
         [sys.executable, "-c", program], check=True, capture_output=True, text=True, timeout=60
     )
     assert said.stdout.split() == []
+
+
+def test_a_first_kernel_takes_no_scipy_linalg_with_it_and_one_that_needs_it_runs() -> None:
+    program = """
+import sys
+import numpy as np
+from dehyst.daemon.tools.light_numba import leave_out_scipy
+leave_out_scipy()
+from numba import njit
+from dehyst.daemon.rings import ring
+words = np.zeros(4, np.int64)
+ring.store(words, 2, 7)
+assert ring.load(words, 2) == 7
+assert "scipy.linalg" not in sys.modules
+@njit
+def multiply(a, b):
+    return np.dot(a, b)
+print(multiply(np.array([[2.0, 1.0], [0.0, 3.0]]), np.array([[1.0, 2.0], [3.0, 4.0]])).tolist())
+"""
+    said = subprocess.run(
+        [sys.executable, "-c", program], check=True, capture_output=True, text=True, timeout=60
+    )
+    assert said.stdout == "[[5.0, 8.0], [9.0, 12.0]]\n"

@@ -17,7 +17,7 @@ import pytest
 from dehyst.daemon.bus import messages
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.client import Client
-from dehyst.daemon.client.telemetry import TelemetryStream
+from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
 from dehyst.daemon.config import Config, load_config
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.gateway.core_rings import LAYOUTS
@@ -198,6 +198,14 @@ class Bench:
             self.gateway.wait(10.0)
         if self.has_loop:
             self.loop.close()
+
+
+def wait_until_heard(feed: StatusFeed) -> None:
+    """Until the daemon knows all that the feed listens to, which it does by its second status: what
+    is told once before is lost."""
+    wait_until("a status is heard", lambda: feed.status is not None)
+    first_ns = feed.status_at_ns
+    wait_until("another one", lambda: feed.status_at_ns > first_ns)
 
 
 def follows(client: Client) -> bool:

@@ -59,10 +59,10 @@ class PageProcess:
         return self.process.wait(20.0)
 
     def close(self) -> None:
-        """End it."""
+        """End it, in order; it must not have ended before."""
         self.http.close()
-        if self.process.poll() is None:
-            self.kill(signal.SIGTERM)
+        code = self.kill(signal.SIGTERM)
+        assert code == 0, f"the page ended with {code}\n{self.log.read_text()}"
 
     def cpu_s(self) -> float:
         """Processor time that it has used."""

@@ -34,12 +34,12 @@ def test_printable() -> None:
 
 
 def test_an_odd_token_is_passed_over_and_named(
-    bench: Bench, caplog: pytest.LogCaptureFixture
+    shared: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with Bus.connect([bench.address]) as evil:
+    with Bus.connect([shared.address]) as evil:
         evil.announce("dehyst/@v0/EVIL\x1b[31m/alive")
         for _ in range(20):
-            with Client(connect=bench.address) as client:
+            with Client(connect=shared.address) as client:
                 assert client.name == "bench"
             if "EVIL" in caplog.text:
                 break
@@ -65,22 +65,22 @@ def renewed(client: Client) -> Iterator[None]:
         thread.join()
 
 
-def test_a_label_commands_no_terminal(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("DEHYST_CONNECT", bench.address)
+def test_a_label_commands_no_terminal(shared: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DEHYST_CONNECT", shared.address)
     with Client(label=COLOUR) as client:  # the address is the environment's
         client.acquire()
         with renewed(client):
-            _, said = dehyst(bench, "send", "5", code=2)
+            _, said = dehyst(shared, "send", "5", code=2)
         assert "owned" in said
         assert "--take-over" in said
-        listed, _ = dehyst(bench, "watch", "--list")
+        listed, _ = dehyst(shared, "watch", "--list")
         assert "bench" in listed
-        shown, _ = dehyst(bench, "watch", "--for", "2.5", "--json")
+        shown, _ = dehyst(shared, "watch", "--for", "2.5", "--json")
         statuses = [json.loads(line) for line in shown.splitlines()]
         assert statuses
         assert {status["name"] for status in statuses} == {"bench"}
-        shown, _ = dehyst(bench, "watch", "--for", "2.5")
+        shown, _ = dehyst(shared, "watch", "--for", "2.5")
         assert "target -" in shown
         assert "nan" not in shown
-        _, said = dehyst(bench, "send", "999", "--allow-unreachable", "--take-over")
+        _, said = dehyst(shared, "send", "999", "--allow-unreachable", "--take-over")
         assert "999 um cannot be reached: going to" in said

@@ -54,7 +54,9 @@ def test_publish_ask_and_see_who_is_there(address: str) -> None:
             wait_until(
                 "it is there", lambda: client.alive("lab/@v0/*/alive") == ["lab/@v0/a/alive"]
             )
-            assert list(client.ask("lab/@v0/a/rpc/x", b"three")) == [b"one", b"two", b"three"]
+            # asked short, an answer may be dropped where the link's queue of two is full
+            told = list(client.ask("lab/@v0/a/rpc/x", b"three", long=True))
+            assert told == [b"one", b"two", b"three"]
             with pytest.raises(BusError, match="not today"):
                 list(client.ask("lab/@v0/a/rpc/no"))
             with pytest.raises(BusError, match="nobody answers"):

@@ -123,26 +123,22 @@ def test_play_refuses_what_does_not_fit(shared: Bench, tmp_path: Path) -> None:
     assert run("play", str(tmp_path / "none.csv"), bench=shared)[0] == 2
 
 
-def test_send(bench: Bench) -> None:
-    bench.client()
-    code, out, _ = run("send", "4", "--json", bench=bench)
+def test_send(shared: Bench) -> None:
+    shared.client()
+    code, out, _ = run("send", "4", "--json", bench=shared)
     assert code == 0
     assert json.loads(out)["reply"]["ok"]
-    code, _, err = run("send", "44", bench=bench)
+    code, _, err = run("send", "44", bench=shared)
     assert code == 2
     assert "cannot be reached" in err
-    code, _, err = run("send", "44", "--allow-unreachable", bench=bench)
+    code, _, err = run("send", "44", "--allow-unreachable", bench=shared)
     assert code == 0
-    reach = bench.client().status().reach_max
+    reach = shared.client().status().reach_max
     assert f"44 um cannot be reached: going to {reach:.6g} um, the nearest" in err
-    assert run("send", "nan", bench=bench)[0] == 2
-    assert run("send", "--stop", bench=bench)[0] == 0
-    code, _, err = run("send", "4", "--name", "nobody", bench=bench)
+    assert run("send", "nan", bench=shared)[0] == 2
+    assert run("send", "--stop", bench=shared)[0] == 0
+    code, _, err = run("send", "4", "--name", "nobody", bench=shared)
     assert (code, "there are: bench" in err) == (2, True)
-    bench.kill_gateway()
-    code, _, err = run("send", "4", bench=bench)
-    assert code == 2
-    assert "no daemon reached" in err
 
 
 def test_who_is_refused_hears_how_to_take_over(shared: Bench, tmp_path: Path) -> None:
@@ -179,9 +175,10 @@ def test_status_is_one_screen_and_its_exit_status_says_whether_to_look(bench: Be
     assert code == 1
     assert "! the loop's process says nothing" in out
     bench.kill_gateway()
-    code, _, err = run("status", bench=bench)
-    assert code == 2
-    assert "no daemon reached" in err
+    for command in (["status"], ["send", "4"]):
+        code, _, err = run(*command, bench=bench)
+        assert code == 2
+        assert "no daemon reached" in err
 
 
 def test_watch_on_a_terminal_of_80_by_24_fits_heeds_no_color_and_a_resize(shared: Bench) -> None:

@@ -1,12 +1,15 @@
 """Files that are meant to do harm: one line, exit 2, within bounds of time and memory."""
 
 import gzip
+import io
 import os
 import re
+import struct
 import subprocess
 import sys
 import time
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -102,15 +105,34 @@ def test_keys(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def bomb_npz() -> None:
-    with (
-        zipfile.ZipFile("bomb.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as members,
-        members.open("u_v.npy", "w", force_zip64=True) as member,
-    ):
-        np.lib.format.write_array_header_1_0(
-            member, {"descr": "<f8", "fortran_order": False, "shape": (1 << 28,)}
-        )
-        for _ in range(256):
-            member.write(bytes(8 << 20))
+    """2 GiB of zeros, packed once and repeated: a block behind a full flush refers to none before.
+    The member is written as stored; then both its headers (APPNOTE 4.3.7, 4.3.12) say deflated."""
+    head, zeros, packer = io.BytesIO(), bytes(8 << 20), zlib.compressobj(1, zlib.DEFLATED, -15)
+    array = {"descr": "<f8", "fortran_order": False, "shape": (1 << 28,)}
+    np.lib.format.write_array_header_1_0(head, array)
+    parts = [packer.compress(b) + packer.flush(zlib.Z_FULL_FLUSH) for b in (head.getvalue(), zeros)]
+    packed = parts[0] + 256 * parts[1] + packer.flush()
+    check = zlib.crc32(head.getvalue())
+    for _ in range(256):
+        check = zlib.crc32(zeros, check)
+    with zipfile.ZipFile("bomb.npz", "w") as members:
+        members.writestr("u_v.npy", packed)
+    archive = bytearray(Path("bomb.npz").read_bytes())
+    for at in (8, archive.index(b"PK\1\2") + 10):
+        struct.pack_into("<H", archive, at, zipfile.ZIP_DEFLATED)
+        struct.pack_into("<I", archive, at + 6, check)
+        struct.pack_into("<I", archive, at + 14, len(head.getvalue()) + (2 << 30))
+    Path("bomb.npz").write_bytes(archive)
+
+
+def test_the_archive_of_zeros_is_a_whole_one() -> None:
+    """What refuses it refuses its size, not damage."""
+    bomb_npz()
+    with zipfile.ZipFile("bomb.npz") as members, members.open("u_v.npy") as member:
+        assert members.getinfo("u_v.npy").compress_size < 16 << 20
+        assert np.lib.format.read_magic(member) == (1, 0)
+        assert np.lib.format.read_array_header_1_0(member)[0] == (1 << 28,)
+        assert member.read(1 << 20) == bytes(1 << 20)
 
 
 def bomb_gz() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import Bench, wait_until
+from tests.rigs.gateway_bench import Bench, wait_until, wait_until_heard
 
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.files import cases
@@ -90,6 +90,7 @@ def test_an_offer_is_put_to_work_on_trial_and_goes_back_or_stays(bench: Bench) -
     client, hears = bench.client(), bench.client()
     before = dumps(client.model())
     feed = hears.feed()
+    wait_until_heard(feed)
     lay_case(bench, "1", 11, scaled(1.6), promise=0.05)
     wait_until("the offer is there", lambda: state(client, 11) == "found")
     wait_until("and was published", lambda: len(feed.doctor) > 0)

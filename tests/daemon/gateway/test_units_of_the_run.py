@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.rigs.gateway_bench import free_port, wait_until
+from tests.rigs.gateway_bench import free_port, wait_until, wait_until_heard
 from tests.rigs.processes import dehyst, end, simulated_config
 
 from dehyst.daemon.client.client import Client, Refusal
@@ -132,6 +132,7 @@ def test_another_unit_after_a_refused_reload_and_a_death(pair: Pair) -> None:
     with pair.client() as client:
         check(client, "um")
         feed = client.feed()
+        wait_until_heard(feed)
         pair.use("nm")
         pair.running["core"].send_signal(signal.SIGHUP)
 

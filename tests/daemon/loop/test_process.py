@@ -58,7 +58,7 @@ def test_one_kilohertz_on_the_simulated_stage(tmp_path: Path, model: Path, engin
         rings = Rings(tmp_path)
         until(lambda: rings.read("telemetry").size > 500)
         rings.command(Command.SETPOINT, 9.0)
-        until(lambda: rings.read("telemetry").size > 4500)
+        until(lambda: rings.read("telemetry").size > 2500)
         said = rings.last("status")["samples"]
         until(lambda: rings.last("status")["samples"] > said, 5.0, "a status")
         status, records = rings.last("status"), rings.read("telemetry")

@@ -18,8 +18,8 @@ from dehyst.daemon.files.models import save_model
 from dehyst.daemon.tools.bench_config import simulated_model
 
 FLOODS = (chaos_commands.flood, chaos_commands.stranger_floods)
-DAEMONS = 2
-"""Two, each with the half of the faults, side by side: they mostly wait."""
+DAEMONS = 3
+"""Side by side, each with its share of the faults: they mostly wait."""
 FAULTS = (
     *faults.DEVICES,
     *faults.HOST,

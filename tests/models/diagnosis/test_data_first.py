@@ -5,7 +5,6 @@ import pytest
 from tests.models.diagnosis.test_subject import DT, NOISE_UM, N, drive, plain, recordings
 from tests.rigs.diagnosis import diagnose_without_limits
 
-from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.recording import Recording
 
@@ -22,7 +21,7 @@ def test_readings_that_are_missing_cost_nothing_but_themselves() -> None:
         y = np.array(one.displacement)
         y[::3] = np.nan
         given.append(Recording(one.t_s, one.drive, y, name=one.name))
-    d = diagnose(given)
+    d = diagnose_without_limits(given)
     assert d.verdict == "clean"
     assert d.noise == pytest.approx(NOISE_UM, rel=0.1)
     assert d.data.missing == 2 * len(range(0, N, 3))

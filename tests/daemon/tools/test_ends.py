@@ -1,0 +1,67 @@
+"""How a process ends: nothing that was begun is lost, no thread is waited for that never ends."""
+
+import os
+import subprocess
+import sys
+
+PROGRAM = """
+import atexit, sys, threading, time
+from dehyst.daemon.tools.interrupts import end_for_good
+
+def last():
+    time.sleep(0.3)
+    print("a thread that was waited for")
+
+threading.Thread(target=last).start()
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+atexit.register(print, "at exit")
+print("before")
+end_for_good(3)
+"""
+
+
+def test_what_was_begun_is_done_and_the_exit_status_is_as_given() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, timeout=30, check=False
+    )
+    assert done.stderr == ""
+    assert done.returncode == 3
+    assert done.stdout.splitlines() == ["before", "a thread that was waited for", "at exit"]
+
+
+WRITES = """
+from dehyst.daemon.tools.interrupts import end_for_good
+print("kept until the end")
+end_for_good(0)
+"""
+BUFFERED = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+
+
+def test_what_cannot_be_written_is_said_and_no_success() -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", WRITES],
+            env=BUFFERED,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=30,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert done.stderr == "dehyst: stdout: No space left on device\n"
+
+
+def test_a_reader_that_has_gone_is_no_error() -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITES],
+        env=BUFFERED,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        assert process.stderr is not None
+        assert process.stderr.read() == ""
+        assert process.wait(30.0) == 0
