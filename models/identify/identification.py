@@ -195,7 +195,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     _require_following(setup, best)
     while True:
         progress(f"fitting {best.shape.name} to all rows")
-        fitted = fit_all(setup, best, search.r, options.order)
+        fitted = fit_all(setup, best, search.r, options.order, tried)
         shape = fitted.shape
         turns = setup.margin(fitted.r, shape, fitted.params, best.offset) < TUNING.least_saturation
         if not turns or not options.monotone or shape.powers == (0,):
