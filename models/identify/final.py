@@ -64,7 +64,7 @@ def fit_all(
     of which one with the second power of z may take its place."""
     finest = TUNING.fine if order is None else max(TUNING.finest, order)
     if order is None:
-        r = space_thresholds(finest, setup.span, setup.virgin, TUNING.spacing)
+        r = space_thresholds(finest, setup.span, setup.wide, TUNING.spacing)
     else:
         r = space_thresholds(finest, setup.span)
     some = thin(setup.picks, TUNING.rows_compared)
@@ -142,6 +142,8 @@ def find_bent(
     shape = best.shape
     if setup.running is not None or not shape.rate or any(shape.powers):
         return None
+    if best.lag is not None and best.lag.place == "sensor":
+        return None  # the equations have it before the saturation, where a curve is told wrongly
     power, odds = (3, TUNING.bent) if setup.virgin else (2, -TUNING.bent)
     bent = replace(shape, powers=(*shape.powers, power))
     known = any(power in c.shape.powers and c.shape.rate for c in tried)
