@@ -7,6 +7,7 @@ invertible model is the one that is close to the data and, on a drive of all kin
 (dehyst.models.identify.comparison_drive), to that first fit alike.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from dehyst.models.identify.equations import (
     assemble,
     measure_misfit,
 )
+from dehyst.models.identify.evidence import weigh
 from dehyst.models.identify.fit import Solution, make_bounds, make_start, solve
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, Trial
@@ -51,11 +53,18 @@ class Fitted:
     orders: tuple[tuple[int, float], ...]
 
 
-def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None) -> Fitted:
-    """Fit the structure of a candidate, found on `coarse` thresholds, to all rows."""
+def fit_all(
+    setup: FitSetup,
+    best: Candidate,
+    coarse: Floats,
+    order: int | None,
+    tried: Sequence[Candidate] = (),
+) -> Fitted:
+    """Fit the structure of a candidate, found on `coarse` thresholds, to all rows. tried: others,
+    of which one with the second power of z may take its place."""
     finest = TUNING.fine if order is None else max(TUNING.finest, order)
     if order is None:
-        r = space_thresholds(finest, setup.span, setup.virgin, TUNING.spacing)
+        r = space_thresholds(finest, setup.span, setup.wide, TUNING.spacing)
     else:
         r = space_thresholds(finest, setup.span)
     some = thin(setup.picks, TUNING.rows_compared)
@@ -63,8 +72,19 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     start = regrid(best.params, coarse, r, shape)
     trial = Trial(setup, some, r, offset, lag, best.loose)
     trial.linearise(start, shape, shape.powers)
-    scored = trial.weigh(shape)
-    strength, prior = scored.strength, Prior(r, setup.slope, 0.5 * setup.span)
+    weighed = weigh(trial, shape)
+    if (found := find_bent(setup, best, tried)) is not None:
+        bent, odds = found
+        known = dict(zip(shape.powers, start.c, strict=True))
+        curved = start._replace(c=np.array([known.get(p, 0.0) for p in bent.powers]))
+        trial.prior = Prior(r, setup.slope, 0.5 * setup.span)
+        trial.linearise(curved, bent, bent.powers)
+        other = weigh(trial, bent, weighed.noise)
+        if other.candidate.invertible and other.evidence > weighed.evidence + odds:
+            weighed, shape, start = other, bent, curved
+    scored, prior = weighed.candidate, weighed.prior
+    strength = scored.strength
+    trial.prior = prior
     narrow = TUNING.narrow * setup.span * trial.loose
     picks = thin(setup.picks, min(TUNING.rows_fitted, TUNING.most_held // (2 * r.size)))
     equations = setup.equations(picks, r, offset, lag, shape.rate)
@@ -96,7 +116,7 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     orders: tuple[tuple[int, float], ...] = ()
     if order is not None:
         r, tight, orders = _reduce(setup, trial, tight, r, shape, order, prior, strength)
-        prior = Prior(r, setup.slope, 0.5 * setup.span)
+        prior = replace(prior, r=r)
         equations = setup.equations(picks, r, offset, lag, shape.rate)
         if costly:
             pull = weigh_pull(setup, wish, r, offset, shape.rate, share)
@@ -107,6 +127,27 @@ def fit_all(setup: FitSetup, best: Candidate, coarse: Floats, order: int | None)
     off = float(np.sqrt(measure_misfit(alone, shape, tight.params) / max(1, rows)))
     every = equations + pull
     return Fitted(r, shape, tight.params, tight.free, scored, costly, off, every, normal, orders)
+
+
+def find_bent(
+    setup: FitSetup, best: Candidate, tried: Sequence[Candidate]
+) -> tuple[Shape, float] | None:
+    """A structure with one power of z more, which the evidence is asked about, and the logarithm
+    of the odds that it needs; None: there is none.
+
+    A sine or two tell a saturation and what the rate does nearly alike, so hold-out does not see
+    it. About a bias every curve has a second power, which stands unless the evidence is against
+    it. From the de-energised state the third (Eq. 3) has to have it on its side.
+    """
+    shape = best.shape
+    if setup.running is not None or not shape.rate or any(shape.powers):
+        return None
+    if best.lag is not None and best.lag.place == "sensor":
+        return None  # the equations have it before the saturation, where a curve is told wrongly
+    power, odds = (3, TUNING.bent) if setup.virgin else (2, -TUNING.bent)
+    bent = replace(shape, powers=(*shape.powers, power))
+    known = any(power in c.shape.powers and c.shape.rate for c in tried)
+    return (bent, odds) if known else None
 
 
 def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:

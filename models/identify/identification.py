@@ -193,13 +193,15 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         tried = search.run()
         best = search.choose(tried)
     _require_following(setup, best)
+    others: list[Candidate] = tried  # once a curve has turned over, none is tried again
     while True:
         progress(f"fitting {best.shape.name} to all rows")
-        fitted = fit_all(setup, best, search.r, options.order)
+        fitted = fit_all(setup, best, search.r, options.order, others)
         shape = fitted.shape
         turns = setup.margin(fitted.r, shape, fitted.params, best.offset) < TUNING.least_saturation
         if not turns or not options.monotone or shape.powers == (0,):
             break
+        others = []
         notes.append(f"{shape.name}: would turn over within reach and was not taken")
         fewer = [
             c

@@ -26,7 +26,7 @@ class Search:
         self, setup: FitSetup, wanted: Sequence[Shape], progress: Callable[[str], None]
     ) -> None:
         self.setup, self.wanted, self.progress = setup, list(wanted), progress
-        self.r = space_thresholds(TUNING.coarse, setup.span, setup.virgin)
+        self.r = space_thresholds(TUNING.coarse, setup.span, setup.wide)
         self.picks: list[Bools] = thin(setup.picks, TUNING.rows_compared)
 
     def run(self) -> list[Candidate]:
@@ -100,18 +100,21 @@ class Search:
             trial = Trial(whole, self.picks, self.r, one.offset, one.lag, one.loose)
             trial.linearise(one.params, one.shape, one.shape.powers)
             scored.append(trial.score(one.shape, whole.strengths[::2]))
+        noise = self._measure_noise(rate)
+        beyond = _compare_beyond(noise, *scored)
+        if beyond < TUNING.clear_beyond:
+            return rate
         left = float(scored[1].held.sum() / scored[0].held.sum())
-        explained = self._reaches_noise(static, rate)
+        # what only stands in for a hysteresis of another class does not explain all
+        explained = _compare_beyond(noise, static, rate) < TUNING.at_noise
         enough = left < (TUNING.clear_ways if explained else TUNING.clearer_ways)
+        enough = enough or (explained and beyond < TUNING.clear_ways)
         return rate if enough and pays(scored[0], scored[1], clear=0.0) else static
 
-    def _reaches_noise(self, static: Candidate, rate: Candidate) -> bool:
-        """Does the rate explain all that a static structure leaves beyond the noise? What only
-        stands in for a hysteresis of another class does not."""
-        errors = self.setup.residuals(self.r, rate.shape, rate.params, rate.offset, rate.lag)
-        noise = float(np.nanmedian([estimate_noise(e) for e in errors])) ** 2 * rate.sizes.sum()
-        beyond = [float(c.held.sum()) - noise for c in (static, rate)]
-        return beyond[1] < TUNING.at_noise * beyond[0]
+    def _measure_noise(self, found: Candidate) -> float:
+        """Power of the noise in what this leaves."""
+        errors = self.setup.residuals(self.r, found.shape, found.params, found.offset, found.lag)
+        return float(np.nanmedian([estimate_noise(e) for e in errors])) ** 2
 
     def _drop_constant(self, best: Candidate) -> Candidate:
         """The same without a constant where a de-energised stage shows none (Eq. 3 has none): what
@@ -168,3 +171,9 @@ class Search:
         lead = choose_structure(found)
         fits = lead.fitted.sum() < best.fitted.sum() and lead.held.sum() < best.held.sum()
         return found if fits else []
+
+
+def _compare_beyond(noise: float, static: Candidate, rate: Candidate) -> float:
+    """Share of what the static one leaves beyond noise of this power, that the other leaves."""
+    here, there = (float(c.held.sum() - noise * c.sizes.sum()) for c in (rate, static))
+    return max(here, 0.0) / there if there > 0.0 else 1.0

@@ -61,6 +61,11 @@ class FitSetup:
         return found if self.running is None else (*found, self.running)
 
     @property
+    def wide(self) -> bool:
+        """Do operators wider than half the range move, so that thresholds go up to the range?"""
+        return self.virgin or self.running is not None
+
+    @property
     def middle(self) -> float:
         """Of the drive range."""
         return 0.5 * (self.drive_min + self.drive_max)
@@ -272,7 +277,7 @@ def _find_running_offset(u: Floats, span: float) -> float:
     that it goes on at first."""
     known = u[~np.isnan(u)]
     away = known[np.argmax(np.abs(known - known[0]) > TUNING.nearby * span)] - known[0]
-    return float(known[0] - np.sign(away) * 0.5 * span)
+    return float(known[0] - np.sign(away) * span)
 
 
 def _find_far_outside(y: Floats) -> Bools:

@@ -198,7 +198,7 @@ class Trial:
         goals = self.normals if judged is None else judged
         total = _sum(folded)
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
-        low, high = self._bound(shape)
+        low, high = self.bound(shape)
         p, free = bounded_solve(total.gram, total.right, low, high)
         noise = max(total.misfit_at(p) / max(1, total.count), 1e-300)
         best: tuple[float, Floats, Floats, float] | None = None
@@ -233,56 +233,7 @@ class Trial:
             self.loose,
         )
 
-    def weigh(self, shape: Shape) -> Candidate:
-        """A structure at the strength of the prior that makes the recording the most probable, of
-        those that can be inverted and that hold-out does not speak against.
-
-        Hold-out says little about a strength that acts where the recording is silent. This is the
-        evidence of a linear model with Gaussian noise and prior (D. J. C. MacKay, Neural
-        Computation 4, 1992), at the bounded solution.
-        """
-        known = self.setup.strengths
-        each = [self.score(shape, (strength,)) for strength in known[::2]]
-        best = min(each, key=lambda c: c.held_rms)
-        finer = [s for s in TUNING.weighed if known[0] <= s <= known[-1]]
-        evidence = self._weigh(shape, finer)
-        for at in np.argsort(-evidence, kind="stable"):
-            found = self.score(shape, (finer[at],))
-            if found.invertible and not pays(found, best, clear=0.0):
-                return found
-        return best
-
-    def _weigh(self, shape: Shape, strengths: Sequence[float]) -> Floats:
-        """(len(strengths),) logarithm of the evidence, but for a constant."""
-        total = _reduce(_sum(self.folded), self._find(shape))
-        low, high = self._bound(shape)
-        solved = []
-        p, free = bounded_solve(total.gram, total.right, low, high)
-        noise = max(total.misfit_at(p) / max(1, total.count), 1e-300)
-        for strength in strengths:
-            whole = self.prior.add_to(total, shape.rate, strength, noise, self.loose)
-            p, free = bounded_solve(whole.gram, whole.right, low, high, free)
-            solved.append((strength, p, total.misfit_at(p)))
-        noise = min(misfit for _, _, misfit in solved) / max(1, total.count)
-        size = self.like.slopes.size
-        level = np.full((size, size), 1.0 / (self.setup.slope**2 * size))
-        out = []
-        for strength, p, misfit in solved:
-            slopes = p[:size]
-            prior = self.prior.gram(shape.rate, strength, self.loose)
-            whole_gram = total.gram / noise
-            whole_gram[:size, :size] += prior
-            cost = misfit / noise + float(slopes @ prior @ slopes)
-            # what no row shows, as the zero of a recording without one, says nothing
-            shown = np.flatnonzero(np.diag(whole_gram) > 0.0)
-            whole_gram = whole_gram[np.ix_(shown, shown)]
-            scale = np.sqrt(np.diag(whole_gram))
-            unit = whole_gram / np.outer(scale, scale)
-            spread = np.linalg.slogdet(unit)[1] + 2 * np.log(scale).sum()
-            out.append(0.5 * float(np.linalg.slogdet(prior + level)[1] - spread - cost))
-        return np.array(out)
-
-    def _bound(self, shape: Shape) -> tuple[Floats, Floats]:
+    def bound(self, shape: Shape) -> tuple[Floats, Floats]:
         """Bounds of a structure's unknowns."""
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
         narrow = TUNING.narrow * self.setup.span if self.loose else 0.0
@@ -306,13 +257,17 @@ class Trial:
 
     def misfit(self, shape: Shape, strength: float, noise: float, loose: bool) -> float:
         """Misfit of a structure fitted to all stretches, as linearised. noise: its power."""
-        total = _reduce(_sum(self.folded), self._find(shape))
+        total = self.total(shape)
         like = make_start(self.r.size, shape, 1.0, self.like.shifts.size + 1)
         narrow = TUNING.narrow * self.setup.span if loose else 0.0
         low, high = make_bounds(like, self.setup.limits, self.r, narrow)
         whole = self.prior.add_to(total, shape.rate, strength, noise, loose)
         p, _ = bounded_solve(whole.gram, whole.right, low, high)
         return total.misfit_at(p)
+
+    def total(self, shape: Shape) -> Normal:
+        """Normal equations of all stretches for a structure's unknowns."""
+        return _reduce(_sum(self.folded), self._find(shape))
 
     def _find(self, shape: Shape) -> Ints:
         """(some,) places of a structure's unknowns among those of the whole."""

@@ -46,12 +46,14 @@ class Prior:
 
     The strength is chosen by what foretells held-out rows; operators wider than half the range,
     which move once at most, are given little freedom in any case. r: (n,) thresholds; slope: mean
-    slope; half: half the drive's range.
+    slope; half: half the drive's range; rate_share: strength of the prior on what the rate does,
+    against that on the slopes.
     """
 
     r: Floats
     slope: float
     half: float
+    rate_share: float = TUNING.rate_strength
 
     def gram(self, rate: bool, strength: float, loose: bool) -> Floats:
         """(s, s) what the prior adds to the Gram matrix of the slopes, per power of the noise.
@@ -71,9 +73,9 @@ class Prior:
         smooth = (step.T * (strengths / distance)) @ step / self.slope**2
         if not rate:
             return smooth
-        tied = np.where(wide, TUNING.wide, TUNING.rate_strength * strengths)
+        tied = np.where(wide, TUNING.wide, self.rate_share * strengths)
         small = (step.T * (tied / distance)) @ step / self.slope**2
-        small += TUNING.rate_strength * strength / self.slope**2 / n * np.eye(n)
+        small += self.rate_share * strength / self.slope**2 / n * np.eye(n)
         even, odd = 0.25 * (smooth + small), 0.25 * (smooth - small)
         return np.block([[even, odd], [odd, even]])
 

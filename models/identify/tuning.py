@@ -39,6 +39,9 @@ class Tuning(NamedTuple):
     alone: float = 1e-3  # the most strength among narrow operators, where they are free
     wide: float = 1e3  # the least strength, among operators wider than half the range
     rate_strength: float = 1e-3  # of the prior on what the rate does, against that on the slopes
+    rate_shares: tuple[float, ...] = (1e-3, 0.1, 0.3, 1.0, 3.0, 10.0)  # the same, by evidence
+    bend: float = 0.03  # of the way over half the range, by which a saturation may well bend it
+    bent: float = 5.0  # logarithm of the odds by which evidence speaks for a bend, or against it
     nearby: float = 0.05  # the way that tells the direction at the start
     # structure
     folds: int = 8
@@ -55,6 +58,7 @@ class Tuning(NamedTuple):
     clear_rate: float = 0.1  # the same for rate-dependence, which else must foretell whole ways
     clear_ways: float = 0.667  # of the power of these, at most, where it reaches the noise
     clearer_ways: float = 0.55  # the same where it does not
+    clear_beyond: float = 0.1  # of their power beyond the noise: then it is asked no more
     at_noise: float = 0.05  # of a static structure's power beyond the noise
     coarse: int = 32  # operators while structures are compared
     fine: int = 45  # and in the model

@@ -49,6 +49,39 @@ def test_a_drive_about_a_bias_foretells_another(low: float, high: float) -> None
     assert np.mean(np.abs(error - error.mean()) < found.model.fit.band) > 0.9
 
 
+def run_curved_stage(u: Floats) -> Floats:
+    """A stage of many operators whose loops widen with the rate, and whose displacement bends by
+    less than a hundredth."""
+    r = np.linspace(0.0, 90.0, 60)
+    b = np.r_[0.075, 1.8e-3 * np.exp(-r[1:] / 25.0)]
+    k = np.r_[-9e-6, 3.3e-7 * np.exp(-r[1:] / 15.0)]
+    h, z = np.zeros(60), np.empty(u.size)
+    for t in range(u.size):
+        h = np.maximum(u[t] - r, np.minimum(u[t] + r, h))
+        z[t] = (b + k * ((u[t] - u[t - 1]) / T if t else 0.0)) @ h
+    return z - 2e-4 * z**3
+
+
+@pytest.mark.parametrize("low", [20.0, 40.0])
+def test_two_sines_about_a_bias_foretell_a_slow_drive(low: float) -> None:
+    """A curve and what the rate does are told nearly alike by two sines: only weighed against each
+    other do they foretell slower rates."""
+    high, t = 100.0 - low, np.arange(N) * T
+    lead = np.linspace(0.0, low, 500)
+    x = 2 * (1 - np.cos(2 * np.pi * 10 * t)) + 3 * (1 - np.cos(2 * np.pi * 5 * t))
+    x = low + (high - low) * x / x.max()
+    y = run_curved_stage(np.concatenate([lead, x]))[500:]
+    y += 0.02 * np.random.default_rng(3).standard_normal(N)
+    found = identify([Recording(t, x, y)])
+    assert found.shape.rate
+    slow = np.sin(2 * np.pi * np.outer(t, [0.7, 2.1, 5.3]) + [0, 1, 2]).sum(axis=1)
+    slow = low + (high - low) * (slow - slow.min()) / np.ptp(slow)
+    once = low + (high - low) * (1 - np.abs(1 - 2 * np.arange(1000) / 1000))
+    other = np.concatenate([lead, once, slow])
+    error = (simulate(found.model, T, other) - run_curved_stage(other))[1510:]
+    assert np.std(error) < 0.2 * 0.02
+
+
 @pytest.mark.parametrize("free", [False, True], ids=["known offset", "fitted offset"])
 def test_equations_about_the_middle_are_the_written_model(free: bool) -> None:
     """Plays about the middle of the range, the rate about another drive: once the plays are

@@ -1,0 +1,127 @@
+"""How strong the prior is, and which of a few powers of z stand, by the evidence of the recordings.
+
+Hold-out says little about what acts where the recording is silent: a sine or two tell a saturation
+and a rate that acts on one side of the range nearly alike. The evidence of a linear model with
+Gaussian noise and prior (D. J. C. MacKay, Neural Computation 4, 1992), at the bounded solution,
+weighs what a structure explains against how much it could have explained beside.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dehyst.models.identify.bounded import bounded_solve
+from dehyst.models.identify.equations import Shape
+from dehyst.models.identify.structure import Candidate, Trial, pays
+from dehyst.models.identify.thresholds import Prior
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Floats
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A structure at the prior that makes the recording the most probable. evidence: its
+    logarithm, but for a constant that structures of one kind share; noise: power of the noise that
+    it was reckoned with."""
+
+    candidate: Candidate
+    prior: Prior
+    evidence: float
+    noise: float
+
+
+Strengths = tuple[float, float]  # of the prior, and its share for the rate
+
+
+def weigh(trial: Trial, shape: Shape, noise: float | None = None) -> Weighed:
+    """A structure at the strengths of the prior that make the recording the most probable, of those
+    that can be inverted and that hold-out does not speak against.
+
+    noise: its power; None: what the structure itself leaves.
+    """
+    known = trial.setup.strengths
+    each = [trial.score(shape, (strength,)) for strength in known[::2]]
+    best = min(each, key=lambda c: c.held_rms)
+    finer = [s for s in TUNING.weighed if known[0] <= s <= known[-1]]
+    plain = trial.prior
+    share = plain.rate_share
+    if noise is None:
+        noise = _measure_noise(trial, shape, finer)
+    tried: dict[Strengths, float] = {}
+    for turn in range(3 if shape.rate else 1):  # along one of the two, then along the other
+        if turn:
+            share = max(tried, key=lambda at: tried[at])[1]
+        _weigh(trial, shape, [(s, share) for s in finer], noise, tried)
+        if shape.rate and turn < 2:
+            strength = max(tried, key=lambda at: tried[at])[0]
+            _weigh(trial, shape, [(strength, s) for s in TUNING.rate_shares], noise, tried)
+    for at in sorted(tried, key=lambda at: -tried[at]):
+        trial.prior = replace(plain, rate_share=at[1])
+        found = trial.score(shape, at[:1])
+        if found.invertible and not pays(found, best, clear=0.0):
+            return Weighed(found, trial.prior, tried[at], noise)
+    trial.prior = plain
+    at = (best.strength, plain.rate_share)
+    _weigh(trial, shape, [at], noise, tried)
+    return Weighed(best, plain, tried[at], noise)
+
+
+def _measure_noise(trial: Trial, shape: Shape, strengths: Sequence[float]) -> float:
+    """Power of what the structure leaves, at the most, where it is free."""
+    total = trial.total(shape)
+    low, high = trial.bound(shape)
+    p, _ = bounded_solve(total.gram, total.right, low, high)
+    noise = max(total.misfit_at(p) / max(1, total.count), 1e-300)
+    whole = trial.prior.add_to(total, shape.rate, strengths[0], noise, trial.loose)
+    p, _ = bounded_solve(whole.gram, whole.right, low, high)
+    return max(total.misfit_at(p) / max(1, total.count), 1e-300)
+
+
+def _weigh(
+    trial: Trial,
+    shape: Shape,
+    strengths: Sequence[Strengths],
+    noise: float,
+    tried: dict[Strengths, float],
+) -> None:
+    """Write the logarithm of the evidence at each of these into `tried`, but for a constant."""
+    total = trial.total(shape)
+    low, high = trial.bound(shape)
+    size = trial.like.slopes.size
+    level = np.full((size, size), 1.0 / (trial.setup.slope**2 * size))
+    bends = _expect_bends(trial, shape, total.gram.shape[0])
+    free = None
+    for at in strengths:
+        if at in tried:
+            continue
+        prior = replace(trial.prior, rate_share=at[1]).gram(shape.rate, at[0], trial.loose)
+        gram = total.gram.copy()
+        gram[:size, :size] += noise * prior
+        p, free = bounded_solve(gram, total.right, low, high, free)
+        slopes = p[:size]
+        cost = total.misfit_at(p) / noise + float(slopes @ prior @ slopes) + float(bends @ p**2)
+        whole = gram / noise + np.diag(bends)
+        # what no row shows, as the zero of a recording without one, says nothing
+        shown = np.flatnonzero(np.diag(whole) > 0.0)
+        spread = _log_det(whole[np.ix_(shown, shown)])
+        known = _log_det(prior + level) + float(np.log(bends[bends > 0.0]).sum())
+        tried[at] = 0.5 * (known - spread - cost)
+
+
+def _expect_bends(trial: Trial, shape: Shape, size: int) -> Floats:
+    """(p,) inverse variances of the coefficients of the powers of z: a saturation bends the curve
+    by some share of the way over half the range; 0 elsewhere."""
+    out = np.zeros(size)
+    half = 0.5 * trial.setup.slope * trial.setup.span
+    begin = trial.like.slopes.size
+    for at, power in enumerate(shape.powers):
+        if power:
+            out[begin + at] = (half ** (power - 1) / TUNING.bend) ** 2
+    return out
+
+
+def _log_det(matrix: Floats) -> float:
+    scale = np.sqrt(np.diag(matrix))
+    unit = matrix / np.outer(scale, scale)
+    return float(np.linalg.slogdet(unit)[1]) + 2.0 * float(np.log(scale).sum())
