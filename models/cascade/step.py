@@ -102,6 +102,8 @@ def pack(model: Model, period_s: float) -> Packed:
         match kind.inverse:
             case Solved(solve, memory):
                 row["solve"], row["memory"] = solve.address, memory
+            case Led(_, solve, is_solved) if solve is not None and is_solved(p, period_s):
+                row["solve"], row["memory"] = solve.address, 1
             case Led(lead):
                 row["first_s"], row["second_s2"] = lead(p)
             case Shifted(seconds) if block.place != "sensor":

@@ -65,9 +65,13 @@ class Solved:
 @dataclass(frozen=True)
 class Led:
     """The targets lead. lead(p): seconds of the first derivative, seconds squared of the second.
-    Before the hysteresis the command leads, by the first alone."""
+    Before the hysteresis the command leads, by the first alone. solve: kernel that undoes it
+    exactly, sample by sample, from its state at the present, where is_solved(p, dt) says that this
+    is stable at samples spaced by dt."""
 
     lead: Callable[[Floats], tuple[float, float]]
+    solve: Kernel | None = None
+    is_solved: Callable[[Floats, float], bool] = lambda p, dt: False
 
 
 @dataclass(frozen=True)
@@ -147,8 +151,8 @@ class Kind:
 
     def compile(self) -> list[int]:
         """Addresses of its kernels, which are compiled by this, or taken from the cache."""
-        kernels = [self.step, *([self.inverse.solve] if isinstance(self.inverse, Solved) else [])]
-        return [kernel.address for kernel in kernels]
+        solve = self.inverse.solve if isinstance(self.inverse, Solved | Led) else None
+        return [kernel.address for kernel in (self.step, solve) if kernel is not None]
 
     def numbers(self, values: Values, dt: float) -> tuple[Floats, int]:
         """Packed parameters p, and the length of the state."""
