@@ -19,6 +19,7 @@ from dehyst.models.physics.address import Kernel, fields, run
 
 UNITS = ("v", "um", "nm", "counts", "mrad", "urad")
 SAME = 1e-9  # sampling intervals that differ by less than this part count as equal
+STATES = 3  # alike, of a block that is led or solved: its own, what undoes it, that a sample later
 NOTHING = fields()  # the state of a block without memory
 
 Values = dict[str, Floats]
@@ -66,8 +67,9 @@ class Solved:
 class Led:
     """The targets lead. lead(p): seconds of the first derivative, seconds squared of the second.
     Before the hysteresis the command leads, by the first alone. solve: kernel that undoes it
-    exactly, sample by sample, from its state at the present, where is_solved(p, dt) says that this
-    is stable at samples spaced by dt."""
+    exactly, sample by sample, where is_solved(p, dt) says that this is stable at samples spaced by
+    dt. Its state is its own, the second of STATES alike: it goes by the targets. By what was really
+    applied it would answer each limit of the drive with more drive, without end."""
 
     lead: Callable[[Floats], tuple[float, float]]
     solve: Kernel | None = None

@@ -14,7 +14,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import SAME, Kind, Led, Param, named
+from dehyst.models.physics.kind import SAME, STATES, Kind, Led, Param, named
 from dehyst.models.signals.filters import free_decay, second_order, swing
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.peaks import peaks
@@ -24,6 +24,7 @@ PACKED = fields("frequency", "damping", "share")
 # 2 x 2 matrix: (e, e') after = M (e, e') before
 MODE = ("q", "speed", "x", "dt", "m11", "m12", "m21", "m22")
 STATE = fields(*MODE)
+UNDOING = 8 * len(MODE)  # bytes in front of the state of `solve`
 RINGS_S, ZIGZAG = 0.5, 0.5
 """A drive that undoes the mode may ring for so long after a step, and fall by no more from one
 sample to the next of a zigzag (tests/benchmarks/daemon/second_act_offline: rings for 0.05 to 0.15
@@ -66,8 +67,9 @@ def _lead(p: Floats) -> tuple[float, float]:
 def solve(
     p_at: int, n_p: int, s_at: int, n_s: int, y: float, t: float, dt: float, ch: float
 ) -> float:
-    """Inverse: the end of the straight line that leads the output to y. `_is_solved` says where."""
-    p, s = record(p_at, PACKED), record(s_at, STATE)
+    """Inverse: the end of the straight line that leads the output to y, by a mode of its own that
+    no limit of the drive has touched. `_is_solved` says where."""
+    p, s = record(p_at, PACKED), record(s_at + UNDOING, STATE)
     x = y
     if dt > 0.0:
         w, z = 2.0 * math.pi * p.frequency, p.damping
@@ -84,11 +86,12 @@ def _is_solved(p: Floats, dt: float) -> bool:
     what it goes by. A mode that carries nearly all of it has zeros of its sampled form outside the
     unit circle, or close to -1 (Astrom, Hagander, Sternby, Automatica 20, 1984, 31)."""
     free = np.zeros((3, 3))  # how mode, speed and input go on while the output stays 0
-    for k in range(3):
-        state = np.zeros(len(MODE))
-        state[[0, 1, 2]] = np.eye(3)[k] * (1.0, 1.0 / dt, 1.0)
+    own = slice(len(MODE), len(MODE) + 3)
+    for k, one in enumerate(np.diag((1.0, 1.0 / dt, 1.0))):
+        state = np.zeros(STATES * len(MODE))
+        state[own] = one
         solve(p, state, 0.0, dt=dt)
-        free[:, k] = state[[0, 1, 2]] * (1.0, dt, 1.0)
+        free[:, k] = state[own] * (1.0, dt, 1.0)
     zeros = np.linalg.eigvals(free)
     rings = float(np.max(np.abs(zeros)))
     return rings <= math.exp(-dt / RINGS_S) and float(np.min(zeros.real)) >= -ZIGZAG
@@ -111,6 +114,7 @@ KIND = Kind(
     packed=PACKED,
     state=STATE,
     step=step,
+    size=lambda p, dt: STATES * len(MODE),
     start=_start,
     inverse=Led(_lead, solve, _is_solved),
 )
