@@ -123,6 +123,7 @@ def swap(table: Table, inverse: int, origin: float) -> None:
     c, p = control_of(table), settings_of(table)
     c.inverse, c.pending = inverse, 0
     p.origin = origin
+    c.predicted = inverse_at(inverse).result[0].reading - origin
     trim.forget_trim(trim_of(table))
     c.glide = NAN
 

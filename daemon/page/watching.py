@@ -38,6 +38,14 @@ MODEL_S = 10.0
 CLOSE_S = 5.0
 
 
+def note_health(healths: deque[tuple[float, float]], status: Status) -> None:
+    """(wall clock [s], health) behind those before. A gateway whose loop has said nothing yet has
+    no time to say, and one whose loop is silent says the same time again."""
+    at_s = status.wall_ns * 1e-9
+    if at_s > 0.0 and not (healths and healths[-1][0] == at_s):
+        healths.append((at_s, status.gateway.health))
+
+
 class Watch:
     """One controller. `status`, `config`, `model`: None as long as nothing came; problem: why."""
 
@@ -183,7 +191,7 @@ class Watch:
     def _take_status(self, status: Status, at_ns: int) -> None:
         self.status, self.status_at_ns = status, at_ns
         self.wall_offset_ns = self.wall_offset_ns or status.wall_ns - status.time_ns
-        self.healths.append((status.wall_ns * 1e-9, status.gateway.health))
+        note_health(self.healths, status)
 
     def _take_doctor(self, reports: Sequence[DoctorReport]) -> None:
         for report in reports:

@@ -19,7 +19,7 @@ from dehyst.models.hysteresis.operators import Operators, move
 from dehyst.models.model import Floats, Model
 from dehyst.models.physics import KINDS
 from dehyst.models.physics.address import call_at
-from dehyst.models.physics.kind import Kind, Led, Limited, Shifted, Solved
+from dehyst.models.physics.kind import STATES, Kind, Led, Limited, Shifted, Solved
 
 AT_DRIVE, BESIDE, AT_STAGE, AT_SENSOR = range(4)
 _PLACES = {"drive": AT_DRIVE, "stage": AT_STAGE, "sensor": AT_SENSOR}
@@ -30,6 +30,7 @@ BLOCK = np.dtype(
         ("step", "i8"),  # address of the forward kernel
         ("solve", "i8"),  # address of the inverse kernel; 0: none
         ("memory", "i8"),  # whether the inverse begins with the state of the present
+        ("own", "i8"),  # length of the state that the inverse has of its own, behind the block's
         ("p_from", "i8"),
         ("n_p", "i8"),
         ("s_from", "i8"),
@@ -80,11 +81,13 @@ class Packed:
             p = self.chain.params[row["p_from"] :][: row["n_p"]]
             s = states[row["s_from"] :][: row["n_s"]]
             kind.start(p, s, drive if row["place"] in (AT_DRIVE, BESIDE) else displacement)
+        begin_undoing(self.chain, states)
         return states
 
 
-def pack(model: Model, period_s: float) -> Packed:
-    """The model's blocks as arrays for a loop of this period."""
+def pack(model: Model, period_s: float, spacing_s: float = 0.0) -> Packed:
+    """The model's blocks as arrays for a loop of this period. spacing_s: of targets that are undone
+    besides, where that is more."""
     names = channels_of(model)
     kinds = tuple(KINDS[block.kind] for block in model.blocks)
     blocks, params = np.zeros(len(kinds), BLOCK), [np.zeros(0)]
@@ -102,6 +105,10 @@ def pack(model: Model, period_s: float) -> Packed:
         match kind.inverse:
             case Solved(solve, memory):
                 row["solve"], row["memory"] = solve.address, memory
+            case Led(_, solve, is_solved) if solve is not None and all(
+                is_solved(p, dt) for dt in (period_s, max(period_s, spacing_s))
+            ):
+                row["solve"], row["memory"], row["own"] = solve.address, 1, size // STATES
             case Led(lead):
                 row["first_s"], row["second_s2"] = lead(p)
             case Shifted(seconds) if block.place != "sensor":
@@ -236,8 +243,37 @@ def undo(
             for i in range(begin, seq.size):
                 dt = first_s if i == begin else step_s
                 seq[i] = _through(b.solve, b, params, scratch, seq[i], 0.0, dt, ch)
+                if i == begin:  # for the next sample
+                    own = scratch[b.s_from + b.own : b.s_from + 2 * b.own]
+                    scratch[b.s_from + 2 * b.own : b.s_from + 3 * b.own] = own
             for i in range(begin):
                 seq[i] += seq[begin] - first
+
+
+@njit(cache=True, nogil=True)
+def begin_undoing(chain: Chain, states: Floats) -> None:
+    """Inverses with a state of their own begin with that of their block."""
+    for i in range(chain.blocks.size):
+        b = chain.blocks[i]
+        states[b.s_from + b.own : b.s_from + 2 * b.own] = states[b.s_from : b.s_from + b.own]
+
+
+@njit(cache=True, nogil=True)
+def keep_undone(chain: Chain, states: Floats, scratch: Floats) -> None:
+    """Take what `undo` has left for the next sample; `go_on_undoing` makes it the present."""
+    for i in range(chain.blocks.size):
+        b = chain.blocks[i]
+        first, end = b.s_from + 2 * b.own, b.s_from + 3 * b.own
+        states[first:end] = scratch[first:end]
+
+
+@njit(cache=True, nogil=True)
+def go_on_undoing(chain: Chain, states: Floats) -> None:
+    """A sample has passed for inverses with a state of their own."""
+    for i in range(chain.blocks.size):
+        b = chain.blocks[i]
+        after = states[b.s_from + 2 * b.own : b.s_from + 3 * b.own]
+        states[b.s_from + b.own : b.s_from + 2 * b.own] = after
 
 
 @njit(cache=True, nogil=True)

@@ -128,7 +128,7 @@ class Compensator:
     ) -> None:
         check(period_s, drive_min, drive_max, slew_per_s, mode, preview_s)
         self.model, self.period_s = model, period_s
-        self._packed = pack(model, period_s)
+        self._packed = pack(model, period_s, TUNING.node_s)
         self.channels = self._packed.channels
         packed = self._packed
         self.low, self.high, self.rate = limits_of(model, packed, drive_min, drive_max, slew_per_s)

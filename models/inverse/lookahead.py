@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from dehyst.models.cascade.step import beside, undo
+from dehyst.models.cascade.step import begin_undoing, beside, keep_undone, undo
 from dehyst.models.inverse.continuation import extend
 from dehyst.models.inverse.state import Inverse
 from dehyst.models.inverse.tuning import TUNING
@@ -131,6 +131,7 @@ def present(inv: Inverse) -> float:
     if state.known - 1 < late + 1.0:
         three[2] = 2.0 * three[1] - three[0]
     undo(inv.chain, inv.blocks, inv.scratch, inv.channels, 1, period, period, three)
+    keep_undone(inv.chain, inv.blocks, inv.scratch)
     return three[1]
 
 
@@ -147,6 +148,7 @@ def see(inv: Inverse) -> None:
 def forget_plan(inv: Inverse) -> None:
     """Begin anew: nothing is known of what has passed."""
     state = inv.state[0]
+    begin_undoing(inv.chain, inv.blocks)
     state.ring_fill = 0
     state.phase = 0
     state.seen_low, state.seen_high = np.inf, -np.inf

@@ -5,7 +5,14 @@ import math
 import numpy as np
 from numba import njit
 
-from dehyst.models.cascade.step import Cascade, advance, beside, lead_drive
+from dehyst.models.cascade.step import (
+    Cascade,
+    advance,
+    begin_undoing,
+    beside,
+    go_on_undoing,
+    lead_drive,
+)
 from dehyst.models.inverse import fallback, lookahead, preview
 from dehyst.models.inverse.state import Inverse, inverse_at
 from dehyst.models.inverse.static import inverse_step
@@ -142,9 +149,11 @@ def applied(inv: Inverse, u: float, stepped: bool) -> None:
     if stepped:
         state.phase = (state.phase + 1) % setting.per_node
         lookahead.pass_on(inv)
+        go_on_undoing(inv.chain, inv.blocks)
     else:  # nobody asked: what was known and planned is void
         state.begun = state.followed = state.known = state.phase = 0
         state.gap, state.target = 0.0, np.nan
+        begin_undoing(inv.chain, inv.blocks)
 
 
 @njit(cache=True, nogil=True)

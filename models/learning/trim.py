@@ -42,6 +42,7 @@ class Tuning(NamedTuple):
     jump_samples: int = 4  # at the least: slow loops
     jump_noises: float = 6.0
     back_s: float = 0.1  # a reading that is back for so long is believed again
+    new_s: float = 0.2  # a model that is new finds its state along the drive: no jump is seen
     stuck_noises: float = 10.0  # the model's way under a reading that stays the same
     told_s: float = 0.1  # what lasts shorter is not told
     margin: float = 4.0  # least time constant, in lags of the sensor
@@ -77,6 +78,7 @@ STATE = np.dtype(
         ("predicted_then", "<f8"),  # the model,
         ("aim_then", "<f8"),  # and the integral at that time
         ("since_s", "<f8"),  # time since the newest valid reading
+        ("new_s", "<f8"),  # how long readings have been compared with this model
         ("out_s", "<f8"),  # how long readings have been outside, or inside again
         ("in_s", "<f8"),
         ("jumped", "<i8"),
@@ -147,8 +149,8 @@ def least_time_constant_s(lag_s: float) -> float:
 
 @njit(cache=True, nogil=True)
 def forget_trim(s: Any) -> None:
-    """Begin anew with readings and correction; the gauge's zero stays."""
-    s.trim = s.aim = s.moved = s.since_s = s.out_s = s.in_s = s.why_s = 0.0
+    """Begin anew with readings and correction, as for another model; the gauge's zero stays."""
+    s.trim = s.aim = s.moved = s.since_s = s.new_s = s.out_s = s.in_s = s.why_s = 0.0
     s.difference = s.seen = s.predicted = s.reading = s.predicted_then = math.nan
     s.aim_then = 0.0
     s.jumped = s.stuck = s.why = s.lasting = 0
@@ -235,6 +237,10 @@ def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
     if math.isnan(s.difference):
         if beyond:
             return BEYOND
+        s.difference = difference
+    if s.new_s < TUNING.new_s and not beyond:
+        # what the model has not seen of the drive shows here, and is no jump of the reading
+        s.new_s += dt
         s.difference = difference
     off = difference - s.difference
     if abs(off) > p.jump + TUNING.jump_share * s.moved:

@@ -19,6 +19,7 @@ from dehyst.models.physics.address import Kernel, fields, run
 
 UNITS = ("v", "um", "nm", "counts", "mrad", "urad")
 SAME = 1e-9  # sampling intervals that differ by less than this part count as equal
+STATES = 3  # alike, of a block that is led or solved: its own, what undoes it, that a sample later
 NOTHING = fields()  # the state of a block without memory
 
 Values = dict[str, Floats]
@@ -65,9 +66,14 @@ class Solved:
 @dataclass(frozen=True)
 class Led:
     """The targets lead. lead(p): seconds of the first derivative, seconds squared of the second.
-    Before the hysteresis the command leads, by the first alone."""
+    Before the hysteresis the command leads, by the first alone. solve: kernel that undoes it
+    exactly, sample by sample, where is_solved(p, dt) says that this is stable at samples spaced by
+    dt. Its state is its own, the second of STATES alike: it goes by the targets. By what was really
+    applied it would answer each limit of the drive with more drive, without end."""
 
     lead: Callable[[Floats], tuple[float, float]]
+    solve: Kernel | None = None
+    is_solved: Callable[[Floats, float], bool] = lambda p, dt: False
 
 
 @dataclass(frozen=True)
@@ -147,8 +153,8 @@ class Kind:
 
     def compile(self) -> list[int]:
         """Addresses of its kernels, which are compiled by this, or taken from the cache."""
-        kernels = [self.step, *([self.inverse.solve] if isinstance(self.inverse, Solved) else [])]
-        return [kernel.address for kernel in kernels]
+        solve = self.inverse.solve if isinstance(self.inverse, Solved | Led) else None
+        return [kernel.address for kernel in (self.step, solve) if kernel is not None]
 
     def numbers(self, values: Values, dt: float) -> tuple[Floats, int]:
         """Packed parameters p, and the length of the state."""

@@ -14,7 +14,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import SAME, Kind, Led, Param, named
+from dehyst.models.physics.kind import SAME, STATES, Kind, Led, Param, named
 from dehyst.models.signals.filters import free_decay, second_order, swing
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.peaks import peaks
@@ -24,6 +24,11 @@ PACKED = fields("frequency", "damping", "share")
 # 2 x 2 matrix: (e, e') after = M (e, e') before
 MODE = ("q", "speed", "x", "dt", "m11", "m12", "m21", "m22")
 STATE = fields(*MODE)
+UNDOING = 8 * len(MODE)  # bytes in front of the state of `solve`
+RINGS_S, ZIGZAG = 0.5, 0.5
+"""A drive that undoes the mode may ring for so long after a step, and fall by no more from one
+sample to the next of a zigzag (tests/benchmarks/daemon/second_act_offline: rings for 0.05 to 0.15
+s, no zigzag)."""
 
 
 @njit(cache=True, nogil=True)
@@ -58,6 +63,40 @@ def _lead(p: Floats) -> tuple[float, float]:
     return share * a1, share * share * a1 * a1 - share * (a1 * a1 - 1.0 / (w * w))
 
 
+@Kernel
+def solve(
+    p_at: int, n_p: int, s_at: int, n_s: int, y: float, t: float, dt: float, ch: float
+) -> float:
+    """Inverse: the end of the straight line that leads the output to y, by a mode of its own that
+    no limit of the drive has touched. `_is_solved` says where."""
+    p, s = record(p_at, PACKED), record(s_at + UNDOING, STATE)
+    x = y
+    if dt > 0.0:
+        w, z = 2.0 * math.pi * p.frequency, p.damping
+        m11, m12, _, _ = free_decay(w, z, dt)
+        turn = (2.0 * z / w * (m11 - 1.0) - m12) / dt  # of the mode, by the line's rise
+        free = m11 * (s.q - s.x) + m12 * s.speed
+        x = (y + p.share * (turn * s.x - free)) / (1.0 + p.share * turn)
+    move_mode(s, p.frequency, p.damping, x, dt)
+    return x
+
+
+def _is_solved(p: Floats, dt: float) -> bool:
+    """Whether `solve` is stable at this period: what is left of the stroke beside the mode is
+    what it goes by. A mode that carries nearly all of it has zeros of its sampled form outside the
+    unit circle, or close to -1 (Astrom, Hagander, Sternby, Automatica 20, 1984, 31)."""
+    free = np.zeros((3, 3))  # how mode, speed and input go on while the output stays 0
+    own = slice(len(MODE), len(MODE) + 3)
+    for k, one in enumerate(np.diag((1.0, 1.0 / dt, 1.0))):
+        state = np.zeros(STATES * len(MODE))
+        state[own] = one
+        solve(p, state, 0.0, dt=dt)
+        free[:, k] = state[own] * (1.0, dt, 1.0)
+    zeros = np.linalg.eigvals(free)
+    rings = float(np.max(np.abs(zeros)))
+    return rings <= math.exp(-dt / RINGS_S) and float(np.min(zeros.real)) >= -ZIGZAG
+
+
 def _start(p: Floats, s: Floats, x: float) -> None:
     state = named(s, STATE)
     state["q"] = state["x"] = x
@@ -75,8 +114,9 @@ KIND = Kind(
     packed=PACKED,
     state=STATE,
     step=step,
+    size=lambda p, dt: STATES * len(MODE),
     start=_start,
-    inverse=Led(_lead),
+    inverse=Led(_lead, solve, _is_solved),
 )
 
 MIRRORED = 0.8

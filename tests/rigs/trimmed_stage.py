@@ -84,11 +84,13 @@ class TrimmedStage:
         stepper.follow_output(float(record["volts"]))
         self.now_ns += self.period_ns
 
-    def reload(self, model: Model) -> None:
-        """Another model, as the loop takes it: led along the past output."""
+    def reload(self, model: Model, unseen: int = 0) -> None:
+        """Another model, as the loop takes it: led along the past output, but for the newest
+        samples, which pass while it is led."""
         period_s = self.period_ns * 1e-9
         compensator = Compensator(model, period_s, LOW_V, HIGH_V, self._slew)
-        past = [float(r["volts"]) for r in self.records[-REPLAY_SAMPLES:]]
+        seen = len(self.records) - unseen
+        past = [float(r["volts"]) for r in self.records[max(0, seen - REPLAY_SAMPLES) : seen]]
         state = compensator.init(past[0])
         for volts in past:
             compensator.applied(state, volts)

@@ -40,6 +40,7 @@ from dehyst.models.modelfile import dumps
 
 RINGS = {"telemetry": (TELEMETRY, 65536), "status": (STATUS, 256), "event": (EVENT, 256)}
 COMMAND_RECORDS = 65536
+CATCH_UP = 3  # times the samples are read that went by while a model was led
 KEPT_MODELS = 2  # whoever was told of the one before may still be reading it
 FOLLOWED = "axis."
 """A model's channel `axis.y` is axis y's displacement, `axis.y.drive` its drive."""
@@ -218,9 +219,13 @@ class AxisCore:
 
     def _led(self, compensator: Compensator, volts: NDArray[np.float64]) -> CompensatorState:
         """A compensator's state after the given past."""
-        drives = volts / self.config.actuator.gain
-        state = compensator.init(float(drives[0]))
-        for drive in drives.tolist():
+        state = compensator.init(float(volts[0]) / self.config.actuator.gain)
+        return self._led_on(compensator, state, volts)
+
+    def _led_on(
+        self, compensator: Compensator, state: CompensatorState, volts: NDArray[np.float64]
+    ) -> CompensatorState:
+        for drive in (volts / self.config.actuator.gain).tolist():
             compensator.applied(state, drive)
         return state
 
@@ -258,9 +263,12 @@ class AxisCore:
             compensator, settings = self._compensator(model), self._loop_settings(model)
             trimmed = self._trim(model)
             ring = self._telemetry
-            records, _, _ = ring.read(max(0, ring.head - REPLAY_SAMPLES))
+            records, seen, _ = ring.read(max(0, ring.head - REPLAY_SAMPLES))
             past = records["volts"] if records.size else np.array([monitor.stepper.volts])
             state = self._led(compensator, past)
+            for _ in range(CATCH_UP):
+                records, seen, _ = ring.read(seen)
+                self._led_on(compensator, state, records["volts"])
         except (DehystError, ValueError, ArithmeticError) as error:
             monitor.stepper.events.append(f"reload refused, the old model stays: {error}")
             return

@@ -179,6 +179,27 @@ def test_a_misfit_that_moves_with_the_stage_is_no_jump() -> None:
     assert np.mean(loop.trims[-1000:]) == pytest.approx(-0.3, abs=0.05)
 
 
+def test_another_models_first_readings_are_no_jump_and_later_ones_are() -> None:
+    """What it has not seen of the drive leaves it 0.8 um off for 50 ms; a jump is 0.43."""
+    loop = Loop()
+    loop.go(3.0, 0.2)
+    trim.forget_trim(loop.state[0])
+    loop.go(0.05, -0.8)
+    loop.go(3.0, 0.1)
+    assert Why.JUMPED not in loop.told
+    assert loop.trim == pytest.approx(-0.1, abs=1e-3)
+    loop.go(1.0, 0.9)
+    assert loop.told[-1] is Why.JUMPED
+
+
+def test_another_models_first_readings_far_off_are_not_believed() -> None:
+    loop = Loop()
+    trim.forget_trim(loop.state[0])
+    loop.go(0.5, 4.0)
+    assert loop.told[-1] is Why.BEYOND
+    assert loop.trim == 0.0
+
+
 def test_distrusted_it_stands_still() -> None:
     loop = Loop()
     loop.go(3.0, 0.2)

@@ -3,6 +3,7 @@
 from tests.mutations.change import Change, room
 
 STATIC, SAMPLE = "models/inverse/static.py", "models/inverse/sample.py"
+MODE, CASCADE = "models/physics/resonance.py", "models/cascade/step.py"
 
 CHANGES = [
     *room(
@@ -47,6 +48,23 @@ CHANGES = [
         Change(
             "drive-range-any", STATIC, "if not low < high:", "if False:",
             "an empty drive range is accepted",
+        ),
+    ),
+    *room(
+        ("tests/models/inverse/test_modes.py",),
+        Change(
+            "mode-undone-where-unstable", MODE, "return rings <= math.exp(-dt / RINGS_S) and",
+            "return True or", "a drive that undoes a mode grows without bound",
+        ),
+        Change(
+            "mode-from-the-drive-before", MODE, "turn * s.x - free)", "turn * s.x)",
+            "a mode that swings is undone as if it stood still",
+        ),
+        Change(
+            "mode-undone-from-what-was-applied", CASCADE,
+            "_from + b.own : b.s_from + 2 * b.own] = after",
+            "_from + b.own : b.s_from + 2 * b.own] = states[b.s_from : b.s_from + b.own]",
+            "a step beyond the slew rate makes the drive swing between its ends for ever",
         ),
     ),
     *room(

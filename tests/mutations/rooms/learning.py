@@ -57,6 +57,20 @@ CHANGES = [
             "what a dead gauge has moved stays",
         ),
         Change(
+            "new-models-first-readings-judged",
+            TRIM,
+            "    new_s: float = 0.2  #",
+            "    new_s: float = 0.0  #",
+            "another model's first readings are taken for a jump, and the trim stands still",
+        ),
+        Change(
+            "new-model-far-off-believed",
+            TRIM,
+            "if s.new_s < TUNING.new_s and not beyond:",
+            "if s.new_s < TUNING.new_s:",
+            "readings beyond belief teach the trim what no jump is",
+        ),
+        Change(
             "trim-follows-a-jump",
             TRIM,
             "            s.jumped = 1\n",
