@@ -135,7 +135,7 @@ CHANGES = [
         Change(
             "limits-not-asked-again",
             LIMITS,
-            "if c.name in seen(contribution_of(look, c, here.probe)):",
+            "if c.name in seen(c, contribution_of(look, c, here.probe)):",
             "if c.name:",
             "the user is told that effects were excluded that could not be seen",
         ),
