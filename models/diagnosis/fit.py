@@ -10,7 +10,7 @@ derivative at fixed weights, projected off the columns).
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,7 +28,9 @@ from dehyst.models.diagnosis.joint_fit import JointFit, solve_ridged
 from dehyst.models.diagnosis.subject import NO_MODEL, Subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Context
-from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.joined import Data, Floats, Ints
+
+Array = TypeVar("Array", Floats, Ints)
 
 
 @dataclass
@@ -95,7 +97,7 @@ class Problem:
         out[k : k + self.base.width] = self.base.priors
         return out
 
-    def counted(self, x: Floats) -> Floats:
+    def counted(self, x: Array) -> Array:
         """The rows that count."""
         return x if self.all_rows else x[self.row_index]
 
@@ -166,6 +168,8 @@ class Problem:
 
     def _added(self, effects: Sequence[Effect], v: Floats, weights: Floats) -> Floats:
         """(N,) what the base adds, behind the model's and the effects' further parts."""
+        if not self.base.width:
+            return np.zeros(self.data.n)
         inner = self.base.combine(v, self.data.forgets, weights)
         inner = self.subject.passed(self.data, inner[:, None])
         return behind_output(self.data, effects, inner)[:, 0]

@@ -90,17 +90,28 @@ def _forward(
     for number in range(TUNING.max_effects):
         if problem.solved > TUNING.budget:
             break
-        look = Screen(problem, state.accepted)
-        pool = still_open(state.accepted, everything)
-        ranked = in_order_of_promise(
-            state, zip(pool, problem.several(look.starts, pool), strict=True)
-        )
-        short = [
-            s for s in ranked[: TUNING.shortlist] if s.gain > TUNING.weak_gain * ranked[0].gain
-        ]
-        if not accept_best(state, refit_each(state, short, say, number), everything):
+        if not _go_round(state, everything, TUNING.shortlist, say, number):
             break
     return state
+
+
+def search_one_more(state: SearchState, shortlist: int) -> SearchState:
+    """One more round from a state's accepted effects; shortlist: candidates that get the full
+    refit."""
+    everything = may_be_tried(state.problem.data, state.share, ())
+    _go_round(state, everything, shortlist, lambda text, share: None, 0)
+    return state
+
+
+def _go_round(
+    state: SearchState, everything: Sequence[Candidate], shortlist: int, say: Say, number: int
+) -> bool:
+    """Screen, refit a short list and accept the best; whether there was one."""
+    look, pool = Screen(state.problem, state.accepted), still_open(state.accepted, everything)
+    screened = zip(pool, state.problem.several(look.starts, pool), strict=True)
+    ranked = in_order_of_promise(state, screened)
+    trials = refit_each(state, not_weak(ranked, ranked)[:shortlist], say, number)
+    return accept_best(state, trials, everything)
 
 
 def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
@@ -187,15 +198,22 @@ def accept_best(
 
 
 def _choice(state: SearchState, judged: Sequence[CandidateTrial]) -> CandidateTrial | None:
-    """The best trial that is not refused, or a simpler one that does as well."""
+    """The best trial that is not refused, or a simpler or a likelier one that does as well."""
     good = [t for t in judged if not t.refused]
     if not good:
         return None
     best = good[0]
     n = int(state.problem.data.rows.sum())
     tie = max(n * (TUNING.tie * state.sigma) ** 2, 0.01 * best.gain)
-    simpler = [t for t in good if t.price < best.price and best.gain - t.gain < tie]
-    return min(simpler, key=lambda t: (t.price, -t.gain)) if simpler else best
+    near = [t for t in good if best.gain - t.gain < tie]
+    simpler = [t for t in near if t.price < best.price]
+    if simpler:
+        return min(simpler, key=lambda t: (t.price, -t.gain))
+    theta = effect_of(best.fit, best.candidate.key).theta
+    if best.candidate.yields(theta, state.problem.data):
+        likelier = [t for t in near if t.price <= best.price and not t.candidate.last]
+        return likelier[0] if likelier else best
+    return best
 
 
 def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:

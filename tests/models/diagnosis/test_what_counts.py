@@ -195,3 +195,17 @@ def test_a_cause_that_was_found_has_no_limit() -> None:
     }
     assert "delay" not in names
     assert "coupling" in names
+
+
+def test_what_settles_in_each_recording_is_a_move_that_creeps_out_before_a_warm_up() -> None:
+    """Two relaxations, as a chain of springs and dashpots leaves them, of some noises in
+    recordings of 1.5 s: one exponential and a logarithm do about as well."""
+    data = make()
+    after = 0.05 * (1.0 - np.exp(-data.t / 0.04)) + 0.06 * (1.0 - np.exp(-data.t / 0.4))
+    problem, state = problem_of(replace(data, y=data.y + after))
+    fits = {k: candidate(data, k) for k in ("creep-earlier", "drift-trend")}
+    found = search(problem, SIGMA, state.null, lambda text, share: None)
+    assert found.accepted.effect_names[:1] == ("creep-earlier",)
+    assert fits["drift-trend"].yields((0.4,), data)
+    assert not fits["drift-trend"].yields((5.0,), data)
+    assert not fits["creep-earlier"].yields((0.4,), data)
