@@ -136,15 +136,11 @@ def play_together(
 
 
 def _send_due(players: "Sequence[Player]", now_ns: int) -> None:
-    """The chunks that are due. Where one axis refuses the first of its own, those that have taken
-    theirs are stopped before anything is followed: a member waits until all have arrived."""
+    """The chunks that are due. Where one axis refuses the first of its own, none has begun: the
+    gateway passes on the first ones of all together."""
     for player in players:
         if now_ns >= player.due_ns and not player.silent_too_long(now_ns):
-            try:
-                player.send(now_ns)
-            except DehystError:
-                _stop_begun(players)
-                raise
+            player.send(now_ns)
 
 
 def _stop_begun(players: "Sequence[Player]") -> None:

@@ -10,6 +10,8 @@ from dehyst.daemon.client.connection import print_json, say
 from dehyst.daemon.setup.names import NAMES
 from dehyst.models.errors import BadInput
 
+OUTPUTS = ("x", "y", "z")
+UNITS = ("mdt693b", "ksg101")
 DESCRIPTION = """\
 From two plugged-in units to a validated model: finds the units, asks for the stage's limits,
 measures the rate, writes the configuration, exercises the stage gently, excites and records it,
@@ -19,7 +21,10 @@ to run it.
 Each step says what it will move, and how far, before it moves, and asks. What is done stands in
 FOLDER/setup.json: the same command goes on where it ended, --from STEP repeats from a step on, and
 an option of another value repeats the steps that heed it. Recordings are never replaced. A
-stage.toml of your own in FOLDER is used as it stands, with whatever drivers it names."""
+stage.toml of your own in FOLDER is used as it stands, with whatever drivers it names.
+
+With --axes, several axes of one amplifier: the gentle loops show which gauge sits on which; all are
+recorded one after the other, then together; each gets a model that knows what the others bring."""
 
 EPILOG = """\
 steps: {steps}
@@ -30,6 +35,7 @@ step found something (it says what), or it was ended; 2: bad input, or a unit th
 examples: dehyst setup stage-1
           dehyst setup stage-1 --yes --ports /dev/ttyACM0 /dev/ttyUSB0 --range 0 100
           dehyst setup try-out --yes --emulated --range 0 150
+          dehyst setup three --yes --emulated --axes 3 --range 0 150
           dehyst setup stage-1 --from record --band 10
 """
 
@@ -51,7 +57,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="these may be asked who they are (default: those whose USB numbers say it)",
     )
-    parser.add_argument("--axis", choices=("x", "y", "z"), help="of the amplifier (asked; x)")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--axis", choices=("x", "y", "z"), help="of the amplifier (asked; x)")
+    which.add_argument(
+        "--axes",
+        type=_axes,
+        default=(),
+        metavar="NAMES",
+        help="several of the amplifier, each with a gauge: x,y or x,y,z, or how many: 2, 3",
+    )
     parser.add_argument(
         "--range", nargs=2, type=float, metavar=("MIN", "MAX"), help="voltages the stage may see, V"
     )
@@ -75,6 +89,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="what came of each step, on stdout")
 
 
+def _axes(text: str) -> tuple[str, ...]:
+    """x,y,z, or their number."""
+    names = OUTPUTS[: int(text)] if text in ("2", "3") else tuple(text.split(","))
+    if len(names) < 2 or len(set(names)) < len(names) or not set(names) <= set(OUTPUTS):
+        raise argparse.ArgumentTypeError(f"{text!r}: several of x, y, z (x,y), or 2 or 3")
+    return names
+
+
 def run(args: argparse.Namespace) -> int:
     """Do the steps; 0, or 1 where one found something."""
     from rich.console import Console
@@ -93,42 +115,56 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise BadInput(f"{args.folder}: cannot be made: {error.strerror}") from None
     with ExitStack() as held:
-        ports = tuple(args.ports) or _emulated_ports(args, held)
+        journal = Journal(args.folder)
+        known = journal.result("units").get("axes", ()) if journal.done("units") else ()
+        axes = args.axes or (() if args.axis else tuple(known))
+        ports = tuple(args.ports)
+        if args.emulated:
+            ports = _emulated_ports(args.folder / "bench", axes, held)
         wishes = Wishes(
             ports,
-            args.axis or ("x" if args.yes else None),
+            args.axis,
             tuple(args.range) if args.range else None,
             args.slew,
             args.name,
             args.rate,
             args.band,
             args.duration,
+            axes,
         )
         asking = Questions(args.yes, Console(stderr=True))
-        bench = Workbench(args.folder, wishes, Journal(args.folder), asking, say)
+        bench = Workbench(args.folder, wishes, journal, asking, say)
         do_steps(bench, args.first, args.until)
     return _conclude(bench, args)
 
 
-def _emulated_ports(args: argparse.Namespace, held: ExitStack) -> tuple[str, ...]:
-    if not args.emulated:
-        return ()
+def _emulated_ports(folder: Path, axes: tuple[str, ...], held: ExitStack) -> tuple[str, ...]:
     from dehyst.daemon.service.supervisor import BenchProcess
 
-    folder = args.folder / "bench"
+    count = len(axes) or 1
+    if axes and axes != OUTPUTS[:count]:
+        raise BadInput(f"--axes {','.join(axes)}: an emulated bench has x,y or x,y,z")
+    more = ["--axes", str(count)] if axes else []
+    gauges = f"{count} KSG101" if axes else "KSG101"
     say(
-        "an emulated MDT693B and KSG101, with a simulated stage behind; "
-        f"`dehyst emulate --dir {folder}` brings the same ports back"
+        f"an emulated MDT693B and {gauges}, with a simulated stage behind; "
+        f"`dehyst emulate {' '.join([*more, '--dir', str(folder)])}` brings the same ports back"
     )
-    bench = BenchProcess(folder, [])
+    bench = BenchProcess(folder, more)
     held.callback(bench.close)
-    return bench.ports["mdt693b"], bench.ports["ksg101"]
+    return tuple(path for name, path in bench.ports.items() if name.startswith(UNITS))
 
 
 def _conclude(bench: Any, args: argparse.Namespace) -> int:
     results = {name: bench.journal.result(name) for name in NAMES if bench.journal.done(name)}
     if args.json:
         print_json(results)
-    tracked, validated = results.get("track", {}), results.get("validate", {})
-    found = validated.get("worse_than_claimed", False) or tracked.get("times_smaller", 2.0) <= 1.0
+    tracked, validated = (_each(results.get(name, {})) for name in ("track", "validate"))
+    found = any(one.get("worse_than_claimed", False) for one in validated)
+    found |= any(one.get("times_smaller", 2.0) <= 1.0 for one in tracked)
     return 1 if found else 0
+
+
+def _each(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """What came of each axis."""
+    return list(result["axes"].values()) if "axes" in result else [result]

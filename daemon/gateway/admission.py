@@ -8,6 +8,7 @@ age; unit; finite; within reach; room in the queue. Nothing is clipped or mended
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,8 @@ CODES = {
 }
 DecideOffer = Callable[[str, int], str]
 """(action, number of the offer): why not, in words; "": it is being done."""
+Offsets: TypeAlias = NDArray[np.int64]
+Values: TypeAlias = NDArray[np.float64]
 NOTHING: NDArray[np.void] = np.zeros(0, COMMAND)
 REACH_SLACK = 1e-9
 RESERVED = 64
@@ -225,50 +228,24 @@ class Admission:
         self._end_trajectory("a set-point replaced it")
         return _records(Kind.SETPOINT, command.client, value=np.array([command.value]))
 
+    def plays(self, command: Chunk) -> bool:
+        """Whether the trajectory of this chunk has begun here."""
+        now = self._trajectory
+        return (now.number, now.client) == (command.trajectory, command.client)
+
+    def check_first(self, now_ns: int, command: Chunk, room: int) -> None:
+        """NotAdmitted where this first chunk of a trajectory would not be taken now; it is not
+        taken yet."""
+        self._room = room
+        self._check_chunk(now_ns, command)
+
     def _chunk(self, now_ns: int, command: Chunk) -> tuple[NDArray[np.void], str]:
-        offsets, values = encoding.points(command)
-        learned = encoding.corrections(command)
-        self._check_state(offsets.size + 1)
-        self._check_lease(now_ns, command.client, command.lease)
-        self._check_age(now_ns, command.sent_ns)
-        now = self._continued(command)
-        if now.next_index >= 0 and command.index < now.next_index:
+        checked = self._check_chunk(now_ns, command)
+        if checked is None:
             self.lease.heard(now_ns, command.sent_ns)
             return NOTHING, "duplicate"
-        if now.over:
-            raise NotAdmitted("over", f"trajectory {command.trajectory}: {now.over}")
-        if now.next_index >= 0 and command.index != now.next_index:
-            raise NotAdmitted("order", f"chunk {command.index} came where {now.next_index} is due")
-        if offsets[0] < 0 or offsets[-1] > LATEST_OFFSET_NS or np.any(offsets[1:] <= offsets[:-1]):
-            raise NotAdmitted(
-                "order", "the times of a chunk must be positive and strictly increase"
-            )
-        if now.next_index < 0:  # what a gateway before this one has passed on is not sent twice
-            fresh = offsets > now.end_ns
-            offsets, values, learned = offsets[fresh], values[fresh], learned[fresh]
-            if not offsets.size:
-                now.next_index = command.index + 1
-                return NOTHING, "duplicate"
-        elif now.end_ns >= 0 and offsets[0] <= now.end_ns:
-            raise NotAdmitted("order", "the chunk begins before the one before it ended")
-        self._check_values(values, command.unit, command.allow_unreachable)
-        if not np.all(np.isfinite(learned)):
-            raise NotAdmitted("not-finite", "a learned correction is NaN or infinite")
-        span_ns = int(offsets[-1]) - (now.end_ns if now.end_ns >= 0 else int(offsets[0]))
-        gaps = offsets.size - (now.end_ns < 0)
-        if span_ns < 0.7 * gaps * self.core.period_ns:
-            raise NotAdmitted(
-                "dense",
-                f"the points are {span_ns / max(gaps, 1) * 1e-6:.3g} ms apart, the loop's period "
-                f"is {self.core.period_ns * 1e-6:.3g} ms; send fewer",
-            )
-        ahead_s = 0.0 if command.index == 0 else self.queue_ahead_s(now_ns)
-        if ahead_s + span_ns * 1e-9 > self.queue_s:
-            raise NotAdmitted(
-                "queue-full",
-                f"{ahead_s:.2f} s are ahead already, at most {self.queue_s:g} s are accepted; "
-                "send this chunk later",
-            )
+        now, offsets, values, learned = checked
+        span_ns = _span_ns(now, offsets)
         if command.index == 0:
             self._passed.clear()
             self.core.queue_s = 0.0
@@ -283,6 +260,54 @@ class Admission:
         if len(command.axes) > 1:
             records["group"], records["members"] = command.trajectory, len(command.axes)
         return records, "ok"
+
+    def _check_chunk(
+        self, now_ns: int, command: Chunk
+    ) -> tuple[_Trajectory, Offsets, Values, Values] | None:
+        """The trajectory that it goes on with, and its times, targets and corrections that are new;
+        None: it was taken before. Raises NotAdmitted."""
+        offsets, values = encoding.points(command)
+        learned = encoding.corrections(command)
+        self._check_state(offsets.size + 1)
+        self._check_lease(now_ns, command.client, command.lease)
+        self._check_age(now_ns, command.sent_ns)
+        now = self._continued(command)
+        if now.next_index >= 0 and command.index < now.next_index:
+            return None
+        if now.over:
+            raise NotAdmitted("over", f"trajectory {command.trajectory}: {now.over}")
+        if now.next_index >= 0 and command.index != now.next_index:
+            raise NotAdmitted("order", f"chunk {command.index} came where {now.next_index} is due")
+        if offsets[0] < 0 or offsets[-1] > LATEST_OFFSET_NS or np.any(offsets[1:] <= offsets[:-1]):
+            raise NotAdmitted(
+                "order", "the times of a chunk must be positive and strictly increase"
+            )
+        if now.next_index < 0:  # what a gateway before this one has passed on is not sent twice
+            fresh = offsets > now.end_ns
+            offsets, values, learned = offsets[fresh], values[fresh], learned[fresh]
+            if not offsets.size:
+                now.next_index = command.index + 1
+                return None
+        elif now.end_ns >= 0 and offsets[0] <= now.end_ns:
+            raise NotAdmitted("order", "the chunk begins before the one before it ended")
+        self._check_values(values, command.unit, command.allow_unreachable)
+        if not np.all(np.isfinite(learned)):
+            raise NotAdmitted("not-finite", "a learned correction is NaN or infinite")
+        span_ns, gaps = _span_ns(now, offsets), offsets.size - (now.end_ns < 0)
+        if span_ns < 0.7 * gaps * self.core.period_ns:
+            raise NotAdmitted(
+                "dense",
+                f"the points are {span_ns / max(gaps, 1) * 1e-6:.3g} ms apart, the loop's period "
+                f"is {self.core.period_ns * 1e-6:.3g} ms; send fewer",
+            )
+        ahead_s = 0.0 if command.index == 0 else self.queue_ahead_s(now_ns)
+        if ahead_s + span_ns * 1e-9 > self.queue_s:
+            raise NotAdmitted(
+                "queue-full",
+                f"{ahead_s:.2f} s are ahead already, at most {self.queue_s:g} s are accepted; "
+                "send this chunk later",
+            )
+        return now, offsets, values, learned
 
     def _continued(self, command: Chunk) -> _Trajectory:
         """The state of the command's trajectory; a new one where chunk 0 begins it."""
@@ -328,7 +353,7 @@ class Admission:
         """Give it the lease, which was found free; number: of the lease, 0: a new one."""
         lease, client = self.lease, command.client
         before = lease.client if lease.held(now_ns) else 0
-        lease.acquire(now_ns, client, command.label, command.sent_ns, True, number)
+        lease.give(now_ns, client, command.label, command.sent_ns, number)
         if before not in (0, client):
             self._end_trajectory("another client took over")
 
@@ -362,6 +387,11 @@ class Admission:
                 self._end_trajectory("its client withdrew it")
             return _records(Kind.CLEAR, client, command.trajectory)
         return NOTHING
+
+
+def _span_ns(now: _Trajectory, offsets: Offsets) -> int:
+    """How much longer the trajectory is with these points."""
+    return int(offsets[-1]) - (now.end_ns if now.end_ns >= 0 else int(offsets[0]))
 
 
 def trust(trusted: bool) -> NDArray[np.void]:

@@ -9,7 +9,7 @@ own queue, and one of each is taken in turn: a flood at one axis keeps no other 
 import logging
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -23,6 +23,7 @@ from dehyst.daemon.bus.session import Asked, Bus
 from dehyst.daemon.bus.topics import REJECTION, subject
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.core_rings import CoreRings
+from dehyst.daemon.gateway.group_start import GroupStarts
 from dehyst.daemon.gateway.together import handle_together
 
 log = logging.getLogger(__name__)
@@ -79,6 +80,7 @@ class CommandIntake:
         self._doors = {door.name: door for door in doors}
         self._questions: SimpleQueue[tuple[AxisDoor, Asked]] = SimpleQueue()
         self._work = threading.Event()
+        self._starts = GroupStarts()
         self._own: SimpleQueue[tuple[AxisDoor, NDArray[Any]]] = SimpleQueue()
 
     def put(self, door: AxisDoor, key: str, payload: bytes) -> None:
@@ -171,8 +173,11 @@ class CommandIntake:
                     reply = self._decide_together(now_ns, door, command)
                 elif isinstance(command, Chunk) and (why := self._strange(door, command)):
                     reply = door.admission.refuse(now_ns, "bad-message", why)
+                elif isinstance(command, Chunk) and len(command.axes) > 1:
+                    reply = self._decide_group(now_ns, door, command)
                 else:
                     reply, records = door.admission.handle(now_ns, command, door.rings.room)
+                    self._starts.withdraw({door.name: records})
                     door.rings.push(records)
             except Exception:  # one command must not take the gateway from everybody
                 log.exception("a command could not be decided: %r", command)
@@ -190,9 +195,20 @@ class CommandIntake:
             return ""
         return f"axes {', '.join(axes)}: there are {', '.join(self._doors)}, each at most once"
 
+    def _decide_group(self, now_ns: int, door: AxisDoor, chunk: Chunk) -> Reply:
+        reply, records = self._starts.handle(now_ns, chunk, self._gates(), door.name)
+        self._push(records)
+        return reply
+
     def _decide_together(self, now_ns: int, door: AxisDoor, request: Request) -> Reply:
-        gates = {name: (d.admission, d.rings.room) for name, d in self._doors.items()}
-        reply, records = handle_together(now_ns, request, gates, door.name)
+        reply, records = handle_together(now_ns, request, self._gates(), door.name)
+        self._starts.withdraw(records)
+        self._push(records)
+        return reply
+
+    def _gates(self) -> dict[str, tuple[Admission, int]]:
+        return {name: (door.admission, door.rings.room) for name, door in self._doors.items()}
+
+    def _push(self, records: Mapping[str, NDArray[Any]]) -> None:
         for name, of_axis in records.items():
             self._doors[name].rings.push(of_axis)
-        return reply

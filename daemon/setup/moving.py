@@ -1,4 +1,4 @@
-"""The steps that move the stage: gentle loops, the recordings, and the comparison at the end.
+"""The steps that move the stage: gentle loops and recordings (the comparison: comparison.py).
 
 Each comes as two functions: what it will move and how far, in words, and the doing. Every drive
 is checked against the limits as a whole before anything moves (dehyst.daemon.tools.acquire).
@@ -6,16 +6,13 @@ is checked against the limits as a whole before anything moves (dehyst.daemon.to
 
 import math
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dehyst.daemon.api.functions import invert, load_model
 from dehyst.daemon.config import Config
-from dehyst.daemon.files.outputs import whole_file
-from dehyst.daemon.loop.reach import displacement_range, drive_range
+from dehyst.daemon.setup.questions import Wishes
 from dehyst.daemon.setup.workbench import Workbench
 from dehyst.models.drive_design.coverage import measure_coverage
 from dehyst.models.drive_design.excitation import Excitation, design
@@ -75,7 +72,7 @@ def exercise_gently(bench: Workbench) -> dict[str, Any]:
     config = bench.config()
     gains: list[float] = []
     for share in TUNING.gentle_shares:
-        t_s, volts = _gentle_loops(config, share)
+        t_s, volts = gentle_loops(config, share)
         found = bench.play(t_s, volts, 0.0, f"loops of {100 * share:g} % of the range")
         bench.keep(found, "gentle")
         gains.append(check_gauge_follows(found, config.limits.max_v - config.limits.min_v))
@@ -120,7 +117,8 @@ def _gentle_period_s(config: Config, share: float) -> float:
     return max(TUNING.gentle_loop_s * max(share, 0.5), slowest)
 
 
-def _gentle_loops(config: Config, share: float) -> tuple[Floats, Floats]:
+def gentle_loops(config: Config, share: float) -> tuple[Floats, Floats]:
+    """(N,) times and volts of slow loops through this share of the range, from its low end."""
     limits, period_s = config.limits, _gentle_period_s(config, share)
     t_s = np.arange(0.0, TUNING.loops * period_s, 1.0 / config.loop.rate_hz)
     half = 0.5 * share * (limits.max_v - limits.min_v)
@@ -130,9 +128,8 @@ def _gentle_loops(config: Config, share: float) -> tuple[Floats, Floats]:
 # -- recordings -----------------------------------------------------------------------------------
 
 
-def drive_for(bench: Workbench, seed: int) -> Excitation:
+def drive_for(config: Config, wishes: Wishes, seed: int) -> Excitation:
     """The drive of a recording; with a seed above 0 one of other sines, and one sine more."""
-    config, wishes = bench.config(), bench.wishes
     limits, rate_hz = config.limits, config.loop.rate_hz
     slowest, fastest = TUNING.around
     by_slew = limits.slew_v_per_s / (fastest * math.pi * (limits.max_v - limits.min_v))
@@ -152,7 +149,8 @@ def drive_for(bench: Workbench, seed: int) -> Excitation:
 
 def describe_drive(bench: Workbench, seed: int, exercise_s: float) -> str:
     """What recording with the drive of this seed moves."""
-    drive, limits = drive_for(bench, seed), bench.config().limits
+    config = bench.config()
+    drive, limits = drive_for(config, bench.wishes, seed), config.limits
     sines = ", ".join(f"{f:.3g}" for f in drive.frequencies_hz)
     return (
         f"moves: {exercise_s:g} s of full loops, then {drive.t_s[-1]:.3g} s of sines of {sines} Hz "
@@ -164,16 +162,22 @@ def describe_drive(bench: Workbench, seed: int, exercise_s: float) -> str:
 
 def record_drive(bench: Workbench, seed: int, exercise_s: float, stem: str) -> dict[str, Any]:
     """Play the drive of this seed and record; does it excite enough? Raises NotNow where not."""
-    drive = drive_for(bench, seed)
+    drive = drive_for(bench.config(), bench.wishes, seed)
     found = bench.play(drive.t_s, drive.u, exercise_s, "recording")
     path = bench.keep(found, stem)
+    return judge_recording(found, path, bench.config().loop.rate_hz)
+
+
+def judge_recording(found: Recording, path: Path, rate_hz: float) -> dict[str, Any]:
+    """What a recording, written to this path, is worth. Raises NotNow where it excites too
+    little."""
     covered = measure_coverage([found])
     if covered.missing:
         raise NotNow(
             f"{path} does not excite enough: {'; '.join(covered.missing)}. Give a longer "
             "--duration or another --band"
         )
-    due = round(float(found.t_s[-1] - found.t_s[0]) * bench.config().loop.rate_hz) + 1
+    due = round(float(found.t_s[-1] - found.t_s[0]) * rate_hz) + 1
     late = max(0, due - found.size)
     words = (
         f"{path.name}: {found.size} samples, {late} too late, {covered.covered:.0%} of drive and "
@@ -182,144 +186,3 @@ def record_drive(bench: Workbench, seed: int, exercise_s: float, stem: str) -> d
     if covered.missing_rate:
         words += f"; not enough for a rate-dependent model: {'; '.join(covered.missing_rate)}"
     return {"words": words, "recording": path.name, "late": late, "covered": covered.covered}
-
-
-# -- the comparison -------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class SinePlan:
-    """t_s: (N,); target: (N,) [unit]; volts by name, (N,) each; f_hz: of the sine."""
-
-    t_s: Floats
-    target: Floats
-    volts: dict[str, Floats]
-    f_hz: float
-    unit: str
-
-    @property
-    def stroke(self) -> float:
-        """Peak to peak."""
-        return float(np.ptp(self.target))
-
-
-LINEAR, COMPENSATED = "linear gain", "compensated"
-
-
-def plan_sine(bench: Workbench) -> SinePlan:
-    """A sine over most of the reach, with a linear gain and with the inverse of the model: neither
-    leaves the limits, so nothing is clipped."""
-    config, model = bench.config(), load_model(bench.model_path)
-    limits, gain_v = config.limits, config.actuator.gain
-    one = bench.recording("record")
-    assert one.displacement is not None
-    good = ~(one.missing_drive | one.missing_displacement)
-    slope, offset = np.polyfit(one.drive[good], one.displacement[good], 1)
-    low, high = displacement_range(model, *drive_range(config, model))
-    ends = sorted((slope * v / gain_v + offset) for v in (limits.min_v, limits.max_v))
-    low, high = max(low, ends[0]), min(high, ends[1])
-    middle, half = 0.5 * (low + high), 0.5 * TUNING.share * (high - low)
-    steepest = math.pi * (limits.max_v - limits.min_v)
-    rate_max = gain_v * (model.validity.rate_max or math.inf)
-    rate_max = min(rate_max / (1.0 + TUNING.spare), TUNING.slew_share * limits.slew_v_per_s)
-    f_hz = min(bench.wishes.band_hz or TUNING.band_hz, rate_max / steepest)
-    unit = model.displacement_unit
-    t_s = np.arange(round(TUNING.cycles / f_hz * config.loop.rate_hz) + 1) / config.loop.rate_hz
-    target = middle - math.copysign(half, slope) * np.cos(2.0 * np.pi * f_hz * t_s)
-    inverse = invert(
-        model,
-        t_s,
-        target,
-        low=limits.min_v / gain_v,
-        high=limits.max_v / gain_v,
-        slew=limits.slew_v_per_s / gain_v,
-        start=limits.min_v / gain_v,
-        period=1.0 / config.loop.rate_hz,
-        unit=unit,
-    )
-    linear = gain_v * (target - offset) / slope
-    return SinePlan(
-        t_s, target, {LINEAR: linear, COMPENSATED: gain_v * np.asarray(inverse)}, f_hz, unit
-    )
-
-
-def describe_sine(bench: Workbench) -> str:
-    """What `track_sine` moves."""
-    plan = plan_sine(bench)
-    low = min(float(v.min()) for v in plan.volts.values())
-    high = max(float(v.max()) for v in plan.volts.values())
-    return (
-        f"moves: a sine of {plan.stroke:.4g} {plan.unit} peak to peak at {plan.f_hz:.3g} Hz, "
-        f"{TUNING.cycles} times, with a linear gain and with the model's inverse: {low:.4g} to "
-        f"{high:.4g} V (again where this machine was too busy); it ends where it was"
-    )
-
-
-def track_sine(bench: Workbench) -> dict[str, Any]:
-    """Play both and measure; the picture."""
-    from dehyst.daemon.report import tracking  # matplotlib takes its time
-    from dehyst.daemon.report.plotting import draw_side_by_side
-
-    plan, tracks, late = plan_sine(bench), {}, dict[str, float]()
-    for name, volts in plan.volts.items():
-        found, late[name] = _play_in_time(bench, plan, name, volts)
-        tracks[name] = tracking.Track(name, *judged(plan, found, bench.config().loop.rate_hz))
-    before, after = tracks[LINEAR], tracks[COMPENSATED]
-    draws = (
-        partial(tracking.draw_displacements, before, after, f"{plan.f_hz:.3g} Hz sine"),
-        partial(tracking.draw_tracking_error, before, after),
-        partial(tracking.draw_measured_over_target, before, after),
-    )
-    picture = Path("tracking.png")
-    with whole_file(bench.folder / picture) as file:
-        file.write(draw_side_by_side(draws, (1.5, 1.5, 1.0)))
-    smaller, latest = before.rms_nm / after.rms_nm, max(late.values())
-    busy = (
-        f"; this machine was too busy to judge ({latest:.1%} of the samples were too late): "
-        "--from track repeats it"
-    )
-    return {
-        "words": f"{plan.stroke:.4g} {plan.unit} at {plan.f_hz:.3g} Hz: {before.rms_nm:.0f} nm rms "
-        f"with a linear gain, {after.rms_nm:.0f} nm compensated, {smaller:.1f} times smaller, the "
-        f"gauge's zero set in the cycle before; {picture}" + busy * (latest > TUNING.most_late),
-        "linear_rms_nm": before.rms_nm,
-        "compensated_rms_nm": after.rms_nm,
-        "times_smaller": smaller,
-        "late_share": latest,
-        "stroke_um": plan.stroke,
-        "frequency_hz": plan.f_hz,
-        "picture": str(picture),
-    }
-
-
-def _play_in_time(
-    bench: Workbench, plan: SinePlan, name: str, volts: Floats
-) -> tuple[Recording, float]:
-    """The run with the fewest late samples, of as many as it takes to have hardly any, and their
-    share: where the machine stands still, so does the voltage, and the error is not the model's."""
-    runs = []
-    for _ in range(TUNING.attempts):
-        found = bench.play(plan.t_s, volts, TUNING.exercise_s, name)
-        bench.keep(found, f"sine-{name.replace(' ', '-')}")
-        runs.append((found, 1.0 - found.size / (plan.t_s.size - 1)))
-        if runs[-1][1] <= TUNING.most_late:
-            break
-    return min(runs, key=lambda run: run[1])
-
-
-def judged(plan: SinePlan, found: Recording, rate_hz: float) -> tuple[Floats, Floats, Floats]:
-    """(t_s, target, measured) of the cycles that are judged, with the gauge's zero set in the cycle
-    before them: the place is the trim's and `dehyst zero`'s matter, here it is the shape.
-
-    The reading of a sample belongs to the voltage written at the sample before it, and so to that
-    sample's target.
-    """
-    assert found.displacement is not None
-    written = np.round(found.t_s * rate_hz).astype(np.int64)[:-1]
-    target = plan.target[np.clip(written, 0, plan.target.size - 1)]
-    cycle = found.t_s[1:] * plan.f_hz
-    measured = found.displacement[1:]
-    zeroing = (cycle >= TUNING.zero_from - 1) & (cycle < TUNING.zero_from)
-    zero = float(np.nanmean((measured - target)[zeroing]))
-    after = (cycle >= TUNING.zero_from) & (cycle < TUNING.cycles)
-    return found.t_s[1:][after], target[after], measured[after] - zero

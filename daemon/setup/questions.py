@@ -14,7 +14,8 @@ from dehyst.models.errors import BadInput, NotNow
 class Wishes:
     """What the command line gave; None or (): nothing, so it is asked for, measured or a default.
 
-    ports: that may be asked who they are; axis: of the amplifier; range_v: least and largest
+    ports: that may be asked who they are; axis: of the amplifier; axes: of it, where there are
+    several; range_v: least and largest
     voltage the stage may see; slew_v_per_s; name: of the controller; rate_hz: of the loop; band_hz:
     fastest motion to be identified; seconds: of each recording."""
 
@@ -26,6 +27,7 @@ class Wishes:
     rate_hz: float | None = None
     band_hz: float | None = None
     seconds: float | None = None
+    axes: tuple[str, ...] = ()
 
 
 class Questions:

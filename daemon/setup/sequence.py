@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from dehyst.daemon.setup.axes_steps import AXES_STEPS
 from dehyst.daemon.setup.names import NAMES
 from dehyst.daemon.setup.steps import STEPS, Step
 from dehyst.daemon.setup.workbench import Workbench
@@ -14,16 +15,21 @@ def options_of(bench: Workbench, step: Step) -> dict[str, Any]:
     return {k: v for k, v in as_lists.items() if v not in (None, [])}
 
 
+def steps_of(bench: Workbench) -> tuple[Step, ...]:
+    """The steps, of one axis or of several: the names are the same."""
+    return AXES_STEPS if bench.axes else STEPS
+
+
 def first_to_do(bench: Workbench, repeat_from: str | None) -> int:
-    """Place in STEPS of the first step that is not done, or was done with other options, or is to
+    """Place of the first step that is not done, or was done with other options, or is to
     be repeated."""
-    for number, step in enumerate(STEPS):
+    for number, step in enumerate(steps_of(bench)):
         if step.name == repeat_from or not bench.journal.done(step.name):
             return number
         before = bench.journal.options(step.name)
         if any(before.get(k) != v for k, v in options_of(bench, step).items()):
             return number
-    return len(STEPS)
+    return len(NAMES)
 
 
 def do_steps(bench: Workbench, repeat_from: str | None = None, until: str | None = None) -> None:
@@ -31,7 +37,8 @@ def do_steps(bench: Workbench, repeat_from: str | None = None, until: str | None
     then holds those before it, and the next call goes on there."""
     first = first_to_do(bench, repeat_from)
     bench.journal.forget(list(NAMES[first:]))
-    for number, step in enumerate(STEPS):
+    for number, name in enumerate(NAMES):
+        step = steps_of(bench)[number]  # finding the units may tell of several axes
         title = f"{number + 1}. {step.title}"
         if number < first:
             done = bench.journal.result(step.name)["words"]
@@ -44,5 +51,5 @@ def do_steps(bench: Workbench, repeat_from: str | None = None, until: str | None
             result = step.run(bench)
             bench.journal.keep(step.name, options_of(bench, step), result)
             bench.say(f"   {result['words']}")
-        if step.name == until:
+        if name == until:
             return

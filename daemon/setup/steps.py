@@ -8,8 +8,8 @@ from typing import Any
 from dehyst.daemon.api.functions import identify, validate
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.loop.checks import check_unopened, devices_of, highest_rate
-from dehyst.daemon.setup import moving
-from dehyst.daemon.setup.units import FoundUnit, ask_port, known_ports
+from dehyst.daemon.setup import comparison, moving
+from dehyst.daemon.setup.units import FoundUnit, ask_port, known_ports, measure_rate
 from dehyst.daemon.setup.workbench import CONFIG, MADE, MODEL, Workbench
 from dehyst.daemon.tools.config_text import SLEW_SPANS, limits_within, write_commented
 from dehyst.drivers.serial_port import list_serial_ports
@@ -19,6 +19,8 @@ RATE_SHARE = 0.6  # of what the units sustained while nothing else was done
 MOST_HZ = 1000.0  # of the loop, where units would do more
 NAME = "stage-1"
 FRESH = 1  # seed of the drive that validates; 0 is the one that identifies
+
+UNITS_HEED = ("ports", "axis", "axes")
 
 Result = dict[str, Any]
 """`words`: what came of it; the rest for later steps and for --json."""
@@ -40,26 +42,68 @@ def find_units(bench: Workbench) -> Result:
     """Which unit is where; nothing moves."""
     if bench.has_own_config():
         return {"words": f"those of {CONFIG}, which is there already"}
-    wishes = bench.wishes
-    known = known_ports()
-    axis = wishes.axis or bench.ask.choice("axis that drives the stage", "--axis", ["x", "y", "z"])
+    wishes, known = bench.wishes, known_ports()
+    axes = wishes.axes or _axes_asked_for(bench)
     found: dict[str, list[FoundUnit]] = {"actuator": [], "sensor": []}
     for path in wishes.ports or tuple(known):
-        unit = ask_port(path, axis, known[path]) if path in known else ask_port(path, axis)
+        unit = ask_port(path, axes[0], known[path]) if path in known else ask_port(path, axes[0])
         if unit is None:
             bench.say(f"   {path}: neither an MDT693B nor a KSG101 answers")
         else:
             bench.say(f"   {path}: {unit.spec.identity or unit.driver}")
             found[unit.kind].append(unit)
-    result: Result = {"axis": axis}
     actuator = _one_of(bench, found["actuator"], "amplifier")
+    if len(axes) > 1:
+        return _units_of_axes(bench, axes, actuator, found["sensor"])
     sensor = _one_of(bench, found["sensor"], "gauge reader")
-    for unit in (actuator, sensor):
-        result[unit.kind] = {"driver": unit.driver, "port": unit.port}
-        result[unit.kind] |= {"minimum": unit.spec.minimum, "maximum": unit.spec.maximum}
+    result: Result = {"axis": axes[0], "actuator": _described(actuator)}
+    result |= {"sensor": _described(sensor)}
     result["sustained_hz"] = highest_rate(actuator.spec, sensor.spec)
-    names = [f"{result[kind]['driver']} at {result[kind]['port']}" for kind in found]
+    names = [f"{unit.driver} at {unit.port}" for unit in (actuator, sensor)]
     return result | {"words": ", ".join(names)}
+
+
+def _axes_asked_for(bench: Workbench) -> tuple[str, ...]:
+    if bench.wishes.axis or bench.ask.yes:
+        return (bench.wishes.axis or "x",)
+    text = "axis that drives the stage, or several of this amplifier"
+    choices = ["x", "y", "z", "x,y", "x,z", "y,z", "x,y,z"]
+    return tuple(bench.ask.choice(text, "--axis", choices).split(","))
+
+
+def _units_of_axes(
+    bench: Workbench, axes: tuple[str, ...], actuator: FoundUnit, gauges: list[FoundUnit]
+) -> Result:
+    """One amplifier, and a gauge for each axis, for the time being in the order of the ports: the
+    gentle loops show which gauge sits on which axis."""
+    if len(gauges) < len(axes):
+        raise NotNow(
+            f"the axes {', '.join(axes)} need a gauge reader each, and {len(gauges)} answer; plug "
+            "the others in, name their ports with --ports, or name fewer axes with --axes"
+        )
+    if len(gauges) > len(axes):
+        ports = ", ".join(gauge.port for gauge in gauges)
+        raise NotNow(
+            f"{len(gauges)} gauge readers answer ({ports}) for the axes {', '.join(axes)}: name "
+            "the amplifier's port and those of this stage with --ports"
+        )
+    return {
+        "axes": list(axes),
+        "actuator": _described(actuator),
+        "sensors": {axis: _described(gauge) for axis, gauge in zip(axes, gauges, strict=True)},
+        "sustained_hz": measure_rate(actuator, axes, gauges),
+        "words": f"{actuator.driver} at {actuator.port}, and {len(gauges)} gauge readers; which of "
+        "them is whose the gentle loops will show",
+    }
+
+
+def _described(unit: FoundUnit) -> dict[str, Any]:
+    return {
+        "driver": unit.driver,
+        "port": unit.port,
+        "minimum": unit.spec.minimum,
+        "maximum": unit.spec.maximum,
+    }
 
 
 def _one_of(bench: Workbench, units: list[FoundUnit], what: str) -> FoundUnit:
@@ -111,10 +155,7 @@ def write_configuration(bench: Workbench) -> Result:
         check_unopened(config)
         return {"words": f"{CONFIG} as it stands", "rate_hz": config.loop.rate_hz}
     units, limits = bench.journal.result("units"), bench.journal.result("limits")
-    sustained = units["sustained_hz"]
-    rate_hz = bench.wishes.rate_hz or round(min(RATE_SHARE * sustained, MOST_HZ), -1)
-    if rate_hz > sustained:
-        raise BadInput(f"--rate {rate_hz:g}: these units sustain {sustained:g} Hz as measured")
+    rate_hz = chosen_rate(bench)
     text = write_commented(
         {
             "": {"name": bench.wishes.name or NAME},
@@ -131,12 +172,32 @@ def write_configuration(bench: Workbench) -> Result:
             **limits_within(limits["min_v"], limits["max_v"], limits["slew_v_per_s"]),
         }
     )
+    replace_configuration(bench, text)
+    check_unopened(bench.config())
+    return rate_found(bench, rate_hz)
+
+
+def chosen_rate(bench: Workbench) -> float:
+    """Of the loop [Hz]. Raises BadInput where the units do not sustain what is wished."""
+    sustained = bench.journal.result("units")["sustained_hz"]
+    rate_hz = bench.wishes.rate_hz or round(min(RATE_SHARE * sustained, MOST_HZ), -1)
+    if rate_hz > sustained:
+        raise BadInput(f"--rate {rate_hz:g}: these units sustain {sustained:g} Hz as measured")
+    return rate_hz
+
+
+def rate_found(bench: Workbench, rate_hz: float) -> Result:
+    """What the step says of the rate."""
+    sustained = bench.journal.result("units")["sustained_hz"]
+    words = f"{CONFIG}: {rate_hz:g} Hz, of {sustained:g} that these units sustain"
+    return {"words": words, "rate_hz": rate_hz, "sustained_hz": sustained}
+
+
+def replace_configuration(bench: Workbench, text: str) -> None:
+    """Write the file; what it said before is put aside."""
     if aside := bench.put_aside(bench.config_path, MADE + text):
         bench.say(f"   the configuration that was there is {aside.name} now")
     write_text(bench.config_path, MADE + text)
-    check_unopened(bench.config())
-    words = f"{CONFIG}: {rate_hz:g} Hz, of {sustained:g} that these units sustain"
-    return {"words": words, "rate_hz": rate_hz, "sustained_hz": sustained}
 
 
 def identify_model(bench: Workbench) -> Result:
@@ -183,7 +244,7 @@ def offer_service(bench: Workbench) -> Result:
 
 
 STEPS = (
-    Step("units", "find the units", find_units, ("ports", "axis")),
+    Step("units", "find the units", find_units, UNITS_HEED),
     Step("limits", "limits of this stage", ask_limits, ("range_v", "slew_v_per_s")),
     Step(
         "configuration",
@@ -210,9 +271,9 @@ STEPS = (
     Step(
         "track",
         "follow a sine without and with the model",
-        moving.track_sine,
+        comparison.track_sine,
         (),
-        moving.describe_sine,
+        comparison.describe_sine,
     ),
     Step("service", "run it", offer_service),
 )

@@ -1,8 +1,10 @@
 """Which units are there: each port is asked by the drivers themselves. Nothing moves."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from dehyst.daemon.loop.checks import highest_rate_together, joined
 from dehyst.drivers.interface import Actuator, DeviceSpec, DeviceTimeout, ProtocolError, Sensor
 from dehyst.drivers.ksg101.driver import USB_IDS as GAUGES
 from dehyst.drivers.mdt693b.settings import USB_IDS as AMPLIFIERS
@@ -52,3 +54,19 @@ def ask_port(
             device.close()
         return FoundUnit(kind, driver, path, device.spec)
     return None
+
+
+def measure_rate(unit: FoundUnit, axes: Sequence[str], gauges: Sequence[FoundUnit]) -> float:
+    """The highest loop rate [Hz] with these axes of an amplifier driven and a gauge for each read,
+    as measured just now. Raises DriverError."""
+    driver = load_actuator(unit.driver)
+    outputs = [driver.from_settings({"port": unit.port, "axis": axis}) for axis in axes]
+    try:
+        for output in outputs:
+            output.open()
+        pairs = zip(outputs, gauges, strict=True)
+        specs = [(output.spec, gauge.spec) for output, gauge in pairs]
+        return highest_rate_together(specs, joined(outputs))
+    finally:
+        for output in outputs:
+            output.close()

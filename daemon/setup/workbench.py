@@ -1,17 +1,20 @@
 """What every step of a set-up works with: its folder, its files, and playing a drive."""
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from dehyst.daemon.config import Config, load_config
+from dehyst.daemon.config import Config, load_config, load_controller
+from dehyst.daemon.files.axis_columns import to_columns
+from dehyst.daemon.files.outputs import file_of_axis
 from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.setup.journal import Journal
 from dehyst.daemon.setup.questions import Questions, Wishes
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.daemon.tools.acquire import acquire
+from dehyst.daemon.tools.acquire_axes import play_axes
 from dehyst.drivers.interface import DeviceSpec
 from dehyst.drivers.registry import load_actuator
 from dehyst.models.errors import NotNow
@@ -45,9 +48,31 @@ class Workbench:
         """The identified model."""
         return self.folder / MODEL
 
+    def model_path_of(self, axis: str) -> Path:
+        """The identified model of one of several axes."""
+        return self.in_folder(MODEL, axis)
+
+    def in_folder(self, name: str, axis: str) -> Path:
+        """The file of one of several axes by this name."""
+        return file_of_axis(self.folder / name, axis)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The names of the axes where there are several; none: there is one, without a name."""
+        if self.has_own_config():
+            names = load_controller(self.config_path).axis_names
+            return names if len(names) > 1 else ()
+        if self.wishes.axes or self.wishes.axis or not self.journal.done("units"):
+            return self.wishes.axes
+        return tuple(self.journal.result("units").get("axes", ()))
+
     def config(self) -> Config:
         """As it stands in the file now."""
         return load_config(self.config_path)
+
+    def configs(self) -> dict[str, Config]:
+        """Of each of several axes, by its name."""
+        return {config.axis: config for config in load_controller(self.config_path).axes}
 
     def has_own_config(self) -> bool:
         """Is the configuration one that the user wrote?"""
@@ -67,10 +92,11 @@ class Workbench:
         names = (self.folder / f"{stem}-{i}{suffix}" for i in range(1, 10_000))
         return next(path for path in names if not path.exists())
 
-    def recording(self, step: str) -> Recording:
-        """What a step recorded."""
-        path = self.folder / str(self.journal.result(step)["recording"])
-        return read_recording(path, need_displacement=True)
+    def recording(self, step: str, axis: str = "") -> Recording:
+        """What a step recorded, of several axes that of this one."""
+        result = self.journal.result(step)
+        kept = result["axes"][axis] if axis else result
+        return read_recording(self.folder / str(kept["recording"]), need_displacement=True)
 
     def output_now(self, config: Config) -> tuple[float, DeviceSpec]:
         """Where the output stands as far as the unit tells, and what it can do. Moves nothing."""
@@ -95,6 +121,25 @@ class Workbench:
             )
         return found
 
+    def play_axes(
+        self, t_s: Floats, volts_at: Floats, exercise_s: float, text: str
+    ) -> dict[str, Recording]:
+        """As `play`, of volts (N, axes) at the loop's rate: the recording of each axis."""
+        configs = list(self.configs().values())
+        with interruptible() as stop, progress_bar(text) as progress:
+            found, ended = play_axes(configs, t_s, volts_at, "v", exercise_s, progress, stop)
+        if ended:
+            paths = self.keep_axes(found, "unfinished").values()
+            raise NotNow(
+                f"{ended}; what was recorded before is in {', '.join(map(str, paths))}. The same "
+                "command repeats it"
+            )
+        return found
+
+    def keep_axes(self, recordings: Mapping[str, Recording], stem: str) -> dict[str, Path]:
+        """As `keep`, of each axis."""
+        return {axis: self.keep(one, f"{stem}-{axis}") for axis, one in recordings.items()}
+
     def keep(self, recording: Recording, stem: str) -> Path:
         """Write a recording under a name that is not taken; the path."""
         path = self._free(stem, ".csv")
@@ -103,6 +148,7 @@ class Workbench:
             recording.drive_column: recording.drive,
             recording.displacement_column: recording.displacement,
         }
+        columns |= to_columns(recording.channels, recording.displacement_unit, recording.drive_unit)
         write_recording(path, recording.t_s, columns, {"source": "dehyst setup"})
         return path
 

@@ -20,28 +20,26 @@ no two stay in step."""
 
 def plan_axes(configs: Sequence[Config], t_s: Floats, drive: Floats) -> tuple[Floats, Floats]:
     """(N,) times and (N, axes) actuator volts: every axis goes through the drive alone, then all
-    together. An axis that waits stands at the drive's first value. Raises BadRecording where an
-    axis' limits forbid it."""
+    together. drive: (M,), or (M, axes) with one for each. An axis that waits stands at its drive's
+    first value. Raises BadRecording where an axis' limits forbid it."""
+    drives = np.repeat(drive[:, None], len(configs), axis=1) if drive.ndim == 1 else drive
     period_s = 1.0 / configs[0].loop.rate_hz
     paces = [PACES[k % len(PACES)] ** (1 + k // len(PACES)) for k in range(len(configs))]
     length_s = float(t_s[-1] - t_s[0])
     home_s = 0.0  # from the drive's end back to its begin
-    for config in configs:
-        volts = drive * config.actuator.gain
+    for config, own in zip(configs, drives.T, strict=True):
+        volts = own * config.actuator.gain
         check_drive(config, t_s, volts)
         home_s = max(home_s, abs(volts[-1] - volts[0]) / config.safe.ramp_v_per_s)
     once = np.arange(0.0, length_s + home_s + period_s, period_s)
-    alone = _runs(t_s, drive, once, 1.0, home_s)
     whole = np.arange(0.0, length_s / min(paces) + home_s + period_s, period_s)
     n, axes = once.size, len(configs)
-    out = np.full((n * axes + whole.size, axes), float(drive[0]))
-    for k, config in enumerate(configs):
-        out[k * n : (k + 1) * n, k] = alone
-        out[n * axes :, k] = _runs(t_s, drive, whole, paces[k], home_s)
+    out = np.repeat(drives[:1], n * axes + whole.size, axis=0)
+    for k, (config, own) in enumerate(zip(configs, drives.T, strict=True)):
+        out[k * n : (k + 1) * n, k] = _runs(t_s, own, once, 1.0, home_s)
+        out[n * axes :, k] = _runs(t_s, own, whole, paces[k], home_s)
         out[:, k] *= config.actuator.gain
     times = np.arange(out.shape[0], dtype=np.float64) * period_s
-    for k, config in enumerate(configs):
-        check_drive(config, times, out[:, k])
     return times, out
 
 
@@ -63,8 +61,24 @@ def acquire_axes(
     """The recording of each axis by its name, and the reason where it ended early; see `plan_axes`
     and `acquire`, whose errors it raises."""
     times, volts_at = plan_axes(configs, t_s, drive)
+    return play_axes(configs, times, volts_at, unit, exercise_s, progress, stop)
+
+
+def play_axes(
+    configs: Sequence[Config],
+    t_s: Floats,
+    volts_at: Floats,
+    unit: str = "v",
+    exercise_s: float = EXERCISE_S,
+    progress: Callable[[float], None] | None = None,
+    stop: Callable[[], str] = str,
+) -> tuple[dict[str, Recording], str]:
+    """As `acquire_axes`, of volts_at (N, axes) [actuator volts] at the loop's rate from t_s[0] on.
+    Raises BadRecording, too, where an axis' limits forbid it."""
+    for k, config in enumerate(configs):
+        check_drive(config, t_s, volts_at[:, k])
     period_s = 1.0 / configs[0].loop.rate_hz
-    loops = [exercise(times, volts_at[:, k], exercise_s, period_s) for k in range(len(configs))]
+    loops = [exercise(t_s, volts_at[:, k], exercise_s, period_s) for k in range(len(configs))]
     longest = max(one.size for one in loops)
     padded = [np.append(one, np.full(longest - one.size, one[-1:])) for one in loops]
     rows, ended = play_and_record(configs, volts_at, np.stack(padded, axis=1), progress, stop)

@@ -147,6 +147,25 @@ def test_they_start_on_the_same_sample_however_far_each_comes(
     assert len(begun) == 1
 
 
+def test_what_one_axis_refuses_moves_none(stage: AxesBench, kinds: Kinds) -> None:
+    """The gateway's own word, whatever the client has checked: x, whose points are good, stays."""
+    group = stage.group("xy")
+    group.acquire()
+    names, offsets = ["stage-1-x", "stage-1-y"], np.array([0, 5_000_000])
+    before = stage.loops["x"].seq
+    assert group["x"].chunk(31, 0, offsets, np.array([6.0, 6.1]), True, False, None, names).ok
+    with pytest.raises(Refusal, match=r"900.* um cannot be reached.*no axis has begun"):
+        group["y"].chunk(31, 0, offsets, np.array([900.0, 900.1]), True, False, None, names)
+    with pytest.raises(Refusal, match=r"stage-1-y: 900.* um cannot be reached.*no axis has begun"):
+        group["x"].chunk(31, 0, offsets, np.array([6.0, 6.1]), True, False, None, names)
+    wait_until("a few samples", lambda: stage.loops["x"].seq > before + 40)
+    volts = group["x"].history(0.2)["volts"]
+    assert np.ptp(volts) == 0.0
+    assert kinds("x", Command.POINT) == kinds("y", Command.POINT) == 0
+    played = group.play([0.0, 0.1], {"x": [4.0, 4.1], "y": [4.0, 4.1]})  # and the next one begins
+    assert all(one.completed for one in played.values())
+
+
 def test_where_one_starves_all_stand_still_together(stage: AxesBench, kinds: Kinds) -> None:
     """The chunks of y come late: x stops, waits and goes on with it, without a jump."""
     group = stage.group("xy")

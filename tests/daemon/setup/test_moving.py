@@ -9,8 +9,9 @@ from rich.console import Console
 
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.setup import moving
+from dehyst.daemon.setup.comparison import SinePlan, judged
 from dehyst.daemon.setup.journal import Journal
-from dehyst.daemon.setup.moving import SinePlan, check_gauge_follows, judged
+from dehyst.daemon.setup.moving import check_gauge_follows
 from dehyst.daemon.setup.questions import Questions, Wishes
 from dehyst.daemon.setup.steps import ask_limits, find_units, write_configuration
 from dehyst.daemon.setup.workbench import Workbench
@@ -85,7 +86,7 @@ def test_the_drive_stays_within_limits_and_slew(tmp_path: Path, seed: int, slew:
     bench = workbench(tmp_path, seconds=60.0 if slew < 1000 else 10.0)
     text = CONFIG.format(actuator="a", sensor="a").replace("2000.0", f"{slew}")
     bench.config_path.write_text(text.replace("ramp_v_per_s = 500.0", "ramp_v_per_s = 50.0"))
-    drive = moving.drive_for(bench, seed)
+    drive = moving.drive_for(bench.config(), bench.wishes, seed)
     assert drive.u.min() >= 10.0
     assert drive.u.max() <= 110.0
     assert np.abs(np.diff(drive.u) * 100.0).max() <= slew

@@ -44,4 +44,28 @@ CHANGES = [
             "a step moves the stage before anybody has agreed",
         ),
     ),
+    *room(
+        ("tests/daemon/setup/test_axes.py",),
+        Change(
+            "gauge-of-another-axis",
+            "daemon/setup/moving_axes.py",
+            "        owners[axis] = max(moved, key=lambda name: moved[name])\n",
+            "        owners[axis] = axis\n",
+            "an axis is driven through its whole range by the gauge of another one",
+        ),
+        Change(
+            "one-gauge-for-two",
+            "daemon/setup/moving_axes.py",
+            "    if twice:\n",
+            "    if False:\n",
+            "two axes that move the same gauge are taken for a stage with a gauge for each",
+        ),
+        Change(
+            "small-loops-of-all",
+            "daemon/setup/moving_axes.py",
+            "        volts[rows[k], k] = blocks[k]\n",
+            "        volts[:, k] = np.resize(blocks[k], volts.shape[0])\n",
+            "all axes move at once while it is to be seen which gauge is whose",
+        ),
+    ),
 ]

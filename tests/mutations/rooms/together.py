@@ -3,6 +3,7 @@
 from tests.mutations.change import Change, room
 
 TOGETHER, GATE = "daemon/gateway/together.py", "daemon/gateway/admission.py"
+START = "daemon/gateway/group_start.py"
 INTAKE, SAFE = "daemon/gateway/command_intake.py", "daemon/service/safe_state.py"
 HEARTBEAT, SECURITY = "daemon/service/heartbeat.py", "daemon/bus/security.py"
 LEARNING, JOINED = "daemon/client/learning.py", "daemon/files/joined.py"
@@ -35,6 +36,30 @@ CHANGES = [
         Change(
             "group-forgotten", GATE, "        if len(command.axes) > 1:\n", "        if False:\n",
             "axes that play a trajectory together run apart",
+        ),
+    ),
+    *room(
+        ("tests/daemon/gateway/test_group_start.py",),
+        Change(
+            "first-axis-sets-out", START,
+            "if any(n not in start.chunks and not gates[n][0].plays(chunk) for n in chunk.axes):",
+            "if False:",
+            "an axis moves to its first point though another one will not play",
+        ),
+        Change(
+            "not-checked-again", START,
+            "start.chunks.items():\n            gate, room = gates[name]\n            try:\n",
+            "().__iter__():\n            gate, room = gates[name]\n            try:\n",
+            "some axes begin though another has faulted since its first points came",
+        ),
+        Change(
+            "starts-behind-a-stop", START,
+            "if of_axis.size and name in start.chunks:", "if False:",
+            "a trajectory begins behind a stop",
+        ),
+        Change(
+            "waits-for-the-others-for-ever", START, "now_ns - start.since_ns > WAIT_NS", "False",
+            "a trajectory begins long after it was sent, when somebody has forgotten it",
         ),
     ),
     *room(

@@ -135,6 +135,12 @@ class Listener(threading.Thread):
 class Rig:
     """Everything, running. `since` marks the beginning of a fault (see `mark`)."""
 
+    name = "chaos"
+    commanded: tuple[str, ...] = (name,)
+    axes = ""
+    lasts_s = 30.0  # a trajectory of the mover
+    bench_options: tuple[str, ...] = ()
+
     def __init__(self, folder: Path, model: Path, on_fault: str = "ramp") -> None:
         self.folder, self.log = folder, folder / "output.npz"
         self.clock_file = folder / "clock"
@@ -158,14 +164,21 @@ class Rig:
         self.model = folder / "model.toml"
         self.model.write_text(Path(model).read_text())
         self.config = folder / "config.toml"
-        self.config.write_text(
-            CONFIG.format(
-                run=folder / "run", model=self.model, rate=RATE_HZ, max_v=MAX_V, slew=SLEW,
-                safe_v=SAFE_V, ramp=RAMP, hold_s=HOLD_S, on_fault=on_fault, listen=self.address,
-                **self.ports,
-            )
-        )  # fmt: skip
+        self.config.write_text(self.configured(on_fault))
         self.since_ns = self.fault_ns = 0
+
+    def configured(self, on_fault: str) -> str:
+        """Text of the configuration."""
+        return CONFIG.format(
+            run=self.folder / "run", model=self.model, rate=RATE_HZ, max_v=MAX_V, slew=SLEW,
+            safe_v=SAFE_V, ramp=RAMP, hold_s=HOLD_S, on_fault=on_fault, listen=self.address,
+            **self.ports,
+        )  # fmt: skip
+
+    @property
+    def kept(self) -> Path:
+        """Where the watch keeps its recordings."""
+        return self.folder / "run" / "mismatch"
 
     # -- processes ------------------------------------------------------------------------------
 
@@ -193,8 +206,9 @@ class Rig:
 
     def _bench(self) -> dict[str, str]:
         self.bench = self.start(
-            "emulate", "--dir", str(self.folder / "bench"), "--log", str(self.log), name="bench"
-        )
+            "emulate", "--dir", str(self.folder / "bench"), "--log", str(self.log),
+            *self.bench_options, name="bench",
+        )  # fmt: skip
         as_hardware(self.bench)
         line = until(lambda: self.words("bench").strip(), 60.0, "the bench")
         ports: dict[str, str] = json.loads(line.splitlines()[-1])
@@ -209,18 +223,20 @@ class Rig:
         self.start_mover()
         self.until_running(300.0)  # the kernels may have to be compiled first
 
-    def _connect(self) -> Client | None:
+    def _connect(self, name: str = "") -> Client | None:
         if self.daemon.poll() is not None:
             raise AssertionError(f"dehyst run ended: {self.words('run')}")
         try:
-            return Client("chaos", self.address)
+            return Client(name or self.name, self.address)
         except DehystError:
             return None
 
     def start_mover(self) -> None:
         """Start the client that commands."""
         script = str(ROOT / "tests" / "rigs" / "chaos" / "mover.py")
-        self.mover = self._start([sys.executable, script, self.address], "mover")
+        self.mover = self._start(
+            [sys.executable, script, self.address, self.name, str(self.lasts_s)], "mover"
+        )
 
     def pid(self, name: str) -> int:
         """Process number of core, gateway or client."""
@@ -268,6 +284,9 @@ class Rig:
         ]
         return np.concatenate(batches) if batches else np.zeros(0)
 
+    def judge(self, fault: Callable[..., str]) -> None:
+        """What must hold beside that of the amplifier's channel after this fault."""
+
     def flags(self) -> int:
         """All flags since the mark."""
         samples = self.samples()
@@ -282,6 +301,14 @@ class Rig:
         """Texts of the events since the mark."""
         assert self.listener is not None
         events = list(self.listener.events)
+        return "\n".join(e.text for e in events if e.time_ns >= self.since_ns)
+
+    def known_events(self) -> str:
+        """Texts of the events since the mark that the gateway knows, "" where none answers."""
+        try:
+            events = self.client.events()
+        except DehystError:
+            return ""
         return "\n".join(e.text for e in events if e.time_ns >= self.since_ns)
 
     def refusals(self) -> set[str]:
@@ -300,8 +327,20 @@ class Rig:
         return float("nan") if last is None else float(last["target"])
 
     def until_event(self, text: str, seconds: float = 20.0) -> None:
-        """Wait until an event with this text was heard."""
-        until(lambda: text in self.events(), seconds, f"event {text!r}; heard: {self.events()!r}")
+        """Wait until an event with this text was heard, or the gateway knows of it: what is told
+        while a link is made anew is not heard."""
+        asked_s = time.monotonic()
+
+        def told() -> bool:
+            nonlocal asked_s
+            if text in self.events():
+                return True
+            if time.monotonic() - asked_s < 2.0:
+                return False
+            asked_s = time.monotonic()
+            return text in self.known_events()
+
+        until(told, seconds, f"event {text!r}; heard: {self.events()!r}")
 
     def until_state(self, state: State, seconds: float = 20.0) -> None:
         """Wait until the loop was in a state since the mark."""

@@ -1,0 +1,119 @@
+"""The start of a trajectory that several axes play: on all of them, or on none.
+
+The first chunks come axis by axis. Each is checked as it comes and then kept; nothing of them
+reaches a loop until those of all axes are here and have been checked once more, together. Where one
+is refused, does not come in time, or another command comes before, all are dropped, and who sends
+more of that trajectory is told why. Pure, as dehyst.daemon.gateway.admission, whose gates it asks:
+times come in, records go out.
+"""
+
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from numpy.typing import NDArray
+
+from dehyst.daemon.bus.messages import Chunk, Reply
+from dehyst.daemon.gateway.admission import Admission, NotAdmitted
+
+WAIT_NS = 2_000_000_000
+"""How long the first chunk of an axis waits for those of the others: a client sends them one behind
+the other."""
+MOST_STARTS = 16
+"""As many trajectories are remembered; nothing of an older one has begun."""
+Records = NDArray[Any]
+Gates = Mapping[str, tuple[Admission, int]]
+
+
+@dataclass
+class _Start:
+    """One trajectory. since_ns: when its first chunk came; why: it was dropped."""
+
+    since_ns: int
+    chunks: dict[str, Chunk] = field(default_factory=dict)
+    why: str = ""
+
+
+class GroupStarts:
+    """The trajectories of several axes that are about to begin."""
+
+    def __init__(self) -> None:
+        self._starts: OrderedDict[tuple[int, int], _Start] = OrderedDict()
+
+    def handle(
+        self, now_ns: int, chunk: Chunk, gates: Gates, asked: str
+    ) -> tuple[Reply, dict[str, Records]]:
+        """(answer, COMMAND records by axis). gates: by the axes' names, with the room in each ring;
+        asked: the axis whose key the chunk came to."""
+        gate, room = gates[asked]
+        if gate.plays(chunk):
+            reply, of_axis = gate.handle(now_ns, chunk, room)
+            return reply, {asked: of_axis}
+        try:
+            return self._begin(now_ns, chunk, gates, asked)
+        except NotAdmitted as no:
+            return gate.refuse(now_ns, no.code, str(no)), {}
+
+    def withdraw(self, records: Mapping[str, Records]) -> None:
+        """What else goes to a loop, a stop above all, ends every start that waits at its axis."""
+        for name, of_axis in records.items():
+            for start in self._starts.values():
+                if of_axis.size and name in start.chunks:
+                    self._drop(start, f"{name}: another command came before it had begun")
+
+    def _begin(
+        self, now_ns: int, chunk: Chunk, gates: Gates, asked: str
+    ) -> tuple[Reply, dict[str, Records]]:
+        gate, room = gates[asked]
+        start = self._start_of(now_ns, chunk)
+        if not start.why and now_ns - start.since_ns > WAIT_NS:
+            late = [n for n in chunk.axes if n not in start.chunks and not gates[n][0].plays(chunk)]
+            seconds = 1e-9 * WAIT_NS
+            start.why = f"the first points of {', '.join(late)} did not come within {seconds:g} s"
+        if start.why:
+            raise NotAdmitted("over", f"{start.why}; no axis has begun")
+        if chunk.index > 0 and asked in start.chunks:
+            raise NotAdmitted("queue-full", "the other axes have not begun yet; send this later")
+        try:
+            gate.check_first(now_ns, chunk, room)
+        except NotAdmitted as no:
+            self._drop(start, f"{asked}: {no}")
+            raise NotAdmitted(no.code, f"{no}; no axis has begun") from None
+        gate.lease.heard(now_ns, chunk.sent_ns)
+        start.chunks[asked] = chunk
+        if any(n not in start.chunks and not gates[n][0].plays(chunk) for n in chunk.axes):
+            return gate.granted(now_ns, chunk), {}
+        return self._pass_on(now_ns, start, gates, asked)
+
+    def _pass_on(
+        self, now_ns: int, start: _Start, gates: Gates, asked: str
+    ) -> tuple[Reply, dict[str, Records]]:
+        """All are here: once more, could all begin now? Then they do."""
+        for name, chunk in start.chunks.items():
+            gate, room = gates[name]
+            try:
+                gate.check_first(now_ns, chunk, room)
+            except NotAdmitted as no:
+                self._drop(start, f"{name}: {no}")
+                raise NotAdmitted(no.code, f"{start.why}; no axis has begun") from None
+        replies, records = {}, {}
+        for name, chunk in start.chunks.items():
+            gate, room = gates[name]
+            replies[name], records[name] = gate.handle(now_ns, chunk, room)
+        self._starts = OrderedDict((k, v) for k, v in self._starts.items() if v is not start)
+        self.withdraw(records)
+        return replies[asked], records
+
+    def _start_of(self, now_ns: int, chunk: Chunk) -> _Start:
+        key = (chunk.client, chunk.trajectory)
+        if key not in self._starts:
+            self._starts[key] = _Start(now_ns)
+            while len(self._starts) > MOST_STARTS:
+                self._starts.popitem(last=False)
+        return self._starts[key]
+
+    @staticmethod
+    def _drop(start: _Start, why: str) -> None:
+        start.why = why
+        start.chunks.clear()

@@ -1,0 +1,197 @@
+"""The steps of a set-up of several axes: those of steps.py, by the same names, for all axes.
+
+One configuration with [axis.x], [axis.y], ...; a model, a report, a validation and a comparison for
+each axis. A step's result has `axes`, with what came of each.
+"""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+
+from dehyst.daemon.api.functions import identify, validate
+from dehyst.daemon.loop.checks import check_unopened
+from dehyst.daemon.setup import moving_axes
+from dehyst.daemon.setup.steps import (
+    FRESH,
+    NAME,
+    UNITS_HEED,
+    Result,
+    Step,
+    ask_limits,
+    chosen_rate,
+    find_units,
+    rate_found,
+    replace_configuration,
+)
+from dehyst.daemon.setup.workbench import CONFIG, Workbench
+from dehyst.daemon.tools.config_text import limits_within, write_commented
+from dehyst.models.errors import BadInput
+
+
+def together(axes: Mapping[str, Result], more: str = "") -> Result:
+    """The result of a step that did something with each axis."""
+    lines = [f"{axis}: {one['words']}" for axis, one in axes.items()]
+    return {"words": "\n   ".join([*lines, more] if more else lines), "axes": dict(axes)}
+
+
+def ask_limits_of_all(bench: Workbench) -> Result:
+    """As for one axis, the same for all; as they stand where the configuration is the user's."""
+    if not bench.has_own_config():
+        return ask_limits(bench)
+    return together(
+        {
+            axis: {"words": f"{moving_axes.range_of(one)}, {one.limits.slew_v_per_s:g} V/s"}
+            for axis, one in bench.configs().items()
+        },
+        f"as in {CONFIG}",
+    )
+
+
+def write_configuration(bench: Workbench) -> Result:
+    """The rate that the units sustain with all axes driven, and the file with comments."""
+    if bench.has_own_config():
+        configs = bench.configs()
+        for axis, config in configs.items():
+            try:
+                check_unopened(config)
+            except BadInput as error:
+                raise BadInput(f"axis {axis}: {error}") from None
+        rate_hz = next(iter(configs.values())).loop.rate_hz
+        return {"words": f"{CONFIG} as it stands", "rate_hz": rate_hz}
+    rate_hz = chosen_rate(bench)
+    replace_configuration(bench, _text_of(bench, rate_hz))
+    for config in bench.configs().values():
+        check_unopened(config)
+    return rate_found(bench, rate_hz)
+
+
+def _text_of(bench: Workbench, rate_hz: float) -> str:
+    units, limits = bench.journal.result("units"), bench.journal.result("limits")
+    actuator = units["actuator"]
+    text = write_commented(
+        {
+            "": {"name": bench.wishes.name or NAME},
+            "loop": {"rate_hz": rate_hz},
+            "actuator": {"driver": actuator["driver"], "settings": {"port": actuator["port"]}},
+            **limits_within(limits["min_v"], limits["max_v"], limits["slew_v_per_s"]),
+        }
+    )
+    text += "\n# The axes: what stands above is for all of them, unless an axis says otherwise.\n"
+    for axis, gauge in units["sensors"].items():
+        text += (
+            f'\n[axis.{axis}.model]\nfile = "{bench.model_path_of(axis).name}"\n'
+            f'[axis.{axis}.actuator.settings]\naxis = "{axis}"\n'
+            f'[axis.{axis}.sensor]\ndriver = "{gauge["driver"]}"\n'
+            f'[axis.{axis}.sensor.settings]\nport = "{gauge["port"]}"\n'
+        )
+    return text
+
+
+def exercise_gently(bench: Workbench) -> Result:
+    """Small loops of one axis after the other: whose gauge is which? Then all of them, fully."""
+    owners = moving_axes.find_owners(bench)
+    wrong = [axis for axis, owner in owners.items() if axis != owner]
+    words = ", ".join(f"{axis} moves the one of {owners[axis]}" for axis in wrong)
+    if wrong and bench.has_own_config():
+        raise BadInput(
+            f"{CONFIG} has the gauge readers in another order: {words}; exchange their sections "
+            "[axis.NAME.sensor], and give this command again"
+        )
+    if wrong:
+        units, options = bench.journal.result("units"), bench.journal.options("units")
+        units["sensors"] = {axis: units["sensors"][owner] for axis, owner in owners.items()}
+        bench.journal.keep("units", options, units)
+        bench.say(f"   the gauge readers stand in another order: {words}")
+        write_configuration(bench)
+    return together(moving_axes.exercise_fully(bench), "each gauge follows its axis")
+
+
+def identify_models(bench: Workbench) -> Result:
+    """A model of each axis, with what the others bring to it, and its report."""
+    axes = {}
+    for axis, config in bench.configs().items():
+        found = identify(bench.recording("record", axis))
+        path = bench.model_path_of(axis)
+        found.save(path)
+        found.report(bench.in_folder("report.html", axis), path.name)
+        share = (found.rms or 0.0) / found.figures.stroke
+        follows = [block.channel for block in found.model.blocks if block.channel]
+        words = f"{path.name}: {share:.2%} of the stroke left"
+        words += f", follows {', '.join(follows)}" if follows else ""
+        if Path(config.model.file).name != path.name:
+            bench.say(f"   {CONFIG} has {config.model.file} for axis {axis}: put {path.name} there")
+        axes[axis] = {"words": words, "rms": found.rms, "noise_rms": found.noise_rms}
+    return together(axes, "report-NAME.html")
+
+
+def validate_models(bench: Workbench) -> Result:
+    """How well each foretells a recording with another drive, all axes together."""
+    fresh = moving_axes.record_fresh(bench, FRESH)
+    axes = {}
+    for axis, kept in fresh.items():
+        bench.say(f"   {axis}: {kept['words']}")
+        found = validate(bench.model_path_of(axis), bench.folder / kept["recording"])
+        found.report(bench.in_folder("validation.html", axis))
+        one = found.results[0]
+        words = f"foretold to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
+        if one.worse:
+            words += ", worse than the model claims: `dehyst diagnose` says what it lacks"
+        axes[axis] = kept | {
+            "words": words,
+            "rms": one.rms,
+            "share_of_span": one.share,
+            "worse_than_claimed": one.worse,
+        }
+    return together(axes, "validation-NAME.html")
+
+
+def offer_service(bench: Workbench) -> Result:
+    """What to type next; nothing is installed."""
+    models = " ".join(str(bench.model_path_of(axis)) for axis in bench.axes)
+    for line in (
+        f"dehyst run --config {bench.config_path}     # in a terminal; `dehyst watch` in another",
+        f"dehyst scan raster --size 2 2 --config {bench.config_path} -o raster.csv",
+        "dehyst play raster.csv",
+        'as a service, as root, from a clone (README, "Run it as a service"):',
+        f"  install -D -m 0640 {bench.config_path} {models} -t /etc/dehyst",
+        "  cp systemd/*.service /etc/systemd/system/ && systemctl daemon-reload",
+        "  systemctl enable --now dehyst.service",
+    ):
+        bench.say(f"   {line}")
+    return {"words": "ready to run"}
+
+
+AXES_STEPS = (
+    Step("units", "find the units", find_units, UNITS_HEED),
+    Step("limits", "limits of the axes", ask_limits_of_all, ("range_v", "slew_v_per_s")),
+    Step(
+        "configuration",
+        "measure the rate, write the configuration",
+        write_configuration,
+        ("name", "rate_hz"),
+    ),
+    Step("exercise", "exercise gently", exercise_gently, (), moving_axes.describe_gentle),
+    Step(
+        "record",
+        "excite and record",
+        lambda bench: together(moving_axes.record_axes(bench)),
+        ("band_hz", "seconds"),
+        moving_axes.describe_record,
+    ),
+    Step("identify", "identify a model of each axis", identify_models),
+    Step(
+        "validate",
+        "validate them on fresh drives",
+        validate_models,
+        (),
+        partial(moving_axes.describe_fresh, seed=FRESH),
+    ),
+    Step(
+        "track",
+        "follow sines without and with the models",
+        lambda bench: together(moving_axes.track_sines(bench)),
+        (),
+        moving_axes.describe_sines,
+    ),
+    Step("service", "run it", offer_service),
+)
