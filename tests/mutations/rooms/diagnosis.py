@@ -40,8 +40,8 @@ CHANGES = [
         Change(
             "base-for-granted",
             INTERVALS,
-            "np.concatenate([base, jac, extra], axis=1)",
-            "np.concatenate([0.0 * base, jac, extra], axis=1)",
+            "np.concatenate([base, problem.counted(jac), extra], axis=1)",
+            "np.concatenate([0.0 * base, problem.counted(jac), extra], axis=1)",
             "intervals as though the base were known",
         ),
     ),
