@@ -81,7 +81,7 @@ def examine(folder: Path) -> Examined:
             "follows it within its limit, and `dehyst zero` sets it.",
             unit=model.displacement_unit,
         )
-    found = Diagnosed(diagnosis.diagnose([flagged], model), (flagged,))
+    found = Diagnosed(diagnosis.diagnose([flagged], model, with_limits=False), (flagged,))
     found.save(folder / cases.FOUND)
     return _conclude(folder, case, model, found, _gather(folder, case, model, flagged, good))
 

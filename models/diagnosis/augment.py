@@ -14,7 +14,8 @@ from scipy.optimize import nnls
 
 from dehyst.models.cascade.simulate import channels_of, simulate
 from dehyst.models.diagnosis.effects import behind_output
-from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance
 from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays

@@ -67,16 +67,17 @@ class Base:
         """Drive in -1..1 over the recorded range."""
         return (v - (self.low + 0.5 * self.span)) * (2.0 / self.span)
 
-    def columns(self, v: Floats, starts: Ints) -> Floats:
-        """(N, width) columns for a drive v (N,)."""
+    def columns(self, v: Floats, starts: Ints, rows: Ints | None = None) -> Floats:
+        """(N, width) columns for a drive v (N,), or those of its rows."""
+        rows = np.arange(v.size) if rows is None else rows
         if self.width == 0:
-            return np.zeros((v.size, 0))
+            return np.zeros((rows.size, 0))
         x = self.scaled(v)
         # plays start at the drive's low end, where a de-energised stage stands
         h = plays(2.0 * self.thresholds, x + 1.0, starts) - 1.0
         z = dahl(2.0 * self.lengths, x, starts)
-        out = np.empty((v.size, self._all))
-        _fill(out, x, h, z)
+        out = np.empty((rows.size, self._all))
+        _fill(out, x, h, z, rows)
         return out if self.width == self._all else np.ascontiguousarray(out[:, self.keep])
 
     def combine(self, v: Floats, starts: Ints, weights: Floats) -> Floats:
@@ -124,15 +125,19 @@ class NumbersBase(Base):
         """(width,) ridge of the columns."""
         return np.full(self.width, 1e-9)
 
-    def columns(self, v: Floats, starts: Ints) -> Floats:
-        """(N, width) columns for a drive v (N,)."""
+    def columns(self, v: Floats, starts: Ints, rows: Ints | None = None) -> Floats:
+        """(N, width) columns for a drive v (N,), or those of its rows."""
         one = self.hysteresis
-        h = plays(one.r, v - one.u_offset, starts)
+        h = plays(one.r, v - one.u_offset, starts)[slice(None) if rows is None else rows]
         z = h @ one.b
         slope = sum(p * c * z ** (p - 1) for p, c in enumerate(one.c.tolist()) if p)
         size = max(float(np.abs(z).max()), 1e-300)
         bent = [(z / size) ** p for p in range(2, POWERS_OF_Z + 1)]
         return np.column_stack([h * np.reshape(slope, (-1, 1)), *bent])
+
+    def combine(self, v: Floats, starts: Ints, weights: Floats) -> Floats:
+        """columns(v) @ weights (N,)."""
+        return self.columns(v, starts) @ weights
 
 
 def numbers_base(data: Data, hysteresis: Hysteresis) -> Base:
@@ -160,27 +165,28 @@ NO_LEANING = Leaning(np.zeros((0, 0)), np.zeros(0))
 
 
 @njit(cache=True, nogil=True)
-def _fill(out: Floats, x: Floats, h: Floats, z: Floats) -> None:
+def _fill(out: Floats, x: Floats, h: Floats, z: Floats, rows: Ints) -> None:
     n, m = h.shape[1], z.shape[1]
-    for t in range(x.size):
+    for at in range(rows.size):
+        t = rows[at]
         xt = x[t]
         for i in range(n):
             a = h[t, i]
-            out[t, i] = a
-            out[t, n + i] = a * a
-            out[t, 2 * n + i] = a * a * a
-            out[t, 3 * n + i] = a * a * a * a
-            out[t, 4 * n + i] = a * a * a * a * a
+            out[at, i] = a
+            out[at, n + i] = a * a
+            out[at, 2 * n + i] = a * a * a
+            out[at, 3 * n + i] = a * a * a * a
+            out[at, 4 * n + i] = a * a * a * a * a
         k = 5 * n
         for j in range(m):
             a = z[t, j]
-            out[t, k + j] = a
-            out[t, k + m + j] = a * xt
-            out[t, k + 2 * m + j] = a * a
-            out[t, k + 3 * m + j] = a * xt * xt
-            out[t, k + 4 * m + j] = a * a * a
-        out[t, k + 5 * m] = xt**4
-        out[t, k + 5 * m + 1] = xt**5
+            out[at, k + j] = a
+            out[at, k + m + j] = a * xt
+            out[at, k + 2 * m + j] = a * a
+            out[at, k + 3 * m + j] = a * xt * xt
+            out[at, k + 4 * m + j] = a * a * a
+        out[at, k + 5 * m] = xt**4
+        out[at, k + 5 * m + 1] = xt**5
 
 
 @njit(cache=True, nogil=True)

@@ -1,9 +1,12 @@
 """What a drive makes of the base and of the model in use. For a drive that no effect has changed it
 is the same in every fit, whatever the reading and the rows that count, and kept."""
 
+from collections.abc import Sequence
+
 from dehyst.models.diagnosis.base import Base
+from dehyst.models.diagnosis.effects import Effect, behind_output
 from dehyst.models.diagnosis.subject import Subject
-from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.joined import Data, Floats, Ints
 
 
 class Columns:
@@ -13,21 +16,30 @@ class Columns:
         self._base, self._subject = base, subject
         self._kept: dict[str, Floats] = {}
 
-    def of_base(self, data: Data, v: Floats, unchanged: bool) -> Floats:
-        """(N, width) the base's columns behind the model's blocks. unchanged: no effect has changed
-        the drive v (N,). Not to be written to."""
-        if unchanged and "base" in self._kept:
-            return self._kept["base"]
-        columns = self._subject.passed(data, self._base.columns(v, data.forgets))
-        if unchanged:
-            self._kept["base"] = columns
-        return columns
+    def of_base(self, data: Data, v: Floats, rows: Ints, effects: Sequence[Effect]) -> Floats:
+        """(rows, width) the base's columns behind the model's blocks and the effects, for a drive
+        v (N,) that has passed the effects' drive parts; on some rows."""
+        modes = {e.candidate.mode for e in effects}
+        carried = self._subject.carries and bool(self._subject.linear_blocks)
+        if "output" not in modes and not carried:
+            return self._base.columns(v, data.forgets, rows)
+        columns = self._of_all_rows(data, v, "drive" not in modes)
+        return behind_output(data, effects, columns)[rows]
 
     def of_model(self, data: Data, v: Floats, unchanged: bool) -> Floats:
-        """(N,) the model's reading, the same way."""
+        """(N,) the model's reading for a drive v (N,). unchanged: no effect has changed it. Not to
+        be written to."""
         if unchanged and "model" in self._kept:
             return self._kept["model"]
         reading = self._subject.reading(data, v)
         if unchanged:
             self._kept["model"] = reading
         return reading
+
+    def _of_all_rows(self, data: Data, v: Floats, unchanged: bool) -> Floats:
+        if unchanged and "base" in self._kept:
+            return self._kept["base"]
+        columns = self._subject.passed(data, self._base.columns(v, data.forgets))
+        if unchanged:
+            self._kept["base"] = columns
+        return columns

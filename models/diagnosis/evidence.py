@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dehyst.models.diagnosis.effects import Effect
-from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.signals.joined import Floats, Ints
 
 
@@ -77,9 +78,8 @@ def constancy(problem: Problem, sigma: float, x: Floats, r: Floats) -> Constancy
 
 @dataclass(frozen=True)
 class HeldOut:
-    """prediction (N,): every sample by a fit without its group; sse: per group."""
+    """Of each group, foretold by a fit without it: sum of squares, and samples."""
 
-    prediction: Floats
     groups: Ints
     sse: Floats
     count: Floats
@@ -93,28 +93,23 @@ class HeldOut:
 def by_blocks(problem: Problem, fitted: JointFit) -> HeldOut:
     """Leave out one group of short time blocks at a time. What is in no group (below 0) is always
     fitted and never foretold."""
-    data, x, groups = problem.data, fitted.design, problem.data.fold
+    data, x = problem.data, fitted.design
+    groups, left = problem.counted(data.fold), problem.counted(data.y - fitted.fixed)
     ids = np.unique(groups[groups >= 0])
-    grams, moments, slices = [], [], []
-    for g in ids:
-        here = np.flatnonzero((groups == g) & data.rows)
-        slices.append(here)
-        xg = x[here]
-        grams.append(xg.T @ xg)
-        moments.append(xg.T @ (data.y[here] - fitted.fixed[here]))
-    always = (groups < 0) & data.rows
-    total = np.sum(grams, axis=0) + x[always].T @ x[always]
-    moment = np.sum(moments, axis=0) + x[always].T @ (data.y - fitted.fixed)[always]
+    slices = [np.flatnonzero(groups == g) for g in ids]
+    pieces = [x[here] for here in slices]
+    grams = [piece.T @ piece for piece in pieces]
+    moments = [piece.T @ left[here] for piece, here in zip(pieces, slices, strict=True)]
+    always = x[groups < 0]
+    total = np.sum(grams, axis=0) + always.T @ always
+    moment = np.sum(moments, axis=0) + always.T @ left[groups < 0]
     problem.leaning.add_to(total, moment, len(data.names))
     scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
     penalty = problem.penalty(scale.size)
-    prediction = np.array(fitted.prediction)
     sse, count = np.zeros(ids.size), np.zeros(ids.size)
-    for k, here in enumerate(slices):
+    for k, (piece, here) in enumerate(zip(pieces, slices, strict=True)):
         gram = (total - grams[k]) / np.outer(scale, scale) + np.diag(penalty)
         w = np.linalg.solve(gram, (moment - moments[k]) / scale) / scale
-        guess = fitted.fixed[here] + x[here] @ w
-        prediction[here] = guess
-        sse[k] = float(np.sum((data.y[here] - guess) ** 2))
+        sse[k] = float(np.sum((left[here] - piece @ w) ** 2))
         count[k] = here.size
-    return HeldOut(prediction, ids.astype(np.int64), sse, count)
+    return HeldOut(ids.astype(np.int64), sse, count)

@@ -11,7 +11,8 @@ from dehyst.models.diagnosis.base import compact_base, no_base, rich_base
 from dehyst.models.diagnosis.data.noise import noise_rms
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.findings.told import only_told, worth_telling
-from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState, excess
 from dehyst.models.diagnosis.search import search
 from dehyst.models.diagnosis.tuning import TUNING

@@ -9,11 +9,10 @@ derivative at fixed weights, projected off the columns).
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from dehyst.models.diagnosis.base import NO_LEANING, Base, Leaning
 from dehyst.models.diagnosis.columns import Columns
@@ -25,41 +24,23 @@ from dehyst.models.diagnosis.effects import (
     internal,
     moved,
 )
+from dehyst.models.diagnosis.joint_fit import JointFit, solve_ridged
 from dehyst.models.diagnosis.subject import NO_MODEL, Subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Context
-from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.joined import Data, Floats, Ints
 
-
-@dataclass(frozen=True)
-class JointFit:
-    """A joint fit. Arrays over all samples (N,); sums over the counted rows."""
-
-    effects: tuple[Effect, ...]
-    weights: Floats  # (width,) of the base's columns
-    offsets: Floats  # (recordings,)
-    amplitudes: tuple[Floats, ...]  # per effect, of its additive columns
-    prediction: Floats
-    sse: float
-    cov: Floats  # inverse of the normal matrix, times noise variance: covariance of all weights
-    design: Floats = field(repr=False)  # (N, columns): offsets, base, additive
-    fixed: Floats = field(repr=False)  # (N,): the model in use, behind the effects
-
-    def residual(self, data: Data) -> Floats:
-        """Measured minus predicted (N,)."""
-        return data.y - self.prediction
-
-    @property
-    def effect_names(self) -> tuple[str, ...]:
-        """Keys of the effects."""
-        return tuple(e.candidate.key for e in self.effects)
+Array = TypeVar("Array", Floats, Ints)
 
 
 @dataclass
 class Problem:
     """Data, base and model in use of one diagnosis, with what the fits share.
 
-    several: how independent fits are run: `map`, or an executor's for some at once.
+    several: how independent fits are run: `map`, or an executor's for some at once. around: a fit
+    of the same drive, about which the base is taken as it is there: effects act on what its weights
+    make, and pass by what is fitted beside it. With effects as small as the noise, what they would
+    make of that is of second order, and a fit need not build the base's columns anew.
     """
 
     data: Data
@@ -67,12 +48,12 @@ class Problem:
     subject: Subject = NO_MODEL
     several: Callable[..., Iterable[Any]] = map
     leaning: Leaning = NO_LEANING  # rows beside the recorded ones
+    around: JointFit | None = None
 
     def __post_init__(self) -> None:
         self._solutions: list[int] = []  # width of each; appending is safe where fits run at once
         self._columns = Columns(self.base, self.subject)
-        count = len(self.data.names)
-        self.offset_columns = (self.data.rec[:, None] == np.arange(count)[None, :]).astype(float)
+        self._kept_base: tuple[Floats, Floats] | None = None
         self.row_index = np.flatnonzero(self.data.rows)
         self.all_rows = bool(self.data.rows.all())
 
@@ -87,16 +68,25 @@ class Problem:
         every = max(1, int(self.row_index.size // most))
         rows = np.zeros(self.data.n, dtype=bool)
         rows[self.row_index[::every]] = True
-        return self if every == 1 else self._alike(replace(self.data, rows=rows))
+        return self if every == 1 else self._alike(False, data=replace(self.data, rows=rows))
 
     def with_reading(self, y: Floats) -> "Problem":
         """The same problem with another reading (N,)."""
-        return self._alike(replace(self.data, y=y))
+        return self._alike(True, data=replace(self.data, y=y))
 
-    def _alike(self, data: Data) -> "Problem":
-        """The same with data of the same drive."""
-        out = replace(self, data=data)
+    def one_by_one(self) -> "Problem":
+        """The same, whose fits run one after the other: where whole questions run at once."""
+        return self._alike(True, several=map)
+
+    def about(self, fitted: JointFit) -> "Problem":
+        """The same problem about a fit."""
+        return self._alike(False, around=fitted)
+
+    def _alike(self, same_base: bool, **changes: Any) -> "Problem":
+        """The same of the same drive, but for changes."""
+        out = replace(self, **changes)
         out._columns = self._columns
+        out._kept_base = self._kept_base if same_base else None
         return out
 
     def penalty(self, size: int) -> Floats:
@@ -107,7 +97,7 @@ class Problem:
         out[k : k + self.base.width] = self.base.priors
         return out
 
-    def counted(self, x: Floats) -> Floats:
+    def counted(self, x: Array) -> Array:
         """The rows that count."""
         return x if self.all_rows else x[self.row_index]
 
@@ -121,8 +111,13 @@ class Problem:
         effects = in_order(effects)
         v = self.drive_at_hysteresis(effects)
         same = all(e.candidate.mode != "drive" for e in effects)
-        columns = behind_output(data, effects, self._columns.of_base(data, v, same))
         fixed = behind_output(data, effects, self._columns.of_model(data, v, same)[:, None])[:, 0]
+        around = self.around
+        if around is not None:
+            fixed = fixed + self._added(effects, v, around.weights) - around.added
+            way, v_there = around.effects, self.drive_at_hysteresis(around.effects)
+        else:
+            way, v_there = effects, v
         context = Context(v, data.y if output is None else output)
         extra = [
             e.candidate.columns(data, context, e.theta)
@@ -130,30 +125,54 @@ class Problem:
             else np.zeros((data.n, 0))
             for e in effects
         ]
-        x = np.concatenate([self.offset_columns, columns, *extra], axis=1)
+        base, gram_of_base = self._base_of(way, v_there)
+        counted_extra = [self.counted(block) for block in extra]
+        x = np.concatenate([base, *counted_extra], axis=1)
         self._solutions.append(x.shape[1])
-        xr, yr = self.counted(x), self.counted(data.y - fixed)
-        gram, moment = xr.T @ xr, xr.T @ yr
-        self.leaning.add_to(gram, moment, len(data.names))
-        scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
-        normed = gram / np.outer(scale, scale) + np.diag(self.penalty(scale.size))
-        try:
-            factor = cho_factor(normed, lower=True)
-            w = cho_solve(factor, moment / scale) / scale
-            cov = cho_solve(factor, np.eye(scale.size)) / np.outer(scale, scale)
-        except LinAlgError:
-            pinv = np.linalg.pinv(normed, rcond=1e-12, hermitian=True)
-            w = pinv @ (moment / scale) / scale
-            cov = pinv / np.outer(scale, scale)
-        prediction = fixed + x @ w
-        sse = float(np.sum(self.counted(data.y - prediction) ** 2))
-        k = len(data.names)
-        weights = w[k : k + self.base.width]
-        amplitudes, at = [], k + self.base.width
+        k, width = len(data.names), base.shape[1]
+        gram = np.empty((x.shape[1], x.shape[1]))
+        gram[:width, :width] = gram_of_base
+        gram[width:] = x[:, width:].T @ x
+        gram[:width, width:] = gram[width:, :width].T
+        moment = x.T @ self.counted(data.y - fixed)
+        self.leaning.add_to(gram, moment, k)
+        w, cov = solve_ridged(gram, moment, self.penalty(moment.size))
+        weights = w[k:width]
+        added = self._added(way, v_there, weights)
+        prediction = fixed + added + w[:k][data.rec]
+        amplitudes, at = [], width
         for block in extra:
             amplitudes.append(w[at : at + block.shape[1]])
             at += block.shape[1]
-        return JointFit(effects, weights, w[:k], tuple(amplitudes), prediction, sse, cov, x, fixed)
+            prediction += block @ amplitudes[-1]
+        sse = float(np.sum(self.counted(data.y - prediction) ** 2))
+        return JointFit(
+            effects, weights, w[:k], tuple(amplitudes), prediction, sse, cov, x, fixed, added
+        )
+
+    def _base_of(self, effects: Sequence[Effect], v: Floats) -> tuple[Floats, Floats]:
+        """The offsets' and the base's columns on the counted rows behind the effects, for a drive
+        v (N,) that has passed them, and the columns' products. Not to be written to."""
+        modes = {e.candidate.mode for e in effects}
+        keep = self.around is not None or not modes & {"drive", "output"}
+        if keep and self._kept_base is not None:
+            return self._kept_base
+        columns = self._columns.of_base(self.data, v, self.row_index, effects)
+        groups = np.arange(len(self.data.names))
+        offsets = (self.data.rec[self.row_index][:, None] == groups[None, :]).astype(float)
+        x = np.concatenate([offsets, columns], axis=1)
+        out = x, x.T @ x
+        if keep:
+            self._kept_base = out
+        return out
+
+    def _added(self, effects: Sequence[Effect], v: Floats, weights: Floats) -> Floats:
+        """(N,) what the base adds, behind the model's and the effects' further parts."""
+        if not self.base.width:
+            return np.zeros(self.data.n)
+        inner = self.base.combine(v, self.data.forgets, weights)
+        inner = self.subject.passed(self.data, inner[:, None])
+        return behind_output(self.data, effects, inner)[:, 0]
 
     def simulate(
         self,
@@ -175,11 +194,14 @@ class Problem:
             known[way] = self.drive_at_hysteresis(way)
         v = known[way]
         if (way, "base") not in known:
-            added = self.base.combine(v, data.forgets, fitted.weights)
+            weights = fitted.weights if self.around is None else self.around.weights
+            added = self.base.combine(v, data.forgets, weights)
             added = self.subject.passed(data, added[:, None])[:, 0]
             known[way, "base"] = self._columns.of_model(data, v, not way) + added
         h = known[way, "base"]
-        y = behind_output(data, effects, h[:, None])[:, 0] + self.offset_columns @ fitted.offsets
+        y = behind_output(data, effects, h[:, None])[:, 0] + fitted.offsets[data.rec]
+        if self.around is not None:
+            y = y + (fitted.added - self.around.added)
         context = Context(v, output)
         for e, a in zip(effects, fitted.amplitudes, strict=True):
             if e.candidate.mode != "columns":
@@ -191,9 +213,7 @@ class Problem:
 
     def output_of(self, fitted: JointFit) -> Floats:
         """The stage's displacement (N,) without additive parts, with the mean offset."""
-        k = len(self.data.names)
-        inner = fitted.design[:, k : k + self.base.width] @ fitted.weights
-        return fitted.fixed + inner + float(fitted.offsets.mean())
+        return fitted.fixed + fitted.added + float(fitted.offsets.mean())
 
     def drive_at_hysteresis(self, effects: Sequence[Effect]) -> Floats:
         """(N,) drive behind the effects' drive parts and the model's."""
@@ -201,7 +221,7 @@ class Problem:
 
     def projector(self, fitted: JointFit) -> Callable[[Floats], Floats]:
         """Maps x (N, k) to its counted rows, less what the columns of a fit can make."""
-        design = self.counted(fitted.design)
+        design = fitted.design
 
         def project(x: Floats) -> Floats:
             x = self.counted(x)

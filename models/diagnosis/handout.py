@@ -15,7 +15,8 @@ from dehyst.models.diagnosis.base import Leaning
 from dehyst.models.diagnosis.data.survey import left_of
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.findings.weigh import Weighed
-from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.signals.joined import Data, Floats

@@ -14,7 +14,8 @@ import numpy as np
 from scipy.special import stdtrit
 
 from dehyst.models.diagnosis.effects import Effect, internal, moved
-from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Floats
@@ -104,7 +105,7 @@ def _covariance(problem: Problem, fitted: JointFit, sigma: float) -> Floats:
     nuisance = len(data.names) + problem.base.width
     base, extra = fitted.design[:, :nuisance], fitted.design[:, nuisance:]
     _, jac = problem.jacobian(fitted, problem.output_of(fitted))
-    x = problem.counted(np.concatenate([base, jac, extra], axis=1))
+    x = np.concatenate([base, problem.counted(jac), extra], axis=1)
     residual = problem.counted(data.y - fitted.prediction)
     unit = np.sqrt(np.maximum(np.sum(x**2, axis=0), 1e-30))
     x = x / unit

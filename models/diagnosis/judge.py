@@ -7,7 +7,8 @@ import numpy as np
 
 from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
-from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.joined import Data

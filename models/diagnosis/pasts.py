@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from dehyst.models.diagnosis.base import rich_base
-from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.signals.joined import Bools, Data
 from dehyst.models.signals.pasts import FROM_ABOVE, FROM_BELOW

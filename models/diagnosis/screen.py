@@ -1,6 +1,8 @@
 """A candidate's promise from each of its starts, cheaply: its first-order effect with the whole
 base refitted (projection off every fitted column), without nonlinear refits."""
 
+import copy
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,7 +10,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from dehyst.models.diagnosis.effects import Effect, in_order
-from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.physics.candidate import Candidate, Context, Probe
 from dehyst.models.signals.joined import Floats
 
@@ -24,7 +27,7 @@ class Screen:
         self.known: dict[Any, Floats] = {}
         problem.simulate(current, current.effects, self.output, self.known)
         self.drive = problem.drive_at_hysteresis(current.effects)
-        self._design = np.ascontiguousarray(current.design[self.rows])
+        self._design = current.design
         gram = self._design.T @ self._design
         self._scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
         normed = gram / np.outer(self._scale, self._scale)
@@ -37,8 +40,20 @@ class Screen:
             norms = np.sqrt(np.sum(projected**2, axis=0))
             good = norms > 1e-9 * max(float(norms.max()), 1e-30)
             self._tangent, _ = np.linalg.qr(projected[:, good])
-        self.residual = problem.data.y - current.prediction
-        self.r = self.projected(self.residual[:, None])[:, 0]
+        self._kept: dict[tuple[str, tuple[float, ...]], Floats] | None = None
+        self._leave(problem.data.y - current.prediction)
+
+    def _leave(self, residual: Floats) -> None:
+        self.residual = residual
+        self.r = self.projected(residual[:, None])[:, 0]
+
+    def leaving(self, residual: Floats) -> "Screen":
+        """The same where another reading of the same drive leaves a residual (N,) a little
+        different; what the starts of both would add is reckoned once."""
+        self._kept = {} if self._kept is None else self._kept
+        out = copy.copy(self)
+        out._leave(residual)
+        return out
 
     def projected(self, x: Floats) -> Floats:
         """x (N, k) on the counted rows, less what the fit's columns and parameters can make."""
@@ -68,13 +83,16 @@ class Screen:
         Only the right sign counts: a delay that would have to be negative gains nothing.
         """
         starts = [tuple(s) for s in candidate.starts(self.problem.data, self.residual)]
+        return self.rank(candidate, starts)
+
+    def rank(
+        self, candidate: Candidate, starts: Sequence[tuple[float, ...]]
+    ) -> list[tuple[float, tuple[float, ...]]]:
+        """The same for given starts."""
         if not starts:
             return []
-        parts = [self.contribution(Effect(candidate, theta)) for theta in starts]
-        ends = np.cumsum([part.shape[1] for part in parts])[:-1]
-        projected = np.split(self.projected(np.concatenate(parts, axis=1)), ends, axis=1)
         scores = []
-        for theta, x in zip(starts, projected, strict=True):
+        for theta, x in zip(starts, self._projected_of(candidate, starts), strict=True):
             a, g = x.T @ x, x.T @ self.r
             if candidate.mode == "columns":
                 gain = float(g @ np.linalg.pinv(a, rcond=1e-10, hermitian=True) @ g)
@@ -84,6 +102,20 @@ class Screen:
                     theta = candidate.scaled(theta, float(g[0] / a[0, 0]))
             scores.append((gain, theta))
         return sorted(scores, key=lambda s: -s[0] * candidate.likely(s[1]))
+
+    def _projected_of(
+        self, candidate: Candidate, starts: Sequence[tuple[float, ...]]
+    ) -> list[Floats]:
+        """Of each start, its projected contribution (counted rows, k)."""
+        kept = {} if self._kept is None else self._kept
+        new = [theta for theta in starts if (candidate.key, theta) not in kept]
+        if new:
+            parts = [self.contribution(Effect(candidate, theta)) for theta in new]
+            ends = np.cumsum([part.shape[1] for part in parts])[:-1]
+            projected = np.split(self.projected(np.concatenate(parts, axis=1)), ends, axis=1)
+            for theta, x in zip(new, projected, strict=True):
+                kept[candidate.key, theta] = x
+        return [kept[candidate.key, theta] for theta in starts]
 
 
 def contribution_of(look: Screen, c: Candidate, probe: Probe) -> Floats:

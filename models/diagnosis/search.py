@@ -4,11 +4,13 @@ Gains are sums of squares over the counted rows [displacement unit squared], alw
 everything else was refitted.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 from dehyst.models.diagnosis.data.prepare import turns
 from dehyst.models.diagnosis.effects import Effect, on_bound
-from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import (
     CandidateTrial,
     SearchState,
@@ -25,6 +27,7 @@ from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.joined import Data
 
 Say = Callable[[str, float], None]
+Theta = tuple[float, ...]
 
 
 def search(
@@ -83,11 +86,11 @@ def _forward(
 ) -> SearchState:
     counted = int(problem.data.rows.sum())
     state = SearchState(problem, sigma, null, null, counted=counted, share=share)
-    everything = _pool(problem.data, share, forbidden)
+    everything = may_be_tried(problem.data, share, forbidden)
     for number in range(TUNING.max_effects):
         if problem.solved > TUNING.budget:
             break
-        if not _accept_one(state, everything, TUNING.shortlist, say, number):
+        if not _go_round(state, everything, TUNING.shortlist, say, number):
             break
     return state
 
@@ -95,12 +98,23 @@ def _forward(
 def search_one_more(state: SearchState, shortlist: int) -> SearchState:
     """One more round from a state's accepted effects; shortlist: candidates that get the full
     refit."""
-    everything = _pool(state.problem.data, state.share, ())
-    _accept_one(state, everything, shortlist, lambda text, share: None, 0)
+    everything = may_be_tried(state.problem.data, state.share, ())
+    _go_round(state, everything, shortlist, lambda text, share: None, 0)
     return state
 
 
-def _pool(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
+def _go_round(
+    state: SearchState, everything: Sequence[Candidate], shortlist: int, say: Say, number: int
+) -> bool:
+    """Screen, refit a short list and accept the best; whether there was one."""
+    look, pool = Screen(state.problem, state.accepted), still_open(state.accepted, everything)
+    screened = zip(pool, state.problem.several(look.starts, pool), strict=True)
+    ranked = in_order_of_promise(state, screened)
+    trials = refit_each(state, not_weak(ranked, ranked)[:shortlist], say, number)
+    return accept_best(state, trials, everything)
+
+
+def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
     """Candidates that may be tried."""
     strict = share > TUNING.driven_share
     few = turns(data) < TUNING.few_turns
@@ -111,13 +125,67 @@ def _pool(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]
     ]
 
 
-def _accept_one(
-    state: SearchState, everything: Sequence[Candidate], shortlist: int, say: Say, number: int
-) -> bool:
-    """Accept the best of one round into the state; whether there was one."""
+def still_open(current: JointFit, everything: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates that may come next, beside a fit's effects."""
+    # an effect in its finer form stands for the simpler one too
+    have = {k for e in current.effects for k in (e.candidate.key, e.candidate.refines)}
+    return [
+        c for c in everything if c.key not in have and not c.refines and _next_of_its_kind(c, have)
+    ]
+
+
+@dataclass(frozen=True)
+class Promise:
+    """A candidate's best start, and the fall of the sum of squares that the screen makes of it."""
+
+    candidate: Candidate
+    theta: tuple[float, ...]
+    gain: float
+
+
+def in_order_of_promise(
+    state: SearchState, screened: Iterable[tuple[Candidate, Sequence[tuple[float, Theta]]]]
+) -> list[Promise]:
+    """The candidates that could be worth a refit, the strongest first. screened: each with its
+    starts, the best first."""
+    n = int(state.problem.data.rows.sum())
+    promises = [
+        Promise(c, starts[0][1], starts[0][0])
+        for c, starts in screened
+        if starts and starts[0][0] > n * (0.5 * least_size(c) * state.sigma) ** 2
+    ]
+    return sorted(promises, key=lambda p: -p.gain)
+
+
+def not_weak(some: Sequence[Promise], ranked: Sequence[Promise]) -> list[Promise]:
+    """Those that promise more than a small part of what the first of all does."""
+    return [p for p in some if p.gain > TUNING.weak_gain * ranked[0].gain]
+
+
+def refit_each(
+    state: SearchState, short: Sequence[Promise], say: Say, number: int
+) -> list[CandidateTrial]:
+    """Trials of a short list, the most worth first. number: of the round."""
     problem, sigma, current = state.problem, state.sigma, state.accepted
-    left = excess(problem, current, sigma)
-    trials = _round(problem, sigma, current, everything, shortlist, say, number)
+
+    def attempt(one: Promise) -> CandidateTrial:
+        return tried(problem, sigma, current, one.candidate, one.theta)
+
+    trials = []
+    for k, trial in enumerate(problem.several(attempt, short)):
+        share = (number + k / TUNING.shortlist) * 0.15
+        say(f"tried {trial.candidate.key}", min(0.85, 0.1 + share))
+        trials.append(trial)
+    return sorted(trials, key=lambda t: -t.worth)
+
+
+def accept_best(
+    state: SearchState, trials: Sequence[CandidateTrial], everything: Sequence[Candidate]
+) -> bool:
+    """Accept the best of a round's trials into the state; whether there was one. everything:
+    candidates of which one may be a finer form of it."""
+    problem, sigma = state.problem, state.sigma
+    left = excess(problem, state.accepted, sigma)
     judged = [judge(state, t, left) for t in trials]
     state.rounds.append(judged)
     chosen = _choice(state, judged)
@@ -129,54 +197,23 @@ def _accept_one(
     return True
 
 
-def _round(
-    problem: Problem,
-    sigma: float,
-    current: JointFit,
-    everything: Sequence[Candidate],
-    shortlist: int,
-    say: Say,
-    number: int,
-) -> list[CandidateTrial]:
-    n = int(problem.data.rows.sum())
-    # an effect in its finer form stands for the simpler one too
-    have = {k for e in current.effects for k in (e.candidate.key, e.candidate.refines)}
-    pool = [
-        c for c in everything if c.key not in have and not c.refines and _next_of_its_kind(c, have)
-    ]
-    look = Screen(problem, current)
-
-    scored = []
-    for c, starts in zip(pool, problem.several(look.starts, pool), strict=True):
-        if starts and starts[0][0] > n * (0.5 * least_size(c) * sigma) ** 2:
-            scored.append((*starts[0], c))
-    scored.sort(key=lambda s: -s[0])
-    short = [
-        (c, start)
-        for gain, start, c in scored[:shortlist]
-        if gain > TUNING.weak_gain * scored[0][0]
-    ]
-    trials = []
-
-    def attempt(c: Candidate, start: Sequence[float]) -> CandidateTrial:
-        return tried(problem, sigma, current, c, start)
-
-    for k, trial in enumerate(problem.several(attempt, *zip(*short, strict=True)) if short else ()):
-        say(f"tried {trial.candidate.key}", min(0.85, 0.1 + 0.15 * (number + k / shortlist)))
-        trials.append(trial)
-    return sorted(trials, key=lambda t: -t.worth)
-
-
 def _choice(state: SearchState, judged: Sequence[CandidateTrial]) -> CandidateTrial | None:
-    """The best trial that is not refused, or a simpler one that does as well."""
+    """The best trial that is not refused, or a simpler or a likelier one that does as well."""
     good = [t for t in judged if not t.refused]
     if not good:
         return None
     best = good[0]
     n = int(state.problem.data.rows.sum())
     tie = max(n * (TUNING.tie * state.sigma) ** 2, 0.01 * best.gain)
-    simpler = [t for t in good if t.price < best.price and best.gain - t.gain < tie]
-    return min(simpler, key=lambda t: (t.price, -t.gain)) if simpler else best
+    near = [t for t in good if best.gain - t.gain < tie]
+    simpler = [t for t in near if t.price < best.price]
+    if simpler:
+        return min(simpler, key=lambda t: (t.price, -t.gain))
+    theta = effect_of(best.fit, best.candidate.key).theta
+    if best.candidate.yields(theta, state.problem.data):
+        likelier = [t for t in near if t.price <= best.price and not t.candidate.last]
+        return likelier[0] if likelier else best
+    return best
 
 
 def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from dehyst.models.diagnosis.find import (
     of_another_stage,
     on_the_model,
 )
+from dehyst.models.diagnosis.findings.asked_again import AskedAgain
 from dehyst.models.diagnosis.findings.decide import (
     next_experiment,
     unknown,
@@ -31,14 +31,13 @@ from dehyst.models.diagnosis.findings.episodes import Episode, find_episodes, te
 from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.shape import not_contained
 from dehyst.models.diagnosis.findings.sightings import accept, retell, sightings
-from dehyst.models.diagnosis.findings.told import only_told, without_driven, worth_telling
+from dehyst.models.diagnosis.findings.told import without_driven
 from dehyst.models.diagnosis.findings.weigh import weigh, with_episode
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.handout import hand_out
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, base_error, excess
 from dehyst.models.diagnosis.pasts import begin_as_found, explained_heads, rows_with_heads
 from dehyst.models.diagnosis.result import Diagnosis, View
-from dehyst.models.diagnosis.search import search_one_more
 from dehyst.models.diagnosis.subject import identify_plain, take_subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
@@ -51,14 +50,16 @@ def diagnose(
     model: Model | None = None,
     progress: Progress | None = None,
     several: Callable[..., Iterable[Any]] = map,
+    with_limits: bool = True,
 ) -> Diagnosis:
     """Find the physics that the model in use leaves out.
 
     recordings: of one stage, with displacement. model: the model in use; None: the plain modified
     Prandtl-Ishlinskii model is identified here. progress(text, fraction) is called now and then.
     several: how candidates are tried: `map`, or the map of a pool of threads, of which each needs a
-    design of all samples. Raises BadRecording where the recordings cannot be diagnosed, BadInput
-    where the model cannot be run on them.
+    design of all samples. with_limits: whether to tell what would have been seen, which takes about
+    half of the time. Raises BadRecording where the recordings cannot be diagnosed, BadInput where
+    the model cannot be run on them.
     """
     say = progress or (lambda text, fraction: None)
     say("preparing", 0.0)
@@ -112,7 +113,7 @@ def diagnose(
             found = replace(found, search=other)
     shown = {c.key for c, _ in seen} & set(found.search.accepted.effect_names)
     warnings = [text for text in (foreign, BUTTERFLY if butterfly else "") if text]
-    diagnosis = _conclude(whole, bare, found.search, episode, warnings, shown, say)
+    diagnosis = _conclude(whole, bare, found.search, episode, warnings, shown, with_limits, say)
     for candidate, sighting in seen:
         findings = retell(diagnosis.findings, candidate, sighting)
         diagnosis = replace(diagnosis, findings=findings)
@@ -126,6 +127,7 @@ def _conclude(
     episode: Episode | None,
     warnings: list[str],
     shown: Collection[str],
+    with_limits: bool,
     say: Progress,
 ) -> Diagnosis:
     """recorded: all samples; bare, found: of those that were fitted, found without the episode;
@@ -166,8 +168,8 @@ def _conclude(
         findings = [*findings, replace(rest, where={**where, **times})]
     say("limits", 0.96)
     untold = {n for f in findings for n in (f.name, *f.ambiguous_with)}
-    seen = partial(_names_found, found)
-    limited = tuple(limits(found, untold, seen)) if verdict in ("clean", "explained") else ()
+    wanted = with_limits and verdict in ("clean", "explained")
+    limited = tuple(limits(found, untold, AskedAgain(found).names)) if wanted else ()
     bare_left = left_of(recorded, subject.whole(recorded))
     handed = hand_out(recorded, bare, weighed, bare_left, sigma)
     if not handed.contains_shape:
@@ -212,19 +214,6 @@ def _told(t: CandidateTrial, n: int) -> str:
         by = " ".join(f"{a:.2f}" for a in t.constancy.by_recording)
         text += f" spread {t.constancy.spread:.2f} wrong {t.constancy.wrong:.2f} [{by}]"
     return text + (f" ({t.refused})" if t.refused else "")
-
-
-def _names_found(found: SearchState, added: Floats) -> set[str]:
-    """Names that are told beside what was found, where the reading has so much more (N,) in it."""
-    light = found.problem.light(TUNING.limit_rows)
-    there = light.with_reading(light.data.y + added)
-    null = there.solve([])
-    known = there.solve(found.accepted.effects, there.output_of(null))
-    counted = int(there.data.rows.sum())
-    state = SearchState(there, found.sigma, null, known, counted=counted, share=found.share)
-    state = search_one_more(state, TUNING.limit_shortlist)
-    told = only_told(worth_telling(state)).accepted
-    return {e.candidate.name for e in told.effects}
 
 
 def _views(data: Data, left: Floats, left_by_all: Floats) -> list[View]:

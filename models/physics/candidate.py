@@ -114,6 +114,10 @@ class Candidate:
         """Weight of a start's screened gain: below 1 where a plainer one should go first."""
         return 1.0
 
+    def yields(self, theta: Sequence[float], data: Data) -> bool:
+        """Whether another physics that does as well is the likelier one at these values."""
+        return False
+
     def scaled(self, theta: Sequence[float], amount: float) -> tuple[float, ...]:
         """Start whose effect is about `amount` times as large, where one parameter says so."""
         if self.size_index is None:

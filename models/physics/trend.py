@@ -25,6 +25,7 @@ from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("rate", "amount", "tau")
 STATE = fields("elapsed")  # since the first sample
+SETTLES = 0.5  # of the recordings' length: with a shorter time constant it settles in each of them
 
 
 @Kernel
@@ -75,6 +76,10 @@ class Trend(Candidate):
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         return [(f * self._longest,) for f in (0.15, 0.5, 3.0)]
+
+    def yields(self, theta: Sequence[float], data: Data) -> bool:
+        # a stage does not warm up anew in every recording; a move before each creeps out
+        return theta[0] < SETTLES * self._longest
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
         return apart(data, 1.0 - np.exp(-data.t / theta[0]))

@@ -1,32 +1,20 @@
 """A diagnosis without its limits, for tests that judge what is found.
 
-To tell what would have been seen, each cause is put in and everything is asked again: five sixths
-of the time that a diagnosis takes. Limits are judged by tests/models/diagnosis/test_names.py,
+To tell what would have been seen, each cause is put in and everything is asked again: about half of
+the time that a diagnosis takes. Limits are judged by tests/models/diagnosis/test_names.py,
 test_hard_recordings.py, test_data_first.py, test_times.py and test_what_counts.py, and by the proof
 among the benchmarks.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-
-import pytest
+from collections.abc import Sequence
 
 from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.model import Model
 from dehyst.models.recording import Recording
 
 
-@contextmanager
-def without_limits() -> Iterator[None]:
-    """No diagnosis within tells what would have been seen; all else is as ever."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("dehyst.models.diagnosis.steps.limits", lambda *_: [])
-        yield
-
-
 def diagnose_without_limits(
     recordings: Sequence[Recording], model: Model | None = None
 ) -> Diagnosis:
     """`diagnose`, but for the limits."""
-    with without_limits():
-        return diagnose(recordings, model)
+    return diagnose(recordings, model, with_limits=False)

@@ -8,7 +8,7 @@ the library's to the last digit. What stays below at every sensible strength can
 recordings at all, and the limit says so.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +25,7 @@ CANNOT = "the drive of these recordings cannot show it"
 TRIES = 2
 STEP = 2.0  # factor of an amplitude, as large as from one probe to the next; of such steps,
 RAISED, TOLD = 0.5, 0.3  # where it was not found, and from what was found to what is told
-Seen = Callable[[Floats], Collection[str]]
+Seen = Callable[[Candidate, Floats], Collection[str]]
 
 
 @dataclass(frozen=True)
@@ -51,32 +51,35 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
     """One limit for each name in the library that was not found, the tightest of its kinds.
 
     untold: names for which there is none, as they stand in a tie with what was found. seen: names
-    that are found where the reading has so much more (N,) in it.
+    that are found where the reading has so much more (N,) of a candidate's in it.
     """
     problem, sigma = found.problem, found.sigma
     look = Screen(problem, found.accepted)
     named = {e.candidate.name for e in found.accepted.effects} | set(untold)
     left = excess(problem, found.accepted, sigma)
-    guesses: dict[tuple[str, str], list[Guess]] = {}
+    kinds: dict[tuple[str, str], list[Candidate]] = {}
     for c in library(problem.data):
         if c.name in named or not c.probes(problem.data):
             continue
-        least = ((TUNING.limit_driven if c.driven else TUNING.limit_free) * sigma) ** 2
-        if c.driven:
-            least = max(least, TUNING.driven_share * left)
-        guess = _guess(look, c, float(np.sqrt(least)))
-        guesses.setdefault((c.name, c.channel), []).append(guess)
-    out = []
-    for kinds in guesses.values():
-        shown = [g for g in kinds if g.probe is not None]
-        shown.sort(key=lambda g: g.probe.value * (1 if g.candidate.limit_side == "above" else -1))  # type: ignore[union-attr]
+        kinds.setdefault((c.name, c.channel), []).append(c)
+
+    def tightest(some: Sequence[Candidate]) -> Limit | None:
+        shown = []
+        for c in some:
+            least = ((TUNING.limit_driven if c.driven else TUNING.limit_free) * sigma) ** 2
+            if c.driven:
+                least = max(least, TUNING.driven_share * left)
+            guess = _guess(look, c, float(np.sqrt(least)))
+            if guess.probe is not None:
+                above = c.limit_side == "above"
+                shown.append((guess.probe.value if above else -guess.probe.value, guess))
         if not shown:
-            out.append(kinds[0].limit(None))
-            continue
-        value = _checked(look, shown[0], seen)
-        if value is not None:
-            out.append(shown[0].limit(value))
-    return out
+            return Guess(some[0], None).limit(None)
+        guess = min(shown, key=lambda one: one[0])[1]
+        value = _checked(look, guess, seen)
+        return None if value is None else guess.limit(value)
+
+    return [one for one in problem.several(tightest, kinds.values()) if one is not None]
 
 
 def _checked(look: Screen, guess: Guess, seen: Seen) -> float | None:
@@ -85,7 +88,7 @@ def _checked(look: Screen, guess: Guess, seen: Seen) -> float | None:
     for _ in range(TRIES):
         if here.probe is None:
             return None
-        if c.name in seen(contribution_of(look, c, here.probe)):
+        if c.name in seen(c, contribution_of(look, c, here.probe)):
             told = _stronger(look, here, TOLD).probe
             return None if told is None else float(told.value)
         here = _stronger(look, here, RAISED)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from dehyst.models.diagnosis.effects import Effect
-from dehyst.models.diagnosis.fit import JointFit
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState, excess
 from dehyst.models.diagnosis.tuning import TUNING
 

@@ -17,7 +17,8 @@ from dehyst.models.diagnosis.base import numbers_base
 from dehyst.models.diagnosis.data.locate import hot_spots, locate
 from dehyst.models.diagnosis.effects import behind_output
 from dehyst.models.diagnosis.evidence import by_blocks
-from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.physics import library
@@ -174,8 +175,7 @@ def _correction(problem: Problem, final: JointFit) -> Floats:
     """(N,) what the base adds to the model that carries it; else what it makes that no other
     numbers in the model's class do. Without its mean over the counted rows."""
     data = problem.data
-    k = len(data.names)
-    d = final.design[:, k : k + problem.base.width] @ final.weights
+    d = final.added
     if not problem.subject.carries:
         own = numbers_base(data, problem.subject.model.hysteresis)
         v = problem.drive_at_hysteresis(final.effects)

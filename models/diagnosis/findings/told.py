@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import by_blocks
-from dehyst.models.diagnosis.fit import JointFit
 from dehyst.models.diagnosis.intervals import intervals
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState
 from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.tuning import TUNING
@@ -27,8 +27,11 @@ def worth_telling(found: SearchState) -> SearchState:
             most = TUNING.beside_driven if e.candidate.driven else TUNING.beside_free
             least = max((TUNING.helps * sigma) ** 2, min(of_all, (most * sigma) ** 2), of_rest)
             rest = [o for o in final.effects if o is not e]
-            without = problem.solve(rest, problem.output_of(final))
-            loss = by_blocks(problem, without).mean_square - whole
+            left = first
+            if rest:
+                without = problem.solve(rest, problem.output_of(final))
+                left = by_blocks(problem, without).mean_square
+            loss = left - whole
             losses.append((loss / least, e))
         loss, weakest = min(losses, key=lambda pair: pair[0])
         if loss > 1.0:

@@ -9,7 +9,8 @@ from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.findings.decide import in_rank, named, shared_out
 from dehyst.models.diagnosis.findings.episodes import Episode
 from dehyst.models.diagnosis.findings.shape import Correction, measure_correction, shape_finding
-from dehyst.models.diagnosis.fit import JointFit, Problem
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.tuning import TUNING

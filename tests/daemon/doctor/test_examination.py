@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.rigs.diagnosis import without_limits
 from tests.rigs.gateway_bench import wait_until
 from tests.rigs.processes import dehyst, simulated_config
 
@@ -73,8 +72,7 @@ def lay(folder: Path, stuck: bool = False, **change: float) -> Path:
 def test_what_changed_is_named_and_the_model_with_it_is_offered(
     tmp_path: Path, change: dict[str, float], name: str, place: str
 ) -> None:
-    with without_limits():
-        found = examine(lay(tmp_path / "case", **change))
+    found = examine(lay(tmp_path / "case", **change))
     assert name in (found.effects[0].name, *found.effects[0].ambiguous_with)
     assert found.rms_when_good < 0.5 * found.rms_in_use
     assert "It is new" in found.says

@@ -40,8 +40,8 @@ CHANGES = [
         Change(
             "base-for-granted",
             INTERVALS,
-            "np.concatenate([base, jac, extra], axis=1)",
-            "np.concatenate([0.0 * base, jac, extra], axis=1)",
+            "np.concatenate([base, problem.counted(jac), extra], axis=1)",
+            "np.concatenate([0.0 * base, problem.counted(jac), extra], axis=1)",
             "intervals as though the base were known",
         ),
     ),
@@ -135,7 +135,7 @@ CHANGES = [
         Change(
             "limits-not-asked-again",
             LIMITS,
-            "if c.name in seen(contribution_of(look, c, here.probe)):",
+            "if c.name in seen(c, contribution_of(look, c, here.probe)):",
             "if c.name:",
             "the user is told that effects were excluded that could not be seen",
         ),

@@ -1,0 +1,97 @@
+"""What the search would tell, had the recordings an effect more: asked with the effect put in.
+
+As many questions are asked of the same recordings, what they share is made once: the rows that
+count, the base's columns behind what was found, and what each candidate would add from its starts.
+An effect at a limit is about as large as the noise, so all fits stand about the one that was found
+(`Problem.about`).
+"""
+
+from collections.abc import Collection, Sequence
+
+from dehyst.models.diagnosis.findings.told import only_told, worth_telling
+from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
+from dehyst.models.diagnosis.screen import Screen
+from dehyst.models.diagnosis.search import (
+    Promise,
+    accept_best,
+    in_order_of_promise,
+    may_be_tried,
+    not_weak,
+    refit_each,
+    still_open,
+)
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics.candidate import Candidate
+from dehyst.models.signals.joined import Floats
+
+
+class AskedAgain:
+    """The recordings of a search, to be asked again with effects put in."""
+
+    def __init__(self, found: SearchState) -> None:
+        light = found.problem.light(TUNING.limit_rows).one_by_one()
+        known = light.solve(found.accepted.effects, found.problem.output_of(found.accepted))
+        self._plain, self._problem = light, light.about(known)
+        self._found, self._known = found, self._problem.solve(known.effects, light.output_of(known))
+        self._output = light.output_of(self._known)
+        self._everything = may_be_tried(light.data, found.share, ())
+        look = Screen(self._problem, self._known)
+        self._look = look.leaving(look.residual)
+        # what a candidate looks for in a residual: here in the one that was found
+        self._starts = [
+            (c, [tuple(s) for s in c.starts(light.data, look.residual)])
+            for c in still_open(self._known, self._everything)
+        ]
+
+    def names(self, put_in: Candidate, added: Floats) -> set[str]:
+        """Names that are told beside what was found, where the reading has (N,) more in it.
+
+        put_in: whose effect that is. Where it does not take all of it, it is weighed against the
+        others, of which those that are confused with it look at the residual anew.
+        """
+        there = self._problem.with_reading(self._problem.data.y + added)
+        known = there.solve(self._known.effects, self._output)
+        null = self._plain.with_reading(there.data.y).solve([]) if known.effects else known
+        counted = int(there.data.rows.sum())
+        state = SearchState(
+            there, self._found.sigma, null, known, counted=counted, share=self._found.share
+        )
+        look = self._look.leaving(known.residual(there.data))
+        ranked = self._rank(state, look, {put_in.name})
+        own = [p for p in ranked[: TUNING.shortlist] if p.candidate.name == put_in.name][:1]
+        trials = refit_each(state, own, _silent, 0)
+        if not trials or self._has_rivals(state, trials[0], ranked):
+            ranked = self._rank(state, look, {put_in.name, *put_in.confused_with})
+            others = [p for p in ranked if p.candidate.key not in {o.candidate.key for o in own}]
+            near = not_weak(others, ranked)[: TUNING.limit_shortlist - len(own)]
+            more = refit_each(state, near, _silent, 0)
+            trials = sorted([*trials, *more], key=lambda t: -t.worth)
+        accept_best(state, trials, ())
+        told = only_told(worth_telling(state)).accepted
+        return {e.candidate.name for e in told.effects}
+
+    def _rank(self, state: SearchState, look: Screen, anew: Collection[str]) -> list[Promise]:
+        """Candidates by what they promise; anew: names whose starts come from this residual."""
+        return in_order_of_promise(
+            state,
+            [
+                (c, look.starts(c) if c.name in anew else look.rank(c, starts))
+                for c, starts in self._starts
+            ],
+        )
+
+    def _has_rivals(
+        self, state: SearchState, own: CandidateTrial, ranked: Sequence[Promise]
+    ) -> bool:
+        """Whether another candidate could take the place of the one that was put in: it leaves more
+        than there was before, or a plainer one promises as much."""
+        n, sigma = state.counted, state.sigma
+        if own.fit.sse - self._known.sse > n * (TUNING.tie * sigma) ** 2:
+            return True
+        plainest = own.price < 1.5 * TUNING.price * sigma**2
+        others = [p.gain for p in ranked if p.candidate.name != own.candidate.name]
+        return not plainest and max(others, default=0.0) > TUNING.limit_near * own.gain
+
+
+def _silent(text: str, share: float) -> None:
+    pass
