@@ -3,6 +3,7 @@
 import statistics
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 
 KEPT = 512
 TRIALS = 8
@@ -30,6 +31,46 @@ class CallTimes:
         if not ordered:
             return float("nan")
         return ordered[min(len(ordered) - 1, int(len(ordered) * percent / 100.0))]
+
+
+@dataclass(frozen=True)
+class Batches:
+    """How a unit's calls are timed: in batches of `size`, up to `most` of them, until the late ones
+    of a batch, by the percentile `late`, are within `close_to_fastest` times the fastest of all.
+
+    What slows one batch and not another is this machine, not the unit: the best batch counts.
+    `usual`: percentile of what the unit sustains at the most, without room for late replies.
+    """
+
+    size: int = 30
+    most: int = 8
+    usual: float = 75.0
+    late: float = 95.0
+    close_to_fastest: float = 1.15
+
+    def best(self, call: Callable[[], object], clock: Callable[[], float]) -> CallTimes:
+        """Durations of the best batch; whatever the call raises."""
+        best, fastest_s = CallTimes(), float("inf")
+        for _ in range(self.most):
+            batch = CallTimes()
+            for _ in range(self.size):
+                started_s = clock()
+                call()
+                batch.add(clock() - started_s)
+            fastest_s = min(fastest_s, batch.percentile_s(0.0))
+            if not self.late_s(batch) >= self.late_s(best):
+                best = batch
+            if self.late_s(best) <= self.close_to_fastest * fastest_s:
+                break
+        return best
+
+    def late_s(self, times: CallTimes) -> float:
+        """What few of these calls take longer than."""
+        return times.percentile_s(self.late)
+
+    def rate_hz(self, times: CallTimes) -> float:
+        """How often a second these calls can be made at the most."""
+        return 1.0 / times.percentile_s(self.usual)
 
 
 def typical_s(call: Callable[[], object], clock: Callable[[], float]) -> float:

@@ -61,7 +61,8 @@ class DeviceSpec:
 
     unit: "v", "um", ...; minimum, maximum, resolution: in that unit; max_rate_hz: the highest
     rate of write() or read() that this unit sustains (measured where it can be);
-    latency_s: typical duration of one call; identity: model, firmware, serial number.
+    latency_s: typical duration of one call; identity: model, firmware, serial number; late_s: what
+    few calls take longer than, 0: not known, the typical one counts.
     """
 
     unit: str
@@ -71,6 +72,12 @@ class DeviceSpec:
     max_rate_hz: float
     latency_s: float
     identity: str = ""
+    late_s: float = 0.0
+
+    @property
+    def call_s(self) -> float:
+        """What a loop has to leave for one call, a late one too."""
+        return max(self.late_s, self.latency_s)
 
 
 @runtime_checkable
@@ -144,6 +151,10 @@ class Joint(Protocol):
 
     def rate_hz(self, driven: int) -> float:
         """The highest rate at which so many of these outputs can be set, as measured."""
+        ...
+
+    def late_s(self, driven: int) -> float:
+        """What few sets of so many of these outputs take longer than."""
         ...
 
     def write_all(self, volts: Sequence[float]) -> None:

@@ -353,7 +353,7 @@ class Admission:
         """Give it the lease, which was found free; number: of the lease, 0: a new one."""
         lease, client = self.lease, command.client
         before = lease.client if lease.held(now_ns) else 0
-        lease.acquire(now_ns, client, command.label, command.sent_ns, True, number)
+        lease.give(now_ns, client, command.label, command.sent_ns, number)
         if before not in (0, client):
             self._end_trajectory("another client took over")
 

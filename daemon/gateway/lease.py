@@ -39,19 +39,9 @@ class Lease:
         """Seconds until the lease ends by silence; 0 where nobody holds it."""
         return max(0, self.length_ns - (now_ns - self._seen_ns)) * 1e-9 if self.client else 0.0
 
-    def acquire(
-        self,
-        now_ns: int,
-        client: int,
-        label: str,
-        sent_ns: int,
-        take_over: bool = False,
-        number: int = 0,
-    ) -> int:
-        """Take the lease; returns its number, or 0 where another client holds it. number: to be
-        given out, the same for several axes; 0: a new one."""
-        if self.held(now_ns) and client != self.client and not take_over:
-            return 0
+    def give(self, now_ns: int, client: int, label: str, sent_ns: int, number: int = 0) -> int:
+        """Give the lease to this client, whoever held it; returns its number. number: to be given
+        out, the same for several axes; 0: a new one."""
         self.client, self.label, self.lease = client, label, number or self._number()
         self.sequence = -1
         self._seen_ns = self._offset_at_ns = now_ns

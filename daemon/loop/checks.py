@@ -19,6 +19,7 @@ from dehyst.models.errors import BadInput
 REPLAY_SAMPLES = 20_000
 OUTPUT_AGREES_V = 1.0  # an MDT693B's readback is off by up to 0.3 V
 SPARE = 0.8  # share of the period that device calls may take
+REPORT_SPARE = 0.95  # the same in a sample that asks the amplifier for its report
 
 
 def devices_of(config: Config) -> tuple[Actuator, Sensor]:
@@ -47,6 +48,12 @@ def check_unopened(config: Config) -> None:
         )
 
 
+Specs = Sequence[tuple[DeviceSpec, DeviceSpec]]
+"""(actuator, sensor) of each axis."""
+Joints = Sequence[tuple[Joint, tuple[int, ...]]]
+"""From `joined`."""
+
+
 def check_rates(config: Config, actuator: DeviceSpec, sensor: DeviceSpec) -> int:
     """How often the sensor is read (every n-th sample); BadInput where the loop is too fast."""
     rate = config.loop.rate_hz
@@ -54,56 +61,89 @@ def check_rates(config: Config, actuator: DeviceSpec, sensor: DeviceSpec) -> int
         raise BadInput(
             f"loop.rate_hz = {rate:g}: actuator {config.actuator.driver} sustains "
             f"{actuator.max_rate_hz:.0f} Hz as measured on this unit; set loop.rate_hz to "
-            f"{_round_down(actuator.max_rate_hz):g} or less, or drive the stage through an "
+            f"{offered_hz([(actuator, sensor)], []):g} or less, or drive the stage through an "
             f"analog input"
         )
-    every = max(1, math.ceil(rate / sensor.max_rate_hz))
-    io_s = actuator.latency_s + sensor.latency_s
-    if io_s * rate > SPARE:
-        raise BadInput(
-            f"loop.rate_hz = {rate:g}: device calls take {io_s * 1e3:.2f} ms of the "
-            f"{1e3 / rate:.2f} ms period; set loop.rate_hz to {_round_down(SPARE / io_s):g} or less"
-        )
-    return every
+    return max(1, math.ceil(rate / sensor.max_rate_hz))
 
 
-def check_rates_together(
-    configs: Sequence[Config],
-    specs: Sequence[tuple[DeviceSpec, DeviceSpec]],
-    joints: Sequence[tuple[Joint, tuple[int, ...]]],
-) -> list[int]:
+def check_rates_together(configs: Sequence[Config], specs: Specs, joints: Joints) -> list[int]:
     """How often each axis' sensor is read; BadInput where the loop is too fast for all of them in
-    one period. specs: (actuator, sensor) of each axis; joints: from `joined`."""
-    if len(configs) == 1:
-        return [check_rates(configs[0], *specs[0])]
-    rate, alone = configs[0].loop.rate_hz, set(range(len(configs)))
-    io_s = sum(sensor.latency_s for _, sensor in specs)
+    one period. The rate that is offered leaves room for late replies."""
+    rate, every = configs[0].loop.rate_hz, []
     for joint, places in joints:
-        alone -= set(places)
-        driven = min(range(1, len(places) + 1), key=joint.rate_hz)
+        driven = slowest_number(joint, places)
         sustained = joint.rate_hz(driven)
-        io_s += 1.0 / sustained
         if rate > sustained:
             names = ", ".join(configs[i].axis for i in places)
             raise BadInput(
                 f"loop.rate_hz = {rate:g}: the amplifier of the axes {names} sustains "
                 f"{sustained:.0f} Hz with {driven} of them driven, as measured on this unit; set "
-                f"loop.rate_hz to {_round_down(sustained):g} or less"
+                f"loop.rate_hz to {offered_hz(specs, joints):g} or less"
             )
-    every = []
-    for i, (config, (actuator, sensor)) in enumerate(zip(configs, specs, strict=True)):
+    for config, (actuator, sensor) in zip(configs, specs, strict=True):
         try:
             every.append(check_rates(config, actuator, sensor))
         except BadInput as error:
-            raise BadInput(f"axis {config.axis}: {error}") from None
-        io_s += actuator.latency_s if i in alone else 0.0
+            where = f"axis {config.axis}: " if len(configs) > 1 else ""
+            raise BadInput(f"{where}{error}") from None
+    io_s = calls_s(specs, joints, late=False)
     if io_s * rate > SPARE:
+        whose = f"the device calls of {len(configs)} axes" if len(configs) > 1 else "device calls"
         raise BadInput(
-            f"loop.rate_hz = {rate:g}: the device calls of {len(configs)} axes take "
-            f"{io_s * 1e3:.2f} ms of the {1e3 / rate:.2f} ms period; set loop.rate_hz to "
-            f"{_round_down(SPARE / io_s):g} or less"
+            f"loop.rate_hz = {rate:g}: {whose} take {io_s * 1e3:.2f} ms of the {1e3 / rate:.2f} ms "
+            f"period; set loop.rate_hz to {offered_hz(specs, joints):g} or less"
         )
     return every
+
+
+def about_late_replies(rate_hz: float, specs: Specs, joints: Joints) -> list[str]:
+    """What to say of a rate that is sustained, and leaves no room for late replies."""
+    io_s = calls_s(specs, joints, late=True)
+    if io_s * rate_hz <= SPARE:
+        return []
+    return [
+        f"loop.rate_hz = {rate_hz:g}: late device calls take {io_s * 1e3:.2f} ms of the "
+        f"{1e3 / rate_hz:.2f} ms period and will cost deadlines now and then; "
+        f"{offered_hz(specs, joints):g} Hz or less leave room for them"
+    ]
+
+
+def slowest_number(joint: Joint, places: tuple[int, ...]) -> int:
+    """How many of an amplifier's outputs are driven when setting them takes longest."""
+    return min(range(1, len(places) + 1), key=joint.rate_hz)
+
+
+def calls_s(specs: Specs, joints: Joints, late: bool) -> float:
+    """How long the device calls of a sample take [s]: usually, or where they are late."""
+    alone, spent_s = set(range(len(specs))), 0.0
+    for joint, places in joints:
+        alone -= set(places)
+        driven = slowest_number(joint, places)
+        spent_s += joint.late_s(driven) if late else 1.0 / joint.rate_hz(driven)
+    for i, (actuator, sensor) in enumerate(specs):
+        sets_s = actuator.call_s if late else actuator.latency_s
+        spent_s += sets_s if i in alone else 0.0
+        spent_s += sensor.call_s if late else sensor.latency_s
+    return spent_s
+
+
+def offered_hz(specs: Specs, joints: Joints) -> float:
+    """The highest rate [Hz], with two digits, that leaves room for late replies."""
+    highest = min(actuator.max_rate_hz for actuator, _ in specs)
+    return _round_down(min(highest, SPARE / calls_s(specs, joints, late=True)))
+
+
+def crowded(period_s: float, specs: Specs, joints: Joints) -> dict[int, tuple[int, ...]]:
+    """Axes, by their places, whose amplifier cannot be asked for its report in a sample that sets
+    the outputs too: (place: places of all outputs of that amplifier)."""
+    together = {place: places for _, places in joints for place in places}
+    io_s = calls_s(specs, joints, late=True)
+    return {
+        i: together.get(i, (i,))
+        for i, (actuator, sensor) in enumerate(specs)
+        if io_s - sensor.call_s + actuator.call_s > REPORT_SPARE * period_s
+    }
 
 
 def joined(actuators: Sequence[Actuator]) -> list[tuple[Joint, tuple[int, ...]]]:
@@ -123,10 +163,9 @@ def joined(actuators: Sequence[Actuator]) -> list[tuple[Joint, tuple[int, ...]]]
 
 
 def highest_rate(actuator: DeviceSpec, sensor: DeviceSpec) -> float:
-    """The highest loop rate [Hz], with two digits, that `check_rates` lets these units have, the
-    sensor read at every sample."""
-    io_s = actuator.latency_s + sensor.latency_s
-    return _round_down(min(actuator.max_rate_hz, sensor.max_rate_hz, SPARE / io_s))
+    """The highest loop rate [Hz], with two digits, that leaves these units room for late replies,
+    the sensor read at every sample."""
+    return min(offered_hz([(actuator, sensor)], []), _round_down(sensor.max_rate_hz))
 
 
 def highest_rate_together(

@@ -17,7 +17,7 @@ from dehyst.daemon import clock, notify
 from dehyst.daemon.config import ChannelConfig, Controller
 from dehyst.daemon.loop.axes.core import AxisCore
 from dehyst.daemon.loop.channels import Channels
-from dehyst.daemon.loop.checks import check_rates_together, joined
+from dehyst.daemon.loop.checks import about_late_replies, check_rates_together, crowded, joined
 from dehyst.daemon.loop.compiled_loop import CompiledLoop, direct_of, spin_ns, warm_up
 from dehyst.daemon.loop.python_loop import Axis, PythonLoop, Together
 from dehyst.daemon.loop.step import Stepper
@@ -47,6 +47,7 @@ class Core:
                 for axis in self.axes:
                     axis.open()
                     opened.append(axis)
+                self._joint = joined([axis.actuator.device for axis in self.axes])
             except BaseException:
                 for axis in opened:
                     axis.close()
@@ -64,9 +65,9 @@ class Core:
 
     def _run(self) -> None:
         loop, axes = self.controller.loop, self.axes
-        self._joint = joined([axis.actuator.device for axis in axes])
         specs = [(axis.actuator.device.spec, axis.sensor.device.spec) for axis in axes]
         every = check_rates_together([axis.config for axis in axes], specs, self._joint)
+        self._crowded = crowded(self.controller.period_ns * 1e-9, specs, self._joint)
         for axis in axes:
             axis.begin()
         channels = self._channels()
@@ -85,6 +86,7 @@ class Core:
             axis.monitor.use_witness(witness)
             axis.say_how(words)
         self._say_of_circles()
+        axes[0].stepper.events.extend(about_late_replies(loop.rate_hz, specs, self._joint))
         if isinstance(runner, PythonLoop):
             obtained = self._enter()
             axes[0].stepper.events.extend(obtained.advice)
@@ -130,6 +132,7 @@ class Core:
             readback=checks[0],
             beside=[Axis(*pair) for pair in zip(others, checks[1:], strict=True)],
             together=[Together(joint, places) for joint, places in self._joint if joint.together],
+            crowded=self._crowded,
         )
 
     def _channels(self) -> Channels:

@@ -5,7 +5,7 @@ compiled sister. Nothing here can block for long: no bus, no disk, no log, no ga
 and device calls have their own time-outs.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ INVALID, HELD = int(Flag.SENSOR_INVALID), int(Flag.SENSOR_HELD)
 SCHEDULED, SAMPLES, MEASURED = PLACE["scheduled_ns"], PLACE["samples"], PLACE["measured"]
 ACTUATOR_OK, SENSOR_OK = PLACE["actuator_ok"], PLACE["sensor_ok"]
 DOUBTFUL, THE_HELD = PLACE["doubtful"], PLACE["held"]
+ASKED = 2  # in DOUBTFUL, for a sample: beside the question there is no time for a set
 MOVING = (State.RUNNING, State.STOPPING)
 NAN = float("nan")
 
@@ -48,7 +49,8 @@ class PythonLoop:
     grid of deadlines.
 
     `now` and `sleep_until` are the clock, injected: integer nanoseconds. together: amplifiers that
-    set several of these axes in one command.
+    set several of these axes in one command; crowded: axes, by their places, that leave the outputs
+    of these places as they are in a sample in which their amplifier is asked for its report.
     """
 
     def __init__(
@@ -59,8 +61,9 @@ class PythonLoop:
         readback: ReadbackCheck | None = None,
         beside: Sequence[Axis] = (),
         together: Sequence[Together] = (),
+        crowded: Mapping[int, tuple[int, ...]] | None = None,
     ) -> None:
-        self._now, self._together = now, together
+        self._now, self._together, self._crowded = now, together, crowded or {}
         self._sleep_until = sleep_until or systemcalls.sleeper()
         monitors = [monitor, *(axis.monitor for axis in beside)]
         self._volts = np.full(len(monitors), NAN)
@@ -91,13 +94,19 @@ class PythonLoop:
             monitor.publish_status(clock.monotonic_ns())
 
     def _sample(self, woke_ns: int) -> int:
-        axes, io_ns, asked = self._axes, 0, False
-        for axis in axes:
-            spent_ns, asked = axis.read_sensor(asked)
+        axes, io_ns, kept = self._axes, 0, None
+        for place, axis in enumerate(axes):
+            spent_ns, asked = axis.read_sensor(kept is not None)
             io_ns += spent_ns
+            if asked:
+                kept = self._crowded.get(place, ())
         for axis in axes:
             axis.take_back()
+        for place in kept or ():
+            axes[place].monitor.numbers[DOUBTFUL] |= ASKED
         begin_axes(self._addresses, self._now(), self._volts)
+        for place in kept or ():
+            axes[place].monitor.numbers[DOUBTFUL] &= ~ASKED
         volts = self._volts.tolist()
         for joint, places in self._together:
             io_ns += self._write_together(joint, places, volts)
@@ -191,13 +200,13 @@ class _AxisDevices:
         )
 
     def read_sensor(self, others_asked: bool) -> tuple[int, bool]:
-        """The reading goes into the meter. Nanoseconds in the driver, and whether an amplifier has
-        been asked for its report in this sample, here or before: one axis in a sample is."""
+        """The reading goes into the meter. Nanoseconds in the driver, and whether the amplifier has
+        been asked for its report; where that of another axis has been, it is not."""
         begun_ns = self._now()
         asked = not others_asked and self.readback is not None and self._read_back(self.readback)
         self._flags = self._read(asked)
         self.monitor.numbers[THE_HELD] = 1 if self._flags & HELD else 0
-        return self._now() - begun_ns, asked or others_asked
+        return self._now() - begun_ns, asked
 
     def _read(self, asked: bool) -> int:
         """Flags of the reading. asked: there is no time for one."""

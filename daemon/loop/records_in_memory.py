@@ -93,7 +93,8 @@ METER_T = np.dtype(
         # devices: 1 usable, 0 down; the code that brought it down
         ("actuator_ok", "<i8"),
         ("sensor_ok", "<i8"),
-        ("doubtful", "<i8"),  # 1: its own report contradicts it, nothing is to be written
+        # nothing is to be written: 1: the amplifier's report contradicts it; 2: it is asked for it
+        ("doubtful", "<i8"),
         ("actuator_code", "<i8"),
         ("sensor_code", "<i8"),
         # C functions of the devices, for the compiled loop

@@ -96,8 +96,8 @@ def make_voltage(table: Table) -> float:
     if c.state == FAULT or m.actuator_ok == 0 or m.doubtful != 0:
         r.volts = c.volts
         return NAN
-    if c.state == READY and r.volts == c.volts:
-        return NAN  # nobody commands: the bus to the amplifier stays quiet
+    if r.volts == c.volts and (c.state == READY or c.found != 0):
+        return NAN  # nobody commands, or it stands there by its own report, which may be off
     return r.volts
 
 

@@ -191,13 +191,14 @@ class Bench:
             log.output_ns.append(time_ns)
             log.output_v.append(volts)
 
-    def _position(self, axis: str) -> float:
-        self.follow()
+    def _position(self, axis: str, time_s: float) -> float:
+        time_ns = round(time_s * NS_PER_S)
+        self._platform.advance_to(time_ns)
         stage = self.stages[axis]
         reading_um = stage.reading_um()
         if self.log is not None:
             log = self.log.of(axis)
-            log.reading_ns.append(round(self._clock() * NS_PER_S))
+            log.reading_ns.append(time_ns)
             log.reading_um.append(reading_um)
             log.true_um.append(stage.displacement_um)
         return reading_um

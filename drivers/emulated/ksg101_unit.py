@@ -1,9 +1,10 @@
 """An emulated KSG101 / TSG001 strain gauge reader: bytes in, bytes out, no port.
 
-    unit = Ksg101Unit(Ksg101Knobs(max_travel_um=20.0), position=stage.reading_um)
+    unit = Ksg101Unit(Ksg101Knobs(max_travel_um=20.0), position=reading_at)
     with PtyServer(unit, "/tmp/dehyst/ksg101"): ...
 
-`position` is asked for the displacement [um] at the moment a reading is due.
+`position` is asked for the displacement [um] at the clock's time at which a reading is due, which
+is a little ago when this process is late.
 """
 
 import math
@@ -27,7 +28,7 @@ class Ksg101Unit:
     def __init__(
         self,
         knobs: Ksg101Knobs | None = None,
-        position: Callable[[], float] = lambda: 0.0,
+        position: Callable[[float], float] = lambda time_s: 0.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.knobs = knobs or Ksg101Knobs()
@@ -61,7 +62,7 @@ class Ksg101Unit:
         now = self._clock()
         while self._requests and self._requests[0][0] <= now:
             due, message = self._requests.popleft()
-            reply = self._answer(message)
+            reply = self._answer(message, due)
             if reply and not self.faults.mute:
                 self._send(reply, due + self.faults.delay_s)
         if self._outgoing and self._outgoing[0][0] <= now:
@@ -88,7 +89,7 @@ class Ksg101Unit:
         for start in range(0, len(reply), size):
             self._outgoing.append((due_s, reply[start : start + size]))
 
-    def _answer(self, message: AptMessage) -> bytes:
+    def _answer(self, message: AptMessage, now: float) -> bytes:
         name = message.name
         if name == "hw_req_info":
             return self._reply(
@@ -107,23 +108,23 @@ class Ksg101Unit:
             return self._reply("pz_get_maxtravel", chan=1, travel_100nm=steps)
         if name == "tsg_req_reading":
             self.readings_done += 1
-            position_um = self._measure()
+            position_um = self._measure(now)
             return self._reply(
                 "tsg_get_reading",
                 chan=1,
                 reading=self._counts(position_um),
-                smoothed=self._counts(self._smoothed(position_um)) & 0xFFFF,
+                smoothed=self._counts(self._smoothed(position_um, now)) & 0xFFFF,
             )
         if name == "tsg_req_iosettings":
             return self._reply("tsg_get_iosettings", **self._io)
         if name == "tsg_set_iosettings":
             self._io = dict(message.values)
         elif name == "pz_set_zero":
-            self._zero_um += self._measure()
+            self._zero_um += self._measure(now)
             self._zeroed = True
         elif name == "pz_req_pzstatusupdate":
             status = codec.GAUGE_CONNECTED | (codec.ZEROED if self._zeroed else 0)
-            counts = self._counts(self._measure())
+            counts = self._counts(self._measure(now))
             return self._reply(
                 "pz_get_pzstatusupdate", chan=1, output=0, position=counts, status=status
             )
@@ -133,13 +134,12 @@ class Ksg101Unit:
     def _reply(name: str, **values: object) -> bytes:
         return encode_apt(name, source=codec.UNIT, destination=codec.HOST, **values)
 
-    def _measure(self) -> float:
+    def _measure(self, now: float) -> float:
         if not self.faults.stuck:
-            self._stuck_at = self._position()
+            self._stuck_at = self._position(now)
         return self._stuck_at - self._zero_um
 
-    def _smoothed(self, position_um: float) -> float:
-        now = self._clock()
+    def _smoothed(self, position_um: float, now: float) -> float:
         if self._smooth_um is None or not math.isfinite(position_um):
             self._smooth_um = (position_um, now) if math.isfinite(position_um) else None
             return position_um

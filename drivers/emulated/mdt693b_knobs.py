@@ -67,6 +67,7 @@ class Mdt693bFaults(Settings, frozen=True):
         False
     )
     readback_error_v: Annotated[float, Meta(description="added to the readback")] = 0.0
+    readback_error_axis: Annotated[str, Meta(description='of this axis; "": of each')] = ""
     before_reply: Annotated[bytes, Meta(description="sent before a reply: NUL, LF, stale")] = b""
     after_reply: Annotated[bytes, Meta(description="sent after a reply")] = b""
     garbage: Annotated[bool, Meta(description="random printable bytes for a reply")] = False

@@ -220,7 +220,9 @@ class Mdt693bUnit:
 
     def _read(self, axis: str, now: float) -> float:
         volts = self._follow(axis, now) + self.knobs.readback_offset_v
-        volts += self._random.gauss(0.0, self.knobs.readback_noise_v) + self.faults.readback_error_v
+        volts += self._random.gauss(0.0, self.knobs.readback_noise_v)
+        if self.faults.readback_error_axis in ("", axis):
+            volts += self.faults.readback_error_v
         if self.knobs.adc_step_v > 0.0:
             volts = round(volts / self.knobs.adc_step_v) * self.knobs.adc_step_v
         return volts

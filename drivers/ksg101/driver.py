@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, Self
 
-from dehyst.drivers.call_times import typical_s
+from dehyst.drivers.call_times import Batches, CallTimes
 from dehyst.drivers.interface import (
     DeviceGone,
     DeviceNotFound,
@@ -25,6 +25,7 @@ from dehyst.drivers.settings import read_settings
 
 USB_IDS = ((0x0403, 0xFAF0),)  # FTDI with Thorlabs' product number
 FULL_SCALE = 32767
+BATCHES = Batches(most=4)  # tests/benchmarks/daemon/deadlines_of_axes.py
 
 
 class Ksg101:
@@ -41,7 +42,7 @@ class Ksg101:
         self._decoder = Decoder()
         self._late = False  # a request timed out: its reply may still come
         self._travel_um = settings.max_travel_um
-        self.spec = self._spec("", 0.0)
+        self.spec = self._spec()
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
@@ -55,7 +56,7 @@ class Ksg101:
             info = self._identify()
             if not self.settings.max_travel_um:
                 self._travel_um = self._ask_travel()
-            self.spec = self._spec(info, typical_s(self.read, self._clock))
+            self.spec = self._spec(info, BATCHES.best(self.read, self._clock))
         except BaseException:
             self.close()
             raise
@@ -98,7 +99,8 @@ class Ksg101:
             self._port.close()
             self._port = None
 
-    def _spec(self, identity: str, latency_s: float) -> DeviceSpec:
+    def _spec(self, identity: str = "", times: CallTimes | None = None) -> DeviceSpec:
+        latency_s = 0.0 if times is None else times.percentile_s(50.0)
         reach = abs(self._travel_um * self.settings.calibration)
         return DeviceSpec(
             unit="um",
@@ -108,6 +110,7 @@ class Ksg101:
             max_rate_hz=1.0 / latency_s if latency_s > 0 else 100.0,
             latency_s=latency_s or 0.01,
             identity=identity,
+            late_s=0.0 if times is None else BATCHES.late_s(times),
         )
 
     def _connect(self) -> None:

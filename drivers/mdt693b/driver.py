@@ -49,9 +49,9 @@ class Mdt693b:
 
     An Actuator; its settings are those of Mdt693bConfig.
 
-    timing: durations of write(); `spec.latency_s` (median) and `spec.max_rate_hz` (from the
-    75th percentile) are measured at open() with harmless queries and from then on with the
-    sets themselves. stray_bytes: bytes that came in unasked so far.
+    timing: durations of write(); `spec.latency_s` (median), `spec.late_s` (the 95th
+    percentile) and `spec.max_rate_hz` (from the 75th) are measured at open() with harmless queries
+    and from then on with the sets themselves. stray_bytes: bytes that came in unasked so far.
     """
 
     settings_type = Mdt693bConfig
@@ -250,26 +250,13 @@ class Mdt693b:
         # while others use the link, what was measured before counts
         alone = self._unit is None or not self._unit.shared
         if config.rate_hz is None and (alone or not self._timed_before):
-            self._update_spec(self._timed())
+            self._update_spec(TUNING.batches.best(self._ask, self._clock))
             self._timed_before = True
 
-    def _timed(self) -> CallTimes:
-        """Round trips of readings, the best batch of them."""
-        best, fastest_s = CallTimes(), math.inf
-        for _ in range(TUNING.most_batches):
-            batch = CallTimes()
-            for _ in range(TUNING.batch):
-                started_s = self._clock()
-                with self.conversation() as link:
-                    link.ask(self.word("read"))
-                batch.add(self._clock() - started_s)
-            fastest_s = min(fastest_s, batch.percentile_s(0.0))
-            typical_s = batch.percentile_s(TUNING.rate_percentile)
-            if not typical_s >= best.percentile_s(TUNING.rate_percentile):
-                best = batch
-            if best.percentile_s(TUNING.rate_percentile) <= TUNING.close_to_fastest * fastest_s:
-                break
-        return best
+    def _ask(self) -> None:
+        """A reading, for its duration."""
+        with self.conversation() as link:
+            link.ask(self.word("read"))
 
     def get_in_step(self, link: Mdt693bLink) -> None:
         """Before the next command: find out what became of a set that was not acknowledged."""
@@ -286,8 +273,12 @@ class Mdt693b:
             )
 
     def _update_spec(self, timing: CallTimes) -> None:
-        rate_hz = self.config.rate_hz or 1.0 / timing.percentile_s(TUNING.rate_percentile)
-        self.spec = replace(self.spec, max_rate_hz=rate_hz, latency_s=timing.percentile_s(50.0))
+        self.spec = replace(
+            self.spec,
+            max_rate_hz=self.config.rate_hz or TUNING.batches.rate_hz(timing),
+            latency_s=timing.percentile_s(50.0),
+            late_s=TUNING.batches.late_s(timing),
+        )
 
     def admit(self, volts: float) -> float:
         """`volts` as it will be written: in range, on the grid of the text, not beyond a limit."""

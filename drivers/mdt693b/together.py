@@ -57,13 +57,17 @@ class JointOutputs:
         self._order = [outputs.index(output) for output in self._outputs]
         self.together = len(outputs) == 3 and self._knows_all()
         reads = [output.word("read") for output in self._outputs]
-        self._rates_hz = [self._measure(reads[:n], clock) for n in range(1, len(reads) + 1)]
+        self._times = [self._measure(reads[:n], clock) for n in range(1, len(reads) + 1)]
         if self.together:
-            self._rates_hz[2] = self._measure([ASK_ALL], clock)
+            self._times[2] = self._measure([ASK_ALL], clock)
 
     def rate_hz(self, driven: int) -> float:
         """The highest rate of setting so many of the outputs."""
-        return self._rates_hz[driven - 1]
+        return TUNING.batches.rate_hz(self._times[driven - 1])
+
+    def late_s(self, driven: int) -> float:
+        """What few sets of so many of the outputs take longer than."""
+        return TUNING.batches.late_s(self._times[driven - 1])
 
     def write_all(self, volts: Sequence[float]) -> None:
         """Set all three in one command; volts in the order of the outputs as they were given.
@@ -98,19 +102,12 @@ class JointOutputs:
             return False
         return True
 
-    def _measure(self, words: Sequence[str], clock: Callable[[], float]) -> float:
-        """How often a second these commands are answered one after the other, in the best batch."""
-        best_s, fastest_s = float("inf"), float("inf")
-        for _ in range(TUNING.most_batches):
-            batch = CallTimes()
-            for _ in range(TUNING.batch):
-                started_s = clock()
-                for word in words:
-                    with self._outputs[0].conversation() as link:
-                        link.ask(word)
-                batch.add(clock() - started_s)
-            fastest_s = min(fastest_s, batch.percentile_s(0.0))
-            best_s = min(best_s, batch.percentile_s(TUNING.rate_percentile))
-            if best_s <= TUNING.close_to_fastest * fastest_s:
-                break
-        return 1.0 / best_s
+    def _measure(self, words: Sequence[str], clock: Callable[[], float]) -> CallTimes:
+        """How long these commands take one after the other."""
+
+        def ask() -> None:
+            for word in words:
+                with self._outputs[0].conversation() as link:
+                    link.ask(word)
+
+        return TUNING.batches.best(ask, clock)

@@ -1,6 +1,8 @@
 """The MDT693B driver's constants and where each of them comes from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from dehyst.drivers.call_times import Batches
 
 
 @dataclass(frozen=True)
@@ -9,13 +11,8 @@ class Tuning:
     beside the one that was reached; readback figures by what captures of real units show: an
     offset of 0.2 V, a lag of 0.05 to 0.25 s, a display of one decimal."""
 
-    # rate: of the best of up to ten batches, by its 75th percentile. What slows one batch and not
-    # another is this machine, not the unit; a batch near the fastest call is enough
     expected_rate_hz: float = 300.0  # declared until the unit has been measured at open()
-    batch: int = 20
-    most_batches: int = 10
-    rate_percentile: float = 75.0
-    close_to_fastest: float = 1.15
+    batches: Batches = field(default_factory=Batches)  # how the rate is measured
     measured_after: int = 256  # sets between two updates of the declared rate
 
     # readback: believed instead of the set-point when farther from it than the tolerance; it

@@ -119,7 +119,9 @@ class LagSearch:
         return None if best is None else make(best)
 
     def _grid(self, periods: Sequence[float]) -> list[float]:
-        return [p for p in periods if p <= max(self.longest / self.period, 0.5)]
+        most = max(self.longest / self.period, periods[0])
+        shorter = [p for p in periods if p < most]
+        return [*shorter, min(most, periods[-1])]
 
     def _find_lag(self, place: str, enough: float) -> Dynamics | None:
         def make(log: float) -> Dynamics:

@@ -56,7 +56,7 @@ class Target:
 def command(data: bytes) -> bool:
     """A set-point, trajectory chunk or request on its way to the loop, from the lease's holder."""
     lease = Lease(10**9, lambda: 7)
-    lease.acquire(NOW_NS, 1, "fuzz", NOW_NS)
+    lease.give(NOW_NS, 1, "fuzz", NOW_NS)
     gate = Admission("um", 10.0, 2.0, lease)
     gate.core.alive, gate.core.state, gate.core.reachable = True, State.READY, REACH
     gate.core.period_ns, gate.core.status_ns = 1_000_000, NOW_NS

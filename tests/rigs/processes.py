@@ -130,11 +130,16 @@ class EmulatedBench:
 
     def output(self) -> tuple[np.ndarray, np.ndarray]:
         """(time_ns, volts) at the amplifier's output so far."""
+        logged = self.logged()
+        return logged["time_ns"], logged["volts"]
+
+    def logged(self) -> dict[str, np.ndarray]:
+        """The bench's log so far: time_ns, volts; reading_ns, reading_um, true_um."""
         self.log.unlink(missing_ok=True)
         self.control(save=True)
         until(self.log.exists, 10.0, "the bench's log")
         with np.load(self.log) as data:
-            return data["time_ns"], data["volts"]
+            return dict(data)
 
     def close(self) -> None:
         """End it."""

@@ -2,8 +2,13 @@
 
 example: python -m tests.benchmarks.daemon.chaos            (all of it: about three minutes)
          python -m tests.benchmarks.daemon.chaos kill_core unplug
+         python -m tests.benchmarks.daemon.chaos --axes 3
+
+With --axes 3 the same is done to the axis x of three, beside what only several axes have: y plays
+on a trajectory of its own, z stands, and the amplifier's log of every channel is judged.
 """
 
+import argparse
 import sys
 import tempfile
 import time
@@ -11,13 +16,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tests.benchmarks.bars import Bars
+from tests.rigs.chaos import axes, faults
 from tests.rigs.chaos import commands as chaos_commands
-from tests.rigs.chaos import faults
 from tests.rigs.chaos import pairs as chaos_pairs
+from tests.rigs.chaos.axes_rig import AxesRig
 from tests.rigs.chaos.rig import RATE_HZ, SLEW, Rig
 
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.drivers.simulated.axes import settings_of
 
 RAMP = (
     *faults.PROCESSES,
@@ -29,12 +36,19 @@ RAMP = (
 HOLD = (faults.kill_core_hold, faults.unplug_hold)
 
 
-def series(chosen: tuple[Callable[..., str], ...], on_fault: str, model: Path, bars: Bars) -> None:
-    """Do these faults to one daemon; to another one behind a fault that failed."""
+def series(
+    chosen: tuple[Callable[..., str], ...], on_fault: str, models: dict[str, Path], bars: Bars
+) -> None:
+    """Do these faults to one daemon, of as many axes as there are models; to another one behind a
+    fault that failed."""
     left = list(chosen)
     while left:
         with tempfile.TemporaryDirectory(prefix="dehyst-chaos-") as folder:
-            rig = Rig(Path(folder), model, on_fault)
+            rig = (
+                Rig(Path(folder), models["x"], on_fault)
+                if len(models) == 1
+                else AxesRig(Path(folder), models, on_fault)
+            )
             try:
                 begun = time.monotonic()
                 rig.run()
@@ -71,20 +85,28 @@ def one(rig: Rig, recording: Path, fault: Callable[..., str], bars: Bars) -> boo
     return True
 
 
-def main(names: list[str]) -> int:
+def main() -> int:
     """Both settings of safe.on_fault; the exit status."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="FAULT", help="these only")
+    parser.add_argument("--axes", type=int, choices=(1, 3), default=1)
+    args = parser.parse_args()
     bars = Bars()
     print("| fault | what happened | movement beyond slew x time, of a step | end | "
           "trajectory again after |")  # fmt: skip
     print("|---|---|---|---|---|")
     with tempfile.TemporaryDirectory(prefix="dehyst-chaos-") as folder:
-        model = Path(folder) / "model.toml"
-        save_model(simulated_model(), model)
-        for group, on_fault in ((RAMP, "ramp"), (HOLD, "hold")):
-            chosen = tuple(f for f in group if not names or f.__name__ in names)
-            series(chosen, on_fault, model, bars)
+        models = {axis: Path(folder) / f"model-{axis}.toml" for axis in "xyz"[: args.axes]}
+        for axis, stage in settings_of(list(models), {}).items():
+            save_model(simulated_model(stage), models[axis])
+        more = axes.AXES if args.axes > 1 else ()
+        for group, on_fault in (((*more, *RAMP), "ramp"), (HOLD, "hold")):
+            chosen = tuple(f for f in group if not args.names or f.__name__ in args.names)
+            series(chosen, on_fault, models, bars)
     return bars.end()
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -6,6 +6,10 @@ devices fail, processes are stopped and killed, and the model file is exchanged.
 
 example: python -m tests.benchmarks.daemon.command_fuzz --for 3600
          python -m tests.benchmarks.daemon.command_fuzz --for 60 --seed 7
+         python -m tests.benchmarks.daemon.command_fuzz --for 600 --axes 3
+
+With --axes 3 two clients do so to the axis x and two to the axis y of one amplifier; nobody
+commands z, whose output must not move at all.
 """
 
 import argparse
@@ -17,12 +21,14 @@ from pathlib import Path
 import numpy as np
 from tests.benchmarks.bars import Bars
 from tests.benchmarks.daemon.kills import judge_output
+from tests.rigs.chaos.axes_rig import RESTING, AxesRig
 from tests.rigs.chaos.fuzzing import Fuzz
 from tests.rigs.chaos.rig import Rig, until
 
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.drivers.simulated.axes import settings_of
 from dehyst.models.errors import DehystError
 
 ERRORS = ("BusError", "NoAnswer", "Nobody", "Refusal", "BadMessage")
@@ -36,19 +42,23 @@ def main() -> int:
     )
     parser.add_argument("--for", dest="seconds", type=float, default=3600.0)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--axes", type=int, choices=(1, 3), default=1)
     parser.add_argument("--keep", type=Path, metavar="DIR", help="log and words go there")
     o = parser.parse_args()
     bars = Bars()
     with tempfile.TemporaryDirectory(prefix="dehyst-command-fuzz-") as name:
         folder = Path(name)
-        save_model(simulated_model(), folder / "identified.toml")
-        rig = Rig(folder, folder / "identified.toml")
+        rig = rig_of(folder, o.axes)
         try:
             rig.run()
             rig.kill("client")
+            if isinstance(rig, AxesRig):
+                rig.end_beside()
             counts = Fuzz(rig, o.seed).run(o.seconds)
             follows = follows_again(rig)
-            log = rig.output()
+            logs = {"x": rig.output()}
+            if isinstance(rig, AxesRig):
+                logs = {axis: rig.channel(axis) for axis in "xyz"}
         finally:
             rig.close()
         said = {path.name: path.read_text(errors="replace") for path in folder.glob("*.txt")}
@@ -56,11 +66,15 @@ def main() -> int:
     run = said["run.txt"]
     if o.keep is not None:
         o.keep.mkdir(parents=True, exist_ok=True)
-        np.savez(o.keep / "output.npz", time_ns=log[0], volts=log[1])
+        for axis, (time_ns, volts) in logs.items():
+            np.savez(o.keep / f"output-{axis}.npz", time_ns=time_ns, volts=volts)
         for file, text in said.items():
             (o.keep / file).write_text(text)
     bars.least("operations", counts.total() - sum(counts[e] for e in ERRORS), 1)
-    judge_output(log, bars)
+    for axis in "xy"[: o.axes]:
+        judge_output(logs[axis], bars)
+    if isinstance(rig, AxesRig):
+        bars.none("moves of z", int(np.count_nonzero(logs[RESTING][0] > rig.rested_ns)))
     bars.none("tracebacks", sum(text.count("Traceback") for text in said.values()))
     bars.none("processes that crashed", len(re.findall(r"ended with code (?!-9|2;|2:)", run)))
     bars.none("false hangs", run.count("hangs; killing it"))
@@ -69,12 +83,20 @@ def main() -> int:
     return bars.end()
 
 
+def rig_of(folder: Path, axes: int) -> Rig:
+    """Bench and daemon with models of the stage as it is."""
+    models = {axis: folder / f"identified-{axis}.toml" for axis in "xyz"[:axes]}
+    for axis, stage in settings_of(list(models), {}).items():
+        save_model(simulated_model(stage), models[axis])
+    return AxesRig(folder, models) if axes > 1 else Rig(folder, models["x"])
+
+
 def follows_again(rig: Rig) -> bool:
     """Behind all that, a client commands as ever."""
 
     def sent() -> bool:
         try:
-            with Client("chaos", rig.address, label="afterwards") as client:
+            with Client(rig.name, rig.address, label="afterwards") as client:
                 client.take_over()
                 status = client.status()
                 middle = 0.5 * (status.reach_min + status.reach_max)

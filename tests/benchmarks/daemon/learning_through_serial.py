@@ -2,9 +2,12 @@
 
     python -m tests.benchmarks.daemon.learning_through_serial [--passes N]
 
-The error is the true displacement's: the emulated amplifier's own log of its output drives a
-second simulated stage, which is asked where it was at each deadline.
-Passes in which the loop missed a deadline are learned from by nobody, and not judged.
+The error is the true displacement's, by the bench's own clock, at the moment at which the gauge
+was read: it is this moment that the loop compares with the target, and learns of. The emulated
+gauge writes down where the stage was. At the deadline, 0.4 ms earlier, the stage is elsewhere: each
+step of the output makes it ring at 780 Hz. What it was there is printed too: a second simulated
+stage is led by the amplifier's log of its output. Passes in which the loop missed a deadline are
+learned from by nobody, and not judged.
 """
 
 import argparse
@@ -13,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from tests.benchmarks.bars import Bars, too_busy
@@ -29,26 +33,68 @@ from dehyst.models.model import Floats
 
 SINES = ((1.0, 8.0), (5.0, 6.0))
 LEAST_GAIN = 5.0
+BEFORE_S = 60.0  # the approach is so long ago at the most, where the machine is busy
 
 
-def true_at(bench: EmulatedBench, moments_ns: np.ndarray) -> Floats:
+class Errors(NamedTuple):
+    """(passes, n) each [nm], NaN where a pass missed a deadline or a sample had no reading: of the
+    true displacement when the gauge was read, of the reading, of the true one at the deadline."""
+
+    true: Floats
+    reading: Floats
+    at_deadline: Floats
+
+
+def true_at(logged: dict[str, np.ndarray], moments_ns: np.ndarray) -> Floats:
     """(n,) where the stage was at these times [um]."""
-    log_ns, volts = bench.output()
+    log_ns, volts = logged["time_ns"], logged["volts"]
     every, where = np.unique(np.concatenate([log_ns, moments_ns]), return_inverse=True)
     held = volts[np.clip(np.searchsorted(log_ns, every, side="right") - 1, 0, None)]
     true, _ = Stage().run((every - every[0]) * 1e-9, held)
     return np.asarray(true[where[log_ns.size :]])
 
 
-def passes_of(client: Client, bench: EmulatedBench, passes: int, n: int) -> Floats:
-    """(passes,) std of the true error of each [nm]; NaN where a deadline was missed."""
-    records = client.history(seconds=passes * n / RATE_HZ + 5.0)
+def errors_of(client: Client, bench: EmulatedBench, passes: int, n: int) -> Errors:
+    """What the bench and the loop wrote down of the newest passes."""
+    records = client.history(seconds=passes * n / RATE_HZ + BEFORE_S)
     begun = int(np.flatnonzero(records["flags"] & int(Flag.APPROACH))[-1]) + 1
     records = records[begun : begun + passes * n]
-    error = 1e3 * (true_at(bench, records["scheduled_ns"]) - records["target"])
-    late = (records["flags"] & int(Flag.MISSED)) != 0
-    each = zip(np.array_split(error, passes), np.array_split(late, passes), strict=True)
-    return np.array([np.nan if missed.any() else part.std() for part, missed in each])
+    logged, due_ns = bench.logged(), records["scheduled_ns"]
+    place = np.searchsorted(logged["reading_ns"], due_ns)
+    place = np.minimum(place, logged["reading_ns"].size - 1)
+    waited_s = (logged["reading_ns"][place] - due_ns) * 1e-9
+    true = np.where(waited_s < 1.0 / RATE_HZ, logged["true_um"][place], np.nan)
+    late = ((records["flags"] & int(Flag.MISSED)) != 0).reshape(passes, n).any(axis=1)
+    every = []
+    for displacement in (true, records["measured"], true_at(logged, due_ns)):
+        error = 1e3 * (displacement - records["target"]).reshape(passes, n)
+        every.append(np.where(late[:, None], np.nan, error))
+    return Errors(*every)
+
+
+def scatter(error: Floats) -> Floats:
+    """(passes,) std of each; NaN where a pass is not judged."""
+    judged = np.isfinite(error).any(axis=1)
+    out = np.full(judged.size, np.nan)
+    out[judged] = np.nanstd(error[judged], axis=1)
+    return out
+
+
+def gain_of(error: Floats) -> float:
+    """Std of the first pass over that of the last ones."""
+    std = scatter(error)
+    first, last = std[:3][np.isfinite(std[:3])], std[12:][np.isfinite(std[12:])]
+    return float(first[0] / np.median(last)) if first.size and last.size else np.nan
+
+
+def tell(errors: Errors) -> None:
+    """The passes, and what is the same in all of the last ones."""
+    words = ("true when the gauge is read", "reading, with its noise", "true at the deadline")
+    for what, error in zip(words, errors, strict=True):
+        std, last = scatter(error), error[12:][np.isfinite(error[12:]).any(axis=1)]
+        each = " ".join(f"{s:.0f}" for s in std)
+        repeats = float(np.nanstd(np.nanmean(last, axis=0))) if last.size else np.nan
+        print(f"  {what}: {each} nm; {repeats:.1f} of the last ones repeats")
 
 
 def main() -> int:
@@ -76,10 +122,10 @@ def main() -> int:
                     ],
                     check=False, env=os.environ, timeout=300,
                 )  # fmt: skip
-                std = passes_of(client, bench, args.passes, t_s.size)
-                print(f"{um:g} um at {hertz:g} Hz:", " ".join(f"{s:.1f}" for s in std), "nm")
-                first, last = std[:3][np.isfinite(std[:3])], std[12:][np.isfinite(std[12:])]
-                gain = float(first[0] / np.median(last)) if first.size and last.size else np.nan
+                errors = errors_of(client, bench, args.passes, t_s.size)
+                print(f"{um:g} um at {hertz:g} Hz")
+                tell(errors)
+                gain = gain_of(errors.true)
                 if busy and not gain >= LEAST_GAIN:
                     bars.cannot(f"{hertz:g} Hz, first pass over the last ones: {gain:.1f}", busy)
                 else:

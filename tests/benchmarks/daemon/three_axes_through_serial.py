@@ -6,8 +6,9 @@ another process, through an emulated MDT693B and three emulated KSG101.
 `dehyst acquire`, `identify`, `scan` and `play` as they are, each a process of its own; the daemon
 once with a straight line for each axis, once with the models without their coupling, once with it,
 and once more with learning. The error is that of the true displacement, as the
-emulated bench has logged it at each reading; z stands under command all the while, so that what
-moves it is cross-talk.
+emulated bench has logged it at each reading; z stands under command all the while. Cross-talk is
+what changes in z when the others move: its course while they go through the figure, less its
+course while they stand as long before and behind, which creep and trim leave.
 """
 
 import argparse
@@ -18,8 +19,10 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from tests.benchmarks.bars import Bars, too_busy
 from tests.rigs.gateway_bench import free_port
 from tests.rigs.processes import EmulatedBench, dehyst, until
@@ -42,6 +45,8 @@ FIGURES = {
 }
 CENTER = ("--center", "8", "7.5")
 STILL_UM = 8.5
+SETTLE_S = 15.0  # at the first targets, before anything is judged
+AFTER_S = 60.0  # what `dehyst play` may take to end: its report, its picture
 
 
 def run_command(*words: str, seconds: float = 600.0) -> None:
@@ -90,20 +95,25 @@ def log_of(bench: EmulatedBench) -> dict[str, tuple[Floats, Floats]]:
         }
 
 
-def errors_nm(
+def courses_um(
     client: Mapping[str, Client], bench: EmulatedBench, n: int, passes: int
-) -> tuple[float, float]:
-    """Of the last pass: rms of the path's error in the plane, and of z's, each about its mean."""
-    true, off = log_of(bench), {}
+) -> tuple[dict[str, Floats], NDArray[np.bool_]]:
+    """(n,) true displacement less target of each axis in the last pass; (n,) in time."""
+    true, off, good = log_of(bench), {}, np.ones(n, bool)
     for axis, one in client.items():
-        records = one.history(seconds=(passes * n + 1000) / AXES_RATE_HZ)
+        records = one.history(seconds=passes * n / AXES_RATE_HZ + AFTER_S)
         begun = int(np.flatnonzero(records["flags"] & int(Flag.APPROACH))[-1]) + 1
         last = records[begun : begun + passes * n][-n:]
         at_ns, where = true[axis]
-        error = 1e3 * (np.interp(last["scheduled_ns"], at_ns, where) - last["target"])
-        error = error[(last["flags"] & int(Flag.MISSED)) == 0]
-        off[axis] = float(np.var(error))
-    return float(np.sqrt(off["x"] + off["y"])), float(np.sqrt(off["z"]))
+        off[axis] = np.interp(last["scheduled_ns"], at_ns, where) - last["target"]
+        good &= (last["flags"] & int(Flag.MISSED)) == 0
+    return off, good
+
+
+def errors_nm(off: Mapping[str, Floats], good: NDArray[np.bool_]) -> tuple[float, float]:
+    """Rms of the path's error in the plane, and of z's, each about its mean."""
+    power = {axis: float(np.var(1e3 * error[good])) for axis, error in off.items()}
+    return float(np.sqrt(power["x"] + power["y"])), float(np.sqrt(power["z"]))
 
 
 def connected(address: str) -> dict[str, Client] | None:
@@ -121,29 +131,58 @@ def connected(address: str) -> dict[str, Client] | None:
     return None
 
 
+def write_figure(folder: Path, config: Path, words: tuple[str, ...]) -> tuple[Path, Path, Path]:
+    """Trajectories of all axes: the figure, x and y at its first point as long, and for the time in
+    which creep settles."""
+    path, alone, settle = (folder / f"{words[0]}{kind}.csv" for kind in ("", "-alone", "-settle"))
+    if not path.exists():
+        plane = folder / f"{words[0]}-plane.csv"
+        run_command("scan", *words, *CENTER, "--config", str(config), "-o", str(plane))
+        columns, _ = read_columns(plane)
+        t_s = columns.pop("t_s")
+        columns["target_z_um"] = np.full(t_s.size, STILL_UM)
+        del columns["scan"]
+        write_recording(path, t_s, columns)
+        write_recording(alone, t_s, {k: np.full(t_s.size, v[0]) for k, v in columns.items()})
+        t_s = np.arange(round(SETTLE_S * AXES_RATE_HZ)) / AXES_RATE_HZ
+        write_recording(settle, t_s, {k: np.full(t_s.size, v[0]) for k, v in columns.items()})
+    return path, alone, settle
+
+
+class Played(NamedTuple):
+    """Rms [nm] of a figure: of the path's error, of z's about its mean, and of its cross-talk."""
+
+    path: float
+    still: float
+    talk: float
+
+
 def played(
     folder: Path, bench: EmulatedBench, config: Path, address: str, passes: int
-) -> dict[str, tuple[float, float]]:
-    """The errors of each figure with the models that stand in the folder."""
+) -> dict[str, Played]:
+    """The errors of each figure with the models that stand in the folder; the last pass counts."""
     out = {}
     daemon = dehyst("run", "--config", str(config), stdout=None, stderr=subprocess.DEVNULL)
+    where = ("--to", NAME, "--connect", address)
     try:
         clients = until(lambda: connected(address), 240.0, "the daemon")
         for name, words in FIGURES.items():
-            path = folder / f"{words[0]}.csv"
-            if not path.exists():
-                plane = folder / f"{words[0]}-plane.csv"
-                run_command("scan", *words, *CENTER, "--config", str(config), "-o", str(plane))
-                columns, _ = read_columns(plane)
-                t_s = columns.pop("t_s")
-                columns["target_z_um"] = np.full(t_s.size, STILL_UM)
-                del columns["scan"]
-                write_recording(path, t_s, columns)
+            path, alone, settle = write_figure(folder, config, words)
             n = read_columns(path)[0]["t_s"].size
+            run_command("play", str(settle), *where)
+
+            def course(file: Path, n: int, repeat: int = 1, *more: str) -> Any:
+                run_command("play", str(file), *where, "--repeat", str(repeat), *more)
+                return courses_um(clients, bench, n, repeat)
+
+            before, good = course(alone, n)
             more = ("--learn", "--picture", str(folder / "p.png")) if passes > 1 else ()
-            where = ("--to", NAME, "--connect", address, "--repeat", str(passes))
-            run_command("play", str(path), *where, *more)
-            out[name] = errors_nm(clients, bench, n, passes)
+            found, in_time = course(path, n, passes, *more)
+            good &= in_time
+            behind, in_time = course(alone, n)
+            good &= in_time
+            talk = found["z"] - 0.5 * (before["z"] + behind["z"])
+            out[name] = Played(*errors_nm(found, good), float(np.std(1e3 * talk[good])))
         for one in clients.values():
             one.close()
     finally:
@@ -174,11 +213,12 @@ def main() -> int:
         finally:
             bench.close()
     for figure in FIGURES:
-        plane = {kind: results[figure][0] for kind, results in found.items()}
-        still = {kind: results[figure][1] for kind, results in found.items()}
-        told = "; ".join(f"{kind} {plane[kind]:.0f}, z {still[kind]:.1f}" for kind in found)
-        print(f"{figure}: path error, and that of z which stands, nm: {told}")
-        gain = still["compensated"] / still["coupled"]
+        told = "; ".join(
+            f"{kind} {r[figure].path:.0f}, z {r[figure].still:.1f}, {r[figure].talk:.1f}"
+            for kind, r in found.items()
+        )
+        print(f"{figure}: error of the path, of z which stands, cross-talk on z, nm: {told}")
+        gain = found["compensated"][figure].talk / found["coupled"][figure].talk
         if busy and not gain >= LEAST_GAIN:
             bars.cannot(f"{figure}: cross-talk, without over with: {gain:.1f}", busy)
         else:

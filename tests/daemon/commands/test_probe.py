@@ -75,7 +75,7 @@ def test_a_silent_or_strange_port_is_a_finding(tmp_path, capsys):
 
 def test_a_gauge_reader_is_recorded_and_understood(tmp_path, capsys):
     fixture = tmp_path / "gauge.json"
-    unit = Ksg101Unit(Ksg101Knobs(max_travel_um=40.0), lambda: 12.5)
+    unit = Ksg101Unit(Ksg101Knobs(max_travel_um=40.0), lambda time_s: 12.5)
     with PtyServer(unit, tmp_path / "gauge") as server:
         assert main(["probe", server.port, "-o", str(fixture), "--json"]) == 0
         printed = json.loads(capsys.readouterr().out)

@@ -38,7 +38,7 @@ def test_of_a_flood_the_newest_of_each_sender_is_looked_at() -> None:
     admission = Admission("um", 10.0, 2.0, lease)
     core = admission.core
     core.alive, core.state, core.reachable = True, State.READY, (0.0, 1e6)
-    number = lease.acquire(monotonic_ns(), 1, "one", monotonic_ns())
+    number = lease.give(monotonic_ns(), 1, "one", monotonic_ns())
     door = AxisDoor(stand, Keys("dehyst", "a"), stand, admission)
     intake = CommandIntake([door])
 

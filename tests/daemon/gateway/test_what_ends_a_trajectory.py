@@ -114,7 +114,7 @@ def test_a_clock_that_goes_wrong_by_half_a_thousandth_makes_no_command_late(gate
 def test_an_hour_of_silence_ends_the_lease_whatever_the_drift() -> None:
     lease = Lease(3 * S)
     admission = Admission("um", 10.0, 2.0, lease)
-    number = lease.acquire(1000 * S, 1, "first", 0)
+    number = lease.give(1000 * S, 1, "first", 0)
     assert admission.lease.check(1003 * S, 1, number)
     assert not admission.lease.check(1003 * S + 1, 1, number)
 

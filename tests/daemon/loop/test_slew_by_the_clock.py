@@ -134,11 +134,11 @@ class HangingAmplifier(SlowAmplifier):
         self.log.append((self.clock.now_ns, self.late))
 
 
-def test_no_window_holds_more_where_a_command_is_carried_out_late(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+@pytest.fixture
+def back_at_the_third_look(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A device that is down is brought back as ever, but in no thread of its own."""
+
     def came_back(link: DeviceLink) -> bool:
-        """As it is, but in no thread of its own: at the third look."""
         link.errors += 1
         if link.errors % 3:
             return False
@@ -148,6 +148,42 @@ def test_no_window_holds_more_where_a_command_is_carried_out_late(
 
     monkeypatch.setattr(DeviceLink, "down", lambda link, error: setattr(link, "ok", False))
     monkeypatch.setattr(DeviceLink, "came_back", came_back)
+
+
+class MisreportingAmplifier(SlowAmplifier):
+    """It fails once; from then on it stands 0.2 V below what it reports, as behind an ADC."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.failed_at = 0
+
+    def write(self, volts: float) -> None:
+        SimulatedActuator.write(self, volts)
+        if self.clock is not None:
+            self.log.append((self.clock.now_ns, volts))
+            if len(self.log) == 200:
+                self.failed_at = len(self.log)
+                raise DeviceTimeout("no answer")
+
+    def output(self) -> float:
+        return super().output() + (0.2 if self.failed_at else 0.0)
+
+
+@pytest.mark.usefixtures("back_at_the_third_look")
+def test_a_reported_voltage_is_not_written_back() -> None:
+    """Back again at 100 V or so it ramps to 5 V in steps of 0.4 V. To write what the unit reports,
+    before the first of them, would move it by what the report is off."""
+    amplifier, rig = slow_rig(MisreportingAmplifier, "misreporting")
+    rig.play([setpoint(10.0)], 500, compiled=False)
+    volts = np.array([v for _, v in amplifier.log])
+    stood, ramp = volts[amplifier.failed_at - 1], volts[amplifier.failed_at :]
+    assert stood > 50.0
+    assert ramp[0] == pytest.approx(stood + 0.2 - 0.4, abs=1e-9)
+    assert np.all(np.diff(ramp) < 0)
+
+
+@pytest.mark.usefixtures("back_at_the_third_look")
+def test_no_window_holds_more_where_a_command_is_carried_out_late() -> None:
     amplifier, rig = slow_rig(HangingAmplifier, "hanging")
     # back again, it ramps at once: beside the late step that is more than the limit allows
     rig.play([setpoint((10.0, 1.0)[i % 2]) for i in range(60)], 60, compiled=False)

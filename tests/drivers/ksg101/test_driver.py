@@ -28,7 +28,7 @@ class Rig:
 
     def __init__(self, folder: Path, **knobs: object) -> None:
         self.position_um = 5.0
-        self.unit = Ksg101Unit(Ksg101Knobs(**knobs), lambda: self.position_um)  # type: ignore[arg-type]
+        self.unit = Ksg101Unit(Ksg101Knobs(**knobs), lambda time_s: self.position_um)  # type: ignore[arg-type]
         self.server = PtyServer(self.unit, folder / "ksg101")
         self.server.start()
 

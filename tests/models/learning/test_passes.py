@@ -161,6 +161,16 @@ def test_a_stage_that_has_changed_is_learned_anew() -> None:
     assert plant.rms[-1] < 0.3 * plant.rms[10]
 
 
+def test_where_the_error_has_grown_it_goes_back_to_the_best_correction() -> None:
+    """What repeats has become three times as large, so what is left of it grows to 76 nm rms."""
+    plant = Plant()
+    plant.go(10)
+    plant.go(4, 3.0 * REPEATS)
+    said = [one.says for one in plant.outcomes]
+    assert not any("has grown" in words for words in said[:10])
+    assert any("back to the best correction, with half the gain" in words for words in said[10:])
+
+
 @pytest.mark.parametrize("settles", [0.0, 0.3])
 def test_a_first_pass_that_comes_from_elsewhere_is_not_learned_from(settles: float) -> None:
     """Nor is a second one whose end is not its beginning."""

@@ -156,6 +156,25 @@ def test_while_it_learns_only_a_fit_forty_times_worse_is_a_mismatch(
     assert all(thresholds["gain"] == np.inf for _, thresholds, _ in run)
 
 
+def test_no_threshold_learns_from_what_is_flagged(learned: Watched) -> None:
+    """A shaking that stays for three minutes, nine blocks' time: it does not become the rule."""
+    watched = copy.deepcopy(learned)
+    t = np.arange(180 * RATE) / RATE
+    run = watched.feed(180, 20 * NOISE_UM * np.sin(2 * np.pi * 2.1 * t))
+    first = next(i for i, (_, _, mismatch) in enumerate(run) if mismatch)
+    assert first < 12
+    for _, thresholds, mismatch in run[first:]:
+        assert mismatch
+        assert thresholds == run[first][1]
+
+
+def test_a_shifted_zero_does_not_count_as_a_model_that_does_not_fit() -> None:
+    """A gauge whose zero is 5 um off, in white noise; the misfit is counted in two noises."""
+    figures, _, mismatch = Watched().feed(60, 5.0)[-1]
+    assert figures["fit"] == pytest.approx(0.25, rel=0.4)
+    assert not mismatch
+
+
 def test_it_has_learned_after_400_s_of_motion_and_rest_does_not_count() -> None:
     watched = Watched()
     watched.feed(200)

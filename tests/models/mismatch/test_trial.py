@@ -65,6 +65,7 @@ def test_a_meter_gives_the_figures_of_the_newest_seconds_by_a_closed_form() -> N
         (Errors(0.3, 0.3, 10), Errors(0.03, 0.5, 10), False),  # the stage follows worse
         (Errors(0.3, 0.3, 10), Errors(0.03, 0.28, 10), False),  # and no better is no help
         (Errors(0.3, 0.1, 10), Errors(0.03, 0.1, 10), True),  # the trim has made up for it before
+        (Errors(0.3, 0.1, 10), Errors(0.03, 0.2, 10), False),  # and now follows worse
         (Errors(math.nan, math.nan, 0), Errors(0.03, 0.5, 10), True),  # nothing moved before
         (Errors(math.nan, math.nan, 0), Errors(0.29, 0.5, 10), False),
         (Errors(0.3, 0.3, 10), Errors(math.nan, 0.1, 10), False),

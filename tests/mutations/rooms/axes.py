@@ -130,9 +130,43 @@ CHANGES = [
         Change(
             "rate-of-fewest",
             CHECKS,
-            "driven = min(range(1, len(places) + 1), key=joint.rate_hz)",
-            "driven = 1",
+            "return min(range(1, len(places) + 1), key=joint.rate_hz)",
+            "return 1",
             "the loop runs faster than the amplifier with all its axes driven",
+        ),
+        Change(
+            "typical-calls-fill-the-period",
+            "drivers/interface.py",
+            "return max(self.late_s, self.latency_s)",
+            "return self.latency_s",
+            "the loop is given a rate at which it misses a deadline with every late reply",
+        ),
+        Change(
+            "report-always-fits",
+            CHECKS,
+            "if io_s - sensor.call_s + actuator.call_s > REPORT_SPARE * period_s",
+            "if False",
+            "every question for the amplifier's report costs a deadline",
+        ),
+    ),
+    *room(
+        ("tests/daemon/loop/axes/test_reports.py",),
+        Change(
+            "report-beside-sets",
+            "daemon/loop/python_loop.py",
+            "numbers[DOUBTFUL] |= ASKED",
+            "numbers[DOUBTFUL] |= 0",
+            "every question for the amplifier's report costs a deadline",
+        ),
+    ),
+    *room(
+        ("tests/drivers/test_call_times.py",),
+        Change(
+            "late-replies-do-not-count",
+            "drivers/call_times.py",
+            "late: float = 95.0",
+            "late: float = 50.0",
+            "the rate that is offered is one that the unit does not sustain",
         ),
     ),
 ]

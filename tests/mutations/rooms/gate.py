@@ -196,8 +196,8 @@ CHANGES = room(
         "and client == self.client", "commands recorded under an earlier lease are taken",
     ),
     Change(
-        "acquire-takes-over", LEASE,
-        "if self.held(now_ns) and client != self.client and not take_over:", "if False:",
+        "acquire-takes-over", GATE,
+        'if command.action == "take-over" or not lease.held(now_ns):', "if True:",
         "a second client takes the stage without asking for it",
     ),
     Change(

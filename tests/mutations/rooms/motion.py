@@ -102,6 +102,14 @@ CHANGES = [
             "what a report after a fault is off by is moved beyond the slew limit",
         ),
         Change(
+            "report-written-back",
+            "daemon/loop/sample.py",
+            "(c.state == READY or c.found != 0)",
+            "c.state == READY",
+            "an axis that nobody commands moves by what the amplifier's report is off",
+            tests=("tests/daemon/loop/test_slew_by_the_clock.py",),
+        ),
+        Change(
             "fault-keeps-targets",
             STEP,
             "    if happens(c, FAULT, now_ns):\n        drop_targets(c, queue_of(table))\n",

@@ -32,7 +32,7 @@ amplifier's, which shares the processor with the flood."""
 
 def two_clients(rig: Rig) -> str:
     """two clients that both command"""
-    with Client("chaos", rig.address, label="second") as second:
+    with Client(rig.name, rig.address, label="second") as second:
         told: Refusal | None = None
         try:
             second.send(5.0)
@@ -53,7 +53,7 @@ def alone(rig: Rig) -> Iterator[Client]:
     rig.kill("client")
     rig.mover.wait(5.0)
     try:
-        with Client("chaos", rig.address, label="hostile") as client:
+        with Client(rig.name, rig.address, label="hostile") as client:
             client.take_over()
             yield client
     finally:
@@ -144,7 +144,7 @@ def flood(rig: Rig, seconds: float = 5.0, processes: int = FLOODERS) -> str:
             assert who.lease_client == client.client, f"the lease is lost: {who.rejected}"
             assert who.commands > taken + 100, "the newest is not taken"
             assert status.state == "running", f"{status.state}: {who.rejected}"
-            with Client("chaos", rig.address, label="second") as second:
+            with Client(rig.name, rig.address, label="second") as second:
                 try:
                     second.acquire()
                 except Refusal as refusal:

@@ -280,7 +280,7 @@ def sensor_stuck(rig: Rig, seconds: float = 6.0) -> str:
     until(lambda: rig.flags() & Flag.MISMATCH, 5.0, "the mismatch flag")
     rig.bench_order(clear=True)
     rig.until_event("dehyst diagnose", 20.0)
-    kept = sorted((rig.folder / "run" / "mismatch").glob("*.csv"))
+    kept = sorted(rig.kept.glob("*.csv"))
     assert readable_rows(kept[-1]) > 50
     return "mismatch flag, event names the sensor, recording around it kept"
 
@@ -365,7 +365,7 @@ def until_flagged(rig: Rig, text: str) -> None:
 
 def disk_read_only(rig: Rig) -> str:
     """disk becomes read-only while recording, and where the watch keeps its recordings"""
-    kept = rig.folder / "run" / "mismatch"
+    kept = rig.kept
     with journalled_disk() as disk:
         path = disk / "run.csv"
         process = rig.record(path, name="record-ro")
@@ -523,4 +523,5 @@ def inflict(rig: Rig, recording: Path, fault: Callable[..., str], **options: flo
     time_ns, volts = during(*rig.output(), rig.fault_ns)
     check_range(volts, 0.0, MAX_V)
     beyond_v = check_speed(time_ns, volts, SLEW, SLEW / RATE_HZ)
+    rig.judge(fault)
     return Outcome((fault.__doc__ or "").strip(), happened, beyond_v, seconds, rows)

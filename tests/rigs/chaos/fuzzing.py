@@ -39,8 +39,8 @@ DEVICE_FAULTS = (
 class Commander:
     """One client that sends what it likes; it connects again when the daemon was away."""
 
-    def __init__(self, rig: Rig, chance: random.Random, counts: Counter[str]) -> None:
-        self.rig, self.random, self.counts = rig, chance, counts
+    def __init__(self, rig: Rig, name: str, chance: random.Random, counts: Counter[str]) -> None:
+        self.rig, self.name, self.random, self.counts = rig, name, chance, counts
         self.client: Client | None = None
         self.sender: Sender | None = None
         self.lease = self.sequence = self.trajectory = self.index = 0
@@ -50,7 +50,7 @@ class Commander:
         """The client, None while the daemon is away."""
         if self.client is None:
             with suppress(DehystError):
-                self.client = Client("chaos", self.rig.address, label="fuzz")
+                self.client = Client(self.name, self.rig.address, label="fuzz")
                 self.client.patience_s = 0.0
         return self.client
 
@@ -195,7 +195,9 @@ class Fuzz:
 
     def __init__(self, rig: Rig, seed: int) -> None:
         self.rig, self.random, self.counts = rig, random.Random(seed), Counter[str]()
-        self.commanders = [Commander(rig, self.random, self.counts) for _ in range(2)]
+        self.commanders = [
+            Commander(rig, name, self.random, self.counts) for name in rig.commanded for _ in "ab"
+        ]
         self.good = rig.model.read_text()
         self.model = load_model(rig.model)
 
@@ -227,7 +229,8 @@ class Fuzz:
     def fault(self) -> None:
         """Of a device, for a while."""
         order = self.random.choice(DEVICE_FAULTS)
-        self.rig.bench_order(**order, for_s=self.random.uniform(0.1, 1.5))
+        where = {"axis": self.random.choice(self.rig.axes)} if self.rig.axes else {}
+        self.rig.bench_order(**order, **where, for_s=self.random.uniform(0.1, 1.5))
 
     def reload(self) -> None:
         """Another model, a broken one, or several in a row."""

@@ -12,15 +12,15 @@ from dehyst.daemon.client.client import Client
 from dehyst.models.errors import DehystError
 
 
-def main(address: str) -> None:
-    """Until killed."""
+def main(address: str, name: str, seconds: float) -> None:
+    """Until killed; each trajectory lasts so long."""
     seed = 0
     while True:
         try:
-            with Client("chaos", address, label="mover") as client:
+            with Client(name, address, label="mover") as client:
                 while True:
                     seed += 1
-                    played = client.play(*trajectory(30.0, seed))
+                    played = client.play(*trajectory(seconds, seed))
                     print("played", played.completed, played.reason, flush=True)
                     if not played.completed:
                         time.sleep(0.2)
@@ -30,4 +30,4 @@ def main(address: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(sys.argv[1], sys.argv[2], float(sys.argv[3]))

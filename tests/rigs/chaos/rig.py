@@ -135,6 +135,12 @@ class Listener(threading.Thread):
 class Rig:
     """Everything, running. `since` marks the beginning of a fault (see `mark`)."""
 
+    name = "chaos"
+    commanded: tuple[str, ...] = (name,)
+    axes = ""
+    lasts_s = 30.0  # a trajectory of the mover
+    bench_options: tuple[str, ...] = ()
+
     def __init__(self, folder: Path, model: Path, on_fault: str = "ramp") -> None:
         self.folder, self.log = folder, folder / "output.npz"
         self.clock_file = folder / "clock"
@@ -158,14 +164,21 @@ class Rig:
         self.model = folder / "model.toml"
         self.model.write_text(Path(model).read_text())
         self.config = folder / "config.toml"
-        self.config.write_text(
-            CONFIG.format(
-                run=folder / "run", model=self.model, rate=RATE_HZ, max_v=MAX_V, slew=SLEW,
-                safe_v=SAFE_V, ramp=RAMP, hold_s=HOLD_S, on_fault=on_fault, listen=self.address,
-                **self.ports,
-            )
-        )  # fmt: skip
+        self.config.write_text(self.configured(on_fault))
         self.since_ns = self.fault_ns = 0
+
+    def configured(self, on_fault: str) -> str:
+        """Text of the configuration."""
+        return CONFIG.format(
+            run=self.folder / "run", model=self.model, rate=RATE_HZ, max_v=MAX_V, slew=SLEW,
+            safe_v=SAFE_V, ramp=RAMP, hold_s=HOLD_S, on_fault=on_fault, listen=self.address,
+            **self.ports,
+        )  # fmt: skip
+
+    @property
+    def kept(self) -> Path:
+        """Where the watch keeps its recordings."""
+        return self.folder / "run" / "mismatch"
 
     # -- processes ------------------------------------------------------------------------------
 
@@ -193,8 +206,9 @@ class Rig:
 
     def _bench(self) -> dict[str, str]:
         self.bench = self.start(
-            "emulate", "--dir", str(self.folder / "bench"), "--log", str(self.log), name="bench"
-        )
+            "emulate", "--dir", str(self.folder / "bench"), "--log", str(self.log),
+            *self.bench_options, name="bench",
+        )  # fmt: skip
         as_hardware(self.bench)
         line = until(lambda: self.words("bench").strip(), 60.0, "the bench")
         ports: dict[str, str] = json.loads(line.splitlines()[-1])
@@ -209,18 +223,20 @@ class Rig:
         self.start_mover()
         self.until_running(300.0)  # the kernels may have to be compiled first
 
-    def _connect(self) -> Client | None:
+    def _connect(self, name: str = "") -> Client | None:
         if self.daemon.poll() is not None:
             raise AssertionError(f"dehyst run ended: {self.words('run')}")
         try:
-            return Client("chaos", self.address)
+            return Client(name or self.name, self.address)
         except DehystError:
             return None
 
     def start_mover(self) -> None:
         """Start the client that commands."""
         script = str(ROOT / "tests" / "rigs" / "chaos" / "mover.py")
-        self.mover = self._start([sys.executable, script, self.address], "mover")
+        self.mover = self._start(
+            [sys.executable, script, self.address, self.name, str(self.lasts_s)], "mover"
+        )
 
     def pid(self, name: str) -> int:
         """Process number of core, gateway or client."""
@@ -267,6 +283,9 @@ class Rig:
             b[b["scheduled_ns"] >= self.since_ns] for b in list(self.listener.samples[-3000:])
         ]
         return np.concatenate(batches) if batches else np.zeros(0)
+
+    def judge(self, fault: Callable[..., str]) -> None:
+        """What must hold beside that of the amplifier's channel after this fault."""
 
     def flags(self) -> int:
         """All flags since the mark."""

@@ -7,18 +7,21 @@ import pytest
 from tests.rigs.two_loops import CONFIG
 
 from dehyst.daemon.config import Config, LoopConfig, parse_config
-from dehyst.daemon.loop.checks import check_rates_together
+from dehyst.daemon.loop.checks import about_late_replies, check_rates_together, crowded
 from dehyst.drivers.interface import DeviceSpec
 from dehyst.models.errors import BadInput
 
 
 class Unit:
-    """300 Hz for one output, half of it for two, all three in one command."""
+    """300 Hz for one output, half of it for two, all three in one command; late: a fifth more."""
 
     together = True
 
     def rate_hz(self, driven: int) -> float:
         return (300.0, 150.0, 280.0)[driven - 1]
+
+    def late_s(self, driven: int) -> float:
+        return 1.2 / self.rate_hz(driven)
 
     def write_all(self, volts: Sequence[float]) -> None:
         raise AssertionError("nothing is to be written")
@@ -31,8 +34,8 @@ def axes(rate_hz: float) -> list[Config]:
     ]
 
 
-def spec(rate_hz: float, latency_s: float) -> DeviceSpec:
-    return DeviceSpec("v", 0.0, 150.0, 1e-3, rate_hz, latency_s)
+def spec(rate_hz: float, latency_s: float, late_s: float = 0.0) -> DeviceSpec:
+    return DeviceSpec("v", 0.0, 150.0, 1e-3, rate_hz, latency_s, late_s=late_s)
 
 
 def specs(gauge_hz: float, gauge_s: float) -> list[tuple[DeviceSpec, DeviceSpec]]:
@@ -41,7 +44,8 @@ def specs(gauge_hz: float, gauge_s: float) -> list[tuple[DeviceSpec, DeviceSpec]
 
 def test_the_slowest_number_of_driven_axes_counts() -> None:
     joints = [(Unit(), (0, 1, 2))]
-    with pytest.raises(BadInput, match=r"axes x, y, z sustains 150 Hz with 2 .* to 150 or less"):
+    # 8 ms for two late sets and three gauges of 0.1 ms: 8.3 ms are four fifths of 10.4 ms
+    with pytest.raises(BadInput, match=r"axes x, y, z sustains 150 Hz with 2 .* to 96 or less"):
         check_rates_together(axes(200.0), specs(2000.0, 1e-4), joints)
     assert check_rates_together(axes(100.0), specs(2000.0, 1e-4), joints) == [1, 1, 1]
 
@@ -66,3 +70,29 @@ def test_what_one_axis_cannot_is_told_of_that_axis() -> None:
     mixed[1] = (spec(50.0, 1e-4), mixed[1][1])
     with pytest.raises(BadInput, match=r"axis y: loop.rate_hz = 60: actuator simulated sustains"):
         check_rates_together(axes(60.0), mixed, [])
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_the_rate_that_is_offered_leaves_room_for_late_replies(count: int) -> None:
+    """Sets of 2 ms, late ones 3 ms; gauges of 0.1 ms, late ones 0.2 ms: 3.2 ms for each axis, and
+    four fifths of a period for all: 250 Hz, 83 Hz for three. Up to 380 Hz and 127 Hz is taken."""
+    offered = {1: "250", 3: "83"}[count]
+    units = [(spec(1000.0, 2e-3, 3e-3), spec(2000.0, 1e-4, 2e-4))] * count
+    with pytest.raises(BadInput, match=rf"device calls .* ms period; set .* to {offered} or less"):
+        check_rates_together(axes(400.0 / count)[:count], units, [])
+    assert check_rates_together(axes(370.0 / count)[:count], units, []) == [1] * count
+    words = about_late_replies(370.0 / count, units, [])
+    assert len(words) == 1
+    assert f"{offered} Hz or less" in words[0]
+    assert about_late_replies(float(offered), units, []) == []
+
+
+def test_where_a_report_and_the_sets_do_not_fit_into_a_period_is_known() -> None:
+    """Three outputs of one unit: 8 ms for two of them where they are late, three gauges of 0.5 ms,
+    a report of 3.33 ms in the place of one gauge: 12.33 ms. One alone: 3.33 ms twice."""
+    several, one = specs(2000.0, 5e-4), specs(2000.0, 5e-4)[:1]
+    joints = [(Unit(), (0, 1, 2))]
+    assert crowded(12.8e-3, several, joints) == dict.fromkeys(range(3), (0, 1, 2))
+    assert crowded(13.2e-3, several, joints) == {}
+    assert crowded(6.9e-3, one, []) == {0: (0,)}
+    assert crowded(7.1e-3, one, []) == {}

@@ -1,0 +1,232 @@
+"""The rig of the chaos tests with three axes on one amplifier.
+
+x is what the faults of one axis are done to, as to the rig of one axis; y plays a trajectory of its
+own beside it; z stands where its safe state is and nobody commands it. The amplifier's log says of
+each channel whether it stayed within range and slew, and that z never moved.
+"""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tests.rigs.chaos import commands, faults
+from tests.rigs.chaos.rig import (
+    HOLD_S,
+    MAX_V,
+    RAMP,
+    RATE_HZ,
+    ROOT,
+    SAFE_V,
+    SLEW,
+    Listener,
+    Rig,
+    until,
+)
+from tests.rigs.output import check_range, check_speed, during
+
+from dehyst.daemon.rings.records import Flag, State
+
+AXES, RESTING, REST_V = "xyz", "z", 30.0
+LASTS_S = 1200.0  # one trajectory: it ends in none of the rows
+MOST_UM_PER_S = 20.0  # of the trajectory's target: 17.3, and rounding
+CALM_NS = 3_000_000_000  # a client that is to begin anew has done so by then
+MOST_SILENT_S = 0.5  # between two moves of a channel that plays on, on a busy machine
+UNDISTURBED: tuple[Callable[..., str], ...] = (
+    faults.kill_client,
+    faults.stop_client,
+    faults.sensor_stuck,
+    faults.sensor_invalid,
+    faults.sensor_range,
+    faults.sensor_unplug,
+    faults.disk_full,
+    faults.file_limit,
+    faults.clock_stepped,
+    commands.two_clients,
+    commands.bad_setpoints,
+    commands.long_message,
+    commands.flood,
+    commands.stranger_floods,
+)
+"""What is done to x alone: y plays on without a gap."""
+
+CONFIG = """
+name = "chaos"
+run_dir = "{run}"
+loop = {{rate_hz = {rate}}}
+actuator = {{driver = "mdt693b", settings = {{port = "{mdt693b}"}}}}
+limits = {{min_v = 0.0, max_v = {max_v}, slew_v_per_s = {slew}}}
+safe = {{voltage_v = {safe_v}, ramp_v_per_s = {ramp}, on_fault = "{on_fault}"}}
+bus = {{listen = ["{listen}"]}}
+watch = {{before_s = 5.0, after_s = 1.0}}
+[setpoint]
+stale_s = 0.8
+hold_s = {hold_s}
+approach_um_per_s = 40.0
+queue_s = 30.0
+lease_s = 1.0
+"""
+AXIS = """
+[axis.{axis}]
+model = {{file = "{model}"}}
+actuator.settings.axis = "{axis}"
+sensor = {{driver = "ksg101", settings = {{port = "{port}"}}}}
+"""
+
+
+class AxesRig(Rig):
+    """Everything, running, with three axes. What Rig says of the output is said of x."""
+
+    name = "chaos-x"
+    commanded = ("chaos-x", "chaos-y")
+    axes = AXES
+    lasts_s = LASTS_S
+    bench_options = ("--axes", "3")
+
+    def __init__(self, folder: Path, models: dict[str, Path], on_fault: str = "ramp") -> None:
+        self.models = {axis: path.read_text() for axis, path in models.items()}
+        self.others: dict[str, Listener] = {}
+        self.beside: subprocess.Popen[bytes] | None = None
+        self.rested_ns = 0
+        super().__init__(folder, models["x"], on_fault)
+
+    def configured(self, on_fault: str) -> str:
+        text = CONFIG.format(
+            run=self.folder / "run", rate=RATE_HZ, max_v=MAX_V, slew=SLEW, safe_v=SAFE_V, ramp=RAMP,
+            hold_s=HOLD_S, on_fault=on_fault, listen=self.address, mdt693b=self.ports["mdt693b"],
+        )  # fmt: skip
+        for axis in AXES:
+            path = self.model if axis == "x" else self.folder / f"model-{axis}.toml"
+            path.write_text(self.models[axis])
+            text += AXIS.format(axis=axis, model=path, port=self.ports[f"ksg101-{axis}"])
+        return text + f"safe.voltage_v = {REST_V}\n"
+
+    @property
+    def kept(self) -> Path:
+        return self.folder / "run" / "x" / "mismatch"
+
+    def run(self) -> None:
+        """As Rig: x and y play, z has been brought to its place."""
+        super().run()
+        for axis in "yz":
+            client = until(lambda a=axis: self._connect(f"chaos-{a}"), 30.0, f"axis {axis}")
+            self.others[axis] = Listener(client)
+            self.others[axis].start()
+        self.others[RESTING].client.release()
+        until(lambda: abs(self.volts(RESTING) - REST_V) < 0.01, 30.0, "z stands")
+        self.rested_ns = time.monotonic_ns()
+        self.start_beside()
+        self.until_running(60.0)
+
+    def start_beside(self) -> None:
+        """Start the client that commands y."""
+        script = str(ROOT / "tests" / "rigs" / "chaos" / "mover.py")
+        command = [sys.executable, script, self.address, "chaos-y", str(LASTS_S)]
+        self.beside = self._start(command, "beside")
+
+    def end_beside(self) -> None:
+        """Kill it."""
+        assert self.beside is not None
+        self.beside.kill()
+        self.beside.wait(5.0)
+        self.beside = None
+
+    def volts(self, axis: str) -> float:
+        """At an output, now."""
+        return float(self.bench_order()["axes"][axis]["output_v"])
+
+    def record(self, path: Path, *arguments: str, name: str = "record") -> Any:
+        """Of x."""
+        return super().record(path, "--name", self.name, *arguments, name=name)
+
+    def until_running(self, seconds: float = 30.0) -> None:
+        """Both trajectories."""
+        super().until_running(seconds)
+        if self.beside is not None:
+            until(lambda: self._plays("y"), seconds, f"y plays too\n{self.words('run')[-2000:]}")
+
+    def mark(self) -> None:
+        """Not before the clients have seen whatever came before, and have begun anew."""
+        for axis in "xy":
+            until(lambda a=axis: self._plays(a, CALM_NS), 60.0, f"{axis} plays as ever")
+        super().mark()
+
+    def _plays(self, axis: str, calm_ns: int = 0) -> bool:
+        """Whether it follows its trajectory, and has for so long."""
+        now_ns = time.monotonic_ns()
+        recent = [b[b["scheduled_ns"] > now_ns - 1e9 - calm_ns] for b in self.recent(axis)]
+        samples = np.concatenate(recent) if recent else np.zeros(0)
+        if not samples.size:
+            return False
+        samples = samples[samples["scheduled_ns"] >= samples["scheduled_ns"][-1] - calm_ns]
+        way_there = samples["flags"] & Flag.APPROACH
+        return bool(np.all(samples["state"] == State.RUNNING) and not np.any(way_there))
+
+    # -- what the log of each channel says ------------------------------------------------------
+
+    def channel(self, axis: str) -> tuple[np.ndarray, np.ndarray]:
+        """(time_ns, volts) of a channel since the rig began, from the amplifier's own log."""
+        self.bench_order(save=True)
+        head = "" if axis == AXES[0] else f"{axis}_"
+        with np.load(self.log) as data:
+            return data[f"{head}time_ns"], data[f"{head}volts"]
+
+    def recent(self, axis: str) -> list[np.ndarray]:
+        """Batches of telemetry of an axis that came last."""
+        listener = self.listener if axis == "x" else self.others[axis]
+        assert listener is not None
+        return listener.samples[-3000:]
+
+    def samples_of(self, axis: str) -> np.ndarray:
+        """Telemetry of an axis since the mark."""
+        batches = [b[b["scheduled_ns"] >= self.fault_ns] for b in self.recent(axis)]
+        return np.concatenate(batches) if batches else np.zeros(0)
+
+    def check_rested(self) -> None:
+        """z, which nobody commands, has not moved since it was brought to its place."""
+        time_ns, volts = self.channel(RESTING)
+        moved = np.flatnonzero(time_ns > self.rested_ns)
+        assert moved.size == 0, (
+            f"z moved, which nobody commanded: to {volts[moved[0]]:.3f} V "
+            f"{(time_ns[moved[0]] - self.fault_ns) * 1e-9:.3f} s after the mark"
+        )
+
+    def check_channel(self, axis: str) -> None:
+        """Range and slew since the mark."""
+        time_ns, volts = during(*self.channel(axis), self.fault_ns)
+        check_range(volts, 0.0, MAX_V)
+        check_speed(time_ns, volts, SLEW, SLEW / RATE_HZ)
+
+    def check_undisturbed(self, axis: str) -> None:
+        """An axis has played on: every sample, every one in its trajectory, its target where the
+        trajectory goes, and its output moving all the time."""
+        samples = self.samples_of(axis)
+        assert samples.size, f"no telemetry of {axis}"
+        assert set(np.diff(samples["seq"])) <= {1}, f"telemetry of {axis} has a gap"
+        states = {State(int(s)).name for s in np.unique(samples["state"])}
+        assert states == {"RUNNING"}, f"{axis} was disturbed: {states}"
+        assert not np.bitwise_or.reduce(samples["flags"]) & Flag.APPROACH, f"{axis} began anew"
+        way = np.abs(np.diff(samples["target"]))  # by the clock, where a deadline was missed
+        most = MOST_UM_PER_S * np.diff(samples["scheduled_ns"]) * 1e-9
+        assert np.all(way <= most), f"the target of {axis} jumped by {np.nanmax(way):.3f} um"
+        time_ns, _ = during(*self.channel(axis), self.fault_ns)
+        silent_s = float(np.max(np.diff(time_ns))) * 1e-9
+        assert silent_s < MOST_SILENT_S, f"the output of {axis} stood still for {silent_s:.2f} s"
+
+    def judge(self, fault: Callable[..., str]) -> None:
+        """z has not moved; y kept to its limits, and played on where x alone was meant."""
+        self.check_rested()
+        self.check_channel("y")
+        if fault in UNDISTURBED:
+            self.check_undisturbed("y")
+
+    def close(self) -> None:
+        for listener in self.others.values():
+            listener.ending.set()
+            listener.join(5.0)
+        super().close()
+        for listener in self.others.values():
+            listener.client.close()
