@@ -19,53 +19,33 @@ no two stay in step."""
 
 
 def plan_axes(configs: Sequence[Config], t_s: Floats, drive: Floats) -> tuple[Floats, Floats]:
-    """(N,) times and (N, axes) actuator volts; see `lay_out`. drive: (M,), or (M, axes) with one
-    for each. Raises BadRecording where an axis' limits forbid it."""
+    """(N,) times and (N, axes) actuator volts: every axis goes through the drive alone, then all
+    together. drive: (M,), or (M, axes) with one for each. An axis that waits stands at its drive's
+    first value. Raises BadRecording where an axis' limits forbid it."""
     drives = np.repeat(drive[:, None], len(configs), axis=1) if drive.ndim == 1 else drive
     period_s = 1.0 / configs[0].loop.rate_hz
-    home_s = wait_s = 0.0
+    paces = [PACES[k % len(PACES)] ** (1 + k // len(PACES)) for k in range(len(configs))]
+    length_s = float(t_s[-1] - t_s[0])
+    home_s = 0.0  # from the drive's end back to its begin
     for config, own in zip(configs, drives.T, strict=True):
         volts = own * config.actuator.gain
         check_drive(config, t_s, volts)
         home_s = max(home_s, abs(volts[-1] - volts[0]) / config.safe.ramp_v_per_s)
-        wait_s = max(wait_s, abs(volts.mean() - volts[0]) / config.safe.ramp_v_per_s)
-    out = lay_out(t_s - t_s[0], drives, period_s, home_s, wait_s)
-    out *= np.array([config.actuator.gain for config in configs])
-    return np.arange(out.shape[0], dtype=np.float64) * period_s, out
-
-
-def lay_out(t_s: Floats, drives: Floats, period_s: float, home_s: float, wait_s: float) -> Floats:
-    """(N, axes) of drives (M, axes) at t_s from 0 on: every axis goes through its drive alone, then
-    all together. home_s: for the way from a drive's end to its first value; wait_s: for that
-    between its first value and its mean.
-
-    An axis whose turn has not come waits at its drive's mean. At one end of its range it would
-    creep for as long as it rests, and creep back when it moves, which no model has; at the mean it
-    stays where it will be (tests.benchmarks.daemon.three_axes). Behind its turn it waits at the
-    first value, from which all go on together.
-    """
-    axes, means = drives.shape[1], drives.mean(axis=0)
-    paces = [PACES[k % len(PACES)] ** (1 + k // len(PACES)) for k in range(axes)]
-    once = np.arange(0.0, t_s[-1] + home_s + period_s, period_s)
-    whole = np.arange(0.0, t_s[-1] / min(paces) + home_s + period_s, period_s)
-    steps = int(np.ceil(wait_s / period_s)) + 1
-    lead = np.arange(steps) / steps  # shares of the way
-    n = lead.size + once.size
-    together = n * axes - lead.size
-    out = np.repeat(drives[:1], together + whole.size, axis=0)
-    for k in range(axes):
-        own, begin = drives[:, k], k * n
-        if k:  # the first has no way to go
-            out[: begin - lead.size, k] = means[k]
-            out[begin - lead.size : begin, k] = means[k] + lead * (own[0] - means[k])
-        out[begin : begin + once.size, k] = _runs(t_s, own, once, 1.0, home_s)
-        out[together:, k] = _runs(t_s, own, whole, paces[k], home_s)
-    return out
+    once = np.arange(0.0, length_s + home_s + period_s, period_s)
+    whole = np.arange(0.0, length_s / min(paces) + home_s + period_s, period_s)
+    n, axes = once.size, len(configs)
+    out = np.repeat(drives[:1], n * axes + whole.size, axis=0)
+    for k, (config, own) in enumerate(zip(configs, drives.T, strict=True)):
+        out[k * n : (k + 1) * n, k] = _runs(t_s, own, once, 1.0, home_s)
+        out[n * axes :, k] = _runs(t_s, own, whole, paces[k], home_s)
+        out[:, k] *= config.actuator.gain
+    times = np.arange(out.shape[0], dtype=np.float64) * period_s
+    return times, out
 
 
 def _runs(t_s: Floats, drive: Floats, at_s: Floats, pace: float, home_s: float) -> Floats:
     """The drive at this pace, then home to its first value within home_s."""
-    times = np.append(t_s / pace, t_s[-1] / pace + max(home_s, 1e-9))
+    times = np.append((t_s - t_s[0]) / pace, (t_s[-1] - t_s[0]) / pace + max(home_s, 1e-9))
     return np.interp(at_s, times, np.append(drive, drive[0]))
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from tests.benchmarks.bars import Bars
 
-from dehyst.daemon.tools.acquire_axes import lay_out
+from dehyst.daemon.tools.acquire_axes import PACES
 from dehyst.daemon.tools.bench_config import AXES_RATE_HZ, FULL_SCALE_V, exploring_drive
 from dehyst.drivers.simulated.axes import Platform, settings_of
 from dehyst.models.drive_design.scans import Scan, scan_lissajous, scan_raster
@@ -33,7 +33,6 @@ PERIOD_S = 1.0 / AXES_RATE_HZ
 SLEW_V_PER_S = 4000.0
 MIDDLE_UM = {"x": 8.0, "y": 7.5, "z": 8.5}
 LEAST_GAIN = 3.0  # cross-talk without its compensation over that with it
-WAIT_S = 0.5  # between the drive's first value and its mean
 APPROACH = 300  # samples at the first target before a path is judged
 FIGURES = {
     "raster of 5 x 5 um": scan_raster(5.0, 5.0, 10, 0.5, PERIOD_S),
@@ -44,8 +43,12 @@ FIGURES = {
 def recordings() -> dict[str, Recording]:
     """Each axis alone, then all together, from rest after exercise; readings, not truth."""
     stage = Platform(settings_of(AXES, {}))
-    t_s, drive = exploring_drive(AXES_RATE_HZ, 20.0)
-    plan = lay_out(t_s, np.repeat(drive[:, None], 3, axis=1), PERIOD_S, 0.0, WAIT_S)
+    _, drive = exploring_drive(AXES_RATE_HZ, 20.0)
+    n, whole = drive.size, int(drive.size / min(PACES))
+    plan = np.zeros((3 * n + whole, 3))
+    for k, pace in enumerate(PACES):
+        plan[k * n : (k + 1) * n, k] = drive
+        plan[3 * n :, k] = np.interp(np.arange(whole) * pace, np.arange(n), drive, right=drive[-1])
     for volts in 0.5 * FULL_SCALE_V * (1.0 - np.cos(2 * np.pi * np.arange(500) * PERIOD_S)):
         for axis in AXES:
             stage.axes[axis].command(volts)
