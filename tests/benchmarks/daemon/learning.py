@@ -36,6 +36,9 @@ SINES = (
 )
 """Hertz, um peak to peak, nm from the fourth pass and from the sixteenth on."""
 MEAN_NM = 15.0
+GAUGE_LAGS_S = 75e-6, 150e-6
+"""In the model. The gauge's filter has 150 us; where the loop reads it, 1 ms after a step of the
+output, the reading is 75 us late."""
 FAULT_AT = 10  # pass
 
 
@@ -56,6 +59,10 @@ def sines(model: Model, passes: int, bars: Bars) -> None:
         bars.most(f"{name}, from pass 4", max(one.std_nm[3:]), fourth, "nm")
         bars.most(f"{name}, from pass 16", max(one.std_nm[15:]), sixteenth, "nm")
         bars.most(f"{name}, mean from pass 4", max(map(abs, one.mean_nm[3:])), MEAN_NM, "nm")
+    for lag_s in GAUGE_LAGS_S:
+        lag = Block("lag", "sensor", {"tau_s": lag_s})
+        one = scan(replace(model, blocks=(lag,)), sine(20.0, 3.0), passes)
+        print(line(f"3 um at 20 Hz, gauge's lag {1e6 * lag_s:.0f} us", one))
     for name, target in (("raster, 5 lines a second", raster()), ("staircase", staircase())):
         one = scan(model, target, passes)
         print(line(name, one))

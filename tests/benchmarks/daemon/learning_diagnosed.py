@@ -5,7 +5,8 @@ without?
 
 Creep, a resonance and a lag of the sensor on the simulated stage; the model is identified from an
 open-loop drive of the same stage; the diagnosis gets that recording and one of 24 s of tracking,
-made three ways. Judged is whether the effect is named first.
+made three ways. Judged is whether the effect is named first. What would have been seen is not
+asked: it names nothing, and takes most of the time.
 """
 
 import argparse
@@ -22,11 +23,11 @@ from tests.benchmarks.daemon.loop_closed import (
     surroundings,
     trajectory,
 )
+from tests.rigs.diagnosis import diagnose_without_limits
 from tests.rigs.scans import PERIOD_S, scan
 from tests.rigs.trimmed_stage import TrimmedStage
 
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.models.diagnosis import diagnose
 from dehyst.models.identify import Options, identify
 from dehyst.models.model import Floats, Model
 from dehyst.models.recording import Recording
@@ -86,7 +87,7 @@ def main() -> int:
             settings = stage_with(trial, seed).settings
             for way in WAYS:
                 begun = time.perf_counter()
-                found = diagnose([first, tracked(model, settings, way, seed)], model)
+                found = diagnose_without_limits([first, tracked(model, settings, way, seed)], model)
                 names = [one.name for one in found.findings]
                 named[way] += bool(names) and names[0] in trial.expected
                 took = time.perf_counter() - begun

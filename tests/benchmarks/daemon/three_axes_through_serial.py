@@ -122,10 +122,10 @@ def connected(address: str) -> dict[str, Client] | None:
     try:
         for axis in AXES:
             clients[axis] = Client(f"{NAME}-{axis}", address)
+        if all(client.status().state == "ready" for client in clients.values()):
+            return clients
     except BusError:
         pass
-    if len(clients) == len(AXES) and all(c.status().state == "ready" for c in clients.values()):
-        return clients
     for one in clients.values():
         one.close()
     return None

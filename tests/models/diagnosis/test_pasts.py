@@ -9,8 +9,11 @@ from tests.rigs.diagnosis import diagnose_without_limits
 from dehyst.models.cascade.history import replay
 from dehyst.models.diagnosis.base import rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.find import on_the_model
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.pasts import begin_as_found, explained_heads
+from dehyst.models.diagnosis.subject import take_subject
+from dehyst.models.model import Block, Hysteresis, Model, Validity
 from dehyst.models.recording import Recording
 from dehyst.models.signals.pasts import FRESH, FROM_ABOVE, FROM_BELOW
 
@@ -20,12 +23,12 @@ B = np.array([0.8, 0.05, 0.05, 0.05, 0.05, 0.05])
 BEFORE = {FRESH: [0.0], FROM_ABOVE: [0.0, 10.0], FROM_BELOW: [0.0, 10.0, 0.0]}
 
 
-def stage(u: np.ndarray) -> np.ndarray:
+def stage(u: np.ndarray, b: np.ndarray = B) -> np.ndarray:
     """Plays one by one, from 0."""
     h, out = np.zeros(R.size), np.empty(u.size)
     for k, v in enumerate(u):
         h = np.maximum(v - R, np.minimum(v + R, h))
-        out[k] = B @ h
+        out[k] = b @ h
     return out
 
 
@@ -70,3 +73,22 @@ def test_a_past_is_no_shape_and_the_errors_are_those_of_the_written_models() -> 
             error = float(np.std((one.displacement - y)[view.held_out]))
             assert found.rms[key][one.name] == pytest.approx(error, rel=1e-6)
             assert error < 1.3 * NOISE
+
+
+def test_a_given_model_that_begins_elsewhere_is_no_ground_to_stand_on() -> None:
+    """Loops that grow from rest. The right model says where each begins; one with the same plays
+    that begin in the middle of the range says it wrongly, and no shape mends that."""
+    t, b = DT * np.arange(4000), np.array([0.5, 0.1, 0.1, 0.1, 0.1, 0.1])
+    waves = sum(np.sin(2 * np.pi * f * t + k) for k, f in enumerate((0.21, 1.7, 4.1)))
+    grows = np.linspace(0.5, 1.0, t.size) * waves / np.abs(waves).max()
+    u = 5.0 * np.clip(t / 0.2, 0.0, 1.0) * (1.0 + grows)
+    y = stage(u, b) + 0.1 * NOISE * np.random.default_rng(0).standard_normal(u.size)
+    data = prepare([Recording(t, u, y, name="growing")])
+    right = Model(Hysteresis(r=R, b=b, c=np.array([0.0, 1.0])), Validity(0.0, 10.0))
+    middle = replace(right, hysteresis=replace(right.hysteresis, u_offset=5.0))
+    delayed = replace(middle, blocks=(Block("delay", "drive", {"delay_s": 0.01}),))
+    stands = {}
+    for name, model in (("right", right), ("middle", middle), ("with a block", delayed)):
+        problem = Problem(data, rich_base(data), take_subject(model, data))
+        stands[name] = on_the_model(problem, problem.solve([])).subject.carries
+    assert stands == {"right": True, "middle": False, "with a block": True}

@@ -85,10 +85,10 @@ def bad_setpoints(rig: Rig) -> str:
             "other schema": ("bad-message", {}),
         }
         for name, (code, changes) in cases.items():
-            client.renew()
             rig.mark_fault()
 
             def refused(name: str = name, code: str = code, changes: Any = changes) -> bool:
+                client.renew()  # the lease lasts for a second
                 fresh = {"sequence": 10**6, "sent_ns": monotonic_ns()}
                 payload = encoding.encode(_like(good, **{**fresh, **changes}))
                 if name == "other schema":

@@ -23,7 +23,7 @@ def unplug_without_gateway(rig: Rig) -> str:
     rig.until_running(30.0)
     assert State.FAULT in rig.states()
     assert set(np.diff(rig.samples()["seq"])) == {1}, "telemetry has a gap"
-    return "fault and recovery are told by the next gateway, telemetry without a gap"
+    return "fault and recovery are known to the next gateway, telemetry without a gap"
 
 
 def kill_core_unplugged(rig: Rig) -> str:

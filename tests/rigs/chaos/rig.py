@@ -303,6 +303,14 @@ class Rig:
         events = list(self.listener.events)
         return "\n".join(e.text for e in events if e.time_ns >= self.since_ns)
 
+    def known_events(self) -> str:
+        """Texts of the events since the mark that the gateway knows, "" where none answers."""
+        try:
+            events = self.client.events()
+        except DehystError:
+            return ""
+        return "\n".join(e.text for e in events if e.time_ns >= self.since_ns)
+
     def refusals(self) -> set[str]:
         """Codes of the refusals since the mark."""
         assert self.listener is not None
@@ -319,8 +327,20 @@ class Rig:
         return float("nan") if last is None else float(last["target"])
 
     def until_event(self, text: str, seconds: float = 20.0) -> None:
-        """Wait until an event with this text was heard."""
-        until(lambda: text in self.events(), seconds, f"event {text!r}; heard: {self.events()!r}")
+        """Wait until an event with this text was heard, or the gateway knows of it: what is told
+        while a link is made anew is not heard."""
+        asked_s = time.monotonic()
+
+        def told() -> bool:
+            nonlocal asked_s
+            if text in self.events():
+                return True
+            if time.monotonic() - asked_s < 2.0:
+                return False
+            asked_s = time.monotonic()
+            return text in self.known_events()
+
+        until(told, seconds, f"event {text!r}; heard: {self.events()!r}")
 
     def until_state(self, state: State, seconds: float = 20.0) -> None:
         """Wait until the loop was in a state since the mark."""
