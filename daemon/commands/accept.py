@@ -2,13 +2,14 @@
 
 import argparse
 
-from dehyst.daemon.client.connection import add_connection, connect, say
-from dehyst.daemon.commands.reject import add_offer, find_offer
+from dehyst.daemon.client.connection import add_connection, connect_axes, say
+from dehyst.daemon.commands.reject import add_offer, find_offer, offer_of_axes
 from dehyst.models.errors import NotNow
 
 EPILOG = """The loop takes the model without a jump, within range and slew; the configured file is
 not touched. The model is on trial: where its error has not fallen after `doctor.trial_s` of motion,
-the model before comes back by itself, in words.
+the model before comes back by itself, in words. Of several axes: that of the one axis that has an
+offer, or of --name.
 Exit 0: it is done, or with --wait proven; 1: nothing is offered, or with --wait it went back; 2:
 refused (the reason is printed) or no daemon.
 
@@ -31,8 +32,8 @@ def run(args: argparse.Namespace) -> int:
     """Accept, and with --wait see what becomes of it."""
     from dehyst.daemon import clock
 
-    with connect(args, "accept") as client:
-        report = find_offer(client.doctor(), args.offer, ("found",))
+    with connect_axes(args, "accept") as stage:
+        client, report = offer_of_axes(stage, args.offer, ("found",))
         assert report.offer is not None
         client.decide_offer("accept", report.offer.number)
         say(

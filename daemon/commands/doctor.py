@@ -7,10 +7,12 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dehyst.daemon.client.connection import add_connection, connect, print_json, say
+from dehyst.daemon.client.connection import add_connection, connect_axes, print_json, say
 from dehyst.daemon.files.outputs import add_force
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from dehyst.daemon.bus.messages import DoctorReport
 
 EPILOG = """When the mismatch watch raises its flag, the doctor diagnoses the kept recording, and
@@ -59,21 +61,31 @@ def _tell(args: argparse.Namespace) -> int:
     from dehyst.daemon.files.outputs import check_outputs, whole_file
 
     check_outputs([args.report], [args.credentials], args.force)
-    with connect(args, "doctor") as client:
-        reports = client.doctor()
+    with connect_axes(args, "doctor") as stage:
+        told = {client.name: client.doctor() for client in stage.clients.values()}
         if args.report:
-            page = client.doctor_page()
+            newest = max(stage.clients.values(), key=lambda one: newest_ns(told[one.name]))
+            page = newest.doctor_page()
             with whole_file(args.report) as file:
                 file.write(page)
+    several = len(told) > 1
     if args.json:
-        print_json(reports)
-    elif not reports:
-        print("the doctor has nothing to say: no mismatch is kept")
-    for report in [] if args.json else reports[-3:]:
-        print("\n".join(describe_doctor(report)))
+        print_json(told if several else next(iter(told.values())))
+    for name, reports in {} if args.json else told.items():
+        whose = f"{name}: " if several else ""
+        if not reports:
+            print(f"{whose}the doctor has nothing to say: no mismatch is kept")
+        for report in reports[-3:]:
+            print(whose + "\n".join(describe_doctor(report)))
     if args.report:
         say(f"report: {args.report}")
-    return 1 if reports and reports[-1].state == "found" and reports[-1].offer else 0
+    open_offers = [r[-1] for r in told.values() if r and r[-1].state == "found" and r[-1].offer]
+    return 1 if open_offers else 0
+
+
+def newest_ns(reports: "Sequence[DoctorReport]") -> int:
+    """When the newest mismatch was seen; -1: there is none."""
+    return reports[-1].time_ns if reports else -1
 
 
 def describe_doctor(report: "DoctorReport") -> list[str]:

@@ -87,11 +87,15 @@ def run(args: argparse.Namespace) -> int:
                     args.output if alone else file_of_axis(args.output, axis),
                     one.gain,
                     one.units,
-                    one.status.origin if args.frame == "model" else 0.0,
+                    one.origin(args.frame),
                     notes(one.status, args.frame),
                     replace=args.force and rotation is None,
                     rotation=rotation,
-                    others=[other.beside(name) for name, other in axes.items() if name != axis],
+                    others=[
+                        other.beside(name, args.frame)
+                        for name, other in axes.items()
+                        if name != axis
+                    ],
                 )
             )
             for axis, one in axes.items()
@@ -136,11 +140,16 @@ class Recorded:
         self.gain = client.config().actuator.gain
         self.units = (self.status.drive_unit, self.status.unit)
 
-    def beside(self, axis: str) -> "OtherAxis":
+    def origin(self, frame: str) -> float:
+        """Added to its displacements: they count from the set-point origin, or from its model's own
+        zero."""
+        return self.status.origin if frame == "model" else 0.0
+
+    def beside(self, axis: str, frame: str) -> "OtherAxis":
         """What the recordings of the other axes have of this one."""
         from dehyst.daemon.files.recorder import OtherAxis
 
-        return OtherAxis(axis, self.gain, *self.units)
+        return OtherAxis(axis, self.gain, *self.units, self.origin(frame))
 
 
 def outcome(

@@ -2,15 +2,20 @@
 
 import argparse
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from dehyst.daemon.client.connection import add_connection, connect, say
+from dehyst.daemon.client.connection import add_connection, connect_axes, say
 from dehyst.models.errors import NotNow
 
 if TYPE_CHECKING:
     from dehyst.daemon.bus.messages import DoctorReport
+    from dehyst.daemon.client.client import Client
+    from dehyst.daemon.client.group import Group
 
-EPILOG = """Exit 0: done; 1: nothing is offered; 2: refused (the reason is printed) or no daemon.
+NOTHING_OFFERED = "nothing is offered; `dehyst doctor` says what was found"
+EPILOG = """Of several axes: that of the one axis that has an offer, or of --name.
+Exit 0: done; 1: nothing is offered; 2: refused (the reason is printed) or no daemon.
 
 example: dehyst reject
 """
@@ -40,14 +45,30 @@ def find_offer(
     else:
         offers = [r for r in offers if r.state in states]
     if not offers:
-        raise NotNow("nothing is offered; `dehyst doctor` says what was found")
+        raise NotNow(NOTHING_OFFERED)
     return offers[-1]
+
+
+def offer_of_axes(
+    stage: "Group", number: int | None, states: tuple[str, ...]
+) -> "tuple[Client, DoctorReport]":
+    """The axis with such an offer, and the offer. Raises NotNow where none has one, or several
+    have."""
+    found = {}
+    for client in stage.clients.values():
+        with suppress(NotNow):
+            found[client.name] = client, find_offer(client.doctor(), number, states)
+    if len(found) > 1:
+        raise NotNow(f"there are offers at {', '.join(found)}: choose one with --name")
+    if not found:
+        raise NotNow(NOTHING_OFFERED)
+    return next(iter(found.values()))
 
 
 def run(args: argparse.Namespace) -> int:
     """Reject."""
-    with connect(args, "reject") as client:
-        report = find_offer(client.doctor(), args.offer, ("found", "trial", "accepted"))
+    with connect_axes(args, "reject") as stage:
+        client, report = offer_of_axes(stage, args.offer, ("found", "trial", "accepted"))
         assert report.offer is not None
         client.decide_offer("reject", report.offer.number)
         say(f"{report.case}: rejected")

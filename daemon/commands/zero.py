@@ -96,7 +96,8 @@ def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
     if not args.json:
         if config.axis:
             print(f"{client.name}:")
-        tell(found, shift, keep, status.unit)
+        section = f"[axis.{config.axis}.sensor]" if config.axis else "[sensor]"
+        tell(found, shift, f"{section} zero = {keep:.6g}", status.unit)
     return {
         "unit": status.unit,
         "samples": found.samples,
@@ -109,8 +110,8 @@ def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def tell(found: "Disagreement", shift: float, keep: float, unit: str) -> None:
-    """The same in words."""
+def tell(found: "Disagreement", shift: float, keep: str, unit: str) -> None:
+    """The same in words. keep: the line that keeps the zero."""
     if not found.samples:
         print("the gauge gives no valid reading: nothing to compare, nothing set")
         return
@@ -125,5 +126,5 @@ def tell(found: "Disagreement", shift: float, keep: float, unit: str) -> None:
     if shift:
         print(
             f"the gauge's zero was moved by {shift:+.4g} {unit}; to keep it beyond this run of the "
-            f"daemon: [sensor] zero = {keep:.6g}"
+            f"daemon: {keep}"
         )

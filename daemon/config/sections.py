@@ -84,8 +84,8 @@ class ChannelConfig(_Strict, frozen=True):
     axis: AxisName = ""
     """Or the axis that is followed, in the same sample."""
     quantity: Literal["displacement", "drive"] = "displacement"
-    """Of that axis: in its model's displacement unit from its set-point origin, or in its model's
-    drive unit."""
+    """Of that axis: in its model's displacement unit from that model's zero (set-point and origin),
+    or in its model's drive unit."""
     scale: float = 1.0
     """The model's channel unit per unit of the sensor or axis."""
     zero: float = 0.0

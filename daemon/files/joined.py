@@ -11,8 +11,8 @@ from dehyst.daemon.rings.records import TELEMETRY
 
 class JoinedTelemetry:
     """Holds what has come of each axis until it has come of all: they are sampled at the same
-    moments, and arrive one after the other. It begins with the first moment that all have. axes:
-    their names."""
+    moments, and arrive one after the other. It begins with the first moment that all have, and so
+    again where their clock starts anew (a reboot). axes: their names."""
 
     def __init__(self, axes: Sequence[str]) -> None:
         self._waiting: dict[str, NDArray[Any]] = {axis: np.zeros(0, TELEMETRY) for axis in axes}
@@ -22,9 +22,17 @@ class JoinedTelemetry:
     def add(self, axis: str, samples: NDArray[Any]) -> None:
         """(n,) TELEMETRY records of one axis, ascending."""
         if samples.size:
+            if samples["scheduled_ns"][0] <= self._newest_ns[axis]:
+                self._begin_anew()
             self._waiting[axis] = np.concatenate([self._waiting[axis], samples])
             self._first_ns.setdefault(axis, int(samples["scheduled_ns"][0]))
             self._newest_ns[axis] = int(samples["scheduled_ns"][-1])
+
+    def _begin_anew(self) -> None:
+        for axis in self._waiting:
+            self._waiting[axis] = self._waiting[axis][:0]
+            self._newest_ns[axis] = -1
+        self._first_ns.clear()
 
     def take(self, end: bool = False) -> dict[str, NDArray[Any]]:
         """What is there of every axis, by axis, and not given before; end: all that is held."""

@@ -6,7 +6,7 @@ missed, the flags (dehyst.daemon.rings.records.Flag). A reading is taken before 
 is written, so the drive beside it is the one written a sample before: the drive that was in force.
 Displacements count from the set-point origin, or from the model's own zero with frame "model".
 Missing readings and targets are empty; missing samples are missing rows. Of the controller's other
-axes, the displacement (from the set-point origin) and the drive in force go beside it.
+axes, the displacement (from the same kind of zero) and the drive in force go beside it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,12 +29,14 @@ NO_OTHERS: Mapping[str, NDArray[Any]] = {}
 
 @dataclass(frozen=True)
 class OtherAxis:
-    """Another axis of the controller: its name, actuator volts per drive unit, its units."""
+    """Another axis of the controller: its name, actuator volts per drive unit, its units; origin:
+    added to its displacements."""
 
     name: str
     gain: float
     drive_unit: str
     unit: str
+    origin: float = 0.0
 
 
 class Recorder:
@@ -140,7 +142,10 @@ class Recorder:
                     samples["learned"],
                     np.asarray((samples["flags"] & int(Flag.MISSED)) != 0, np.uint8),
                     samples["flags"],
-                    *(of["measured"] for of in beside),
+                    *(
+                        of["measured"] + other.origin
+                        for other, of in zip(self._others, beside, strict=True)
+                    ),
                     *(
                         self._drive(of, self._others_before.get(other.name), other.gain)
                         for other, of in zip(self._others, beside, strict=True)

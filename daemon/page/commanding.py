@@ -7,7 +7,7 @@ there; a trajectory is stopped when its browser has gone. Then the daemon holds 
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Set
 from queue import SimpleQueue
 from typing import Any
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.client.client import Client
+from dehyst.daemon.client.group import Group
 from dehyst.daemon.page.watching import Watch
 from dehyst.models.errors import DehystError
 
@@ -40,6 +41,7 @@ class Commander:
         self._tasks: SimpleQueue[tuple[Task | None, threading.Event]] = SimpleQueue()
         self._over = threading.Event()
         self._waiting, self._settled = 0, threading.Condition()
+        self.number = 0  # of its client, once it has one
         self._thread = threading.Thread(target=self._run, name="command", daemon=True)
         self._thread.start()
 
@@ -87,6 +89,45 @@ class Commander:
 
         self._begin(task)
 
+    def play_together(
+        self,
+        t_s: NDArray[np.float64],
+        targets: Mapping[str, NDArray[np.float64]],
+        name: str,
+        take_over: bool,
+        mine: Set[int],
+    ) -> None:
+        """Play a trajectory of several axes that was checked before, on the same samples, once.
+        mine: numbers of this person's own clients, whose command is taken over unasked."""
+
+        def task(client: Client, over: threading.Event) -> None:
+            def progress(_at_s: float, _total_s: float) -> None:
+                if over.is_set():
+                    raise Ended(f"{name} was ended")
+
+            w = self._watch
+            controller = client.status().gateway.controller
+            with Group(
+                controller, list(targets), w.address, w.base, self._label, w.credentials
+            ) as group:
+                holders = {one.gateway.lease_client for one in group.status().values()}
+                if take_over or holders <= {0, client.client, *mine}:
+                    group.take_over()
+                self._say(f"playing {name} on {', '.join(targets)}", False)
+                try:
+                    played = group.play(t_s, dict(targets), progress=progress)
+                except Ended:
+                    group.stop()
+                    raise
+            wrong = next((one.reason for one in played.values() if not one.completed), "")
+            errors = ", ".join(
+                f"{axis} {one.tracking.rms_error:.4g} {one.unit}" for axis, one in played.items()
+            )
+            said = f"ended early: {wrong}" if wrong else f"played to the end, rms error {errors}"
+            self._say(f"{name} {said}", bool(wrong))
+
+        self._begin(task)
+
     def end_task(self) -> None:
         """End what runs, as another axis of the controller was stopped and this one with it."""
         self._over.set()
@@ -120,6 +161,7 @@ class Commander:
             try:
                 if not over.is_set():
                     client = client or Client(w.name, w.address, w.base, self._label, w.credentials)
+                    self.number = client.client
                     task(client, over)
             except Ended as ended:
                 self._say(str(ended), False)

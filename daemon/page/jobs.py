@@ -11,7 +11,7 @@ import secrets
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.tools.bounded import take_bounds
 from dehyst.models.errors import BadInput, DehystError, NotNow
+from dehyst.models.recording import Trajectory
 
 Kind = Literal["trajectory", "identify", "diagnose"]
 KINDS = ("trajectory", "identify", "diagnose")
@@ -54,13 +55,14 @@ class Setting(msgspec.Struct, frozen=True):
 
 @dataclass
 class Job:
-    """state: waiting, working, done or failed; text: what it does, or what went wrong."""
+    """settings: of the controller's axes by name, and "" of the one that is shown; state: waiting,
+    working, done or failed; text: what it does, or what went wrong."""
 
     number: str
     kind: Kind
     file: str
     folder: Path
-    setting: Setting | None
+    settings: Mapping[str, Setting]
     state: str = "waiting"
     text: str = "waits for its turn"
     share: float = 0.0
@@ -74,12 +76,14 @@ class Job:
         said["model"] = self.state == "done" and (self.folder / "model.toml").exists()
         return said
 
-    def trajectory(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(t_s, target) of a trajectory that was looked at. Raises BadInput."""
+    def trajectory(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+        """t_s, and the targets by axis ("": of the only one), of a trajectory that was looked at.
+        Raises BadInput."""
         if self.kind != "trajectory" or self.state != "done":
             raise BadInput(f"{self.file}: is no trajectory that was looked at")
         rows = np.load(self.folder / "trajectory.npy", allow_pickle=False)
-        return rows[0], rows[1]
+        axes = self.result.get("axes") or {"": None}
+        return rows[0], dict(zip(axes, rows[1:], strict=True))
 
 
 class Jobs:
@@ -109,7 +113,7 @@ class Jobs:
             thread.join(5.0)
         self._folder.cleanup()
 
-    def add(self, kind: Kind, file: str, data: bytes, setting: Setting | None) -> Job:
+    def add(self, kind: Kind, file: str, data: bytes, settings: Mapping[str, Setting]) -> Job:
         """Begin a job. Raises NotNow where too many wait."""
         with self._wake:
             if sum(j.state == "waiting" for j in self._jobs.values()) >= WAITING:
@@ -122,7 +126,7 @@ class Jobs:
         folder.mkdir()
         name = re.sub(r"[^A-Za-z0-9._-]", "_", Path(file).name)[-80:].lstrip(".") or "file"
         (folder / name).write_bytes(data)
-        job = Job(number, kind, name, folder, setting)
+        job = Job(number, kind, name, folder, settings)
         with self._wake:
             self._jobs[number] = job
             self._wake.notify_all()
@@ -154,7 +158,7 @@ class Jobs:
     def _work(self, job: Job) -> None:
         ours, theirs = multiprocessing.Pipe(duplex=False)
         spawn = multiprocessing.get_context("spawn")
-        child = spawn.Process(target=work, args=(job.kind, str(job.folder), job.file, job.setting,
+        child = spawn.Process(target=work, args=(job.kind, str(job.folder), job.file, job.settings,
                                                  theirs))  # fmt: skip
         end_ns = clock.monotonic_ns() + round(TIME_S[job.kind] * clock.NS)
         child.start()
@@ -189,7 +193,9 @@ def job_hears(job: Job, pipe: Connection) -> None:
 # -- in the child ---------------------------------------------------------------------------------
 
 
-def work(kind: Kind, folder: str, file: str, setting: Setting | None, pipe: Connection) -> None:
+def work(
+    kind: Kind, folder: str, file: str, settings: Mapping[str, Setting], pipe: Connection
+) -> None:
     """The child's whole life."""
     take_bounds(MEMORY_BYTES)
 
@@ -204,7 +210,7 @@ def work(kind: Kind, folder: str, file: str, setting: Setting | None, pipe: Conn
     }
     try:
         say("reading")
-        result = tasks[kind](Path(folder), Path(folder) / file, setting, say)
+        result = tasks[kind](Path(folder), Path(folder) / file, settings, say)
         say("done", 1.0, "done", **result)
     except DehystError as error:
         say(str(error).replace(f"{folder}/", ""), state="failed")
@@ -212,7 +218,7 @@ def work(kind: Kind, folder: str, file: str, setting: Setting | None, pipe: Conn
         say(f"{file}: takes more than {MEMORY_BYTES >> 30} GB", state="failed")
 
 
-def identify_file(folder: Path, path: Path, _: Setting | None, say: Any) -> dict[str, Any]:
+def identify_file(folder: Path, path: Path, _: Mapping[str, Setting], say: Any) -> dict[str, Any]:
     """`dehyst identify` on one recording."""
     from dehyst.daemon.api.functions import identify
 
@@ -223,49 +229,83 @@ def identify_file(folder: Path, path: Path, _: Setting | None, say: Any) -> dict
     return {"said": str(found)}
 
 
-def diagnose_file(folder: Path, path: Path, setting: Setting | None, say: Any) -> dict[str, Any]:
+def diagnose_file(
+    folder: Path, path: Path, settings: Mapping[str, Setting], say: Any
+) -> dict[str, Any]:
     """`dehyst diagnose` on one recording, about the model in use where there is one."""
     from dehyst.daemon.api.functions import diagnose
     from dehyst.models.modelfile import loads
 
-    model = loads(setting.model) if setting is not None else None
+    model = loads(settings[""].model) if "" in settings else None
     found = diagnose(path, model=model, progress=say)
     found.save(folder)
     return {"said": str(found)}
 
 
-def look_at_trajectory(folder: Path, path: Path, setting: Setting, say: Any) -> dict[str, Any]:
-    """Reach and slew of a trajectory before it is played."""
+def look_at_trajectory(
+    folder: Path, path: Path, settings: Mapping[str, Setting], say: Any
+) -> dict[str, Any]:
+    """Reach and slew of a trajectory before it is played, of each axis that it has columns for."""
+    from dehyst.daemon.files.trajectories import read_trajectories
+
+    ways = read_trajectories(path, min_rows=2)
+    if strange := [axis for axis in ways if axis not in settings]:
+        there = ", ".join(axis for axis in settings if axis) or "one axis: give it target_um"
+        raise BadInput(f"{path.name}: has targets for {', '.join(strange)}; there is {there}")
+    for axis, way in ways.items():
+        if way.unit != (unit := settings[axis].unit):
+            raise BadInput(f"{path.name}: is in {way.unit}, the controller takes {unit}")
+    t_s = next(iter(ways.values())).t_s
+    if t_s.size > MOST_POINTS:
+        raise BadInput(f"{path.name}: {t_s.size} points; at most {MOST_POINTS} are looked at")
+    np.save(folder / "trajectory.npy", np.stack([t_s, *(way.target for way in ways.values())]))
+    found = {}
+    for number, axis in enumerate(ways):
+        of_axis = f" of {axis}" if axis else ""
+        say(f"what the drive{of_axis} has to do", 0.3 + 0.6 * number / len(ways))
+        found[axis] = look_at_axis(axis, ways, settings)
+    places = np.unique(np.linspace(0, t_s.size - 1, PREVIEWED).astype(int))
+    whole = {
+        "t_s": (t_s[places] - t_s[0]).tolist(),
+        "points": int(t_s.size),
+        "duration_s": float(t_s[-1] - t_s[0]),
+        "outside": max(one["outside"] for one in found.values()),
+    }
+    for axis, one in found.items():
+        one["target"] = ways[axis].target[places].tolist()
+    return whole | found.get("", {"axes": found})
+
+
+def look_at_axis(
+    axis: str, ways: Mapping[str, Trajectory], settings: Mapping[str, Setting]
+) -> dict[str, Any]:
+    """What one axis has to do, the others going their ways."""
     from dehyst.daemon.api.functions import invert
-    from dehyst.daemon.files.recordings import read_trajectory
+    from dehyst.daemon.files.axis_columns import axis_column
     from dehyst.models.modelfile import loads
 
-    way = read_trajectory(path, min_rows=2)
-    if way.unit != setting.unit:
-        raise BadInput(f"{path.name}: is in {way.unit}, the controller takes {setting.unit}")
-    if way.t_s.size > MOST_POINTS:
-        raise BadInput(f"{path.name}: {way.t_s.size} points; at most {MOST_POINTS} are looked at")
-    np.save(folder / "trajectory.npy", np.stack([way.t_s, way.target]))
+    way, setting = ways[axis], settings[axis]
     low, high = setting.reach
-    outside = (way.target < low) | (way.target > high)
-    say("what the drive has to do", 0.3)
+    columns = {
+        "t_s": way.t_s - way.t_s[0],
+        f"target_{setting.unit}": np.clip(way.target, low, high) + setting.origin,
+    }
+    for name, other in settings.items():
+        if name not in ("", axis):  # one that does not play stands somewhere: its middle
+            still = np.full(way.t_s.size, np.mean(other.reach))
+            there = ways[name].target if name in ways else still
+            columns[axis_column(name, other.unit)] = there + other.origin
     drive = invert(
-        loads(setting.model),
-        way.t_s - way.t_s[0],
-        np.clip(way.target, low, high) + setting.origin,
+        loads(setting.model), columns,
         preview=setting.preview_s, mode=setting.mode, low=setting.low, high=setting.high,
-        period=setting.period_s, unit=setting.unit,
+        period=setting.period_s,
     )  # fmt: skip
     rate = np.abs(np.diff(drive.drive)) / setting.period_s
-    places = np.unique(np.linspace(0, way.t_s.size - 1, PREVIEWED).astype(int))
     shown = np.unique(np.linspace(0, drive.t_s.size - 1, PREVIEWED).astype(int))
+    outside = (way.target < low) | (way.target > high)
     return {
-        "t_s": (way.t_s[places] - way.t_s[0]).tolist(),
-        "target": way.target[places].tolist(),
         "drive_t_s": drive.t_s[shown].tolist(),
         "drive": drive.drive[shown].tolist(),
-        "points": int(way.t_s.size),
-        "duration_s": float(way.t_s[-1] - way.t_s[0]),
         "least": float(way.target.min()),
         "most": float(way.target.max()),
         "reach": [low, high],

@@ -176,12 +176,19 @@ class Site:
         if kind not in KINDS:
             raise HTTPException(404, f"a file is for {', '.join(KINDS)}")
         watch = self.controllers.watches.get(request.query_params.get("controller", ""))
-        setting = setting_wanted(watch) if watch is not None else None
-        if setting is None and kind == "trajectory":
+        settings = self._settings(watch) if watch is not None else {}
+        if "" not in settings and kind == "trajectory":
             raise BadInput("the controller's model and limits are not known yet")
         data = await _body(request, LARGEST_BYTES)
         file = request.query_params.get("file", "file")
-        return JSONResponse(self.jobs.add(kind, file, data, setting).describe())
+        return JSONResponse(self.jobs.add(kind, file, data, settings).describe())
+
+    def _settings(self, watch: Watch) -> dict[str, Setting]:
+        """Of the axis that is shown, as "", and of all axes of its controller by name."""
+        found = {"": setting_wanted(watch)}
+        if len(watch.axes) > 1:
+            found |= {one.axis: setting_wanted(one) for one in self.controllers.of_one(watch)}
+        return {axis: setting for axis, setting in found.items() if setting is not None}
 
     def _job(self, request: Request) -> Job:
         self._known(request, operator=True)

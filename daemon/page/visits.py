@@ -202,23 +202,41 @@ class Visit:
         elif isinstance(ask, wire.Go):
             if not math.isfinite(ask.value):
                 raise BadInput("the set-point must be a finite number")
-            commander.go(ask.value, ask.seconds, ask.take_over)
+            self._commander(self._axis(watch, ask.name)).go(ask.value, ask.seconds, ask.take_over)
         elif isinstance(ask, wire.HoldAsked):
-            value = target_now(watch.newest)
-            if not math.isfinite(value):
+            held = self.controllers.of_one(watch) if ask.everywhere else [watch]
+            values = [target_now(one.newest) for one in held]
+            if not all(map(math.isfinite, values)):
                 raise BadInput("neither a target nor a reading to hold at")
-            commander.go(value, ask.seconds, ask.take_over)
+            for one, value in zip(held, values, strict=True):
+                self._commander(one).go(value, ask.seconds, ask.take_over)
         else:
-            self._play(commander, ask)
+            self._play(watch, commander, ask)
 
-    def _play(self, commander: Commander, ask: wire.Play) -> None:
+    def _axis(self, watch: Watch, name: str) -> Watch:
+        """An axis of the controller that is shown, by its name on the bus."""
+        for one in self.controllers.of_one(watch):
+            if name in ("", one.name):
+                return one if name else watch
+        raise BadInput(f"{name}: is no axis of this controller")
+
+    def _play(self, watch: Watch, commander: Commander, ask: wire.Play) -> None:
         job = self.jobs.get(ask.job)
         if job is None:
             raise BadInput("this trajectory is not kept any more; give it again")
         if job.result.get("outside", 1.0) > 0:
             raise BadInput(f"{job.file} leaves the reach; shift or scale it")
-        t_s, target = job.trajectory()
-        commander.play(t_s, target, job.file, ask.take_over)
+        t_s, targets = job.trajectory()
+        if "" in targets:
+            commander.play(t_s, targets[""], job.file, ask.take_over)
+            return
+        of_one = [self._commanders.get(one.name) for one in self.controllers.of_one(watch)]
+        mine = [one for one in of_one if one is not None]
+        for one in mine:
+            if one is not commander:
+                one.end_task()
+        numbers = {one.number for one in mine}
+        commander.play_together(t_s, targets, job.file, ask.take_over, numbers)
 
     def _past(self, watch: Watch, ask: wire.Past) -> bytes:
         first_ns, end_ns = round(ask.first_s * 1e9), round(ask.end_s * 1e9)

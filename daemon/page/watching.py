@@ -95,6 +95,13 @@ class Watch:
         """Names of all axes of its controller; empty where it has one alone."""
         return self.status.gateway.axes if self.status is not None else ()
 
+    @property
+    def axis(self) -> str:
+        """Its short name among these, such as x; empty where it is alone."""
+        if self.status is None or len(self.axes) < 2:
+            return ""
+        return self.name.removeprefix(f"{self.status.gateway.controller}-")
+
     def stop(self, at_once: bool) -> None:
         """Drop all targets of all axes of this controller: hold, then ramp; at_once: ramp now.
         Raises BusError, Refusal."""

@@ -55,13 +55,16 @@ class Go(_Ask, tag="go", frozen=True):
     value: float
     seconds: Seconds
     take_over: bool = False
+    name: str = ""
+    """Which axis of the controller that is shown; empty: the one that is."""
 
 
 class HoldAsked(_Ask, tag="hold", frozen=True):
-    """Stay at the present target."""
+    """Stay at the present target; everywhere: all axes of the controller."""
 
     seconds: Seconds
     take_over: bool = False
+    everywhere: bool = False
 
 
 class Play(_Ask, tag="play", frozen=True):

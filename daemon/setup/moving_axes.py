@@ -24,7 +24,7 @@ from dehyst.daemon.setup.moving import (
 )
 from dehyst.daemon.setup.workbench import Workbench, interruptible
 from dehyst.daemon.terminal.progress import progress_bar
-from dehyst.daemon.tools.acquire_axes import PACES, acquire_axes
+from dehyst.daemon.tools.acquire_axes import PACES, acquire_axes, plan_axes
 from dehyst.models.errors import NotNow
 from dehyst.models.recording import Floats, Recording
 
@@ -177,8 +177,8 @@ def drives_for(bench: Workbench, seed: int) -> tuple[Floats, Floats]:
 def describe_record(bench: Workbench) -> str:
     """What `record_axes` moves."""
     t_s, volts = drives_for(bench, 0)
-    count = volts.shape[1]
-    whole_s = t_s[-1] * (count + 1.0 / min(paces(count)))
+    gains = np.array([config.actuator.gain for config in bench.configs().values()])
+    whole_s = plan_axes(list(bench.configs().values()), t_s, volts / gains)[0][-1]
     return (
         f"moves: {TUNING.exercise_s:g} s of full loops, then one axis after the other for "
         f"{t_s[-1]:.3g} s, then all together, {whole_s:.0f} s in all; {_within(bench, volts)}"

@@ -41,11 +41,15 @@ class Trio:
         mode: str = "static",
         lateness_ns: Iterable[int] = (5000,),
         blocks: Mapping[str, tuple[Block, ...]] | None = None,
+        origins: Mapping[str, float] | None = None,
     ) -> None:
         """blocks: by axis, of its model; those whose channel is `axis.y` or `axis.y.drive` follow
-        that axis."""
-        blocks = blocks or {}
-        self.rigs = {a: Rig(f"{prefix}-{a}", mode, blocks=blocks.get(a, ())) for a in axes}
+        that axis; origins: by axis, its model's displacement at set-point 0."""
+        blocks, origins = blocks or {}, origins or {}
+        self.rigs = {
+            a: Rig(f"{prefix}-{a}", mode, blocks=blocks.get(a, ()), origin=origins.get(a, 0.0))
+            for a in axes
+        }
         for rig in self.rigs.values():
             channels = rig.stepper.compensator.channels
             rows = np.zeros(len(channels), records_in_memory.FOLLOW_T)

@@ -94,6 +94,7 @@ class Rig:
         lateness_ns: Iterable[int] = (5000,),
         devices: tuple[Any, Any] | None = None,
         blocks: tuple[Block, ...] = (),
+        origin: float = 0.0,
     ):
         if devices is None:
             settings: dict[str, Any] = {"stage": name, "period_s": PERIOD_NS * 1e-9}
@@ -107,7 +108,7 @@ class Rig:
             model(0.0 if mode == "static" else 2e-5, blocks), PERIOD_NS * 1e-9, 0.0, 150.0, 4000.0,
             mode, 0.02,
         )  # fmt: skip
-        settings = LoopSettings.from_config(parse_config(CONFIG), 0.0, 0.0, 150.0, 0.1)
+        settings = LoopSettings.from_config(parse_config(CONFIG), origin, 0.0, 150.0, 0.1)
         self.stepper = Stepper(settings, compensator, 0.0)
         self.rings = {
             name: Ring.scratch(dtype, size)

@@ -100,16 +100,16 @@ def follow_axes(table: Table, now_ns: int) -> None:
 
 @njit(cache=True, nogil=True)
 def displacement_of(table: Table, now_ns: int) -> float:
-    """Where an axis is one period on, from its set-point origin, without its trim and what it has
-    learned: its target; where it does not follow one (none, held back, gliding): what its model
-    predicts."""
+    """Where an axis is one period on, as its model counts (the set-point and its origin: what a
+    recording of its gauge has), without its trim and what it has learned: its target; where it does
+    not follow one (none, held back, gliding): what its model predicts."""
     c, p, q = control_of(table), settings_of(table), queue_of(table)
     held_back = record_of(table).flags & HELD_BACK
     if c.state != RUNNING or held_back != 0 or c.glide != 0.0:
-        return c.predicted - trim_of(table).trim
+        return c.predicted + p.origin - trim_of(table).trim
     if q.count > 0:
-        return targets.target_at(q, points_of(table), now_ns + p.period_ns)
-    return c.target
+        return targets.target_at(q, points_of(table), now_ns + p.period_ns) + p.origin
+    return c.target + p.origin
 
 
 @njit(cache=True, nogil=True)

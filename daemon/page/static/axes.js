@@ -14,6 +14,8 @@ export class Axes {
     this.number = [];
     this.way = new Map(); // by axis: [targets, readings]
     for (const id of ["plane-x", "plane-y"]) $(id).addEventListener("change", () => this.draw());
+    $("axes-going").addEventListener("submit", (e) => { e.preventDefault(); this.go(); });
+    $("hold-all").addEventListener("click", () => this.hold());
     new ResizeObserver(() => this.draw()).observe($("plane"));
   }
 
@@ -46,7 +48,7 @@ export class Axes {
     }
     $("axes").hidden = false;
     $("axes-of").textContent = said.controller;
-    if (fresh) this.offer(names);
+    if (fresh) { this.offer(names); this.fields(); }
     this.list();
     this.draw();
   }
@@ -109,26 +111,71 @@ export class Axes {
     this.drawn = (this.drawn || 0) + 1; // for tests
   }
 
-  grid(draw, { x0, y0, span, px, py, size }) {
-    const unit = this.said.axes[0].unit || "", step = tick(span);
-    draw.strokeStyle = colour("line");
-    draw.fillStyle = colour("soft");
-    draw.font = "12px system-ui, sans-serif";
-    draw.lineWidth = 1;
-    draw.textAlign = "center";
-    for (let x = step * Math.ceil(x0 / step); x <= x0 + span; x += step) {
-      line(draw, px(x), py(y0), px(x), py(y0 + span));
-      draw.fillText(number(x, 3), px(x), py(y0) + 15);
-    }
-    draw.fillText(`${$("plane-x").value}, ${unit}`, px(x0 + span / 2), size - 3);
-    draw.textAlign = "right";
-    for (let y = step * Math.ceil(y0 / step); y <= y0 + span; y += step) {
-      line(draw, px(x0), py(y), px(x0 + span), py(y));
-      draw.fillText(number(y, 3), px(x0) - 5, py(y) + 4);
-    }
-    draw.textAlign = "left";
-    draw.fillText(`${$("plane-y").value}, ${unit}`, 4, 12);
+  grid(draw, at) {
+    grid(draw, at, $("plane-x").value, $("plane-y").value, this.said.axes[0].unit || "");
   }
+
+  // A field for each axis, so that all go at once; those that are empty stay.
+  fields() {
+    $("axes-targets").replaceChildren(...this.said.axes.map((a) => {
+      const label = document.createElement("label"), field = document.createElement("input");
+      field.inputMode = "decimal";
+      field.autocomplete = "off";
+      field.dataset.name = a.name;
+      label.append(`${a.axis || a.name} `, field);
+      return label;
+    }));
+  }
+
+  go() {
+    const wanted = [...$("axes-targets").querySelectorAll("input")].filter((f) => f.value.trim() !== "");
+    const values = wanted.map((f) => Number(f.value.replace(",", ".")));
+    const wrong = wanted.findIndex((f, i) => !Number.isFinite(values[i]));
+    if (wrong >= 0) { this.page.say(`${wanted[wrong].value}: is no number`, true); return; }
+    wanted.forEach((f, i) => this.page.ask({
+      ask: "go", name: f.dataset.name, value: values[i], seconds: Number($("seconds").value) || 10,
+      take_over: $("take-over").checked,
+    }));
+  }
+
+  hold() {
+    this.page.ask({ ask: "hold", seconds: Number($("seconds").value) || 10, everywhere: true, take_over: $("take-over").checked });
+  }
+}
+
+// A path that is to be played, in the plane of two axes: names, [x], [y], unit.
+export function drawPath(canvas, [right, up], x, y, unit) {
+  const dense = window.devicePixelRatio || 1, size = canvas.clientWidth;
+  if (!size) return;
+  canvas.width = canvas.height = Math.round(size * dense);
+  const draw = canvas.getContext("2d");
+  draw.scale(dense, dense);
+  const [x0, y0, span] = bounds([x], [y]);
+  const room = size - 1.3 * MARGIN, scale = room / span;
+  const px = (v) => MARGIN + (v - x0) * scale, py = (v) => 0.3 * MARGIN + room - (v - y0) * scale;
+  grid(draw, { x0, y0, span, px, py, size }, right, up, unit);
+  stroke(draw, x, y, px, py, colour("target"), 1.5);
+}
+
+function grid(draw, { x0, y0, span, px, py, size }, right, up, unit) {
+  const step = tick(span);
+  draw.strokeStyle = colour("line");
+  draw.fillStyle = colour("soft");
+  draw.font = "12px system-ui, sans-serif";
+  draw.lineWidth = 1;
+  draw.textAlign = "center";
+  for (let x = step * Math.ceil(x0 / step); x <= x0 + span; x += step) {
+    line(draw, px(x), py(y0), px(x), py(y0 + span));
+    draw.fillText(number(x, 3), px(x), py(y0) + 15);
+  }
+  draw.fillText(`${right}, ${unit}`, px(x0 + span / 2), size - 3);
+  draw.textAlign = "right";
+  for (let y = step * Math.ceil(y0 / step); y <= y0 + span; y += step) {
+    line(draw, px(x0), py(y), px(x0 + span), py(y));
+    draw.fillText(number(y, 3), px(x0) - 5, py(y) + 4);
+  }
+  draw.textAlign = "left";
+  draw.fillText(`${up}, ${unit}`, 4, 12);
 }
 
 // The square that holds all of it: [left, bottom, side].

@@ -1,6 +1,7 @@
 // A file that is dropped: a trajectory to look at before it is played, a recording to identify or
 // diagnose. The server's process does the work; this asks how far it is.
 "use strict";
+import { drawPath } from "./axes.js";
 import { drawStill, number } from "./plot.js";
 
 const $ = (id) => document.getElementById(id);
@@ -103,7 +104,18 @@ export class Files {
   restyle() { if (!$("preview").hidden) this.draw(this.job.result); }
 
   draw(r) {
-    const line = (y) => r.t_s.map(() => y);
+    const line = (y) => r.t_s.map(() => y), axes = Object.entries(r.axes || {});
+    $("preview-plane").hidden = axes.length < 2;
+    if (axes.length) {
+      const colours = ["target", "measured", "warn"];
+      const curves = axes.map(([name, one], i) => ({ label: name, colour: colours[i % 3], y: one.target }));
+      drawStill($("plot-preview"), 170, r.t_s, curves, this.page.unit());
+      if (axes.length > 1) {
+        const [[right, x], [up, y]] = axes;
+        drawPath($("preview-plane"), [right, up], x.target, y.target, this.page.unit());
+      }
+      return;
+    }
     drawStill($("plot-preview"), 170, r.t_s, [
       { label: "target", colour: "target", y: r.target },
       { label: "reach", colour: "warn", y: line(r.reach[0]), dash: [4, 4] },
@@ -112,18 +124,27 @@ export class Files {
   }
 
   preview(job) {
-    const r = job.result, unit = this.page.unit();
+    const r = job.result;
     $("preview").hidden = false;
     this.draw(r);
-    const fits = r.outside === 0;
+    const several = Object.entries(r.axes || {});
     fillList($("preview-figures"), [
       ["length", `${number(r.duration_s)} s, ${r.points} points`],
-      ["from, to", `${number(r.least)} to ${number(r.most)} ${unit}`],
-      ["reach", fits ? "inside" : `${number(100 * r.outside, 3)} % of the points are outside ${number(r.reach[0])} to ${number(r.reach[1])} ${unit}: it is not played`],
-      ["fastest drive", `${number(r.fastest, 3)} of ${number(r.slew, 3)} ${r.drive_unit}/s allowed`],
-      ["slew", r.too_fast === 0 ? "never limited" : `held back in ${number(100 * r.too_fast, 2)} % of the time`],
+      ...(several.length ? several.flatMap(([name, one]) => this.figures(one, `${name}: `)) : this.figures(r, "")),
     ]);
-    $("play").disabled = !fits || !this.page.operator;
+    $("play").textContent = several.length ? `play on ${several.map(([name]) => name).join(", ")}` : "play";
+    $("play").disabled = r.outside > 0 || !this.page.operator;
+  }
+
+  // Reach and slew of one axis.
+  figures(r, whose) {
+    const unit = this.page.unit();
+    return [
+      [`${whose}from, to`, `${number(r.least)} to ${number(r.most)} ${unit}`],
+      [`${whose}reach`, r.outside === 0 ? "inside" : `${number(100 * r.outside, 3)} % of the points are outside ${number(r.reach[0])} to ${number(r.reach[1])} ${unit}: it is not played`],
+      [`${whose}fastest drive`, `${number(r.fastest, 3)} of ${number(r.slew, 3)} ${r.drive_unit}/s allowed`],
+      [`${whose}slew`, r.too_fast === 0 ? "never limited" : `held back in ${number(100 * r.too_fast, 2)} % of the time`],
+    ];
   }
 }
 

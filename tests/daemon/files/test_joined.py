@@ -44,6 +44,23 @@ def test_every_sample_is_given_once_and_none_before_it_has_come_of_all(seed: int
     assert given_ == {axis: [n for n in there[axis] if n >= begin] for axis in "xyz"}
 
 
+def test_where_the_clock_starts_anew_it_begins_again_with_what_all_have() -> None:
+    """A reboot: one axis is heard first, of another one something older comes behind."""
+    held = JoinedTelemetry("xy")
+    held.add("x", telemetry([900, 901, 902, 903], 1.0))
+    held.add("y", telemetry([900, 901], 1.0))
+    assert {a: part["seq"].tolist() for a, part in held.take().items()} == {
+        "x": [900, 901],
+        "y": [900, 901],
+    }
+    held.add("x", telemetry([5, 6], 1.0))
+    held.add("y", telemetry([902], 1.0))
+    assert all(not part.size for part in held.take().values())
+    held.add("y", telemetry([6, 7], 1.0))
+    held.add("x", telemetry([7, 8], 1.0))
+    assert all(part["seq"].tolist() == [7] for part in held.take().values())
+
+
 def test_beside_a_sample_stands_what_the_other_had_then_or_nothing() -> None:
     mine, other = telemetry([3, 4, 5, 8, 9], 1.0), telemetry([4, 6, 8], 10.0)
     assert np.array_equal(

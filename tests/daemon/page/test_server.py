@@ -492,6 +492,34 @@ def test_all_axes_of_a_controller_their_path_and_one_stop(tmp_path: Path) -> Non
         for axis, loop in axes.loops.items():
             wait_until(f"{axis} is stopped", lambda one=loop, n=before[axis]: one.commands.size > n)
             assert Command.STOP_MOTION in loop.commands["kind"][before[axis] :]
+        group.close()  # who commanded until now
+        for axis, value in (("x", 4.0), ("y", 5.5)):
+            browser.ask("go", name=f"stage-1-{axis}", value=value, seconds=60)
+        targets = lambda: [one["target"] for one in browser.said["axes"]["axes"]]  # noqa: E731
+        browser.until("both are there", lambda: targets() == [4.0, 5.5])
+        browser.ask("hold", seconds=60, everywhere=True)
+        browser.ask("go", name="stage-9-x", value=4.0, seconds=60)
+        browser.until("no such axis", lambda: "stage-9-x: is no axis" in str(browser.texts()))
+        # a trajectory of both: looked at for each axis, played on the same samples
+        t_s = np.arange(0.0, 1.0, 0.01)
+        circle = [4.0 + np.sin(2 * np.pi * t_s), 4.5 + np.cos(2 * np.pi * t_s)]
+        rows = "\n".join(f"{t:.3f},{x:.6f},{y:.6f}" for t, x, y in zip(t_s, *circle, strict=True))
+        asked = page.post(
+            "/upload/trajectory?controller=stage-1-x&file=circle.csv",
+            content=f"t_s,target_x_um,target_y_um\n{rows}\n",
+        )
+        number = asked.json()["number"]
+        look = lambda: page.http.get(f"/job/{number}").json()  # noqa: E731
+        browser.until("looked at", lambda: look()["state"] in ("done", "failed"), 200.0)
+        assert look()["state"] == "done", look()["text"]
+        assert list(look()["result"]["axes"]) == ["x", "y"]
+        points = lambda: [  # noqa: E731
+            int((loop.commands["kind"] == Command.POINT).sum()) for loop in axes.loops.values()
+        ]
+        assert points() == [0, 0]
+        browser.ask("play", job=number)  # its own set-points give way
+        browser.until("it was played", lambda: "played to the end" in str(browser.texts()))
+        assert points() == [100, 100]
         browser.close()
     finally:
         if page is not None:

@@ -62,6 +62,14 @@ CHANGES = [
             "the other axis' displacement is compensated one sample late",
         ),
         Change(
+            "zero-of-the-other-axis",
+            KERNELS,
+            "    return c.target + p.origin\n",
+            "    return c.target\n",
+            "the other axis counts from another zero here than in the recording that the coupling "
+            "was identified from: the axis stands off its place",
+        ),
+        Change(
             "drives-in-the-files-order",
             KERNELS,
             "        if not waits:\n",

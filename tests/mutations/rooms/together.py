@@ -120,6 +120,11 @@ CHANGES = [
             "a pass in which the loop held is learned from at the wrong places",
         ),
         Change(
+            "joined-over-a-reboot", JOINED, "                self._begin_anew()\n",
+            "                pass\n",
+            "a recording of several axes stands still for ever when the machine was started anew",
+        ),
+        Change(
             "joined-too-early", JOINED, "else min(self._newest_ns.values())",
             "else max(self._newest_ns.values())",
             "a recording lacks what the other axis had, as it came later",

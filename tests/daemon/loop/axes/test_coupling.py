@@ -62,6 +62,19 @@ def test_the_drive_of_another_axis_is_that_of_the_same_sample(compiled: bool, ax
     assert np.abs(there[BEGUN:] - 8.0).max() < 1e-6
 
 
+@pytest.mark.parametrize("points", [False, True])
+def test_the_other_axis_counts_from_its_models_zero_whatever_its_set_points_do(
+    points: bool,
+) -> None:
+    """As in the recording of a gauge: x is at its place, also where y's set-points begin at 5."""
+    trio = Trio(next(names), "xy", blocks={"x": following("axis.y")}, origins={"y": 5.0})
+    y = group_points(WAVE - 5.0, group=0, last=True) if points else setpoint(3.0)
+    told = trio.play({"x": setpoint(8.0), "y": y}, 90)
+    there = by_its_drive(told["x"])[:-1] + GAIN * (told["y"]["target"][1:] + 5.0)
+    assert np.abs(told["y"]["target"][-1] + 5.0) > 5.0
+    assert np.abs(there[70:] - 8.0).max() < 1e-6
+
+
 @BOTH
 def test_both_directions_at_once(compiled: bool) -> None:
     told = played({"x": following("axis.y"), "y": following("axis.x", -0.03)}, compiled)
