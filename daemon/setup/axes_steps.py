@@ -31,7 +31,7 @@ from dehyst.models.errors import BadInput
 def together(axes: Mapping[str, Result], more: str = "") -> Result:
     """The result of a step that did something with each axis."""
     lines = [f"{axis}: {one['words']}" for axis, one in axes.items()]
-    return {"words": "\n   ".join([*lines, more] if more else lines), "axes": dict(axes)}
+    return {"words": "\n".join([*lines, more] if more else lines), "axes": dict(axes)}
 
 
 def ask_limits_of_all(bench: Workbench) -> Result:

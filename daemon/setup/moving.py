@@ -165,14 +165,16 @@ def record_drive(bench: Workbench, seed: int, exercise_s: float, stem: str) -> d
     drive = drive_for(bench.config(), bench.wishes, seed)
     found = bench.play(drive.t_s, drive.u, exercise_s, "recording")
     path = bench.keep(found, stem)
-    return judge_recording(found, path, bench.config().loop.rate_hz)
+    return judge_recording(found, path, bench.config().loop.rate_hz, identified=seed == 0)
 
 
-def judge_recording(found: Recording, path: Path, rate_hz: float) -> dict[str, Any]:
-    """What a recording, written to this path, is worth. Raises NotNow where it excites too
-    little."""
+def judge_recording(
+    found: Recording, path: Path, rate_hz: float, identified: bool = True
+) -> dict[str, Any]:
+    """What a recording, written to this path, is worth. Raises NotNow where a model is to be
+    identified from it, and it excites too little."""
     covered = measure_coverage([found])
-    if covered.missing:
+    if covered.missing and identified:
         raise NotNow(
             f"{path} does not excite enough: {'; '.join(covered.missing)}. Give a longer "
             "--duration or another --band"
@@ -183,6 +185,6 @@ def judge_recording(found: Recording, path: Path, rate_hz: float) -> dict[str, A
         f"{path.name}: {found.size} samples, {late} too late, {covered.covered:.0%} of drive and "
         f"rate covered"
     )
-    if covered.missing_rate:
+    if covered.missing_rate and identified:
         words += f"; not enough for a rate-dependent model: {'; '.join(covered.missing_rate)}"
     return {"words": words, "recording": path.name, "late": late, "covered": covered.covered}

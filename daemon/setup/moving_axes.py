@@ -224,13 +224,16 @@ def record_fresh(bench: Workbench, seed: int) -> Result:
     """All axes together, each with a drive that no model has seen."""
     t_s, volts = drives_for(bench, seed)
     found = bench.play_axes(t_s, volts, TUNING.exercise_s, "recording")
-    return _judged(bench, found, "fresh")
+    return _judged(bench, found, "fresh", identified=False)
 
 
-def _judged(bench: Workbench, found: Mapping[str, Recording], stem: str) -> Result:
+def _judged(
+    bench: Workbench, found: Mapping[str, Recording], stem: str, identified: bool = True
+) -> Result:
     files, axes = bench.keep_axes(found, stem), {}
     for axis, config in bench.configs().items():
-        axes[axis] = judge_recording(found[axis], files[axis], config.loop.rate_hz)
+        rate_hz = config.loop.rate_hz
+        axes[axis] = judge_recording(found[axis], files[axis], rate_hz, identified)
     return axes
 
 

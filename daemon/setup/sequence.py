@@ -42,7 +42,9 @@ def do_steps(bench: Workbench, repeat_from: str | None = None, until: str | None
         title = f"{number + 1}. {step.title}"
         if number < first:
             done = bench.journal.result(step.name)["words"]
-            bench.say(f"{title}: done {bench.journal.when(step.name)}: {done}")
+            bench.say(
+                f"{title}: done {bench.journal.when(step.name)}: {'; '.join(done.splitlines())}"
+            )
         else:
             bench.say(title)
             if step.moves is not None:
@@ -50,6 +52,7 @@ def do_steps(bench: Workbench, repeat_from: str | None = None, until: str | None
                 bench.ask.go_on(step.name)
             result = step.run(bench)
             bench.journal.keep(step.name, options_of(bench, step), result)
-            bench.say(f"   {result['words']}")
+            for line in result["words"].splitlines():
+                bench.say(f"   {line}")
         if name == until:
             return

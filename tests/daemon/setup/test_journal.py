@@ -28,7 +28,7 @@ class Desk:
                 if name == self.broken:
                     raise NotNow(f"{name} does not work")
                 self.did.append(name)
-                return {"words": f"{name} is done"}
+                return {"words": f"x: {name} is done\ny: {name} is done"}
 
             return Step(name, f"the {name}", run, options, (lambda b: "far") if moves else None)
 
@@ -60,7 +60,9 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
 
 def test_what_is_done_is_not_done_again_unless_it_is_asked_for(desk: Desk) -> None:
     assert desk.go(range_v=(0.0, 100.0)) == ["units", "limits", "record"]
+    assert desk.said[-2:] == ["   x: record is done", "   y: record is done"]
     assert desk.go(range_v=(0.0, 100.0)) == []
+    assert desk.said[-1].endswith(": x: record is done; y: record is done")
     assert desk.go() == []
     assert desk.go(first="limits") == ["limits", "record"]
 

@@ -64,6 +64,15 @@ def test_what_the_gauge_may_show_and_what_not() -> None:
         check_gauge_follows(recording(follows), 10.0)
 
 
+def test_a_drive_that_only_validates_need_not_excite_enough_for_a_model() -> None:
+    few = recording(1.0 - np.cos(2 * np.pi * np.arange(300) * 0.005))
+    with pytest.raises(NotNow, match="does not excite enough"):
+        moving.judge_recording(few, Path("recording-1.csv"), 200.0)
+    said = moving.judge_recording(few, Path("fresh-1.csv"), 200.0, identified=False)["words"]
+    assert said.startswith("fresh-1.csv: 300 samples, 0 too late")
+    assert "model" not in said
+
+
 def test_the_comparison_pairs_a_reading_with_the_target_of_the_voltage_in_force() -> None:
     """A stage that stands exactly where the voltage in force says, 0.3 um off: no error is left,
     also where samples were too late."""
