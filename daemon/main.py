@@ -14,7 +14,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 from dehyst import __version__
 from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.tools import kernel_cache
-from dehyst.daemon.tools.interrupts import INTERRUPTED, end_for_good, ended_at_once
+from dehyst.daemon.tools.interrupts import INTERRUPTED, LightEnd, ended_at_once
 from dehyst.models.errors import DehystError, NotNow
 
 # name: help line. Modules are imported when they are used: numba and zenoh take their time.
@@ -110,7 +110,7 @@ def _compiling_told(command: str | None, said_by: str) -> AbstractContextManager
         return nullcontext()
     # both import numba, which these need anyway
     from dehyst.daemon.terminal.compiling import compiling_told
-    from dehyst.daemon.tools.light_numba import leave_out_scipy
+    from dehyst.daemon.tools.kernel_cache import leave_out_scipy
 
     leave_out_scipy()
     process = command in PROCESSES
@@ -148,13 +148,14 @@ def main(argv: list[str] | None = None) -> int:
 
 def run_process() -> NoReturn:
     """`main` as a process of its own."""
+    end = LightEnd()
     try:
-        code = main()
+        end.code = main()
     except SystemExit as ended:
-        if not isinstance(ended.code, int):
-            raise
-        code = ended.code
-    end_for_good(code)
+        if isinstance(ended.code, int):
+            end.code = ended.code
+        raise
+    sys.exit(end.code)
 
 
 if __name__ == "__main__":

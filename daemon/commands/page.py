@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
     realtime.die_with_parent(signal.SIGTERM)
     config, addresses, credentials, base = settings_of(args)
-    from dehyst.daemon.tools.light_numba import leave_out_scipy
+    from dehyst.daemon.tools.kernel_cache import leave_out_scipy
 
     leave_out_scipy()
     # the server's packages take their time

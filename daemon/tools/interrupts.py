@@ -4,10 +4,8 @@ import atexit
 import os
 import signal
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import NoReturn
 
 INTERRUPTED = 130
 
@@ -31,22 +29,26 @@ def ended_at_once(said_by: str) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def end_for_good(code: int) -> NoReturn:
-    """End the process with this exit status, in order but for the interpreter's own end.
+class LightEnd:
+    """Made first in a process, it ends it last, with the exit status `code`; 1: by an exception.
 
-    Threads that are no daemons are waited for, and what is done at exit is done. The interpreter is
-    not taken down: that costs a process with kernels 0.3 s of a processor, and with a thread still
-    within the bus it ends with SIGABRT: CPython ends such a thread as it comes back, which zenoh's
-    Rust takes for a foreign exception.
+    Threads that are no daemons have been waited for then, and what is to be done at exit is done.
+    The interpreter is not taken down: that costs a process with kernels 0.3 s of a processor, and
+    with a thread still within the bus it ends with SIGABRT: CPython ends such a thread as it comes
+    back, which zenoh's Rust takes for a foreign exception.
     """
-    threading._shutdown()  # type: ignore[attr-defined]
-    atexit._run_exitfuncs()
-    try:
-        sys.stdout.flush()
-        sys.stderr.flush()
-    except BrokenPipeError:  # the reader has gone
-        pass
-    except OSError as error:
-        os.write(2, f"dehyst: stdout: {error.strerror}\n".encode())
-        code = code or 1
-    os._exit(code)
+
+    def __init__(self) -> None:
+        self.code = 1
+        atexit.register(self._end)
+
+    def _end(self) -> None:
+        try:
+            sys.stdout.flush()
+            sys.stderr.flush()
+        except BrokenPipeError:  # the reader has gone
+            pass
+        except OSError as error:
+            os.write(2, f"dehyst: stdout: {error.strerror}\n".encode())
+            self.code = self.code or 1
+        os._exit(self.code)

@@ -153,3 +153,16 @@ def drop_stale() -> int:
         except OSError:
             continue  # another process was faster, or the cache is not ours to clean
     return dropped
+
+
+def leave_out_scipy() -> None:
+    """From now on numba takes it for granted that scipy.linalg is there. Before the first kernel is
+    called; imports numba.
+
+    Else it imports it there, to be able to say at once that it is missing: a seventh of the
+    processor time that the core takes to start. scipy is a dependency; a kernel that multiplies
+    matrices imports what it needs when it runs.
+    """
+    from numba.np import linalg
+
+    linalg.ensure_blas = linalg.ensure_lapack = lambda: None

@@ -30,7 +30,7 @@ def test_a_first_kernel_takes_no_scipy_linalg_with_it_and_one_that_needs_it_runs
     program = """
 import sys
 import numpy as np
-from dehyst.daemon.tools.light_numba import leave_out_scipy
+from dehyst.daemon.tools.kernel_cache import leave_out_scipy
 leave_out_scipy()
 from numba import njit
 from dehyst.daemon.rings import ring

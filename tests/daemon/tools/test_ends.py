@@ -6,8 +6,9 @@ import sys
 
 PROGRAM = """
 import atexit, sys, threading, time
-from dehyst.daemon.tools.interrupts import end_for_good
+from dehyst.daemon.tools.interrupts import LightEnd
 
+end = LightEnd()
 def last():
     time.sleep(0.3)
     print("a thread that was waited for")
@@ -16,7 +17,7 @@ threading.Thread(target=last).start()
 threading.Thread(target=threading.Event().wait, daemon=True).start()
 atexit.register(print, "at exit")
 print("before")
-end_for_good(3)
+end.code = 3
 """
 
 
@@ -29,10 +30,19 @@ def test_what_was_begun_is_done_and_the_exit_status_is_as_given() -> None:
     assert done.stdout.splitlines() == ["before", "a thread that was waited for", "at exit"]
 
 
+def test_an_exception_is_told_and_no_success() -> None:
+    program = "from dehyst.daemon.tools.interrupts import LightEnd; LightEnd(); 1 / 0"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=30, check=False
+    )
+    assert done.returncode == 1
+    assert done.stderr.endswith("ZeroDivisionError: division by zero\n")
+
+
 WRITES = """
-from dehyst.daemon.tools.interrupts import end_for_good
+from dehyst.daemon.tools.interrupts import LightEnd
+LightEnd().code = 0
 print("kept until the end")
-end_for_good(0)
 """
 BUFFERED = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
 
