@@ -7,7 +7,6 @@ from html import escape
 
 import numpy as np
 import pytest
-from tests.rigs.diagnosis import without_limits
 
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.files.recordings import write_recording
@@ -139,8 +138,7 @@ def test_report_gives_the_figures_of_the_diagnosis(written):
 
 
 def test_console_gives_the_same_pair_of_figures(recordings, tmp_path, capsys):
-    with without_limits():
-        main(["diagnose", str(recordings / "a.csv"), "-o", str(tmp_path)])
+    main(["diagnose", str(recordings / "a.csv"), "-o", str(tmp_path)])
     shown = capsys.readouterr().out
     rms = json.loads((tmp_path / "diagnosis.json").read_text())["rms"]
     before, after = (1e3 * rms[k]["a.csv"] for k in ("model", "augmented"))
@@ -148,8 +146,7 @@ def test_console_gives_the_same_pair_of_figures(recordings, tmp_path, capsys):
 
 
 def test_json_on_stdout_is_the_file(recordings, tmp_path, capsys):
-    with without_limits():
-        status = main(["diagnose", str(recordings / "a.csv"), "-o", str(tmp_path), "--json"])
+    status = main(["diagnose", str(recordings / "a.csv"), "-o", str(tmp_path), "--json"])
     shown = json.loads(capsys.readouterr().out)
     assert shown == json.loads((tmp_path / "diagnosis.json").read_text())
     assert status == (0 if shown["verdict"] == "clean" else 1)
