@@ -15,7 +15,7 @@ from dehyst.daemon.tools.config_text import SLEW_SPANS, limits_within, write_com
 from dehyst.drivers.serial_port import list_serial_ports
 from dehyst.models.errors import BadInput, NotNow
 
-RATE_SHARE = 0.6  # of what the units sustained while nothing else was done
+RATE_SHARE = 0.95  # of the rate that leaves these units room for late replies
 MOST_HZ = 1000.0  # of the loop, where units would do more
 NAME = "stage-1"
 FRESH = 1  # seed of the drive that validates; 0 is the one that identifies
@@ -180,16 +180,20 @@ def write_configuration(bench: Workbench) -> Result:
 def chosen_rate(bench: Workbench) -> float:
     """Of the loop [Hz]. Raises BadInput where the units do not sustain what is wished."""
     sustained = bench.journal.result("units")["sustained_hz"]
-    rate_hz = bench.wishes.rate_hz or round(min(RATE_SHARE * sustained, MOST_HZ), -1)
+    most_hz = min(RATE_SHARE * sustained, MOST_HZ)
+    rate_hz = bench.wishes.rate_hz or 10.0 * (most_hz // 10.0) or most_hz
     if rate_hz > sustained:
-        raise BadInput(f"--rate {rate_hz:g}: these units sustain {sustained:g} Hz as measured")
+        raise BadInput(
+            f"--rate {rate_hz:g}: as measured these units have room for late replies up to "
+            f"{sustained:g} Hz"
+        )
     return rate_hz
 
 
 def rate_found(bench: Workbench, rate_hz: float) -> Result:
     """What the step says of the rate."""
     sustained = bench.journal.result("units")["sustained_hz"]
-    words = f"{CONFIG}: {rate_hz:g} Hz, of {sustained:g} that these units sustain"
+    words = f"{CONFIG}: {rate_hz:g} Hz, of {sustained:g} that leave these units room for late replies"
     return {"words": words, "rate_hz": rate_hz, "sustained_hz": sustained}
 
 

@@ -144,13 +144,13 @@ def test_one_file_says_what_is_for_all_axes_and_what_is_an_axis_own(tmp_path: Pa
     bench.journal.keep("units", {}, units | {"sustained_hz": 130.0})
     limits = {"words": "", "min_v": 0.0, "max_v": 60.0, "slew_v_per_s": 900.0}
     bench.journal.keep("limits", {}, limits)
-    assert write_configuration(bench)["rate_hz"] == 80.0
+    assert write_configuration(bench)["rate_hz"] == 120.0  # of 123.5
     controller = load_controller(bench.config_path)
     assert controller.axis_names == ("x", "z")
     for config in controller.axes:
         assert config.actuator.settings == {"port": "/dev/a", "axis": config.axis}
         assert config.sensor.settings == {"port": f"/dev/{config.axis}"}
-        assert (config.limits.max_v, config.loop.rate_hz) == (60.0, 80.0)
+        assert (config.limits.max_v, config.loop.rate_hz) == (60.0, 120.0)
         assert config.model.file == f"stage-{config.axis}.model.toml"
 
 

@@ -44,8 +44,8 @@ def specs(gauge_hz: float, gauge_s: float) -> list[tuple[DeviceSpec, DeviceSpec]
 
 def test_the_slowest_number_of_driven_axes_counts() -> None:
     joints = [(Unit(), (0, 1, 2))]
-    # 8 ms for two late sets and three gauges of 0.1 ms: 8.3 ms are four fifths of 10.4 ms
-    with pytest.raises(BadInput, match=r"axes x, y, z sustains 150 Hz with 2 .* to 96 or less"):
+    # 8 ms for two late sets and three gauges of 0.1 ms: 8.3 ms are half of 16.6 ms
+    with pytest.raises(BadInput, match=r"axes x, y, z sustains 150 Hz with 2 .* to 60 or less"):
         check_rates_together(axes(200.0), specs(2000.0, 1e-4), joints)
     assert check_rates_together(axes(100.0), specs(2000.0, 1e-4), joints) == [1, 1, 1]
 
@@ -75,8 +75,8 @@ def test_what_one_axis_cannot_is_told_of_that_axis() -> None:
 @pytest.mark.parametrize("count", [1, 3])
 def test_the_rate_that_is_offered_leaves_room_for_late_replies(count: int) -> None:
     """Sets of 2 ms, late ones 3 ms; gauges of 0.1 ms, late ones 0.2 ms: 3.2 ms for each axis, and
-    four fifths of a period for all: 250 Hz, 83 Hz for three. Up to 380 Hz and 127 Hz is taken."""
-    offered = {1: "250", 3: "83"}[count]
+    half a period for all: 150 Hz, 52 Hz for three. Up to 380 Hz and 127 Hz is taken."""
+    offered = {1: "150", 3: "52"}[count]
     units = [(spec(1000.0, 2e-3, 3e-3), spec(2000.0, 1e-4, 2e-4))] * count
     with pytest.raises(BadInput, match=rf"device calls .* ms period; set .* to {offered} or less"):
         check_rates_together(axes(400.0 / count)[:count], units, [])
