@@ -19,8 +19,8 @@ from dehyst.models.errors import BadInput
 REPLAY_SAMPLES = 20_000
 OUTPUT_AGREES_V = 1.0  # an MDT693B's readback is off by up to 0.3 V
 SPARE = 0.8  # share of the period that device calls may take
-OFFERED = 0.5  # the same at a rate that is offered: a report of the amplifier, too, and a reply that
-# is later than those that were timed, fit in (tests/benchmarks/daemon/deadlines_of_axes.py)
+OFFERED = 0.5  # the same at a rate that is offered: a report of the amplifier, and a reply that is
+# later than those that were timed, fit in (tests/benchmarks/daemon/deadlines_of_axes.py)
 REPORT_SPARE = 0.95  # the same in a sample that asks the amplifier for its report
 
 

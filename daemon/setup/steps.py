@@ -193,7 +193,7 @@ def chosen_rate(bench: Workbench) -> float:
 def rate_found(bench: Workbench, rate_hz: float) -> Result:
     """What the step says of the rate."""
     sustained = bench.journal.result("units")["sustained_hz"]
-    words = f"{CONFIG}: {rate_hz:g} Hz, of {sustained:g} that leave these units room for late replies"
+    words = f"{CONFIG}: {rate_hz:g} Hz; {sustained:g} and less leave room for late replies"
     return {"words": words, "rate_hz": rate_hz, "sustained_hz": sustained}
 
 

@@ -200,6 +200,16 @@ def test_another_models_first_readings_far_off_are_not_believed() -> None:
     assert loop.trim == 0.0
 
 
+def test_a_glitch_among_another_models_first_readings_is_not_what_a_jump_is_measured_from() -> None:
+    loop = Loop()
+    trim.forget_trim(loop.state[0])
+    loop.go(0.17, 0.1)
+    loop.go(0.04, 4.0)
+    loop.go(2.0, 0.1)
+    assert Why.JUMPED not in loop.told
+    assert loop.trim == pytest.approx(-0.1, abs=1e-3)
+
+
 def test_distrusted_it_stands_still() -> None:
     loop = Loop()
     loop.go(3.0, 0.2)
