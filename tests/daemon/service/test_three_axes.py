@@ -59,7 +59,10 @@ class Stage:
             self.supervisor = dehyst(
                 "run", "--config", str(self.config), stdout=words, stderr=words
             )
-        until(lambda: "ready: clients reach" in self.words(), 240.0, "it is ready")
+        try:
+            until(lambda: "ready: clients reach" in self.words(), 120.0, "it is ready")
+        except AssertionError as error:
+            raise AssertionError(f"{error}; it said: {self.words()[-1500:]}") from None
 
     def words(self) -> str:
         return self.log.read_text(errors="replace") if self.log.exists() else ""
