@@ -106,7 +106,7 @@ def test_the_drive_stays_within_limits_and_slew(tmp_path: Path, seed: int, slew:
 def found_units(bench: Workbench) -> None:
     unit = {"driver": "mdt693b", "port": "/dev/x", "minimum": 0.0, "maximum": 75.0}
     sensor = {"driver": "ksg101", "port": "/dev/y", "minimum": -20.0, "maximum": 20.0}
-    result = {"words": "", "axis": "y", "actuator": unit, "sensor": sensor, "sustained_hz": 350.0}
+    result = {"words": "", "axis": "y", "actuator": unit, "sensor": sensor, "sustained_hz": 220.0}
     bench.journal.keep("units", {}, result)
 
 
@@ -127,12 +127,12 @@ def test_the_configuration_says_what_was_found_and_asked(tmp_path: Path) -> None
     bench = workbench(tmp_path, range_v=(5.0, 75.0))
     found_units(bench)
     bench.journal.keep("limits", {}, ask_limits(bench))
-    assert write_configuration(bench)["rate_hz"] == 210.0
+    assert write_configuration(bench)["rate_hz"] == 200.0
     config = bench.config()
     assert config.actuator.settings == {"port": "/dev/x", "axis": "y"}
     assert (config.limits.min_v, config.safe.voltage_v) == (5.0, 5.0)
     bench.wishes = Wishes(rate_hz=400.0)
-    with pytest.raises(BadInput, match="room for late replies up to 350 Hz"):
+    with pytest.raises(BadInput, match="room for late replies up to 220 Hz"):
         write_configuration(bench)
 
 
