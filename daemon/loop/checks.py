@@ -164,27 +164,11 @@ def joined(actuators: Sequence[Actuator]) -> list[tuple[Joint, tuple[int, ...]]]
     return found
 
 
-def highest_rate(actuator: DeviceSpec, sensor: DeviceSpec) -> float:
+def highest_rate(specs: Specs, joints: Joints) -> float:
     """The highest loop rate [Hz], with two digits, that leaves these units room for late replies,
-    the sensor read at every sample."""
-    return min(offered_hz([(actuator, sensor)], []), _round_down(sensor.max_rate_hz))
-
-
-def highest_rate_together(
-    specs: Sequence[tuple[DeviceSpec, DeviceSpec]],
-    joints: Sequence[tuple[Joint, tuple[int, ...]]],
-) -> float:
-    """As `highest_rate`, of several axes in one period; specs, joints: as `check_rates_together`
-    has them."""
-    io_s = sum(sensor.latency_s for _, sensor in specs)
-    rates = [min(actuator.max_rate_hz, sensor.max_rate_hz) for actuator, sensor in specs]
-    alone = set(range(len(specs)))
-    for joint, places in joints:
-        alone -= set(places)
-        rates.append(min(joint.rate_hz(driven) for driven in range(1, len(places) + 1)))
-        io_s += 1.0 / rates[-1]
-    io_s += sum(specs[place][0].latency_s for place in alone)
-    return _round_down(min(*rates, SPARE / io_s))
+    the sensors read at every sample; specs, joints: as `check_rates_together` has them."""
+    slowest = min(sensor.max_rate_hz for _, sensor in specs)
+    return min(offered_hz(specs, joints), _round_down(slowest))
 
 
 def _round_down(rate_hz: float) -> float:

@@ -58,7 +58,7 @@ def find_units(bench: Workbench) -> Result:
     sensor = _one_of(bench, found["sensor"], "gauge reader")
     result: Result = {"axis": axes[0], "actuator": _described(actuator)}
     result |= {"sensor": _described(sensor)}
-    result["sustained_hz"] = highest_rate(actuator.spec, sensor.spec)
+    result["sustained_hz"] = highest_rate([(actuator.spec, sensor.spec)], [])
     names = [f"{unit.driver} at {unit.port}" for unit in (actuator, sensor)]
     return result | {"words": ", ".join(names)}
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dehyst.daemon.loop.checks import highest_rate_together, joined
+from dehyst.daemon.loop.checks import highest_rate, joined
 from dehyst.drivers.interface import Actuator, DeviceSpec, DeviceTimeout, ProtocolError, Sensor
 from dehyst.drivers.ksg101.driver import USB_IDS as GAUGES
 from dehyst.drivers.mdt693b.settings import USB_IDS as AMPLIFIERS
@@ -66,7 +66,7 @@ def measure_rate(unit: FoundUnit, axes: Sequence[str], gauges: Sequence[FoundUni
             output.open()
         pairs = zip(outputs, gauges, strict=True)
         specs = [(output.spec, gauge.spec) for output, gauge in pairs]
-        return highest_rate_together(specs, joined(outputs))
+        return highest_rate(specs, joined(outputs))
     finally:
         for output in outputs:
             output.close()
