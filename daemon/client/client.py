@@ -65,7 +65,7 @@ PATIENCE_S = 2.0
 
 
 class Refusal(DehystError):
-    """The daemon refused a command. code: see dehyst.daemon.gateway.admission.CODES."""
+    """The daemon refused a command. code: see dehyst.daemon.gateway.refusals.CODES."""
 
     def __init__(self, code: str, text: str) -> None:
         how = "; take_over() or --take-over does" if code == "lease-taken" else ""

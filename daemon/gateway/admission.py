@@ -16,46 +16,19 @@ from numpy.typing import NDArray
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.messages import Chunk, Command, Reply, Request, Setpoint
 from dehyst.daemon.gateway.lease import Lease
-from dehyst.daemon.rings.records import COMMAND, State
+from dehyst.daemon.gateway.loop_records import NOTHING, make_records
+from dehyst.daemon.gateway.refusals import NotAdmitted
 from dehyst.daemon.rings.records import Command as Kind
+from dehyst.daemon.rings.records import State
 
-CODES = {
-    "ok": "done",
-    "duplicate": "this chunk was taken before; nothing happened",
-    "bad-message": "not a message of this version",
-    "no-core": "the loop does not run",
-    "state": "the loop follows no commands in its present state",
-    "no-lease": "the sender holds no lease, or an older one",
-    "lease-taken": "another client commands",
-    "old": "older than the newest set-point, or a repeated one",
-    "late": "too long on its way",
-    "unit": "another unit than the daemon's",
-    "not-finite": "NaN or infinite",
-    "unreachable": "outside the reachable range",
-    "order": "a chunk or time stamp out of order",
-    "dense": "points closer than the loop's period",
-    "over": "this trajectory has ended or was withdrawn",
-    "queue-full": "more trajectory ahead than the daemon accepts",
-    "no-offer": "no such offer, or it cannot be taken now",
-    "flood": "more commands than the daemon reads",
-}
 DecideOffer = Callable[[str, int], str]
 """(action, number of the offer): why not, in words; "": it is being done."""
 Offsets: TypeAlias = NDArray[np.int64]
 Values: TypeAlias = NDArray[np.float64]
-NOTHING: NDArray[np.void] = np.zeros(0, COMMAND)
 REACH_SLACK = 1e-9
 RESERVED = 64
 """Room in the command ring that trajectories leave for a stop."""
 LATEST_OFFSET_NS = 10**18
-
-
-class NotAdmitted(Exception):
-    """A command that is not admitted. code: in CODES; the text is for the client."""
-
-    def __init__(self, code: str, text: str) -> None:
-        super().__init__(text)
-        self.code = code
 
 
 @dataclass
@@ -226,7 +199,7 @@ class Admission:
         self.lease.sequence = command.sequence
         self.lease.heard(now_ns, command.sent_ns)
         self._end_trajectory("a set-point replaced it")
-        return _records(Kind.SETPOINT, command.client, value=np.array([command.value]))
+        return make_records(Kind.SETPOINT, command.client, value=np.array([command.value]))
 
     def plays(self, command: Chunk) -> bool:
         """Whether the trajectory of this chunk has begun here."""
@@ -254,7 +227,7 @@ class Admission:
         now.over = "it is complete" if command.last else ""
         self._passed.append((now_ns, span_ns * 1e-9))
         self.lease.heard(now_ns, command.sent_ns)
-        records = _records(Kind.POINT, command.client, command.trajectory, values, offsets)
+        records = make_records(Kind.POINT, command.client, command.trajectory, values, offsets)
         records["last"][-1] = command.last
         records["correction"] = learned
         if len(command.axes) > 1:
@@ -333,7 +306,7 @@ class Admission:
                 f"the gauge's zero cannot move by {command.value:g} {self.unit}: that is more than "
                 f"the stage's whole reach of {high - low:g}",
             )
-        return _records(Kind.ZERO, command.client, value=np.array([command.value]))
+        return make_records(Kind.ZERO, command.client, value=np.array([command.value]))
 
     def _end_trajectory(self, why: str) -> None:
         self._trajectory.over = self._trajectory.over or why
@@ -370,7 +343,7 @@ class Admission:
             self._end_trajectory("it was stopped")
             if lease.check(now_ns, client, command.lease):
                 lease.heard(now_ns, command.sent_ns)
-            return _records(Kind.STOP_MOTION if action == "stop" else Kind.RELEASE, client)
+            return make_records(Kind.STOP_MOTION if action == "stop" else Kind.RELEASE, client)
         if action in ("accept", "reject"):  # whoever may command; it moves nothing by itself
             if why := self.decide_offer(action, command.offer):
                 raise NotAdmitted("no-offer", why)
@@ -385,32 +358,10 @@ class Admission:
             self._check_core()
             if command.trajectory == self._trajectory.number:
                 self._end_trajectory("its client withdrew it")
-            return _records(Kind.CLEAR, client, command.trajectory)
+            return make_records(Kind.CLEAR, client, command.trajectory)
         return NOTHING
 
 
 def _span_ns(now: _Trajectory, offsets: Offsets) -> int:
     """How much longer the trajectory is with these points."""
     return int(offsets[-1]) - (now.end_ns if now.end_ns >= 0 else int(offsets[0]))
-
-
-def trust(trusted: bool) -> NDArray[np.void]:
-    """The COMMAND record by which the gateway itself tells the loop whether the mismatch watch
-    trusts stage and gauge."""
-    return _records(Kind.TRUST, 0, value=np.array([float(trusted)]))
-
-
-def _records(
-    kind: Kind,
-    client: int,
-    trajectory: int = 0,
-    value: NDArray[np.float64] | None = None,
-    offset_ns: NDArray[np.int64] | None = None,
-) -> NDArray[np.void]:
-    out = np.zeros(1 if value is None else value.size, COMMAND)
-    out["kind"], out["client"], out["trajectory"] = kind, client, trajectory
-    if value is not None:
-        out["value"] = value
-    if offset_ns is not None:
-        out["offset_ns"] = offset_ns
-    return out

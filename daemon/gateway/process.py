@@ -24,10 +24,10 @@ from dehyst.daemon.bus.security import client_settings, server_settings
 from dehyst.daemon.bus.session import Bus, BusError, Nobody
 from dehyst.daemon.config import Config, Controller
 from dehyst.daemon.gateway import refused_starts
-from dehyst.daemon.gateway.admission import trust
 from dehyst.daemon.gateway.answers import Answers
 from dehyst.daemon.gateway.axis import ServedAxis
 from dehyst.daemon.gateway.command_intake import CommandIntake
+from dehyst.daemon.gateway.loop_records import trust
 from dehyst.daemon.gateway.publisher import Publisher, Served
 from dehyst.models.errors import BadInput, DehystError
 from dehyst.models.mismatch.monitor import compile_monitor

@@ -197,8 +197,9 @@ class LoopMonitor:
         row["time_ns"], row["wall_ns"] = now_ns, clock.wall_ns()
         row["state"], row["mode"] = self._last_state, stepper.record[0]["mode"]
         row["policy"], row["priority"] = self.obtained.fifo, self.obtained.priority
-        row["samples"], row["missed"] = self.samples, self.missed
+        row["samples"] = self.samples
         row["missed_by"][: self.missed_by.size] = self.missed_by
+        row["missed"] = row["missed_by"].sum()  # not the meter's: the loop may count on meanwhile
         for name, histogram in (("wake_us", self.wake), ("exec_us", self.exec), ("io_us", self.io)):
             row[name] = histogram.summary()
             histogram.clear()

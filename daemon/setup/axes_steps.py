@@ -22,6 +22,7 @@ from dehyst.daemon.setup.steps import (
     find_units,
     rate_found,
     replace_configuration,
+    say_what_next,
 )
 from dehyst.daemon.setup.workbench import CONFIG, Workbench
 from dehyst.daemon.tools.config_text import limits_within, write_commented
@@ -147,18 +148,12 @@ def validate_models(bench: Workbench) -> Result:
 
 def offer_service(bench: Workbench) -> Result:
     """What to type next; nothing is installed."""
-    models = " ".join(str(bench.model_path_of(axis)) for axis in bench.axes)
-    for line in (
-        f"dehyst run --config {bench.config_path}     # in a terminal; `dehyst watch` in another",
+    return say_what_next(
+        bench,
+        " ".join(str(bench.model_path_of(axis)) for axis in bench.axes),
         f"dehyst scan raster --size 2 2 --config {bench.config_path} -o raster.csv",
         "dehyst play raster.csv",
-        'as a service, as root, from a clone (README, "Run it as a service"):',
-        f"  install -D -m 0640 {bench.config_path} {models} -t /etc/dehyst",
-        "  cp systemd/*.service /etc/systemd/system/ && systemctl daemon-reload",
-        "  systemctl enable --now dehyst.service",
-    ):
-        bench.say(f"   {line}")
-    return {"words": "ready to run"}
+    )
 
 
 AXES_STEPS = (

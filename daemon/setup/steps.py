@@ -234,12 +234,18 @@ def validate_model(bench: Workbench) -> Result:
 
 def offer_service(bench: Workbench) -> Result:
     """What to type next; nothing is installed."""
-    config = bench.config_path
     devices_of(bench.config())
+    return say_what_next(bench, str(bench.model_path))
+
+
+def say_what_next(bench: Workbench, models: str, *more: str) -> Result:
+    """The commands that run it. models: their files; more: commands for a running one."""
+    config = bench.config_path
     for line in (
         f"dehyst run --config {config}     # in a terminal; `dehyst watch` in another",
+        *more,
         'as a service, as root, from a clone (README, "Run it as a service"):',
-        f"  install -D -m 0640 {config} {bench.model_path} -t /etc/dehyst",
+        f"  install -D -m 0640 {config} {models} -t /etc/dehyst",
         "  cp systemd/*.service /etc/systemd/system/ && systemctl daemon-reload",
         "  systemctl enable --now dehyst.service",
     ):

@@ -7,8 +7,8 @@ from tests.rigs.stepper import CONFIG, PERIOD_NS, model
 
 from dehyst.daemon.config import parse_config
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.gateway.admission import trust
 from dehyst.daemon.gateway.history import TelemetryHistory
+from dehyst.daemon.gateway.loop_records import trust
 from dehyst.daemon.gateway.mismatch import MismatchWatch
 from dehyst.daemon.rings.records import TELEMETRY, Command, State
 from dehyst.models.hysteresis.forward import simulate_hysteresis

@@ -16,6 +16,7 @@ import numpy as np
 from tests.rigs.chaos import commands, faults
 from tests.rigs.chaos.rig import (
     HOLD_S,
+    LIMITS,
     MAX_V,
     RAMP,
     RATE_HZ,
@@ -58,17 +59,8 @@ name = "chaos"
 run_dir = "{run}"
 loop = {{rate_hz = {rate}}}
 actuator = {{driver = "mdt693b", settings = {{port = "{mdt693b}"}}}}
-limits = {{min_v = 0.0, max_v = {max_v}, slew_v_per_s = {slew}}}
-safe = {{voltage_v = {safe_v}, ramp_v_per_s = {ramp}, on_fault = "{on_fault}"}}
-bus = {{listen = ["{listen}"]}}
-watch = {{before_s = 5.0, after_s = 1.0}}
-[setpoint]
-stale_s = 0.8
-hold_s = {hold_s}
-approach_um_per_s = 40.0
-queue_s = 30.0
-lease_s = 1.0
 """
+CONFIG += LIMITS
 AXIS = """
 [axis.{axis}]
 model = {{file = "{model}"}}

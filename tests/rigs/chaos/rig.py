@@ -42,13 +42,7 @@ APPROACH_V_PER_S = 850.0
 """No more than this is the way to a first target: 40 um/s, where at that rate the stage moves by
 0.047 um/V after a reversal."""
 
-CONFIG = """
-name = "chaos"
-run_dir = "{run}"
-model = {{file = "{model}"}}
-loop = {{rate_hz = {rate}}}
-actuator = {{driver = "mdt693b", settings = {{port = "{mdt693b}", rate_hz = 250.0}}}}
-sensor = {{driver = "ksg101", settings = {{port = "{ksg101}"}}}}
+LIMITS = """\
 limits = {{min_v = 0.0, max_v = {max_v}, slew_v_per_s = {slew}}}
 safe = {{voltage_v = {safe_v}, ramp_v_per_s = {ramp}, on_fault = "{on_fault}"}}
 bus = {{listen = ["{listen}"]}}
@@ -60,6 +54,16 @@ approach_um_per_s = 40.0
 queue_s = 30.0
 lease_s = 1.0
 """
+"""Of all rigs."""
+CONFIG = """
+name = "chaos"
+run_dir = "{run}"
+model = {{file = "{model}"}}
+loop = {{rate_hz = {rate}}}
+actuator = {{driver = "mdt693b", settings = {{port = "{mdt693b}", rate_hz = 250.0}}}}
+sensor = {{driver = "ksg101", settings = {{port = "{ksg101}"}}}}
+"""
+CONFIG += LIMITS
 
 SITE = """
 import os, time
