@@ -110,9 +110,9 @@ def _compiling_told(command: str | None, said_by: str) -> AbstractContextManager
         return nullcontext()
     # both import numba, which these need anyway
     from dehyst.daemon.terminal.compiling import compiling_told
-    from dehyst.daemon.tools.kernel_cache import leave_out_scipy
+    from dehyst.daemon.tools.kernel_cache import load_lightly
 
-    leave_out_scipy()
+    load_lightly()
     process = command in PROCESSES
     return compiling_told(said_by, in_pipes=process, ends=not process)
 

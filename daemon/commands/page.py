@@ -46,9 +46,9 @@ def run(args: argparse.Namespace) -> int:
 
     realtime.die_with_parent(signal.SIGTERM)
     config, addresses, credentials, base = settings_of(args)
-    from dehyst.daemon.tools.kernel_cache import leave_out_scipy
+    from dehyst.daemon.tools.kernel_cache import load_lightly
 
-    leave_out_scipy()
+    load_lightly()
     # the server's packages take their time
     from dehyst.daemon.page.people import People
     from dehyst.daemon.page.server import Listen, serve_page

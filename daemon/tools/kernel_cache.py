@@ -20,6 +20,7 @@ import tempfile
 import time
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 PACKAGE = Path(__file__).resolve().parents[2]
 ROOMS = ("models", "drivers", "daemon")
@@ -155,14 +156,18 @@ def drop_stale() -> int:
     return dropped
 
 
-def leave_out_scipy() -> None:
-    """From now on numba takes it for granted that scipy.linalg is there. Before the first kernel is
+def load_lightly() -> None:
+    """From now on numba takes in all that it can compile, scipy.linalg and cffi among it, when it
+    compiles something, and not before it loads a kernel that is on disk. Before the first kernel is
     called; imports numba.
 
-    Else it imports it there, to be able to say at once that it is missing: a seventh of the
-    processor time that the core takes to start. scipy is a dependency; a kernel that multiplies
-    matrices imports what it needs when it runs.
+    That is a third of the processor time that the core takes to start.
     """
-    from numba.np import linalg
+    from numba.core import caching
+    from numba.core.runtime import rtsys
 
-    linalg.ensure_blas = linalg.ensure_lapack = lambda: None
+    def load_overload(self: Any, signature: Any, target: Any) -> Any:
+        rtsys.initialize(target)
+        return self._load_overload(signature, target)
+
+    caching.Cache.load_overload = load_overload
