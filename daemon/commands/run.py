@@ -70,7 +70,9 @@ def run(args: argparse.Namespace) -> int:
     for option in ("model", "name", "listen", "axes"):
         if args.config and getattr(args, option):
             raise BadInput(f"--{option} goes without --config: the configuration says it itself")
-    with ended_at_once("dehyst run"):
+    if args.config:
+        return supervise(args.config)
+    with ended_at_once("dehyst run"):  # what brings numba with it
         from dehyst.daemon.files.models import load_model
         from dehyst.daemon.service.supervisor import BenchProcess
         from dehyst.daemon.tools.bench_config import (
@@ -82,8 +84,6 @@ def run(args: argparse.Namespace) -> int:
         from dehyst.drivers.simulated.axes import settings_of
         from dehyst.drivers.simulated.settings import AXES
 
-    if args.config:
-        return supervise(args.config)
     axes = AXES[: args.axes or 1]
     if args.model and len(axes) > 1:
         raise BadInput("--model goes with one axis; with several each has its own model")
@@ -117,7 +117,8 @@ def run(args: argparse.Namespace) -> int:
 
 def supervise(path: Path) -> int:
     """Core and gateway of a configuration, until a signal."""
-    from dehyst.daemon.service.supervisor import Supervisor
+    with ended_at_once("dehyst run"):
+        from dehyst.daemon.service.supervisor import Supervisor
 
     controller = load_controller(path)
     with run_folder.at_work(controller.directory, run_folder.SUPERVISOR, "run", path):

@@ -14,6 +14,7 @@ from tests.rigs.gateway_bench import (
     model_text,
     wait_until,
 )
+from tests.rigs.processes import one_cpu
 
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.client.group import Group
@@ -22,7 +23,7 @@ from dehyst.daemon.config import Config, load_controller
 SHARED = """
 name = "stage-1"
 run_dir = "{run_dir}"
-loop = {{rate_hz = 200.0}}
+loop = {{rate_hz = 200.0, cpu = {cpu}}}
 bus = {{{auth}listen = ["tcp/127.0.0.1:{port}"]}}
 model = {{file = "model.toml"}}
 limits = {{min_v = 0.0, max_v = 95.0, slew_v_per_s = 10000.0}}
@@ -51,7 +52,7 @@ class AxesBench:
         self.folder, self.port, self.axes = folder, free_port(), tuple(axes)
         self.path = folder / "stage.toml"
         (folder / "model.toml").write_text(model_text())
-        text = SHARED.format(run_dir=folder / "run", port=self.port, auth=auth)
+        text = SHARED.format(run_dir=folder / "run", port=self.port, auth=auth, cpu=one_cpu())
         self.path.write_text(text + "".join(AXIS.format(axis=axis) for axis in axes))
         self.controller = load_controller(self.path)
         self.address = f"tcp/127.0.0.1:{self.port}"

@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from tests.rigs.processes import one_cpu
 
 from dehyst.daemon.bus import messages
 from dehyst.daemon.bus.session import BusError
@@ -116,7 +117,7 @@ actuator = {{driver = "simulated", settings = {{stage = "bench"}}}}
 sensor = {{driver = "simulated", settings = {{stage = "bench"}}}}
 limits = {{min_v = 0.0, max_v = 95.0, slew_v_per_s = 10000.0}}
 trim = {{enabled = false}}
-loop = {{rate_hz = 200.0}}
+loop = {{rate_hz = 200.0, cpu = {cpu}}}
 safe = {{voltage_v = 0.0, ramp_v_per_s = 1000.0}}
 setpoint = {{stale_s = 1.0, hold_s = 0.2, approach_um_per_s = 200.0, queue_s = 10.0, lease_s = 1.5}}
 bus = {{listen = ["tcp/127.0.0.1:{port}"]}}
@@ -131,7 +132,7 @@ class Bench:
         self.port = free_port()
         self.path = folder / "bench.toml"
         (folder / "model.toml").write_text(model_text())
-        text = CONFIG.format(run_dir=folder / "run", port=self.port)
+        text = CONFIG.format(run_dir=folder / "run", port=self.port, cpu=one_cpu())
         for old, new in replaced.items():
             text = text.replace(old, new)
         self.path.write_text(text)

@@ -26,7 +26,8 @@ class Service:
         self.bench = EmulatedBench(folder)
         self.folder, self.port = folder, free_port()
         self.config = self.bench.config(rate, model)
-        text = f'bus = {{listen = ["tcp/127.0.0.1:{self.port}"]}}\n' + self.config.read_text()
+        text = f'bus = {{listen = ["tcp/127.0.0.1:{self.port}"]}}\ndoctor = {{enabled = false}}\n'
+        text += self.config.read_text()
         for old, new in replaced.items():
             assert old in text
             text = text.replace(old, new)
