@@ -14,7 +14,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from scipy.signal import welch
 
 from dehyst.models.recording import Floats
 
@@ -142,6 +141,8 @@ def estimate_density(errors: Sequence[Floats], period_s: float) -> tuple[Floats,
     power = []
     for error in errors:
         known = np.where(np.isfinite(error), error, 0.0)
+        from scipy.signal import welch  # brings all of scipy's statistics with it
+
         f, p = welch(known, 1 / period_s, nperseg=size, detrend="constant")
         power.append(p[1:])
     mean, f = np.mean(power, axis=0), f[1:]

@@ -22,8 +22,10 @@ def test_example_runs(shared: Bench, arguments: list[str], says: str) -> None:
     assert says in done.stdout
 
 
-@pytest.mark.parametrize("arguments", [arguments for arguments, _ in PROGRAMS])
-@pytest.mark.parametrize("address", ["tcp/127.0.0.1:9", "foo"])
+@pytest.mark.parametrize(
+    ("arguments", "address"),
+    [*((arguments, "tcp/127.0.0.1:9") for arguments, _ in PROGRAMS), (PROGRAMS[0][0], "foo")],
+)
 def test_without_a_daemon_it_ends_in_one_line(arguments: list[str], address: str) -> None:
     done = run(arguments, address)
     assert done.returncode == 1

@@ -1,14 +1,13 @@
 """What others write on the bus locks nobody out and commands no terminal."""
 
 import json
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from tests.rigs.gateway_bench import Bench, environment
+from tests.daemon.commands.test_remote import run
+from tests.rigs.gateway_bench import Bench
 
 from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.bus.session import Bus
@@ -19,13 +18,10 @@ COLOUR = "\x1b]0;owned\x07\x9b31m"
 
 def dehyst(bench: Bench, *words: str, code: int = 0) -> tuple[str, str]:
     """What a command prints."""
-    done = subprocess.run(
-        [sys.executable, "-m", "dehyst.daemon.main", *words, "--connect", bench.address],
-        env=environment(), capture_output=True, text=True, timeout=120.0, check=False,
-    )  # fmt: skip
-    assert done.returncode == code, done.stderr
-    assert not {"\x1b", "\x07", "\x9b"} & set(done.stdout + done.stderr)
-    return done.stdout, done.stderr
+    ended, out, err = run(*words, bench=bench)
+    assert ended == code, err
+    assert not {"\x1b", "\x07", "\x9b"} & set(out + err)
+    return out, err
 
 
 def test_printable() -> None:

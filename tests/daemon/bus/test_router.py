@@ -149,11 +149,11 @@ def test_clients_find_and_command_controllers_through_a_router(
             bench.close()
 
 
-@pytest.mark.timeout(300)  # nine processes start; on a busy machine that takes its time
-def test_nothing_is_lost_between_three_daemons_and_five_subscribers() -> None:
+@pytest.mark.timeout(300)  # ten processes start; on a busy machine that takes its time
+def test_nothing_is_lost_between_two_daemons_and_four_subscribers() -> None:
     """The benchmark for 20 and 50, made small (`dehyst run`, real loops on the simulated stage)."""
-    result = controllers.run(3, 5, 4.0)
-    assert result.samples > 5 * 100
+    result = controllers.run(2, 4, 4.0)
+    assert result.samples > 4 * 100
     assert (result.lost, result.bad, result.overwritten) == (0, 0, 0)
     assert result.told >= 3
     assert result.untold == 0
@@ -288,27 +288,3 @@ def test_no_way_through_a_router_without_credentials(bus: str, says: str, tmp_pa
         (tmp_path / "c.toml").write_text(text)
         auth = load_config(tmp_path / "c.toml").bus.auth
         assert auth is None or auth.credentials == str(tmp_path / "x")
-
-
-def test_the_daemon_gives_a_password_to_a_router(tmp_path: Path) -> None:
-    address = f"tcp/127.0.0.1:{free_port()}"
-    (tmp_path / "users").write_text("stage-01:longer than eight\nbob:battery staple\n")
-    (tmp_path / "mine").write_text("stage-01:longer than eight\n")
-    (tmp_path / "mine").chmod(0o600)
-    auth = {"user": "router", "password": "of no use", "dictionary_file": str(tmp_path / "users")}
-    text = (EXAMPLES / "router.json5").read_text()
-    text = text.replace("  transport: {", f"  transport: {{auth: {{usrpwd: {json.dumps(auth)}}},")
-    (tmp_path / "router.json5").write_text(text)
-    (tmp_path / "bob").write_text("bob:battery staple")
-    (tmp_path / "bob").chmod(0o600)
-    with router(tmp_path, str(tmp_path / "router.json5"), address):
-        credentials = f', auth = {{credentials = "{tmp_path}/mine"}}'
-        bench = behind(tmp_path / "bench", "stage-01", address, credentials)
-        try:
-            wait_for("stage-01", address, str(tmp_path / "bob"))
-            with Client("stage-01", address, credentials=str(tmp_path / "bob")) as client:
-                wait_until("the loop is seen", lambda: follows(client))
-            with pytest.raises(BusError, match="credentials"):
-                Bus.connect([address], timeout_s=0.5)
-        finally:
-            bench.close()

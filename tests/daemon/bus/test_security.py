@@ -61,13 +61,30 @@ class Secured:
         return client
 
 
-@pytest.fixture(params=["password", "certificate"])
-def secured(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Secured]:
-    secured = Secured(tmp_path, request.param)
+@pytest.fixture(scope="module", params=["password", "certificate"])
+def bench_of_kind(
+    tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> Iterator[Secured]:
+    """What `secured` hands out."""
+    secured = Secured(tmp_path_factory.mktemp(request.param), request.param)
     try:
         yield secured
     finally:
         secured.bench.close()
+
+
+@pytest.fixture
+def secured(bench_of_kind: Secured) -> Secured:
+    """A running bench that nobody commands; the clients of the test before are gone."""
+    clients = bench_of_kind.bench.clients
+    while clients:
+        clients.pop().close()
+    with Client(
+        "bench", bench_of_kind.address, credentials=bench_of_kind.credentials("bob")
+    ) as bob:
+        wait_until("the loop is seen", lambda: follows(bob))
+        wait_until("nobody commands", lambda: bob.status().gateway.lease_client == 0)
+    return bench_of_kind
 
 
 def test_operator_commands_observer_sees_nobody_else_connects(secured: Secured) -> None:
@@ -197,14 +214,12 @@ def test_keys_are_private_and_never_overwritten(
         assert main(["keys", str(folder), *bad]) == 2
 
 
-def test_the_commands_take_credentials(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    secured = Secured(tmp_path, "password")
-    try:
-        secured.client("alice")
-        for name, code in (("alice", 0), ("bob", 2), ("eve", 2)):
-            arguments = ["send", "3", "--connect", secured.address]
-            assert main([*arguments, "--credentials", secured.credentials(name)]) == code
-            said = capsys.readouterr().err
-            assert code == 0 or ("credentials" in said and said.count("\n") == 1)
-    finally:
-        secured.bench.close()
+def test_the_commands_take_credentials(
+    secured: Secured, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    for name, code in (("alice", 0), ("bob", 2), ("eve", 2)):
+        arguments = ["send", "3", "--connect", secured.address]
+        assert main([*arguments, "--credentials", secured.credentials(name)]) == code
+        said = capsys.readouterr().err
+        assert code == 0 or ("credentials" in said and said.count("\n") == 1)

@@ -1,6 +1,8 @@
 """dehyst diagnose on files: what it writes, its exit status, its refusals."""
 
 import base64
+import contextlib
+import io
 import json
 import re
 from html import escape
@@ -40,15 +42,16 @@ def recordings(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def written(recordings, tmp_path_factory):
-    out = tmp_path_factory.mktemp("out") / "findings"
-    status = main(
-        ["diagnose", str(recordings / "a.csv"), str(recordings / "b.csv"), "-o", str(out)]
-    )
-    return status, out
+    """(exit status, folder, stdout) of one diagnosis of both, told as JSON."""
+    out, shown = tmp_path_factory.mktemp("out") / "findings", io.StringIO()
+    given = [str(recordings / name) for name in ("a.csv", "b.csv")]
+    with contextlib.redirect_stdout(shown):
+        status = main(["diagnose", *given, "-o", str(out), "--json"])
+    return status, out, shown.getvalue()
 
 
 def test_finding_exits_with_1_and_writes_three_files(written):
-    status, out = written
+    status, out, _ = written
     assert status == 1
     assert sorted(p.name for p in out.iterdir()) == ["diagnosis.json", "model.toml", "report.html"]
     said = json.loads((out / "diagnosis.json").read_text())
@@ -61,7 +64,7 @@ def test_finding_exits_with_1_and_writes_three_files(written):
 
 
 def test_model_runs_on_new_input_and_names_its_recordings(written):
-    _, out = written
+    _, out, _ = written
     model = load_model(out / "model.toml")
     assert [name for name, _ in model.provenance.recordings] == ["a.csv", "b.csv"]
     assert all(len(digest) == 64 for _, digest in model.provenance.recordings)
@@ -72,7 +75,7 @@ def test_model_runs_on_new_input_and_names_its_recordings(written):
 
 
 def test_report_is_self_contained(written):
-    _, out = written
+    _, out, _ = written
     text = (out / "report.html").read_text()
     pictures = re.findall(r'<img alt="([^"]*)" src="([^"]*)"', text)
     assert len(pictures) == text.count("<img") == 13
@@ -100,7 +103,7 @@ def test_report_is_self_contained(written):
 def test_report_says_things_in_the_order_in_which_they_are_needed(written):
     """The data, the verdict in a sentence, its pair of figures, findings with their pictures, what
     is excluded, what to record next."""
-    _, out = written
+    _, out, _ = written
     text = (out / "report.html").read_text()
     parts = (
         "Recordings: a.csv, b.csv (8000 rows); no reading is missing",
@@ -118,7 +121,7 @@ def test_report_says_things_in_the_order_in_which_they_are_needed(written):
 
 
 def test_report_gives_the_figures_of_the_diagnosis(written):
-    _, out = written
+    _, out, _ = written
     said, text = json.loads((out / "diagnosis.json").read_text()), (out / "report.html").read_text()
     # both recordings have as many samples: the pair of figures pools them
     pair = [
@@ -145,11 +148,10 @@ def test_console_gives_the_same_pair_of_figures(recordings, tmp_path, capsys):
     assert f"leaves {before:.3g} nm rms, the augmented model {after:.3g} " in shown
 
 
-def test_json_on_stdout_is_the_file(recordings, tmp_path, capsys):
-    status = main(["diagnose", str(recordings / "a.csv"), "-o", str(tmp_path), "--json"])
-    shown = json.loads(capsys.readouterr().out)
-    assert shown == json.loads((tmp_path / "diagnosis.json").read_text())
-    assert status == (0 if shown["verdict"] == "clean" else 1)
+def test_json_on_stdout_is_the_file(written):
+    status, out, shown = written
+    assert json.loads(shown) == json.loads((out / "diagnosis.json").read_text())
+    assert status == (0 if json.loads(shown)["verdict"] == "clean" else 1)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ Real processes and signals on the emulated bench.
 import os
 import signal
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -30,62 +31,67 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[EmulatedBench]:
+    """One for the tests of `acquire`, which leave the output where it was; but for the last."""
+    bench = EmulatedBench(tmp_path_factory.mktemp("bench"), "--start-v", str(START_V))
+    yield bench
+    bench.close()
+
+
 def at_v(bench: EmulatedBench) -> float:
     """The amplifier's output, by the amplifier."""
     return float(ask(bench.ports["control"], {})["output_v"])
 
 
+def test_acquire_ended_before_its_first_sample_writes_nothing(
+    bench: EmulatedBench, tmp_path: Path, model: Path
+) -> None:
+    before_v, t_s = at_v(bench), np.arange(0.0, 10.0, 0.01)
+    write_recording(tmp_path / "drive.csv", t_s, {"u_v": 60.0 + 5.0 * np.sin(t_s)})
+    config = bench.config(RATE_HZ, model)
+    process = dehyst("acquire", str(tmp_path / "drive.csv"), "--config", str(config),
+                     "-o", str(tmp_path / "rec.csv"), "--exercise", "60")  # fmt: skip
+    until(lambda: at_v(bench) > 54.0, 120.0, "it exercises the stage")
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60.0)
+    assert process.returncode == 2
+    assert "nothing was recorded: it was interrupted" in said
+    assert not (tmp_path / "rec.csv").exists()
+    assert at_v(bench) == pytest.approx(before_v, abs=READBACK_V)
+
+
+# the last one leaves the output where it is
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_acquire_ended_in_the_midst(tmp_path: Path, model: Path, number: int) -> None:
-    bench = EmulatedBench(tmp_path, "--start-v", str(START_V))
-    try:
-        t_s = np.arange(0.0, 60.0, 0.01)
-        drive = 60.0 + 40.0 * (t_s / 60.0)  # tells by itself how far it came
-        write_recording(tmp_path / "drive.csv", t_s, {"u_v": drive})
-        output = tmp_path / "rec.csv"
-        config = bench.config(RATE_HZ, model)
-        process = dehyst("acquire", str(tmp_path / "drive.csv"), "--config", str(config),
-                         "-o", str(output), "--exercise", "0")  # fmt: skip
-        until(lambda: at_v(bench) > 62.0, 120.0, "three seconds of the drive")
-        process.send_signal(number)
-        _, said = process.communicate(timeout=60.0)
-        assert "Traceback" not in said
-        assert not list(tmp_path.glob(".*.part"))
-        if number == signal.SIGKILL:
-            assert not output.exists()  # complete or not at all
-            return
-        assert process.returncode == 1
-        assert "interrupted" in said
-        recording = read_recording(output, need_displacement=True)
-        assert recording.displacement is not None
-        assert recording.t_s[-1] > 2.5
-        assert 61.5 < recording.drive[-1] < 90.0
-        written = np.interp(recording.t_s[:-1], t_s, drive)  # in force at the next reading
-        assert np.median(np.abs(recording.drive[1:] - written)) < 0.01  # but for late samples
-        assert (np.diff(recording.drive) >= 0).all()
-        assert np.isfinite(recording.displacement).mean() > 0.9
-        assert at_v(bench) == pytest.approx(START_V, abs=READBACK_V)  # back where it was
-    finally:
-        bench.close()
-
-
-def test_acquire_ended_before_its_first_sample_writes_nothing(tmp_path: Path, model: Path) -> None:
-    bench = EmulatedBench(tmp_path, "--start-v", str(START_V))
-    try:
-        t_s = np.arange(0.0, 10.0, 0.01)
-        write_recording(tmp_path / "drive.csv", t_s, {"u_v": 60.0 + 5.0 * np.sin(t_s)})
-        config = bench.config(RATE_HZ, model)
-        process = dehyst("acquire", str(tmp_path / "drive.csv"), "--config", str(config),
-                         "-o", str(tmp_path / "rec.csv"), "--exercise", "60")  # fmt: skip
-        until(lambda: at_v(bench) > 54.0, 120.0, "it exercises the stage")
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60.0)
-        assert process.returncode == 2
-        assert "nothing was recorded: it was interrupted" in said
-        assert not (tmp_path / "rec.csv").exists()
-        assert at_v(bench) == pytest.approx(START_V, abs=READBACK_V)
-    finally:
-        bench.close()
+def test_acquire_ended_in_the_midst(
+    bench: EmulatedBench, tmp_path: Path, model: Path, number: int
+) -> None:
+    before_v, t_s = at_v(bench), np.arange(0.0, 60.0, 0.01)
+    drive = 60.0 + 40.0 * (t_s / 60.0)  # tells by itself how far it came
+    write_recording(tmp_path / "drive.csv", t_s, {"u_v": drive})
+    output = tmp_path / "rec.csv"
+    config = bench.config(RATE_HZ, model)
+    process = dehyst("acquire", str(tmp_path / "drive.csv"), "--config", str(config),
+                     "-o", str(output), "--exercise", "0")  # fmt: skip
+    until(lambda: at_v(bench) > 62.0, 120.0, "three seconds of the drive")
+    process.send_signal(number)
+    _, said = process.communicate(timeout=60.0)
+    assert "Traceback" not in said
+    assert not list(tmp_path.glob(".*.part"))
+    if number == signal.SIGKILL:
+        assert not output.exists()  # complete or not at all
+        return
+    assert process.returncode == 1
+    assert "interrupted" in said
+    recording = read_recording(output, need_displacement=True)
+    assert recording.displacement is not None
+    assert recording.t_s[-1] > 2.5
+    assert 61.5 < recording.drive[-1] < 90.0
+    written = np.interp(recording.t_s[:-1], t_s, drive)  # in force at the next reading
+    assert np.median(np.abs(recording.drive[1:] - written)) < 0.01  # but for late samples
+    assert (np.diff(recording.drive) >= 0).all()
+    assert np.isfinite(recording.displacement).mean() > 0.9
+    assert at_v(bench) == pytest.approx(before_v, abs=READBACK_V)  # back where it was
 
 
 def test_record_interrupted_and_killed(tmp_path: Path, model: Path) -> None:
@@ -94,9 +100,10 @@ def test_record_interrupted_and_killed(tmp_path: Path, model: Path) -> None:
         service.start()
         service.client().close()
         address = f"tcp/127.0.0.1:{service.port}"
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-            path = tmp_path / f"rec-{int(number)}.csv"
-            process = dehyst("record", "-o", str(path), "--connect", address)
+        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+        paths = [tmp_path / f"rec-{int(number)}.csv" for number in numbers]
+        processes = [dehyst("record", "-o", str(p), "--connect", address) for p in paths]
+        for number, path, process in zip(numbers, paths, processes, strict=True):
             until(lambda p=path: p.exists() and p.stat().st_size > 20_000, 60.0, "rows")
             os.kill(process.pid, number)
             _, said = process.communicate(timeout=30.0)

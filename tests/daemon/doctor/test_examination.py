@@ -150,8 +150,10 @@ def test_what_was_named_is_offered_else_what_it_cannot_be_told_from() -> None:
     assert picked == ["rate-stage"]
 
 
-@pytest.mark.parametrize("pair", [None, ("delay", "lag"), ("shape", "nothing")])
-@pytest.mark.parametrize("slew", [4000.0, 60.0])
+@pytest.mark.parametrize(
+    ("pair", "slew"),
+    [(None, 4000.0), (None, 60.0), (("delay", "lag"), 60.0), (("shape", "nothing"), 4000.0)],
+)
 def test_the_next_experiment_can_be_run_within_the_limits(
     tmp_path: Path, pair: tuple[str, str] | None, slew: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -57,7 +57,7 @@ def test_tracking_on_the_papers_rate_dependent_plant(
     assert errors["preview"] < 0.1 * errors["static"]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=st.integers(100_000, 2**31))
 def test_limits_hold_and_preview_stays_near_static_on_random_models(seed: int) -> None:
     """Range and slew always; the error is bounded within the window only, so that a rare model
