@@ -48,15 +48,18 @@ THOROUGH = (
 )  # fmt: skip
 """Folders and files of tests."""
 LONGEST = (
-    "models/diagnosis/test_hard_recordings.py", "daemon/doctor/test_examination.py",
-    "models/diagnosis/test_names.py", "models/inverse/test_compensator.py",
-    "models/diagnosis/test_subject.py", "models/identify/test_identify.py",
-    "models/diagnosis/test_times.py", "daemon/commands/test_diagnose.py",
-    "models/identify/test_intervals.py", "replay/test_diagnose_real.py",
+    "models/diagnosis/test_hard_recordings.py", "models/inverse/test_compensator.py",
+    "daemon/loop/test_random_life.py", "models/drive_design/test_excitation.py",
+    "models/diagnosis/test_names.py", "daemon/doctor/test_examination.py",
+    "models/identify/test_intervals.py", "models/identify/test_identify.py",
+    "models/diagnosis/test_subject.py", "daemon/commands/test_diagnose.py",
+    "models/diagnosis/test_data_first.py", "replay/test_diagnose_real.py",
     "replay/test_real_trajectory.py", "models/identify/test_timing.py",
-    "models/drive_design/test_excitation.py", "models/diagnosis/test_data_first.py",
+    "models/diagnosis/test_intervals.py", "models/diagnosis/test_times.py",
+    "daemon/commands/test_identify.py",
 )  # fmt: skip
-"""Of `thorough`, by the processor time that they take: 32 to 7 s each, of 250 s."""
+"""Of `thorough`, by the processor time that they take: 22 to 5 s each, of 200 s. But beside the
+first one, which compiles the diagnosis, begin such as do not need it: two workers would both."""
 JOBS = str(len(os.sched_getaffinity(0)))
 AGAIN = ["--reruns", "2", "--reruns-delay", "3", "-rfE"]
 PARTS = {

@@ -14,11 +14,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.rigs.processes import core, dehyst, until
+from tests.rigs.processes import core, dehyst, simulated_config, until
 from tests.rigs.service import SAFE_V, Service
 
 from dehyst.daemon.config import load_config, load_controller
 from dehyst.daemon.files.models import save_model
+from dehyst.daemon.main import main
 from dehyst.daemon.rings.records import State
 from dehyst.daemon.service.supervisor import Supervisor
 from dehyst.daemon.tools.bench_config import simulated_model
@@ -76,28 +77,23 @@ def test_a_core_that_dies_while_it_ramps_leaves_the_output_safe_and_not_0(
     assert service.output() == pytest.approx(SAFE_V, abs=0.02)
 
 
-def test_a_long_ramp_is_waited_for(tmp_path: Path, service: Service) -> None:
+def test_a_long_ramp_is_waited_for(
+    tmp_path: Path, model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The time that is allowed grows with the configured ramp: by arithmetic, not by waiting."""
-    text = service.config.read_text()
-    service.config.write_text(text.replace("ramp_v_per_s = 200.0", "ramp_v_per_s = 1.0"))
-    config = load_config(service.config)
-    assert config.longest_ramp_s == 145.0  # from 150 V to 5 V
-    controller = load_controller(service.config)
-    assert Supervisor(controller, service.config, print).patience_s > 145.0 + 10.0
-    done = subprocess.run(
-        [sys.executable, "-m", "dehyst.daemon.main", "run", "--check", str(service.config)],
-        capture_output=True, text=True, check=False, timeout=60,
-    )  # fmt: skip
-    assert done.returncode == 0
-    assert "145 s" in done.stderr
-    assert "TimeoutStopSec=90" in done.stderr
+    path = simulated_config(tmp_path, 100.0, model)
+    text = path.read_text()
+    path.write_text(text.replace("ramp_v_per_s = 200.0", "ramp_v_per_s = 1.0"))
+    assert load_config(path).longest_ramp_s == 145.0  # from 150 V to 5 V
+    assert Supervisor(load_controller(path), path, print).patience_s > 145.0 + 10.0
+    assert main(["run", "--check", str(path)]) == 0
+    said = capsys.readouterr().err
+    assert "145 s" in said
+    assert "TimeoutStopSec=90" in said
     assert "TimeoutStopSec=90\n" in (UNITS / "dehyst.service").read_text()
-    service.config.write_text(text)
-    done = subprocess.run(
-        [sys.executable, "-m", "dehyst.daemon.main", "run", "--check", str(service.config)],
-        capture_output=True, text=True, check=False, timeout=60,
-    )  # fmt: skip
-    assert "TimeoutStopSec" not in done.stderr
+    path.write_text(text)
+    assert main(["run", "--check", str(path)]) == 0
+    assert "TimeoutStopSec" not in capsys.readouterr().err
 
 
 def test_systemd_is_asked_for_time_while_core_and_safe_ramp(
@@ -146,8 +142,8 @@ def test_systemd_is_asked_for_time_while_core_and_safe_ramp(
 def test_both_killed_at_once_while_high_the_units_last_command_makes_it_safe(
     service: Service, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What ExecStopPost= runs, cold: with no byte code and nobody else there. It prints the time;
-    tests.benchmarks.daemon.kills judges it."""
+    """What ExecStopPost= runs, with nobody else there. It prints the time;
+    tests.benchmarks.daemon.kills judges it, without byte code too."""
     service.start()
     volts = service.high(13.4, 117.0)
     assert volts > 115.0
@@ -164,8 +160,7 @@ def test_both_killed_at_once_while_high_the_units_last_command_makes_it_safe(
     arguments = found.group(1).replace("/etc/dehyst/stage.toml", str(service.config)).split()
     begun = time.monotonic()
     done = subprocess.run(
-        [sys.executable, "-B", "-X", "pycache_prefix=/nonexistent", "-m", "dehyst.daemon.main",
-         *arguments],
+        [sys.executable, "-m", "dehyst.daemon.main", *arguments],
         capture_output=True, text=True, check=False, timeout=60,
     )  # fmt: skip
     took = time.monotonic() - begun
@@ -245,17 +240,18 @@ def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(
 
 @pytest.mark.parametrize("command", ["core", "gateway"])
 def test_who_was_started_by_a_supervisor_that_has_gone_ends_at_once(
-    service: Service, command: str
+    tmp_path: Path, model: Path, command: str
 ) -> None:
     """It died before the kernel could be asked to tell its children."""
     with subprocess.Popen(["true"]) as gone:
         gone.wait()
+    path = simulated_config(tmp_path, 100.0, model)
     done = subprocess.run(
-        [sys.executable, "-m", "dehyst.daemon.main", command, "--config", str(service.config)],
+        [sys.executable, "-m", "dehyst.daemon.main", command, "--config", str(path)],
         env={**os.environ, "DEHYST_SUPERVISED": str(gone.pid)}, check=False, timeout=60,
     )  # fmt: skip
     assert done.returncode == 128 + signal.SIGTERM
-    assert not (service.folder / "run").exists()
+    assert not (tmp_path / "run").exists()
 
 
 def test_sighup_while_the_core_starts_kills_nobody(service: Service) -> None:
