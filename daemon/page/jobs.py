@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
+from dehyst.daemon.report.units import spell_unit
 from dehyst.daemon.tools.bounded import take_bounds
 from dehyst.models.errors import BadInput, DehystError, NotNow
 from dehyst.models.recording import Trajectory
@@ -313,5 +314,5 @@ def look_at_axis(
         "fastest": float(rate.max()) if rate.size else 0.0,
         "slew": setting.slew,
         "too_fast": float(np.mean(rate > setting.slew * (1 + 1e-9))) if rate.size else 0.0,
-        "drive_unit": drive.model.drive_unit,
+        "drive_unit": spell_unit(drive.model.drive_unit),
     }

@@ -20,6 +20,7 @@ from dehyst.daemon.page.commanding import LONGEST_S
 from dehyst.daemon.page.trail import POINT_NS, join_trails
 from dehyst.daemon.page.wakeups import edges_us
 from dehyst.daemon.page.watching import Controllers, Watch
+from dehyst.daemon.report.units import spell_unit
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Model
 
@@ -229,7 +230,7 @@ def _model(model: Model) -> dict[str, Any]:
         "operators": h.n,
         "rate_dependent": not h.static,
         "saturation": h.c.size - 1,
-        "drive_unit": model.drive_unit,
+        "drive_unit": spell_unit(model.drive_unit),
         "displacement_unit": model.displacement_unit,
         "validity": vars(model.validity),
         "fit": vars(model.fit),
