@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
-from dehyst.daemon.report.units import spell_unit
 from dehyst.daemon.tools.bounded import take_bounds
 from dehyst.models.errors import BadInput, DehystError, NotNow
 from dehyst.models.recording import Trajectory
+from dehyst.models.units import spell_unit
 
 Kind = Literal["trajectory", "identify", "diagnose"]
 KINDS = ("trajectory", "identify", "diagnose")

@@ -20,9 +20,9 @@ from dehyst.daemon.page.commanding import LONGEST_S
 from dehyst.daemon.page.trail import POINT_NS, join_trails
 from dehyst.daemon.page.wakeups import edges_us
 from dehyst.daemon.page.watching import Controllers, Watch
-from dehyst.daemon.report.units import spell_unit
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Model
+from dehyst.models.units import spell_unit
 
 MAGIC_LIVE, MAGIC_PAST = 0x31504844, 0x32504844
 MOST_REPORTS, LOOP_POINTS = 10, 61
