@@ -26,6 +26,7 @@ os.seteuid(int(sys.argv[1]))  # who looks; then root again, who may read the pro
 print(*kernel_cache.protect(), sep="\\n")
 os.seteuid(os.getuid())
 kernel_cache.drop_stale()
+kernel_cache.load_lightly()
 import numpy as np
 from dehyst.daemon.rings.ring import load
 load(np.zeros(8, np.int64), 1)
@@ -54,17 +55,23 @@ def run(cache: Path, user: int = 0) -> str:
     return done.stdout
 
 
-@pytest.fixture
-def installed(tmp_path: Path) -> Path:
-    """A cache with that kernel, as an installation leaves it; readable by all."""
-    cache = tmp_path / "kernels"
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `installed` copies."""
+    cache = tmp_path_factory.mktemp("compiled") / "kernels"
     cache.mkdir(mode=0o755)
-    for folder in (tmp_path, *tmp_path.parents):
-        if folder.stat().st_mode & 0o055 != 0o055:  # of this test run: pytest closes its folders
-            os.chmod(folder, 0o755)
     run(cache)
     assert list(cache.rglob("*.nbi"))
     return cache
+
+
+@pytest.fixture
+def installed(compiled: Path, tmp_path: Path) -> Path:
+    """A cache with that kernel, as an installation leaves it; readable by all."""
+    for folder in (tmp_path, *tmp_path.parents):
+        if folder.stat().st_mode & 0o055 != 0o055:  # of this test run: pytest closes its folders
+            os.chmod(folder, 0o755)
+    return shutil.copytree(compiled, tmp_path / "kernels")
 
 
 @as_root
