@@ -53,8 +53,9 @@ test_s = 10.0
 trial_s = 10.0
 time_s = 600.0
 """
+READY_S = 3.0 * LEARN_S + 60.0
 FLAG_S, WORD_S, TRIAL_S = 30.0, 240.0, 60.0
-"""So long the flag, the doctor's word and the end of the trial are waited for."""
+"""So long the stage in order, the flag, the doctor's word, the end of the trial are waited for."""
 LAST_S, BEFORE_S = 20.0, 20.0
 OVER = ("accepted", "returned", "rejected")
 NOT_TRACKED = int(Flag.APPROACH | Flag.SENSOR_INVALID | Flag.SENSOR_HELD)
@@ -156,11 +157,9 @@ class SecondAct:
         with Client(connect=self._endpoint, label="the demo") as client:
             self._client, self._stream, self._feed = client, client.stream(), client.feed()
             missed = client.status().missed
-            ready_s = 3.0 * LEARN_S + 60.0
-            if not self._until(lambda: self._health() > 0.0 and not self._mismatch(), ready_s):
+            if not self._is_in_order(self._chance.wait_s):
                 story.why = "the watch has not learned the stage in time, or flags it as it is"
             else:
-                self._wait(self._chance.wait_s)
                 while self._feed.doctor:  # what was said before is another story
                     self._old_cases.add(self._feed.doctor.popleft().case)
                 self._chance.appear()
@@ -170,6 +169,17 @@ class SecondAct:
             story.missed = client.status().missed - missed
         self._conclude()
         return story
+
+    def _is_in_order(self, seconds: float) -> bool:
+        """Whether the watch knows the stage in time and has nothing to say of it for so long."""
+        end_ns = clock.monotonic_ns() + round(READY_S * clock.NS)
+        while clock.monotonic_ns() < end_ns:
+            left_s = (end_ns - clock.monotonic_ns()) * 1e-9
+            if not self._until(lambda: self._health() > 0.0 and not self._mismatch(), left_s):
+                return False
+            if not self._until(lambda: bool(self._mismatch()), seconds):
+                return True
+        return False
 
     def _flag_to_end(self) -> None:
         story, say = self.story, self._say
@@ -181,7 +191,10 @@ class SecondAct:
             f"8. flagged after {story.flagged_s - story.appeared_s:.0f} s; the doctor looks into it"
         )
         if not self._until(lambda: self._word() not in ("", "working"), WORD_S):
-            story.why = f"the doctor said nothing within {WORD_S:g} s"
+            story.why = (
+                f"the doctor said nothing within {WORD_S:g} s: it has the lowest priority, and a "
+                "busy machine leaves it no time"
+            )
             return
         story.told_s = self._now_s()
         report = story.report

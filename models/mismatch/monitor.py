@@ -184,8 +184,7 @@ class MismatchMonitor:
     def health(self) -> float:
         """Largest figure over its threshold: below 1 in order. Below 0: still learning, and minus
         the share of the learning that is left."""
-        worst = self._worst()
-        return -self.learning if self.learning and worst <= 1.0 else worst
+        return -self.learning if self.learning and not self.mismatch else self._worst()
 
     @property
     def thresholds(self) -> dict[str, float]:

@@ -62,6 +62,17 @@ BLOCKS = {
         "stage",
         {"length_um": 0.4, "stribeck_um_per_s": 100.0, "sliding_um": 0.1, "extra_um": 0.05},
     ),
+    "dry friction": Block(
+        "friction",
+        "stage",
+        {
+            "length_um": 0.21,
+            "stribeck_um_per_s": 100.0,
+            "sliding_um": 0.2,
+            "extra_um": 0.0,
+            "exponent": 0.0,
+        },
+    ),
     "shape": Block(
         "shape",
         "stage",

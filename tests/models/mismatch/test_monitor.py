@@ -146,6 +146,15 @@ def test_it_says_that_it_still_learns_until_it_has_seen_enough_motion(
     assert 0.0 < learned.health < 1.0
 
 
+def test_it_still_learns_where_the_first_second_is_far_out(run: Run) -> None:
+    watch = MismatchMonitor(run.model, 1 / RATE)
+    far = np.full(round(RATE), 5.0) * np.arange(round(RATE))
+    run.feed(watch, 0, 1, far)
+    assert watch.figures["fit"] > watch.thresholds["fit"]
+    assert not watch.mismatch  # one second is too short to tell
+    assert watch.health < 0.0
+
+
 def test_another_stage_is_flagged_from_the_first(run: Run) -> None:
     watch = MismatchMonitor(run.model, 1 / RATE)
     other = 0.3 * (run.predicted - run.predicted.mean())  # moves by 30 % more
