@@ -249,7 +249,8 @@ class SecondAct:
             report, known = self._feed.doctor.popleft(), self.story.report
             if report.case in self._old_cases:
                 continue
-            if known is None or known.case == report.case:
+            # a flag that falls and rises lays a second case: who is told of first is followed
+            if known is None or known.state == "working" or known.case == report.case:
                 self.story.report = report
         return self.story.state
 
