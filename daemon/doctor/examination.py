@@ -118,14 +118,8 @@ def _conclude(
     if one is not None:  # alone it explains all that is new
         beside = _tell_beside(findings)
         findings = [tell_one_change(one, seen.causes, left)]
-        after = validate(one.cause.model, seen.flagged).rms
         verdict, models = "explained", []
     named = [f for f in findings if f.name != "unknown"]
-    says = [
-        _tell(findings, verdict, before, after, details.unit),
-        *_tell_good(when_good, before, details.unit),
-        *([beside] if beside else []),
-    ]
     of_sensor = bool(named) and is_of_sensor(named[0], seen.causes, noise2)
     offered, tested, why = None, None, ""
     if of_sensor:
@@ -137,8 +131,12 @@ def _conclude(
         offered, tested, why = _try(case, model, models, seen.later, details.noise)
     if offered is not None:
         save_model(offered, folder / cases.OFFERED)
-    if why:
-        says.append(why)
+        after = validate(offered, seen.flagged).rms
+    says = [
+        _tell(findings, verdict, (before, after, details.unit), offered is not None),
+        *_tell_good(when_good, before, details.unit),
+        *(text for text in (beside, why) if text),
+    ]
     unsure = tested is None and not of_sensor and verdict != "clean"
     pair = next(((f.name, other) for f in named[:1] for other in f.ambiguous_with), None)
     return Examined(
@@ -175,10 +173,17 @@ def _tell_good(when_good: float, before: float, unit: str) -> list[str]:
     return [f"It is not new: {left}, too."]
 
 
-def _tell(findings: Sequence[Finding], verdict: str, before: float, after: float, unit: str) -> str:
+def _tell(
+    findings: Sequence[Finding], verdict: str, left: tuple[float, float, str], offered: bool
+) -> str:
+    """left: by the model in use and by the offered or else the augmented one, and their unit."""
+    before, after, unit = left
     names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
-    pair = f"{before:.3g} {unit} rms with the model in use, {after:.3g} with what was found"
-    return f"Found: {names} ({verdict}); {pair}."
+    text = f"Found: {names} ({verdict}); {before:.3g} {unit} rms with the model in use"
+    if offered or after < before:
+        which = "the model that is offered" if offered else "what was found"
+        text += f", {after:.3g} with {which}"
+    return f"{text}."
 
 
 def _tell_beside(findings: Sequence[Finding]) -> str:

@@ -51,13 +51,15 @@ def find_one_change(
 ) -> WeighedCause | None:
     """The cause that alone explains all that is new, where the diagnosis does not name it.
     findings, causes: what is new first."""
-    named = {f.name for f in findings[:1] if f.name not in ("shape", "unknown")}
-    named |= {other for f in findings[:1] if f.name in named for other in f.ambiguous_with}
-    named |= {f.name for f in findings}
     best = causes[0] if causes else None
-    if best is None or best.cause.name in named:
+    if best is None or best.cause.name in {f.name for f in findings}:
         return None
     noise2 = left.noise**2
+    first = findings[0] if findings else None
+    if first is not None and first.name != "shape" and best.cause.name in first.ambiguous_with:
+        as_named = max((o.new for o in causes if o.cause.name == first.name), default=0.0)
+        if best.new <= as_named + noise2:
+            return None
     enough = max(left.found**2, 0.0 if math.isnan(left.when_good) else left.when_good**2) + noise2
     explained = EXPLAINED * (left.in_use**2 - noise2) + noise2
     return best if best.left**2 <= min(enough, explained) else None

@@ -61,8 +61,8 @@ NOW = _record(
     "raw_lowest",
     "raw_highest",
 )
-# Sums of one second; w: their weights, c: the creep direction; n_raw: samples of raw and raw2, which
-# begin anew (raw_anew) where the drive goes where it has not been.
+# Sums of one second; w: their weights, c: the creep direction; n_raw: samples of raw and raw2,
+# which begin anew (raw_anew) where the drive goes where it has not been.
 SUMS = _record(
     "w",
     "p",

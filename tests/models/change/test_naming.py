@@ -82,6 +82,8 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
     mode = alone("resonance", 0.158, left=0.05)
     causes = [mode, alone("lag", 0.09, "sensor", 0.26)]
     assert find_one_change(found, causes, LEFT) is mode  # type: ignore[arg-type]
+    tied = [F("lag", near=("resonance",)), *found[1:]]  # it could be one, and does worse
+    assert find_one_change(tied, causes, LEFT) is mode  # type: ignore[arg-type]
     told = tell_one_change(mode, causes, LEFT)
     assert (told.name, told.place, told.ambiguous_with) == ("resonance", "stage", ())
     assert told.share == pytest.approx(0.158 / (0.40**2 - 0.03**2))
@@ -93,7 +95,7 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
     ("found", "left", "limits"),
     [
         ([F("resonance")], 0.05, LEFT),  # it is named
-        ([F("lag", near=("resonance",))], 0.05, LEFT),  # or among what that may be
+        ([F("lag", near=("resonance",))], 0.05, LEFT),  # or the lag may be one, and does as well
         ([F("lag")], 0.25, LEFT),  # the diagnosis explains more
         ([F("lag")], 0.20, LEFT._replace(found=0.30)),  # much is left by both
         ([F("shape")], 0.09, LEFT._replace(found=0.03)),  # a shape explains what it does not
@@ -101,6 +103,7 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
     ],
 )
 def test_else_the_diagnosis_stands(found: list[F], left: float, limits: Left) -> None:
-    causes = [alone("resonance", 0.16 - left**2, left=left)]
+    new = 0.16 - left**2
+    causes = [alone("resonance", new, left=left), alone("lag", new - 0.0008)]
     assert find_one_change(found, causes, limits) is None  # type: ignore[arg-type]
     assert find_one_change(found, [], limits) is None  # type: ignore[arg-type]
