@@ -20,6 +20,7 @@ class Tuning(NamedTuple):
     reading_rougher: float = 3.0  # noise of the reading, of the drive's, both of their range
     no_worse: float = 1.0  # times the rms that a straight line leaves
     one_stage: float = 4.0  # times the rms of a model of its own, that the common one may leave
+    less_alike: float = 2.0  # the same, from which on it is said
     # outliers
     lone: float = 8.0  # a lone drive value this many robust standard deviations off is a glitch
     glitch_steps: float = 4.0  # and this many steps around it; where a drive turns it is below 2

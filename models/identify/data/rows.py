@@ -16,6 +16,7 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.identify.data.outliers import remove_glitches, sample
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.units import spell_unit
 
 
 @dataclass
@@ -88,7 +89,7 @@ def _require_size(name: str, size: int) -> None:
 
 
 def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]) -> None:
-    name, unit = recording.name, recording.drive_unit
+    name, unit = recording.name, spell_unit(recording.drive_unit)
     low, high = float(np.nanmin(u)), float(np.nanmax(u))
     if high - low <= 1e-9 * max(1.0, abs(high)):
         raise BadRecording(
