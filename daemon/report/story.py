@@ -13,6 +13,7 @@ from dehyst.daemon.report.plotting import BEFORE, MEASURED, MODEL, add_legend, t
 from dehyst.models.recording import Floats
 
 STEP_S = 1.0
+WORDS = 0.7  # of the curve's height, for the words above it
 EVENTS = (
     ("appeared_s", "an effect appears"),
     ("flagged_s", "flagged"),
@@ -59,6 +60,8 @@ def draw_story_error(story: Told, axes: Axes) -> str:
         yscale="log",
         title="tracking error of each second",
     )
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high * (high / low) ** WORDS)
     for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         ticks(LogFormatter(labelOnlyBase=False, minor_thresholds=(2, 0.5)))
     said = _mark(story, axes, words=True)
@@ -83,6 +86,5 @@ def _mark(story: Told, axes: Axes, words: bool) -> str:
                 textcoords="offset points",
                 fontsize=8,
                 va="top",
-                bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1},
             )
     return "; ".join(said) + "."
