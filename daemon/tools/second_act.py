@@ -57,6 +57,7 @@ READY_S = 3.0 * LEARN_S + 60.0
 FLAG_S, WORD_S, TRIAL_S = 30.0, 240.0, 60.0
 """So long the stage in order, the flag, the doctor's word, the end of the trial are waited for."""
 LAST_S, BEFORE_S = 20.0, 20.0
+OFFERED = (("trial", "the offer, on trial"), ("after", "accepted"))
 OVER = ("accepted", "returned", "rejected")
 NOT_TRACKED = int(Flag.APPROACH | Flag.SENSOR_INVALID | Flag.SENSOR_HELD)
 
@@ -278,6 +279,9 @@ class SecondAct:
             del spans["after"]
         elif story.state == "accepted":  # whole patterns, none of the change itself
             spans["after"] = (max(story.accepted_s + 3.0, story.t_s[-1] - LAST_S), story.t_s[-1])
+        else:
+            del spans["after"]
+            spans["trial"] = (story.accepted_s + 3.0, story.over_s)
         for name, (first_s, end_s) in spans.items():
             part = (story.t_s >= first_s) & (story.t_s < end_s)
             error = (story.measured - story.target)[part]
@@ -288,7 +292,7 @@ def tell_end(story: Story) -> list[str]:
     """The last lines: errors, what was drawn, what was said."""
     lines = [
         f"  {text:22}{1e3 * story.rms[name]:9.1f} nm rms"
-        for name, text in (("before", "before it"), ("during", "with it"), ("after", "accepted"))
+        for name, text in (("before", "before it"), ("during", "with it"), *OFFERED)
         if name in story.rms and np.isfinite(story.rms[name])
     ]
     if story.late_share > MOST_LATE:

@@ -188,6 +188,14 @@ def test_all_blocks_together(rate: bool) -> None:
     assert _tracking(model, 0.1, _model(rate=rate)) > 0.25
 
 
+@pytest.mark.parametrize("rate", [False, True])
+def test_a_delay_of_the_drive_is_undone_like_one_of_the_stage(rate: bool) -> None:
+    """The next drive is found from the drive that went out, not from the one that has arrived."""
+    late = Block("delay", "drive", {"delay_s": 3.3e-3})
+    at_stage = _tracking(_model(BLOCKS["delay"], rate=rate), 0.1)
+    assert _tracking(_model(late, rate=rate), 0.1) == pytest.approx(at_stage, rel=0.01)
+
+
 def test_the_sensors_own_filter_is_not_compensated() -> None:
     plain, filtered = _model(), _model(SENSOR)
     assert _tracking(filtered, 0.05) == pytest.approx(_tracking(plain, 0.05), abs=1e-9)
