@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dehyst.models.cascade.simulate import channels_of
 from dehyst.models.hysteresis.forward import polynomial as saturation
 from dehyst.models.hysteresis.operators import Operators, move
-from dehyst.models.model import Floats, Model
+from dehyst.models.model import Block, Floats, Model
 from dehyst.models.physics import KINDS
 from dehyst.models.physics.address import call_at
 from dehyst.models.physics.kind import STATES, Kind, Led, Limited, Shifted, Solved
@@ -89,7 +89,8 @@ def with_delays_behind(model: Model) -> Model:
     """The same with the delays of its drive behind the hysteresis. What a drive causes is late by
     them wherever they stand; a memory that follows the drive as it goes out is the one from which
     the next drive is found."""
-    moved, rest = [], []
+    moved: list[Block] = []
+    rest: list[Block] = []
     for block in model.blocks:
         late = block.place == "drive" and isinstance(KINDS[block.kind].inverse, Shifted)
         (moved if late else rest).append(replace(block, place="stage") if late else block)

@@ -49,17 +49,18 @@ def rank_findings(
 def find_one_change(
     findings: Sequence[Finding], causes: Sequence[WeighedCause], left: Left
 ) -> WeighedCause | None:
-    """The cause that alone explains all that is new, where the diagnosis does not name it.
-    findings, causes: what is new first."""
+    """The cause that alone explains all that is new, where the diagnosis does not name it and
+    needs more than one name, or a shape. findings, causes: what is new first."""
     best = causes[0] if causes else None
-    if best is None or best.cause.name in {f.name for f in findings}:
+    names = {f.name for f in findings}
+    if best is None or not names or best.cause.name in names:
         return None
+    if len(names) == 1 and not names & {"shape", "unknown"}:
+        return None  # one name against another: the diagnosis has weighed them
     noise2 = left.noise**2
-    first = findings[0] if findings else None
-    if first is not None and first.name != "shape" and best.cause.name in first.ambiguous_with:
-        as_named = max((o.new for o in causes if o.cause.name == first.name), default=0.0)
-        if best.new <= as_named + noise2:
-            return None
+    as_named = max((o.new for o in causes if o.cause.name == findings[0].name), default=0.0)
+    if best.new <= as_named + noise2:  # better by chance
+        return None
     enough = max(left.found**2, 0.0 if math.isnan(left.when_good) else left.when_good**2) + noise2
     explained = EXPLAINED * (left.in_use**2 - noise2) + noise2
     return best if best.left**2 <= min(enough, explained) else None

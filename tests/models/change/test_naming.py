@@ -95,9 +95,14 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
     ("found", "left", "limits"),
     [
         ([F("resonance")], 0.05, LEFT),  # it is named
-        ([F("lag", near=("resonance",))], 0.05, LEFT),  # or the lag may be one, and does as well
-        ([F("lag")], 0.25, LEFT),  # the diagnosis explains more
-        ([F("lag")], 0.20, LEFT._replace(found=0.30)),  # much is left by both
+        (
+            [F("lag", near=("resonance",)), F("creep")],
+            0.05,
+            LEFT,
+        ),  # or what the lag may be
+        ([F("lag")], 0.05, LEFT),  # the diagnosis, too, has one name
+        ([F("lag"), F("creep")], 0.25, LEFT),  # the diagnosis explains more
+        ([F("lag"), F("creep")], 0.20, LEFT._replace(found=0.30)),  # much is left by both
         ([F("shape")], 0.09, LEFT._replace(found=0.03)),  # a shape explains what it does not
         ([F("shape")], 0.05, LEFT._replace(found=0.03, when_good=math.nan)),
     ],
