@@ -58,9 +58,11 @@ def find_one_change(
     if len(names) == 1 and not names & {"shape", "unknown"}:
         return None  # one name against another: the diagnosis has weighed them
     noise2 = left.noise**2
-    as_named = max((o.new for o in causes if o.cause.name == findings[0].name), default=0.0)
-    if best.new <= as_named + noise2:  # better by chance
-        return None
+    first = findings[0]
+    if first.name != "shape" and best.cause.name in first.ambiguous_with:
+        as_named = max((o.new for o in causes if o.cause.name == first.name), default=0.0)
+        if best.new <= as_named + noise2:  # better by chance
+            return None
     enough = max(left.found**2, 0.0 if math.isnan(left.when_good) else left.when_good**2) + noise2
     explained = EXPLAINED * (left.in_use**2 - noise2) + noise2
     return best if best.left**2 <= min(enough, explained) else None

@@ -27,7 +27,7 @@ class Rows:
     use: (N,) rows that may stand as equations. resets: rows where the stage's memory is unknown.
     settled: (N,) rows at which no operator up to the widest depends on the unknown start.
     virgin: the start looks de-energised. notes: what a reader should be told. piece: (N,) stretch
-    of the drive.
+    of the drive. came_from: where the drive had been before a reset, against the operators' offset.
     """
 
     name: str
@@ -42,6 +42,7 @@ class Rows:
     period_s: float
     notes: list[str] = field(default_factory=list)
     piece: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
+    came_from: float = 0.0
 
     def __post_init__(self) -> None:
         if self.piece.size != self.u.size:  # until stretches are told apart
