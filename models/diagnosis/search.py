@@ -95,10 +95,12 @@ def _forward(
     return state
 
 
-def search_one_more(state: SearchState, shortlist: int) -> SearchState:
+def search_one_more(
+    state: SearchState, shortlist: int, more: Sequence[Candidate] = ()
+) -> SearchState:
     """One more round from a state's accepted effects; shortlist: candidates that get the full
-    refit."""
-    everything = may_be_tried(state.problem.data, state.share, ())
+    refit; more: candidates beside the library's."""
+    everything = [*may_be_tried(state.problem.data, state.share, ()), *more]
     _go_round(state, everything, shortlist, lambda text, share: None, 0)
     return state
 
