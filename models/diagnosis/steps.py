@@ -90,7 +90,8 @@ def diagnose(
     found = find_above_noise(problem, null, say)
     known = explained_heads(found.search.problem, found.search.accepted, found.search.sigma)
     if known:
-        # with what was found, the past is known: the heads count, and tell of what began before
+        # with what was found, the past is known: the heads count, and tell of what began before.
+        # What that is was told by the other rows: in the heads the hysteresis' past shows as well
         data = replace(data, rows=rows_with_heads(data, known))
         whole = replace(whole, rows=rows_with_heads(whole, known))
         problem, bare = (
@@ -98,7 +99,7 @@ def diagnose(
             replace(bare, data=replace(bare.data, rows=data.rows)),
         )
         null = problem.solve([])
-        found = find_above_noise(problem, null, say)
+        found = find_above_noise(problem, null, say, found.search.passed_over)
     sigma = found.search.sigma
     unexplained = by_blocks(problem, null).mean_square
     explained = by_blocks(found.search.problem, found.search.accepted).mean_square
