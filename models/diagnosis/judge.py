@@ -44,9 +44,7 @@ class SearchState:
     counted: int = 0  # rows that the gains of the rounds are summed over
     share: float = TUNING.driven_share
     picked: list[str] = field(default_factory=list)  # keys in the order of their acceptance
-    passed_over: list[str] = field(
-        default_factory=list
-    )  # keys of less likely doubles
+    passed_over: list[str] = field(default_factory=list)  # keys of less likely doubles
 
 
 def excess(problem: Problem, fit: JointFit, sigma: float) -> float:
