@@ -31,7 +31,7 @@ from dehyst.models.diagnosis.findings.episodes import Episode, find_episodes, te
 from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.shape import not_contained
 from dehyst.models.diagnosis.findings.sightings import accept, retell, sightings
-from dehyst.models.diagnosis.findings.told import without_driven
+from dehyst.models.diagnosis.findings.told import without_kind
 from dehyst.models.diagnosis.findings.weigh import weigh, with_episode
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.handout import hand_out
@@ -106,7 +106,7 @@ def diagnose(
     butterfly = comes_back(data) and explained > TUNING.follows_late * unexplained
     if butterfly or not follows(data, min(unexplained, explained)):
         # out of the class: what the drive causes cannot be told from the loop
-        found = replace(found, search=without_driven(found.search))
+        found = replace(found, search=without_kind(found.search, lambda c: c.driven))
     seen = sightings(data, sigma)
     for candidate, sighting in seen:
         other = accept(found.over_rich, candidate, sighting)
@@ -158,6 +158,9 @@ def _conclude(
     beside = float(np.sqrt(excess(found.problem, found.null, sigma)))
     floor = max(whole_noise, base_error(data) / TUNING.structure_left)
     verdict = verdict_of(findings, left, at_first, beside, floor)
+    if verdict == "partly" and any(e.candidate.slow for e in found.accepted.effects):
+        found = without_kind(found, lambda c: c.slow)
+        return _conclude(recorded, bare, found, episode, warnings, shown, with_limits, say)
     unexplained = min(unexplained, by_blocks(found.problem, found.accepted).mean_square)
     if not follows(data, unexplained) and not shown:
         findings, verdict = [f for f in findings if f.name != "shape"], "unknown"

@@ -92,6 +92,7 @@ class Candidate:
     place: str = "stage"
     driven: bool = True
     last: bool = False  # named only when it leaves nothing behind: it fits too much
+    slow: bool = False  # takes a part of any change in time: told only where nothing else is left
     static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
     many: bool = False  # its starts span many shapes, of which chance makes one fit
     rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
