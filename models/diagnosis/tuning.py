@@ -66,6 +66,7 @@ class Tuning(NamedTuple):
     echo: float = 0.2  # of a finding that it ties with: a smaller one is what that one leaves
     rival_near: float = 0.02  # of the effect's gain: closer than this cannot be told apart
     rival_noise: float = 0.15  # a difference of a smaller size is none
+    rival_most: float = 0.25  # of the effect's gain, that a rival may leave in any case
     # the verdict
     structure_left: float = 0.45  # size that counts as structure left over
     surely_nothing: float = 0.25  # size that the noise's own estimate may be off by
