@@ -25,6 +25,7 @@ from dehyst.daemon import clock
 from dehyst.daemon.tools.bounded import take_bounds
 from dehyst.models.errors import BadInput, DehystError, NotNow
 from dehyst.models.recording import Trajectory
+from dehyst.models.units import spell_unit
 
 Kind = Literal["trajectory", "identify", "diagnose"]
 KINDS = ("trajectory", "identify", "diagnose")
@@ -313,5 +314,5 @@ def look_at_axis(
         "fastest": float(rate.max()) if rate.size else 0.0,
         "slew": setting.slew,
         "too_fast": float(np.mean(rate > setting.slew * (1 + 1e-9))) if rate.size else 0.0,
-        "drive_unit": drive.model.drive_unit,
+        "drive_unit": spell_unit(drive.model.drive_unit),
     }

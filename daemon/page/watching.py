@@ -148,6 +148,7 @@ class Watch:
         self._take_status(feed.status, feed.status_at_ns)
         seconds = min(PAST_S, PAST_SAMPLES * feed.status.period_ns * 1e-9)
         self._take_samples(client.history(seconds=seconds))
+        self._take_words(deque(client.events()), deque())
         self.problem = ""
         asked_ns = told_run = 0
         while not self._stop.wait(TICK_S):
@@ -217,9 +218,10 @@ class Watch:
             self._tell(wall_ns, 2, "refused", f"{r.count} x: {r.text}")
 
     def _tell(self, wall_ns: int, level: int, code: str, text: str) -> None:
-        self._told += 1
         said = {"wall_s": wall_ns * 1e-9, "level": level, "code": code, "text": text}
-        self.events.append((self._told, said))
+        if all(said != before for _, before in self.events):  # kept by the daemon and heard
+            self._told += 1
+            self.events.append((self._told, said))
 
 
 class Controllers:

@@ -22,6 +22,7 @@ from dehyst.daemon.page.wakeups import edges_us
 from dehyst.daemon.page.watching import Controllers, Watch
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Model
+from dehyst.models.units import spell_unit
 
 MAGIC_LIVE, MAGIC_PAST = 0x31504844, 0x32504844
 MOST_REPORTS, LOOP_POINTS = 10, 61
@@ -229,7 +230,7 @@ def _model(model: Model) -> dict[str, Any]:
         "operators": h.n,
         "rate_dependent": not h.static,
         "saturation": h.c.size - 1,
-        "drive_unit": model.drive_unit,
+        "drive_unit": spell_unit(model.drive_unit),
         "displacement_unit": model.displacement_unit,
         "validity": vars(model.validity),
         "fit": vars(model.fit),

@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from dehyst.daemon.report.plotting import MODEL, UNUSED
-from dehyst.daemon.report.units import spell_unit
 from dehyst.models.drive_design.coverage import SIZE_EDGES, Coverage
+from dehyst.models.units import spell_unit
 
 
 def draw_drive_and_rate(covered: Coverage, unit: str, axes: Axes) -> str:

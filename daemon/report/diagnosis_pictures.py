@@ -24,9 +24,9 @@ from dehyst.daemon.report.plotting import (
     limit_to,
     white_density,
 )
-from dehyst.daemon.report.units import pick_unit, spell_unit
 from dehyst.models.diagnosis import Diagnosis, View
 from dehyst.models.recording import Bools, Floats
+from dehyst.models.units import pick_unit, spell_unit
 
 MODELS = (
     ("base", BEFORE, "model in use"),

@@ -9,11 +9,11 @@ from dehyst import __version__
 from dehyst.daemon.report import coverage as covers
 from dehyst.daemon.report import identification_pictures as pictures
 from dehyst.daemon.report.page import Page
-from dehyst.daemon.report.units import spell_unit
 from dehyst.daemon.report.verdict import verdict
 from dehyst.models.drive_design.coverage import Coverage
 from dehyst.models.identify import Identification, describe
 from dehyst.models.recording import Recording
+from dehyst.models.units import spell_unit
 
 Z95 = 1.96
 OF_A_RECORDING = (

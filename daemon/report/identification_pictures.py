@@ -23,9 +23,9 @@ from dehyst.daemon.report.plotting import (
     thin_rows,
     white_density,
 )
-from dehyst.daemon.report.units import pick_unit, spell_unit
 from dehyst.models.identify import Identification
 from dehyst.models.recording import Floats, Recording
+from dehyst.models.units import pick_unit, spell_unit
 
 CYCLES_SHOWN = 3
 BINS = 30

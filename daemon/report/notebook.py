@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from dehyst.daemon.report import diagnosis_pictures, identification_pictures
 from dehyst.daemon.report.page import Page
 from dehyst.daemon.report.plotting import MEASURED, MODEL, add_legend, thin_rows
-from dehyst.daemon.report.units import pick_unit, spell_unit
 from dehyst.daemon.report.validation import draw_left, draw_over_time
 from dehyst.daemon.report.verdict import verdict
 from dehyst.models.diagnosis import Diagnosis
@@ -18,6 +17,7 @@ from dehyst.models.identify.validation import Validation
 from dehyst.models.inverse.offline import Inverted
 from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
+from dehyst.models.units import pick_unit, spell_unit
 
 
 def show_identification(

@@ -1,7 +1,7 @@
 """The result of `dehyst diagnose` for people."""
 
-from dehyst.daemon.report.units import pick_unit
 from dehyst.models.diagnosis import Diagnosis
+from dehyst.models.units import pick_unit
 
 
 def describe_diagnosis(diagnosis: Diagnosis) -> str:

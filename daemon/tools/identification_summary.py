@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Any
 
-from dehyst.daemon.report.units import spell_unit
 from dehyst.daemon.report.verdict import verdict
 from dehyst.models.drive_design.coverage import Coverage
 from dehyst.models.identify import Identification, describe
 from dehyst.models.model import Block
 from dehyst.models.physics import KINDS
+from dehyst.models.units import spell_unit
 
 Z95 = 1.96  # standard deviations of a 95 % interval
 NEXT = "next: record another waveform, and see whether it is foretold: dehyst validate {} REC.csv"

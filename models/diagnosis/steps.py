@@ -12,7 +12,14 @@ from dehyst.models.diagnosis.data.excerpt import excerpt
 from dehyst.models.diagnosis.data.locate import hot_spots, locate
 from dehyst.models.diagnosis.data.noise import noise_rms
 from dehyst.models.diagnosis.data.prepare import prepare, were_de_energised
-from dehyst.models.diagnosis.data.survey import BUTTERFLY, comes_back, follows, left_of, survey
+from dehyst.models.diagnosis.data.survey import (
+    BUTTERFLY,
+    ONE_SIDE,
+    comes_back,
+    follows,
+    left_of,
+    survey,
+)
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.find import (
     Progress,
@@ -34,7 +41,7 @@ from dehyst.models.diagnosis.findings.sightings import accept, retell, sightings
 from dehyst.models.diagnosis.findings.told import without_driven
 from dehyst.models.diagnosis.findings.weigh import weigh, with_episode
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.handout import hand_out
+from dehyst.models.diagnosis.handout import Handed, hand_out
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, base_error, excess
 from dehyst.models.diagnosis.pasts import begin_as_found, explained_heads, rows_with_heads
 from dehyst.models.diagnosis.result import Diagnosis, View
@@ -171,7 +178,10 @@ def _conclude(
     wanted = with_limits and verdict in ("clean", "explained")
     limited = tuple(limits(found, untold, AskedAgain(found).names)) if wanted else ()
     bare_left = left_of(recorded, subject.whole(recorded))
-    handed = hand_out(recorded, bare, weighed, bare_left, sigma)
+    if BUTTERFLY in warnings:  # nothing that follows it can be inverted
+        handed = Handed(subject.model, bare_left, weighed.bare, False)
+    else:
+        handed = hand_out(recorded, bare, weighed, bare_left, sigma)
     if not handed.contains_shape:
         findings = [not_contained(f) for f in findings]
     views = tuple(_views(recorded, bare_left, handed.left))
@@ -192,7 +202,9 @@ def _conclude(
         findings=tuple(findings),
         would_have_seen=limited,
         rms=rms,
-        next_experiment=next_experiment(
+        next_experiment=ONE_SIDE
+        if BUTTERFLY in warnings
+        else next_experiment(
             verdict, findings, sorted({x.name for x in limited if x.value is None})
         ),
         model=handed.model,

@@ -17,6 +17,7 @@ from dehyst.models.errors import NotInvertible
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.hysteresis.play import play_matrix
 from dehyst.models.model import Floats, Hysteresis, Model
+from dehyst.models.units import spell_unit
 
 MARGIN = 0.05  # least slope of the nearest monotone model, as a part of the full-travel slope
 
@@ -37,6 +38,7 @@ class Reversal:
 
     def sentence(self, drive_unit: str, displacement_unit: str) -> str:
         """What is wrong, for the user."""
+        drive_unit = spell_unit(drive_unit)
         at = f" at {self.rate:g} {drive_unit}/s" if self.rate else ""
         return (
             f"after each reversal the output runs the wrong way until the drive has travelled "

@@ -91,17 +91,24 @@ class Params(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _run_plays(
-    r: Floats, h: Floats, u: Floats, offset: float, fresh: Bools, d: Floats, at: Ints
+    r: Floats,
+    h: Floats,
+    u: Floats,
+    offsets: tuple[float, float],
+    fresh: Bools,
+    d: Floats,
+    at: Ints,
 ) -> int:
     """Run the plays over a lot; write D of the rows with a drive into d and their places into at;
-    return their number."""
+    return their number. offsets: of the drive, and where it had been before, against that."""
     count, n = 0, r.size
     for t in range(u.size):
         if fresh[t]:
             h[:] = 0.0
+            play_step(r, h, offsets[1])
         if np.isnan(u[t]):
             continue
-        play_step(r, h, u[t] - offset)
+        play_step(r, h, u[t] - offsets[0])
         for i in range(n - 1):
             d[count, i] = h[i] - h[i + 1]
         d[count, n - 1] = h[n - 1]
@@ -130,6 +137,7 @@ def make_equations(
         if lag is not None:
             one = lag.before(one)
         h = np.zeros(r.size)
+        began = (offsets[0], one.came_from)
         fresh = np.zeros(one.u.size, dtype=bool)
         fresh[one.resets] = True
         width = r.size * (2 if rate else 1) + 1
@@ -139,7 +147,7 @@ def make_equations(
             part = slice(start, min(start + ROWS_HELD, one.u.size))
             size = part.stop - part.start
             d, at = np.empty((size, r.size)), np.empty(size, dtype=np.int64)
-            count = _run_plays(r, h, one.u[part], offsets[0], fresh[part], d, at)
+            count = _run_plays(r, h, one.u[part], began, fresh[part], d, at)
             d, at = d[:count], at[:count]
             keep = pick[part][at]
             if through is None:

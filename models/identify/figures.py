@@ -6,6 +6,7 @@ import numpy as np
 
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Model
+from dehyst.models.units import spell_unit
 
 POINTS = 400
 
@@ -27,7 +28,7 @@ class Figures:
 
     def sentence(self) -> str:
         """The line."""
-        d, y = self.drive_unit.upper() if self.drive_unit == "v" else self.drive_unit, self.unit
+        d, y = spell_unit(self.drive_unit), self.unit
         return (
             f"{self.stroke:.4g} {y} over {self.drive_min:.4g} to {self.drive_max:.4g} {d}, "
             f"{self.gain:.4g} {y}/{d}, {self.hysteresis:.2%} hysteresis, offset "

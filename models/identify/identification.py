@@ -26,6 +26,7 @@ from dehyst.models.identify.search import Search
 from dehyst.models.identify.sense import (
     require_better_than_a_line,
     require_drive_first,
+    require_one_sense,
     require_one_stage,
     require_times_in_seconds,
     rms,
@@ -42,6 +43,7 @@ from dehyst.models.identify.uncertainty import (
 )
 from dehyst.models.model import Fit, Model, Provenance, Validity
 from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.units import spell_unit
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,8 @@ def identify_alone(
     rows = [read_rows(r, max(spans, default=0.0)) for r in recordings]
     require_times_in_seconds(rows)
     require_drive_first(rows)
+    first = recordings[0]
+    require_one_sense(rows, f"{first.displacement_unit}/{spell_unit(first.drive_unit)}")
     setup = set_up(rows, options.monotone)
     agreed = start_agrees(setup, options.rate is not False)
     found = _search(setup if agreed else _leave_start(rows, options), options, progress)
@@ -133,8 +137,8 @@ def identify_alone(
         found.notes.append("the start does not fit a de-energised stage; it was left out")
     found = _follow_drift(found)
     residuals, picks = found.residuals(), found.setup.picks
-    if len(rows) > 1:
-        _require_one_stage(found, residuals, recordings, options)
+    if len(rows) > 1 and (doubt := _require_one_stage(found, residuals, recordings, options)):
+        found.notes.append(doubt)
     require_better_than_a_line(found.setup, residuals, picks)
     progress("intervals")
     return _result(found, residuals, recordings)
@@ -248,8 +252,9 @@ def _follow_drift(found: _Found) -> _Found:
 
 def _require_one_stage(
     found: _Found, residuals: Sequence[Floats], recordings: Sequence[Recording], options: Options
-) -> None:
-    """Raise BadRecording where one of several recordings is told much better by its own model."""
+) -> str:
+    """Raise BadRecording where one of several recordings is told much better by its own model; what
+    is to be said where a little."""
     setup, f = found.setup, found.fitted
     start = replace(f.scored, params=make_start(f.r.size, f.shape, setup.slope, 1))
     alone, together = [], []
@@ -262,8 +267,9 @@ def _require_one_stage(
         alone.append(rms(left[pick]))
         together.append(rms(error[pick]))
     names = [one.name for one in setup.rows]
-    if len(alone) == len(names):
-        require_one_stage(names, together, alone, recordings[0].displacement_unit)
+    if len(alone) < len(names):
+        return ""
+    return require_one_stage(names, together, alone, recordings[0].displacement_unit)
 
 
 def _result(

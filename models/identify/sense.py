@@ -50,6 +50,28 @@ def require_drive_first(rows: Sequence[Rows]) -> None:
             )
 
 
+def require_one_sense(rows: Sequence[Rows], unit: str) -> None:
+    """Raise BadRecording where the displacement rises with the drive in some recordings and falls
+    in others. unit: of displacement over drive."""
+    slopes = []
+    for one in rows:
+        known = ~np.isnan(one.u) & ~np.isnan(one.y)
+        u, y = one.u[known], one.y[known]
+        follows = bool(known.any()) and measure_line(u, y) < 0.5 * float(np.std(y))
+        slopes.append(_fit_slope(u, y) if follows else np.nan)
+    falls = np.array(slopes) < 0.0
+    rises = np.array(slopes) > 0.0
+    if not (falls.any() and rises.any()):
+        return
+    fewer = falls if falls.sum() <= rises.sum() else rises
+    odd = ", ".join(one.name for one, is_odd in zip(rows, fewer, strict=True) if is_odd)
+    figures = ", ".join(f"{r.name} {k:.3g} {unit}" for r, k in zip(rows, slopes, strict=True))
+    raise BadRecording(
+        f"{odd} does not belong to the others, it runs the other "
+        f"way: {figures}; turn the sign of its sensor round, or identify each stage apart"
+    )
+
+
 def _measure_loop(u: Floats, y: Floats) -> float:
     """Area that (u, y) runs around, per length of the drive's way there and back over its range
     and per range of y; positive where y is behind u. Both directions of y count alike."""
@@ -106,19 +128,25 @@ def require_better_than_a_line(
 
 def require_one_stage(
     names: Sequence[str], together: Sequence[float], alone: Sequence[float], unit: str
-) -> None:
-    """Raise BadRecording where recordings are told well each alone and badly together.
+) -> str:
+    """Raise BadRecording where recordings are told well each alone and badly together; what is to
+    be said where they are told a little worse, else "".
 
     together, alone: (G,) rms that the common model and one of its own leave in each recording.
     """
     ratio = np.array(together) / np.maximum(alone, 1e-300)
-    if len(names) < 2 or float(np.max(ratio)) <= TUNING.one_stage:
-        return
+    if len(names) < 2 or float(np.max(ratio)) <= TUNING.less_alike:
+        return ""
     figures = ", ".join(
         f"{name} {a:.3g} {unit} (alone {b:.3g})"
         for name, a, b in zip(names, together, alone, strict=True)
     )
     odd = names[int(np.argmax(ratio))]
+    if float(np.max(ratio)) <= TUNING.one_stage:
+        return (
+            f"{odd} is less like the others: one model leaves {figures} rms; "
+            "were stage, load and unit the same?"
+        )
     raise BadRecording(
         f"{odd} does not belong to the others: one model leaves {figures} rms; "
         "identify the recordings of each stage, load and unit apart"
@@ -127,10 +155,14 @@ def require_one_stage(
 
 def measure_line(u: Floats, y: Floats) -> float:
     """Rms that a straight line through (u, y) leaves."""
-    du, dy = u - u.mean(), y - y.mean()
+    return rms(y - y.mean() - _fit_slope(u, y) * (u - u.mean()))
+
+
+def _fit_slope(u: Floats, y: Floats) -> float:
+    """Of the straight line through (u, y)."""
+    du = u - u.mean()
     power = float(du @ du)
-    slope = float(du @ dy) / power if power > 0.0 else 0.0
-    return rms(dy - slope * du)
+    return float(du @ (y - y.mean())) / power if power > 0.0 else 0.0
 
 
 def rms(x: Floats) -> float:

@@ -22,6 +22,7 @@ class Tuning(NamedTuple):
     reading_rougher: float = 3.0  # noise of the reading, of the drive's, both of their range
     no_worse: float = 1.0  # times the rms that a straight line leaves
     one_stage: float = 4.0  # times the rms of a model of its own, that the common one may leave
+    less_alike: float = 2.0  # the same, from which on it is said
     # outliers
     lone: float = 8.0  # a lone drive value this many robust standard deviations off is a glitch
     glitch_steps: float = 4.0  # and this many steps around it; where a drive turns it is below 2
@@ -73,7 +74,11 @@ class Tuning(NamedTuple):
     pull_price: float = 1.4  # or the misfit that they may cost, against what the bounds alone cost
     costs: float = 0.005  # of the misfit: so much the bounds must cost before there is a pull
     least_explained: float = 0.5  # of the displacement's power, held out: else it does not follow
-    start_costs: float = 0.11  # of the other rows' misfit: true starts 0.06, others 0.22 and more
+    start_costs: float = 0.25  # of the misfit beyond the noise, that another start must take away;
+    # at true starts it took at most 0.16, at others mostly 0.3 and more
+    start_shows: float = 0.07  # and of all of it, as it shows no more where noise hides the start
+    start_moves: tuple[float, ...] = (0.5, 1.0)  # of the way: these other starts
+    rows_at_start: int = 1_000_000  # of a recording, by which its start is judged
     farthest: float = 5.0  # an offset may lie this many spans from the middle of the drive
     # linear dynamics
     worth_trying: float = 0.003  # of the misfit, that a first try must take away

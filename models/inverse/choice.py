@@ -11,6 +11,7 @@ from dehyst.models.errors import BadInput
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.inverse.tuning import TUNING
 from dehyst.models.model import Model
+from dehyst.models.units import spell_unit
 
 MODES = ("hold", "static", "causal", "preview")
 
@@ -91,7 +92,7 @@ def limits_of(
     if not low < high:
         raise BadInput(
             f"the drive limits leave nothing of the model's range, {v.drive_min:g} to "
-            f"{v.drive_max:g} {model.drive_unit}"
+            f"{v.drive_max:g} {spell_unit(model.drive_unit)}"
         )
     return low, high, rate
 

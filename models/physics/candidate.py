@@ -14,6 +14,7 @@ import numpy as np
 
 from dehyst.models.model import Block
 from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.units import spell_unit
 
 # readings, targets, what was added to them because of the readings, and flags are effects; the
 # temperature has a file of its own
@@ -186,8 +187,8 @@ def small(entry: tuple[float, str]) -> str:
     """A value of the displacement's size, micrometres below one told as nanometres: "12 nm/K"."""
     value, unit = entry
     if (unit == "um" or unit.startswith("um/")) and abs(value) < 1.0:
-        return f"{1e3 * value:.3g} nm{unit[2:]}"
-    return f"{value:.3g} {unit}"
+        value, unit = 1e3 * value, f"nm{unit[2:]}"
+    return f"{value:.3g} {spell_unit(unit)}"
 
 
 def apart(data: Data, x: Floats) -> Floats:

@@ -70,9 +70,9 @@ export class Axes {
     const rows = this.said.axes.map((a) => {
       const row = document.createElement("tr"), unit = a.unit || "";
       row.setAttribute("aria-current", String(a.name === this.page.name));
-      const error = a.error === null || a.error === undefined ? "-" : `${number(a.error, 3)} ${unit}`;
-      const words = [a.axis || a.name, a.mismatch ? `${a.state}, mismatch` : a.state, `${number(a.target)} ${unit}`,
-        `${number(a.measured)} ${unit}`, error, `${number(a.volts)} V`, a.commander || "nobody"];
+      const size = (value, digits) => value === null || value === undefined ? "-" : `${number(value, digits)} ${unit}`;
+      const words = [a.axis || a.name, a.mismatch ? `${a.state}, mismatch` : a.state, size(a.target),
+        size(a.measured), size(a.error, 3), `${number(a.volts)} V`, a.commander || "nobody"];
       row.append(...words.map((text) => {
         const cell = document.createElement("td");
         cell.textContent = text;

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
+from dehyst.models.units import spell_unit
 
 
 def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
@@ -45,7 +46,8 @@ def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
         name: table(elapsed, np.linspace(0, elapsed[data.rec == i].max(), 25), "s", data.rec == i)
         for i, name in enumerate(data.names)
     }
-    out["drive"] = table(data.u, np.linspace(data.u.min(), data.u.max(), 21), data.drive_unit)
+    volts = spell_unit(data.drive_unit)
+    out["drive"] = table(data.u, np.linspace(data.u.min(), data.u.max(), 21), volts)
     rate = np.diff(data.u, prepend=data.u[0]) / data.dt
     rate[data.starts] = 0.0
     smooth = _smooth(rate, data)
@@ -60,7 +62,7 @@ def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
     top = float(np.abs(rate).max())
     if top > 0:
         edges = np.r_[0.0, np.geomspace(1e-3 * top, top, 13)]
-        out["rate"] = table(np.abs(rate), edges, f"{data.drive_unit}/s")
+        out["rate"] = table(np.abs(rate), edges, f"{volts}/s")
     turn = since_turn(data)
     out["since_turn"] = table(turn, np.r_[0, np.geomspace(data.period, 10.0, 14)], "s")
     hold = time_in_hold(data)

@@ -19,6 +19,11 @@ BUTTERFLY = (
     "ferroelectric that is driven through its coercive field): no model with one direction fits, "
     "and none can be inverted; drive it on one side only"
 )
+ONE_SIDE = "Drive it on one side of its turning points only, and diagnose again."
+CURVE = 7  # degree of the curve of the drive that a stage without hysteresis follows
+NARROW = (0.1, 1e-3)  # of the noise, of the reading's range: what it may leave above the noise
+TOO_NOISY = 0.02  # of the reading's range: with more noise a loop may hide
+WIDTH = 3.0  # of a loop, full, over the rms that a curve through its middle leaves
 SLOW = 0.2  # drive's mean step between samples, of its mean size: more is slow sampling
 
 
@@ -55,6 +60,13 @@ def survey(
             f"explains {max(0.0, 1.0 - unexplained / _variance(data)):.0%} of it; check the sensor "
             "and the columns, and whether the recording was made under feedback"
         )
+    if has_no_loop(data, sigma):
+        reach = float(np.ptp(data.y[data.rows]))
+        width = WIDTH * max(NARROW[0] * sigma / reach, NARROW[1])
+        said.append(
+            "no hysteresis shows: one curve of the drive explains the reading to its noise, where "
+            f"a loop of {width:.1%} of the range would show; is the stage under closed loop?"
+        )
     if _is_slow(data):
         said.append(
             "the sampling is slow for this drive: what happens within a sample or two cannot be "
@@ -89,6 +101,22 @@ def survey(
 def follows(data: Data, unexplained: float) -> bool:
     """Whether the drive explains something of the displacement."""
     return unexplained < (1.0 - FOLLOWS) * _variance(data)
+
+
+def has_no_loop(data: Data, sigma: float) -> bool:
+    """Whether a curve of the drive, and an offset for each recording, explain all but the noise."""
+    k = np.flatnonzero(data.rows)
+    k = k[:: max(1, k.size // 50_000)]
+    u, y = data.u[k], data.y[k]
+    reach = float(np.ptp(y)) if k.size else 0.0
+    if sigma > TOO_NOISY * reach or not np.ptp(u):
+        return False
+    curve = np.polynomial.legendre.legvander(2.0 * (u - u.min()) / np.ptp(u) - 1.0, CURVE)
+    own = (data.rec[k][:, None] == np.unique(data.rec[k])[1:]).astype(float)
+    columns = np.hstack([curve, own])
+    left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+    above = float(np.mean(left**2)) - sigma**2
+    return above < max(NARROW[0] * sigma, NARROW[1] * reach) ** 2
 
 
 def _variance(data: Data) -> float:

@@ -70,7 +70,8 @@ class Correction:
 
 CONTAINED = "The augmented model contains it, and it is compensated"
 NOT_CONTAINED = (
-    "The augmented model does not contain it: beyond what was recorded it would go astray"
+    "The augmented model does not contain it: beyond what was recorded it would go astray, or it "
+    "cannot be inverted"
 )
 
 

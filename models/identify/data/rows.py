@@ -16,6 +16,7 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.identify.data.outliers import remove_glitches, sample
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.units import spell_unit
 
 
 @dataclass
@@ -26,7 +27,7 @@ class Rows:
     use: (N,) rows that may stand as equations. resets: rows where the stage's memory is unknown.
     settled: (N,) rows at which no operator up to the widest depends on the unknown start.
     virgin: the start looks de-energised. notes: what a reader should be told. piece: (N,) stretch
-    of the drive.
+    of the drive. came_from: where the drive had been before a reset, against the operators' offset.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Rows:
     period_s: float
     notes: list[str] = field(default_factory=list)
     piece: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
+    came_from: float = 0.0
 
     def __post_init__(self) -> None:
         if self.piece.size != self.u.size:  # until stretches are told apart
@@ -88,7 +90,7 @@ def _require_size(name: str, size: int) -> None:
 
 
 def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]) -> None:
-    name, unit = recording.name, recording.drive_unit
+    name, unit = recording.name, spell_unit(recording.drive_unit)
     low, high = float(np.nanmin(u)), float(np.nanmax(u))
     if high - low <= 1e-9 * max(1.0, abs(high)):
         raise BadRecording(

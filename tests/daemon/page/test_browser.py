@@ -143,6 +143,7 @@ def test_it_loads_and_what_it_shows_moves(window: Chromium) -> None:
     assert window.text("reach").startswith("reach ")
     assert "Hz" in window.text("deadlines")
     assert "operators" in window.text("model")
+    assert window.text("events").count("the loop runs") == 1  # it did before the page was there
     assert window.complaints() == []
 
 

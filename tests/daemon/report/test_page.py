@@ -15,7 +15,7 @@ from dehyst.daemon.report.plotting import (
     finite_rms,
     white_density,
 )
-from dehyst.daemon.report.units import pick_unit, spell_size, spell_unit
+from dehyst.models.units import pick_unit, spell_size, spell_unit
 
 NASTY = "<script>alert('x')</script> & \"a\""
 VOID = {"meta", "img"}

@@ -108,3 +108,21 @@ def test_a_butterfly_is_told() -> None:
     assert d.verdict != "clean"
     assert any("butterfly" in s for s in d.data.says)
     assert names(d) <= PHYSICS
+    # nothing that follows such a curve can be inverted: the model in use stays
+    assert d.rms["augmented"] == pytest.approx(d.rms["model"])
+    assert d.model == d.base_model
+    assert "one side" in d.next_experiment
+    assert not any("it is compensated" in f.says for f in d.findings)
+
+
+def test_a_stage_without_hysteresis_is_told_and_a_narrow_loop_is_none_of_these() -> None:
+    t = np.arange(N) * DT
+    u = 5 + 3 * np.sin(2 * np.pi * 0.5 * t) + 2 * np.sin(2 * np.pi * 1.7 * t)
+    noise = 0.01 * np.random.default_rng(5).standard_normal(N)
+    play = np.zeros(N)
+    for i in range(1, N):
+        play[i] = min(max(play[i - 1], u[i] - 1.5), u[i] + 1.5)
+    for width, told in ((0.0, True), (0.03, False)):
+        y = 0.9 * u + 0.01 * u**2 + width * play + noise
+        d = diagnose_without_limits([Recording(t, u, y)])
+        assert any("no hysteresis shows" in s for s in d.data.says) is told

@@ -55,6 +55,30 @@ def test_recordings_of_different_stages() -> None:
     assert all(name in str(error.value) for name in ("a.csv", "b.csv", "alone"))
 
 
+def test_a_recording_that_runs_the_other_way_is_named_with_figures() -> None:
+    v = 4 - 4 * np.cos(2 * np.pi * 3 * t)
+    right = simulate_hysteresis(STAGE, v, T)
+    recordings = [
+        Recording(t, u, y, name="a.csv"),
+        Recording(t, v, -1.7 * right, name="b.csv"),
+        Recording(t, v, right, name="c.csv"),
+    ]
+    says = r"^b\.csv does not belong to the others.*a\.csv [0-9.]+ um/V, b\.csv -[0-9.]+ um/V, c"
+    with pytest.raises(BadRecording, match=says) as error:
+        identify(recordings)
+    assert "\n" not in str(error.value)
+
+
+def test_a_recording_that_is_a_little_different_is_told_and_not_refused() -> None:
+    v = 4 - 4 * np.cos(2 * np.pi * 3 * t)
+    noise = 0.05 * np.random.default_rng(4).standard_normal((2, t.size))
+    alike = simulate_hysteresis(STAGE, v, T) + noise[0]
+    for gain, told in ((1.0, 0), (1.08, 1)):
+        both = [Recording(t, u, y + noise[1]), Recording(t, v, gain * alike, name="b.csv")]
+        notes = identify(both).notes
+        assert sum("less like the others" in note for note in notes) == told
+
+
 def test_a_recording_none_of_whose_rows_counts_is_refused_by_its_name() -> None:
     both = [SimpleNamespace(u=u, y=y, name=name) for name in ("a.csv", "b.csv")]
     counted, none = np.ones(t.size, bool), np.zeros(t.size, bool)

@@ -114,7 +114,7 @@ def test_a_saturation_that_turns_over_is_inverted_up_to_its_extremum() -> None:
 
 
 def test_refusal_says_at_which_reversal_and_by_how_much() -> None:
-    with pytest.raises(NotInvertible, match=r"0\.04588 v.*-0\.173.*nearest monotone.*rms"):
+    with pytest.raises(NotInvertible, match=r"0\.04588 V.*-0\.173.*nearest monotone.*rms"):
         static_inverse(shipped("paper-eq11"))
     found = find_wrong_way(shipped("paper-eq11").hysteresis, 0.0, 10.0)
     assert found is not None

@@ -1,0 +1,54 @@
+"""Was the stage de-energised before a recording that begins at zero?
+
+Neither creep nor a lag changes the answer; an exercise before the recording does.
+
+The stage is the simulated one, of another class than the model; the drive is a sum of sines from
+rest. Told is the answer itself, so no bar is needed.
+"""
+
+import numpy as np
+import pytest
+from tests.benchmarks.daemon.loop_closed import exploring
+
+from dehyst.drivers.simulated.settings import StageSettings
+from dehyst.drivers.simulated.stage import Stage
+from dehyst.models.identify.data.rows import read_rows
+from dehyst.models.identify.setup import set_up
+from dehyst.models.identify.start import start_agrees
+from dehyst.models.recording import Recording
+
+T = 1e-3
+EFFECTS = {
+    "none": {},
+    "creep": {"creep_gain_per_decade": 0.03},
+    "more creep": {"creep_gain_per_decade": 0.05},
+    "lag": {"sensor_tau_s": 3e-3},
+}
+
+
+def recorded(effect: str, exercised: bool, seed: int) -> Recording:
+    """20 s of the stage, de-energised before or moved over its range for 5 s."""
+    quiet = StageSettings(seed=seed).quiet(
+        hysteresis_width=0.12, asymmetry=0.15, sensor_noise_um=0.01, **EFFECTS[effect]
+    )
+    stage = Stage(quiet)
+    if exercised:
+        for volts in 75.0 * (1.0 - np.cos(2.0 * np.pi * np.arange(0.0, 5.0, 0.005))):
+            stage.advance(0.005, volts)
+        stage.settle(0.0, ramp_s=1.0, rest_s=2.0)
+    drive = exploring(seed)
+    reading = np.empty(drive.size)
+    for k, volts in enumerate(drive):
+        stage.advance(T, volts)
+        reading[k] = stage.reading_um()
+    return Recording(T * np.arange(drive.size), drive, reading, name="start.csv")
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize("seed", [2, 4])
+def test_the_start_is_told_beside_what_depends_on_time(effect: str, seed: int) -> None:
+    for exercised in (False, True):
+        setup = set_up([read_rows(recorded(effect, exercised, seed))], monotone=True)
+        assert setup.virgin
+        assert start_agrees(setup, rate=False) is not exercised
+        assert start_agrees(setup, rate=True) is not exercised
