@@ -92,9 +92,10 @@ def fit_all(
     begin = min(begins, key=lambda p: measure_misfit(equations, shape, p))
     loose = run(equations, begin, narrow)
     tight = run(equations, loose.params, 0.0, 1e-3)
-    known, bounded = loose.normal.misfit, tight.normal.misfit
-    costly = setup.limits is not None and bounded > known * (1.0 + TUNING.costs)
-    begin, pull, weight = tight.params, [], 0.0
+    least, bounded = loose.normal.misfit, tight.normal.misfit
+    costly = setup.limits is not None and bounded > least * (1.0 + TUNING.costs)
+    pull: list[Equations] = []
+    begin, weight = tight.params, 0.0
     if costly:
         wish = make_pull(setup, r, shape, offset, loose.params)
         each = loose.normal.count / wish.u.size
@@ -104,7 +105,7 @@ def fit_all(
         data = assemble(equations, shape, begin)
         whole = prior.add_to(data, shape.rate, strength)
         pull = [lot._replace(weight=1.0) for lot in pull]
-        most = max(known * TUNING.pull_noise**2, known + TUNING.pull_price * (bounded - known))
+        most = max(least * TUNING.pull_noise**2, least + TUNING.pull_price * (bounded - least))
         bounds = make_bounds(begin, setup.limits)
         weight = each * find_share(data, whole, assemble(pull, shape, begin), bounds, most)
         pull = [lot._replace(weight=weight) for lot in pull]
