@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
             clock.sleep_s(0.25)
             now = find_offer(client.doctor(), report.offer.number, ())
             if now.state in ("accepted", "returned", "rejected"):
-                say(now.says)
+                say(now.says.removeprefix(report.says).strip())
                 return 0 if now.state == "accepted" else 1
     if args.wait:
         raise NotNow(f"the trial is not over after {args.wait:g} s: does the stage move?")

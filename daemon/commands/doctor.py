@@ -98,10 +98,12 @@ def describe_doctor(report: "DoctorReport") -> list[str]:
         lines.append(f"  {effect.name}{ties}, {100 * effect.share:.0f} %: {effect.says}")
     if report.offer is not None:
         o, unit = report.offer, report.unit
+        trial = f"on trial for {o.trial_s:g} s of motion"
+        then = {"found": f"; `dehyst accept` puts it {trial}", "trial": f"; {trial}"}
         lines.append(
             f"  offer {o.number}: {o.rms_in_use:.3g} {unit} becomes {o.rms_offered:.3g} on "
-            f"{o.seconds:.0f} s of later telemetry (noise {o.noise:.3g}); on trial for "
-            f"{o.trial_s:g} s of motion"
+            f"{o.seconds:.0f} s of later telemetry (noise {o.noise:.3g})"
+            f"{then.get(report.state, '')}"
         )
     if report.experiment:
         lines.append(f"  next experiment: dehyst {' '.join(report.experiment)}")

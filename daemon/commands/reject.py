@@ -71,5 +71,6 @@ def run(args: argparse.Namespace) -> int:
         client, report = offer_of_axes(stage, args.offer, ("found", "trial", "accepted"))
         assert report.offer is not None
         client.decide_offer("reject", report.offer.number)
-        say(f"{report.case}: rejected")
+        stays = "the model in use stays" if report.state == "found" else "the one before comes back"
+        say(f"{report.case}: rejected; {stays}")
     return 0

@@ -6,6 +6,7 @@ are not diagnosed as one, because what has changed is not the same in both, and 
 only what is. Beside the diagnosis each cause is tried alone: mostly one thing has changed.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,14 @@ from dehyst.daemon.loop.reach import displacement_range
 from dehyst.models import diagnosis
 from dehyst.models.change.causes import WeighedCause, find_causes, weigh_causes
 from dehyst.models.change.led import lead_in, without_lead
+from dehyst.models.change.naming import (
+    Left,
+    find_one_change,
+    is_of_sensor,
+    pick_models,
+    rank_findings,
+    tell_one_change,
+)
 from dehyst.models.change.replay import BothReplayed, keep_zero, replay_both
 from dehyst.models.diagnosis import Finding
 from dehyst.models.errors import BadInput, DehystError
@@ -103,8 +112,14 @@ def _conclude(
     when_good = validate(model, seen.good).rms if seen.good is not None else -1.0
     noise2 = details.noise**2
     findings = rank_findings(details.findings, seen.causes, LEAST * before**2, noise2)
+    verdict, models, beside = details.verdict, [found.model], ""
+    left = _left(model, found.model, when_good, details.noise, seen)
+    one = find_one_change(findings, seen.causes, left)
+    if one is not None:  # alone it explains all that is new
+        beside = _tell_beside(findings)
+        findings = [tell_one_change(one, seen.causes, left)]
+        verdict, models = "explained", []
     named = [f for f in findings if f.name != "unknown"]
-    says = [_tell(found, findings, before, after), *_tell_good(when_good, before, details.unit)]
     of_sensor = bool(named) and is_of_sensor(named[0], seen.causes, noise2)
     offered, tested, why = None, None, ""
     if of_sensor:
@@ -112,16 +127,20 @@ def _conclude(
     elif named and seen.later is None:
         why = "No model is offered: no telemetry came on which it could be tested."
     elif named and seen.later is not None:
-        models = [*pick_models(named[0], seen.causes), found.model]
+        models = [*pick_models(named[0], seen.causes), *models]
         offered, tested, why = _try(case, model, models, seen.later, details.noise)
     if offered is not None:
         save_model(offered, folder / cases.OFFERED)
-    if why:
-        says.append(why)
-    unsure = tested is None and not of_sensor and details.verdict != "clean"
+        after = validate(offered, seen.flagged).rms
+    says = [
+        _tell(findings, verdict, (before, after, details.unit), offered is not None),
+        *_tell_good(when_good, before, details.unit),
+        *(text for text in (beside, why) if text),
+    ]
+    unsure = tested is None and not of_sensor and verdict != "clean"
     pair = next(((f.name, other) for f in named[:1] for other in f.ambiguous_with), None)
     return Examined(
-        verdict=details.verdict,
+        verdict=verdict,
         says=" ".join(says)[:2000],
         effects=tuple(_effect(f) for f in findings[:32]),
         unit=details.unit,
@@ -132,44 +151,6 @@ def _conclude(
         tested=tested,
         experiment=excite_arguments(case, model, pair) if unsure else (),
     )
-
-
-def rank_findings(
-    findings: Sequence[Finding], causes: Sequence[WeighedCause], least: float, noise2: float
-) -> list[Finding]:
-    """What is new first: by the mean square that each finding's cause alone removes of later
-    telemetry and not of the good recording, and where that is as good as the best but for the
-    noise's (noise2), by the diagnosis' share; then the loop's shape, then what removes less than
-    `least`, then what nothing explains."""
-    new: dict[str, float] = {}
-    for one in causes:
-        new[one.cause.name] = max(new.get(one.cause.name, 0.0), one.new)
-    best = max((new.get(f.name, 0.0) for f in findings), default=0.0)
-
-    def rank(finding: Finding) -> tuple[int, float, float]:
-        of_it = new.get(finding.name, 0.0)
-        last = {"shape": 1, "unknown": 3}.get(finding.name, 0 if of_it >= least else 2)
-        return last, -best if of_it >= best - noise2 else -of_it, -finding.share
-
-    return sorted(findings, key=rank)
-
-
-def is_of_sensor(first: Finding, causes: Sequence[WeighedCause], noise2: float) -> bool:
-    """Whether it is the gauge that has changed: no cause of that name elsewhere does as well."""
-    if first.place != "sensor":
-        return False
-    alone = [one for one in causes if one.cause.name == first.name]
-    here = [one.new for one in alone if one.cause.place == "sensor"]
-    elsewhere = [one.new for one in alone if one.cause.place != "sensor"]
-    return not elsewhere or max(elsewhere) < max(here, default=0.0) - noise2
-
-
-def pick_models(first: Finding, causes: Sequence[WeighedCause]) -> list[Model]:
-    """What was named alone, else what it cannot be told from; a gauge's is not compensated."""
-    fit = [one for one in causes if one.new > 0.0 and one.cause.place != "sensor"]
-    named = [one for one in fit if one.cause.name == first.name]
-    near = [one for one in fit if one.cause.name in first.ambiguous_with]
-    return [one.cause.model for one in named or near]
 
 
 def _effect(finding: Finding) -> FoundEffect:
@@ -192,11 +173,33 @@ def _tell_good(when_good: float, before: float, unit: str) -> list[str]:
     return [f"It is not new: {left}, too."]
 
 
-def _tell(found: Diagnosed, findings: Sequence[Finding], before: float, after: float) -> str:
-    details = found.details
+def _tell(
+    findings: Sequence[Finding], verdict: str, left: tuple[float, float, str], offered: bool
+) -> str:
+    """left: by the model in use and by the offered or else the augmented one, and their unit."""
+    before, after, unit = left
     names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
-    pair = f"{before:.3g} {details.unit} rms with the model in use, {after:.3g} with what was found"
-    return f"Found: {names} ({details.verdict}); {pair}."
+    text = f"Found: {names} ({verdict}); {before:.3g} {unit} rms with the model in use"
+    if offered or after < before:
+        which = "the model that is offered" if offered else "what was found"
+        text += f", {after:.3g} with {which}"
+    return f"{text}."
+
+
+def _tell_beside(findings: Sequence[Finding]) -> str:
+    """What the report says that the one change does not need."""
+    names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
+    return f"It is one change alone; the report, which fits the loop anew, tells it as {names}."
+
+
+def _left(in_use: Model, all_found: Model, when_good: float, noise: float, seen: _Evidence) -> Left:
+    recording = seen.flagged if seen.later is None else seen.later
+    try:
+        found = validate(all_found, recording).rms
+    except BadInput:
+        found = 0.0
+    good = when_good if seen.good is not None else math.nan
+    return Left(validate(in_use, recording).rms, good, found, noise)
 
 
 def _read(folder: Path, name: str, case: Case) -> Recording | None:

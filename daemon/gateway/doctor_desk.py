@@ -25,7 +25,7 @@ from dehyst.daemon.gateway.model_trial import ModelTrial
 from dehyst.models.errors import DehystError, NotNow
 
 SCAN_S = 0.25
-LONGEST_REPORT = 6 << 20
+LONGEST_REPORT, LONGEST_EVENT = 6 << 20, 500
 Tell = Callable[[int, str, str], None]
 """(level, code, text): an event."""
 OPEN: tuple[DoctorState, ...] = ("found",)
@@ -156,17 +156,18 @@ class DoctorDesk:
             self._folders[name], self._known[name] = folder, (case, examined, decided)
 
     def _tell_found(self, case: Case, found: Examined) -> None:
-        text = f"{case.name}: {found.says}"
+        more = ""
         if found.tested is not None:
             tested = found.tested
-            text += (
+            more = (
                 f" A model is offered: {tested.in_use:.3g} becomes {tested.offered:.3g} "
                 f"{found.unit} on {tested.seconds:.0f} s of later telemetry; dehyst accept, or "
                 "dehyst reject."
             )
         elif found.experiment:
-            text += f" Next: dehyst {' '.join(found.experiment)}"
-        self._tell(2, "doctor", text[:500])
+            more = f" Next: dehyst {' '.join(found.experiment)}"
+        text = f"{case.name}: {found.says}"
+        self._tell(2, "doctor", f"{text[: LONGEST_EVENT - len(more)]}{more}"[:LONGEST_EVENT])
 
     def _carry_out(self, action: str, name: str) -> None:
         folder, state = self._folders[name], self._state(name)
@@ -204,7 +205,7 @@ class DoctorDesk:
                 case, examined, _ = self._known[name]
                 self._known[name] = case, examined, decided
         self._say(name)
-        self._tell(2 if state == "returned" else 1, "doctor", f"{name}: {text}"[:500])
+        self._tell(2 if state == "returned" else 1, "doctor", f"{name}: {text}"[:LONGEST_EVENT])
 
     def _say(self, name: str) -> None:
         report = describe_report(*self._known[name], self._config.doctor.trial_s)

@@ -30,8 +30,8 @@ from dehyst.daemon.files.chosen import (
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.rings.records import Flag, State, model_digest
 from dehyst.models.errors import DehystError, NotNow
-from dehyst.models.mismatch.trial import TRIAL, ErrorMeter, Errors, why_back
-from dehyst.models.modelfile import dumps
+from dehyst.models.mismatch.trial import TRIAL, ErrorMeter, Errors, say_proven, why_back
+from dehyst.models.modelfile import dumps, loads
 
 TAKEN_S = 20.0
 """A loop that does not run the model by then has refused it."""
@@ -56,7 +56,7 @@ class ModelTrial:
         self._skip_s = 0.0
         self._on_trial: Accepted | None = None
         self._tested: OfferTest | None = None
-        self._digest, self._begun_ns, self._taken = "", 0, False
+        self._digest, self._begun_ns, self._taken, self._unit = "", 0, False, ""
 
     def why_not(self, made_for: Path) -> str:
         """Why no model can be put to work now; "": it can. made_for: file of the model that the
@@ -104,6 +104,7 @@ class ModelTrial:
 
     def _follow(self, accepted: Accepted, tested: OfferTest) -> None:
         self._digest, self._begun_ns = model_digest(accepted.model), clock.monotonic_ns()
+        self._unit = loads(accepted.model).displacement_unit
         self._taken, self._tested, self._on_trial = False, tested, accepted
 
     def look(self, now_ns: int) -> Over | None:
@@ -126,16 +127,13 @@ class ModelTrial:
         if not full:
             return None
         before = Errors(_number(trial.model_error), _number(trial.tracking_error), 0.0)
-        why = why_back(before, after, (tested.in_use, tested.offered), tested.noise)
+        promised = tested.in_use, tested.offered
+        why = why_back(before, after, promised, tested.noise, self._unit)
         if why:
             return trial.case, "returned", self.go_back(trial.case, why)
         self._on_trial = None
         write_accepted(self._config.directory, _proven(trial))
-        text = (
-            f"the offered model is proven: its error is {after.model:.3g} over "
-            f"{after.seconds:.0f} s of motion, where the model before had {before.model:.3g}; "
-            f"tracking error {after.tracking:.3g}, before {before.tracking:.3g}"
-        )
+        text = say_proven(before, after, self._unit)
         return trial.case, "accepted", text
 
     def go_back(self, name: str, why: str) -> str:

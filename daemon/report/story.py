@@ -7,18 +7,21 @@ from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogFormatter
 
 from dehyst.daemon.report.plotting import BEFORE, MEASURED, MODEL, add_legend, thin_rows
 from dehyst.models.recording import Floats
 
 STEP_S = 1.0
+WORDS = 0.7  # of the curve's height, for the words above it
 EVENTS = (
     ("appeared_s", "an effect appears"),
     ("flagged_s", "flagged"),
     ("told_s", "named"),
     ("accepted_s", "accepted"),
-    ("over_s", "proven"),
+    ("over_s", ""),  # what became of it
 )
+ENDS = {"accepted": "proven", "returned": "went back", "rejected": "rejected"}
 
 
 class Told(Protocol):
@@ -27,6 +30,10 @@ class Told(Protocol):
     t_s: Floats
     target: Floats
     measured: Floats
+
+    @property
+    def state(self) -> str:
+        """What became of the offer."""
 
 
 def draw_story_ways(story: Told, axes: Axes) -> str:
@@ -53,6 +60,10 @@ def draw_story_error(story: Told, axes: Axes) -> str:
         yscale="log",
         title="tracking error of each second",
     )
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high * (high / low) ** WORDS)
+    for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+        ticks(LogFormatter(labelOnlyBase=False, minor_thresholds=(2, 0.5)))
     said = _mark(story, axes, words=True)
     return f"Tracking error of each second on a logarithmic axis. {said}"
 
@@ -63,6 +74,7 @@ def _mark(story: Told, axes: Axes, words: bool) -> str:
         at_s = float(getattr(story, name, np.nan))
         if not np.isfinite(at_s):
             continue
+        text = text or ENDS.get(story.state, "the trial is not over")
         said.append(f"{text} at {at_s:.0f} s")
         axes.axvline(at_s, color=MEASURED, lw=0.8, ls=":")
         if words:

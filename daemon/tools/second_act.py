@@ -53,9 +53,11 @@ test_s = 10.0
 trial_s = 10.0
 time_s = 600.0
 """
+READY_S = 3.0 * LEARN_S + 60.0
 FLAG_S, WORD_S, TRIAL_S = 30.0, 240.0, 60.0
-"""So long the flag, the doctor's word and the end of the trial are waited for."""
+"""So long the stage in order, the flag, the doctor's word, the end of the trial are waited for."""
 LAST_S, BEFORE_S = 20.0, 20.0
+OFFERED = (("trial", "the offer, on trial"), ("after", "accepted"))
 OVER = ("accepted", "returned", "rejected")
 NOT_TRACKED = int(Flag.APPROACH | Flag.SENSOR_INVALID | Flag.SENSOR_HELD)
 
@@ -156,11 +158,9 @@ class SecondAct:
         with Client(connect=self._endpoint, label="the demo") as client:
             self._client, self._stream, self._feed = client, client.stream(), client.feed()
             missed = client.status().missed
-            ready_s = 3.0 * LEARN_S + 60.0
-            if not self._until(lambda: self._health() > 0.0 and not self._mismatch(), ready_s):
+            if not self._is_in_order(self._chance.wait_s):
                 story.why = "the watch has not learned the stage in time, or flags it as it is"
             else:
-                self._wait(self._chance.wait_s)
                 while self._feed.doctor:  # what was said before is another story
                     self._old_cases.add(self._feed.doctor.popleft().case)
                 self._chance.appear()
@@ -170,6 +170,17 @@ class SecondAct:
             story.missed = client.status().missed - missed
         self._conclude()
         return story
+
+    def _is_in_order(self, seconds: float) -> bool:
+        """Whether the watch knows the stage in time and has nothing to say of it for so long."""
+        end_ns = clock.monotonic_ns() + round(READY_S * clock.NS)
+        while clock.monotonic_ns() < end_ns:
+            left_s = (end_ns - clock.monotonic_ns()) * 1e-9
+            if not self._until(lambda: self._health() > 0.0 and not self._mismatch(), left_s):
+                return False
+            if not self._until(lambda: bool(self._mismatch()), seconds):
+                return True
+        return False
 
     def _flag_to_end(self) -> None:
         story, say = self.story, self._say
@@ -181,7 +192,10 @@ class SecondAct:
             f"8. flagged after {story.flagged_s - story.appeared_s:.0f} s; the doctor looks into it"
         )
         if not self._until(lambda: self._word() not in ("", "working"), WORD_S):
-            story.why = f"the doctor said nothing within {WORD_S:g} s"
+            story.why = (
+                f"the doctor said nothing within {WORD_S:g} s: it has the lowest priority, and a "
+                "busy machine leaves it no time"
+            )
             return
         story.told_s = self._now_s()
         report = story.report
@@ -236,7 +250,8 @@ class SecondAct:
             report, known = self._feed.doctor.popleft(), self.story.report
             if report.case in self._old_cases:
                 continue
-            if known is None or known.case == report.case:
+            # a flag that falls and rises lays a second case: who is told of first is followed
+            if known is None or known.state == "working" or known.case == report.case:
                 self.story.report = report
         return self.story.state
 
@@ -264,6 +279,9 @@ class SecondAct:
             del spans["after"]
         elif story.state == "accepted":  # whole patterns, none of the change itself
             spans["after"] = (max(story.accepted_s + 3.0, story.t_s[-1] - LAST_S), story.t_s[-1])
+        else:
+            del spans["after"]
+            spans["trial"] = (story.accepted_s + 3.0, story.over_s)
         for name, (first_s, end_s) in spans.items():
             part = (story.t_s >= first_s) & (story.t_s < end_s)
             error = (story.measured - story.target)[part]
@@ -274,7 +292,7 @@ def tell_end(story: Story) -> list[str]:
     """The last lines: errors, what was drawn, what was said."""
     lines = [
         f"  {text:22}{1e3 * story.rms[name]:9.1f} nm rms"
-        for name, text in (("before", "before it"), ("during", "with it"), ("after", "accepted"))
+        for name, text in (("before", "before it"), ("during", "with it"), *OFFERED)
         if name in story.rms and np.isfinite(story.rms[name])
     ]
     if story.late_share > MOST_LATE:

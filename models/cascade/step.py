@@ -6,7 +6,7 @@ measured) is passed over.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dehyst.models.cascade.simulate import channels_of
 from dehyst.models.hysteresis.forward import polynomial as saturation
 from dehyst.models.hysteresis.operators import Operators, move
-from dehyst.models.model import Floats, Model
+from dehyst.models.model import Block, Floats, Model
 from dehyst.models.physics import KINDS
 from dehyst.models.physics.address import call_at
 from dehyst.models.physics.kind import STATES, Kind, Led, Limited, Shifted, Solved
@@ -83,6 +83,18 @@ class Packed:
             kind.start(p, s, drive if row["place"] in (AT_DRIVE, BESIDE) else displacement)
         begin_undoing(self.chain, states)
         return states
+
+
+def with_delays_behind(model: Model) -> Model:
+    """The same with the delays of its drive behind the hysteresis. What a drive causes is late by
+    them wherever they stand; a memory that follows the drive as it goes out is the one from which
+    the next drive is found."""
+    moved: list[Block] = []
+    rest: list[Block] = []
+    for block in model.blocks:
+        late = block.place == "drive" and isinstance(KINDS[block.kind].inverse, Shifted)
+        (moved if late else rest).append(replace(block, place="stage") if late else block)
+    return replace(model, blocks=(*moved, *rest))
 
 
 def pack(model: Model, period_s: float, spacing_s: float = 0.0) -> Packed:

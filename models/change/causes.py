@@ -21,6 +21,7 @@ from dehyst.models.diagnosis.subject import take_subject
 from dehyst.models.errors import BadInput
 from dehyst.models.identify.validation import validate
 from dehyst.models.model import Model
+from dehyst.models.physics import changes_alone
 from dehyst.models.recording import Recording
 
 SHORTLIST = 6
@@ -56,7 +57,7 @@ def find_causes(model: Model, recording: Recording) -> list[Cause]:
     null = problem.solve([])
     sigma = noise_rms(data, null.residual(data))
     state = SearchState(problem, sigma, null, null, counted=int(data.rows.sum()))
-    state = search_one_more(state, SHORTLIST)
+    state = search_one_more(state, SHORTLIST, changes_alone(data))
     return [_as_cause(model, problem, t) for t in state.rounds[0] if not t.refused]
 
 

@@ -29,16 +29,18 @@ class Found:
     over_rich: SearchState
 
 
-def find(problem: Problem, sigma: float, null: JointFit, say: Progress) -> Found:
+def find(
+    problem: Problem, sigma: float, null: JointFit, say: Progress, forbidden: Sequence[str] = ()
+) -> Found:
     """The effects over the rich base, or over a compact one where the rich one is too rich for what
     was recorded. Where an effect is taken whose size is not known then, they are looked for again
-    without it: what it stood for may be another's."""
-    found = _find(problem, sigma, null, say)
+    without it: what it stood for may be another's. forbidden: keys that are not tried."""
+    found = _find(problem, sigma, null, say, forbidden)
     kept = worth_telling(found.search)
     told = only_told(kept)
     vague = set(kept.accepted.effect_names) - set(told.accepted.effect_names)
     if vague:
-        other = _find(problem, sigma, null, say, tuple(vague))
+        other = _find(problem, sigma, null, say, (*forbidden, *vague))
         again = only_told(worth_telling(other.search))
         first, second = (by_blocks(f.problem, f.accepted).mean_square for f in (told, again))
         if second < first:
@@ -49,7 +51,7 @@ def find(problem: Problem, sigma: float, null: JointFit, say: Progress) -> Found
 
 
 def _find(
-    problem: Problem, sigma: float, null: JointFit, say: Progress, forbidden: Sequence[str] = ()
+    problem: Problem, sigma: float, null: JointFit, say: Progress, forbidden: Sequence[str]
 ) -> Found:
     found = over_rich = _search(problem, sigma, null, say, forbidden)
     in_sample = null.sse / int(problem.data.rows.sum())
@@ -63,15 +65,17 @@ def _find(
     return Found(found, over_rich)
 
 
-def find_above_noise(problem: Problem, null: JointFit, say: Progress) -> Found:
+def find_above_noise(
+    problem: Problem, null: JointFit, say: Progress, forbidden: Sequence[str] = ()
+) -> Found:
     """The same with the noise of what it leaves: where the drive fills the band, what an effect
     leaves in it stands for noise until the effect is known."""
     sigma = noise_rms(problem.data, null.residual(problem.data))
-    found = find(problem, sigma, null, say)
+    found = find(problem, sigma, null, say, forbidden)
     left = noise_rms(problem.data, found.search.accepted.residual(problem.data))
     if left > TUNING.noise_again * sigma:
         return found
-    again = find(problem, left, null, say)
+    again = find(problem, left, null, say, forbidden)
     first, second = (by_blocks(f.search.problem, f.search.accepted) for f in (found, again))
     if second.mean_square < first.mean_square - (TUNING.helps * left) ** 2:
         return again

@@ -44,6 +44,7 @@ class SearchState:
     counted: int = 0  # rows that the gains of the rounds are summed over
     share: float = TUNING.driven_share
     picked: list[str] = field(default_factory=list)  # keys in the order of their acceptance
+    passed_over: list[str] = field(default_factory=list)  # keys of less likely doubles
 
 
 def excess(problem: Problem, fit: JointFit, sigma: float) -> float:
@@ -144,3 +145,20 @@ def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
     effect = effect_of(trial.fit, trial.candidate.key)
     steady = constancy(state.problem, state.sigma, *contribution(state.problem, trial.fit, effect))
     return steady.spread < TUNING.sure_spread and steady.wrong == 0.0
+
+
+def borne_out(state: SearchState, trial: CandidateTrial, everything: Sequence[Candidate]) -> float:
+    """Fall of the sum of squares by what must be there too, were the trial's candidate there; 0
+    where nothing must."""
+    effect = effect_of(trial.fit, trial.candidate.key)
+    amplitudes = trial.fit.amplitudes[trial.fit.effects.index(effect)]
+    company = effect.candidate.company(effect.theta, amplitudes, state.problem.data)
+    if company is None:
+        return 0.0
+    key, theta = company
+    other = next((c for c in everything if c.key == key), None)
+    if other is None or key in trial.fit.effect_names:
+        return 0.0
+    with_it = [*trial.fit.effects, Effect(other, other.bounded(theta))]
+    output = state.problem.output_of(trial.fit)
+    return trial.fit.sse - state.problem.solve(with_it, output).sse

@@ -14,6 +14,7 @@ from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import (
     CandidateTrial,
     SearchState,
+    borne_out,
     effect_of,
     excess,
     judge,
@@ -95,10 +96,12 @@ def _forward(
     return state
 
 
-def search_one_more(state: SearchState, shortlist: int) -> SearchState:
+def search_one_more(
+    state: SearchState, shortlist: int, more: Sequence[Candidate] = ()
+) -> SearchState:
     """One more round from a state's accepted effects; shortlist: candidates that get the full
-    refit."""
-    everything = may_be_tried(state.problem.data, state.share, ())
+    refit; more: candidates beside the library's."""
+    everything = [*may_be_tried(state.problem.data, state.share, ()), *more]
     _go_round(state, everything, shortlist, lambda text, share: None, 0)
     return state
 
@@ -188,7 +191,7 @@ def accept_best(
     left = excess(problem, state.accepted, sigma)
     judged = [judge(state, t, left) for t in trials]
     state.rounds.append(judged)
-    chosen = _choice(state, judged)
+    chosen = _choice(state, judged, everything)
     if chosen is None:
         return False
     state.picked.append(chosen.candidate.key)
@@ -197,7 +200,9 @@ def accept_best(
     return True
 
 
-def _choice(state: SearchState, judged: Sequence[CandidateTrial]) -> CandidateTrial | None:
+def _choice(
+    state: SearchState, judged: Sequence[CandidateTrial], everything: Sequence[Candidate]
+) -> CandidateTrial | None:
     """The best trial that is not refused, or a simpler or a likelier one that does as well."""
     good = [t for t in judged if not t.refused]
     if not good:
@@ -207,13 +212,15 @@ def _choice(state: SearchState, judged: Sequence[CandidateTrial]) -> CandidateTr
     tie = max(n * (TUNING.tie * state.sigma) ** 2, 0.01 * best.gain)
     near = [t for t in good if best.gain - t.gain < tie]
     simpler = [t for t in near if t.price < best.price]
-    if simpler:
-        return min(simpler, key=lambda t: (t.price, -t.gain))
-    theta = effect_of(best.fit, best.candidate.key).theta
-    if best.candidate.yields(theta, state.problem.data):
-        likelier = [t for t in near if t.price <= best.price and not t.candidate.last]
-        return likelier[0] if likelier else best
-    return best
+    chosen = min(simpler, key=lambda t: (t.price, -t.gain)) if simpler else best
+    doubles = [t for t in near if chosen.candidate.name in t.candidate.confused_with]
+    if not doubles:
+        return chosen
+    alone = borne_out(state, chosen, everything)
+    likelier = [t for t in doubles if borne_out(state, t, everything) > alone]
+    taken = likelier[0] if likelier else chosen
+    state.passed_over += [t.candidate.key for t in (chosen, *doubles) if t is not taken]
+    return taken
 
 
 def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:

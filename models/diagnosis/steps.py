@@ -38,7 +38,7 @@ from dehyst.models.diagnosis.findings.episodes import Episode, find_episodes, te
 from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.shape import not_contained
 from dehyst.models.diagnosis.findings.sightings import accept, retell, sightings
-from dehyst.models.diagnosis.findings.told import without_driven
+from dehyst.models.diagnosis.findings.told import without_kind
 from dehyst.models.diagnosis.findings.weigh import weigh, with_episode
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.handout import Handed, hand_out
@@ -97,7 +97,8 @@ def diagnose(
     found = find_above_noise(problem, null, say)
     known = explained_heads(found.search.problem, found.search.accepted, found.search.sigma)
     if known:
-        # with what was found, the past is known: the heads count, and tell of what began before
+        # with what was found, the past is known: the heads count, and tell of what began before.
+        # What that is was told by the other rows: in the heads the hysteresis' past shows as well
         data = replace(data, rows=rows_with_heads(data, known))
         whole = replace(whole, rows=rows_with_heads(whole, known))
         problem, bare = (
@@ -105,14 +106,14 @@ def diagnose(
             replace(bare, data=replace(bare.data, rows=data.rows)),
         )
         null = problem.solve([])
-        found = find_above_noise(problem, null, say)
+        found = find_above_noise(problem, null, say, found.search.passed_over)
     sigma = found.search.sigma
     unexplained = by_blocks(problem, null).mean_square
     explained = by_blocks(found.search.problem, found.search.accepted).mean_square
     butterfly = comes_back(data) and explained > TUNING.follows_late * unexplained
     if butterfly or not follows(data, min(unexplained, explained)):
         # out of the class: what the drive causes cannot be told from the loop
-        found = replace(found, search=without_driven(found.search))
+        found = replace(found, search=without_kind(found.search, lambda c: c.driven))
     seen = sightings(data, sigma)
     for candidate, sighting in seen:
         other = accept(found.over_rich, candidate, sighting)
@@ -164,6 +165,9 @@ def _conclude(
     beside = float(np.sqrt(excess(found.problem, found.null, sigma)))
     floor = max(whole_noise, base_error(data) / TUNING.structure_left)
     verdict = verdict_of(findings, left, at_first, beside, floor)
+    if verdict == "partly" and any(e.candidate.slow for e in found.accepted.effects):
+        found = without_kind(found, lambda c: c.slow)
+        return _conclude(recorded, bare, found, episode, warnings, shown, with_limits, say)
     unexplained = min(unexplained, by_blocks(found.problem, found.accepted).mean_square)
     if not follows(data, unexplained) and not shown:
         findings, verdict = [f for f in findings if f.name != "shape"], "unknown"

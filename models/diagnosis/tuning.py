@@ -66,6 +66,7 @@ class Tuning(NamedTuple):
     echo: float = 0.2  # of a finding that it ties with: a smaller one is what that one leaves
     rival_near: float = 0.02  # of the effect's gain: closer than this cannot be told apart
     rival_noise: float = 0.15  # a difference of a smaller size is none
+    rival_most: float = 0.25  # of the effect's gain, that a rival may leave in any case
     # the verdict
     structure_left: float = 0.45  # size that counts as structure left over
     surely_nothing: float = 0.25  # size that the noise's own estimate may be off by
@@ -76,6 +77,7 @@ class Tuning(NamedTuple):
     limit_rows: int = 6_000  # counted where it is asked again with an effect put in,
     limit_shortlist: int = 3  # and candidates that get the full refit then; where it takes all of
     limit_near: float = 0.5  # it, only those that promise such a part of what it gains
+    limit_left: float = 1.0  # size of what is left, above which no effect of the drive is excluded
     limit_driven: float = 0.5  # size at which it is asked first, where the drive causes it,
     limit_free: float = 0.35  # and where it lies beside the drive
     # shape

@@ -13,7 +13,8 @@ import numpy as np
 
 from dehyst.models.identify.comparison_drive import make_comparison_drive
 from dehyst.models.identify.equations import Equations, linearise
-from dehyst.models.identify.final import Fitted, predict_lot
+from dehyst.models.identify.final import Fitted
+from dehyst.models.identify.pull import predict_lot
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, pays
 from dehyst.models.recording import Floats

@@ -1,10 +1,7 @@
 """The fit of the chosen structure on many operators and all rows.
 
-A stage may want what an invertible model cannot give: an output that runs back right after a
-reversal. The bounded fit would bend the rest of the model towards the recording at hand, and be
-worse on every other drive. So a fit without bounds on narrow operators goes first, and the
-invertible model is the one that is close to the data and, on a drive of all kinds
-(dehyst.models.identify.comparison_drive), to that first fit alike.
+Without bounds on narrow operators first; where these cost, the invertible model is held to the
+shape of that first fit (dehyst.models.identify.pull).
 """
 
 from collections.abc import Sequence
@@ -12,10 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dehyst.models.identify.bounded import bounded_solve
-from dehyst.models.identify.comparison_drive import make_comparison_drive
 from dehyst.models.identify.data.outliers import thin
-from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.equations import (
     Equations,
     Normal,
@@ -26,6 +20,7 @@ from dehyst.models.identify.equations import (
 )
 from dehyst.models.identify.evidence import weigh
 from dehyst.models.identify.fit import Solution, make_bounds, make_start, solve
+from dehyst.models.identify.pull import find_share, make_pull, weigh_pull
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, Trial
 from dehyst.models.identify.thresholds import Prior, eliminate, regrid, space_thresholds
@@ -97,29 +92,31 @@ def fit_all(
     begin = min(begins, key=lambda p: measure_misfit(equations, shape, p))
     loose = run(equations, begin, narrow)
     tight = run(equations, loose.params, 0.0, 1e-3)
-    costly = False
+    least, bounded = loose.normal.misfit, tight.normal.misfit
+    costly = setup.limits is not None and bounded > least * (1.0 + TUNING.costs)
     pull: list[Equations] = []
-    worse = tight.normal.misfit > loose.normal.misfit * (1.0 + TUNING.costs)
-    if setup.limits is not None and worse:
+    begin, weight = tight.params, 0.0
+    if costly:
         wish = make_pull(setup, r, shape, offset, loose.params)
-        pull = weigh_pull(setup, wish, r, offset, shape.rate, 1.0)
-        most = TUNING.pull_price**2 * loose.normal.misfit
-        share = _find_share(setup, shape, tight, assemble(pull, shape, tight.params), r, most)
-        pull = [lot._replace(weight=lot.weight * share) for lot in pull]
-        costly = share > 0.0
-        if costly:
-            tight = run(equations + pull, tight.params, 0.0)
-        else:
-            pull = []
-    if not costly:
-        tight = run(equations, tight.params, 0.0)
+        each = loose.normal.count / wish.u.size
+        pull = weigh_pull(setup, wish, r, offset, shape.rate, each * TUNING.pull_shares[-1])
+        # it moves the model far: what it costs is reckoned from where it would end
+        begin = run(equations + pull, begin, 0.0, 1e-3).params
+        data = assemble(equations, shape, begin)
+        whole = prior.add_to(data, shape.rate, strength)
+        pull = [lot._replace(weight=1.0) for lot in pull]
+        most = max(least * TUNING.pull_noise**2, least + TUNING.pull_price * (bounded - least))
+        bounds = make_bounds(begin, setup.limits)
+        weight = each * find_share(data, whole, assemble(pull, shape, begin), bounds, most)
+        pull = [lot._replace(weight=weight) for lot in pull]
+    tight = run(equations + pull, begin, 0.0)
     orders: tuple[tuple[int, float], ...] = ()
     if order is not None:
         r, tight, orders = _reduce(setup, trial, tight, r, shape, order, prior, strength)
         prior = replace(prior, r=r)
         equations = setup.equations(picks, r, offset, lag, shape.rate)
         if costly:
-            pull = weigh_pull(setup, wish, r, offset, shape.rate, share)
+            pull = weigh_pull(setup, wish, r, offset, shape.rate, weight)
         tight = run(equations + pull, tight.params, 0.0)
     normal = prior.add_to(tight.normal, shape.rate, strength)
     alone = [lot._replace(weight=1.0) for lot in pull]
@@ -148,61 +145,6 @@ def find_bent(
     bent = replace(shape, powers=(*shape.powers, power))
     known = any(power in c.shape.powers and c.shape.rate for c in tried)
     return (bent, odds) if known else None
-
-
-def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:
-    """The comparison drive with the displacements that these parameters give for it."""
-    rate_max = setup.rate_max if shape.rate else 0.0
-    rows = make_comparison_drive(setup.drive_min, setup.drive_max, rate_max)
-    alone = replace(setup, rows=[rows], picks=[rows.use])
-    y = np.empty(rows.u.size)
-    start = 0
-    for lot in alone.equations(alone.picks, r, offset, rate=shape.rate):
-        one = params._replace(shifts=np.zeros(0))
-        stop = start + lot.y.size
-        y[start:stop] = setup.sign * predict_lot(lot, shape, one)
-        start = stop
-    return replace(rows, y=y)
-
-
-def predict_lot(lot: Equations, shape: Shape, params: Params) -> Floats:
-    """(n,) what the parameters give for these equations, but for the recordings' shifts."""
-    n = lot.d.shape[1]
-    if shape.rate:
-        up, down = params.slopes[:n], params.slopes[n:]
-        z = 0.5 * (lot.d @ (up + down) + lot.e[:, :n] @ (up - down))
-    else:
-        z = lot.d @ params.slopes
-    if shape.free_offset:
-        z = z + params.lead[0] * lot.pace
-    return z + sum(c * z**p for p, c in zip(shape.powers, params.c, strict=True))
-
-
-def weigh_pull(
-    setup: FitSetup, pull: Rows, r: Floats, offset: float, rate: bool, weight: float
-) -> list[Equations]:
-    """Equations of the pull, each of which counts so often."""
-    alone = replace(setup, rows=[pull], picks=[pull.use])
-    lots = alone.equations(alone.picks, r, offset, rate=rate)
-    return [lot._replace(weight=weight) for lot in lots]
-
-
-def _find_share(
-    setup: FitSetup, shape: Shape, tight: Solution, pull: Normal, r: Floats, most: float
-) -> float:
-    """How much the pull may count so that the data's misfit, as linearised, stays below `most`; 0
-    where the bounds alone cost nearly as much."""
-    data, found = tight.normal, 0.0
-    low, high = make_bounds(tight.params, setup.limits)
-    for share in TUNING.pull_weights:
-        weight = share * data.count / pull.count
-        p, _ = bounded_solve(
-            data.gram + weight * pull.gram, data.right + weight * pull.right, low, high, tight.free
-        )
-        if data.misfit_at(p) > most:
-            break
-        found = weight
-    return found
 
 
 def _reduce(

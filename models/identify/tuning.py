@@ -4,6 +4,8 @@ part `faults`, sizes by `speed` and `length`)."""
 
 from typing import NamedTuple
 
+import numpy as np
+
 
 class Tuning(NamedTuple):
     """Lengths in shares of the drive's span, slopes in shares of the mean slope, but where said."""
@@ -66,9 +68,10 @@ class Tuning(NamedTuple):
     finest: int = 48  # where the number in the model is given, before some are dropped
     spacing: float = 2.5  # of these, the power by which thresholds grow; Eq. 10 has 3
     beyond_half: int = 5  # of these, wider than half the span where the virgin curve was driven
-    pull_weights: tuple[float, ...] = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4)  # of the comparison
-    # drive, against all rows: the largest that keeps the price
-    pull_price: float = 1.07  # rms that bounds and pull may cost, against the fit without bounds
+    # of the comparison drive, against all rows: the largest that keeps the price
+    pull_shares: tuple[float, ...] = tuple((0.01 * 1.4 ** np.arange(16)).tolist())
+    pull_noise: float = 1.073  # rms that bounds and pull may cost, against the fit without bounds
+    pull_price: float = 1.4  # or the misfit that they may cost, against what the bounds alone cost
     costs: float = 0.005  # of the misfit: so much the bounds must cost before there is a pull
     least_explained: float = 0.5  # of the displacement's power, held out: else it does not follow
     start_costs: float = 0.25  # of the misfit beyond the noise, that another start must take away;

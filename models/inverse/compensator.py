@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.models.addresses import Addresses
-from dehyst.models.cascade.step import lead_drive, pack
+from dehyst.models.cascade.step import lead_drive, pack, with_delays_behind
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.hysteresis.monotone import nearest_monotone
 from dehyst.models.hysteresis.operators import operators
@@ -128,7 +128,7 @@ class Compensator:
     ) -> None:
         check(period_s, drive_min, drive_max, slew_per_s, mode, preview_s)
         self.model, self.period_s = model, period_s
-        self._packed = pack(model, period_s, TUNING.node_s)
+        self._packed = pack(with_delays_behind(model), period_s, TUNING.node_s)
         self.channels = self._packed.channels
         packed = self._packed
         self.low, self.high, self.rate = limits_of(model, packed, drive_min, drive_max, slew_per_s)

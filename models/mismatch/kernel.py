@@ -58,8 +58,11 @@ NOW = _record(
     "memory_s",
     "lowest",
     "highest",
+    "raw_lowest",
+    "raw_highest",
 )
-# Sums of one second; w: their weights, c: the creep direction.
+# Sums of one second; w: their weights, c: the creep direction; n_raw: samples of raw and raw2,
+# which begin anew (raw_anew) where the drive goes where it has not been.
 SUMS = _record(
     "w",
     "p",
@@ -77,6 +80,8 @@ SUMS = _record(
     "short",
     "raw",
     "raw2",
+    "n_raw",
+    "raw_anew",
 )
 
 
@@ -216,10 +221,15 @@ def _take_mean(
     if beyond > 0.0:
         state.cov[0, 0] += (TUNING.beyond * beyond) ** 2
         now.lowest, now.highest = min(now.lowest, x), max(now.highest, x)
+    if x > now.raw_highest + TUNING.farther or x < now.raw_lowest - TUNING.farther:
+        now.raw_lowest, now.raw_highest = min(now.raw_lowest, x), max(now.raw_highest, x)
+        s.raw = s.raw2 = s.n_raw = 0.0
+        s.raw_anew = 1.0
     if not math.isfinite(e):
         return
     s.raw += e
     s.raw2 += e * e
+    s.n_raw += 1.0
     v = 0.0
     for i in range(phi.size):
         e -= state.w[i] * phi[i]
@@ -255,7 +265,7 @@ def _begin(state: MonitorState, x: float, p: float) -> None:
     now, low = state.now[0], state.low
     now.filled = 1.0
     now.p_before, now.x_before, now.x_mean = p, x, x
-    now.lowest = now.highest = x
+    now.lowest = now.highest = now.raw_lowest = now.raw_highest = x
     low[: TAUS_S.size] = p
     for j in range(TAUS_S.size, N_LOW, 2):
         low[j], low[j + 1] = 2.0 * (p - 0.5) ** 2, x

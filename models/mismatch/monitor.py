@@ -21,7 +21,9 @@ that the model states, against floors that are learned for each class of motion:
     all       and with the mean's
     ringing   power of what changes within smooth_s: resonance, hum
     short     power of differences over half a millisecond: noise, fast ringing
-    fit       power of the residual itself, without baseline, over what the model states
+    fit       power of the residual itself, without baseline, over what the model states; since the
+              drive was last where it had never been: what the stage remembers of before the watch
+              began is not known, and is forgotten on such ways
 
 For learn_s of motion (seconds in which the stage moves, or has just moved) it only learns; but for
 a `fit` far out, nothing is reported. From then on each figure has a threshold: what it exceeds
@@ -184,8 +186,7 @@ class MismatchMonitor:
     def health(self) -> float:
         """Largest figure over its threshold: below 1 in order. Below 0: still learning, and minus
         the share of the learning that is left."""
-        worst = self._worst()
-        return -self.learning if self.learning and worst <= 1.0 else worst
+        return -self.learning if self.learning and not self.mismatch else self._worst()
 
     @property
     def thresholds(self) -> dict[str, float]:
@@ -280,5 +281,13 @@ def _compute_figures(sums: list[Floats], misfit2: float) -> dict[str, float]:
         "all": float(s["whole"] / count),
         "ringing": float(s["ringing"] / count),
         "short": float(s["short"] / max(s["n_short"], 1.0)),
-        "fit": float(s["raw2"] / count - (s["raw"] / count) ** 2) / misfit2,
+        "fit": _measure_fit(sums) / misfit2,
     }
+
+
+def _measure_fit(sums: list[Floats]) -> float:
+    """Variance of the residual since it was last summed anew [noises squared]."""
+    anew = [k for k, one in enumerate(sums) if one.view(kernel.SUMS)[0]["raw_anew"]]
+    s = np.sum(sums[anew[-1] if anew else 0 :], axis=0).view(kernel.SUMS)[0]
+    count = max(s["n_raw"], 1.0)
+    return float(s["raw2"] / count - (s["raw"] / count) ** 2)

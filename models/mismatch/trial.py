@@ -77,7 +77,9 @@ class ErrorMeter:
         return Errors(model, math.sqrt(float(tracking)), self._count * self._period_s)
 
 
-def why_back(before: Errors, after: Errors, promised: tuple[float, float], noise: float) -> str:
+def why_back(
+    before: Errors, after: Errors, promised: tuple[float, float], noise: float, unit: str
+) -> str:
     """Why the model on trial has to go, in words; "": it stays. promised: what its replay left of
     the model before and of itself; before: NaN where nothing moved before the switch."""
     in_use, offered = promised
@@ -85,15 +87,31 @@ def why_back(before: Errors, after: Errors, promised: tuple[float, float], noise
     enough = offered + (1.0 - TRIAL.promised) * max(0.0, min(known, in_use) - offered)
     if not after.model <= enough:
         return (
-            f"the model's error is {after.model:.3g} where its replay promised {offered:.3g} and "
-            f"the model before had {known:.3g}"
+            f"the offered one's error has not come down to {enough:.3g} {unit} within "
+            f"{after.seconds:.0f} s of motion: it is {after.model:.3g} {unit}, the model before "
+            f"had {known:.3g}, and the test promised {offered:.3g}"
         )
     most = TRIAL.grown * before.tracking + noise
     if math.isfinite(before.tracking) and not after.tracking <= most:
-        return f"the tracking error has grown from {before.tracking:.3g} to {after.tracking:.3g}"
+        return (
+            f"the tracking error has grown from {before.tracking:.3g} to {after.tracking:.3g} "
+            f"{unit} within {after.seconds:.0f} s of motion"
+        )
     own = before.tracking >= TRIAL.mostly * known  # False where nothing moved before
     if own and not after.tracking <= TRIAL.fallen * before.tracking:
         return (
-            f"the tracking error has not fallen: {after.tracking:.3g}, before {before.tracking:.3g}"
+            f"the tracking error has not fallen within {after.seconds:.0f} s of motion: "
+            f"{after.tracking:.3g} {unit}, before {before.tracking:.3g}"
         )
     return ""
+
+
+def say_proven(before: Errors, after: Errors, unit: str) -> str:
+    """In words, that the model on trial stays. before: as above."""
+    says = f"the offered model is proven over {after.seconds:.0f} s of motion"
+    if not math.isfinite(before.model):
+        return f"{says}: its error is {after.model:.3g} {unit}, tracking {after.tracking:.3g}"
+    return (
+        f"{says}: its error is {after.model:.3g} {unit}, the model before had {before.model:.3g}; "
+        f"tracking error {after.tracking:.3g}, before {before.tracking:.3g}"
+    )

@@ -26,6 +26,7 @@ class Tuning(NamedTuple):
     clear: float = 0.9
     sudden: float = 2.0  # thresholds that the newest seconds must exceed
     fit: float = 40.0
+    farther: float = 0.01  # ranges of the drive: so far beyond where it was, `fit` begins anew
     prior: float = 0.1  # of the model's misfit: variance that each feature may explain
     stuck_s: float = 1.0  # the same reading so long
     stuck_move: float = 10.0  # while the model moved by so many noises

@@ -5,7 +5,14 @@ Hysteresis of any shape, which the diagnosis' base makes, has its blocks by name
 """
 
 from dehyst.models.physics.kind import Kind, Param
-from dehyst.models.physics.registry import KINDS, PHYSICS, PLACES, check_block, library
+from dehyst.models.physics.registry import (
+    KINDS,
+    PHYSICS,
+    PLACES,
+    changes_alone,
+    check_block,
+    library,
+)
 from dehyst.models.physics.shape import DriveScale, bent_loops, curved_plays
 
 __all__ = [
@@ -16,6 +23,7 @@ __all__ = [
     "Kind",
     "Param",
     "bent_loops",
+    "changes_alone",
     "check_block",
     "curved_plays",
     "library",

@@ -93,6 +93,7 @@ class Candidate:
     place: str = "stage"
     driven: bool = True
     last: bool = False  # named only when it leaves nothing behind: it fits too much
+    slow: bool = False  # takes a part of any change in time: told only where nothing else is left
     static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
     many: bool = False  # its starts span many shapes, of which chance makes one fit
     rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
@@ -115,9 +116,11 @@ class Candidate:
         """Weight of a start's screened gain: below 1 where a plainer one should go first."""
         return 1.0
 
-    def yields(self, theta: Sequence[float], data: Data) -> bool:
-        """Whether another physics that does as well is the likelier one at these values."""
-        return False
+    def company(
+        self, theta: Sequence[float], amplitudes: Floats, data: Data
+    ) -> tuple[str, tuple[float, ...]] | None:
+        """Key and values of another candidate that must be there too, were this one there."""
+        return None
 
     def scaled(self, theta: Sequence[float], amount: float) -> tuple[float, ...]:
         """Start whose effect is about `amount` times as large, where one parameter says so."""
@@ -128,6 +131,11 @@ class Candidate:
         value = out[self.size_index] * min(max(amount, 0.05), 20.0)
         out[self.size_index] = min(max(value, p.low * 1.01), p.high * 0.98)
         return tuple(out)
+
+    def bounded(self, theta: Sequence[float]) -> tuple[float, ...]:
+        """theta (as of `parameters`), held in its bounds."""
+        pairs = zip(theta, self.parameters, strict=True)
+        return tuple(min(max(float(v), p.low), p.high) for v, p in pairs)
 
     def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
         """Start from the fitted theta of the candidate that this one refines."""

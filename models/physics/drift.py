@@ -127,6 +127,7 @@ class Drift(Candidate):
     confused_with = ("creep",)
     order = 50
     driven = False
+    slow = True
 
     def __init__(self, data: Data, channel: str) -> None:
         self.channel = channel

@@ -3,6 +3,10 @@
 The last move before the recording ended `since` before its first sample; t counts from there.
 Log-type creep of that move (Jung and Gweon 2000) goes on through the recording, whatever its drive
 does. It belongs to one recording: forward only. A new recording begins with its own past.
+
+A stage that creeps from one move creeps from all: the earlier move was no longer than the drive's
+reach, so the recorded moves creep at least by what is seen of it, as a part of that reach. A
+warm-up looks like creep of one move, but has no such company.
 """
 
 import math
@@ -21,6 +25,7 @@ from dehyst.models.physics.candidate import (
     move_from_zero,
     small,
 )
+from dehyst.models.physics.creep import REFERENCE_S
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Never, Param
 from dehyst.models.signals.joined import Data, Floats
@@ -30,6 +35,8 @@ STATE = fields("elapsed")  # since the first sample
 MOST = 0.5  # of the stroke, that a decade of time may move: the move may have been a larger one
 MOST_OF_REACH = 0.1  # and of the displacement that the drive makes from 0
 EARLIEST, LATEST = 0.002, 3.0  # of the recording's length: the last move's end before it
+GOES_ON = 0.3  # of the gain that a move of the whole reach tells: creep differs from decade to
+# decade, and the least that must be there is asked for
 
 
 @Kernel
@@ -106,6 +113,12 @@ class EarlierCreep(Candidate):
             f"before the recording began, by {small(values['per_decade_um'])} for each tenfold of "
             "time: wait before recording, or record the move as well."
         )
+
+    def company(
+        self, theta: Sequence[float], amplitudes: Floats, data: Data
+    ) -> tuple[str, tuple[float, ...]] | None:
+        gain = GOES_ON * float(np.abs(amplitudes).max()) / move_from_zero(data)
+        return "creep", (gain, REFERENCE_S, LATEST * self._longest)
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
         most = max(MOST * float(np.ptp(data.y)), MOST_OF_REACH * move_from_zero(data))

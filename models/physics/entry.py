@@ -50,8 +50,10 @@ class Physics:
     """One file's physics.
 
     name: word of the diagnosis' vocabulary; kinds: blocks of the model file; candidates(data): what
-    the diagnosis may find in these recordings; specimens: by the name that `dehyst excite
-    --separate` takes; told_from: name of a rival -> the drive that tells the two apart, in words.
+    the diagnosis may find in these recordings; changes(data): what is inside the base of a
+    diagnosis, and shows only about a model that was right before; specimens: by the name that
+    `dehyst excite --separate` takes; told_from: name of a rival -> the drive that tells the two
+    apart, in words.
     """
 
     name: str
@@ -59,3 +61,4 @@ class Physics:
     candidates: Callable[[Data], list[Candidate]]
     specimens: Mapping[str, Specimen]
     told_from: Mapping[str, str] = field(default_factory=dict)
+    changes: Callable[[Data], list[Candidate]] = lambda data: []

@@ -1,9 +1,13 @@
-"""Friction in the guide: y = x - (a + b exp(-(v / v_s)^2)) z, v = dx/dt, dz/dx = (sign v - z) / l.
+"""Friction in the guide: y = x - (a + b exp(-(v / v_s)^2)) z, v = dx/dt,
+dz/dx = (1 - z sign v)^n sign v / l.
 
 The presliding state z of Dahl (1976) with the speed dependence of Stribeck, as in the LuGre
-model (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Autom. Control 40, 1995, 419).
+model (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Autom. Control 40, 1995, 419). The
+exponent n is 1, and it bends, or 0: it gives way in a straight line, then slides. With n = 0 and
+a = l the stage rests after each turn until x has moved on by 2 l, a play.
+
 Recognised by its dependence on the speed: presliding alone is a rate-independent memory of the
-displacement and stays inside the base.
+displacement and stays inside the base. About a model that was right before, it shows alone.
 """
 
 import math
@@ -16,19 +20,25 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe, small
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import Kind, Param, Solved, named
-from dehyst.models.signals.filters import dahl
+from dehyst.models.physics.kind import Kind, Param, Solved, Values, named
+from dehyst.models.signals.filters import dahl, plays
 from dehyst.models.signals.joined import Data, Floats
 
 SETTLED = 1e-6  # part of the friction
-PACKED = fields("length", "stribeck", "sliding", "extra")
+LEAST_SLOPE = 0.05
+"""Of what it gives way while it sticks: a play that rests altogether cannot be undone (the stage
+then stays behind by twice this part of the friction, for the moment of the turn)."""
+MOST_OF_LENGTH = 1.3  # friction that gives way by more than all of the way is none
+PACKED = fields("length", "stribeck", "sliding", "extra", "exponent")
 STATE = fields("x", "z")  # input before, presliding
 
 
 @njit(cache=True, nogil=True)
-def _bent(length: float, x_before: float, z: float, x: float) -> float:
+def _preslid(length: float, exponent: float, x_before: float, z: float, x: float) -> float:
     """Presliding after a move to x."""
     dx = x - x_before
+    if exponent == 0.0:
+        return max(-1.0, min(1.0, z + dx / length))
     if dx != 0.0:
         sign = 1.0 if dx > 0.0 else -1.0
         z = sign + (z - sign) * math.exp(-abs(dx) / length)
@@ -39,7 +49,7 @@ def _bent(length: float, x_before: float, z: float, x: float) -> float:
 def _output(p_at: int, s_at: int, x: float, dt: float) -> float:
     """Output for the next input x; the state is left as it is."""
     p, s = record(p_at, PACKED), record(s_at, STATE)
-    z = _bent(p.length, s.x, s.z, x)
+    z = _preslid(p.length, p.exponent, s.x, s.z, x)
     speed = (x - s.x) / dt / p.stribeck if dt > 0.0 else 0.0
     return x - (p.sliding + p.extra * math.exp(-speed * speed)) * z
 
@@ -47,7 +57,7 @@ def _output(p_at: int, s_at: int, x: float, dt: float) -> float:
 @njit(cache=True, nogil=True)
 def _move(p_at: int, s_at: int, x: float) -> None:
     p, s = record(p_at, PACKED), record(s_at, STATE)
-    s.z = _bent(p.length, s.x, s.z, x)
+    s.z = _preslid(p.length, p.exponent, s.x, s.z, x)
     s.x = x
 
 
@@ -96,6 +106,10 @@ def _start(p: Floats, s: Floats, x: float) -> None:
     state["x"], state["z"] = x, 0.0
 
 
+def _check(values: Values) -> str:
+    return "" if values["exponent"][0] in (0.0, 1.0) else "exponent: must be 0 or 1"
+
+
 KIND = Kind(
     name="friction",
     says="friction in the guide",
@@ -105,12 +119,14 @@ KIND = Kind(
         Param("stribeck_{y}_per_s", "stribeck", "/s", 1e-9, 1e12, "speed at which it fades"),
         Param("sliding_{y}", "sliding", "", -1e9, 1e9, "at high speed"),
         Param("extra_{y}", "extra", "", -1e9, 1e9, "more at low speed"),
+        Param("exponent", "exponent", "", 0.0, 1.0, "1: it bends, 0: straight", default=(1.0,)),
     ),
     packed=PACKED,
     state=STATE,
     step=step,
     start=_start,
     inverse=Solved(solve, memory=True),
+    check=_check,
 )
 
 
@@ -173,6 +189,59 @@ class Friction(Candidate):
         return "friction that pushes" if amplitudes[1] < 0 else ""
 
 
+class DryFriction(Candidate):
+    """x - a z, dz/dx = 1 / l within -1..1: it gives way in a straight line, then slides."""
+
+    name = "friction"
+    key = "friction-dry"
+    title = "Friction in the guide"
+    equation = "y = x - a z, dz/dx = 1 / l, -1 <= z <= 1"
+    source = "Coulomb friction on an elastic contact; Dahl 1976, exponent 0"
+    typical = "50 to 400 nm"
+    revealed_by = "reversals, about a model that was right before"
+    confused_with = ("shape", "asymmetry")
+    order = 45
+    static = True
+
+    def __init__(self, data: Data) -> None:
+        stroke = self._stroke = float(np.ptp(data.y))
+        self.parameters = (Parameter("length_um", data.unit, 1e-3 * stroke, 0.3 * stroke),)
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        return [(part * self._stroke,) for part in (0.004, 0.01, 0.025, 0.06)]
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        x, length = context.output, np.array([theta[0]])
+        return np.asarray((plays(length, x, data.starts) - x[:, None]) / theta[0])
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        out = super().values(theta, amplitudes)
+        out["sliding_um"] = (float(amplitudes[0]), self.parameters[0].unit)
+        return out
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        sliding = float(amplitudes[0])
+        params: dict[str, float | tuple[float, ...]] = {
+            f"length_{data.unit}": max(float(theta[0]), sliding / (1.0 - LEAST_SLOPE)),
+            f"stribeck_{data.unit}_per_s": self._stroke,
+            f"sliding_{data.unit}": sliding,
+            f"extra_{data.unit}": 0.0,
+            "exponent": 0.0,
+        }
+        return (Block("friction", "stage", params),)
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        return (
+            f"The guide sticks: after each turn the stage stays behind by up to "
+            f"{small(values['sliding_um'])} to either side; check the guide and its preload."
+        )
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        if amplitudes[0] < 0:
+            return "friction that pushes"
+        return "it would run back" if amplitudes[0] > MOST_OF_LENGTH * theta[0] else ""
+
+
 def _variants(s: Scales) -> list[Block]:
     y, stroke = s.unit, s.stroke
     sizes = {f"sliding_{y}": 0.005 * stroke, f"extra_{y}": 0.01 * stroke}
@@ -190,5 +259,6 @@ PHYSICS = Physics(
     name="friction",
     kinds=(KIND,),
     candidates=lambda data: [Friction(data)],
+    changes=lambda data: [DryFriction(data)],
     specimens={"friction": Specimen(_variants, in_base=True)},
 )

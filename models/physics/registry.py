@@ -44,6 +44,11 @@ def library(data: Data) -> list[Candidate]:
     return sorted(found, key=lambda c: c.order)
 
 
+def changes_alone(data: Data) -> list[Candidate]:
+    """What can be told only as the one change of a stage whose model was right."""
+    return [c for one in PHYSICS.values() for c in one.changes(data)]
+
+
 def check_block(block: Block, drive_unit: str = "", displacement_unit: str = "") -> None:
     """Raise BadModel, naming the key, where a block's kind, place, channel or parameters are
     wrong. Units: those of the model, "" where they are not known."""

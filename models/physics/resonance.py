@@ -120,6 +120,8 @@ KIND = Kind(
 )
 
 MIRRORED = 0.8
+HIGHEST_EXCLUDED = 0.25  # of the rate: how much the drive excites what is above, between two
+# samples, is not known
 SURE_DAMPING = 0.2
 """Of the damping: a mode is excited by what the drive does between two samples, and that is not
 known (tests/benchmarks/models/proof: 0.0140 was told as 0.0120)."""
@@ -180,7 +182,7 @@ class Resonance(Candidate):
     def probes(self, data: Data) -> list[Probe]:
         if self.key != "resonance":
             return []
-        low, high = np.log10(0.01 / data.period), np.log10(1.4 / data.period)
+        low, high = np.log10(0.01 / data.period), np.log10(HIGHEST_EXCLUDED / data.period)
         frequencies = np.logspace(high, low, 13)  # the higher, the weaker
         return [Probe(float(f), (float(f), 0.02, 1.0)) for f in frequencies]
 

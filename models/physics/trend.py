@@ -25,7 +25,6 @@ from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("rate", "amount", "tau")
 STATE = fields("elapsed")  # since the first sample
-SETTLES = 0.5  # of the recordings' length: with a shorter time constant it settles in each of them
 
 
 @Kernel
@@ -68,6 +67,7 @@ class Trend(Candidate):
     order = 55
     last = True
     driven = False
+    slow = True
 
     def __init__(self, data: Data) -> None:
         self._unit = data.unit
@@ -77,17 +77,15 @@ class Trend(Candidate):
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         return [(f * self._longest,) for f in (0.15, 0.5, 3.0)]
 
-    def yields(self, theta: Sequence[float], data: Data) -> bool:
-        # a stage does not warm up anew in every recording; a move before each creeps out
-        return theta[0] < SETTLES * self._longest
-
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
         return apart(data, 1.0 - np.exp(-data.t / theta[0]))
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        # within the longest recording: what a slow one would come to is not seen
+        seen = 1.0 - math.exp(-self._longest / theta[0])
         return {
             "tau_s": (float(theta[0]), "s"),
-            "rise_um": (float(np.mean(amplitudes)), self._unit),
+            "rise_um": (seen * float(np.mean(amplitudes)), self._unit),
         }
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:

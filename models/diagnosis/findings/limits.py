@@ -3,9 +3,10 @@
 The first guess is the strength whose contribution, with everything else refitted, has a size at
 which the search surely accepts. Then the effect is put into the reading at that strength, and the
 search goes on beside what was found; where the effect is not told, once more at a larger one. A
-strength that is never told is no limit. What is stated is a little more: a stage's effect is not
-the library's to the last digit. What stays below at every sensible strength cannot be seen in these
-recordings at all, and the limit says so.
+strength that is never told is no limit. Where more than the noise is left of what the drive does,
+an effect of the drive would be weighed against that, and none is excluded. What is stated is a
+little more: a stage's effect is not the library's to the last digit. What stays below at every
+sensible strength cannot be seen in these recordings at all, and the limit says so.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -58,8 +59,11 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
     named = {e.candidate.name for e in found.accepted.effects} | set(untold)
     left = excess(problem, found.accepted, sigma)
     kinds: dict[tuple[str, str], list[Candidate]] = {}
+    loud = left > (TUNING.limit_left * sigma) ** 2
     for c in library(problem.data):
         if c.name in named or not c.probes(problem.data):
+            continue
+        if c.driven and loud:
             continue
         kinds.setdefault((c.name, c.channel), []).append(c)
 

@@ -33,6 +33,7 @@ def rivals(found: SearchState, effect: Effect) -> list[Rival]:
         TUNING.rival_near * gain,
         1.5 * excess(problem, final, sigma),
     )
+    limit = min(limit, TUNING.rival_most * gain)  # where much is left, a rival still takes most
     taken = {e.candidate.key for e in final.effects}
     seen: dict[str, tuple[Effect, JointFit]] = {}
     for trials in found.rounds:

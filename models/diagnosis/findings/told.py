@@ -1,7 +1,7 @@
 """Which accepted effects are worth telling: those that help on held-out samples, and whose size is
 known to a factor of ten."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from dehyst.models.diagnosis.effects import Effect
@@ -11,6 +11,7 @@ from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState
 from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics.candidate import Candidate
 
 
 def worth_telling(found: SearchState) -> SearchState:
@@ -57,9 +58,9 @@ def only_told(found: SearchState) -> SearchState:
     return replace(found, accepted=final)
 
 
-def without_driven(found: SearchState) -> SearchState:
-    """Without what the drive causes."""
-    rest = [e for e in found.accepted.effects if not e.candidate.driven]
+def without_kind(found: SearchState, of_kind: Callable[[Candidate], bool]) -> SearchState:
+    """Without the effects of a kind of candidate."""
+    rest = [e for e in found.accepted.effects if not of_kind(e.candidate)]
     if len(rest) == len(found.accepted.effects):
         return found
     final = found.problem.refit(rest, settle=0.3 * found.sigma**2) if rest else found.null

@@ -10,7 +10,7 @@ from tests.rigs.gateway_bench import wait_until
 from tests.rigs.processes import dehyst, simulated_config
 
 from dehyst.daemon.config import load_config
-from dehyst.daemon.doctor.examination import examine, is_of_sensor, pick_models, rank_findings
+from dehyst.daemon.doctor.examination import examine
 from dehyst.daemon.doctor.next_step import excite_arguments
 from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Case, Examined
@@ -21,8 +21,6 @@ from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.daemon.tools.second_act import pattern
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
-from dehyst.models.change.causes import Cause, WeighedCause
-from dehyst.models.model import Hysteresis, Model, Validity
 
 RATE_HZ = 200.0
 LAG_S = 0.015
@@ -67,6 +65,7 @@ def lay(folder: Path, stuck: bool = False, **change: float) -> Path:
     [
         ({"amplifier_tau_s": LAG_S}, "lag", "drive"),
         ({"creep_gain_per_decade": 0.045}, "creep", "stage"),  # the stage remembers what led here
+        ({"friction_um": 0.3}, "friction", "stage"),  # the diagnosis' base takes it whole
     ],
 )
 def test_what_changed_is_named_and_the_model_with_it_is_offered(
@@ -91,63 +90,6 @@ def test_a_gauge_that_fails_gets_no_model(tmp_path: Path) -> None:
     assert found.tested is None
     assert found.experiment == ()
     assert not (tmp_path / "case" / cases.OFFERED).exists()
-
-
-class F:
-    """A finding, as far as it is ranked."""
-
-    def __init__(
-        self, name: str, share: float = 0.5, place: str = "stage", near: tuple[str, ...] = ()
-    ) -> None:
-        self.name, self.share, self.place, self.ambiguous_with = name, share, place, near
-
-
-def alone(name: str, new: float, place: str = "stage") -> WeighedCause:
-    plain = Hysteresis(np.zeros(1), np.ones(1), np.array([0.0, 1.0]))
-    tag = f"{name}-{place}"  # to tell the models apart
-    return WeighedCause(Cause(name, place, "", Model(plain, Validity(0.0, 1.0), tag)), 0.0, new)
-
-
-def test_what_is_new_is_told_first() -> None:
-    found = [F(name) for name in ("unknown", "shape", "creep", "rate", "lag")]
-    causes = [alone("lag", 0.04), alone("creep", 0.01)]
-    for least, expected in (
-        (0.005, ["lag", "creep", "shape", "rate", "unknown"]),
-        (0.020, ["lag", "shape", "creep", "rate", "unknown"]),
-        (0.100, ["shape", "lag", "creep", "rate", "unknown"]),
-    ):
-        names = [f.name for f in rank_findings(found, causes, least, 0.0)]  # type: ignore[arg-type]
-        assert names == expected
-
-
-def test_of_what_does_as_well_the_diagnosis_share_decides() -> None:
-    found = [F("lag", 0.1), F("delay", 0.7)]
-    causes = [alone("lag", 0.0403), alone("delay", 0.0400)]
-    for noise2, expected in ((0.0004, "delay"), (0.0002, "lag")):
-        ranked = rank_findings(found, causes, 0.001, noise2)  # type: ignore[arg-type]
-        assert ranked[0].name == expected
-
-
-def test_the_gauge_has_changed_where_nothing_else_does_as_well() -> None:
-    lag = F("lag", place="sensor")
-    for elsewhere, expected in ((0.0400, False), (0.0300, True)):
-        causes = [alone("lag", 0.0402, "sensor"), alone("lag", elsewhere, "drive")]
-        assert is_of_sensor(lag, causes, 0.0004) is expected  # type: ignore[arg-type]
-    assert is_of_sensor(lag, causes[:1], 0.0004)  # type: ignore[arg-type]
-    assert not is_of_sensor(F("lag", place="drive"), causes, 0.0004)  # type: ignore[arg-type]
-
-
-def test_what_was_named_is_offered_else_what_it_cannot_be_told_from() -> None:
-    causes = [
-        alone("rate", 0.05), alone("lag", 0.045, "sensor"), alone("lag", 0.04, "drive"),
-        alone("creep", 0.01), alone("delay", -0.01),
-    ]  # fmt: skip
-    first = F("lag", near=("rate", "delay"))
-    picked = [m.drive_unit for m in pick_models(first, causes)]  # type: ignore[arg-type]
-    assert picked == ["lag-drive"]
-    del causes[2]
-    picked = [m.drive_unit for m in pick_models(first, causes)]  # type: ignore[arg-type]
-    assert picked == ["rate-stage"]
 
 
 @pytest.mark.parametrize(

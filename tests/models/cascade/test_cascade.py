@@ -62,6 +62,17 @@ BLOCKS = {
         "stage",
         {"length_um": 0.4, "stribeck_um_per_s": 100.0, "sliding_um": 0.1, "extra_um": 0.05},
     ),
+    "dry friction": Block(
+        "friction",
+        "stage",
+        {
+            "length_um": 0.21,
+            "stribeck_um_per_s": 100.0,
+            "sliding_um": 0.2,
+            "extra_um": 0.0,
+            "exponent": 0.0,
+        },
+    ),
     "shape": Block(
         "shape",
         "stage",
@@ -175,6 +186,14 @@ def test_all_blocks_together(rate: bool) -> None:
     model = _model(*blocks, rate=rate)
     assert _tracking(model, 0.1) < 0.05
     assert _tracking(model, 0.1, _model(rate=rate)) > 0.25
+
+
+@pytest.mark.parametrize("rate", [False, True])
+def test_a_delay_of_the_drive_is_undone_like_one_of_the_stage(rate: bool) -> None:
+    """The next drive is found from the drive that went out, not from the one that has arrived."""
+    late = Block("delay", "drive", {"delay_s": 3.3e-3})
+    at_stage = _tracking(_model(BLOCKS["delay"], rate=rate), 0.1)
+    assert _tracking(_model(late, rate=rate), 0.1) < at_stage + 1e-3
 
 
 def test_the_sensors_own_filter_is_not_compensated() -> None:

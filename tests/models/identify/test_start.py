@@ -8,14 +8,13 @@ rest. Told is the answer itself, so no bar is needed.
 
 import numpy as np
 import pytest
-from tests.benchmarks.daemon.loop_closed import exploring
 
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
 from dehyst.models.identify.data.rows import read_rows
 from dehyst.models.identify.setup import set_up
 from dehyst.models.identify.start import start_agrees
-from dehyst.models.recording import Recording
+from dehyst.models.recording import Floats, Recording
 
 T = 1e-3
 EFFECTS = {
@@ -24,6 +23,14 @@ EFFECTS = {
     "more creep": {"creep_gain_per_decade": 0.05},
     "lag": {"sensor_tau_s": 3e-3},
 }
+
+
+def exploring(seed: int, seconds: float = 20.0) -> Floats:
+    """An open-loop drive for the identification: sines over the range, from rest."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds / T)) * T
+    u = sum(np.sin(2 * np.pi * (f * t + rng.random())) for f in (0.31, 0.73, 1.9, 4.1, 9.7))
+    return (72.0 + 66.0 * u / np.max(np.abs(u))) * np.clip(t / 0.5, 0, 1)
 
 
 def recorded(effect: str, exercised: bool, seed: int) -> Recording:

@@ -7,7 +7,7 @@ import pytest
 
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.mismatch.gauge import find_gauge_fault
-from dehyst.models.mismatch.trial import ErrorMeter, Errors, why_back
+from dehyst.models.mismatch.trial import ErrorMeter, Errors, say_proven, why_back
 from dehyst.models.model import Fit, Hysteresis, Model, Validity
 from dehyst.models.recording import Recording
 
@@ -74,7 +74,21 @@ def test_a_meter_gives_the_figures_of_the_newest_seconds_by_a_closed_form() -> N
 def test_it_stays_where_its_error_fell_by_half_of_the_promise(
     before: Errors, after: Errors, stays: bool
 ) -> None:
-    assert (why_back(before, after, (0.3, 0.03), NOISE) == "") is stays
+    assert (why_back(before, after, (0.3, 0.03), NOISE, "um") == "") is stays
+
+
+def test_what_became_of_it_is_said_with_figures_and_unit() -> None:
+    before, worse = Errors(0.3, 0.3, 10), Errors(0.2, 0.2, 10)
+    assert why_back(before, worse, (0.3, 0.03), NOISE, "um") == (
+        "the offered one's error has not come down to 0.165 um within 10 s of motion: it is 0.2 "
+        "um, the model before had 0.3, and the test promised 0.03"
+    )
+    better, nothing = Errors(0.03, 0.04, 10), Errors(math.nan, math.nan, 0)
+    assert say_proven(before, better, "um") == (
+        "the offered model is proven over 10 s of motion: its error is 0.03 um, the model before "
+        "had 0.3; tracking error 0.04, before 0.3"
+    )
+    assert "nan" not in say_proven(nothing, better, "um")
 
 
 def stuck(y: np.ndarray) -> np.ndarray:

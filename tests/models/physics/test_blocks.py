@@ -197,3 +197,29 @@ def test_shape_against_plain_plays() -> None:
 def test_wrong_blocks_are_refused_by_key(block: Block, names: str) -> None:
     with pytest.raises(BadModel, match=names):
         check_block(block, "v", "um")
+
+
+@pytest.mark.parametrize("length", [0.3, 1.0])
+def test_friction_that_gives_way_in_a_straight_line_is_a_play(length: float) -> None:
+    t, x = _signal()
+    h, want = x[0], []
+    for v in x:  # half of it: a play and what passes beside it
+        h = max(v - length, min(v + length, h))
+        want.append(0.5 * v + 0.5 * h)
+    values = {"length": length, "stribeck": 1.0, "sliding": 0.5 * length, "extra": 0.0}
+    got = KINDS["friction"].forward(x, t, exponent=0.0, **values)
+    assert np.allclose(got, want, atol=1e-12)
+    with pytest.raises(BadModel, match="exponent"):
+        check_block(
+            Block(
+                "friction",
+                "stage",
+                {
+                    "length_um": 1.0,
+                    "stribeck_um_per_s": 1.0,
+                    "sliding_um": 0.5,
+                    "extra_um": 0.0,
+                    "exponent": 0.5,
+                },
+            )
+        )

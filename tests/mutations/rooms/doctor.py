@@ -3,7 +3,7 @@
 from tests.mutations.change import Change, room
 
 TRIAL, GAUGE = (f"models/mismatch/{name}.py" for name in ("trial", "gauge"))
-REPLAY, LED = (f"models/change/{name}.py" for name in ("replay", "led"))
+REPLAY, LED, NAMING = (f"models/change/{name}.py" for name in ("replay", "led", "naming"))
 PURE = ("tests/models/mismatch/test_trial.py", "tests/models/change")
 DESK, WORK = "daemon/gateway/doctor_desk.py", "daemon/gateway/model_trial.py"
 CHOSEN, EXAMINATION = "daemon/files/chosen.py", "daemon/doctor/examination.py"
@@ -49,6 +49,31 @@ CHANGES = [
         Change(
             "zero-jumps", REPLAY, "        c[0] += shift / gain\n", "        c[0] += 0.0\n",
             "an accepted model moves the stage by micrometres",
+        ),
+        Change(
+            "chance-ranks", NAMING, "if of_it >= best - noise2 else -of_it",
+            "if False else -of_it",
+            "of two causes that do as well the one is named that did better by chance",
+        ),
+        Change(
+            "gauge-compensated", NAMING,
+            'if one.new > 0.0 and one.cause.place != "sensor"]', "if one.new > 0.0]",
+            "the stage is moved for a gauge that has become slow",
+        ),
+        Change(
+            "gauge-at-once", NAMING,
+            "return not elsewhere or max(elsewhere) < max(here, default=0.0) - noise2",
+            "return True",
+            "a lag of the amplifier is blamed on the gauge",
+        ),
+        Change(
+            "one-change-any", NAMING,
+            "return best if best.left**2 <= min(enough, explained) else None", "return best",
+            "a cause that explains a part is named alone",
+        ),
+        Change(
+            "one-change-over-a-tie", NAMING, "if best.new <= as_named + noise2:", "if False:",
+            "of two causes that do as well the one is named that did better by chance",
         ),
         Change(
             "gauge-stuck-unseen", GAUGE, "if share > GAUGE.same:", "if False:",
@@ -112,22 +137,6 @@ CHANGES = [
             "memory-unknown", EXAMINATION, "    flagged, good = lead_in(whole, lead_s),",
             "    flagged, good = without_lead(whole, lead_s),",
             "creep is taken for another shape of the loop, and nothing is offered",
-        ),
-        Change(
-            "chance-ranks", EXAMINATION, "if of_it >= best - noise2 else -of_it",
-            "if False else -of_it",
-            "of two causes that do as well the one is named that did better by chance",
-        ),
-        Change(
-            "gauge-compensated", EXAMINATION,
-            'if one.new > 0.0 and one.cause.place != "sensor"]', "if one.new > 0.0]",
-            "the stage is moved for a gauge that has become slow",
-        ),
-        Change(
-            "gauge-at-once", EXAMINATION,
-            "return not elsewhere or max(elsewhere) < max(here, default=0.0) - noise2",
-            "return True",
-            "a lag of the amplifier is blamed on the gauge",
         ),
     ),
     *room(

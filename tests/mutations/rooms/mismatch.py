@@ -61,3 +61,10 @@ CHANGES = room(
     Change("fit-with-offset", MONITOR, 's["raw2"] / count - (s["raw"] / count) ** 2',
            's["raw2"] / count', "a shifted zero counts as a model that does not fit"),
 )  # fmt: skip
+CHANGES += room(
+    ("tests/models/mismatch/test_monitor.py",),
+    _tuning("past-is-misfit", "farther: float = 0.01", "farther: float = 10.0",
+            "a stage that was moved before the loop began is called another one"),
+    Change("knows-at-once", MONITOR, "if self.learning and not self.mismatch else", "if False else",
+           "health tells of a stage that is not known yet"),
+)  # fmt: skip

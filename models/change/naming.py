@@ -1,0 +1,106 @@
+"""What is named: the diagnosis' findings in the order of what is new, or one change alone.
+
+A diagnosis fits the loop's shape anew beside each cause. A shape can take what belongs to the
+cause, and then no cause is seen behind it. Where one change alone, beside the model in use, leaves
+no more of later telemetry than that model left when all was well, nothing else is needed.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from dehyst.models.change.causes import WeighedCause
+from dehyst.models.diagnosis import Finding
+from dehyst.models.model import Model
+
+EXPLAINED = 0.15  # of the power beyond the noise, that one change may leave
+
+
+class Left(NamedTuple):
+    """rms that is left: by the model in use of later telemetry, and of the good recording (NaN:
+    there is none); by all that the diagnosis found, of later telemetry; noise."""
+
+    in_use: float
+    when_good: float
+    found: float
+    noise: float
+
+
+def rank_findings(
+    findings: Sequence[Finding], causes: Sequence[WeighedCause], least: float, noise2: float
+) -> list[Finding]:
+    """What is new first: by the mean square that each finding's cause alone removes of later
+    telemetry and not of the good recording, and where that is as good as the best but for the
+    noise's (noise2), by the diagnosis' share; then the loop's shape, then what removes less than
+    `least`, then what nothing explains."""
+    new: dict[str, float] = {}
+    for one in causes:
+        new[one.cause.name] = max(new.get(one.cause.name, 0.0), one.new)
+    best = max((new.get(f.name, 0.0) for f in findings), default=0.0)
+
+    def rank(finding: Finding) -> tuple[int, float, float]:
+        of_it = new.get(finding.name, 0.0)
+        last = {"shape": 1, "unknown": 3}.get(finding.name, 0 if of_it >= least else 2)
+        return last, -best if of_it >= best - noise2 else -of_it, -finding.share
+
+    return sorted(findings, key=rank)
+
+
+def find_one_change(
+    findings: Sequence[Finding], causes: Sequence[WeighedCause], left: Left
+) -> WeighedCause | None:
+    """The cause that alone explains all that is new, where the diagnosis does not name it and
+    needs more than one name, or a shape. findings, causes: what is new first."""
+    best = causes[0] if causes else None
+    names = {f.name for f in findings}
+    if best is None or not names or best.cause.name in names:
+        return None
+    if len(names) == 1 and not names & {"shape", "unknown"}:
+        return None  # one name against another: the diagnosis has weighed them
+    noise2 = left.noise**2
+    first = findings[0]
+    if first.name != "shape" and best.cause.name in first.ambiguous_with:
+        as_named = max((o.new for o in causes if o.cause.name == first.name), default=0.0)
+        if best.new <= as_named + noise2:  # better by chance
+            return None
+    enough = max(left.found**2, 0.0 if math.isnan(left.when_good) else left.when_good**2) + noise2
+    explained = EXPLAINED * (left.in_use**2 - noise2) + noise2
+    return best if best.left**2 <= min(enough, explained) else None
+
+
+def tell_one_change(one: WeighedCause, causes: Sequence[WeighedCause], left: Left) -> Finding:
+    """That cause as what was found, with the names of those that do as well but for the noise."""
+    noise2, cause = left.noise**2, one.cause
+    near = [o.cause.name for o in causes if o.new >= one.new - noise2]
+    return Finding(
+        name=cause.name,
+        key=cause.name,
+        place=cause.place,
+        title=cause.says,
+        equation="",
+        source="",
+        share=min(1.0, max(0.0, one.new / max(left.in_use**2 - noise2, 1e-300))),
+        evidence={},
+        parameters={},
+        ambiguous_with=tuple(dict.fromkeys(n for n in near if n != cause.name)),
+        where={},
+        says=cause.says,
+    )
+
+
+def is_of_sensor(first: Finding, causes: Sequence[WeighedCause], noise2: float) -> bool:
+    """Whether it is the gauge that has changed: no cause of that name elsewhere does as well."""
+    if first.place != "sensor":
+        return False
+    alone = [one for one in causes if one.cause.name == first.name]
+    here = [one.new for one in alone if one.cause.place == "sensor"]
+    elsewhere = [one.new for one in alone if one.cause.place != "sensor"]
+    return not elsewhere or max(elsewhere) < max(here, default=0.0) - noise2
+
+
+def pick_models(first: Finding, causes: Sequence[WeighedCause]) -> list[Model]:
+    """What was named alone, else what it cannot be told from; a gauge's is not compensated."""
+    fit = [one for one in causes if one.new > 0.0 and one.cause.place != "sensor"]
+    named = [one for one in fit if one.cause.name == first.name]
+    near = [one for one in fit if one.cause.name in first.ambiguous_with]
+    return [one.cause.model for one in named or near]

@@ -1,0 +1,77 @@
+"""What holds an invertible model to the shape that the data want, where it cannot follow them.
+
+A stage may want what an invertible model cannot give: an output that runs back right after a
+reversal. The bounded fit would bend the rest of the model towards the recording at hand, and be
+worse on every other drive. So a fit without bounds on narrow operators goes first, and the
+invertible model is the one that is close to the data and, on a drive of all kinds
+(dehyst.models.identify.comparison_drive), to that first fit alike.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from dehyst.models.identify.bounded import bounded_solve
+from dehyst.models.identify.comparison_drive import make_comparison_drive
+from dehyst.models.identify.data.rows import Rows
+from dehyst.models.identify.equations import Equations, Normal, Params, Shape
+from dehyst.models.identify.fit import Bounds
+from dehyst.models.identify.setup import FitSetup
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Floats
+
+
+def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:
+    """The comparison drive with the displacements that these parameters give for it."""
+    rate_max = setup.rate_max if shape.rate else 0.0
+    rows = make_comparison_drive(setup.drive_min, setup.drive_max, rate_max)
+    alone = replace(setup, rows=[rows], picks=[rows.use])
+    y = np.empty(rows.u.size)
+    start = 0
+    for lot in alone.equations(alone.picks, r, offset, rate=shape.rate):
+        one = params._replace(shifts=np.zeros(0))
+        stop = start + lot.y.size
+        y[start:stop] = setup.sign * predict_lot(lot, shape, one)
+        start = stop
+    return replace(rows, y=y)
+
+
+def predict_lot(lot: Equations, shape: Shape, params: Params) -> Floats:
+    """(n,) what the parameters give for these equations, but for the recordings' shifts."""
+    n = lot.d.shape[1]
+    if shape.rate:
+        up, down = params.slopes[:n], params.slopes[n:]
+        z = 0.5 * (lot.d @ (up + down) + lot.e[:, :n] @ (up - down))
+    else:
+        z = lot.d @ params.slopes
+    if shape.free_offset:
+        z = z + params.lead[0] * lot.pace
+    return z + sum(c * z**p for p, c in zip(shape.powers, params.c, strict=True))
+
+
+def weigh_pull(
+    setup: FitSetup, pull: Rows, r: Floats, offset: float, rate: bool, weight: float
+) -> list[Equations]:
+    """Equations of the pull, each of which counts so often."""
+    alone = replace(setup, rows=[pull], picks=[pull.use])
+    lots = alone.equations(alone.picks, r, offset, rate=rate)
+    return [lot._replace(weight=weight) for lot in lots]
+
+
+def find_share(data: Normal, whole: Normal, pull: Normal, bounds: Bounds, most: float) -> float:
+    """How much the pull counts, against all rows: the most that keeps the data's misfit below
+    `most`, as linearised, and some in any case.
+
+    data: normal equations of the rows; whole: the prior's with them; pull: its own.
+    """
+    low, high = bounds
+    found = TUNING.pull_shares[0]
+    free = None
+    for share in TUNING.pull_shares:
+        weight = share * data.count / pull.count
+        gram, right = whole.gram + weight * pull.gram, whole.right + weight * pull.right
+        p, free = bounded_solve(gram, right, low, high, free)
+        if data.misfit_at(p) > most:
+            break
+        found = share
+    return found

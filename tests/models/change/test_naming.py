@@ -1,0 +1,114 @@
+"""What is named first, and which models are tried: what one change alone removes decides."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dehyst.models.change.causes import Cause, WeighedCause
+from dehyst.models.change.naming import (
+    Left,
+    find_one_change,
+    is_of_sensor,
+    pick_models,
+    rank_findings,
+    tell_one_change,
+)
+from dehyst.models.model import Hysteresis, Model, Validity
+
+
+class F:
+    """A finding, as far as it is ranked."""
+
+    def __init__(
+        self, name: str, share: float = 0.5, place: str = "stage", near: tuple[str, ...] = ()
+    ) -> None:
+        self.name, self.share, self.place, self.ambiguous_with = name, share, place, near
+
+
+def alone(name: str, new: float, place: str = "stage", left: float = 0.0) -> WeighedCause:
+    plain = Hysteresis(np.zeros(1), np.ones(1), np.array([0.0, 1.0]))
+    tag = f"{name}-{place}"  # to tell the models apart
+    return WeighedCause(Cause(name, place, "", Model(plain, Validity(0.0, 1.0), tag)), left, new)
+
+
+def test_what_is_new_is_told_first() -> None:
+    found = [F(name) for name in ("unknown", "shape", "creep", "rate", "lag")]
+    causes = [alone("lag", 0.04), alone("creep", 0.01)]
+    for least, expected in (
+        (0.005, ["lag", "creep", "shape", "rate", "unknown"]),
+        (0.020, ["lag", "shape", "creep", "rate", "unknown"]),
+        (0.100, ["shape", "lag", "creep", "rate", "unknown"]),
+    ):
+        names = [f.name for f in rank_findings(found, causes, least, 0.0)]  # type: ignore[arg-type]
+        assert names == expected
+
+
+def test_of_what_does_as_well_the_diagnosis_share_decides() -> None:
+    found = [F("lag", 0.1), F("delay", 0.7)]
+    causes = [alone("lag", 0.0403), alone("delay", 0.0400)]
+    for noise2, expected in ((0.0004, "delay"), (0.0002, "lag")):
+        ranked = rank_findings(found, causes, 0.001, noise2)  # type: ignore[arg-type]
+        assert ranked[0].name == expected
+
+
+def test_the_gauge_has_changed_where_nothing_else_does_as_well() -> None:
+    lag = F("lag", place="sensor")
+    for elsewhere, expected in ((0.0400, False), (0.0300, True)):
+        causes = [alone("lag", 0.0402, "sensor"), alone("lag", elsewhere, "drive")]
+        assert is_of_sensor(lag, causes, 0.0004) is expected  # type: ignore[arg-type]
+    assert is_of_sensor(lag, causes[:1], 0.0004)  # type: ignore[arg-type]
+    assert not is_of_sensor(F("lag", place="drive"), causes, 0.0004)  # type: ignore[arg-type]
+
+
+def test_what_was_named_is_offered_else_what_it_cannot_be_told_from() -> None:
+    causes = [
+        alone("rate", 0.05), alone("lag", 0.045, "sensor"), alone("lag", 0.04, "drive"),
+        alone("creep", 0.01), alone("delay", -0.01),
+    ]  # fmt: skip
+    first = F("lag", near=("rate", "delay"))
+    picked = [m.drive_unit for m in pick_models(first, causes)]  # type: ignore[arg-type]
+    assert picked == ["lag-drive"]
+    del causes[2]
+    picked = [m.drive_unit for m in pick_models(first, causes)]  # type: ignore[arg-type]
+    assert picked == ["rate-stage"]
+
+
+LEFT = Left(in_use=0.40, when_good=0.05, found=0.18, noise=0.03)
+
+
+def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis() -> None:
+    found = [F("lag"), F("shape"), F("unknown")]
+    mode = alone("resonance", 0.158, left=0.05)
+    causes = [mode, alone("lag", 0.09, "sensor", 0.26)]
+    assert find_one_change(found, causes, LEFT) is mode  # type: ignore[arg-type]
+    tied = [F("lag", near=("resonance",)), *found[1:]]  # it could be one, and does worse
+    assert find_one_change(tied, causes, LEFT) is mode  # type: ignore[arg-type]
+    told = tell_one_change(mode, causes, LEFT)
+    assert (told.name, told.place, told.ambiguous_with) == ("resonance", "stage", ())
+    assert told.share == pytest.approx(0.158 / (0.40**2 - 0.03**2))
+    near = tell_one_change(mode, [*causes, alone("delay", 0.1575, left=0.051)], LEFT)
+    assert near.ambiguous_with == ("delay",)
+
+
+@pytest.mark.parametrize(
+    ("found", "left", "limits"),
+    [
+        ([F("resonance")], 0.05, LEFT),  # it is named
+        (
+            [F("lag", near=("resonance",)), F("creep")],
+            0.05,
+            LEFT,
+        ),  # or what the lag may be
+        ([F("lag")], 0.05, LEFT),  # the diagnosis, too, has one name
+        ([F("lag"), F("creep")], 0.25, LEFT),  # the diagnosis explains more
+        ([F("lag"), F("creep")], 0.20, LEFT._replace(found=0.30)),  # much is left by both
+        ([F("shape")], 0.09, LEFT._replace(found=0.03)),  # a shape explains what it does not
+        ([F("shape")], 0.05, LEFT._replace(found=0.03, when_good=math.nan)),
+    ],
+)
+def test_else_the_diagnosis_stands(found: list[F], left: float, limits: Left) -> None:
+    new = 0.16 - left**2
+    causes = [alone("resonance", new, left=left), alone("lag", new - 0.0008)]
+    assert find_one_change(found, causes, limits) is None  # type: ignore[arg-type]
+    assert find_one_change(found, [], limits) is None  # type: ignore[arg-type]
