@@ -95,7 +95,8 @@ class Clip(Candidate):
         ]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        return (Block("clip", "drive", {"min_v": float(theta[0]), "max_v": float(theta[1])}),)
+        low, high = f"min_{data.drive_unit}", f"max_{data.drive_unit}"
+        return (Block("clip", "drive", {low: float(theta[0]), high: float(theta[1])}),)
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         ends = [

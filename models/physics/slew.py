@@ -85,7 +85,7 @@ class Slew(Candidate):
         return [Probe(float(r), (float(r),)) for r in top * np.geomspace(0.97, 0.01, 12)]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        return (Block("slew", "drive", {"rate_v_per_s": float(theta[0])}),)
+        return (Block("slew", "drive", {f"rate_{data.drive_unit}_per_s": float(theta[0])}),)
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
         moving = np.abs(np.diff(data.u, prepend=data.u[0])) > 1e-5 * data.span

@@ -3,6 +3,7 @@
 import importlib
 import pkgutil
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -117,6 +118,14 @@ def test_it_has_an_experiment_and_blocks_that_a_model_file_takes(name: str, plai
     assert {rival for p in PHYSICS.values() for rival in p.told_from} <= {
         p.name for p in PHYSICS.values()
     }
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_what_its_candidates_write_has_the_units_of_the_recordings(name: str, plain) -> None:
+    foreign = replace(plain, drive_unit="counts", unit="nm")
+    for candidate in PHYSICS[name].candidates(foreign):
+        for block in candidate.blocks(*strength(candidate, foreign), foreign):
+            check_block(block, "counts", "nm")
 
 
 @pytest.mark.parametrize("name", FILES)
