@@ -1,9 +1,9 @@
 """How far a model may be off on a drive that it has not seen: one figure for the whole range.
 
 What the model foretells errs by what its parameters are not known to (their covariance, carried to
-a drive of all kinds, models.identify.comparison_drive), by what structures differ there between
-which the recordings do not decide, by what is left of stretches that were held out, beyond the
-noise, and, where the data want what no invertible model gives, by what that leaves.
+a drive of all kinds, models.identify.data.comparison_drive), by what structures differ there
+between which the recordings do not decide, by what is left of stretches that were held out, beyond
+the noise, and, where the data want what no invertible model gives, by what that leaves.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dehyst.models.identify.comparison_drive import make_comparison_drive
+from dehyst.models.identify.data.comparison_drive import make_comparison_drive
 from dehyst.models.identify.equations import Equations, linearise
 from dehyst.models.identify.final import Fitted
 from dehyst.models.identify.pull import predict_lot

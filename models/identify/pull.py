@@ -4,7 +4,7 @@ A stage may want what an invertible model cannot give: an output that runs back 
 reversal. The bounded fit would bend the rest of the model towards the recording at hand, and be
 worse on every other drive. So a fit without bounds on narrow operators goes first, and the
 invertible model is the one that is close to the data and, on a drive of all kinds
-(dehyst.models.identify.comparison_drive), to that first fit alike.
+(dehyst.models.identify.data.comparison_drive), to that first fit alike.
 """
 
 from dataclasses import replace
@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from dehyst.models.identify.bounded import bounded_solve
-from dehyst.models.identify.comparison_drive import make_comparison_drive
+from dehyst.models.identify.data.comparison_drive import make_comparison_drive
 from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.equations import Equations, Normal, Params, Shape
 from dehyst.models.identify.fit import Bounds

@@ -121,6 +121,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         shared &= set(one.channels)
     pieces: list[dict[str, NDArray]] = []
     part = block = missing = stalls = 0
+    lowest = min(_lowest_drive(one) for one in recordings)
     units = {(_units(one)) for one in recordings}
     if len(units) > 1:
         raise BadRecording("the recordings have different units; diagnose one stage at a time")
@@ -139,7 +140,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
             channels[k] = np.interp(np.arange(n), np.flatnonzero(there), values)
         first = np.zeros(n, dtype=np.int64)
         first[0] = FRESH
-        history = _known_history(laid.u, laid.cut, virgin)
+        history = _known_history(laid.u, laid.cut, lowest if virgin else -np.inf)
         pieces.append(
             {
                 "t": laid.t,
@@ -250,17 +251,23 @@ def were_de_energised(recordings: Sequence[Recording]) -> bool:
         return True
 
 
-def _known_history(u: Floats, cut: Bools, virgin: bool) -> Bools:
+def _lowest_drive(one: Recording) -> float:
+    """Of a recording; inf where there is none."""
+    known = one.drive[np.isfinite(one.drive)]
+    return float(known.min()) if known.size else np.inf
+
+
+def _known_history(u: Floats, cut: Bools, lowest: float) -> Bools:
     """False at the head of each part until the drive has swept most of its range.
 
-    virgin: a part that starts at the lowest drive was de-energised, and counts from the start.
-    At most a third of a part is left out.
+    lowest: a part that starts there was de-energised, and counts from the start. At most a third
+    of a part is left out.
     """
     rows = np.ones(u.size, dtype=bool)
     span = float(np.ptp(u))
     bounds = np.r_[np.flatnonzero(cut), u.size]
     for a, b in pairwise(bounds):
-        if virgin and u[a] - u.min() < 0.02 * span:
+        if abs(u[a] - lowest) < 0.02 * span:
             continue
         x = u[a:b]
         swept = np.maximum.accumulate(x) - np.minimum.accumulate(x)

@@ -58,7 +58,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
     paths["model"] = tmp_path / "model.toml"
     paths["model"].write_text(model_text())
     paths["config"] = tmp_path / "stage.toml"
-    paths["config"].write_text(CONFIG.format(run_dir=tmp_path / "run", port=7447))
+    paths["config"].write_text(CONFIG.format(run_dir=tmp_path / "run", port=7447, cpu=0))
     return paths
 
 

@@ -72,7 +72,7 @@ def test_models(what: str, capsys: pytest.CaptureFixture[str]) -> None:
                                  "safe.voltage_v", "actuator.gain"])  # fmt: skip
 def test_configurations(key: str, value: str, capsys: pytest.CaptureFixture[str]) -> None:
     table, _, name = key.partition(".")
-    text = CONFIG.format(run_dir="run", port=7447)
+    text = CONFIG.format(run_dir="run", port=7447, cpu=0)
     text = re.sub(rf"(?m)^({table} = \{{.*?)(, {name} = [\d.]+)?\}}$",
                   rf"\1, {name} = {value}}}", text)  # fmt: skip
     text = re.sub(rf"\b{name} = (?!{re.escape(value)})[\d.]+, ?", "", text)

@@ -92,3 +92,19 @@ def test_a_given_model_that_begins_elsewhere_is_no_ground_to_stand_on() -> None:
         problem = Problem(data, rich_base(data), take_subject(model, data))
         stands[name] = on_the_model(problem, problem.solve([])).subject.carries
     assert stands == {"right": True, "middle": False, "with a block": True}
+
+
+def test_only_what_begins_at_the_lowest_drive_of_all_recordings_may_count_from_its_start() -> None:
+    t = np.arange(4000) * 1e-3
+    from_rest = 5 - 5 * np.cos(2 * np.pi * t)
+    from_a_level = 6.5 - 3.5 * np.cos(2 * np.pi * t)  # its own lowest drive, and not the stage's
+    noise = 0.01 * np.random.default_rng(3).standard_normal((2, t.size))
+    both = [
+        Recording(t, u, 0.1 * u + e, name=name)
+        for u, e, name in zip((from_rest, from_a_level), noise, "ab", strict=True)
+    ]
+    data = prepare(both)
+    assert data.rows[data.rec == 0].all()
+    assert not data.rows[np.flatnonzero(data.rec == 1)[:200]].any()
+    alone = prepare(both[1:])
+    assert alone.rows.all()
