@@ -104,6 +104,19 @@ def on_the_model(problem: Problem, null: JointFit) -> Problem:
     return carried if alone < over_base else problem
 
 
+def on_the_other(problem: Problem, found: SearchState) -> Problem:
+    """The problem without the model in use where it was under the base, or with it where it was
+    not, if that foretells much better with what was found: an effect that is large beside what the
+    base does decides what `on_the_model` looks at."""
+    subject = problem.subject
+    if not found.accepted.effects or (subject.carries and subject.model.blocks):
+        return problem
+    other = replace(problem, subject=replace(subject, carries=not subject.carries))
+    fit = other.refit(found.accepted.effects)
+    now = by_blocks(found.problem, found.accepted).mean_square
+    return other if by_blocks(other, fit).mean_square < TUNING.distorted * now else problem
+
+
 def held_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
     """The problem with the drive half a sample earlier, where that explains much of the misfit.
 

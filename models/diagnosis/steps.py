@@ -27,6 +27,7 @@ from dehyst.models.diagnosis.find import (
     held_drive,
     of_another_stage,
     on_the_model,
+    on_the_other,
 )
 from dehyst.models.diagnosis.findings.asked_again import AskedAgain
 from dehyst.models.diagnosis.findings.decide import (
@@ -95,6 +96,10 @@ def diagnose(
         problem = replace(problem, data=data)
         null = problem.solve([])
     found = find_above_noise(problem, null, say)
+    turned = on_the_other(problem, found.search)
+    if turned is not problem:
+        problem, null = turned, turned.solve([])
+        found = find_above_noise(problem, null, say)
     known = explained_heads(found.search.problem, found.search.accepted, found.search.sigma)
     if known:
         # with what was found, the past is known: the heads count, and tell of what began before.
