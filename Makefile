@@ -6,14 +6,16 @@ READY := $(VENV)/.ready
 ROUND ?= ../shared/concealed/round-1
 FUZZ_S ?= 600
 
-.PHONY: demo second-act test quick check kernels lint types contracts docs reference interpreters concealed proof fuzz mutate clean
+.PHONY: demo first-act test quick check kernels lint types contracts docs reference interpreters concealed proof fuzz mutate clean
 
+# recorded, identified, compensated; then an effect drawn by chance appears, is flagged, named and
+# compensated; exit 1 where not
 demo: kernels
-	$(BIN)/dehyst demo --force --first-act
-
-# and then an effect drawn by chance appears, is flagged, named and compensated; exit 1 where not
-second-act: kernels
 	$(BIN)/dehyst demo --force
+
+# the same without the effect
+first-act: kernels
+	$(BIN)/dehyst demo --force --first-act
 
 # quick: what starts no process and is soon done; see tests/parts.py
 test: kernels
