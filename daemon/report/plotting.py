@@ -137,12 +137,12 @@ def estimate_density(errors: Sequence[Floats], period_s: float) -> tuple[Floats,
     Welch's method; means over 24 bands a decade, so that lines stay and grass goes. NaN counts as
     zero.
     """
+    from scipy.signal import welch  # brings all of scipy's statistics with it
+
     size = min(8192, *(e.size for e in errors))
     power = []
     for error in errors:
         known = np.where(np.isfinite(error), error, 0.0)
-        from scipy.signal import welch  # brings all of scipy's statistics with it
-
         f, p = welch(known, 1 / period_s, nperseg=size, detrend="constant")
         power.append(p[1:])
     mean, f = np.mean(power, axis=0), f[1:]

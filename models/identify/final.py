@@ -33,8 +33,8 @@ class Fitted:
     """The model's numbers. r: (n,) thresholds; free: unknowns off their bounds; strength: of the
     prior; scored: the structure on these operators, as it foretells stretches; costly: the data
     want what no invertible model gives; unreachable: rms of that on a drive of all kinds;
-    equations: what was fitted, the pull's last; normal: the
-    normal equations at the end, the prior's with them."""
+    equations: what was fitted, the pull's last; normal: the normal equations at the end, the
+    prior's with them."""
 
     r: Floats
     shape: Shape

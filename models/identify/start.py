@@ -3,8 +3,8 @@
 A drive that starts at zero may follow an hour of exercise. Taken for de-energised all the same, the
 stage would begin on the virgin curve, and the fit would bend every operator, and find lags, to make
 up for it. So the recording is fitted from several starts: de-energised, and as if the drive had
-come back to zero from half its range, from all of it, and from afar. The stage was de-energised
-unless another start leaves clearly less.
+come back to zero from half its range and from all of it. The stage was de-energised unless another
+start leaves clearly less.
 
 What depends on time would mislead: slow creep costs the virgin curve as much as a wrong start does,
 and a lag or a drift hides both. So every fit has a few columns for it beside the hysteresis:
