@@ -51,8 +51,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("processes")
         if is_thorough(item.path):
             item.add_marker("thorough")
-        for part in ("processes", "timing", "alone"):
-            assert not item.get_closest_marker(part) or is_of(item.path, part), (
+        marked = {mark.name for mark in item.iter_markers()}
+        parts = {"processes", "timing", "alone"} & marked
+        for part in parts if marked & {"processes", "thorough"} else {"quick"}:
+            assert is_of(item.path, part), (
                 f"{item.nodeid} is of the part {part}, and tests/parts.py does not see that"
             )
         rigs = item._fixtureinfo.name2fixturedefs.values()  # type: ignore[attr-defined]

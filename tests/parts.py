@@ -36,7 +36,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import IO
 
-from tests.rigs.starts import starts_something_in
+from tests.rigs.starts import starts_something_always, starts_something_in
 
 TESTS = Path(__file__).resolve().parent
 THOROUGH = (
@@ -94,7 +94,7 @@ def is_thorough(path: Path) -> bool:
 def is_of(path: Path, part: str) -> bool:
     """Whether this file has tests of this part, and perhaps of others."""
     if part == "quick":
-        return not is_thorough(path)
+        return not is_thorough(path) and not starts_something_always(path)
     if part == "thorough":
         return is_thorough(path)
     if part == "processes" and starts_something_in(path):
