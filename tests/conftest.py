@@ -38,7 +38,10 @@ settings.load_profile("no times are judged")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Attempts that are made again begin afresh."""
+    """Attempts that are made again begin afresh; kernels are loaded as `dehyst` loads them, but not
+    by who only hands out tests."""
+    if hasattr(config, "workerinput") or not config.getoption("numprocesses", None):
+        kernel_cache.load_lightly()
     config.pluginmanager.register(afresh, "afresh")
 
 
