@@ -44,7 +44,7 @@ class Tuning(NamedTuple):
     rate_strength: float = 1e-3  # of the prior on what the rate does, against that on the slopes
     rate_shares: tuple[float, ...] = (1e-3, 0.1, 0.3, 1.0, 3.0, 10.0)  # the same, by evidence
     bend: float = 0.03  # of the way over half the range, by which a saturation may well bend it
-    bent: float = 5.0  # logarithm of the odds by which evidence speaks for a bend, or against it
+    bent: float = 5.0  # logarithm of the odds by which evidence must speak against a bend
     nearby: float = 0.05  # the way that tells the direction at the start
     # structure
     folds: int = 8
