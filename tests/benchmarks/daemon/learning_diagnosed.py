@@ -1,7 +1,8 @@
 """Does the diagnosis find in a recording made with trim, or while learning, what it finds in one
 without?
 
-    python -m tests.benchmarks.daemon.learning_diagnosed [--seeds N] [--effects creep ...]
+    python -m tests.benchmarks.daemon.learning_diagnosed [--seeds N] [--first SEED]
+        [--effects creep ...]
 
 Creep, a resonance and a lag of the sensor on the simulated stage. The model is the hysteresis
 alone, identified from an open-loop drive of the same stage: with the lag, which identification
@@ -75,13 +76,14 @@ def tracked(model: Model, settings: StageSettings, way: str, seed: int) -> Recor
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=1, help="seed of the first case")
     parser.add_argument("--effects", nargs="+", default=[one.name for one in CHOSEN])
     args = parser.parse_args()
     bars = Bars()
     table = [f"{'named first':24s}" + "".join(f"{way:>16s}" for way in WAYS)]
     for trial in (one for one in CHOSEN if one.name in args.effects):
         named = dict.fromkeys(WAYS, 0)
-        for seed in range(1, args.seeds + 1):
+        for seed in range(args.first, args.first + args.seeds):
             drive = exploring(seed)
             around = surroundings(drive.size, seed)
             plain = run(stage_with(trial, seed), drive, around, None)
