@@ -215,6 +215,7 @@ class Rig:
         )  # fmt: skip
         as_hardware(self.bench)
         line = until(lambda: self.words("bench").strip(), 60.0, "the bench")
+        as_hardware(self.bench, ready=True)
         ports: dict[str, str] = json.loads(line.splitlines()[-1])
         return ports
 
