@@ -139,11 +139,13 @@ def still_open(current: JointFit, everything: Sequence[Candidate]) -> list[Candi
 
 @dataclass(frozen=True)
 class Promise:
-    """A candidate's best start, and the fall of the sum of squares that the screen makes of it."""
+    """A candidate's best start, the fall of the sum of squares that the screen makes of it, and the
+    further starts that are refitted too."""
 
     candidate: Candidate
-    theta: tuple[float, ...]
+    theta: Theta
     gain: float
+    further: tuple[Theta, ...] = ()
 
 
 def in_order_of_promise(
@@ -153,11 +155,18 @@ def in_order_of_promise(
     starts, the best first."""
     n = int(state.problem.data.rows.sum())
     promises = [
-        Promise(c, starts[0][1], starts[0][0])
+        Promise(c, starts[0][1], starts[0][0], _further(c, starts))
         for c, starts in screened
         if starts and starts[0][0] > n * (0.5 * least_size(c) * state.sigma) ** 2
     ]
     return sorted(promises, key=lambda p: -p.gain)
+
+
+def _further(c: Candidate, starts: Sequence[tuple[float, Theta]]) -> tuple[Theta, ...]:
+    """Where the misfit has several minima: starts that promise about as much as the best."""
+    return tuple(
+        theta for gain, theta in starts[1 : c.minima] if gain > TUNING.further * starts[0][0]
+    )
 
 
 def not_weak(some: Sequence[Promise], ranked: Sequence[Promise]) -> list[Promise]:
@@ -172,7 +181,11 @@ def refit_each(
     problem, sigma, current = state.problem, state.sigma, state.accepted
 
     def attempt(one: Promise) -> CandidateTrial:
-        return tried(problem, sigma, current, one.candidate, one.theta)
+        trials = [
+            tried(problem, sigma, current, one.candidate, theta)
+            for theta in (one.theta, *one.further)
+        ]
+        return max(trials, key=lambda t: t.gain)
 
     trials = []
     for k, trial in enumerate(problem.several(attempt, short)):

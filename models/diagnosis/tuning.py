@@ -26,6 +26,7 @@ class Tuning(NamedTuple):
     most_rows: int = 60_000  # of longer recordings a part is fitted
     max_effects: int = 5
     shortlist: int = 5  # candidates that get the full nonlinear refit in each round
+    further: float = 0.5  # of a candidate's best start: another one with more is refitted too
     weak_gain: float = 0.1  # of the best screened gain: what is below is not refitted
     budget: int = 240  # full solutions after which it adds no more effects
     price: float = 16.0  # of a parameter, in noise variances; the number of candidates is in it

@@ -5,6 +5,7 @@ Exact for an input that runs in straight lines between the samples, for any damp
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -127,6 +128,10 @@ SURE_DAMPING = 0.2
 known (tests/benchmarks/models/proof: 0.0140 was told as 0.0120)."""
 
 
+SURE_SHARE, OPEN_SHARE = 0.02, 0.6  # the same of the share, at least and at most,
+LOST = 1.25  # and times the amplitude that the drive's straight lines do not have at the mode
+
+
 class Resonance(Candidate):
     """x (1 - share) + share * mode(x), mode = w^2 / (s^2 + 2 z w s + w^2)."""
 
@@ -156,8 +161,15 @@ class Resonance(Candidate):
                 "frequency_hz", "Hz", max(4.0 / longest, 1e-3 * rate), 1.5 * rate, sure=1.5e-3
             ),
             Parameter("damping", "1", 5e-4, 0.6, sure=SURE_DAMPING),
-            Parameter("share", "1", 0.005, 1.0, sure=0.02, whole=True),
+            Parameter("share", "1", 0.005, 1.0, sure=SURE_SHARE, whole=True),
         )
+
+    def params_at(self, theta: Sequence[float]) -> tuple[Parameter, ...]:
+        """With what a drive that is not straight between two samples does to the share: straight
+        lines have sinc(f dt)^2 of a smooth drive's amplitude at the mode."""
+        frequency, damping, share = self.parameters
+        lost = LOST * (1.0 - float(np.sinc(theta[0] / self._rate)) ** 2)
+        return frequency, damping, replace(share, sure=min(max(SURE_SHARE, lost), OPEN_SHARE))
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         rate = 1.0 / data.period
