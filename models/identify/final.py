@@ -68,14 +68,13 @@ def fit_all(
     trial = Trial(setup, some, r, offset, lag, best.loose)
     trial.linearise(start, shape, shape.powers)
     weighed = weigh(trial, shape)
-    if (found := find_bent(setup, best, tried)) is not None:
-        bent, odds = found
+    if (bent := find_bent(setup, best, tried)) is not None:
         known = dict(zip(shape.powers, start.c, strict=True))
         curved = start._replace(c=np.array([known.get(p, 0.0) for p in bent.powers]))
         trial.prior = Prior(r, setup.slope, 0.5 * setup.span)
         trial.linearise(curved, bent, bent.powers)
         other = weigh(trial, bent, weighed.noise)
-        if other.candidate.invertible and other.evidence > weighed.evidence + odds:
+        if other.candidate.invertible and other.evidence > weighed.evidence - TUNING.bent:
             weighed, shape, start = other, bent, curved
     scored, prior = weighed.candidate, weighed.prior
     strength = scored.strength
@@ -126,25 +125,23 @@ def fit_all(
     return Fitted(r, shape, tight.params, tight.free, scored, costly, off, every, normal, orders)
 
 
-def find_bent(
-    setup: FitSetup, best: Candidate, tried: Sequence[Candidate]
-) -> tuple[Shape, float] | None:
-    """A structure with one power of z more, which the evidence is asked about, and the logarithm
-    of the odds that it needs; None: there is none.
+def find_bent(setup: FitSetup, best: Candidate, tried: Sequence[Candidate]) -> Shape | None:
+    """A structure with one power of z more, which the evidence is asked about; None: there is none.
 
     A sine or two tell a saturation and what the rate does nearly alike, so hold-out does not see
-    it. About a bias every curve has a second power, which stands unless the evidence is against
-    it. From the de-energised state the third (Eq. 3) has to have it on its side.
+    it. Every curve bends, by a second power about a bias and by a third (Eq. 3) from the
+    de-energised state, and it stands unless the evidence is against it: what a bend costs where
+    there is none is a fraction of what it costs to leave one out.
     """
     shape = best.shape
     if setup.running is not None or not shape.rate or any(shape.powers):
         return None
     if best.lag is not None and best.lag.place == "sensor":
         return None  # the equations have it before the saturation, where a curve is told wrongly
-    power, odds = (3, TUNING.bent) if setup.virgin else (2, -TUNING.bent)
+    power = 3 if setup.virgin else 2
     bent = replace(shape, powers=(*shape.powers, power))
     known = any(power in c.shape.powers and c.shape.rate for c in tried)
-    return (bent, odds) if known else None
+    return bent if known else None
 
 
 def _reduce(

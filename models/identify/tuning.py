@@ -44,7 +44,7 @@ class Tuning(NamedTuple):
     rate_strength: float = 1e-3  # of the prior on what the rate does, against that on the slopes
     rate_shares: tuple[float, ...] = (1e-3, 0.1, 0.3, 1.0, 3.0, 10.0)  # the same, by evidence
     bend: float = 0.03  # of the way over half the range, by which a saturation may well bend it
-    bent: float = 5.0  # logarithm of the odds by which evidence speaks for a bend, or against it
+    bent: float = 5.0  # logarithm of the odds by which evidence must speak against a bend
     nearby: float = 0.05  # the way that tells the direction at the start
     # structure
     folds: int = 8
@@ -58,11 +58,8 @@ class Tuning(NamedTuple):
     clear: float = 0.6  # of the held-out power: a structure that leaves no more pays at once
     clear_lag: float = 0.85  # the same for a lag longer than a sampling period
     lag_operators: int = 24  # while a lag is sought, or the start judged
-    clear_rate: float = 0.1  # the same for rate-dependence, which else must foretell whole ways
-    clear_ways: float = 0.667  # of the power of these, at most, where it reaches the noise
-    clearer_ways: float = 0.55  # the same where it does not
-    clear_beyond: float = 0.1  # of their power beyond the noise: then it is asked no more
-    at_noise: float = 0.05  # of a static structure's power beyond the noise
+    clear_rate: float = 0.1  # the same for rate-dependence, which else must foretell more than a
+    # static stage whose slopes depend on the place
     coarse: int = 32  # operators while structures are compared
     fine: int = 45  # and in the model
     finest: int = 48  # where the number in the model is given, before some are dropped
