@@ -109,7 +109,7 @@ def foretells_worse(problem: Problem, fit: JointFit, bare: Problem) -> bool:
         worse += here.any() and left > TUNING.foretold * float(
             np.std(problem.counted(before)[here])
         )
-    return 2 * worse > count
+    return bool(2 * worse > count)
 
 
 def _is_worse(data: Data, left: Floats, before: Floats, sigma: float) -> bool:
