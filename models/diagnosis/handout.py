@@ -16,7 +16,7 @@ from dehyst.models.diagnosis.data.survey import left_of
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.findings.weigh import Weighed
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.joint_fit import JointFit
+from dehyst.models.diagnosis.joint_fit import JointFit, solve_ridged
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.signals.joined import Data, Floats
@@ -38,8 +38,9 @@ def hand_out(
     data: Data, bare: Problem, weighed: Weighed, bare_left: Floats, sigma: float
 ) -> Handed:
     """The model that is handed out: with all that was found, else with the effects alone, else the
-    model in use; the first that is nowhere worse than that one by more than the noise, and does not
-    go astray where nothing was recorded. bare_left: (N,) what the model in use leaves."""
+    model in use; the first that is nowhere worse than that one by more than the noise, does not
+    go astray where nothing was recorded, and foretells most recordings from the others no worse
+    than that one leaves them. bare_left: (N,) what the model in use leaves."""
     problem, final, first = weighed.problem, weighed.final, weighed.held
     if problem.data.stepped:  # a block is fed by straight lines
         problem = problem.with_steps(False)
@@ -51,14 +52,22 @@ def hand_out(
         left = left_of(data, replace(bare.subject, model=model).whole(data))
         return Handed(model, left, held, whole)
 
+    def is_good(problem: Problem, fit: JointFit, out: Handed) -> bool:
+        return (
+            stays_in_reach(out.model, data)
+            and not _is_worse(data, out.left, bare_left, sigma)
+            and not foretells_worse(problem, fit, bare)
+        )
+
     out = tried(problem, final, first, True)
+    held_to, fit = problem, final
     for weight in TUNING.leanings if problem.base.width else ():
-        if stays_in_reach(out.model, data) and not _is_worse(data, out.left, bare_left, sigma):
+        if is_good(held_to, fit, out):
             return out
         held_to = lean_on_the_model(problem, weight)
         fit = held_to.solve(final.effects, problem.output_of(final))
         out = tried(held_to, fit, by_blocks(held_to, fit).mean_square, True)
-    if stays_in_reach(out.model, data) and not _is_worse(data, out.left, bare_left, sigma):
+    if is_good(held_to, fit, out):
         return out
     if final.effects:
         fit = bare.refit(final.effects)
@@ -82,6 +91,29 @@ def lean_on_the_model(problem: Problem, weight: float) -> Problem:
     size = np.sqrt(weight * int(data.rows.sum()) / u.size)
     columns, target = columns - columns.mean(axis=0), target - target.mean()
     return replace(problem, leaning=Leaning(size * columns, size * target))
+
+
+def foretells_worse(problem: Problem, fit: JointFit, bare: Problem) -> bool:
+    """Whether most recordings are left with more by weights that the others gave than by the model
+    in use: what the base has learned then is not the stage's. Levels aside; not for one alone."""
+    data, x = problem.data, fit.design
+    count = len(data.names)
+    if count < 2 or not problem.base.width:
+        return False
+    target, rec = problem.counted(data.y - fit.fixed), problem.counted(data.rec)
+    before = replace(bare, data=replace(bare.data, y=data.y)).solve([]).residual(data)
+    penalty = problem.penalty(x.shape[1])
+    worse = 0
+    for i in range(count):
+        here = rec == i
+        gram, moment = x[~here].T @ x[~here], x[~here].T @ target[~here]
+        problem.leaning.add_to(gram, moment, count)
+        w, _ = solve_ridged(gram, moment, penalty)
+        left = float(np.std(target[here] - x[here] @ w)) if here.any() else 0.0
+        worse += here.any() and left > TUNING.foretold * float(
+            np.std(problem.counted(before)[here])
+        )
+    return bool(2 * worse > count)
 
 
 def _is_worse(data: Data, left: Floats, before: Floats, sigma: float) -> bool:

@@ -4,7 +4,8 @@ White noise alone would give intervals far too narrow when the base leaves an er
 the spread between time blocks counts too: the sandwich of the blocks' scores, each freed of what
 the fit has taken from its own residual, the base's part included (R. Bell, D. McCaffrey, Survey
 Methodology 28, 2002, "bias reduced linearisation"), with Student's t for so many blocks. The wider
-of the two holds. Before the recordings a nonlinear parameter is known to lie within its bounds: a
+of the two holds. What sampling leaves open (`Parameter.sure`, `within`) adds to it as an error of
+its own. Before the recordings a nonlinear parameter is known to lie within its bounds: a
 time that they say nothing of does not make the size beside it unknown as well.
 """
 
@@ -76,7 +77,7 @@ def _values(fitted: JointFit, index: int, p: Floats, cov: Floats) -> dict[str, V
     for key, (value, unit) in best.items():
         g = np.array(gradient[key])
         half = TUNING.interval_width * float(np.sqrt(max(g @ cov @ g, 0.0)))
-        half = max(half, sure.get(key, 0.0) * (1.0 if log[key] else abs(value)))
+        half = float(np.hypot(half, sure.get(key, 0.0) * (1.0 if log[key] else abs(value))))
         if log[key]:
             half = min(half, 20.0)
             out[key] = Value(value, value * float(np.exp(-half)), value * float(np.exp(half)), unit)
@@ -107,12 +108,13 @@ def _covariance(problem: Problem, fitted: JointFit, sigma: float) -> Floats:
     _, jac = problem.jacobian(fitted, problem.output_of(fitted))
     x = np.concatenate([base, problem.counted(jac), extra], axis=1)
     residual = problem.counted(data.y - fitted.prediction)
-    unit = np.sqrt(np.maximum(np.sum(x**2, axis=0), 1e-30))
+    known = np.zeros(x.shape[1])  # before the recordings: of what they say nothing, all there is
+    known[nuisance : nuisance + jac.shape[1]] = (sigma / _spread_before(fitted.effects)) ** 2
+    unit = np.sqrt(np.maximum(np.sum(x**2, axis=0) + known, 1e-30))
     x = x / unit
     ridge = np.full(x.shape[1], 1e-10)
     ridge[:nuisance] = problem.penalty(nuisance)
-    theta = slice(nuisance, nuisance + jac.shape[1])
-    ridge[theta] += sigma**2 / (_spread_before(fitted.effects) * unit[theta]) ** 2
+    ridge += known / unit**2
     values, vectors = np.linalg.eigh(x.T @ x + np.diag(ridge))
     whitened = vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
     own = whitened[nuisance:]

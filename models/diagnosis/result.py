@@ -9,6 +9,7 @@ from dehyst.models.model import Model
 from dehyst.models.signals.joined import Bools, Floats
 
 FORMAT = 2
+DIGITS = 6
 VERDICTS = ("clean", "explained", "partly", "unknown")
 
 
@@ -22,11 +23,15 @@ class Value:
     unit: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Plain data, with so many digits that the interval keeps its width."""
+        width, size = self.high - self.low, max(abs(self.low), abs(self.high))
+        digits = DIGITS
+        if 0.0 < width < size < math.inf:
+            digits = max(DIGITS, math.ceil(math.log10(size / width)) + 2)
         return {
-            "value": _plain(self.value),
-            "low": _plain(self.low),
-            "high": _plain(self.high),
+            "value": _plain(self.value, digits),
+            "low": _plain(self.low, digits),
+            "high": _plain(self.high, digits),
             "unit": self.unit,
         }
 
@@ -169,8 +174,8 @@ class Diagnosis:
         }
 
 
-def _plain(value: Any) -> Any:
-    """JSON-ready: numbers to six digits, no NaN or infinity."""
+def _plain(value: Any, digits: int = DIGITS) -> Any:
+    """JSON-ready: numbers to so many digits, no NaN or infinity."""
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -180,4 +185,4 @@ def _plain(value: Any) -> Any:
     number = float(value)
     if not math.isfinite(number):
         return None
-    return float(f"{number:.6g}")
+    return float(f"{number:.{digits}g}")

@@ -4,10 +4,8 @@ Gains are sums of squares over the counted rows [displacement unit squared], alw
 everything else was refitted.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
-from dehyst.models.diagnosis.data.prepare import turns
 from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
@@ -22,13 +20,17 @@ from dehyst.models.diagnosis.judge import (
     tried,
 )
 from dehyst.models.diagnosis.screen import Screen
+from dehyst.models.diagnosis.shortlist import (
+    Promise,
+    in_order_of_promise,
+    may_be_tried,
+    not_weak,
+    still_open,
+)
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.physics import library
 from dehyst.models.physics.candidate import Candidate
-from dehyst.models.signals.joined import Data
 
 Say = Callable[[str, float], None]
-Theta = tuple[float, ...]
 
 
 def search(
@@ -117,54 +119,6 @@ def _go_round(
     return accept_best(state, trials, everything)
 
 
-def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
-    """Candidates that may be tried."""
-    strict = share > TUNING.driven_share
-    few = turns(data) < TUNING.few_turns
-    return [
-        c
-        for c in library(data)
-        if c.key not in forbidden and not (strict and c.static) and not (few and c.driven)
-    ]
-
-
-def still_open(current: JointFit, everything: Sequence[Candidate]) -> list[Candidate]:
-    """Candidates that may come next, beside a fit's effects."""
-    # an effect in its finer form stands for the simpler one too
-    have = {k for e in current.effects for k in (e.candidate.key, e.candidate.refines)}
-    return [
-        c for c in everything if c.key not in have and not c.refines and _next_of_its_kind(c, have)
-    ]
-
-
-@dataclass(frozen=True)
-class Promise:
-    """A candidate's best start, and the fall of the sum of squares that the screen makes of it."""
-
-    candidate: Candidate
-    theta: tuple[float, ...]
-    gain: float
-
-
-def in_order_of_promise(
-    state: SearchState, screened: Iterable[tuple[Candidate, Sequence[tuple[float, Theta]]]]
-) -> list[Promise]:
-    """The candidates that could be worth a refit, the strongest first. screened: each with its
-    starts, the best first."""
-    n = int(state.problem.data.rows.sum())
-    promises = [
-        Promise(c, starts[0][1], starts[0][0])
-        for c, starts in screened
-        if starts and starts[0][0] > n * (0.5 * least_size(c) * state.sigma) ** 2
-    ]
-    return sorted(promises, key=lambda p: -p.gain)
-
-
-def not_weak(some: Sequence[Promise], ranked: Sequence[Promise]) -> list[Promise]:
-    """Those that promise more than a small part of what the first of all does."""
-    return [p for p in some if p.gain > TUNING.weak_gain * ranked[0].gain]
-
-
 def refit_each(
     state: SearchState, short: Sequence[Promise], say: Say, number: int
 ) -> list[CandidateTrial]:
@@ -172,7 +126,11 @@ def refit_each(
     problem, sigma, current = state.problem, state.sigma, state.accepted
 
     def attempt(one: Promise) -> CandidateTrial:
-        return tried(problem, sigma, current, one.candidate, one.theta)
+        trials = [
+            tried(problem, sigma, current, one.candidate, theta)
+            for theta in (one.theta, *one.further)
+        ]
+        return max(trials, key=lambda t: t.gain)
 
     trials = []
     for k, trial in enumerate(problem.several(attempt, short)):
@@ -221,14 +179,6 @@ def _choice(
     taken = likelier[0] if likelier else chosen
     state.passed_over += [t.candidate.key for t in (chosen, *doubles) if t is not taken]
     return taken
-
-
-def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:
-    """Repeatable kinds (modes) come in order: the second only behind the first."""
-    if "-" not in candidate.key or not candidate.repeatable:
-        return True
-    stem, number = candidate.key.rsplit("-", 1)
-    return (stem if number == "2" else f"{stem}-{int(number) - 1}") in have
 
 
 def _grown(problem: Problem, sigma: float, fit: JointFit, chosen: Candidate) -> JointFit:

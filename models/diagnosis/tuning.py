@@ -26,6 +26,7 @@ class Tuning(NamedTuple):
     most_rows: int = 60_000  # of longer recordings a part is fitted
     max_effects: int = 5
     shortlist: int = 5  # candidates that get the full nonlinear refit in each round
+    further: float = 0.5  # of a candidate's best start: another one with more is refitted too
     weak_gain: float = 0.1  # of the best screened gain: what is below is not refitted
     budget: int = 240  # full solutions after which it adds no more effects
     price: float = 16.0  # of a parameter, in noise variances; the number of candidates is in it
@@ -89,6 +90,8 @@ class Tuning(NamedTuple):
     mostly_shape: float = 0.7  # of what is explained: more that effects leave to the base is shape
     foreign_share: float = 0.03  # of the stroke: a given model that leaves more, and
     foreign_times: float = 4.0  # times what a model of its class would, is of another stage
+    foretold: float = 1.03  # times what the model in use leaves of a recording, that weights from
+    # the others may leave
     leanings: tuple[float, ...] = (1e-3, 1e-2, 0.1)  # weights by which a base that goes astray
     # where nothing was recorded is held to the model there, of the recorded rows; the first helps
     # intervals

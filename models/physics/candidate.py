@@ -24,10 +24,10 @@ NOT_A_CAUSE = re.compile(r"(temp|target|trim|learned|flags|missed|t_|y\d*_)")
 @dataclass(frozen=True)
 class Parameter:
     """One nonlinear parameter: bounds in its unit; log: searched on a logarithmic scale; sure:
-    least relative half width of its interval, for what sampling leaves open (the hysteresis bends
-    between two samples of a step, and the model takes it as straight); within: the same in its
-    unit, a part of a sample; whole: the upper bound is all that there can be, and identified like
-    any other value."""
+    relative half width of its interval by what sampling leaves open (the hysteresis bends between
+    two samples of a step, and the model takes it as straight), beside what the noise makes; within:
+    the same in its unit, a part of a sample; whole: the upper bound is all that there can be, and
+    identified like any other value."""
 
     key: str
     unit: str
@@ -95,6 +95,7 @@ class Candidate:
     last: bool = False  # named only when it leaves nothing behind: it fits too much
     slow: bool = False  # takes a part of any change in time: told only where nothing else is left
     static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
+    minima: int = 1  # starts that are refitted: its misfit may have so many minima
     many: bool = False  # its starts span many shapes, of which chance makes one fit
     rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
     bounds_told: bool = True  # a parameter on its bound is told as not identified

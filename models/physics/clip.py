@@ -42,6 +42,9 @@ KIND = Kind(
 )
 
 
+DEEPEST = (0.35, 0.6)  # of the range, that lies beyond the lower and the upper end
+
+
 class Clip(Candidate):
     """v = min(max(u, min_v), max_v)."""
 
@@ -54,6 +57,7 @@ class Clip(Candidate):
     confused_with = ("asymmetry", "sensor")
     order = 2
     static = True
+    minima = 4
     place = "drive"
     mode = "drive"
     limit_side = "below"
@@ -63,14 +67,15 @@ class Clip(Candidate):
         self.limit_unit = data.drive_unit
         low, high = data.u_min, data.u_min + data.span
         self._low, self._high, span = low, high, data.span
+        beyond, (up, down) = 0.05 * span, (DEEPEST[0] * span, DEEPEST[1] * span)
         self.parameters = (
-            Parameter("min_v", data.drive_unit, low - 0.05 * span, low + 0.4 * span, False),
-            Parameter("max_v", data.drive_unit, high - 0.4 * span, high + 0.05 * span, False),
+            Parameter("min_v", data.drive_unit, low - beyond, low + up, False),
+            Parameter("max_v", data.drive_unit, high - down, high + beyond, False),
         )
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         low, high, span = self._low, self._high, self._high - self._low
-        out = [(low, high - f * span) for f in (0.01, 0.03, 0.08, 0.15)]
+        out = [(low, high - f * span) for f in (0.01, 0.03, *np.arange(0.08, 0.55, 0.06))]
         out += [(low + f * span, high) for f in (0.01, 0.03, 0.05, 0.07, 0.09, 0.15)]
         out += [(low + f * span, high - f * span) for f in (0.02, 0.06)]
         return [(float(a), float(b)) for a, b in out]

@@ -33,6 +33,9 @@ STATE = fields("x", "dt")  # input before, dt of the decays; behind: n times q, 
 HEAD = 2
 HELD_SHORTEST_S = 0.1  # relaxations of a creep that is read from the drive: the shortest, and
 HELD_TIMES_LONGER = 3.0  # than the hold, the longest
+SURE_GAIN = 0.15
+"""Of the gain: a chain of relaxations reaches the law's slope sooner than other laws of creep do
+(tests/benchmarks/models/proof: log10(1 + t / 0.1 s) is told 4 to 14 % too low)."""
 
 
 def _relaxations_of(gain: float, tau_min: float, tau_max: float) -> tuple[float, float, Floats]:
@@ -159,8 +162,7 @@ class Creep(Candidate):
     def __init__(self, data: Data) -> None:
         longest = max(float(data.t.max() - data.t.min()), 50 * data.period)
         self.parameters = (
-            # a chain of relaxations and the law differ by that much at both ends
-            Parameter("gain_per_decade", "1/decade", 1e-4, 0.3, sure=0.1),
+            Parameter("gain_per_decade", "1/decade", 1e-4, 0.3, sure=SURE_GAIN),
             Parameter("tau_min_s", "s", 8 * data.period, 0.2 * longest),
             Parameter("tau_max_s", "s", 0.4 * longest, 10.0 * longest),
         )

@@ -1,8 +1,10 @@
-"""Does the drive repeat itself, and at which frequency?"""
+"""Does the drive repeat itself, and at which frequency? How fast is its fastest part?"""
 
 import numpy as np
 
-from dehyst.models.signals.joined import Floats
+from dehyst.models.signals.joined import Floats, Ints
+
+FASTEST = 1e-3  # of the power of the drive's rate, that lies above its fastest part
 
 REPEATS = 0.03  # rms of drive minus drive one period before, over the drive's rms
 REACH = 2  # samples to either side
@@ -45,6 +47,20 @@ def fundamental_hz(u: Floats, dt: float) -> float:
         period = _best(u, round(count * period)) / count
         count *= 2
     return 1.0 / (period * dt)
+
+
+def fastest_hz(u: Floats, part: Ints, dt: float) -> float:
+    """Frequency above which a drive (N,), sampled every dt [s], has hardly any of its rate's power;
+    the highest of its parts (N,)."""
+    highest = 0.0
+    for p in np.unique(part):
+        rate = np.diff(u[part == p])
+        if rate.size < 16 or not rate.any():
+            continue
+        power = np.cumsum(np.abs(np.fft.rfft(rate * np.hanning(rate.size))) ** 2)
+        edge = int(np.searchsorted(power, (1.0 - FASTEST) * power[-1]))
+        highest = max(highest, edge / (rate.size * dt))
+    return highest
 
 
 def _unlike(u: Floats, lag: int) -> float:

@@ -11,13 +11,12 @@ from collections.abc import Collection, Sequence
 from dehyst.models.diagnosis.findings.told import only_told, worth_telling
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
 from dehyst.models.diagnosis.screen import Screen
-from dehyst.models.diagnosis.search import (
+from dehyst.models.diagnosis.search import accept_best, refit_each
+from dehyst.models.diagnosis.shortlist import (
     Promise,
-    accept_best,
     in_order_of_promise,
     may_be_tried,
     not_weak,
-    refit_each,
     still_open,
 )
 from dehyst.models.diagnosis.tuning import TUNING

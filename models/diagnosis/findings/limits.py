@@ -3,10 +3,11 @@
 The first guess is the strength whose contribution, with everything else refitted, has a size at
 which the search surely accepts. Then the effect is put into the reading at that strength, and the
 search goes on beside what was found; where the effect is not told, once more at a larger one. A
-strength that is never told is no limit. Where more than the noise is left of what the drive does,
-an effect of the drive would be weighed against that, and none is excluded. What is stated is a
-little more: a stage's effect is not the library's to the last digit. What stays below at every
-sensible strength cannot be seen in these recordings at all, and the limit says so.
+strength that is never told is no limit. Nor is there one for what a found effect could be taken
+for: the search on other recordings may choose otherwise. Where more than the noise is left of what
+the drive does, an effect of the drive would be weighed against that, and none is excluded. What is
+stated is a little more: a stage's effect is not the library's to the last digit. What stays below
+at every sensible strength cannot be seen in these recordings at all, and the limit says so.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState, excess
 from dehyst.models.diagnosis.result import Limit
 from dehyst.models.diagnosis.screen import Screen, contribution_of
@@ -63,7 +65,7 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
     for c in library(problem.data):
         if c.name in named or not c.probes(problem.data):
             continue
-        if c.driven and loud:
+        if (c.driven and loud) or _stands_near(c, found.accepted):
             continue
         kinds.setdefault((c.name, c.channel), []).append(c)
 
@@ -84,6 +86,17 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
         return None if value is None else guess.limit(value)
 
     return [one for one in problem.several(tightest, kinds.values()) if one is not None]
+
+
+def _stands_near(c: Candidate, accepted: JointFit) -> bool:
+    """Whether a found effect could take its place, or a part of it: what looks alike, and beside
+    what the drive causes all that resembles a hysteresis of another shape."""
+    return any(
+        c.name in e.candidate.confused_with
+        or e.candidate.name in c.confused_with
+        or (c.static and e.candidate.driven)
+        for e in accepted.effects
+    )
 
 
 def _checked(look: Screen, guess: Guess, seen: Seen) -> float | None:

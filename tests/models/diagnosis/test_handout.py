@@ -1,5 +1,7 @@
 """The augmented model holds the shape that was found, and goes nowhere astray."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.rigs.plants.drives import small_scan
@@ -8,10 +10,10 @@ from tests.rigs.plants.hysteresis import preisach
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.diagnosis.augment import REACH_S, augmented, slow_ways
-from dehyst.models.diagnosis.base import rich_base
+from dehyst.models.diagnosis.base import no_base, rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.handout import lean_on_the_model
+from dehyst.models.diagnosis.handout import foretells_worse, lean_on_the_model
 from dehyst.models.diagnosis.subject import THRESHOLDS, Subject, fit_plain
 from dehyst.models.recording import Recording
 
@@ -69,3 +71,20 @@ def test_rows_that_were_not_recorded_cost_the_recorded_ones_nothing() -> None:
     assert left[1] < 1.02 * left[0]
     assert off[1] < 0.3
     assert off[0] > 2.0 * off[1]
+
+
+@pytest.mark.parametrize("changes", [False, True])
+def test_what_the_others_do_not_foretell_is_not_learned(changes: bool) -> None:
+    """The gain steps within each recording, at another time and by another amount: the base makes a
+    loop of it that is no other recording's."""
+    given = []
+    for seed in (1, 2, 3):
+        one = scan(seed)
+        late = np.arange(one.size) > 700 * seed
+        gain = 1.0 + changes * 0.06 * (-1) ** seed * late
+        given.append(replace(one, displacement=one.displacement * gain))  # type: ignore[operator]
+    data = prepare(given)
+    subject = Subject(fit_plain(data, THRESHOLDS * data.span))
+    problem = Problem(data, rich_base(data), subject)
+    bare = Problem(data, no_base(data), replace(subject, carries=True))
+    assert foretells_worse(problem, problem.solve([]), bare) is changes

@@ -10,6 +10,7 @@ from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect, behind_output
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.intervals import intervals
+from dehyst.models.diagnosis.result import Value
 from dehyst.models.physics import library
 from dehyst.models.recording import Recording
 
@@ -55,3 +56,24 @@ def test_95_of_100_intervals_hold_the_true_value(base: object, count: int, toget
             hits += [v.low <= TRUE[key] <= v.high for key, v in values.items()]
     assert len(hits) == 4 * RUNS >= 200
     assert 0.90 <= np.mean(hits) <= 0.98, np.mean(np.reshape(hits, (-1, 4)), axis=0)
+
+
+def test_a_parameter_that_does_nothing_leaves_the_others_their_intervals() -> None:
+    """A drive that is clipped above alone: the lower end lies below all that was driven."""
+    t = np.arange(3000) * DT
+    u = 5 + 4 * np.sin(2 * np.pi * 1.7 * t) + 0.8 * np.sin(2 * np.pi * 7.3 * t)
+    noise = NOISE_UM * np.random.default_rng(2).standard_normal(t.size)
+    data = prepare([Recording(t, u, 1.1 * np.minimum(u, 8.0) + noise)])
+    clip = next(c for c in library(data) if c.key == "clip")
+    problem = Problem(data, compact_base(data))
+    fit = problem.refit([Effect(clip, (data.u_min - 0.1, 8.05))], settle=0.0)
+    (values,) = intervals(problem, fit, NOISE_UM)
+    top = values["max_v"]
+    assert top.low < 8.0 < top.high
+    assert 1e-4 < top.high - top.low < 0.05
+
+
+def test_what_is_written_keeps_the_width_of_a_narrow_interval() -> None:
+    said = Value(112.08490, 112.08482, 112.08498, "Hz").to_dict()
+    assert said["low"] < said["value"] < said["high"]
+    assert said["high"] - said["low"] == pytest.approx(1.6e-4, rel=0.05)

@@ -1,0 +1,80 @@
+"""Which candidates come next, and in which order: what may be tried on these recordings, what may
+come beside a fit's effects, and what the screen promises of it."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from dehyst.models.diagnosis.data.prepare import turns
+from dehyst.models.diagnosis.joint_fit import JointFit
+from dehyst.models.diagnosis.judge import SearchState, least_size
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics import library
+from dehyst.models.physics.candidate import Candidate
+from dehyst.models.signals.joined import Data
+
+Theta = tuple[float, ...]
+
+
+def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
+    """Candidates that may be tried."""
+    strict = share > TUNING.driven_share
+    few = turns(data) < TUNING.few_turns
+    return [
+        c
+        for c in library(data)
+        if c.key not in forbidden and not (strict and c.static) and not (few and c.driven)
+    ]
+
+
+def still_open(current: JointFit, everything: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates that may come next, beside a fit's effects."""
+    # an effect in its finer form stands for the simpler one too
+    have = {k for e in current.effects for k in (e.candidate.key, e.candidate.refines)}
+    return [
+        c for c in everything if c.key not in have and not c.refines and _next_of_its_kind(c, have)
+    ]
+
+
+def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:
+    """Repeatable kinds (modes) come in order: the second only behind the first."""
+    if "-" not in candidate.key or not candidate.repeatable:
+        return True
+    stem, number = candidate.key.rsplit("-", 1)
+    return (stem if number == "2" else f"{stem}-{int(number) - 1}") in have
+
+
+@dataclass(frozen=True)
+class Promise:
+    """A candidate's best start, the fall of the sum of squares that the screen makes of it, and the
+    further starts that are refitted too."""
+
+    candidate: Candidate
+    theta: Theta
+    gain: float
+    further: tuple[Theta, ...] = ()
+
+
+def in_order_of_promise(
+    state: SearchState, screened: Iterable[tuple[Candidate, Sequence[tuple[float, Theta]]]]
+) -> list[Promise]:
+    """The candidates that could be worth a refit, the strongest first. screened: each with its
+    starts, the best first."""
+    n = int(state.problem.data.rows.sum())
+    promises = [
+        Promise(c, starts[0][1], starts[0][0], _further(c, starts))
+        for c, starts in screened
+        if starts and starts[0][0] > n * (0.5 * least_size(c) * state.sigma) ** 2
+    ]
+    return sorted(promises, key=lambda p: -p.gain)
+
+
+def _further(c: Candidate, starts: Sequence[tuple[float, Theta]]) -> tuple[Theta, ...]:
+    """Where the misfit has several minima: starts that promise about as much as the best."""
+    return tuple(
+        theta for gain, theta in starts[1 : c.minima] if gain > TUNING.further * starts[0][0]
+    )
+
+
+def not_weak(some: Sequence[Promise], ranked: Sequence[Promise]) -> list[Promise]:
+    """Those that promise more than a small part of what the first of all does."""
+    return [p for p in some if p.gain > TUNING.weak_gain * ranked[0].gain]
