@@ -38,7 +38,10 @@ settings.load_profile("no times are judged")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Attempts that are made again begin afresh."""
+    """Attempts that are made again begin afresh; kernels are loaded as `dehyst` loads them, but not
+    by who only hands out tests."""
+    if hasattr(config, "workerinput") or not config.getoption("numprocesses", None):
+        kernel_cache.load_lightly()
     config.pluginmanager.register(afresh, "afresh")
 
 
@@ -51,8 +54,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("processes")
         if is_thorough(item.path):
             item.add_marker("thorough")
-        for part in ("processes", "timing", "alone"):
-            assert not item.get_closest_marker(part) or is_of(item.path, part), (
+        marked = {mark.name for mark in item.iter_markers()}
+        parts = {"processes", "timing", "alone"} & marked
+        for part in parts if marked & {"processes", "thorough"} else {"quick"}:
+            assert is_of(item.path, part), (
                 f"{item.nodeid} is of the part {part}, and tests/parts.py does not see that"
             )
         rigs = item._fixtureinfo.name2fixturedefs.values()  # type: ignore[attr-defined]

@@ -1,21 +1,22 @@
 """All tests in five parts, and one closing line for them.
 
-    python -m tests.parts [quick] [thorough] [processes] [timing] [alone]
+    python -m tests.parts [quick] [thorough] [timing] [processes] [alone]
 
 quick      what starts no process, no zenoh session and no pty, on all processors; a file's tests in
            one worker, which compiles their kernels and makes their fixtures once
 thorough   the same where it takes longer: identification, diagnosis, the mismatch watch, recordings
-processes  what does; tests that share a rig of their module in one worker, and two workers more
-           than there are processors, because they mostly wait
 timing     what judges times and mostly waits, one worker more than there are processors; nothing
            that computes is beside it, but for `thorough`
+processes  what starts something; tests that share a rig of their module in one worker, and two
+           workers more than there are processors, because they often wait
 alone      what judges times and takes a processor for itself, one after another
 
 Each part is given the files that have tests of it, because every worker imports what it is given.
-`thorough` begins first and runs beside `quick`, `processes` and `timing`, at the lowest priority:
-it takes what they leave, where they wait and where a part's last worker is alone. It is shown after
-them, before `alone`, which bears nothing beside it. Its longest files come first, so that no worker
-has one left when the other is done; xdist by itself begins with the files of most tests.
+`thorough` begins first and runs beside `quick`, `timing` and `processes`, at the lowest priority:
+it takes what they leave, where they wait and where a part's last worker is alone. `timing` leaves
+most, so it comes while much of `thorough` is left. That is shown after them, before `alone`, which
+bears nothing beside it. Its longest files come first, so that no worker has one left when the other
+is done; xdist by itself begins with the files of most tests.
 
 Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
 Real processes on a machine that stands still for a second now and then miss a time-out now and
@@ -35,7 +36,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import IO
 
-from tests.rigs.starts import starts_something_in
+from tests.rigs.starts import starts_something_always, starts_something_in
 
 TESTS = Path(__file__).resolve().parent
 THOROUGH = (
@@ -70,14 +71,14 @@ PARTS = {
     ],
     # native: pytest's own tracebacks parse the source, and where threads do so at once, CPython
     # 3.11 ends with "AST constructor recursion depth mismatch" and takes the worker with it
-    "processes": [
-        *("-n", str(int(JOBS) + 2), "--dist", "loadgroup", "--tb=native"),
-        *("-m", "processes and not timing"),
-        *AGAIN,
-    ],
     "timing": [
         *("-n", str(int(JOBS) + 1), "--dist", "loadgroup", "--tb=native"),
         *("-m", "timing and not alone"),
+        *AGAIN,
+    ],
+    "processes": [
+        *("-n", str(int(JOBS) + 2), "--dist", "loadgroup", "--tb=native"),
+        *("-m", "processes and not timing"),
         *AGAIN,
     ],
     "alone": ["-m", "alone", *AGAIN],
@@ -93,7 +94,7 @@ def is_thorough(path: Path) -> bool:
 def is_of(path: Path, part: str) -> bool:
     """Whether this file has tests of this part, and perhaps of others."""
     if part == "quick":
-        return not is_thorough(path)
+        return not is_thorough(path) and not starts_something_always(path)
     if part == "thorough":
         return is_thorough(path)
     if part == "processes" and starts_something_in(path):

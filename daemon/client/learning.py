@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dehyst.daemon.client.repeated import Numbers
 from dehyst.daemon.rings.records import Flag
+from dehyst.models.learning.late_gauge import LateGauge
 from dehyst.models.learning.passes import Learner, Outcome, Pass, fade_share
 from dehyst.models.learning.tuning import TUNING
 from dehyst.models.recording import Floats
@@ -19,12 +20,37 @@ from dehyst.models.recording import Floats
 UNUSABLE = Flag.SENSOR_INVALID | Flag.MISSED
 
 
+class Outputs:
+    """When the output was set before each reading, and by how much: of `back` steps."""
+
+    def __init__(self, n: int, back: int) -> None:
+        self.n, self.back = n, back
+        self._kept: dict[int, Floats] = {}  # (3, n) by pass: volts, written, read [s]
+
+    def put(self, of_pass: int, samples: NDArray[Any], place: Numbers) -> None:
+        """Keep some samples of a pass."""
+        kept = self._kept.setdefault(of_pass, np.full((3, self.n), np.nan))
+        read_s = samples["actual_ns"] * 1e-9  # the gauge is read first, the output is set last
+        kept[0, place] = np.where(samples["flags"] & int(UNUSABLE), np.nan, samples["volts"])
+        kept[1, place], kept[2, place] = read_s + samples["exec_us"] * 1e-6, read_s
+
+    def of_pass(self, number: int) -> tuple[Floats, Floats]:
+        """(n, back) steps of the output before each reading, the newest first, and how long ago
+        each was set [s]. NaN where it is not known. The pass before is forgotten."""
+        nothing = np.full((3, self.n), np.nan)
+        earlier, own = self._kept.pop(number - 1, nothing), self._kept.get(number, nothing)
+        volts, written, read = np.concatenate([earlier, own], axis=1)
+        at = np.arange(self.n, 2 * self.n)[:, None] - np.arange(1, self.back + 1)
+        at = np.maximum(at, 1)
+        return volts[at] - volts[at - 1], read[self.n :, None] - written[at]
+
+
 class LessonTaker:
     """Follows one playing of a trajectory of n points a pass, a point a period.
 
     learner: of this trajectory; targets: (n,) of a pass; expected: (n,) what the gauge should read
-    in it; period_ns: the loop's. told: called with the outcome of each pass. `errors`: (n,) of the
-    newest whole pass.
+    in it; period_ns: the loop's. told: called with the outcome of each pass; late: of a gauge whose
+    filter is known. `errors`: (n,) of the newest whole pass.
     """
 
     def __init__(
@@ -34,7 +60,9 @@ class LessonTaker:
         expected: Floats,
         period_ns: int,
         told: Callable[[Outcome], None],
+        late: LateGauge | None = None,
     ) -> None:
+        self._late, self._outputs = late, Outputs(learner.n, late.back if late else 0)
         self.learner, self._expected, self._told = learner, expected, told
         self._targets = targets
         self._step = 1.01 * float(np.abs(np.diff(targets, append=targets[0])).max()) + 1e-9
@@ -87,6 +115,8 @@ class LessonTaker:
         held[place] = good & ((samples["flags"] & int(Flag.SENSOR_HELD)) != 0)
         error[place] = np.where(good, samples["measured"] - self._expected[place], np.nan)
         self._trimmed = bool(samples["trim"][-1])
+        if self._late is not None:
+            self._outputs.put(of_pass, samples, place)
 
     def _finish(self) -> None:
         """A pass is complete."""
@@ -99,7 +129,11 @@ class LessonTaker:
         if held.any() and fresh.any():  # between the readings of a gauge that is slower
             places = np.arange(self.n)
             error[held] = np.interp(places[held], places[fresh], error[fresh])
-        outcome = self.learner.take(Pass(error, used, self._trimmed))
+        anew = False
+        if self._late is not None and not held.any():
+            ahead = self._late.take(error - used, *self._outputs.of_pass(self._done - 1))
+            error, anew = error + ahead, self._late.anew
+        outcome = self.learner.take(Pass(error, used, self._trimmed, anew))
         if np.isfinite(error).any():
             self.errors = [*self.errors[:1], error]
         self._old = self._in_force()

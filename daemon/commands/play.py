@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from dehyst.models.learning.passes import Outcome
     from dehyst.models.recording import Floats
 
+LONGEST_FILTER_S = 0.1
 EPILOG = """The file has the columns t_s and target_um (or the daemon's own unit); further columns
 are ignored. With target_x_um, target_y_um ... it is for several axes of one controller: they start
 on the same sample and hold together, and the command is taken of all of them or of none.
@@ -77,6 +78,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="take up what was learned, and save it; belongs to one model and one trajectory "
         "(implies --learn)",
+    )
+    parser.add_argument(
+        "--gauge-filter-s",
+        type=float,
+        default=0.0,
+        metavar="TAU",
+        help="time constant of the gauge's filter, from its data sheet: --learn then makes up for "
+        "what it shows late of a stage that rings",
     )
     parser.add_argument(
         "--picture",
@@ -167,7 +176,9 @@ def learn_of(
     def course(axis: str, client: "Client") -> Course:
         head, unit = f"{axis}: " if axis else "", client.status().unit
         told = lambda one: say(head + words(one, unit))  # noqa: E731
-        return Course(client, t_s, targets[axis], args.repeat, learned[axis], told)
+        return Course(
+            client, t_s, targets[axis], args.repeat, learned[axis], told, args.gauge_filter_s
+        )
 
     with playing(name) as shown:
         if isinstance(stage, Group):
@@ -227,6 +238,10 @@ def check_asked(args: argparse.Namespace, learn: bool, written: Sequence[Path | 
         raise BadInput(f"--repeat {args.repeat}: 1 is the least, 0 is until stopped")
     if args.picture and not learn:
         raise BadInput("--picture goes with --learn")
+    if args.gauge_filter_s and not learn:
+        raise BadInput("--gauge-filter-s goes with --learn")
+    if not 0.0 <= args.gauge_filter_s <= LONGEST_FILTER_S:
+        raise BadInput(f"--gauge-filter-s: 0 to {LONGEST_FILTER_S:g} s, in seconds: 150e-6")
     if learn and args.repeat == 1 and not args.learned:
         raise BadInput("--learn needs more than one pass: give --repeat N, or --learned FILE")
     if learn:

@@ -12,6 +12,7 @@ from dehyst.daemon.client.repeated import Repeated, on_grid
 from dehyst.daemon.files.learned import Learned, read_learned, trajectory_digest, write_learned
 from dehyst.daemon.rings.records import model_digest
 from dehyst.models.learning import trim
+from dehyst.models.learning.late_gauge import LateGauge
 from dehyst.models.learning.passes import Learner, Outcome
 from dehyst.models.learning.reading import expected_reading
 from dehyst.models.modelfile import dumps
@@ -36,7 +37,8 @@ class Lessons:
 class Course:
     """One axis that learns: (n,) targets at the times t_s, `repeat` passes (0: until an interrupt).
 
-    file: where what was learned is taken up and saved. Raises BadInput for a file of another model
+    file: where what was learned is taken up and saved; gauge_filter_s: time constant of the gauge's
+    filter, 0: not known. Raises BadInput for a file of another model
     or trajectory.
     """
 
@@ -48,6 +50,7 @@ class Course:
         repeat: int,
         file: Path | None,
         told: Callable[[Outcome], None],
+        gauge_filter_s: float = 0.0,
     ) -> None:
         status, model = client.status(), client.model()
         self.file, self.unit, self.period_s = file, status.unit, status.period_ns * 1e-9
@@ -65,7 +68,8 @@ class Course:
             known,
         )
         expected = expected_reading(model, values, self.period_s)
-        self.taker = LessonTaker(self.learner, values, expected, status.period_ns, told)
+        late = LateGauge(gauge_filter_s) if gauge_filter_s > 0.0 else None
+        self.taker = LessonTaker(self.learner, values, expected, status.period_ns, told, late)
         self.points = Repeated(times, values, repeat, self.taker.correct)
 
     def save(self) -> None:

@@ -13,12 +13,15 @@ from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.findings.told import only_told, worth_telling
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
-from dehyst.models.diagnosis.judge import SearchState, excess
+from dehyst.models.diagnosis.judge import SearchState, excess, tried
+from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.search import search
 from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics import library
 from dehyst.models.physics.candidate import small
 
 Progress = Callable[[str, float], None]
+FED = ("resonance", "lag-sensor")  # what shows how it is fed
 
 
 @dataclass(frozen=True)
@@ -135,6 +138,34 @@ def held_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None
     if fall < max(TUNING.early_share * before, (TUNING.early_size * sigma) ** 2):
         return None
     return whole
+
+
+def fed_by_steps(problem: Problem, null: JointFit, sigma: float) -> Problem:
+    """The problem with lags and modes fed by steps, where one of them leaves much less so.
+
+    A loop writes a command and leaves it: where the hysteresis alone is between the drive and what
+    is read just before the next command, nothing shows of it; what is behind it begins half a
+    sample earlier than straight lines between the samples say. Fitted to these, a mode leaves as
+    much again as its own share, and friction is told beside it.
+    """
+    if problem.data.early or excess(problem, null, sigma) < (TUNING.stepped_size * sigma) ** 2:
+        return problem
+    light = problem.light(TUNING.limit_rows)
+    start = light.solve([])
+    straight, steps = (_least_left(one, start, sigma) for one in (light, light.with_steps()))
+    least = max(TUNING.stepped_share * straight, (TUNING.stepped_size * sigma) ** 2)
+    return problem.with_steps() if straight - steps > least else problem
+
+
+def _least_left(problem: Problem, start: JointFit, sigma: float) -> float:
+    """Mean square beyond the noise that the best lag or mode alone leaves."""
+    look, left = Screen(problem, start), [excess(problem, start, sigma)]
+    for candidate in (c for c in library(problem.data) if c.key in FED):
+        ranked = look.starts(candidate)
+        if ranked and ranked[0][0] > 0:
+            trial = tried(problem, sigma, start, candidate, ranked[0][1])
+            left.append(excess(problem, trial.fit, sigma))
+    return min(left)
 
 
 def _search(

@@ -40,14 +40,18 @@ def hand_out(
     """The model that is handed out: with all that was found, else with the effects alone, else the
     model in use; the first that is nowhere worse than that one by more than the noise, and does not
     go astray where nothing was recorded. bare_left: (N,) what the model in use leaves."""
-    problem, final = weighed.problem, weighed.final
+    problem, final, first = weighed.problem, weighed.final, weighed.held
+    if problem.data.stepped:  # a block is fed by straight lines
+        problem = problem.with_steps(False)
+        final = problem.refit(final.effects)
+        first = by_blocks(problem, final).mean_square
 
     def tried(problem: Problem, fit: JointFit, held: float, whole: bool) -> Handed:
         model = augmented(problem, fit)
         left = left_of(data, replace(bare.subject, model=model).whole(data))
         return Handed(model, left, held, whole)
 
-    out = tried(problem, final, weighed.held, True)
+    out = tried(problem, final, first, True)
     for weight in TUNING.leanings if problem.base.width else ():
         if stays_in_reach(out.model, data) and not _is_worse(data, out.left, bare_left, sigma):
             return out

@@ -23,6 +23,7 @@ from dehyst.models.diagnosis.data.survey import (
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.find import (
     Progress,
+    fed_by_steps,
     find_above_noise,
     held_drive,
     of_another_stage,
@@ -89,6 +90,8 @@ def diagnose(
     standing = on_the_model(problem, null)
     if standing is not problem:
         problem, null = standing, standing.solve([])
+    problem = fed_by_steps(problem, null, sigma)
+    data = problem.data
     # what is there for a part of the time is told with its time, and no other physics explains it
     episode = find_episodes(data, null.residual(data), sigma)
     if episode is not None:

@@ -52,6 +52,8 @@ class Tuning(NamedTuple):
     compact_doubt: float = 1.5  # held-out over in-sample rms of the rich base: a compact one too
     early_share: float = 0.4  # for a drive half a sample earlier
     early_size: float = 0.5
+    stepped_size: float = 0.5  # for lags and modes that are fed by steps:
+    stepped_share: float = 0.4  # of what one fed by straight lines leaves
     distorted: float = 0.7  # of the held-out mean square with a given model under the base: where
     # the base leaves less than this without it, it stands alone
     noise_again: float = 0.7  # of the noise at first: below, the effects are looked for again

@@ -46,11 +46,13 @@ Spectrum = NDArray[np.complex128] | Floats
 class Pass:
     """One pass as telemetry has it, (n,) each. error: measured less target, NaN: no fresh reading;
     used: correction in force; trimmed: the slow trim acts, so the mean is its business. What
-    the trim moves within a pass repeats with the rest."""
+    the trim moves within a pass repeats with the rest. anew: from here on the error is told
+    otherwise, and not to be compared with that of passes before."""
 
     error: Floats
     used: Floats
     trimmed: bool = False
+    anew: bool = False
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,9 @@ class Learner:
         repeats = error - one.used
         if not wrong and one.trimmed:
             repeats = repeats - repeats.mean()
-        if not wrong:
+        if one.anew:
+            self._begin_anew()
+        elif not wrong:
             wrong = self._unsettled(repeats) or self._knock(repeats)
         if wrong:
             return self._tell(rms, mean, False, f"not learned from: {wrong}")
@@ -276,10 +280,14 @@ class Learner:
             return f"a knock of {smooth[at]:+.3g} at {at * self.period_s:.3f} s"
         again = running_mean(repeats - doubted, TUNING.knock_smooth)
         if np.abs(again - np.median(again)).max() < TUNING.same * abs(smooth[at]):
-            self._doubted = None  # twice the same: the stage has changed, nobody knocked
-            self.learned, self._best, self._grown, self._before = 1, None, 0, None
+            self._begin_anew()  # twice the same: the stage has changed, nobody knocked
             return ""
         return f"a knock of {smooth[at]:+.3g} at {at * self.period_s:.3f} s"
+
+    def _begin_anew(self) -> None:
+        """What was told of the error before counts no more; what repeats is kept."""
+        self.learned, self._best, self._grown = min(self.learned, 1), None, 0
+        self._before = self._doubted = None
 
     # -- spectrum ---------------------------------------------------------------------------------
 

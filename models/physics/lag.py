@@ -102,7 +102,7 @@ class Lag(Candidate):
 
     def _pass(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
         for tau in theta:
-            x = lowpass(x, data.dt / tau, data.starts)
+            x = lowpass(x, data.dt / tau, data.starts, data.stepped)
         return x
 
     def drive(self, data: Data, v: Floats, theta: Sequence[float]) -> Floats:
@@ -159,7 +159,7 @@ class Servo(Candidate):
         return [(f / data.period, 0.75) for f in (0.004, 0.012, 0.04, 0.12, 0.4)]
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
-        return second_order(x, 2 * np.pi * theta[0] * data.dt, theta[1], data.starts)
+        return second_order(x, 2 * np.pi * theta[0] * data.dt, theta[1], data.starts, data.stepped)
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {

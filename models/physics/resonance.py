@@ -176,7 +176,7 @@ class Resonance(Candidate):
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
         f, z, share = theta
-        mode = second_order(x, 2 * np.pi * f * data.dt, z, data.starts)
+        mode = second_order(x, 2 * np.pi * f * data.dt, z, data.starts, data.stepped)
         return (1.0 - share) * x + share * mode
 
     def probes(self, data: Data) -> list[Probe]:

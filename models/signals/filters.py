@@ -94,8 +94,9 @@ def dahl(length: Floats, u: Floats, starts: Bools | Ints) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def lowpass(x: Floats, ratio: Floats, starts: Bools) -> Floats:
-    """First-order low-pass of each column, exact for an input linear over each step.
+def lowpass(x: Floats, ratio: Floats, starts: Bools, stepped: bool = False) -> Floats:
+    """First-order low-pass of each column, exact for an input linear over each step, or
+    (stepped) for one that has been what it is since the sample before.
 
     ratio: (N,) dt / tau for each sample. Starts settled at the first sample.
     """
@@ -109,8 +110,9 @@ def lowpass(x: Floats, ratio: Floats, starts: Bools) -> Floats:
             last = ratio[t]
             decay = np.exp(-last)
         for j in range(x.shape[1]):
-            trail = (x[t, j] - x[t - 1, j]) / last
-            out[t, j] = settle(out[t - 1, j], x[t - 1, j], x[t, j], trail, decay)
+            before = x[t, j] if stepped else x[t - 1, j]
+            trail = (x[t, j] - before) / last
+            out[t, j] = settle(out[t - 1, j], before, x[t, j], trail, decay)
     return out
 
 
@@ -157,13 +159,16 @@ def relaxed(x: Floats, taus: Floats, dt: Floats, starts: Bools, gain: float, mea
 
 
 @njit(cache=True, nogil=True)
-def second_order(x: Floats, omega: Floats, damping: float, starts: Bools) -> Floats:
-    """w^2 / (s^2 + 2 z w s + w^2) of each column, exact for an input linear over each step.
+def second_order(
+    x: Floats, omega: Floats, damping: float, starts: Bools, stepped: bool = False
+) -> Floats:
+    """w^2 / (s^2 + 2 z w s + w^2) of each column, exact for an input linear over each step, or
+    (stepped) for one that has been what it is since the sample before.
 
     omega: (N,) w * dt for each sample (constant inside a recording). Starts settled.
     """
     out = np.empty_like(x)
-    _second_order(x, omega, damping, starts, out, np.empty((0, 0)))
+    _second_order(x, omega, damping, starts, stepped, out, np.empty((0, 0)))
     return out
 
 
@@ -171,13 +176,19 @@ def second_order(x: Floats, omega: Floats, damping: float, starts: Bools) -> Flo
 def mode(x: Floats, omega: Floats, damping: float, starts: Bools) -> Floats:
     """(N, 2): the same of one input x (N,), and its rate over w."""
     out, rate = np.empty((x.size, 1)), np.empty((x.size, 1))
-    _second_order(x.reshape(-1, 1), omega, damping, starts, out, rate)
+    _second_order(x.reshape(-1, 1), omega, damping, starts, False, out, rate)
     return np.concatenate((out, rate), axis=1)
 
 
 @njit(cache=True, nogil=True)
 def _second_order(
-    x: Floats, omega: Floats, damping: float, starts: Bools, out: Floats, rates: Floats
+    x: Floats,
+    omega: Floats,
+    damping: float,
+    starts: Bools,
+    stepped: bool,
+    out: Floats,
+    rates: Floats,
 ) -> None:
     m = x.shape[1]
     q, speed = np.empty(m), np.empty(m)  # displacement, and its change in a sample
@@ -190,9 +201,10 @@ def _second_order(
             if starts[t]:
                 q[j], speed[j] = x[t, j], 0.0
             else:
-                ramp = x[t, j] - x[t - 1, j]
+                before = x[t, j] if stepped else x[t - 1, j]
+                ramp = x[t, j] - before
                 shift = 2.0 * damping / w * ramp
-                q[j], speed[j] = swing(q[j], speed[j], x[t - 1, j], x[t, j], ramp, shift, decay)
+                q[j], speed[j] = swing(q[j], speed[j], before, x[t, j], ramp, shift, decay)
             out[t, j] = q[j]
             if rates.size > 0:
                 rates[t, j] = speed[j] / w

@@ -11,10 +11,10 @@ from tests.rigs.gateway_bench import (
     environment,
     follows,
     free_port,
-    model_text,
     wait_until,
 )
 from tests.rigs.processes import one_cpu
+from tests.rigs.stage_model import model_text
 
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.client.group import Group

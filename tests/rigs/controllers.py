@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 from tests.rigs.gateway_bench import ROOT, free_port
+from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
@@ -36,7 +37,6 @@ from dehyst.daemon.client.client import Client
 from dehyst.daemon.client.finding import daemons
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.loop.timing import realtime
-from dehyst.daemon.tools.bench_config import simulated_model
 
 EXAMPLES = ROOT / "docs" / "examples"
 EVERYTHING = 10  # every tenth subscriber hears all controllers
@@ -256,7 +256,7 @@ class Lab:
             preexec_fn=end_with_us,
         )
         self.daemons: list[subprocess.Popen[bytes]] = []
-        save_model(simulated_model(), folder / "model.toml")
+        save_model(kept_model(), folder / "model.toml")
         begun = time.monotonic()
         with Bus.connect([address], timeout_s=20.0) as bus:
             for i, name in enumerate(self.names):

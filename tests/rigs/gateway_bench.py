@@ -7,24 +7,21 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 from tests.rigs.processes import one_cpu
+from tests.rigs.stage_model import model_text
 
 from dehyst.daemon.bus import messages
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
 from dehyst.daemon.config import Config, load_config
-from dehyst.daemon.files.models import save_model
 from dehyst.daemon.gateway.core_rings import LAYOUTS
 from dehyst.daemon.rings.records import State
 from dehyst.daemon.rings.ring import Ring
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.models.errors import BadInput
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -99,14 +96,6 @@ def environment() -> dict[str, str]:
     return {k: v for k, v in os.environ.items() if k != "NOTIFY_SOCKET"} | {
         "PYTHONPATH": str(ROOT / "src"), "DEHYST_SUPERVISED": "1"
     }  # fmt: skip
-
-
-@cache
-def model_text() -> str:
-    """The simulated stage's own model, as its file."""
-    with TemporaryDirectory() as folder:
-        save_model(simulated_model(), Path(folder) / "model.toml")
-        return (Path(folder) / "model.toml").read_text()
 
 
 CONFIG = """

@@ -64,10 +64,13 @@ def dehyst(*arguments: str, **options: Any) -> "subprocess.Popen[str]":
     )
 
 
-def as_hardware(process: "subprocess.Popen[Any]") -> None:
-    """An emulated device is a device: where it is allowed, no other process keeps it waiting."""
+def as_hardware(process: "subprocess.Popen[Any]", ready: bool = False) -> None:
+    """An emulated device is a device: where it is allowed, no other process keeps it waiting; once
+    it is ready, no loop that waits for its answer either."""
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, process.pid, -15)
+        if ready:
+            os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(90))
 
 
 def one_cpu() -> int:
@@ -115,6 +118,7 @@ class EmulatedBench:
         ready, _, _ = select.select([self.process.stdout], [], [], 60.0)
         assert ready, "the bench did not start"
         self.ports: dict[str, str] = json.loads(self.process.stdout.readline())
+        as_hardware(self.process, ready=True)
 
     def config(self, rate: float, model: Path) -> Path:
         """Configuration on this bench."""

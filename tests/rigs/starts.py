@@ -8,6 +8,7 @@ import ast
 import multiprocessing.process
 import os
 import pty
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -68,7 +69,8 @@ WORDS = {tool.rpartition(".")[0] or tool for tool in TOOLS}
 def starting(path: Path, inherited: frozenset[str] = frozenset()) -> frozenset[str]:
     """Names in this file that start something; inherited: fixtures of the folders above."""
     text = path.read_text(encoding="utf-8")
-    if not any(word in text for word in (*WORDS, *(name.strip("()") for name in inherited))):
+    words = "|".join(re.escape(name.strip("()")) for name in (*WORDS, *inherited))
+    if not re.search(rf"\b(?:{words})\b", text):
         return frozenset()  # every worker looks at every file: most need not be parsed
     tree = ast.parse(text)
     found = {
@@ -111,6 +113,14 @@ def starts_something_in(path: Path) -> bool:
     """Whether any test of this file does."""
     names = starting(path, _above(path.parent))
     return any(name.lower().startswith("test") and name.isidentifier() for name in names)
+
+
+def starts_something_always(path: Path) -> bool:
+    """Whether every test of this file does."""
+    tests = re.findall(
+        r"^(?:def|class) ([tT]est\w*)", path.read_text(encoding="utf-8"), re.MULTILINE
+    )
+    return starting(path, _above(path.parent)).issuperset(tests)
 
 
 class Started(AssertionError):

@@ -92,6 +92,11 @@ def survey(
             "the reading leads the drive by half a sample: each command is held, not ramped; the "
             "diagnosis has taken it so"
         )
+    if fitted.stepped:
+        said.append(
+            "lags and modes lead by half a sample: each command is held, not ramped; the diagnosis "
+            "has taken it so"
+        )
     if len(data.names) == 1:
         said.append("one recording only: nothing was held out on another waveform")
     rows = int(np.count_nonzero(data.raw_index >= 0))

@@ -7,7 +7,8 @@ was read: it is this moment that the loop compares with the target, and learns o
 gauge writes down where the stage was. At the deadline, 0.4 ms earlier, the stage is elsewhere: each
 step of the output makes it ring at 780 Hz. What it was there is printed too: a second simulated
 stage is led by the amplifier's log of its output. Passes in which the loop missed a deadline are
-learned from by nobody, and not judged.
+learned from by nobody, and not judged. Each sine is learned twice: as it is, and with the gauge's
+filter declared (`--gauge-filter-s`), which is judged.
 """
 
 import argparse
@@ -15,6 +16,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +34,7 @@ from dehyst.drivers.simulated.stage import Stage
 from dehyst.models.model import Floats
 
 SINES = ((1.0, 8.0), (5.0, 6.0))
+FILTERS_S = (0.0, 150e-6)  # not declared, and as the simulated gauge has it
 LEAST_GAIN = 5.0
 BEFORE_S = 60.0  # the approach is so long ago at the most, where the machine is busy
 
@@ -109,7 +112,7 @@ def main() -> int:
         daemon = dehyst("run", "--config", str(config), stdout=None, stderr=subprocess.DEVNULL)
         try:
             client = until(lambda: connected(address), 240.0, "the daemon")
-            for hertz, um in SINES:
+            for (hertz, um), filter_s in product(SINES, FILTERS_S):
                 t_s = np.arange(round(RATE_HZ)) / RATE_HZ
                 target = 8.0 - 0.5 * um * np.cos(2.0 * np.pi * hertz * t_s)
                 path = folder / f"sine-{hertz:g}.csv"
@@ -118,14 +121,18 @@ def main() -> int:
                     [
                         sys.executable, "-m", "dehyst.daemon.main", "play", str(path), "--learn",
                         "--repeat", str(args.passes), "--connect", address, "--picture",
-                        str(folder / f"{hertz:g}.png"),
+                        str(folder / f"{hertz:g}-{filter_s:g}.png"),
+                        "--gauge-filter-s", str(filter_s),
                     ],
                     check=False, env=os.environ, timeout=300,
                 )  # fmt: skip
                 errors = errors_of(client, bench, args.passes, t_s.size)
-                print(f"{um:g} um at {hertz:g} Hz")
+                print(f"{um:g} um at {hertz:g} Hz, filter declared: {1e6 * filter_s:g} us")
                 tell(errors)
                 gain = gain_of(errors.true)
+                if not filter_s:
+                    print(f"  first pass over the last ones: {gain:.1f}")
+                    continue
                 if busy and not gain >= LEAST_GAIN:
                     bars.cannot(f"{hertz:g} Hz, first pass over the last ones: {gain:.1f}", busy)
                 else:

@@ -4,8 +4,9 @@
 
 The simulated stage at 200 Hz, the output set and the gauge read as long after the deadline as by
 the emulated MDT693B and KSG101, with their jitter and without, the stage with its 780 Hz mode and
-without, the gauge with its filter of 150 us and without. Standard deviation of the true error, of
-the first pass and (median) of the last ones; of these also what repeats from pass to pass.
+without, the gauge with its filter of 150 us and without, its filter declared and not. Standard
+deviation of the true error, of the first pass and (median) of the last ones; of these also what
+repeats from pass to pass.
 """
 
 import argparse
@@ -17,6 +18,7 @@ from tests.rigs.trimmed_stage import Player, Tamper, TrimmedStage
 
 from dehyst.daemon.tools.bench_config import RATE_HZ, simulated_model
 from dehyst.drivers.simulated.settings import StageSettings
+from dehyst.models.learning.late_gauge import LateGauge
 from dehyst.models.learning.passes import Learner, Pass, fade_share
 from dehyst.models.learning.reading import expected_reading
 from dehyst.models.learning.tuning import TUNING
@@ -24,6 +26,7 @@ from dehyst.models.model import Floats, Model
 
 SINES = ((1.0, 8.0), (5.0, 6.0))
 SETTLED = 12  # passes
+FILTER_S = 150e-6
 BOUND = 0.1  # of the reach, as the loop bounds it
 
 
@@ -42,12 +45,16 @@ class LateStage(TrimmedStage):
     def __init__(self, model: Model, stage: StageSettings, times: Times) -> None:
         super().__init__(model, stage, rate_hz=RATE_HZ)
         self.times, self.chance = times, np.random.default_rng(1)
+        self.read_s: list[float] = []
+        self.set_s: list[float] = []
 
     def tick(self, commands: np.ndarray, tamper: Tamper | None = None) -> None:
         """One sample."""
         times, stage, period_s = self.times, self.stage, self.period_ns * 1e-9
         read_s = times.reading_s + times.reading_jitter_s * self.chance.random()
         set_s = times.output_s + times.output_jitter_s * self.chance.random()
+        self.read_s.append(self.now_ns * 1e-9)  # all that telemetry tells of it
+        self.set_s.append(self.now_ns * 1e-9 + set_s)
         stage.advance(read_s)
         reading = stage.reading_um()
         self.true.append(stage.displacement_um)
@@ -60,8 +67,19 @@ class LateStage(TrimmedStage):
         self.now_ns += self.period_ns
 
 
-def learned(rig: LateStage, model: Model, target: Floats, passes: int) -> Floats:
-    """(passes, n) true errors [nm]."""
+def outputs_before(rig: LateStage, own: slice, back: int) -> tuple[Floats, Floats]:
+    """(n, back) steps of the output before each reading of a pass, and how long ago each was."""
+    volts = np.array([float(record["volts"]) for record in rig.records[: own.stop]])
+    at = np.maximum(np.arange(own.start, own.stop)[:, None] - np.arange(1, back + 1), 1)
+    read_s, set_s = np.array(rig.read_s), np.array(rig.set_s)
+    return volts[at] - volts[at - 1], read_s[own, None] - set_s[at]
+
+
+def learned(
+    rig: LateStage, model: Model, target: Floats, passes: int, filter_s: float = 0.0
+) -> Floats:
+    """(passes, n) true errors [nm]. filter_s: as declared, 0: not."""
+    late = LateGauge(filter_s)
     period_s, player, out = 1.0 / RATE_HZ, Player(rig), []
     reach_um = rig.reach[1] - rig.reach[0]
     learner = Learner(target, period_s, model.fit.noise_rms or 0.02, BOUND * reach_um)
@@ -73,7 +91,10 @@ def learned(rig: LateStage, model: Model, target: Floats, passes: int) -> Floats
         old = learner.correction
         own = player.play(target, used)
         measured = np.array([float(record["measured"]) for record in rig.records[own]])
-        learner.take(Pass(measured - expected, used, True))
+        error = measured - expected
+        if filter_s:
+            error = error + late.take(error - used, *outputs_before(rig, own, late.back))
+        learner.take(Pass(error, used, True, late.anew))
         out.append(1e3 * (np.array(rig.true[own]) - target))
     return np.array(out)
 
@@ -86,6 +107,8 @@ def main() -> int:
     no_filter, no_mode = StageSettings(sensor_tau_s=0.0), StageSettings(mode_share=0.0)
     cases = {
         "as it is": (StageSettings(), Times()),
+        "filter declared": (StageSettings(), Times()),
+        "filter declared, on time": (StageSettings(), on_time),
         "on time": (StageSettings(), on_time),
         "gauge without filter": (no_filter, Times()),
         "gauge without filter, on time": (no_filter, on_time),
@@ -95,7 +118,9 @@ def main() -> int:
     for hertz, um in SINES:
         target = 8.0 - 0.5 * um * np.cos(2.0 * np.pi * hertz * t_s)
         for name, (stage, times) in cases.items():
-            error = learned(LateStage(model, stage, times), model, target, args.passes)
+            declared = FILTER_S if "declared" in name else 0.0
+            rig = LateStage(model, stage, times)
+            error = learned(rig, model, target, args.passes, declared)
             last = error[SETTLED:]
             text = f"{error[0].std():.0f} to {np.median(last.std(axis=1)):.1f} nm"
             repeats = f"{last.mean(axis=0).std():.1f} nm of it repeats"

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dehyst.daemon.client.learning import LessonTaker
+from dehyst.daemon.client.learning import LessonTaker, Outputs
 from dehyst.daemon.client.repeated import Repeated, on_grid
 from dehyst.daemon.files.learned import Learned, read_learned, trajectory_digest, write_learned
 from dehyst.daemon.rings.records import TELEMETRY, Flag, State
@@ -191,3 +191,29 @@ def test_corrections_that_do_not_fit_are_refused(tmp_path: Path, wrong: list[flo
     path.write_text(json.dumps(good))
     with pytest.raises(BadInput):
         read_learned(path, "m", "t", "um", N)
+
+
+def test_steps_before_each_reading_are_those_of_the_loop_across_the_seam() -> None:
+    n, back, rng = 20, 4, np.random.default_rng(5)
+    records = np.zeros(3 * n, TELEMETRY)
+    woke = np.arange(3 * n) * 0.005 + rng.uniform(0.0, 1e-4, 3 * n)
+    records["actual_ns"], records["volts"] = np.round(woke * 1e9), rng.normal(50.0, 5.0, 3 * n)
+    records["exec_us"] = rng.uniform(1900.0, 2200.0, 3 * n)
+    outputs = Outputs(n, back)
+    for of_pass in (1, 2):
+        mine = slice(of_pass * n, (of_pass + 1) * n)
+        outputs.put(of_pass, records[mine][:7], np.arange(7))
+        outputs.put(of_pass, records[mine][7:], np.arange(7, n))
+    steps, since_s = outputs.of_pass(2)
+    for place in range(n):
+        for j in range(1, back + 1):
+            at = 2 * n + place - j
+            step = records["volts"][at] - records["volts"][at - 1]
+            assert steps[place, j - 1] == step
+            written = woke[at] + 1e-6 * records["exec_us"][at]
+            ago = woke[2 * n + place] - written
+            assert since_s[place, j - 1] == pytest.approx(ago, abs=2e-9)
+    missed = records[2 * n :].copy()
+    missed["flags"][5] = Flag.MISSED
+    outputs.put(3, missed, np.arange(n))
+    assert np.isnan(outputs.of_pass(3)[0][6:10].sum(axis=1)).all()

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from tests.rigs.processes import EmulatedBench, core, dehyst, end, until
 from tests.rigs.service import Service
+from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.files.recordings import read_recording, write_recording
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.drivers.emulated.control import ask
 
 RATE_HZ, START_V = 100.0, 20.0
@@ -27,7 +27,7 @@ READBACK_V = 0.5
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
     path = tmp_path / "model.toml"
-    save_model(simulated_model(), path)
+    save_model(kept_model(), path)
     return path
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import CONFIG, model_text
+from tests.rigs.gateway_bench import CONFIG
+from tests.rigs.stage_model import model_text
 
 from dehyst.daemon.files.outputs import whole_file
 from dehyst.daemon.files.recordings import read_recording, write_recording

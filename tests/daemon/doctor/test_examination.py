@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.rigs.gateway_bench import wait_until
 from tests.rigs.processes import dehyst, simulated_config
+from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.config import load_config
 from dehyst.daemon.doctor.examination import examine
@@ -17,7 +18,6 @@ from dehyst.daemon.files.cases import Case, Examined
 from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.main import main
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.daemon.tools.second_act import pattern
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
@@ -55,7 +55,7 @@ def lay(folder: Path, stuck: bool = False, **change: float) -> Path:
             columns = {"u_v": np.concatenate(drive), "y_um": np.concatenate(reading)}
             times = np.arange(columns["u_v"].size) / RATE_HZ
             write_recording(folder / name, times, columns, {})
-    save_model(simulated_model(), folder / cases.IN_USE)
+    save_model(kept_model(), folder / cases.IN_USE)
     cases.put_record(folder, cases.CASE, a_case(leads=leads))
     return folder
 
@@ -100,7 +100,7 @@ def test_the_next_experiment_can_be_run_within_the_limits(
     tmp_path: Path, pair: tuple[str, str] | None, slew: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    arguments = excite_arguments(a_case(low=10.0, high=90.0, slew=slew), simulated_model(), pair)
+    arguments = excite_arguments(a_case(low=10.0, high=90.0, slew=slew), kept_model(), pair)
     assert main(list(arguments)) == 0
     drive = read_recording(tmp_path / "next.csv")
     assert drive.drive.min() >= 10.0 - 1e-6
@@ -110,7 +110,7 @@ def test_the_next_experiment_can_be_run_within_the_limits(
 
 
 def test_the_process_examines_each_case_once_alone_and_ends_when_asked(tmp_path: Path) -> None:
-    save_model(simulated_model(), tmp_path / "model.toml")
+    save_model(kept_model(), tmp_path / "model.toml")
     path = simulated_config(tmp_path, 200.0, tmp_path / "model.toml")
     (tmp_path / "run").mkdir(mode=0o700)
     folder = load_config(path).watch_directory / "mismatch-garbage.case"

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.rigs.stage_model import kept_model
 from tests.rigs.story import OfflineStory
 
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.models.model import Model
 
 Reading = Callable[[float, float], float]
@@ -21,7 +21,7 @@ RNG = np.random.default_rng(8)
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return simulated_model()
+    return kept_model()
 
 
 @contextmanager

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import CONFIG, environment, model_text
+from tests.rigs.gateway_bench import CONFIG, environment
+from tests.rigs.stage_model import model_text
 
 from dehyst.daemon.main import main
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.rigs.gateway_bench import Bench, wait_until, wait_until_heard
+from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.files import cases
@@ -19,7 +20,6 @@ from dehyst.daemon.files.cases import Case, Examined, OfferTest
 from dehyst.daemon.files.chosen import read_accepted
 from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.rings.records import Flag
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.models.model import Model
 from dehyst.models.modelfile import dumps
 
@@ -29,7 +29,7 @@ SETTINGS = "[watch]\nlearn_s = 3600.0\n[doctor]\ntrial_s = 2.0\n"
 
 def scaled(by: float) -> Model:
     """The stage's own model with another gain."""
-    model = simulated_model()
+    model = kept_model()
     return replace(model, hysteresis=replace(model.hysteresis, c=model.hysteresis.c * by))
 
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from tests.rigs.gateway_bench import free_port, wait_until, wait_until_heard
 from tests.rigs.processes import dehyst, end, simulated_config
+from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.files.models import load_model, save_model
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.models.errors import DehystError
 
 
@@ -33,7 +33,7 @@ class Pair:
 
     def use(self, unit: str) -> None:
         """Put the model and the sensor's scale of this unit into the files."""
-        model = simulated_model()
+        model = kept_model()
         if unit == "nm":
             h = model.hysteresis
             model = replace(model, displacement_unit="nm", hysteresis=replace(h, c=1000.0 * h.c))

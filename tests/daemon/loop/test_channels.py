@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from tests.drivers.iio.test_sensor import device
 from tests.rigs.processes import Rings, core, simulated_config, until
+from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.config import ChannelConfig, parse_config
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.loop.channels import Channels
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.drivers.interface import DeviceNotFound
 from dehyst.models.errors import BadInput
 from dehyst.models.hysteresis.forward import simulate_hysteresis
@@ -90,7 +90,7 @@ def test_the_configuration_names_a_wrong_key(tmp_path: Path) -> None:
 def test_the_running_core_follows_a_temperature(tmp_path: Path, engine: str) -> None:
     """The drive gives way to the expansion: hysteresis plus expansion stay at the set-point."""
     own, folder = tmp_path / "own.toml", tmp_path / "iio"
-    bare = simulated_model()
+    bare = kept_model()
     numbers = {"gain_per_k": 0.0, "expansion_um_per_k": PER_K_UM, "reference_c": REFERENCE_C}
     save_model(replace(bare, blocks=(Block("drift", "stage", numbers, "temp_c"),)), own)
     config = simulated_config(tmp_path, 500.0, own, f'engine = "{engine}"')

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.rigs.processes import Rings, core, simulated_config, until
+from tests.rigs.stage_model import kept_model
 from tests.rigs.two_loops import Rig
 
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.loop.python_loop import PythonLoop
 from dehyst.daemon.rings.records import COMMAND, Command, Flag, MissCause
-from dehyst.daemon.tools.bench_config import simulated_model
 
 HOG = """
 import os, sys, time
@@ -72,7 +72,7 @@ def test_a_slow_driver_is_named() -> None:
 def test_a_higher_priority_and_a_stopped_process_are_named(tmp_path: Path, engine: str) -> None:
     if not may_use_fifo():
         pytest.skip("needs the privilege of FIFO scheduling (ulimit -r 95)")
-    save_model(simulated_model(), tmp_path / "model.toml")
+    save_model(kept_model(), tmp_path / "model.toml")
     cpu = max(os.sched_getaffinity(0))
     lines = f'engine = "{engine}"\ncpu = {cpu}'
     rings = Rings(tmp_path)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from tests.rigs.output import check_range, check_speed, during
 from tests.rigs.processes import SLEW, EmulatedBench, Rings, core, dehyst, simulated_config, until
+from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.rings.records import Command, Flag, MissCause, State
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
 from dehyst.models.hysteresis.forward import simulate_hysteresis
@@ -23,7 +23,7 @@ from dehyst.models.model import Block
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "model.toml"
-    save_model(simulated_model(), path)
+    save_model(kept_model(), path)
     return path
 
 

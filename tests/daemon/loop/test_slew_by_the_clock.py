@@ -13,13 +13,13 @@ import pytest
 from numpy.typing import NDArray
 from tests.rigs.output import check_speed
 from tests.rigs.processes import EmulatedBench, Rings, core, until
+from tests.rigs.stage_model import kept_model
 from tests.rigs.two_loops import PERIOD_NS, Rig, VirtualClock, setpoint
 
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.daemon.loop.records_in_memory import SETTINGS
 from dehyst.daemon.rings.records import COMMAND, Command, Flag
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.drivers.interface import DeviceTimeout
 from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor
 
@@ -194,7 +194,7 @@ def test_no_window_holds_more_where_a_command_is_carried_out_late() -> None:
 
 
 def test_the_amplifiers_own_log_while_the_gauge_is_late(tmp_path: Path) -> None:
-    save_model(simulated_model(), tmp_path / "model.toml")
+    save_model(kept_model(), tmp_path / "model.toml")
     bench = EmulatedBench(tmp_path)
     try:
         config = bench.config(100.0, tmp_path / "model.toml")

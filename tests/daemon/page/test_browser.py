@@ -19,6 +19,7 @@ from tests.rigs.gateway_bench import free_port
 from tests.rigs.page import PageProcess
 from tests.rigs.processes import until
 from tests.rigs.service import SAFE_V, Service
+from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
@@ -26,7 +27,6 @@ from dehyst.daemon.bus.messages import DoctorReport, Event, FoundEffect, ModelOf
 from dehyst.daemon.bus.session import Bus
 from dehyst.daemon.bus.topics import DOCTOR, EVENT, subject
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.tools.bench_config import simulated_model
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 DRIVER = shutil.which("chromedriver")
@@ -86,7 +86,7 @@ class Chromium:
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     folder = tmp_path_factory.mktemp("browser")
-    save_model(simulated_model(), folder / "model.toml")
+    save_model(kept_model(), folder / "model.toml")
     service = Service(folder, folder / "model.toml")
     service.page_port = free_port()  # type: ignore[attr-defined]
     text = service.config.read_text()

@@ -1,29 +1,35 @@
 """A look at a trajectory of several axes, in this process."""
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import model_text
+from tests.rigs.stage_model import model_text
 
 from dehyst.daemon.page.jobs import Setting, look_at_trajectory
 from dehyst.models.errors import BadInput
 
 T_S = np.arange(0.0, 1.0, 0.01)
 CIRCLE = 4.0 + np.sin(2 * np.pi * T_S), 4.5 + np.cos(2 * np.pi * T_S)
-SETTING = Setting(
-    model=model_text(), unit="um", origin=0.0, reach=(1.3, 10.0), low=0.0, high=95.0, slew=1000.0,
-    mode="auto", preview_s=0.05, period_s=0.005,
-)  # fmt: skip
-AXES = {"": SETTING, "x": SETTING, "y": SETTING}
+
+
+@cache
+def axes() -> dict[str, Setting]:
+    """One stage three times."""
+    setting = Setting(
+        model=model_text(), unit="um", origin=0.0, reach=(1.3, 10.0), low=0.0, high=95.0,
+        slew=1000.0, mode="auto", preview_s=0.05, period_s=0.005,
+    )  # fmt: skip
+    return {"": setting, "x": setting, "y": setting}
 
 
 def look(folder: Path, columns: str, *ways: "np.ndarray") -> dict[str, Any]:
     path = folder / "way.csv"
     rows = [",".join(f"{v:.6f}" for v in row) for row in zip(T_S, *ways, strict=True)]
     path.write_text("\n".join([columns, *rows]) + "\n")
-    return look_at_trajectory(folder, path, AXES, lambda *_: None)
+    return look_at_trajectory(folder, path, axes(), lambda *_: None)
 
 
 def test_reach_and_slew_of_each_axis_are_seen(tmp_path: Path) -> None:

@@ -12,11 +12,11 @@ import pytest
 from tests.rigs.axes_bench import AxesBench
 from tests.rigs.gateway_bench import Bench, wait_until
 from tests.rigs.page import Browser, PageProcess
+from tests.rigs.stage_model import kept_model
 from websockets.exceptions import InvalidStatus
 
 from dehyst.daemon.main import main
 from dehyst.daemon.rings.records import Command, State
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 
 
@@ -434,7 +434,7 @@ def test_a_dropped_recording_is_identified_beside_a_look_at_a_trajectory(
     drive = 75.0 - 75.0 * np.cos(2 * np.pi * 0.2 * t_s) * np.exp(-t_s / 40.0)
     drive *= np.minimum(1.0, t_s / 5.0)
     noise = 0.005 * np.random.default_rng(3).normal(size=t_s.size)
-    um = simulate_hysteresis(simulated_model().hysteresis, drive, 0.02) + noise
+    um = simulate_hysteresis(kept_model().hysteresis, drive, 0.02) + noise
     rows = "".join(f"{t:.2f},{u:.5f},{y:.5f}\n" for t, u, y in zip(t_s, drive, um, strict=True))
     asked = still_page.post("/upload/identify?file=run.csv", content="t_s,u_v,y_um\n" + rows)
     number = asked.json()["number"]

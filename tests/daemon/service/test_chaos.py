@@ -13,9 +13,9 @@ from tests.rigs.chaos import commands as chaos_commands
 from tests.rigs.chaos import faults
 from tests.rigs.chaos import pairs as chaos_pairs
 from tests.rigs.chaos.rig import Rig
+from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.tools.bench_config import simulated_model
 
 FLOODS = (chaos_commands.flood, chaos_commands.stranger_floods)
 DAEMONS = 3
@@ -51,7 +51,7 @@ class Rigs:
         if self.rig is None:
             folder = self._place()
             model = folder / "identified.toml"
-            save_model(simulated_model(), model)
+            save_model(kept_model(), model)
             self.rig = Rig(folder, model)
             self.recording = folder / "whole.csv"
             self.rig.run()

@@ -16,13 +16,13 @@ from pathlib import Path
 import pytest
 from tests.rigs.processes import core, dehyst, simulated_config, until
 from tests.rigs.service import SAFE_V, Service
+from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.config import load_config, load_controller
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.main import main
 from dehyst.daemon.rings.records import State
 from dehyst.daemon.service.supervisor import Supervisor
-from dehyst.daemon.tools.bench_config import simulated_model
 
 UNITS = Path(__file__).resolve().parents[3] / "systemd"
 
@@ -30,7 +30,7 @@ UNITS = Path(__file__).resolve().parents[3] / "systemd"
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "model.toml"
-    save_model(simulated_model(), path)
+    save_model(kept_model(), path)
     return path
 
 

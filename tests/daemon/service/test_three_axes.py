@@ -16,13 +16,14 @@ import numpy as np
 import pytest
 from tests.rigs.gateway_bench import free_port
 from tests.rigs.processes import DTYPES, EmulatedBench, dehyst, until
+from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.client.client import Refusal
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.main import main
 from dehyst.daemon.rings.ring_file import RingFile
-from dehyst.daemon.tools.bench_config import simulated_model, write_axes_bench
+from dehyst.daemon.tools.bench_config import write_axes_bench
 from dehyst.drivers.emulated.control import ask
 from dehyst.models.errors import DehystError
 
@@ -47,7 +48,7 @@ class Stage:
         self.folder, self.log = folder, folder / "run.txt"
         self.bench = EmulatedBench(folder, "--axes", "3")
         self.address = f"tcp/127.0.0.1:{free_port()}"
-        models = dict.fromkeys("xyz", simulated_model())
+        models = dict.fromkeys("xyz", kept_model())
         self.config = write_axes_bench(
             folder, self.bench.ports, "stage-1", self.address, models, trim=False, rate_hz=50.0,
             more=MORE,

@@ -9,8 +9,9 @@ from tests.rigs.diagnosis import diagnose_without_limits
 from dehyst.models.diagnosis.base import rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.steps import held_drive
+from dehyst.models.diagnosis.steps import fed_by_steps, held_drive
 from dehyst.models.recording import Recording
+from dehyst.models.signals.filters import lowpass, second_order
 from dehyst.models.signals.held import longest_hold
 from dehyst.models.signals.lines import find_lines
 from dehyst.models.signals.periodic import fundamental_hz
@@ -81,6 +82,40 @@ def test_a_held_drive_is_taken_half_a_sample_earlier() -> None:
         data = prepare([Recording(t, u, y + noise(t.size))])
         problem = Problem(data, rich_base(data))
         assert (held_drive(problem, problem.solve([]), 0.01) is not None) is expected
+
+
+MODE = ([(2 * np.pi * 60.0) ** 2], [1.0, 0.06 * 2 * np.pi * 60.0, (2 * np.pi * 60.0) ** 2])
+FILTER = ([1.0], [4e-3, 1.0])
+
+
+@pytest.mark.parametrize("system", [MODE, FILTER])
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+def test_what_is_fed_by_steps_is_told_from_what_is_fed_by_straight_lines(
+    system: tuple[list[float], list[float]], hold: str
+) -> None:
+    t = np.arange(8000) * DT
+    u = 5 + multisine(t.size, 1) + 0.2 * np.random.default_rng(2).standard_normal(t.size)
+    u[0] = u.min()
+    ahead = np.append(u[1:], u[-1]) if hold == "zoh" else u  # each command from the sample before
+    y = signal.lsim(system, ahead - u[0], t, interp=hold == "foh")[1]
+    data = prepare([Recording(t, u, y + noise(t.size))])
+    problem = Problem(data, rich_base(data))
+    asked = fed_by_steps(problem, problem.solve([]), 0.01)
+    assert asked.data.stepped is (hold == "zoh")
+
+
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+def test_filters_are_exact_for_steps_and_for_straight_lines(hold: str) -> None:
+    t = np.arange(500) * DT
+    u = np.r_[0.0, 0.0, np.random.default_rng(3).standard_normal(t.size - 2)]
+    ahead = np.append(u[1:], 0.0) if hold == "zoh" else u
+    lag, mode = (signal.lsim(s, ahead, t, interp=hold == "foh")[1] for s in (FILTER, MODE))
+    starts = np.arange(t.size) == 0
+    stepped, ones = hold == "zoh", np.ones(t.size)
+    ours = lowpass(u[:, None], 0.5 * ones, starts, stepped)[:, 0]
+    np.testing.assert_allclose(ours, lag, atol=1e-9)
+    ours = second_order(u[:, None], 2 * np.pi * 60.0 * DT * ones, 0.03, starts, stepped)[:, 0]
+    np.testing.assert_allclose(ours, mode, atol=1e-9)
 
 
 def test_coupling_through_a_mode_is_named_with_its_frequency() -> None:

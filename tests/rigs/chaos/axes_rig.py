@@ -25,6 +25,7 @@ from tests.rigs.chaos.rig import (
     SLEW,
     Listener,
     Rig,
+    samples_since,
     until,
 )
 from tests.rigs.output import check_range, check_speed, during
@@ -149,8 +150,7 @@ class AxesRig(Rig):
     def _plays(self, axis: str, calm_ns: int = 0) -> bool:
         """Whether it follows its trajectory, and has for so long."""
         now_ns = time.monotonic_ns()
-        recent = [b[b["scheduled_ns"] > now_ns - 1e9 - calm_ns] for b in self.recent(axis)]
-        samples = np.concatenate(recent) if recent else np.zeros(0)
+        samples = samples_since(now_ns - 1_000_000_000 - calm_ns, self.heard(axis))
         if not samples.size:
             return False
         samples = samples[samples["scheduled_ns"] >= samples["scheduled_ns"][-1] - calm_ns]
@@ -166,16 +166,15 @@ class AxesRig(Rig):
         with np.load(self.log) as data:
             return data[f"{head}time_ns"], data[f"{head}volts"]
 
-    def recent(self, axis: str) -> list[np.ndarray]:
-        """Batches of telemetry of an axis that came last."""
+    def heard(self, axis: str) -> list[np.ndarray]:
+        """Batches of telemetry of an axis."""
         listener = self.listener if axis == "x" else self.others[axis]
         assert listener is not None
-        return listener.samples[-3000:]
+        return listener.samples
 
     def samples_of(self, axis: str) -> np.ndarray:
         """Telemetry of an axis since the mark."""
-        batches = [b[b["scheduled_ns"] >= self.fault_ns] for b in self.recent(axis)]
-        return np.concatenate(batches) if batches else np.zeros(0)
+        return samples_since(self.fault_ns, self.heard(axis))
 
     def check_rested(self) -> None:
         """z, which nobody commands, has not moved since it was brought to its place."""

@@ -215,6 +215,7 @@ class Rig:
         )  # fmt: skip
         as_hardware(self.bench)
         line = until(lambda: self.words("bench").strip(), 60.0, "the bench")
+        as_hardware(self.bench, ready=True)
         ports: dict[str, str] = json.loads(line.splitlines()[-1])
         return ports
 
@@ -283,10 +284,7 @@ class Rig:
     def samples(self) -> np.ndarray:
         """Telemetry since the mark."""
         assert self.listener is not None
-        batches = [
-            b[b["scheduled_ns"] >= self.since_ns] for b in list(self.listener.samples[-3000:])
-        ]
-        return np.concatenate(batches) if batches else np.zeros(0)
+        return samples_since(self.since_ns, self.listener.samples)
 
     def judge(self, fault: Callable[..., str]) -> None:
         """What must hold beside that of the amplifier's channel after this fault."""
@@ -435,6 +433,16 @@ class Rig:
             client.close()
         if self.listener is not None:
             self.listener.client.close()
+
+
+def samples_since(since_ns: int, batches: list[np.ndarray]) -> np.ndarray:
+    """Telemetry from this moment on, of batches in the order in which they came."""
+    found = []
+    for batch in reversed(batches):  # a list that grows meanwhile
+        found.append(batch[batch["scheduled_ns"] >= since_ns])
+        if batch["scheduled_ns"][-1] < since_ns:
+            break
+    return np.concatenate(found[::-1]) if found else np.zeros(0)
 
 
 def lives(pid: int) -> bool:

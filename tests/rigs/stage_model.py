@@ -1,0 +1,23 @@
+"""The model of the simulated stage, identified once in each process of the tests."""
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from dehyst.daemon.files.models import save_model
+from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.models.model import Model
+
+
+@cache
+def kept_model() -> Model:
+    """The model of the default stage; nobody may change it."""
+    return simulated_model()
+
+
+@cache
+def model_text() -> str:
+    """The same as its file."""
+    with TemporaryDirectory() as folder:
+        save_model(kept_model(), Path(folder) / "model.toml")
+        return (Path(folder) / "model.toml").read_text()
