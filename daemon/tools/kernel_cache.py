@@ -172,14 +172,12 @@ def _files(folder: Path | str, suffix: str) -> Iterator[os.DirEntry[str]]:
 
 def load_lightly() -> None:
     """From now on numba takes in all that it can compile, cffi among it, when it compiles, and not
-    before it loads a kernel that is on disk; takes it for granted that scipy.linalg is there; and
-    tells nobody of each call of LLVM, of which a kernel takes hundreds. Before the first kernel is
-    called; imports numba.
+    before it loads a kernel that is on disk; and takes it for granted that scipy.linalg is there.
+    Before the first kernel is called; imports numba.
 
     Else core and gateway take 0.4 s of a processor more to start. scipy is a dependency; a kernel
     that multiplies matrices imports what it needs when it runs.
     """
-    from llvmlite.binding import ffi
     from numba.core import caching
     from numba.core.runtime import rtsys
     from numba.np import linalg
@@ -190,5 +188,3 @@ def load_lightly() -> None:
 
     caching.Cache.load_overload = load_overload
     linalg.ensure_blas = linalg.ensure_lapack = lambda: None
-    for listeners in tuple(getattr(ffi.lib._lock, "_cblist", ())):  # numba's of "numba:llvm_lock"
-        ffi.unregister_lock_callback(*listeners)
