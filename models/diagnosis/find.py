@@ -158,14 +158,25 @@ def fed_by_steps(problem: Problem, null: JointFit, sigma: float) -> Problem:
 
 
 def _least_left(problem: Problem, start: JointFit, sigma: float) -> float:
-    """Mean square beyond the noise that the best lag or mode alone leaves."""
+    """Mean square beyond the noise that the best lag or mode alone leaves. A mode that rings through
+    a recording is none of the stage's: so a line of the surroundings is copied."""
+    shortest_s = float((np.bincount(problem.data.rec) * problem.data.period).min())
     look, left = Screen(problem, start), [excess(problem, start, sigma)]
     for candidate in (c for c in library(problem.data) if c.key in FED):
         ranked = look.starts(candidate)
         if ranked and ranked[0][0] > 0:
             trial = tried(problem, sigma, start, candidate, ranked[0][1])
+            theta = trial.fit.effects[-1].theta
+            if candidate.key == "resonance" and not _fades(theta, shortest_s):
+                continue
             left.append(excess(problem, trial.fit, sigma))
     return min(left)
+
+
+def _fades(theta: Sequence[float], recording_s: float) -> bool:
+    """Whether a mode's free oscillation is gone long before a recording ends. theta: Hz, damping
+    ratio, ..."""
+    return bool(2 * np.pi * theta[0] * theta[1] * TUNING.stepped_fades * recording_s > 1.0)
 
 
 def _search(

@@ -95,7 +95,8 @@ def lean_on_the_model(problem: Problem, weight: float) -> Problem:
 
 def foretells_worse(problem: Problem, fit: JointFit, bare: Problem) -> bool:
     """Whether most recordings are left with more by weights that the others gave than by the model
-    in use: what the base has learned then is not the stage's. Levels aside; not for one alone."""
+    in use: what the base has learned then is not the stage's. Levels aside, and what is a
+    recording's own, as what its past has left; not for one alone."""
     data, x = problem.data, fit.design
     count = len(data.names)
     if count < 2 or not problem.base.width:
@@ -109,10 +110,11 @@ def foretells_worse(problem: Problem, fit: JointFit, bare: Problem) -> bool:
         gram, moment = x[~here].T @ x[~here], x[~here].T @ target[~here]
         problem.leaning.add_to(gram, moment, count)
         w, _ = solve_ridged(gram, moment, penalty)
-        left = float(np.std(target[here] - x[here] @ w)) if here.any() else 0.0
-        worse += here.any() and left > TUNING.foretold * float(
-            np.std(problem.counted(before)[here])
-        )
+        if not here.any():
+            continue
+        left, own = target[here] - x[here] @ w, x[here][:, ~x[~here].any(axis=0)]
+        left -= own @ np.linalg.lstsq(own, left)[0]
+        worse += bool(np.std(left) > TUNING.foretold * np.std(problem.counted(before)[here]))
     return bool(2 * worse > count)
 
 

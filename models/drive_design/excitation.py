@@ -30,6 +30,7 @@ class Tuning(NamedTuple):
     slowest: float = 0.1  # of the band: slower sines leave too little of the fast ones
     least_cycles: int = 3  # of the slowest sine in the whole drive
     finest: int = 12  # samples for one period of the fastest sine
+    reach: float = 0.91  # of the range, that the sines shall reach together
 
 
 TUNING = Tuning()
@@ -151,9 +152,9 @@ def _search(
     seed: int,
 ) -> tuple[Floats, Floats]:
     """(cycles, shares of the half range) of the sines, the most even of many tried, if possible
-    of those whose loops have enough sizes."""
+    of those that go over nearly all of the range in loops of enough sizes."""
     rng = np.random.default_rng(seed)
-    best, found = (0, -1.0), None
+    best, found = (-1.0, 0, -1.0), None
     for _ in range(TUNING.trials):
         inner = rng.uniform(np.log(slowest), np.log(fastest), sines - 1)
         cycles = np.unique(np.append(np.round(np.exp(inner)), float(fastest)))
@@ -164,8 +165,10 @@ def _search(
         shares /= shares.sum()
         if slew is not None and 2 * np.pi * half * float(shares @ cycles) / body_s > slew:
             continue
+        u = _sum_sines(cycles, shares)
         score = (
-            min(_count_sizes(cycles, shares), COVERAGE.enough_sizes),
+            min(0.5 + 0.5 * float(u.max()), TUNING.reach),
+            min(_count_sizes(u), COVERAGE.enough_sizes),
             _measure_evenness(cycles, shares),
         )
         if score > best:
@@ -180,9 +183,14 @@ def _search(
     return found
 
 
-def _count_sizes(cycles: Floats, shares: Floats) -> int:
+def _sum_sines(cycles: Floats, shares: Floats) -> Floats:
+    """One turn of the drive, from -1 up to 1 at most."""
+    phase = 2.0 * np.pi * np.arange(TUNING.coarse) / TUNING.coarse
+    return np.asarray(-np.cos(np.outer(phase, cycles)) @ shares)
+
+
+def _count_sizes(u: Floats) -> int:
     """How many classes of loop sizes occur."""
-    u = -np.cos(np.outer(2.0 * np.pi * np.arange(TUNING.coarse) / TUNING.coarse, cycles)) @ shares
     return int(np.count_nonzero(count_loop_sizes(u)))
 
 

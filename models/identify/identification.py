@@ -127,13 +127,11 @@ def identify_alone(
     setup = set_up(rows, options.monotone)
     agreed = start_agrees(setup, options.rate is not False)
     found = _search(setup if agreed else _leave_start(rows, options), options, progress)
-    if options.rate is None and setup.virgin and not _has_clear_rate(found):
-        # without the rate, which may only stand for it, the start may look otherwise
-        plain, rate = start_agrees(setup, False), found.fitted.shape.rate
-        if plain != agreed and (agreed or not rate):
-            other = _search(setup if plain else _leave_start(rows, options), options, progress)
-            if not (rate and other.fitted.shape.rate):
-                found, agreed = other, plain
+    if options.rate is None and not found.fitted.shape.rate and setup.virgin:
+        # without the rate, which is not taken, the start may look otherwise
+        before, agreed = agreed, start_agrees(setup, False)
+        if agreed != before:
+            found = _search(setup if agreed else _leave_start(rows, options), options, progress)
     late = not agreed
     if late:
         found.notes.append("the start does not fit a de-energised stage; it was left out")
@@ -225,14 +223,6 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     if (size := sum(int(np.count_nonzero(p)) for p in setup.picks)) > TUNING.rows_fitted:
         notes.append(f"of {size} rows a part, by chance, was fitted; the error is that of all")
     return _Found(setup, best, search.r, fitted, tried, notes)
-
-
-def _has_clear_rate(found: _Found) -> bool:
-    """Is the rate taken, and leaves so little of what is left without it that no other start of the
-    stage would?"""
-    static = [c.held.sum() for c in found.tried if not c.shape.rate]
-    taken = found.fitted.shape.rate and bool(static)
-    return bool(taken and found.best.held.sum() < TUNING.clear_rate * min(static))
 
 
 def _follow_drift(found: _Found) -> _Found:

@@ -8,13 +8,14 @@ import numpy as np
 
 from dehyst.models.identify.data.outliers import thin
 from dehyst.models.identify.dynamics import Dynamics
-from dehyst.models.identify.equations import Equations, Shape
+from dehyst.models.identify.equations import Shape
 from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.lags import LagSearch
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, Trial, choose_structure, pays, shows
 from dehyst.models.identify.thresholds import space_thresholds
 from dehyst.models.identify.tuning import TUNING
+from dehyst.models.identify.uncertainty import estimate_noise
 from dehyst.models.recording import Bools
 
 
@@ -82,8 +83,8 @@ class Search:
         return [choose_structure(group) for group in groups if group]
 
     def choose(self, tried: Sequence[Candidate]) -> Candidate:
-        """The structure to take: rate-dependence only where it foretells more than a static stage
-        with as many unknowns does, as a rate and a place on one loop go together."""
+        """The structure to take: rate-dependence only where it foretells ways of the drive that it
+        has not seen, as a rate and a place on one loop go together."""
         bests = self._bests(tried)
         best = bests[0] if len(bests) == 1 else self._choose_rate(*bests)
         return self._drop_constant(best)
@@ -93,15 +94,27 @@ class Search:
             return rate
         if not pays(static, rate):
             return static
-        return rate if pays(self._score_rival(static), rate) else static
+        whole = self.setup.by_ways()
+        scored = []
+        for one in (static, rate):
+            trial = Trial(whole, self.picks, self.r, one.offset, one.lag, one.loose)
+            trial.linearise(one.params, one.shape, one.shape.powers)
+            scored.append(trial.score(one.shape, whole.strengths[::2]))
+        noise = self._measure_noise(rate)
+        beyond = _compare_beyond(noise, *scored)
+        if beyond < TUNING.clear_beyond:
+            return rate
+        left = float(scored[1].held.sum() / scored[0].held.sum())
+        # what only stands in for a hysteresis of another class does not explain all
+        explained = _compare_beyond(noise, static, rate) < TUNING.at_noise
+        enough = left < (TUNING.clear_ways if explained else TUNING.clearer_ways)
+        enough = enough or (explained and beyond < TUNING.clear_ways)
+        return rate if enough and pays(scored[0], scored[1], clear=0.0) else static
 
-    def _score_rival(self, static: Candidate) -> Candidate:
-        """The static structure with slopes that depend on the place."""
-        shape = replace(static.shape, rate=True)
-        both = static.params._replace(slopes=np.tile(static.params.slopes, 2))
-        trial = PlaceTrial(self.setup, self.picks, self.r, static.offset, static.lag, static.loose)
-        trial.linearise(both, shape, shape.powers)
-        return trial.score(shape, self.setup.strengths[::2])
+    def _measure_noise(self, found: Candidate) -> float:
+        """Power of the noise in what this leaves."""
+        errors = self.setup.residuals(self.r, found.shape, found.params, found.offset, found.lag)
+        return float(np.nanmedian([estimate_noise(e) for e in errors])) ** 2
 
     def _drop_constant(self, best: Candidate) -> Candidate:
         """The same without a constant where a de-energised stage shows none (Eq. 3 has none): what
@@ -160,21 +173,7 @@ class Search:
         return found if fits else []
 
 
-class PlaceTrial(Trial):
-    """Slopes that depend on where an operator stands, and not on the rate.
-
-    What a static hysteresis of another class leaves hangs together with place and with rate alike,
-    as a drive passes every place at a rate of its own. The rate has to foretell more than as many
-    unknowns of a static stage do: a Preisach plane whose density changes along its diagonal.
-    """
-
-    def gather(self, picks: Sequence[Bools]) -> list[Equations]:
-        """Equations of the picked rows, with the middle of H_i and H_i+1 in place of the rate."""
-        setup = self.setup
-        middle, half = setup.middle - setup.centre(self.offset), 0.5 * setup.span
-        out = []
-        for lot in super().gather(picks):
-            plays = np.cumsum(lot.d[:, ::-1], axis=1)[:, ::-1]
-            place = (plays - 0.5 * lot.d - middle) / half
-            out.append(lot._replace(e=lot.d * place, pace=np.zeros(lot.pace.size)))
-        return out
+def _compare_beyond(noise: float, static: Candidate, rate: Candidate) -> float:
+    """Share of what the static one leaves beyond noise of this power, that the other leaves."""
+    here, there = (float(c.held.sum() - noise * c.sizes.sum()) for c in (rate, static))
+    return max(here, 0.0) / there if there > 0.0 else 1.0

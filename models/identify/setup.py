@@ -84,6 +84,12 @@ class FitSetup:
         """Strengths of the prior to try; strong ones alone where little of a loop is shown."""
         return TUNING.strengths if self.running is None else TUNING.strengths[-2:]
 
+    def by_ways(self) -> "FitSetup":
+        """The same with whole ways of the drive, from turn to turn, held out."""
+        rows = [replace(one) for one in self.rows]
+        folds = assign_pieces(rows, self.picks, self.drive_min, self.drive_max, 1)
+        return replace(self, rows=rows, folds=folds)
+
     @property
     def span(self) -> float:
         """Drive range."""

@@ -19,15 +19,17 @@ from dehyst.models.recording import Bools, Floats
 Labels = NDArray[np.int32]
 
 
-def assign_pieces(rows: Sequence[Rows], picks: Sequence[Bools], low: float, high: float) -> int:
+def assign_pieces(
+    rows: Sequence[Rows], picks: Sequence[Bools], low: float, high: float, parts: int = TUNING.parts
+) -> int:
     """Write into each recording's `piece` the stretch of each row; the number of folds.
 
     Piece p is held out with all pieces that leave the same rest when divided by that number; there
-    are TUNING.pieces in every fold, over which gains are compared.
+    are TUNING.pieces in every fold, over which gains are compared. parts: of a way; 1: whole ways.
     """
     grid = TUNING.alike * (high - low)
     size = TUNING.turn * (high - low)
-    labels = [_label(one.u, low, grid, TUNING.parts, size) for one in rows]
+    labels = [_label(one.u, low, grid, parts, size) for one in rows]
     found = [np.bincount(label[pick]) for label, pick in zip(labels, picks, strict=True)]
     counts = np.zeros(max(c.size for c in found), dtype=np.int64)
     for c in found:
@@ -35,7 +37,7 @@ def assign_pieces(rows: Sequence[Rows], picks: Sequence[Bools], low: float, high
     kinds = np.flatnonzero(counts)
     sizes = counts[kinds]
     folds = int(min(TUNING.folds, kinds.size))
-    if folds < 3:  # the drive does one thing: parts in time have to do
+    if folds < min(2, parts) + 1:  # the drive does one thing: parts in time have to do
         count = TUNING.folds * TUNING.pieces
         for one in rows:
             step = max(1, -(-one.u.size // (2 * count)))

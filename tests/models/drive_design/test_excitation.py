@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from dehyst.models.drive_design.coverage import measure_coverage
@@ -15,6 +15,7 @@ from dehyst.models.recording import Recording
 @given(
     st.floats(-50, 80), st.floats(5, 100), st.floats(1, 40), st.integers(2, 5), st.integers(0, 99)
 )
+@example(low=-1.0, span=5.0, band=1.5, sines=5, seed=43)
 def test_drive_keeps_its_promises(
     low: float, span: float, band: float, sines: int, seed: int
 ) -> None:
