@@ -158,8 +158,8 @@ def fed_by_steps(problem: Problem, null: JointFit, sigma: float) -> Problem:
 
 
 def _least_left(problem: Problem, start: JointFit, sigma: float) -> float:
-    """Mean square beyond the noise that the best lag or mode alone leaves. A mode that rings through
-    a recording is none of the stage's: so a line of the surroundings is copied."""
+    """Mean square beyond the noise that the best lag or mode alone leaves. A mode that rings
+    through a recording is none of the stage's: so a line of the surroundings is copied."""
     shortest_s = float((np.bincount(problem.data.rec) * problem.data.period).min())
     look, left = Screen(problem, start), [excess(problem, start, sigma)]
     for candidate in (c for c in library(problem.data) if c.key in FED):
