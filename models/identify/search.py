@@ -8,7 +8,7 @@ import numpy as np
 
 from dehyst.models.identify.data.outliers import thin
 from dehyst.models.identify.dynamics import Dynamics
-from dehyst.models.identify.equations import Shape
+from dehyst.models.identify.equations import Equations, Shape
 from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.lags import LagSearch
 from dehyst.models.identify.setup import FitSetup
@@ -103,13 +103,29 @@ class Search:
         noise = self._measure_noise(rate)
         beyond = _compare_beyond(noise, *scored)
         if beyond < TUNING.clear_beyond:
-            return rate
+            return rate if self._is_no_place(static, rate) else static
         left = float(scored[1].held.sum() / scored[0].held.sum())
         # what only stands in for a hysteresis of another class does not explain all
         explained = _compare_beyond(noise, static, rate) < TUNING.at_noise
         enough = left < (TUNING.clear_ways if explained else TUNING.clearer_ways)
         enough = enough or (explained and beyond < TUNING.clear_ways)
-        return rate if enough and pays(scored[0], scored[1], clear=0.0) else static
+        enough = enough and pays(scored[0], scored[1], clear=0.0)
+        return rate if enough and self._is_no_place(static, rate) else static
+
+    def _is_no_place(self, static: Candidate, rate: Candidate) -> bool:
+        """Whether the rate foretells more than as many unknowns of a static stage, whose slopes
+        depend on the place; it need not where it takes most of what is left without it."""
+        if rate.held.sum() < TUNING.clear * static.held.sum():
+            return True
+        return pays(self._score_rival(static), rate)
+
+    def _score_rival(self, static: Candidate) -> Candidate:
+        """The static structure with slopes that depend on the place."""
+        shape = replace(static.shape, rate=True)
+        both = static.params._replace(slopes=np.tile(static.params.slopes, 2))
+        trial = PlaceTrial(self.setup, self.picks, self.r, static.offset, static.lag, static.loose)
+        trial.linearise(both, shape, shape.powers)
+        return trial.score(shape, self.setup.strengths[::2])
 
     def _measure_noise(self, found: Candidate) -> float:
         """Power of the noise in what this leaves."""
@@ -177,3 +193,23 @@ def _compare_beyond(noise: float, static: Candidate, rate: Candidate) -> float:
     """Share of what the static one leaves beyond noise of this power, that the other leaves."""
     here, there = (float(c.held.sum() - noise * c.sizes.sum()) for c in (rate, static))
     return max(here, 0.0) / there if there > 0.0 else 1.0
+
+
+class PlaceTrial(Trial):
+    """Slopes that depend on where an operator stands, and not on the rate.
+
+    What a static hysteresis of another class leaves hangs together with place and with rate alike,
+    as a drive passes every place at a rate of its own. The rate has to foretell more than as many
+    unknowns of a static stage do: a Preisach plane whose density changes along its diagonal.
+    """
+
+    def gather(self, picks: Sequence[Bools]) -> list[Equations]:
+        """Equations of the picked rows, with the middle of H_i and H_i+1 in place of the rate."""
+        setup = self.setup
+        middle, half = setup.middle - setup.centre(self.offset), 0.5 * setup.span
+        out = []
+        for lot in super().gather(picks):
+            plays = np.cumsum(lot.d[:, ::-1], axis=1)[:, ::-1]
+            place = (plays - 0.5 * lot.d - middle) / half
+            out.append(lot._replace(e=lot.d * place, pace=np.zeros(lot.pace.size)))
+        return out

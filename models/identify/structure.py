@@ -13,6 +13,7 @@ import numpy as np
 from dehyst.models.identify.bounded import bounded_solve
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import (
+    Equations,
     Ints,
     Normal,
     Params,
@@ -166,13 +167,17 @@ class Trial:
         # narrow operators may at first run the wrong way
         self.loose = (lag is None or lag.short) if loose is None else loose
         self.prior = Prior(r, setup.slope, 0.5 * setup.span)
-        equations = setup.equations(picks, r, offset, lag)
+        equations = self.gather(picks)
         self.folds = setup.folds if split else 1
         self.lots = sort_by_piece(equations, self.folds * TUNING.pieces) if split else equations
         self.normals: list[Normal] = []
         self.folded: list[Normal] = []
         self.shape = Shape(True, ())
         self.like = make_start(0, self.shape, 1.0, 1)
+
+    def gather(self, picks: Sequence[Bools]) -> list[Equations]:
+        """Equations of the picked rows."""
+        return self.setup.equations(picks, self.r, self.offset, self.lag)
 
     def linearise(self, params: Params, shape: Shape, powers: tuple[int, ...]) -> None:
         """Normal equations of every stretch about these parameters, with all of `powers`."""
