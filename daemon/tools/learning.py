@@ -38,8 +38,7 @@ class Course:
     """One axis that learns: (n,) targets at the times t_s, `repeat` passes (0: until an interrupt).
 
     file: where what was learned is taken up and saved; gauge_filter_s: time constant of the gauge's
-    filter, 0: not known. Raises BadInput for a file of another model
-    or trajectory.
+    filter, 0: not known. Raises BadInput for a file of another model or trajectory.
     """
 
     def __init__(
