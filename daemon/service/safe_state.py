@@ -6,11 +6,15 @@ from dehyst.daemon import clock, notify
 from dehyst.daemon.config import Config, Controller
 from dehyst.daemon.loop.checks import check_limits, past_output
 from dehyst.daemon.loop.devices import DeviceLink
+from dehyst.drivers.interface import DeviceGone, DeviceNotFound, DeviceTimeout, ProtocolError
 from dehyst.drivers.registry import load_actuator
 from dehyst.models.errors import DehystError
 
 SHORTEST_PERIOD_S = 0.005
 SPARE_S = 15.0
+TRY_AGAIN_S, PAUSE_S = 5.0, 0.5
+PASSING = (DeviceGone, DeviceNotFound, DeviceTimeout, ProtocolError)
+"""What may be over at the next attempt: a reply cut off, a port that its last holder still has."""
 
 
 class _Output:
@@ -49,12 +53,35 @@ def make_safe(controller: Controller) -> dict[str, float]:
     """Ramp every output to its safe voltage, all at the same time, or leave it, as `safe.on_fault`
     says; volts by the axes' names in keys.
 
-    One that cannot be reached keeps no other from its safe state. Raises its DriverError then.
+    One that cannot be reached keeps no other from its safe state, and is tried again for
+    TRY_AGAIN_S: nothing behind this sees to it. Raises its DriverError then.
     """
+    volts: dict[str, float] = {}
+    errors: dict[str, DehystError] = {}
+    left, end_ns = list(controller.axes), clock.monotonic_ns() + round(TRY_AGAIN_S * clock.NS)
+    while left:
+        safe, failed = _once(left)
+        volts, errors = volts | safe, errors | failed
+        left = [config for config in left if isinstance(failed.get(config.name), PASSING)]
+        if clock.monotonic_ns() > end_ns:
+            break
+        if left:
+            clock.sleep_s(PAUSE_S)
+    for name, failed_with in errors.items():
+        if name in volts:
+            continue
+        if len(controller.axes) > 1:
+            raise type(failed_with)(f"{name}: {failed_with}") from failed_with
+        raise failed_with
+    return {config.name: volts[config.name] for config in controller.axes}
+
+
+def _once(axes: list[Config]) -> tuple[dict[str, float], dict[str, DehystError]]:
+    """One attempt: the outputs that have reached their state, and why the others have not."""
     outputs: list[_Output] = []
     errors: dict[str, DehystError] = {}
     try:
-        for config in controller.axes:
+        for config in axes:
             try:
                 outputs.append(_Output(config))
             except DehystError as error:
@@ -63,11 +90,8 @@ def make_safe(controller: Controller) -> dict[str, float]:
     finally:
         for output in outputs:
             output.link.close()
-    for name, failed in errors.items():
-        if len(controller.axes) > 1:
-            raise type(failed)(f"{name}: {failed}") from failed
-        raise failed
-    return {output.config.name: output.volts for output in outputs}
+    done = [output for output in outputs if output.config.name not in errors]
+    return {output.config.name: output.volts for output in done}, errors
 
 
 def _ramp(outputs: list[_Output], errors: dict[str, DehystError]) -> None:

@@ -1,9 +1,12 @@
 """`dehyst safe` with several axes: all at the same time, and none kept back by another."""
 
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from dehyst.daemon import clock
 from dehyst.daemon.config import load_controller
 from dehyst.daemon.service.safe_state import make_safe
 from dehyst.drivers.interface import Actuator, DriverError
@@ -50,6 +53,43 @@ def test_every_axis_goes_to_its_own_safe_voltage_or_stays(tmp_path: Path) -> Non
     assert [one.output() for one in amplifiers] == [3.0, 20.0, 33.0]
 
 
+@pytest.fixture
+def waits(monkeypatch: pytest.MonkeyPatch) -> list[Callable[[], None]]:
+    """Waiting takes no time and moves the clock on. What is put in happens at the next wait."""
+    passed, happens = [0], list[Callable[[], None]]()
+
+    def sleep_s(seconds: float) -> None:
+        passed[0] += round(seconds * 1e9)
+        while happens:
+            happens.pop()()
+
+    monkeypatch.setattr(clock, "sleep_s", sleep_s)
+    monkeypatch.setattr(clock, "monotonic_ns", lambda: time.monotonic_ns() + passed[0])
+    return happens
+
+
+def test_an_amplifier_that_fails_on_the_way_is_tried_again(
+    tmp_path: Path, waits: list[Callable[[], None]]
+) -> None:
+    path = tmp_path / "stage.toml"
+    path.write_text(CONFIG.format(folder=tmp_path) + axis("x", "safe-again") + axis("y", "safe-on"))
+    again, on = amplifier("safe-again", 60.0), amplifier("safe-on", 60.0)
+    stage = again.shared  # type: ignore[attr-defined]
+
+    def unplug() -> None:
+        stage.plugged = False
+        waits.append(lambda: waits.append(plug_in))
+
+    def plug_in() -> None:
+        assert 3.0 < again.output() < 60.0
+        stage.plugged = True
+
+    waits.append(unplug)
+    assert make_safe(load_controller(path)) == {"stage-1-x": 3.0, "stage-1-y": 3.0}
+    assert (again.output(), on.output()) == (3.0, 3.0)
+
+
+@pytest.mark.usefixtures("waits")
 def test_an_axis_that_cannot_be_reached_keeps_no_other_from_its_safe_state(tmp_path: Path) -> None:
     path = tmp_path / "stage.toml"
     gone = f'{{driver = "mdt693b", settings = {{port = "{tmp_path}/none"}}}}'

@@ -58,7 +58,7 @@ def test_a_core_that_had_to_be_killed_at_the_end_leaves_the_output_safe_and_not_
     os.kill(service.core_pid(), signal.SIGSTOP)
     assert service.end() == 1  # after the ramp's own time and the spare time
     assert "hangs; killing it" in service.words()
-    assert service.output() == pytest.approx(SAFE_V, abs=0.02)
+    assert service.output() == pytest.approx(SAFE_V, abs=0.02), service.words()
     assert service.core_pid() == 0
 
 

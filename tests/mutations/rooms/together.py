@@ -71,9 +71,14 @@ CHANGES = [
             "one amplifier that is unplugged keeps the outputs of the others high",
         ),
         Change(
-            "first-axis-alone-is-safe", SAFE, "        for config in controller.axes:\n",
-            "        for config in controller.axes[:1]:\n",
+            "first-axis-alone-is-safe", SAFE, "        for config in axes:\n",
+            "        for config in axes[:1]:\n",
             "after the core's death only the first axis is made safe",
+        ),
+        Change(
+            "one-attempt-alone", SAFE, "if isinstance(failed.get(config.name), PASSING)",
+            "if False",
+            "one reply that is cut off leaves the output where the core's death found it",
         ),
         Change(
             "hold-is-ramped", SAFE, 'if config.safe.on_fault == "ramp" else self.volts', "",
