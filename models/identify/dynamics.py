@@ -56,6 +56,18 @@ class Dynamics:
         return f"{self.kind} {where}, {1e3 * self.theta[0]:.3g} ms"
 
     @property
+    def doubt(self) -> str:
+        """What is to be said where this recording does not tell it from one of the sensor."""
+        what = f"{self.name}: drive or sensor cannot be told apart in this recording"
+        taken = "it is taken for the drive's and made up for"
+        if self.kind == "delay":
+            return f"{what}, as a delay is the same before and behind the hysteresis; {taken}"
+        return (
+            f"{what}; {taken}. A drive over the full range, of changing size and at up to "
+            f"{0.05 / self.theta[0]:.2g} Hz, tells them apart"
+        )
+
+    @property
     def delay_s(self) -> float:
         """By how much a slow move comes late [s]."""
         if self.kind == "second":

@@ -222,6 +222,8 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         )
     if (size := sum(int(np.count_nonzero(p)) for p in setup.picks)) > TUNING.rows_fitted:
         notes.append(f"of {size} rows a part, by chance, was fitted; the error is that of all")
+    if best.lag is not None and best.lag in search.untold:
+        notes.append(best.lag.doubt)
     return _Found(setup, best, search.r, fitted, tried, notes)
 
 

@@ -7,17 +7,19 @@ is what a lag does and what free operators would imitate.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, Trial, pays, shows
+from dehyst.models.identify.structure import Candidate, Trial, foretells_better, pays, shows
 from dehyst.models.identify.thresholds import regrid, space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
+PLACES = ("drive", "sensor")
 GOLDEN = 0.381966
 DELAYS = (0.5, 1.5, 5.0, 15.0)  # sampling periods
 LAGS = (0.5, 3.0, 12.0, 40.0, 120.0, 360.0)
@@ -54,7 +56,7 @@ class LagSearch:
         known = float(self.candidate.held.sum())
         near = 1.0 - (1.0 - TUNING.clear_lag) / 3.0
         enough = min(without[False] * (1.0 - TUNING.worth_trying), near * known)
-        drive, sensor = (self._find_lag(place, enough) for place in ("drive", "sensor"))
+        drive, sensor = (self._find_lag(place, enough) for place in PLACES)
         second = self._find_second(sensor) if sensor is not None else None
         of_drive = [self._score(lag) for lag in (delay, drive) if lag is not None]
         of_sensor = [self._score(lag) for lag in (sensor, second) if lag is not None]
@@ -98,16 +100,65 @@ class LagSearch:
         trial, shape = self._trial(lag, False), self.candidate.shape
         return trial.score(shape, TUNING.strengths[::2])
 
-    def _trial(self, lag: Dynamics | None, fine: bool, split: bool = True) -> Trial:
-        c, (r, params) = self.candidate, self.begin[fine]
+    def compare_sides(self, choose: Callable[[Dynamics], Candidate]) -> tuple[Candidate, bool]:
+        """The chosen candidate's lag on the side that foretells better, each with the structure and
+        the time constant that suit it; and whether it does so by more than chance.
+
+        It is the drive's where the two are alike. choose: the structure beside some dynamics.
+        """
+        given = self.candidate
+        assert given.lag is not None
+        if given.lag.delay_s <= self.period:
+            return given, given.lag.place == "sensor"
+        one = Dynamics("lag", "drive", (given.lag.delay_s,))
+        before, behind = (self._refine(replace(one, place=at), choose) for at in PLACES)
+        assert behind.lag is not None
+        second = choose(self._find_second(behind.lag, behind))
+        of_drive, of_sensor = [before], [behind, second]
+        (of_drive if given.lag.place == "drive" else of_sensor).append(given)
+        drive, sensor = (min(group, key=lambda c: c.held_rms) for group in (of_drive, of_sensor))
+        if foretells_better(sensor, drive):
+            return sensor, True
+        # a delay is the same before the hysteresis and behind it
+        told = drive.lag is not None and drive.lag.kind != "delay"
+        return drive, told and foretells_better(drive, sensor)
+
+    def _refine(self, lag: Dynamics, choose: Callable[[Dynamics], Candidate]) -> Candidate:
+        """The structure chosen anew beside a lag, and the lag sought anew with it, in turn: what
+        was chosen without a lag stood in for it."""
+        found = choose(lag)
+        for _ in range(TUNING.lag_rounds):
+            (before,) = lag.theta
+            near = sorted({min(f * before, self.longest) for f in TUNING.lag_nearby})
+
+            def cost(tau: float, like: Dynamics = lag, about: Candidate = found) -> float:
+                return self._misfit(replace(like, theta=(tau,)), False, about)
+
+            tau = _search(cost, near, 3)
+            if tau is None or abs(tau / before - 1.0) < TUNING.lag_settled:
+                break
+            lag = replace(lag, theta=(tau,))
+            found = choose(lag)
+        return found
+
+    def _trial(
+        self,
+        lag: Dynamics | None,
+        fine: bool,
+        split: bool = True,
+        about: Candidate | None = None,
+    ) -> Trial:
+        c = about or self.candidate
+        r, params = self.begin[fine] if about is None else (self.r, c.params)
         trial = Trial(self.setup, self.picks, r, c.offset, lag, split=split)
         trial.linearise(params, c.shape, c.shape.powers)
         return trial
 
-    def _misfit(self, lag: Dynamics | None, loose: bool) -> float:
-        c = self.candidate
+    def _misfit(self, lag: Dynamics | None, loose: bool, about: Candidate | None = None) -> float:
+        """What is left with a lag. about: the structure and its parameters; None: the given."""
+        c = about or self.candidate
         strength = TUNING.strengths[0] if loose else min(c.strength, TUNING.strengths[2])
-        trial = self._trial(lag, loose, split=False)
+        trial = self._trial(lag, loose, False, about)
         return trial.misfit(c.shape, strength, self.noise, loose)
 
     def _find_delay(self, without: float, enough: float) -> Dynamics | None:
@@ -130,7 +181,7 @@ class LagSearch:
         best = _search(lambda x: self._misfit(make(x), False), np.log(self._grid(LAGS)), 6, enough)
         return make(best) if best is not None else None
 
-    def _find_second(self, first: Dynamics) -> Dynamics:
+    def _find_second(self, first: Dynamics, about: Candidate | None = None) -> Dynamics:
         def make(log_f: float, damping: float) -> Dynamics:
             return Dynamics("second", "sensor", (float(np.exp(log_f)), float(damping)))
 
@@ -138,7 +189,7 @@ class LagSearch:
         near, damped = np.log((0.6, 1.0, 1.7)), (TUNING.least_damping, 0.8, 1.3)
 
         def cost(log_f: float, damping: float) -> float:
-            return self._misfit(make(log_f, damping), False)
+            return self._misfit(make(log_f, damping), False, about)
 
         for _ in range(2):
             by_f = _search(partial(cost, damping=damping), log_f + near, 3)

@@ -28,6 +28,7 @@ class Search:
         self.setup, self.wanted, self.progress = setup, list(wanted), progress
         self.r = space_thresholds(TUNING.coarse, setup.span, setup.wide)
         self.picks: list[Bools] = thin(setup.picks, TUNING.rows_compared)
+        self.untold: list[Dynamics] = []  # lags of the drive that may as well be the sensor's
 
     def run(self) -> list[Candidate]:
         """All candidates, the simple ones first."""
@@ -87,7 +88,22 @@ class Search:
         has not seen, as a rate and a place on one loop go together."""
         bests = self._bests(tried)
         best = bests[0] if len(bests) == 1 else self._choose_rate(*bests)
-        return self._drop_constant(best)
+        return self._drop_constant(self._choose_side(best))
+
+    def _choose_side(self, best: Candidate) -> Candidate:
+        """The same with its lag on the side that foretells better."""
+        if best.lag is None or best.lag.kind == "lead":
+            return best
+        same = [s for s in self.wanted if s.rate == best.shape.rate]
+
+        def choose(lag: Dynamics) -> Candidate:
+            return choose_structure(self._try(same, best.offset, lag))
+
+        sought = LagSearch(self.setup, self.picks, self.r, best)
+        best, told = sought.compare_sides(choose)
+        if best.lag is not None and not told:
+            self.untold.append(best.lag)
+        return best
 
     def _choose_rate(self, static: Candidate, rate: Candidate) -> Candidate:
         if rate.held.sum() < TUNING.clear_rate * static.held.sum():

@@ -53,9 +53,8 @@ def list_shapes(rate: bool | None, saturation: int | None, bias: bool | None) ->
 class Candidate:
     """One structure tried. held: (pieces,) misfit of each stretch foretold without it, over sizes:
     (pieces,) its rows; fitted: the same fitted to all;
-    strength: of the prior; params: fitted to all stretches; lag: linear
-    dynamics; loose: narrow operators were free; superseded:
-    the fit shows a shift in time that this one lacks;"""
+    strength: of the prior; params: fitted to all stretches; lag: linear dynamics; loose: narrow
+    operators were free; superseded: the fit shows a shift in time that this one lacks;"""
 
     shape: Shape
     offset: float
@@ -89,11 +88,16 @@ def pays(simple: Candidate, rich: Candidate, clear: float = TUNING.clear) -> boo
         return False
     if rich.held.sum() < simple.held.sum() * clear:
         return True
-    used = (simple.sizes > 0) & (simple.held > 0.0) & (rich.held > 0.0)
+    return foretells_better(rich, simple)
+
+
+def foretells_better(one: Candidate, other: Candidate) -> bool:
+    """Does this one foretell better than the other by more than chance over the stretches?"""
+    used = (other.sizes > 0) & (other.held > 0.0) & (one.held > 0.0)
     if not used.any():
-        return bool(rich.held.sum() < simple.held.sum())
-    share = np.log(simple.held[used] / rich.held[used])
-    power = (simple.held - rich.held)[used]
+        return bool(one.held.sum() < other.held.sum())
+    share = np.log(other.held[used] / one.held[used])
+    power = (other.held - one.held)[used]
     return _is_sure(share) or (_is_sure(power) and float(np.median(share)) > 0.0)
 
 

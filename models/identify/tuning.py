@@ -85,6 +85,9 @@ class Tuning(NamedTuple):
     hopeless: float = 2.5  # times the best error: a static structure so far off needs no lag
     jitters: float = 5.0  # times the jitter of the readings in time, that a lag must be longer
     longest_lag: float = 0.5  # of the time in which the drive at its fastest crosses its range
+    lag_rounds: int = 3  # of a lag and the structure beside it, in turn
+    lag_nearby: tuple[float, ...] = (0.7, 1.0, 1.4)  # times the lag, where it is sought anew
+    lag_settled: float = 0.02  # of the lag: a smaller change is none
     least_damping: float = 0.45  # below it rings: a resonance, and no lag
     blocks: int = 20  # of time, whose means tell a drift
     sure_drift: float = 5.0  # standard errors of its slope

@@ -71,3 +71,42 @@ def test_none_is_found_where_there_is_none() -> None:
     found = identify([Recording(np.arange(u.size) * T, u, simulate(stage, T, u) + noise)])
     assert found.model.blocks == ()
     assert not found.shape.rate
+
+
+def record_slowly(place: str, tau_s: float, last_hz: float, seconds: float = 12.0) -> Recording:
+    """A sweep over the full range from 0.5 Hz on, at 200 Hz; stage and lag are run ten
+    times as fast, and not by the product."""
+    step = 0.5 * T
+    t = np.arange(round(seconds / step)) * step
+    phase = 2 * np.pi * (0.5 * t + (last_hz - 0.5) / (2 * seconds) * t**2)
+    u = 5.0 * (1.0 - np.cos(phase)) * np.minimum(1.0, t / 0.25)
+    keep = np.exp(-step / tau_s)
+
+    def pass_on(x: Floats) -> Floats:
+        return x[0] + lfilter([1 - keep], [1, -keep], x - x[0])
+
+    r = np.linspace(0.0, 9.0, 30)
+    h, z = np.zeros(r.size), np.empty(t.size)
+    for i, v in enumerate(pass_on(u) if place == "drive" else u):
+        h = np.maximum(v - r, np.minimum(v + r, h))
+        z[i] = 0.75 * h[0] + 0.036 * np.exp(-r[1:] / 2.5) @ h[1:]
+    y = z - 2e-4 * z**3
+    y = (pass_on(y) if place == "sensor" else y)[::10]
+    return Recording(t[::10], u[::10], y + 0.02 * np.random.default_rng(7).standard_normal(y.size))
+
+
+@pytest.mark.parametrize("place", ["drive", "sensor"])
+def test_the_side_of_a_long_lag_is_told(place: str) -> None:
+    """The structure that was chosen without it puts it at 16 ms."""
+    found = identify([record_slowly(place, 0.02, 6.0)])
+    (one,) = found.model.blocks
+    assert (one.kind, one.place) == ("lag", place)
+    assert one.params["tau_s"] == pytest.approx(0.02, rel=0.03)
+    assert not any("told apart" in note for note in found.notes)
+
+
+def test_a_side_that_cannot_be_told_is_said() -> None:
+    """A lag of less than a sample, of which nobody can say where it is."""
+    found = identify([record_slowly("sensor", 0.003, 1.0)])
+    assert found.model.blocks[0].place == "drive"
+    assert any("cannot be told apart" in note for note in found.notes)

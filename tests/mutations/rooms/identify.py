@@ -54,9 +54,12 @@ CHANGES = room(
         "no lag is ever found",
     ),
     Change(
-        "every-lag-is-the-drives", LAGS, "for group in (of_drive, of_sensor):",
-        "for group in (of_drive, of_drive):",
+        "every-lag-is-the-drives", LAGS, "if foretells_better(sensor, drive):", "if False:",
         "a slow sensor is taken for a slow drive, and made up for",
+    ),
+    Change(
+        "untold-side-not-said", LAGS, "return given, given.lag.place == \"sensor\"",
+        "return given, True", "a side that the recording does not tell is given without a word",
     ),
 ) + room(
     ("tests/models/identify/test_start.py",),
