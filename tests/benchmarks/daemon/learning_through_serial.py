@@ -12,6 +12,7 @@ filter declared (`--gauge-filter-s`), which is judged.
 """
 
 import argparse
+import math
 import os
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 from tests.benchmarks.bars import Bars, too_busy
+from tests.benchmarks.late_wakeups import LateWakeups, was_away
 from tests.rigs.gateway_bench import free_port
 from tests.rigs.processes import EmulatedBench, dehyst, until
 
@@ -100,6 +102,18 @@ def tell(errors: Errors) -> None:
         print(f"  {what}: {each} nm; {repeats:.1f} of the last ones repeats")
 
 
+def judge(bars: Bars, name: str, gain: float, share: float, busy: str) -> None:
+    """The bar of one sine. gain: NaN where no first or no last pass had all its deadlines; share:
+    of the witness' wake-ups that were late, NaN without one: then `busy`, the load before, tells
+    whether the machine was away."""
+    why = busy if math.isnan(share) else was_away(share)
+    if why and not gain >= LEAST_GAIN:
+        passes = "no pass to judge" if math.isnan(gain) else f"{gain:.1f}"
+        bars.cannot(f"{name}: {passes}", why)
+    else:
+        bars.least(name, gain, LEAST_GAIN)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--passes", type=int, default=24)
@@ -117,26 +131,25 @@ def main() -> int:
                 target = 8.0 - 0.5 * um * np.cos(2.0 * np.pi * hertz * t_s)
                 path = folder / f"sine-{hertz:g}.csv"
                 write_recording(path, t_s, {"target_um": target})
-                subprocess.run(
-                    [
-                        sys.executable, "-m", "dehyst.daemon.main", "play", str(path), "--learn",
-                        "--repeat", str(args.passes), "--connect", address, "--picture",
-                        str(folder / f"{hertz:g}-{filter_s:g}.png"),
-                        "--gauge-filter-s", str(filter_s),
-                    ],
-                    check=False, env=os.environ, timeout=300,
-                )  # fmt: skip
+                play = [
+                    sys.executable, "-m", "dehyst.daemon.main", "play", str(path), "--learn",
+                    "--repeat", str(args.passes), "--connect", address, "--picture",
+                    str(folder / f"{hertz:g}-{filter_s:g}.png"),
+                    "--gauge-filter-s", str(filter_s),
+                ]  # fmt: skip
+                with LateWakeups() as witness:
+                    subprocess.run(play, check=False, env=os.environ, timeout=300)
+                    share = witness.share
                 errors = errors_of(client, bench, args.passes, t_s.size)
                 print(f"{um:g} um at {hertz:g} Hz, filter declared: {1e6 * filter_s:g} us")
                 tell(errors)
+                judged = int(np.isfinite(scatter(errors.true)).sum())
+                late = witness.refused or f"witness late in {100 * share:.2g} % of its periods"
                 gain = gain_of(errors.true)
-                if not filter_s:
-                    print(f"  first pass over the last ones: {gain:.1f}")
-                    continue
-                if busy and not gain >= LEAST_GAIN:
-                    bars.cannot(f"{hertz:g} Hz, first pass over the last ones: {gain:.1f}", busy)
-                else:
-                    bars.least(f"{hertz:g} Hz, first pass over the last ones", gain, LEAST_GAIN)
+                print(f"  {judged} of {args.passes} passes had all their deadlines; {late}")
+                print(f"  first pass over the last ones: {gain:.1f}")
+                if filter_s:
+                    judge(bars, f"{hertz:g} Hz, first pass over the last ones", gain, share, busy)
             client.close()
         finally:
             daemon.terminate()
