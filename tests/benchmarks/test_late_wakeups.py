@@ -36,12 +36,12 @@ def test_a_witness_that_is_stopped_is_late_for_as_long() -> None:
         (4.9, 2.0 * LATE_SHARE, "", 77),
         (math.nan, 2.0 * LATE_SHARE, "", 77),
         (math.nan, 0.5 * LATE_SHARE, "", 1),  # the witness was well and the loop was not
-        (math.nan, 0.0, "the load was high before", 1),
-        (math.nan, math.nan, "the load was high before", 77),  # no witness: the load alone tells
+        (math.nan, 0.0, "the load was high before", 77),  # which is none of the loop's
+        (math.nan, math.nan, "the load was high before", 77),
         (math.nan, math.nan, "", 1),
     ],
 )
-def test_only_a_machine_that_was_away_excuses(
+def test_only_a_machine_that_was_away_or_busy_before_excuses(
     gain: float, share: float, busy: str, code: int
 ) -> None:
     bars = Bars()
