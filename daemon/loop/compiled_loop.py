@@ -22,7 +22,7 @@ from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, finish
 from dehyst.daemon.loop.status import PLACE, LoopMonitor, addresses_of, begin_together
 from dehyst.daemon.loop.step_kernel import stopped
 from dehyst.daemon.loop.timing import realtime
-from dehyst.daemon.rings.records import Flag
+from dehyst.daemon.rings.records import COMMAND, Command, Flag
 from dehyst.drivers.direct_calls import Direct, Reachable, call, whole_at
 from dehyst.models.errors import BadInput
 
@@ -130,7 +130,8 @@ def run_samples(axes: NDArray[np.int64], samples: int) -> None:
 
 
 def warm_up(monitors: Sequence[LoopMonitor], compiled: bool) -> None:
-    """Run every kernel of a sample on monitors of its own, without their devices.
+    """Run every kernel of a sample on monitors of its own, without their devices: the ones that
+    this engine calls, and no others; they are large.
 
     Nothing compiles after this, and the code is in memory.
     """
@@ -139,8 +140,12 @@ def warm_up(monitors: Sequence[LoopMonitor], compiled: bool) -> None:
     axes, volts = addresses_of(monitors), np.zeros(len(monitors))
     if compiled:
         monitors[0].stepper.table.put(CLOCK, np.array([0, 100, 0, 0]))
-        run_samples(axes, 5)
-    for _ in range(5):
+    for sample, commands in enumerate(_warming_commands()):
+        for monitor in monitors:
+            monitor.command(commands)
+        if compiled:
+            run_samples(axes, sample + 1)
+            continue
         systemcalls.sleeper()(0)
         begin_axes(axes, 0, volts)
         for monitor in monitors:
@@ -149,6 +154,15 @@ def warm_up(monitors: Sequence[LoopMonitor], compiled: bool) -> None:
             stopped(table, 0)
     for monitor in monitors:
         monitor.attend(clock.monotonic_ns())
+
+
+def _warming_commands() -> Sequence[NDArray[Any]]:
+    """What comes in before each sample: a trajectory, nothing, and a set-point twice."""
+    points, single = np.zeros(2, COMMAND), np.zeros(1, COMMAND)
+    points["kind"], points["trajectory"] = Command.POINT, 1
+    points["offset_ns"], points["last"] = (0, 1_000_000), (0, 1)
+    single["kind"] = Command.SETPOINT
+    return points, points[:0], single, single, points[:0]
 
 
 def direct_of(device: Any) -> Direct | None:

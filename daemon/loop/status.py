@@ -126,6 +126,10 @@ class LoopMonitor:
 
     # -- requests ---------------------------------------------------------------------------------
 
+    def command(self, commands: NDArray[Any]) -> None:
+        """Let these COMMAND records come in, as the gateway does."""
+        self._rings["command"].push_many(commands)
+
     def use_witness(self, witness: Witness) -> None:
         """Let this witness excuse late samples; the loop takes its deadlines' grid from it."""
         self.numbers[PLACE["scheduled_ns"]] = witness.grid_ns

@@ -139,7 +139,7 @@ def _stepper(rate_hz: float) -> Stepper:
 
 
 def compile_step() -> None:
-    """Compile the step of one axis by itself, which the loop takes once as it starts."""
+    """Compile the step of one axis by itself, with which recorded runs are replayed."""
     _stepper(200.0).step(0, 0.0, np.zeros(0, COMMAND))
 
 

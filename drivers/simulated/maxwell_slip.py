@@ -74,11 +74,13 @@ def static_map(asymmetry: float, q: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _sweep(d: Floats, k: Floats, bow: Floats, z: Floats, x: Floats) -> Floats:
-    out = np.empty(x.size)
+def _sweep(d: Floats, k: Floats, bow: Floats, norm: float, asymmetry: float, x: Floats) -> Floats:
+    """m along the drives x, from elements that are at rest."""
+    out, z = np.empty(x.size), np.zeros(d.size)
     before = 0.0
     for t in range(x.size):
-        out[t] = slip_sum(d, k, bow, z, before, x[t])
+        total = slip_sum(d, k, bow, z, before, x[t])
+        out[t] = static_map(asymmetry, (x[t] - total) / norm)
         before = x[t]
     return out
 
@@ -87,9 +89,7 @@ def loop(slip: Slip, asymmetry: float, low: float, high: float, points: int = 40
     """The settled loop between drives low and high, (3, points): x, m going up, m coming down."""
     x = np.linspace(low, high, points)
     path = np.concatenate([x, x[::-1], x, x[::-1]])
-    total = _sweep(slip.d, slip.k, slip.bow, np.zeros(slip.d.size), path)
-    q = (path - total) / slip.norm
-    m = np.array([static_map(asymmetry, v) for v in q[2 * points :]])
+    m = _sweep(slip.d, slip.k, slip.bow, slip.norm, asymmetry, path)[2 * points :]
     return np.stack([x, m[:points], m[points:][::-1]])
 
 

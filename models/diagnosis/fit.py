@@ -74,9 +74,10 @@ class Problem:
         """The same problem with another reading (N,)."""
         return self._alike(True, data=replace(self.data, y=y))
 
-    def with_steps(self, stepped: bool = True) -> "Problem":
-        """The same problem, lags and modes fed by steps, or by straight lines between samples."""
-        return self._alike(True, data=replace(self.data, stepped=stepped))
+    def with_steps(self, stepped: bool = True, led: bool = False) -> "Problem":
+        """The same problem, lags and modes fed by steps, or by straight lines between samples (led:
+        half a sample earlier)."""
+        return self._alike(True, data=replace(self.data, stepped=stepped, led=led))
 
     def one_by_one(self) -> "Problem":
         """The same, whose fits run one after the other: where whole questions run at once."""

@@ -42,9 +42,9 @@ def hand_out(
     go astray where nothing was recorded, and foretells most recordings from the others no worse
     than that one leaves them. bare_left: (N,) what the model in use leaves."""
     problem, final, first = weighed.problem, weighed.final, weighed.held
-    if problem.data.stepped:  # a block is fed by straight lines
-        problem = problem.with_steps(False)
-        final = problem.refit(final.effects)
+    if problem.data.stepped:
+        problem, final = as_blocks(problem, final)
+        bare = bare.with_steps(False, led=problem.data.led)
         first = by_blocks(problem, final).mean_square
 
     def tried(problem: Problem, fit: JointFit, held: float, whole: bool) -> Handed:
@@ -75,6 +75,15 @@ def hand_out(
         if out.held < weighed.bare and not _is_worse(data, out.left, bare_left, sigma):
             return out
     return Handed(bare.subject.model, bare_left, weighed.bare, False)
+
+
+def as_blocks(problem: Problem, fit: JointFit) -> tuple[Problem, JointFit]:
+    """A fit by steps as blocks can hold it, which are fed by straight lines: behind a lead of half
+    a sample where that leaves less. It leads all that passes the mode, also what the mode does not
+    carry, and does not where that is most."""
+    fed = [problem.with_steps(False, led) for led in (False, True)]
+    both = [(one, one.refit(fit.effects)) for one in fed]
+    return min(both, key=lambda pair: pair[1].sse)
 
 
 def lean_on_the_model(problem: Problem, weight: float) -> Problem:

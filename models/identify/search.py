@@ -116,16 +116,10 @@ class Search:
             trial = Trial(whole, self.picks, self.r, one.offset, one.lag, one.loose)
             trial.linearise(one.params, one.shape, one.shape.powers)
             scored.append(trial.score(one.shape, whole.strengths[::2]))
-        noise = self._measure_noise(rate)
-        beyond = _compare_beyond(noise, *scored)
-        if beyond < TUNING.clear_beyond:
-            return rate if self._is_no_place(static, rate) else static
+        beyond = _compare_beyond(self._measure_noise(rate), *scored)
         left = float(scored[1].held.sum() / scored[0].held.sum())
-        # what only stands in for a hysteresis of another class does not explain all
-        explained = _compare_beyond(noise, static, rate) < TUNING.at_noise
-        enough = left < (TUNING.clear_ways if explained else TUNING.clearer_ways)
-        enough = enough or (explained and beyond < TUNING.clear_ways)
-        enough = enough and pays(scored[0], scored[1], clear=0.0)
+        enough = left < TUNING.clear_ways and pays(scored[0], scored[1], clear=0.0)
+        enough = enough or beyond < TUNING.clear_beyond
         return rate if enough and self._is_no_place(static, rate) else static
 
     def _is_no_place(self, static: Candidate, rate: Candidate) -> bool:
@@ -176,7 +170,7 @@ class Search:
                 continue
             self.progress("looking for a lag")
             if best.shape.rate:
-                out += self._try_derivative(best)
+                out += self._try_derivative(best, tried)
             found = LagSearch(self.setup, self.picks, self.r, best).find()
             if found is None or found.lag is None:
                 continue
@@ -185,12 +179,12 @@ class Search:
                 out += self._try(same, best.offset, found.lag, loose)
         return out
 
-    def _try_derivative(self, best: Candidate) -> list[Candidate]:
+    def _try_derivative(self, best: Candidate, tried: Sequence[Candidate]) -> list[Candidate]:
         """Candidates whose rate is the derivative at the sample, as a stage in continuous time has
         it, and not the difference to the sample before; none where these tell the recording worse.
 
-        That is a convention and no richer model: the better of the two is taken, if only by a
-        little, where the fit and what is foretold agree.
+        That is a convention and no richer model: the one is taken that fits better, structure by
+        structure, where it foretells better as well, if only by a little.
         """
         period = float(np.median([one.period_s for one in self.setup.rows]))
         half = Dynamics("lead", "drive", (0.5 * period,))
@@ -198,11 +192,12 @@ class Search:
         trial.linearise(best.params, best.shape, best.shape.powers)
         if trial.score(best.shape, (best.strength,)).fitted.sum() > best.fitted.sum():
             return []
-        same = [s for s in self.wanted if s.rate]
-        found = self._try(same, best.offset, half)
-        lead = choose_structure(found)
-        fits = lead.fitted.sum() < best.fitted.sum() and lead.held.sum() < best.held.sum()
-        return found if fits else []
+        found = self._try([s for s in self.wanted if s.rate], best.offset, half)
+        at_sample = {c.shape: c for c in found}
+        to_before = {c.shape: c for c in tried if c.offset == best.offset}
+        gains = [to_before[s].fitted.sum() - c.fitted.sum() for s, c in at_sample.items()]
+        foretold = min(c.held.sum() for c in found)
+        return found if np.median(gains) > 0.0 and foretold < best.held.sum() else []
 
 
 def _compare_beyond(noise: float, static: Candidate, rate: Candidate) -> float:

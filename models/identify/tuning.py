@@ -59,10 +59,8 @@ class Tuning(NamedTuple):
     clear_lag: float = 0.85  # the same for a lag longer than a sampling period
     lag_operators: int = 24  # while a lag is sought, or the start judged
     clear_rate: float = 0.1  # the same for rate-dependence, which else must foretell whole ways
-    clear_ways: float = 0.667  # of the power of these, at most, where it reaches the noise
-    clearer_ways: float = 0.55  # the same where it does not
+    clear_ways: float = 0.667  # of the power of these, at most
     clear_beyond: float = 0.1  # of their power beyond the noise: then it is asked no more
-    at_noise: float = 0.05  # of a static structure's power beyond the noise
     coarse: int = 32  # operators while structures are compared
     fine: int = 45  # and in the model
     finest: int = 48  # where the number in the model is given, before some are dropped

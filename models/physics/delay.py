@@ -2,8 +2,9 @@
 
 Between the samples of the past the input is taken as the cubic through the four nearest samples,
 at the newest end as the parabola through the last three. Before the first sample the input is
-the first one. A lead is what a recorder does that reads late, and what a stage does whose rate is
-the derivative at a sample and not the difference to the one before; dx/dt is that difference here.
+the first one. A lead is what a recorder does that reads late, what a lag or a mode does behind
+commands that are held, and what a stage does whose rate is the derivative at a sample and not the
+difference to the one before; dx/dt is that difference here.
 """
 
 import math
@@ -112,14 +113,28 @@ def _start_lead(p: Floats, s: Floats, x: float) -> None:
 LEAD = Kind(
     name="lead",
     says="a lead of a part of a sample",
-    places=("drive",),
-    params=(Param("tau_s", "tau", "s", 0.0, 10.0, "time by which the drive is ahead"),),
+    places=("drive", "stage", "sensor"),
+    params=(Param("tau_s", "tau", "s", 0.0, 10.0, "time by which the output is ahead"),),
     packed=LEAD_PACKED,
     state=LEAD_STATE,
     step=step_lead,
     start=_start_lead,
     inverse=Led(lambda p: (-p[0], 0.0)),
 )
+
+
+def ahead(data: Data, x: Floats) -> Floats:
+    """What feeds a lag or a mode, (N, k): half a sample earlier where the data say so."""
+    if not data.led:
+        return x
+    step = np.diff(x, axis=0, prepend=x[:1])
+    step[data.starts] = 0.0
+    return x + step * (0.5 * data.period / data.dt)[:, None]
+
+
+def lead_before(data: Data, place: str) -> tuple[Block, ...]:
+    """The block of `ahead`; none where nothing leads."""
+    return (Block("lead", place, {"tau_s": 0.5 * data.period}),) if data.led else ()
 
 
 OF_A_SAMPLE = 0.1  # by which a time may be off: the drive between two samples is not known
@@ -174,8 +189,8 @@ class Delay(Candidate):
 
 def _variants(s: Scales) -> list[Block]:
     times = [k * s.period_s for k in (1.0, 0.2, 0.5, 2.0, 5.0, 20.0)]
-    lead = Block("lead", "drive", {"tau_s": 0.5 * s.period_s})
-    return [*(Block("delay", "drive", {"delay_s": d}) for d in times), lead]
+    leads = (Block("lead", place, {"tau_s": 0.5 * s.period_s}) for place in LEAD.places)
+    return [*(Block("delay", "drive", {"delay_s": d}) for d in times), *leads]
 
 
 PHYSICS = Physics(

@@ -12,6 +12,7 @@ import numpy as np
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
+from dehyst.models.physics.delay import ahead, lead_before
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import SAME, Kind, Led, Param, named
 from dehyst.models.signals.filters import lowpass, second_order, settle
@@ -101,6 +102,7 @@ class Lag(Candidate):
         return (0.7 * theta[0], 0.3 * theta[0])
 
     def _pass(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
+        x = ahead(data, x)
         for tau in theta:
             x = lowpass(x, data.dt / tau, data.starts, data.stepped)
         return x
@@ -116,7 +118,8 @@ class Lag(Candidate):
         return [Probe(float(tau), (float(tau),)) for tau in taus]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        return tuple(Block("lag", self.place, {"tau_s": float(tau)}) for tau in theta)
+        lags = (Block("lag", self.place, {"tau_s": float(tau)}) for tau in theta)
+        return (*lead_before(data, self.place), *lags)
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         tau = sum(v for v, _ in values.values())
@@ -159,7 +162,8 @@ class Servo(Candidate):
         return [(f / data.period, 0.75) for f in (0.004, 0.012, 0.04, 0.12, 0.4)]
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
-        return second_order(x, 2 * np.pi * theta[0] * data.dt, theta[1], data.starts, data.stepped)
+        w = 2 * np.pi * theta[0] * data.dt
+        return second_order(ahead(data, x), w, theta[1], data.starts, data.stepped)
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {
@@ -167,7 +171,7 @@ class Servo(Candidate):
             "damping": float(theta[1]),
             "share": 1.0,
         }
-        return (Block("resonance", "sensor", params),)
+        return (*lead_before(data, "sensor"), Block("resonance", "sensor", params))
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         f, z = values["corner_hz"][0], values["damping"][0]

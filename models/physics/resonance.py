@@ -14,6 +14,7 @@ from numba import njit
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
+from dehyst.models.physics.delay import ahead, lead_before
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import SAME, STATES, Kind, Led, Param, named
 from dehyst.models.signals.filters import free_decay, second_order, swing
@@ -192,6 +193,7 @@ class Resonance(Candidate):
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
         f, z, share = theta
+        x = ahead(data, x)
         mode = second_order(x, 2 * np.pi * f * data.dt, z, data.starts, data.stepped)
         return (1.0 - share) * x + share * mode
 
@@ -205,7 +207,8 @@ class Resonance(Candidate):
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         f, z, share = (float(v) for v in theta)
-        return (Block("resonance", "stage", {"frequency_hz": f, "damping": z, "share": share}),)
+        mode = Block("resonance", "stage", {"frequency_hz": f, "damping": z, "share": share})
+        return (*lead_before(data, "stage"), mode)
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         f, z = values["frequency_hz"][0], values["damping"][0]

@@ -37,6 +37,7 @@ class Data:
     unit: str = "um"
     early: bool = False  # the drive stands half a sample earlier than recorded
     stepped: bool = False  # lags and modes are fed by steps, not by straight lines between samples
+    led: bool = False  # lags and modes are fed by straight lines, half a sample earlier
     missing: int = 0  # samples of the grid without a reading
     stalls: int = 0  # times the recorder stood still
     raw_index: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # -1: no row

@@ -48,6 +48,10 @@ def keep(words):
     ring.store(words, 1, 5)
     return ring.load(words, 1)
 assert keep(words) == 5
+@njit
+def factorial(n):  # its own symbol is looked for before it is defined
+    return 1 if n < 2 else n * factorial(n - 1)
+assert factorial(6) == 720
 print(multiply(np.array([[2.0, 1.0], [0.0, 3.0]]), np.array([[1.0, 2.0], [3.0, 4.0]])).tolist())
 """
     said = subprocess.run(

@@ -25,7 +25,6 @@ from dehyst.daemon.rings.records import (
     COMMAND,
     EVENT,
     TELEMETRY,
-    Command,
     State,
     model_digest,
     model_file,
@@ -161,18 +160,8 @@ class AxisCore:
         return ReadbackCheck(tolerance_v, self.stepper.volts)
 
     def twin(self) -> LoopMonitor:
-        """A monitor of the same kind that nobody sees, after some samples: for warming up."""
-        settings = self._settings
-        volts = self.stepper.volts
-        stepper = Stepper(settings, self._first, volts, self._trim(self.model))
-        point = np.zeros(2, COMMAND)
-        point["kind"], point["trajectory"] = Command.POINT, 1
-        point["offset_ns"], point["last"] = (0, 1_000_000), (0, 1)
-        single = np.zeros(1, COMMAND)
-        single["kind"] = Command.SETPOINT
-        for i, commands in enumerate((point, point[:0], single, single, point[:0])):
-            record = stepper.step(i * settings.period_ns, 0.0, commands)
-            stepper.follow_output(float(record["volts"][0]))
+        """A monitor of the same kind that nobody sees: for warming up."""
+        stepper = Stepper(self._settings, self._first, self.stepper.volts, self._trim(self.model))
         rings = {
             "command": Ring.scratch(COMMAND, 16),
             "telemetry": Ring.scratch(TELEMETRY, 16),

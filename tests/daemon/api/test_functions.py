@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 
 import dehyst
 from dehyst.daemon.files.recordings import write_recording
@@ -70,6 +69,8 @@ def test_what_is_identified_foretells_and_inverts(found: Any, tmp_path: Path) ->
     again = dehyst.simulate(path, {"t_s": t, "u_v": u, "y_um": truth})
     assert np.array_equal(again, simulated)
     assert again.rms == pytest.approx(np.sqrt(np.mean((np.asarray(simulated) - truth) ** 2)))
+    from scipy.interpolate import CubicSpline  # workers that do not run this wait for it too
+
     target = CubicSpline([0.0, 0.5, 1.5], [1.0, 7.0, 4.0])(t)
     drive = dehyst.invert(path, t, target)
     reached = forward.simulate_hysteresis(

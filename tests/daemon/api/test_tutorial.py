@@ -2,15 +2,16 @@
 
 from pathlib import Path
 
-import nbformat
 import pytest
-from nbclient import NotebookClient
 
 TUTORIAL = Path(__file__).resolve().parents[3] / "docs" / "tutorial.ipynb"
 
 
 @pytest.mark.filterwarnings("ignore")  # of the kernel's own libraries
 def test_the_tutorial_runs_and_compensation_helps(tmp_path: Path) -> None:
+    import nbformat  # every worker imports this file, and one of them runs it
+    from nbclient import NotebookClient
+
     notebook = nbformat.read(TUTORIAL, 4)
     client = NotebookClient(notebook, timeout=200, resources={"metadata": {"path": tmp_path}})
     client.execute()

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import pandas
 
 from dehyst.daemon.api.functions import simulate
 from dehyst.daemon.files.recordings import read_recording, read_trajectory
@@ -14,6 +13,8 @@ ROWS = "0,1,2,3,4000,5,6,7\n0.1,2,3,4,5000,6,7,8\n0.2,3,4,5,6000,7,8,9\n"
 
 
 def test_other_axes_are_channels(tmp_path: Path) -> None:
+    import pandas  # half a second of every worker that imports it
+
     path = tmp_path / "rec.csv"
     path.write_text(f"{HEADER}\n{ROWS}")
     channels = read_recording(path).channels

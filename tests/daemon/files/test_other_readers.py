@@ -12,8 +12,6 @@ from dehyst.daemon.files.recordings import read_columns, write_recording
 from dehyst.daemon.main import main
 from dehyst.drivers.emulated.bench import BenchLog
 
-pandas = pytest.importorskip("pandas")
-
 
 def model_and_inputs(folder: Path) -> tuple[str, str]:
     """(a drive, a trajectory) as files for the paper's model."""
@@ -49,6 +47,7 @@ def writers(folder: Path) -> dict[str, Path]:
 def test_pandas_and_numpy_read_every_csv(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    pandas = pytest.importorskip("pandas")  # half a second of every worker that imports it
     files = writers(tmp_path)
     capsys.readouterr()
     assert len(files) == 10

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 from tests.rigs.plants.drives import small_scan
 from tests.rigs.plants.hysteresis import preisach
 
@@ -12,9 +13,11 @@ from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.diagnosis.augment import REACH_S, augmented, slow_ways
 from dehyst.models.diagnosis.base import no_base, rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.handout import foretells_worse, lean_on_the_model
+from dehyst.models.diagnosis.handout import as_blocks, foretells_worse, lean_on_the_model
 from dehyst.models.diagnosis.subject import THRESHOLDS, Subject, fit_plain
+from dehyst.models.physics import library
 from dehyst.models.recording import Recording
 
 DT, NOISE, LEVEL, SWING = 2e-3, 0.01, 6.0, 2.5
@@ -88,3 +91,32 @@ def test_what_the_others_do_not_foretell_is_not_learned(changes: bool) -> None:
     problem = Problem(data, rich_base(data), subject)
     bare = Problem(data, no_base(data), replace(subject, carries=True))
     assert foretells_worse(problem, problem.solve([]), bare) is changes
+
+
+@pytest.mark.parametrize(("share", "leads", "most"), [(1.0, True, 0.1), (0.1, False, 1.01)])
+def test_a_mode_behind_held_commands_is_handed_out_with_a_lead_where_that_is_better(
+    share: float, leads: bool, most: float
+) -> None:
+    """Each command stands from the sample before; blocks are fed by straight lines. A lead would
+    move what the mode does not carry as well: not where that is most."""
+    t, rng = 1e-3 * np.arange(6000), np.random.default_rng(6)
+    tones = ((1.3, 3.0), (7.7, 1.0), (23.0, 0.5), (41.0, 0.3), (83.0, 0.1))
+    u = 5.0 + sum(size * np.sin(2 * np.pi * (f * t + rng.random())) for f, size in tones)
+    w = 2 * np.pi * 60.0
+    held = signal.lsim(([w**2], [1.0, 0.06 * w, w**2]), np.append(u[1:], u[-1]) - u[0], t,
+                       interp=False)[1]  # fmt: skip
+    y = (1.0 - share) * (u - u[0]) + share * held + 1e-3 * rng.standard_normal(t.size)
+    data = prepare([Recording(t, u, y)])
+    (mode,) = (c for c in library(data) if c.key == "resonance")
+    problem = Problem(data, rich_base(data)).with_steps()
+    fitted = problem.refit([Effect(mode, (60.0, 0.03, share))])
+    blocks, fit = as_blocks(problem, fitted)
+    left = data.y - simulate(augmented(blocks, fit), 1e-3, u)
+    own, straight = (
+        float(np.std(f.residual(data)[data.rows]))
+        for f in (fitted, problem.with_steps(False).refit(fitted.effects))
+    )
+    handed = float(np.std(left[data.rows]))
+    assert own < 1.1e-3
+    assert blocks.data.led is leads
+    assert handed < most * straight

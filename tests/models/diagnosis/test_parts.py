@@ -1,5 +1,7 @@
 """Parts of the diagnosis against the model's blocks, closed forms and brute force."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,7 +70,11 @@ def through_model(data: Data, *blocks: Block) -> np.ndarray:
         ("resonance", (80.0, 0.02, 0.7)),
     ],
 )
-def test_candidate_does_what_its_blocks_do(data: Data, key: str, theta: tuple[float, ...]) -> None:
+@pytest.mark.parametrize("led", [False, True])
+def test_candidate_does_what_its_blocks_do(
+    data: Data, key: str, theta: tuple[float, ...], led: bool
+) -> None:
+    data = replace(data, led=led)
     c = next(c for c in library(data) if c.key == key)
     if c.mode == "drive":
         x = c.drive(data, data.u, theta)

@@ -61,11 +61,12 @@ def plain():
 
 
 def examples(name: str, data) -> list[Block]:
-    """Blocks of a physics: the first specimen of each kind, and what its candidates would write."""
+    """Blocks of a physics: the first specimen of each kind at each place, and what its candidates
+    would write."""
     physics = PHYSICS[name]
     out = []
     for one in physics.specimens.values():
-        out += {b.kind: b for b in reversed(one.variants(SCALES))}.values()
+        out += {(b.kind, b.place): b for b in reversed(one.variants(SCALES))}.values()
     for candidate in physics.candidates(data):
         out += candidate.blocks(*strength(candidate, data), data)
     return out
