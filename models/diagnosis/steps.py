@@ -174,8 +174,10 @@ def _conclude(
     floor = max(whole_noise, base_error(data) / TUNING.structure_left)
     verdict = verdict_of(findings, left, at_first, beside, floor)
     if verdict == "partly" and any(e.candidate.slow for e in found.accepted.effects):
-        found = without_kind(found, lambda c: c.slow)
-        return _conclude(recorded, bare, found, episode, warnings, shown, with_limits, say)
+        fewer = without_kind(found, lambda c: c.slow)
+        taken = excess(found.problem, fewer.accepted, sigma) - excess(problem, final, sigma)
+        if taken < (TUNING.slow_beside * left) ** 2:  # it may well be a part of what is left
+            return _conclude(recorded, bare, fewer, episode, warnings, shown, with_limits, say)
     unexplained = min(unexplained, by_blocks(found.problem, found.accepted).mean_square)
     if not follows(data, unexplained) and not shown:
         findings, verdict = [f for f in findings if f.name != "shape"], "unknown"
