@@ -203,10 +203,12 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         fitted = fit_all(setup, best, search.r, options.order, others)
         shape = fitted.shape
         turns = setup.margin(fitted.r, shape, fitted.params, best.offset) < TUNING.least_saturation
-        if not turns or not options.monotone or shape.powers == (0,):
+        strays = _left(setup, best, fitted) > TUNING.strays * best.held_rms
+        if not (strays or (turns and options.monotone)) or shape.powers == (0,):
             break
         others = []
-        notes.append(f"{shape.name}: would turn over within reach and was not taken")
+        why = "did not settle on all rows" if strays else "would turn over within reach"
+        notes.append(f"{shape.name}: {why} and was not taken")
         fewer = [
             c
             for c in tried
@@ -225,6 +227,13 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     if best.lag is not None and best.lag in search.untold:
         notes.append(best.lag.doubt)
     return _Found(setup, best, search.r, fitted, tried, notes)
+
+
+def _left(setup: FitSetup, best: Candidate, fitted: Fitted) -> float:
+    """Rms of what is left of the rows that were fitted."""
+    errors = setup.residuals(fitted.r, fitted.shape, fitted.params, best.offset, best.lag)
+    each = [e[pick] for e, pick in zip(errors, setup.picks, strict=True)]
+    return float(np.sqrt(np.mean(np.concatenate(each) ** 2)))
 
 
 def _follow_drift(found: _Found) -> _Found:

@@ -80,6 +80,7 @@ class Tuning(NamedTuple):
     farthest: float = 5.0  # an offset may lie this many spans from the middle of the drive
     # linear dynamics
     worth_trying: float = 0.003  # of the misfit, that a first try must take away
+    strays: float = 2.0  # times the error that was foretold, that a fit to all rows may leave
     hopeless: float = 2.5  # times the best error: a static structure so far off needs no lag
     jitters: float = 5.0  # times the jitter of the readings in time, that a lag must be longer
     longest_lag: float = 0.5  # of the time in which the drive at its fastest crosses its range
