@@ -173,10 +173,9 @@ def _conclude(
     beside = float(np.sqrt(excess(found.problem, found.null, sigma)))
     floor = max(whole_noise, base_error(data) / TUNING.structure_left)
     verdict = verdict_of(findings, left, at_first, beside, floor)
-    if verdict == "partly" and any(e.candidate.slow for e in found.accepted.effects):
-        fewer = without_kind(found, lambda c: c.slow)
-        taken = excess(found.problem, fewer.accepted, sigma) - excess(problem, final, sigma)
-        if taken < (TUNING.slow_beside * left) ** 2:  # it may well be a part of what is left
+    if verdict == "partly":
+        fewer = _without_the_doubtful(found, excess(problem, final, sigma), left)
+        if fewer is not found:
             return _conclude(recorded, bare, fewer, episode, warnings, shown, with_limits, say)
     unexplained = min(unexplained, by_blocks(found.problem, found.accepted).mean_square)
     if not follows(data, unexplained) and not shown:
@@ -227,6 +226,16 @@ def _conclude(
         locate=locate(recorded, bare_left, sigma),
         tried=tuple(_tried(found.counted, found)),
     )
+
+
+def _without_the_doubtful(found: SearchState, now: float, left: float) -> SearchState:
+    """Without what may well be a part of what is left: slow changes, and what began before the
+    recording where that takes little. now: mean square misfit; left: rms without a name."""
+    fewer = without_kind(found, lambda c: c.slow)
+    taken = excess(found.problem, fewer.accepted, found.sigma) - now
+    if taken < (TUNING.past_beside * left) ** 2:
+        return fewer
+    return without_kind(found, lambda c: c.slow and not c.past)
 
 
 def _tried(n: int, found: SearchState) -> list[dict[str, str]]:

@@ -56,7 +56,7 @@ class Tuning(NamedTuple):
     stepped_size: float = 0.5  # for lags and modes that are fed by steps:
     stepped_share: float = 0.4  # of what one fed by straight lines leaves
     stepped_fades: float = 0.1  # of a recording, in which a mode's oscillation falls to 1/e
-    slow_beside: float = 0.5  # of what is left (rms), that a slow change beside it must take away
+    past_beside: float = 0.5  # of what is left (rms), that what began before must take away
     distorted: float = 0.7  # of the held-out mean square with a given model under the base: where
     # the base leaves less than this without it, it stands alone
     noise_again: float = 0.7  # of the noise at first: below, the effects are looked for again

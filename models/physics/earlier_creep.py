@@ -77,7 +77,7 @@ class EarlierCreep(Candidate):
     confused_with = ("drift",)
     order = 56
     driven = False
-    slow = True
+    slow = past = True
 
     def __init__(self, data: Data) -> None:
         self._unit = data.unit

@@ -67,7 +67,7 @@ class Trend(Candidate):
     order = 55
     last = True
     driven = False
-    slow = True
+    slow = past = True
 
     def __init__(self, data: Data) -> None:
         self._unit = data.unit
