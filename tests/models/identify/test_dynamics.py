@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
-from tests.benchmarks.models import whose_lag
 
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.identify import identify
@@ -111,15 +110,3 @@ def test_a_side_that_cannot_be_told_is_said() -> None:
     found = identify([record_slowly("sensor", 0.003, 1.0)])
     assert found.model.blocks[0].place == "drive"
     assert any("cannot be told apart" in note for note in found.notes)
-
-
-def test_a_curve_that_does_not_settle_is_not_taken() -> None:
-    """A lag of 20 ms hides behind a power of z, whose fit to all rows ends far from what the
-    comparison of structures foretold."""
-    recording = whose_lag.record("smooth", "random", "sensor", 20e-3, 0.02, 95004)
-    found = identify([recording])
-    line = np.polyval(np.polyfit(recording.drive, recording.displacement, 1), recording.drive)
-    straight = np.std(recording.displacement - line)
-    assert found.model.fit.rms is not None
-    assert found.model.fit.rms < 0.5 * straight
-    assert any("did not settle" in note for note in found.notes)
