@@ -174,8 +174,11 @@ def connected(address: str) -> Client | None:
         client = Client(connect=address)
     except BusError:
         return None
-    if client.status().state == "ready":
-        return client
+    try:
+        if client.status().state == "ready":
+            return client
+    except BusError:  # it is there, and does not answer yet
+        pass
     client.close()
     return None
 
