@@ -18,7 +18,7 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -170,17 +170,15 @@ def _files(folder: Path | str, suffix: str) -> Iterator[os.DirEntry[str]]:
                 yield one
 
 
-@cache
 def load_lightly() -> None:
     """From now on numba takes in all that it can compile, cffi among it, when it compiles, and not
-    before it loads a kernel that is on disk; takes it for granted that scipy.linalg is there; and
-    looks a symbol up when it is asked for, instead of reading the hundreds of names that come with
-    each kernel. Before the first kernel is declared; imports numba.
+    before it loads a kernel that is on disk; and takes it for granted that scipy.linalg is there.
+    Before the first kernel is called; imports numba.
 
-    Else core and gateway take 0.4 s of a processor more to start, and the core 0.1 s beyond that.
-    scipy is a dependency; a kernel that multiplies matrices imports what it needs when it runs.
+    Else core and gateway take 0.4 s of a processor more to start. scipy is a dependency; a kernel
+    that multiplies matrices imports what it needs when it runs.
     """
-    from numba.core import caching, codegen
+    from numba.core import caching
     from numba.core.runtime import rtsys
     from numba.np import linalg
 
@@ -188,31 +186,5 @@ def load_lightly() -> None:
         rtsys.initialize(target)
         return self._load_overload(signature, target)
 
-    class LazyEngine(codegen.JitEngine):
-        """Looks for a symbol in the modules that it was given."""
-
-        def __init__(self, engine: Any) -> None:
-            super().__init__(engine)
-            self.modules: list[Any] = []
-
-        def _load_defined_symbols(self, module: Any) -> None:
-            self.modules.append(module)
-
-        def is_symbol_defined(self, name: str) -> bool:
-            return super().is_symbol_defined(name) or any(
-                _defines(find, name)
-                for module in reversed(self.modules)
-                for find in (module.get_function, module.get_global_variable)
-            )
-
     caching.Cache.load_overload = load_overload
     linalg.ensure_blas = linalg.ensure_lapack = lambda: None
-    codegen.JitEngine = LazyEngine
-
-
-def _defines(find: Callable[[str], Any], name: str) -> bool:
-    """Whether a module that has this way to find a symbol defines it."""
-    try:
-        return not find(name).is_declaration
-    except NameError:
-        return False

@@ -174,7 +174,7 @@ def _conclude(
     floor = max(whole_noise, base_error(data) / TUNING.structure_left)
     verdict = verdict_of(findings, left, at_first, beside, floor)
     if verdict == "partly":
-        fewer = _without_the_doubtful(found, excess(problem, final, sigma), left)
+        fewer = _without_the_doubtful(found, left)
         if fewer is not found:
             return _conclude(recorded, bare, fewer, episode, warnings, shown, with_limits, say)
     unexplained = min(unexplained, by_blocks(found.problem, found.accepted).mean_square)
@@ -228,12 +228,12 @@ def _conclude(
     )
 
 
-def _without_the_doubtful(found: SearchState, now: float, left: float) -> SearchState:
+def _without_the_doubtful(found: SearchState, left: float) -> SearchState:
     """Without what may well be a part of what is left: slow changes, and what began before the
-    recording where that takes little. now: mean square misfit; left: rms without a name."""
+    recording where that takes little. left: rms without a name."""
     fewer = without_kind(found, lambda c: c.slow)
-    taken = excess(found.problem, fewer.accepted, found.sigma) - now
-    if taken < (TUNING.past_beside * left) ** 2:
+    before, after = (excess(s.problem, s.accepted, s.sigma) for s in (fewer, found))
+    if before - after < (TUNING.past_beside * left) ** 2:
         return fewer
     return without_kind(found, lambda c: c.slow and not c.past)
 

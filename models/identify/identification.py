@@ -203,7 +203,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         fitted = fit_all(setup, best, search.r, options.order, others)
         shape = fitted.shape
         turns = setup.margin(fitted.r, shape, fitted.params, best.offset) < TUNING.least_saturation
-        strays = _left(setup, best, fitted) > TUNING.strays * best.held_rms
+        strays = _left(setup, best, fitted, search.picks) > TUNING.strays * best.held_rms
         if not (strays or (turns and options.monotone)) or shape.powers == (0,):
             break
         others = []
@@ -229,10 +229,10 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     return _Found(setup, best, search.r, fitted, tried, notes)
 
 
-def _left(setup: FitSetup, best: Candidate, fitted: Fitted) -> float:
-    """Rms of what is left of the rows that were fitted."""
+def _left(setup: FitSetup, best: Candidate, fitted: Fitted, picks: Sequence[Bools]) -> float:
+    """Rms of what is left of these rows."""
     errors = setup.residuals(fitted.r, fitted.shape, fitted.params, best.offset, best.lag)
-    each = [e[pick] for e, pick in zip(errors, setup.picks, strict=True)]
+    each = [error[pick] for error, pick in zip(errors, picks, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(each) ** 2)))
 
 

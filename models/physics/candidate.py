@@ -94,7 +94,7 @@ class Candidate:
     driven: bool = True
     last: bool = False  # named only when it leaves nothing behind: it fits too much
     slow: bool = False  # takes a part of any change in time: told only where nothing else is left
-    past: bool = False  # a slow one that began before the recording: told where little is left, too
+    past: bool = False  # a slow one that began before the recording: told beside a smaller rest
     static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
     minima: int = 1  # starts that are refitted: its misfit may have so many minima
     many: bool = False  # its starts span many shapes, of which chance makes one fit
