@@ -147,18 +147,21 @@ def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
     return steady.spread < TUNING.sure_spread and steady.wrong == 0.0
 
 
-def borne_out(state: SearchState, trial: CandidateTrial, everything: Sequence[Candidate]) -> float:
-    """Fall of the sum of squares by what must be there too, were the trial's candidate there; 0
-    where nothing must."""
-    effect = effect_of(trial.fit, trial.candidate.key)
-    amplitudes = trial.fit.amplitudes[trial.fit.effects.index(effect)]
-    company = effect.candidate.company(effect.theta, amplitudes, state.problem.data)
-    if company is None:
-        return 0.0
-    key, theta = company
-    other = next((c for c in everything if c.key == key), None)
-    if other is None or key in trial.fit.effect_names:
-        return 0.0
-    with_it = [*trial.fit.effects, Effect(other, other.bounded(theta))]
-    output = state.problem.output_of(trial.fit)
-    return trial.fit.sse - state.problem.solve(with_it, output).sse
+def worth_with_company(
+    state: SearchState, trial: CandidateTrial, everything: Sequence[Candidate]
+) -> float:
+    """Fall of the sum of squares by the trial's candidate and by what must be there too, were it
+    there, less a price for each of their parameters (G. Schwarz, Ann. Statist. 6, 1978): two
+    explanations of the same are compared whole."""
+    problem, fit = state.problem, trial.fit
+    company = trial.candidate.company()
+    if company and company not in fit.effect_names:
+        data, alone = problem.data, fit
+        for other in (c for c in everything if c.key == company):
+            for theta in other.starts(data, alone.residual(data)):
+                both = problem.refit([*alone.effects, Effect(other, theta)], start=alone)
+                fit = min(fit, both, key=lambda f: f.sse)
+    count = sum(len(e.theta) for e in fit.effects) + fit.design.shape[1]
+    count -= sum(len(e.theta) for e in state.accepted.effects) + state.accepted.design.shape[1]
+    price = float(np.log(problem.data.rows.sum())) * state.sigma**2
+    return state.accepted.sse - fit.sse - price * count

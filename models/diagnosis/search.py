@@ -12,12 +12,12 @@ from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import (
     CandidateTrial,
     SearchState,
-    borne_out,
     effect_of,
     excess,
     judge,
     least_size,
     tried,
+    worth_with_company,
 )
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.shortlist import (
@@ -172,13 +172,24 @@ def _choice(
     simpler = [t for t in near if t.price < best.price]
     chosen = min(simpler, key=lambda t: (t.price, -t.gain)) if simpler else best
     doubles = [t for t in near if chosen.candidate.name in t.candidate.confused_with]
-    if not doubles:
-        return chosen
-    alone = borne_out(state, chosen, everything)
-    likelier = [t for t in doubles if borne_out(state, t, everything) > alone]
-    taken = likelier[0] if likelier else chosen
+    taken = _likelier(state, chosen, good, everything)
     state.passed_over += [t.candidate.key for t in (chosen, *doubles) if t is not taken]
     return taken
+
+
+def _likelier(
+    state: SearchState,
+    chosen: CandidateTrial,
+    good: Sequence[CandidateTrial],
+    everything: Sequence[Candidate],
+) -> CandidateTrial:
+    """The chosen trial, or one that it may be confused with, whichever explains more together with
+    what must be there too."""
+    doubles = [t for t in good if chosen.candidate.name in t.candidate.confused_with]
+    rivals = [chosen, *(t for t in doubles if t.candidate.past or chosen.candidate.past)]
+    if not any(t.candidate.company() for t in rivals):
+        return chosen
+    return max(rivals, key=lambda t: worth_with_company(state, t, everything))
 
 
 def _grown(problem: Problem, sigma: float, fit: JointFit, chosen: Candidate) -> JointFit:

@@ -4,7 +4,7 @@ come beside a fit's effects, and what the screen promises of it."""
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from dehyst.models.diagnosis.data.prepare import turns
+from dehyst.models.diagnosis.data.way import can_be_told, hardly_turns
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState, least_size
 from dehyst.models.diagnosis.tuning import TUNING
@@ -18,11 +18,13 @@ Theta = tuple[float, ...]
 def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
     """Candidates that may be tried."""
     strict = share > TUNING.driven_share
-    few = turns(data) < TUNING.few_turns
+    few = hardly_turns(data)
     return [
         c
         for c in library(data)
-        if c.key not in forbidden and not (strict and c.static) and not (few and c.driven)
+        if c.key not in forbidden
+        and not (strict and c.static)
+        and (not few or can_be_told(c, data))
     ]
 
 

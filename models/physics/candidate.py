@@ -118,11 +118,9 @@ class Candidate:
         """Weight of a start's screened gain: below 1 where a plainer one should go first."""
         return 1.0
 
-    def company(
-        self, theta: Sequence[float], amplitudes: Floats, data: Data
-    ) -> tuple[str, tuple[float, ...]] | None:
-        """Key and values of another candidate that must be there too, were this one there."""
-        return None
+    def company(self) -> str:
+        """Key of another candidate that must be there too, were this one there; "" for none."""
+        return ""
 
     def scaled(self, theta: Sequence[float], amount: float) -> tuple[float, ...]:
         """Start whose effect is about `amount` times as large, where one parameter says so."""
@@ -204,6 +202,11 @@ def small(entry: tuple[float, str]) -> str:
 def apart(data: Data, x: Floats) -> Floats:
     """(N, k) columns of x (N,), one for each of k recordings, 0 in the others."""
     return x[:, None] * (data.rec[:, None] == np.arange(len(data.names))[None, :])
+
+
+def of_each(data: Data, p: Parameter) -> tuple[Parameter, ...]:
+    """A parameter that each recording has for itself: what began before is another past in each."""
+    return (p,) * len(data.names)
 
 
 def move_from_zero(data: Data) -> float:

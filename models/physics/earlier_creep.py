@@ -4,9 +4,8 @@ The last move before the recording ended `since` before its first sample; t coun
 Log-type creep of that move (Jung and Gweon 2000) goes on through the recording, whatever its drive
 does. It belongs to one recording: forward only. A new recording begins with its own past.
 
-A stage that creeps from one move creeps from all: the earlier move was no longer than the drive's
-reach, so the recorded moves creep at least by what is seen of it, as a part of that reach. A
-warm-up looks like creep of one move, but has no such company.
+A stage that creeps from one move creeps from all, the recorded ones too. A warm-up looks like creep
+of one move, but has no such company.
 """
 
 import math
@@ -23,9 +22,9 @@ from dehyst.models.physics.candidate import (
     apart,
     common_amplitude,
     move_from_zero,
+    of_each,
     small,
 )
-from dehyst.models.physics.creep import REFERENCE_S
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Never, Param
 from dehyst.models.signals.joined import Data, Floats
@@ -35,8 +34,6 @@ STATE = fields("elapsed")  # since the first sample
 MOST = 0.5  # of the stroke, that a decade of time may move: the move may have been a larger one
 MOST_OF_REACH = 0.1  # and of the displacement that the drive makes from 0
 EARLIEST, LATEST = 0.002, 3.0  # of the recording's length: the last move's end before it
-GOES_ON = 0.3  # of the gain that a move of the whole reach tells: creep differs from decade to
-# decade, and the least that must be there is asked for
 
 
 @Kernel
@@ -65,7 +62,7 @@ KIND = Kind(
 
 
 class EarlierCreep(Candidate):
-    """y + a log10(1 + t / since) in each recording, its own a."""
+    """y + a log10(1 + t / since) in each recording, its own a and since."""
 
     name = "creep"
     key = "creep-earlier"
@@ -78,33 +75,38 @@ class EarlierCreep(Candidate):
     order = 56
     driven = False
     slow = past = True
+    minima = 3
 
     def __init__(self, data: Data) -> None:
         self._unit = data.unit
         self._longest = float(data.t.max() - data.t.min())
         low, high = EARLIEST * self._longest, LATEST * self._longest
-        self.parameters = (Parameter("since_s", "s", max(low, 4 * data.period), high),)
+        since = Parameter("since_s", "s", max(low, 4 * data.period), high)
+        self.parameters = of_each(data, since)
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         p = self.parameters[0]
-        return [
-            (min(max(f * self._longest, 1.1 * p.low), 0.9 * p.high),) for f in (0.01, 0.05, 0.3)
-        ]
+        within = [min(max(f * self._longest, 1.1 * p.low), 0.9 * p.high) for f in (0.01, 0.05, 0.3)]
+        return [(since,) * len(self.parameters) for since in within]
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
         first = np.array([data.t[np.argmax(data.rec == i)] for i in range(len(data.names))])
-        return apart(data, np.log10(1.0 + (data.t - first[data.rec]) / theta[0]))
+        since = np.array(theta)
+        return apart(data, np.log10(1.0 + (data.t - first[data.rec]) / since[data.rec]))
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
-        largest = float(amplitudes[np.argmax(np.abs(amplitudes))])
-        return {"since_s": (float(theta[0]), "s"), "per_decade_um": (largest, self._unit)}
+        largest = int(np.argmax(np.abs(amplitudes)))
+        return {
+            "since_s": (float(theta[largest]), "s"),
+            "per_decade_um": (float(amplitudes[largest]), self._unit),
+        }
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {
             f"amount_{data.unit}": common_amplitude(
                 data, self.columns(data, Context(data.u, data.y), theta), amplitudes
             ),
-            "since_s": float(theta[0]),
+            "since_s": float(theta[int(np.argmax(np.abs(amplitudes)))]),
         }
         return (Block("earlier_creep", "stage", params),)
 
@@ -115,11 +117,8 @@ class EarlierCreep(Candidate):
             "time: wait before recording, or record the move as well."
         )
 
-    def company(
-        self, theta: Sequence[float], amplitudes: Floats, data: Data
-    ) -> tuple[str, tuple[float, ...]] | None:
-        gain = GOES_ON * float(np.abs(amplitudes).max()) / move_from_zero(data)
-        return "creep", (gain, REFERENCE_S, LATEST * self._longest)
+    def company(self) -> str:
+        return "creep"
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
         most = max(MOST * float(np.ptp(data.y)), MOST_OF_REACH * move_from_zero(data))

@@ -17,6 +17,7 @@ from dehyst.models.physics.candidate import (
     apart,
     common_amplitude,
     move_from_zero,
+    of_each,
     small,
 )
 from dehyst.models.physics.entry import Physics, Scales, Specimen
@@ -54,7 +55,8 @@ KIND = Kind(
 
 
 class Trend(Candidate):
-    """y + a (1 - exp(-t / tau)) in each recording, its own a: a warm-up that nobody measured."""
+    """y + a (1 - exp(-t / tau)) in each recording, its own a and tau: a warm-up that nobody
+    measured, from another past in each."""
 
     name = "drift"
     key = "drift-trend"
@@ -68,33 +70,40 @@ class Trend(Candidate):
     last = True
     driven = False
     slow = past = True
+    minima = 3
 
     def __init__(self, data: Data) -> None:
         self._unit = data.unit
         self._longest = float(data.t.max() - data.t.min())
-        self.parameters = (Parameter("tau_s", "s", 0.05 * self._longest, 20.0 * self._longest),)
+        low, high = 0.05 * self._longest, 20.0 * self._longest
+        self.parameters = of_each(data, Parameter("tau_s", "s", low, high))
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
-        return [(f * self._longest,) for f in (0.15, 0.5, 3.0)]
+        return [(f * self._longest,) * len(self.parameters) for f in (0.15, 0.5, 3.0)]
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
-        return apart(data, 1.0 - np.exp(-data.t / theta[0]))
+        return apart(data, 1.0 - np.exp(-data.t / np.array(theta)[data.rec]))
+
+    def _seen(self, theta: Sequence[float]) -> Floats:
+        """(k,) part of each rise that the longest recording shows: what a slow one would come to is
+        not seen."""
+        return 1.0 - np.exp(-self._longest / np.array(theta))
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
-        # within the longest recording: what a slow one would come to is not seen
-        seen = 1.0 - math.exp(-self._longest / theta[0])
+        rises = self._seen(theta) * amplitudes
         return {
-            "tau_s": (float(theta[0]), "s"),
-            "rise_um": (seen * float(np.mean(amplitudes)), self._unit),
+            "tau_s": (float(theta[int(np.argmax(np.abs(rises)))]), "s"),
+            "rise_um": (float(np.mean(rises)), self._unit),
         }
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        largest = int(np.argmax(np.abs(self._seen(theta) * amplitudes)))
         params: dict[str, float | tuple[float, ...]] = {
             f"rate_{data.unit}_per_s": 0.0,
             f"amount_{data.unit}": common_amplitude(
                 data, self.columns(data, Context(data.u, data.y), theta), amplitudes
             ),
-            "tau_s": float(theta[0]),
+            "tau_s": float(theta[largest]),
         }
         return (Block("trend", "stage", params),)
 
@@ -106,8 +115,8 @@ class Trend(Candidate):
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
-        seen = float(np.abs(amplitudes).max()) * (1.0 - math.exp(-self._longest / theta[0]))
-        if seen > max(0.3 * float(np.ptp(data.y)), 0.1 * move_from_zero(data)):
+        rise = float(np.abs(self._seen(theta) * amplitudes).max())
+        if rise > max(0.3 * float(np.ptp(data.y)), 0.1 * move_from_zero(data)):
             return "a drift of more than a third of the stroke"
         return ""
 

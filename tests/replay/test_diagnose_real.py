@@ -63,6 +63,11 @@ def test_one_slow_triangle_holds_no_missing_physics(triangle):
     assert set(names(triangle)) <= {"shape", "unknown"}
 
 
+def test_nor_does_one_in_which_the_force_goes_to_and_fro_with_it(data_dir):
+    """The force moves at the turn alone, where the tip touches: it is a result of the way."""
+    assert set(names(one(data_dir, "afm-triangle-b", 4))) <= {"shape", "unknown"}
+
+
 @pytest.mark.parametrize("which", ["lightsheet", "triangle"])
 def test_held_out_error_does_not_grow(which, request):
     diagnosis = request.getfixturevalue(which)

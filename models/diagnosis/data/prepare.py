@@ -195,24 +195,6 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
     return data
 
 
-def turns(data: Data) -> int:
-    """How often the drive turns round after a move of a tenth of its range, in all recordings."""
-    count, long = 0, 0.1 * data.span
-    for p in np.unique(data.part):
-        u = data.u[data.part == p]
-        high = low = float(u[0])
-        direction = 0
-        for v in u[:: max(1, u.size // 4000)]:
-            high, low = max(high, v), min(low, v)
-            if direction >= 0 and high - v > long:
-                count += direction > 0
-                direction, low = -1, v
-            elif direction <= 0 and v - low > long:
-                count += direction < 0
-                direction, high = 1, v
-    return count
-
-
 def _units(one: Recording) -> tuple[str, str]:
     return one.drive_unit, one.displacement_unit
 

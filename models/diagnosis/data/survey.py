@@ -3,9 +3,8 @@
 import numpy as np
 
 from dehyst.models.diagnosis.data.noise import quantum
-from dehyst.models.diagnosis.data.prepare import turns
+from dehyst.models.diagnosis.data.way import hardly_turns, stands_still
 from dehyst.models.diagnosis.result import DataQuality
-from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import small
 from dehyst.models.signals.joined import Data, Floats
 
@@ -72,9 +71,10 @@ def survey(
             "the sampling is slow for this drive: what happens within a sample or two cannot be "
             "told from the loop"
         )
-    if turns(data) < TUNING.few_turns:
+    if hardly_turns(data):
+        slow = "" if stands_still(data) else ", and no slow change,"
         said.append(
-            "the drive hardly turns round: nothing that it causes can be told from the loop"
+            f"the drive hardly turns round: nothing that it causes{slow} can be told from the loop"
         )
     left_out = int(np.count_nonzero(~data.rows & (data.raw_index >= 0)))
     if left_out:

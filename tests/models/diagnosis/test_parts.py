@@ -97,7 +97,7 @@ def test_candidate_does_what_its_blocks_do(
         ("friction", (0.1, 20.0), (0.05, 0.1)),
         ("rate", (0.7,), (0.01, -0.02, 0.01, 0.003, 1e-4, 2e-4, -1e-4, 5e-5)),
         ("asymmetry", (0.6,), (0.02, -0.01)),
-        ("drift-trend", (2.0,), (0.4, 0.4)),
+        ("drift-trend", (2.0, 2.0), (0.4, 0.4)),
     ],
 )
 def test_columns_add_what_their_blocks_add(

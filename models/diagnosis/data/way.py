@@ -1,0 +1,61 @@
+"""What the drive's way lets be told: how often it turns round, and whether it stands still.
+
+Where the drive passes each level once up and once down, any slow function of time is a difference
+between the two branches, and so is a channel that itself goes to and fro once. No fit tells them
+from a hysteresis, however little they leave.
+"""
+
+import numpy as np
+
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics.candidate import Candidate
+from dehyst.models.signals.joined import Data, Floats
+
+LOOKED_AT = 4000  # samples of a part, in which its turns are counted
+LONG = 0.1  # of the range: a move behind which a turn counts
+PIECES = 50  # of a part, in each of which the drive moves or stands still
+STILL = 0.02  # of the range, that it moves in a piece at most; one triangle moves twice as far
+STILL_FOR = 0.2  # of all pieces
+
+
+def turns(data: Data, signal: Floats | None = None) -> int:
+    """How often the drive, or a signal (N,), turns round after a move of a tenth of its range, in
+    all recordings."""
+    x = data.u if signal is None else signal
+    count, long = 0, LONG * float(np.ptp(x))
+    for p in np.unique(data.part):
+        one = x[data.part == p]
+        high = low = float(one[0])
+        direction = 0
+        for v in one[:: max(1, one.size // LOOKED_AT)]:
+            high, low = max(high, v), min(low, v)
+            if direction >= 0 and high - v > long:
+                count += direction > 0
+                direction, low = -1, v
+            elif direction <= 0 and v - low > long:
+                count += direction < 0
+                direction, high = 1, v
+    return count
+
+
+def hardly_turns(data: Data) -> bool:
+    """Whether the drive turns round too seldom to tell what it causes from its loop."""
+    return turns(data) < TUNING.few_turns
+
+
+def stands_still(data: Data) -> bool:
+    """Whether the drive stands still for so long that a change in time shows by itself."""
+    still = []
+    for p in np.unique(data.part):
+        pieces = np.array_split(data.u[data.part == p], PIECES)
+        still += [float(np.ptp(one)) < STILL * data.span for one in pieces if one.size]
+    return float(np.mean(still)) > STILL_FOR
+
+
+def can_be_told(candidate: Candidate, data: Data) -> bool:
+    """Whether a candidate can be told from the loop of a drive that hardly turns round."""
+    if candidate.driven:
+        return False
+    if candidate.channel and turns(data, data.channels[candidate.channel]) >= TUNING.few_turns:
+        return True
+    return stands_still(data) if candidate.slow or candidate.channel else True

@@ -1,0 +1,48 @@
+"""What a drive that hardly turns round lets be told from its loop."""
+
+import numpy as np
+import pytest
+
+from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.data.way import can_be_told, hardly_turns, stands_still, turns
+from dehyst.models.physics import library
+from dehyst.models.recording import Recording
+from dehyst.models.signals.joined import Data, Floats
+
+T = np.arange(4000) * 0.01
+TRIANGLE = 10.0 * np.interp(T, [0.0, 20.0, 40.0], [0.0, 1.0, 0.0])
+STEP = np.where(T < 2.0, 4.0 * T, 8.0)
+SINES = 5.0 - 5.0 * np.cos(2 * np.pi * 0.1 * T)  # four periods
+
+
+def recorded(drive: Floats, **channels: Floats) -> Data:
+    y = drive + 1e-3 * np.random.default_rng(3).standard_normal(T.size)
+    return prepare([Recording(T, drive, y, channels=channels, name="one.csv")])
+
+
+@pytest.mark.parametrize(("drive", "expected"), [(TRIANGLE, 1), (STEP, 0), (SINES, 7)])
+def test_turns_are_counted(drive: Floats, expected: int) -> None:
+    data = recorded(drive)
+    assert turns(data) == expected
+    assert hardly_turns(data) == (expected < 3)
+
+
+def told(data: Data) -> set[str]:
+    return {c.key for c in library(data) if can_be_told(c, data)}
+
+
+def test_one_triangle_tells_lines_and_what_moves_by_itself_alone() -> None:
+    """Its time is its way: neither a slow change nor a force at the turn is told from the loop."""
+    force = np.exp(-(((T - 20.0) / 2.0) ** 2))
+    other = np.sin(2 * np.pi * 0.7 * T)
+    data = recorded(TRIANGLE, force_nn=force, u2_v=other)
+    assert not stands_still(data)
+    keys = told(data)
+    assert {"hum", "coupling-u2_v"} <= keys
+    assert not {"drift-trend", "creep-earlier", "coupling-force_nn", "creep", "lag-drive"} & keys
+
+
+def test_a_step_and_a_hold_tell_a_slow_change_too() -> None:
+    data = recorded(STEP, temp_c=20.0 + 0.1 * T)
+    assert stands_still(data)
+    assert {"drift-trend", "creep-earlier", "drift-temp_c"} <= told(data)
