@@ -229,3 +229,12 @@ def test_creep_of_an_earlier_move_is_likelier_only_where_the_recorded_moves_cree
         trial = tried(problem, SIGMA, state.null, candidate(data, key), (0.9, 0.9))
         worth[key] = worth_with_company(state, trial, everything)
     assert (worth["creep-earlier"] > worth["drift-trend"]) == (gain > 0.0)
+
+
+def test_an_explanation_pays_for_each_of_its_parameters() -> None:
+    """The logarithm of 3000 samples in noise variances (Schwarz): two times, two amplitudes."""
+    data = make()
+    problem, state = problem_of(data)
+    trial = tried(problem, SIGMA, state.null, candidate(data, "drift-trend"), (0.9, 0.9))
+    paid = trial.gain - worth_with_company(state, trial, library(data))
+    assert paid == pytest.approx(4 * 8.00637 * SIGMA**2, rel=1e-5)

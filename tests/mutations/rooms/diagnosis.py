@@ -5,6 +5,7 @@ from tests.mutations.change import Change, room
 TUNING, JUDGE = "models/diagnosis/tuning.py", "models/diagnosis/judge.py"
 LIMITS, EVIDENCE = "models/diagnosis/findings/limits.py", "models/diagnosis/evidence.py"
 INTERVALS, SEARCH = "models/diagnosis/intervals.py", "models/diagnosis/search.py"
+WAY = "models/diagnosis/data/way.py"
 
 CHANGES = [
     *room(
@@ -152,6 +153,44 @@ CHANGES = [
             "np.mean(look.projected(x) ** 2)",
             "np.mean(x**2)",
             "limits as though the base could not imitate the effect",
+        ),
+        Change(
+            "company-forgotten",
+            JUDGE,
+            "if company and company not in fit.effect_names:",
+            "if company in fit.effect_names:",
+            "creep that began before the recording is told as a warm-up",
+        ),
+        Change(
+            "company-free-of-charge",
+            JUDGE,
+            "- price * count",
+            "- 0.0 * price * count",
+            "a warm-up is told as creep",
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_way.py",),
+        Change(
+            "one-triangle-tells-all",
+            WAY,
+            "return stands_still(data) if candidate.slow or candidate.channel else True",
+            "return True",
+            "a single loop is told as drift",
+        ),
+        Change(
+            "channel-of-one-turn",
+            WAY,
+            "turns(data, data.channels[candidate.channel]) >= TUNING.few_turns:",
+            "True:",
+            "what moves with the drive's one turn is told as coupling",
+        ),
+        Change(
+            "hold-tells-nothing",
+            WAY,
+            "return float(np.mean(still)) > STILL_FOR",
+            "return False",
+            "drift is not looked for in a recording that holds still",
         ),
     ),
 ]
