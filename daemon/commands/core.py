@@ -19,7 +19,10 @@ def run(args: argparse.Namespace) -> int:
 
     requests = Requests()
     controller = load_controller(args.config)
-    with run_folder.at_work(controller.directory, run_folder.OUTPUT, "core", args.config):
+    with (
+        requests.before_the_loop(),
+        run_folder.at_work(controller.directory, run_folder.OUTPUT, "core", args.config),
+    ):
         from dehyst.daemon.loop.process import run_core
 
         return run_core(controller, requests.serve)

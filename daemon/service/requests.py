@@ -8,7 +8,8 @@ takes no more of the machine than a few.
 
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -24,20 +25,36 @@ class Requests:
 
     def __init__(self, rest_s: float = REST_S) -> None:
         self._stop: Callable[[], None] | None = None
+        self._ended = False  # before the loop ran
         self._reloads: SimpleQueue[None] = SimpleQueue()  # its put may be called in a handler
         self._rest_s = rest_s
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_stop)
         signal.signal(signal.SIGHUP, lambda *_: self._reloads.put(None))
 
+    @contextmanager
+    def before_the_loop(self) -> Iterator[None]:
+        """Around all that the process does: asked to end while numba compiles, which makes errors
+        of its own of the exit, it ends as at any other time before the loop runs."""
+        try:
+            yield
+        except Exception:
+            if self._ended:
+                raise SystemExit(NOT_MOVED) from None
+            raise
+
     def serve(self, stop: Callable[[], None], reload: Callable[[], None]) -> None:
-        """The loop runs: stop() is called in the handler, reload() in a thread of its own."""
+        """The loop runs: stop() is called in the handler, reload() in a thread of its own. Not
+        where it was asked to end before, and what ran then has swallowed the exit."""
         self._stop = stop
+        if self._ended:
+            raise SystemExit(NOT_MOVED)
         thread = threading.Thread(target=self._run, args=(reload,), name="reload", daemon=True)
         thread.start()
 
     def _on_stop(self, *_: Any) -> None:
         if self._stop is None:
+            self._ended = True
             raise SystemExit(NOT_MOVED)
         self._stop()
 

@@ -49,6 +49,14 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/daemon/service/test_requests.py",),
+        Change(
+            "swallowed-end-runs-on", "daemon/service/requests.py",
+            "        if self._ended:\n            raise SystemExit(NOT_MOVED)\n        thread",
+            "        thread", "a core that was asked to end while it compiled drives the stage",
+        ),
+    ),
+    *room(
         ("tests/daemon/loop/test_ramp.py",),
         Change(
             "safe-three-times", "daemon/loop/devices.py", "    step = rate_v_per_s * period_s\n",

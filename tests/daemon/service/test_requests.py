@@ -1,0 +1,51 @@
+"""Signals that come before the loop runs."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import suppress
+
+import pytest
+
+from dehyst.daemon.service.requests import Requests
+
+TAKEN = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+
+
+@pytest.fixture
+def requests() -> Iterator[Requests]:
+    before = {number: signal.getsignal(number) for number in TAKEN}
+    yield Requests()
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_asked_to_end_while_it_compiles_it_ends_with_0_and_no_traceback(
+    requests: Requests, number: signal.Signals
+) -> None:
+    """numba makes an error of its own of an exit that is raised in the middle of a compilation."""
+
+    def compiled() -> None:
+        try:
+            os.kill(os.getpid(), number)
+        except SystemExit:
+            raise RuntimeError("no compiled object yet") from None
+
+    with pytest.raises(SystemExit) as end, requests.before_the_loop():
+        compiled()
+    assert end.value.code == 0
+    assert end.value.__suppress_context__
+
+
+def test_an_exit_that_was_swallowed_is_made_up_for_before_the_loop_runs(requests: Requests) -> None:
+    with suppress(SystemExit):  # as a callback from C does, in the middle of a compilation
+        os.kill(os.getpid(), signal.SIGTERM)
+    with pytest.raises(SystemExit) as end:
+        requests.serve(lambda: None, lambda: None)
+    assert end.value.code == 0
+
+
+def test_an_error_that_nobody_asked_for_stays_one(requests: Requests) -> None:
+    with pytest.raises(RuntimeError, match="no compiled object"), requests.before_the_loop():
+        raise RuntimeError("no compiled object yet")
