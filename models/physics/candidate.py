@@ -132,11 +132,6 @@ class Candidate:
         out[self.size_index] = min(max(value, p.low * 1.01), p.high * 0.98)
         return tuple(out)
 
-    def bounded(self, theta: Sequence[float]) -> tuple[float, ...]:
-        """theta (as of `parameters`), held in its bounds."""
-        pairs = zip(theta, self.parameters, strict=True)
-        return tuple(min(max(float(v), p.low), p.high) for v, p in pairs)
-
     def refined(self, theta: Sequence[float]) -> tuple[float, ...]:
         """Start from the fitted theta of the candidate that this one refines."""
         return tuple(theta)
@@ -216,14 +211,17 @@ def move_from_zero(data: Data) -> float:
     return float(np.ptp(data.y)) * farthest / data.span
 
 
-def common_amplitude(data: Data, columns: Floats, amplitudes: Floats) -> float:
-    """The one amplitude that stands best for those (k,) of columns (N, k), one for each recording,
-    each recording's mean apart."""
-    power = np.zeros(amplitudes.size)
-    for i in range(amplitudes.size):
-        x = columns[(data.rec == i) & data.rows, i]
-        power[i] = float(np.sum((x - x.mean()) ** 2)) if x.size else 0.0
-    return float(power @ amplitudes / max(float(power.sum()), 1e-300))
+def common_amplitude(data: Data, columns: Floats, added: Floats) -> float:
+    """The one amplitude with which columns (N, k), one for each recording, come nearest to what was
+    added to the recordings (N,), each recording's mean apart."""
+    power = along = 0.0
+    for i in range(columns.shape[1]):
+        here = (data.rec == i) & data.rows
+        if here.any():
+            x, y = columns[here, i], added[here]
+            power += float(np.sum((x - x.mean()) ** 2))
+            along += float((x - x.mean()) @ (y - y.mean()))
+    return along / max(power, 1e-300)
 
 
 def other_causes(data: Data) -> list[str]:

@@ -102,11 +102,13 @@ class EarlierCreep(Candidate):
         }
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        # a model has one past: that of the recording with most of it
+        since, context = theta[int(np.argmax(np.abs(amplitudes)))], Context(data.u, data.y)
+        one = self.columns(data, context, (since,) * len(theta))
+        added = self.columns(data, context, theta) @ amplitudes
         params: dict[str, float | tuple[float, ...]] = {
-            f"amount_{data.unit}": common_amplitude(
-                data, self.columns(data, Context(data.u, data.y), theta), amplitudes
-            ),
-            "since_s": float(theta[int(np.argmax(np.abs(amplitudes)))]),
+            f"amount_{data.unit}": common_amplitude(data, one, added),
+            "since_s": float(since),
         }
         return (Block("earlier_creep", "stage", params),)
 

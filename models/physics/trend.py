@@ -97,13 +97,15 @@ class Trend(Candidate):
         }
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        largest = int(np.argmax(np.abs(self._seen(theta) * amplitudes)))
+        # a model has one past: that of the recording with most of it
+        tau = theta[int(np.argmax(np.abs(self._seen(theta) * amplitudes)))]
+        context = Context(data.u, data.y)
+        one = self.columns(data, context, (tau,) * len(theta))
+        added = self.columns(data, context, theta) @ amplitudes
         params: dict[str, float | tuple[float, ...]] = {
             f"rate_{data.unit}_per_s": 0.0,
-            f"amount_{data.unit}": common_amplitude(
-                data, self.columns(data, Context(data.u, data.y), theta), amplitudes
-            ),
-            "tau_s": float(theta[largest]),
+            f"amount_{data.unit}": common_amplitude(data, one, added),
+            "tau_s": float(tau),
         }
         return (Block("trend", "stage", params),)
 

@@ -111,6 +111,28 @@ def test_columns_add_what_their_blocks_add(
     np.testing.assert_allclose(y - plain, added, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("key", "theta", "amplitudes"),
+    [("drift-trend", (0.9, 60.0), (0.4, 3.0)), ("creep-earlier", (0.2, 2.0), (0.2, 0.1))],
+)
+def test_a_block_of_two_pasts_comes_as_near_to_both_as_one_amplitude_can(
+    data: Data, key: str, theta: tuple[float, float], amplitudes: tuple[float, float]
+) -> None:
+    """By trial of many amplitudes; levels aside, which a model does not foretell."""
+    c = next(c for c in library(data) if c.key == key)
+    added = c.columns(data, Context(data.u, data.y), theta) @ np.array(amplitudes)
+    (block,) = c.blocks(theta, np.array(amplitudes), data)
+    size = next(k for k in block.params if k.startswith("amount"))
+
+    def left(factor: float) -> float:
+        params = {**block.params, size: factor * float(block.params[size])}
+        off = through_model(data, replace(block, params=params)) - through_model(data) - added
+        here = [off[(data.rec == i) & data.rows] for i in range(2)]
+        return float(sum(np.sum((x - x.mean()) ** 2) for x in here))
+
+    assert left(1.0) <= min(left(f) for f in (-1.0, 0.0, 0.5, 0.9, 0.99, 1.01, 1.1, 1.5, 2.0))
+
+
 def test_library_tells_people_what_it_looks_for(data: Data) -> None:
     found = library(data)
     assert len({c.key for c in found}) == len(found)
