@@ -1,10 +1,11 @@
-"""Loops that change with the rate: plays weighted by a power of the drive's rate.
+"""Loops that change with the rate: plays whose thresholds grow with the drive's rate.
 
-    y = sum_i g_i q(t) (v - H_i) + k_i dv/dt H_i,    q = |dv/dt|^p behind a low-pass,
+    y = sum_i g_i (D_i - H_i) + k_i dv/dt H_i,    D_i the play of width r_i / scale + d |dv/dt|^p
 
-v = (u - center) / scale, H_i its plays of width r_i / scale. The first sum is what thresholds
-that dilate with the rate do to first order, the second the linear rate dependence of Qin et al.
-(Eq. 5). It reads the drive as it reaches the hysteresis and adds to its displacement.
+v = (u - center) / scale, H_i its plays of width r_i / scale, dv/dt and |dv/dt| each behind a
+low-pass. The first sum are the rate-dependent plays of Al Janaideh, Rakheja and Su (Mechatronics 19, 2009, 656), beside the
+ones that the model in use has; the second is the linear rate dependence of Qin et al. (Eq. 5). It
+reads the drive as it reaches the hysteresis and adds to its displacement.
 """
 
 import math
@@ -20,9 +21,17 @@ from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Subtracted, Values, named
 from dehyst.models.signals.joined import Bools, Data, Floats
 
-PACKED = fields("center", "scale", "power", "tau")  # behind: r / scale, g, k of n operators
-STATE = fields("before", "smooth")  # v before, smooth rate; behind: (n,) plays
-HEAD_P, HEAD_S = 4, 2
+PACKED = fields("center", "scale", "power", "dilation", "tau")  # behind: r / scale, g, k of n
+STATE = fields("before", "rate", "speed")  # behind: n plays, and n that dilate
+HEAD = ("power", "dilation", "smoothing")
+EACH = ("weights", "slopes")  # of n operators
+HEAD_P, HEAD_S = 5, 3
+
+
+@njit(cache=True, nogil=True)
+def play(h: float, v: float, r: float) -> float:
+    """A play of half width r, last at h, at the drive v."""
+    return max(v - r, min(v + r, h))
 
 
 @Kernel
@@ -32,25 +41,27 @@ def step(
     """Forward; x: drive."""
     p, rows = record(p_at, PACKED), behind(p_at, n_p, HEAD_P)
     s, h = record(s_at, STATE), behind(s_at, n_s, HEAD_S)
-    n = h.size
+    n = h.size // 2
     v = (x - p.center) / p.scale
     rate = (v - s.before) / dt if dt > 0.0 else 0.0
     s.before = v
     if dt > 0.0:
         keep = math.exp(-dt / p.tau)
-        s.smooth = keep * s.smooth + (1.0 - keep) * rate
-    strength = abs(s.smooth) ** p.power
+        s.rate = keep * s.rate + (1.0 - keep) * rate
+        s.speed = keep * s.speed + (1.0 - keep) * abs(rate)
+    more = p.dilation * s.speed**p.power
     y = 0.0
     for i in range(n):
-        h[i] = max(v - rows[i], min(v + rows[i], h[i]))
-        y += rows[n + i] * strength * (v - h[i]) + rows[2 * n + i] * s.smooth * h[i]
+        h[i] = play(h[i], v, rows[i])
+        h[n + i] = play(h[n + i], v, rows[i] + more)
+        y += rows[n + i] * (h[n + i] - h[i]) + rows[2 * n + i] * s.rate * h[i]
     return y
 
 
 def _pack(values: Values, dt: float) -> Floats:
     r, scale = values["thresholds"], values["scale"][0]
-    head = [values["center"][0], scale, values["power"][0], values["smoothing"][0]]
-    parts = [np.broadcast_to(values[k], r.shape) for k in ("widening", "slopes")]
+    head = [values["center"][0], scale, *(values[k][0] for k in HEAD)]
+    parts = [np.broadcast_to(values[k], r.shape) for k in EACH]
     return np.concatenate([head, r / scale, *parts])
 
 
@@ -61,7 +72,7 @@ def _start(p: Floats, s: Floats, x: float) -> None:
 
 
 def _check(values: Values) -> str:
-    for k in ("widening", "slopes"):
+    for k in EACH:
         if values[k].size not in (1, values["thresholds"].size):
             return f"{k}: as many as thresholds are needed"
     return ""
@@ -73,8 +84,9 @@ KIND = Kind(
     places=("stage",),
     params=(
         Param("thresholds_{u}", "thresholds", "", 0.0, 1e9, "thresholds", many=True),
-        Param("widening", "widening", "", -1e9, 1e9, "of q (v - H)", many=True),
+        Param("weights", "weights", "", -1e9, 1e9, "of D - H", many=True),
         Param("slopes", "slopes", "", -1e9, 1e9, "of dv/dt H", many=True),
+        Param("dilation", "dilation", "", 0.0, 1e9, "of the scaled thresholds at a rate of 1/s"),
         Param("power", "power", "", 0.0, 3.0, "of the rate"),
         Param("smoothing_s", "smoothing", "s", 1e-9, 100.0, "time constant of the rate"),
         Param("scale_{u}", "scale", "", 1e-9, 1e9, "drive that counts as 1"),
@@ -84,48 +96,59 @@ KIND = Kind(
     state=STATE,
     step=step,
     pack=_pack,
-    size=lambda p, dt: HEAD_S + (p.size - HEAD_P) // 3,
+    size=lambda p, dt: HEAD_S + 2 * ((p.size - HEAD_P) // 3),
     start=_start,
     inverse=Subtracted(),
     check=_check,
 )
 
-FRACTIONS = np.array([0.01, 0.03, 0.08, 0.2])  # thresholds, of the drive's range
+FRACTIONS = np.array([0.01, 0.05, 0.1, 0.15, 0.2])  # thresholds, of the drive's range
 SMOOTHING = 2.0  # sampling periods
 
 
 class Rate(Candidate):
-    """sum_i g_i |dv/dt|^p (v - H_i) + k_i dv/dt H_i."""
+    """sum_i g_i (D_i - H_i) + k_i dv/dt H_i."""
 
     name = key = "rate"
     title = "Loops that change with the rate"
-    equation = "y + sum_i g_i |dv/dt|^p (v - H_i) + k_i dv/dt H_i"
+    equation = "y + sum_i g_i (D_i - H_i) + k_i dv/dt H_i, D_i of threshold r_i + d |dv/dt|^p"
     source = "thresholds dilating with the rate (Al Janaideh 2009); Qin et al., Eq. 5"
     typical = "loops some 10 % wider at 10 Hz than at 0.1 Hz"
     revealed_by = "the same stroke at several frequencies, and several strokes at one"
     confused_with = ("lag", "delay", "friction")
     order = 65
     static = True
+    minima = 2
 
-    parameters = (Parameter("power", "1", 0.2, 2.0),)
+    parameters = (Parameter("power", "1", 0.2, 2.0), Parameter("dilation", "1", 0.003, 1.0))
+
+    def __init__(self, data: Data) -> None:
+        self._usual = float(np.sqrt(np.mean(_rates(data) ** 2)))
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
-        return [(0.5,), (1.0,)]
+        return [(p, d) for p in (0.5, 1.0) for d in (0.02, 0.1, 0.4)]
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
         v = (context.v - data.u_min) * (2.0 / data.span)
         tau = SMOOTHING * data.period
-        return _columns(v, data.dt, data.starts, 2.0 * FRACTIONS, theta[0], tau)
+        dilation = self._dilation(theta)
+        return _columns(v, data.dt, data.starts, 2.0 * FRACTIONS, theta[0], dilation, tau)
+
+    def _dilation(self, theta: Sequence[float]) -> float:
+        """Of the scaled thresholds at a rate of 1/s; theta has that at the recordings' usual one,
+        which is what they tell."""
+        return float(theta[1] / self._usual ** theta[0])
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
-        return {"power": (float(theta[0]), "1")}
+        return {"power": (float(theta[0]), "1")}  # dilation and weights stand for one another
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         n = FRACTIONS.size
         params: dict[str, float | tuple[float, ...]] = {
             f"thresholds_{data.drive_unit}": tuple(float(r) for r in FRACTIONS * data.span),
-            "widening": tuple(float(a) for a in amplitudes[:n]),
+            "weights": tuple(float(a) for a in amplitudes[:n]),
             "slopes": tuple(float(a) for a in amplitudes[n:]),
+            "dilation": self._dilation(theta),
             "power": float(theta[0]),
             "smoothing_s": SMOOTHING * data.period,
             f"scale_{data.drive_unit}": 0.5 * data.span,
@@ -140,39 +163,51 @@ class Rate(Candidate):
         )
 
 
+def _rates(data: Data) -> Floats:
+    """(N,) rate of the drive, of half its range a second; 0 where a recording begins."""
+    step = np.diff(data.u, prepend=data.u[0]) * (2.0 / data.span)
+    return np.divide(step, data.dt, out=np.zeros(data.n), where=~data.starts.astype(bool))
+
+
 @njit(cache=True, nogil=True)
-def _columns(v: Floats, dt: Floats, starts: Bools, r: Floats, power: float, tau: float) -> Floats:
+def _columns(
+    v: Floats, dt: Floats, starts: Bools, r: Floats, power: float, dilation: float, tau: float
+) -> Floats:
     n = r.size
     out = np.empty((v.size, 2 * n))
-    h = np.zeros(n)
-    smooth = 0.0
+    h, wider = np.zeros(n), np.zeros(n)
+    slope = speed = 0.0
     for t in range(v.size):
         if starts[t]:
             h[:] = 0.0
-            smooth = 0.0
+            wider[:] = 0.0
+            slope = speed = 0.0
         else:
             keep = np.exp(-dt[t] / tau)
-            smooth = keep * smooth + (1.0 - keep) * (v[t] - v[t - 1]) / dt[t]
-        strength = abs(smooth) ** power
+            rate = (v[t] - v[t - 1]) / dt[t]
+            slope = keep * slope + (1.0 - keep) * rate
+            speed = keep * speed + (1.0 - keep) * abs(rate)
+        more = dilation * speed**power
         for i in range(n):
-            h[i] = max(v[t] - r[i], min(v[t] + r[i], h[i]))
-            out[t, i] = strength * (v[t] - h[i])
-            out[t, n + i] = smooth * h[i]
+            h[i] = play(h[i], v[t], r[i])
+            wider[i] = play(wider[i], v[t], r[i] + more)
+            out[t, i] = wider[i] - h[i]
+            out[t, n + i] = slope * h[i]
     return out
 
 
 def _variants(s: Scales) -> list[Block]:
-    """Thresholds that dilate by a tenth at half the steepest rate."""
+    """Thresholds of a tenth that are half as wide again at half the steepest rate."""
     u, half = s.drive_unit, 0.5 * s.span
     full = 0.5 * s.rate_max / half
     out = []
     for power in (0.5, 1.0):
-        widening = 0.01 * s.stroke / full**power
         params: dict[str, float | tuple[float, ...]] = {
             f"thresholds_{u}": (0.05 * half, 0.2 * half),
             "slopes": (0.0, 0.0),
+            "weights": (0.1 * s.stroke, 0.1 * s.stroke),
+            "dilation": 0.05 / full**power,
             "power": power,
-            "widening": (widening, widening),
             "smoothing_s": 5 * s.period_s,
             f"scale_{u}": half,
             f"center_{u}": s.drive_min,
@@ -185,7 +220,7 @@ SINES = "sines of one frequency at several strokes, then several frequencies"
 PHYSICS = Physics(
     name="rate",
     kinds=(KIND,),
-    candidates=lambda data: [Rate()],
+    candidates=lambda data: [Rate(data)],
     specimens={"rate": Specimen(_variants)},
     told_from={"lag": SINES, "delay": SINES, "friction": "small reversals at several speeds"},
 )

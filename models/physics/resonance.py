@@ -134,6 +134,7 @@ known (tests/benchmarks/models/proof: 0.0140 was told as 0.0120)."""
 
 
 SURE_SHARE, OPEN_SHARE = 0.02, 0.6  # the same of the share, at least and at most,
+NO_RING = 0.4  # damping, of the frequency at which the samples show the mode
 LOST = 1.25  # and times the amplitude that the drive's straight lines do not have at the mode
 
 
@@ -218,8 +219,10 @@ class Resonance(Candidate):
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
-        if theta[1] > 0.4:
-            return "damping above 0.4 does not ring: a lag or a delay does the same"
+        frequency, damping, _ = theta
+        mirrored = abs(frequency - self._rate * round(frequency / self._rate))
+        if damping * frequency > NO_RING * mirrored:
+            return "no ring is left of it in the samples: a lag or a delay does the same"
         return ""
 
 

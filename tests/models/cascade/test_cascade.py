@@ -88,7 +88,8 @@ BLOCKS = {
         "stage",
         {
             "thresholds_v": (0.3, 1.0, 2.5),
-            "widening": (0.05, 0.04, 0.03),
+            "weights": (0.5, 0.4, 0.3),
+            "dilation": 0.05,
             "slopes": (0.004, 0.003, 0.002),
             "power": 0.4,
             "smoothing_s": 0.01,
