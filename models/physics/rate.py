@@ -104,6 +104,11 @@ KIND = Kind(
 
 FRACTIONS = np.array([0.01, 0.05, 0.1, 0.15, 0.2])  # thresholds, of the drive's range
 SMOOTHING = 2.0  # sampling periods
+SLOPED = 0.3  # of the part by dv/dt H: what is less than it tells nothing of the widening
+TOGETHER = 0.8
+"""Of the sizes of all weights, their sum: loops that grow wider with the rate do so together, at
+every threshold (tests/benchmarks/models/proof: 0.9 to 1.0; of friction that fades with the speed
+-0.6 to 0.5)."""
 
 
 class Rate(Candidate):
@@ -119,6 +124,7 @@ class Rate(Candidate):
     order = 65
     static = True
     minima = 2
+    rival_if_implausible = False
 
     parameters = (Parameter("power", "1", 0.2, 2.0), Parameter("dilation", "1", 0.003, 1.0))
 
@@ -155,6 +161,15 @@ class Rate(Candidate):
             f"center_{data.drive_unit}": data.u_min,
         }
         return (Block("rate", "stage", params),)
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        n = FRACTIONS.size
+        x = self.columns(data, Context(data.u, data.y), theta)[data.rows]
+        wider, sloped = (np.std(x[:, k] @ amplitudes[k]) for k in (slice(0, n), slice(n, None)))
+        weights = amplitudes[:n]
+        if wider > SLOPED * sloped and weights.sum() < TOGETHER * np.abs(weights).sum():
+            return "some loops would grow wider with the rate, and others narrower"
+        return ""
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
