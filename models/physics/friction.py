@@ -7,7 +7,8 @@ exponent n is 1, and it bends, or 0: it gives way in a straight line, then slide
 a = l the stage rests after each turn until x has moved on by 2 l, a play.
 
 Recognised by its dependence on the speed: presliding alone is a rate-independent memory of the
-displacement and stays inside the base. About a model that was right before, it shows alone.
+displacement and stays inside the base. About a model that was right before, it shows alone. How
+much of it the base leaves depends on its law, which nobody knows: no size of it is excluded.
 """
 
 import math
@@ -18,7 +19,7 @@ from numba import njit
 
 from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
-from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe, small
+from dehyst.models.physics.candidate import Candidate, Context, Parameter, small
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Solved, Values, named
 from dehyst.models.signals.filters import dahl, plays
@@ -144,7 +145,6 @@ class Friction(Candidate):
     static = True
 
     def __init__(self, data: Data) -> None:
-        self.limit_unit = data.unit
         stroke = float(np.ptp(data.y))
         self.parameters = (
             Parameter("length_um", data.unit, 5e-4 * stroke, 0.3 * stroke),
@@ -166,9 +166,6 @@ class Friction(Candidate):
         out = super().values(theta, amplitudes)
         out["extra_um"] = (float(amplitudes[1]), self.parameters[0].unit)
         return out
-
-    def probes(self, data: Data) -> list[Probe]:
-        return [Probe(1.0, (0.01 * self._stroke, 2.0 * self._stroke), (0.0, 1.0))]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         params: dict[str, float | tuple[float, ...]] = {

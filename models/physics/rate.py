@@ -3,9 +3,9 @@
     y = sum_i g_i (D_i - H_i) + k_i dv/dt H_i,    D_i the play of width r_i / scale + d |dv/dt|^p
 
 v = (u - center) / scale, H_i its plays of width r_i / scale, dv/dt and |dv/dt| each behind a
-low-pass. The first sum are the rate-dependent plays of Al Janaideh, Rakheja and Su (Mechatronics 19, 2009, 656), beside the
-ones that the model in use has; the second is the linear rate dependence of Qin et al. (Eq. 5). It
-reads the drive as it reaches the hysteresis and adds to its displacement.
+low-pass. The first sum are the rate-dependent plays of Al Janaideh, Rakheja and Su (Mechatronics
+19, 2009, 656), beside the ones that the model in use has; the second is the linear rate dependence
+of Qin et al. (Eq. 5). It reads the drive as it reaches the hysteresis and adds to its displacement.
 """
 
 import math
