@@ -6,6 +6,7 @@ TUNING, JUDGE = "models/diagnosis/tuning.py", "models/diagnosis/judge.py"
 LIMITS, EVIDENCE = "models/diagnosis/findings/limits.py", "models/diagnosis/evidence.py"
 INTERVALS, SEARCH = "models/diagnosis/intervals.py", "models/diagnosis/search.py"
 WAY = "models/diagnosis/data/way.py"
+RATE, MODE = "models/physics/rate.py", "models/physics/resonance.py"
 
 CHANGES = [
     *room(
@@ -191,6 +192,30 @@ CHANGES = [
             "return float(np.mean(still)) > STILL_FOR",
             "return False",
             "drift is not looked for in a recording that holds still",
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_rate.py",),
+        Change(
+            "narrower-is-rate",
+            RATE,
+            "weights.sum() < TOGETHER * np.abs(weights).sum()",
+            "False",
+            "friction that fades with the speed is told as rate-dependence",
+        ),
+        Change(
+            "dilates-by-no-power",
+            RATE,
+            "more = p.dilation * s.speed**p.power",
+            "more = p.dilation * s.speed",
+            "the model's loops widen by another law than the one that was found",
+        ),
+        Change(
+            "mirror-rings",
+            MODE,
+            "mirrored = abs(frequency - self._rate * round(frequency / self._rate))",
+            "mirrored = frequency",
+            "a slow change is told as a mode at the sampling frequency",
         ),
     ),
 ]
