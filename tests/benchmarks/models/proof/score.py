@@ -23,7 +23,9 @@ LOOPS = ("rate", "friction", "clip", "slew")  # these bend the loop too: `shape`
 IN_IT = {"slew": ("lag",), "friction": ("lag", "delay", "rate")}
 """What a plant's equation has in it beside its name: the amplifier's resistor before the current
 limit, the viscous part of a guide's friction. To name that too is not spurious."""
-OF_ONE_RECORDING = ("hum", "trend", "earlier_creep")  # blocks: their phase, their past
+OF_ONE_RECORDING = ("hum", "earlier_creep")
+"""Blocks of a phase, of a past move: the held-out recording has its own. A stage here that warms up
+does so in each recording alike, also in that one: what the model says of it stays in."""
 HOLES = ("every third", "rows", "readings", "stalls")
 SETTLED = 0.06  # of the held-out recording, not judged
 
