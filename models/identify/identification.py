@@ -18,6 +18,7 @@ from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
 from dehyst.models.identify.coupling import Coupled
 from dehyst.models.identify.data.outliers import thin
 from dehyst.models.identify.data.rows import Rows, read_rows
+from dehyst.models.identify.data.stretches import take_stretches
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
 from dehyst.models.identify.final import Fitted, fit_all
@@ -110,14 +111,27 @@ def identify_alone(
 ) -> Identification:
     """One model from one or more recordings of the same stage, whatever other axes did.
 
-    Raises BadRecording when the recordings cannot carry a model, in one sentence; BadInput when
-    they do not belong together.
+    Of very long recordings stretches are used. Raises BadRecording when the recordings cannot carry
+    a model, in one sentence; BadInput when they do not belong together.
     """
     if not recordings:
         raise BadInput("no recording was given")
     _require_same_units(recordings)
     _require_different(recordings)
     progress("reading the drive")
+    taken = [take_stretches(one) for one in recordings]
+    found = _identify([one.recording for one in taken], options, progress)
+    return replace(
+        found,
+        residuals=tuple(x.spread(e, np.nan) for x, e in zip(taken, found.residuals, strict=True)),
+        used=tuple(x.spread(k, False) for x, k in zip(taken, found.used, strict=True)),
+        notes=(*(x.note for x in taken if x.note), *found.notes),
+    )
+
+
+def _identify(
+    recordings: Sequence[Recording], options: Options, progress: Callable[[str], None]
+) -> Identification:
     spans = [float(np.nanmax(r.drive) - np.nanmin(r.drive)) for r in recordings if _has_drive(r)]
     rows = [read_rows(r, max(spans, default=0.0)) for r in recordings]
     require_times_in_seconds(rows)

@@ -247,12 +247,13 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     if beyond:
         notes.append(f"{beyond} rows with a rate that hardly ever occurs were left out")
     virgin = all(one.virgin for one in rows) and trust_start
-    picks, running = allowed, None
-    if not virgin:
-        picks = [use & one.settled for use, one in zip(allowed, rows, strict=True)]
-        settled, total = (sum(int(np.count_nonzero(m)) for m in ms) for ms in (picks, allowed))
-        if settled < max(0.3 * total, TUNING.fewest_rows):
-            picks, running = allowed, _find_running_offset(rows[0].u, high - low)
+    known = [_memory_is_known(one, virgin) for one in rows]
+    picks, running = [use & k for use, k in zip(allowed, known, strict=True)], None
+    settled, total = (sum(int(np.count_nonzero(m)) for m in ms) for ms in (picks, allowed))
+    if settled < max(0.3 * total, TUNING.fewest_rows):
+        picks = allowed
+        if not virgin:
+            running = _find_running_offset(rows[0].u, high - low)
             notes.append("the drive reaches its full range late; its state at the start is guessed")
     count = sum(int(np.count_nonzero(p)) for p in picks)
     if count < TUNING.fewest_rows:
@@ -270,6 +271,13 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     return FitSetup(
         rows, picks, low, high, rate_max, sign, size, limits, virgin, folds, tuple(notes), running
     )
+
+
+def _memory_is_known(one: Rows, virgin: bool) -> Bools:
+    """(N,) rows that do not depend on an unknown memory. virgin: the start is known; behind a long
+    gap, where the drive may have been anywhere, nothing is."""
+    first_gap = int(one.resets[1]) if one.resets.size > 1 else one.u.size
+    return one.settled | ((np.arange(one.u.size) < first_gap) & virgin)
 
 
 def _find_running_offset(u: Floats, span: float) -> float:

@@ -100,6 +100,9 @@ class Tuning(NamedTuple):
     coupling_rounds: int = 3  # of model and gains in turn
     coupling_settled: float = 0.2  # of the noise: a change of the gains that brings less is none
     # sizes
+    most_rows: int = 2_000_000  # of a recording; of a longer one stretches are taken, so many:
+    long_stretches: tuple[int, ...] = (4, 2, 1)
+    stretch_range: float = 0.9  # of the drive's range, that each of them runs through
     rows_compared: int = 12_000  # for the choice of the structure
     rows_slope: int = 1_000_000  # for the mean slope
     rows_fitted: int = 1_000_000  # for the last fit: more do not lower its error by a nanometre

@@ -1,0 +1,79 @@
+"""Stretches of a very long recording: as much of it as a model needs, whatever its length.
+
+Every trial of a structure runs the operators through all rows. A million rows more do not lower a
+fit's error by a nanometre, but each of some hundred trials waits for them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.recording import Floats, Recording
+
+Ints = NDArray[np.int64]
+Some = TypeVar("Some", bound=np.generic)
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What is taken of a recording. rows: (n,) of the whole; note: what a reader should be told."""
+
+    recording: Recording
+    whole: int
+    rows: Ints | None = None
+    note: str = ""
+
+    def spread(self, values: NDArray[Some], empty: Any) -> NDArray[Some]:
+        """(whole,) values (n,) at their rows, `empty` elsewhere."""
+        if self.rows is None:
+            return values
+        out: NDArray[Some] = np.full(self.whole, empty, dtype=values.dtype)
+        out[self.rows] = values
+        return out
+
+
+def take_stretches(recording: Recording, most: int = TUNING.most_rows) -> Taken:
+    """At most `most` rows of a recording, in stretches spread over it, the first from its start.
+
+    In each the drive runs through nearly all of its range, so that the stage's memory is known in
+    the end; the fewer and longer, the slower the drive. All rows where no stretch does.
+    """
+    size = recording.size
+    if size <= most or np.isnan(recording.drive).all():
+        return Taken(recording, size)
+    span = float(np.nanmax(recording.drive) - np.nanmin(recording.drive))
+    for count in TUNING.long_stretches:
+        each = most // count
+        begins = np.linspace(0, size - each, count).astype(np.int64)
+        parts = [recording.drive[at : at + each] for at in begins]
+        if _least_range(parts) >= TUNING.stretch_range * span:
+            rows = (begins[:, None] + np.arange(each)).ravel()
+            return Taken(_pick(recording, rows), size, rows, _tell(recording, rows.size, count))
+    return Taken(recording, size)
+
+
+def _least_range(parts: Sequence[Floats]) -> float:
+    known = [part[~np.isnan(part)] for part in parts]
+    return min(float(np.ptp(part)) if part.size else 0.0 for part in known)
+
+
+def _pick(one: Recording, rows: Ints) -> Recording:
+    return replace(
+        one,
+        t_s=one.t_s[rows],
+        drive=one.drive[rows],
+        displacement=None if one.displacement is None else one.displacement[rows],
+        channels={name: values[rows] for name, values in one.channels.items()},
+    )
+
+
+def _tell(one: Recording, rows: int, count: int) -> str:
+    ways = f"{count} stretches spread over it" if count > 1 else "its first stretch"
+    return (
+        f"{one.name}: of {one.size} rows {rows} were used, {ways}; error, noise and the gaps in "
+        "time are of these"
+    )
