@@ -6,9 +6,8 @@ model (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Autom. Control 40
 exponent n is 1, and it bends, or 0: it gives way in a straight line, then slides. With n = 0 and
 a = l the stage rests after each turn until x has moved on by 2 l, a play.
 
-Recognised by its dependence on the speed: presliding alone is a rate-independent memory of the
-displacement and stays inside the base. About a model that was right before, it shows alone. How
-much of it the base leaves depends on its law, which nobody knows: no size of it is excluded.
+A rate-independent memory of the displacement: inside the base of a diagnosis. About a model that
+was right before, it shows alone. What fades with the speed is told by `bristles`.
 """
 
 import math
@@ -22,7 +21,7 @@ from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Context, Parameter, small
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Solved, Values, named
-from dehyst.models.signals.filters import dahl, plays
+from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
 
 SETTLED = 1e-6  # part of the friction
@@ -131,61 +130,6 @@ KIND = Kind(
 )
 
 
-class Friction(Candidate):
-    """x - (a + b exp(-(v / v_s)^2)) z, dz/dx = (sign v - z) / l."""
-
-    name = key = "friction"
-    title = "Friction in the guide"
-    equation = "y = x - (a + b exp(-(v / v_s)^2)) z, dz/dx = (sign v - z) / l"
-    source = "Dahl 1976; LuGre, Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995)"
-    typical = "50 to 200 nm"
-    revealed_by = "small reversals at several speeds"
-    confused_with = ("rate", "lag")
-    order = 45
-    static = True
-
-    def __init__(self, data: Data) -> None:
-        stroke = float(np.ptp(data.y))
-        self.parameters = (
-            Parameter("length_um", data.unit, 5e-4 * stroke, 0.3 * stroke),
-            Parameter("stribeck_um_per_s", f"{data.unit}/s", 0.02 * stroke, 100.0 * stroke),
-        )
-        self._stroke = stroke
-
-    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
-        return [(a * self._stroke, b * self._stroke) for a in (0.004, 0.03) for b in (0.6, 4.0)]
-
-    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
-        x = context.output
-        z = dahl(np.array([theta[0]]), x, data.starts)[:, 0]
-        speed = np.diff(x, prepend=x[0]) / data.dt
-        speed[data.starts] = 0.0
-        return np.column_stack([-z, -z * np.exp(-((speed / theta[1]) ** 2))])
-
-    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
-        out = super().values(theta, amplitudes)
-        out["extra_um"] = (float(amplitudes[1]), self.parameters[0].unit)
-        return out
-
-    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        params: dict[str, float | tuple[float, ...]] = {
-            f"length_{data.unit}": float(theta[0]),
-            f"stribeck_{data.unit}_per_s": float(theta[1]),
-            f"sliding_{data.unit}": float(amplitudes[0]),
-            f"extra_{data.unit}": float(amplitudes[1]),
-        }
-        return (Block("friction", "stage", params),)
-
-    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
-        return (
-            f"The guide rubs: after each turn the stage lags by {small(values['extra_um'])} "
-            "more at low speed than at high speed; check the guide and its preload."
-        )
-
-    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
-        return "friction that pushes" if amplitudes[1] < 0 else ""
-
-
 class DryFriction(Candidate):
     """x - a z, dz/dx = 1 / l within -1..1: it gives way in a straight line, then slides."""
 
@@ -240,22 +184,19 @@ class DryFriction(Candidate):
 
 
 def _variants(s: Scales) -> list[Block]:
-    y, stroke = s.unit, s.stroke
-    sizes = {f"sliding_{y}": 0.005 * stroke, f"extra_{y}": 0.01 * stroke}
+    """Friction of a hundredth of the stroke."""
+    y, size = s.unit, 0.01 * s.stroke
+    params = {f"stribeck_{y}_per_s": s.stroke, f"sliding_{y}": size, f"extra_{y}": 0.0}
     return [
-        Block(
-            "friction",
-            "stage",
-            {f"length_{y}": k * stroke, f"stribeck_{y}_per_s": 2.0 * stroke, **sizes},
-        )
-        for k in (0.01, 0.003, 0.03)
+        Block("friction", "stage", {f"length_{y}": k * size, **params, "exponent": 0.0})
+        for k in (1.1, 2.0)
     ]
 
 
 PHYSICS = Physics(
     name="friction",
     kinds=(KIND,),
-    candidates=lambda data: [Friction(data)],
+    candidates=lambda data: [],
     changes=lambda data: [DryFriction(data)],
-    specimens={"friction": Specimen(_variants, in_base=True)},
+    specimens={"dry-friction": Specimen(_variants, in_base=True)},
 )

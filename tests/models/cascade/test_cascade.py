@@ -73,6 +73,17 @@ BLOCKS = {
             "exponent": 0.0,
         },
     ),
+    "bristles": Block(
+        "bristles",
+        "stage",
+        {
+            "length_um": 0.2,
+            "stribeck_um_per_s": 40.0,
+            "excess": 0.5,
+            "sliding_um": 0.05,
+            "gain_um_per_v": 1.1,
+        },
+    ),
     "shape": Block(
         "shape",
         "stage",

@@ -6,6 +6,7 @@ TUNING, JUDGE = "models/diagnosis/tuning.py", "models/diagnosis/judge.py"
 LIMITS, EVIDENCE = "models/diagnosis/findings/limits.py", "models/diagnosis/evidence.py"
 INTERVALS, SEARCH = "models/diagnosis/intervals.py", "models/diagnosis/search.py"
 WAY = "models/diagnosis/data/way.py"
+BRISTLES = "models/physics/bristles.py"
 RATE, MODE = "models/physics/rate.py", "models/physics/resonance.py"
 
 CHANGES = [
@@ -192,6 +193,23 @@ CHANGES = [
             "return float(np.mean(still)) > STILL_FOR",
             "return False",
             "drift is not looked for in a recording that holds still",
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_friction.py",),
+        Change(
+            "friction-by-the-fitted-path",
+            BRISTLES,
+            "x = self._gain * context.v",
+            "x = context.output",
+            "friction by which the displacement runs back is not told",
+        ),
+        Change(
+            "friction-that-never-fades",
+            BRISTLES,
+            "g = 1.0 + excess * math.exp(-((v / stribeck) ** 2))",
+            "g = 1.0 + excess",
+            "friction that fades with the speed is not told",
         ),
     ),
     *room(

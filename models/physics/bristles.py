@@ -1,0 +1,171 @@
+"""Friction that fades with the speed: bristles in the guide, which bend, then slide.
+
+    y = x - a z,    dz = (dx - |dx| z / g) / l,    g = 1 + e exp(-(v / v_s)^2),    v = dx/dt
+
+LuGre (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Autom. Control 40, 1995, 419). x is
+the drive's path, times the stroke by the drive: what holds the stage back turns where the drive
+turns. The displacement itself does not do. A base of hysteresis of any shape has taken the part of
+the friction that the speed leaves alone, and its displacement may run back at a turn.
+
+Recognised by its dependence on the speed: presliding alone is a rate-independent memory and stays
+inside the base. How much of it the base leaves depends on its law, which nobody knows: no size of
+it is excluded.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numba import njit
+
+from dehyst.models.model import Block
+from dehyst.models.physics.address import Kernel, fields, record
+from dehyst.models.physics.candidate import Candidate, Context, Parameter, small
+from dehyst.models.physics.entry import Physics, Scales, Specimen
+from dehyst.models.physics.kind import Kind, Param, Subtracted, named
+from dehyst.models.signals.joined import Bools, Data, Floats
+
+PACKED = fields("length", "stribeck", "excess", "sliding", "gain")
+STATE = fields("x", "z")  # path before, bristles
+EXCESS = 0.5
+"""Of the friction at rest over that at high speed, as in the paper's table. What recordings tell is
+a e: of any e, the part that the speed leaves alone is the hysteresis' as well."""
+
+
+@njit(cache=True, nogil=True)
+def bend(z: float, dx: float, v: float, length: float, stribeck: float, excess: float) -> float:
+    """The bristles behind a move by dx at the speed v, exact for a speed that stays."""
+    if dx == 0.0:
+        return z
+    g = 1.0 + excess * math.exp(-((v / stribeck) ** 2))
+    end = g if dx > 0.0 else -g
+    return end + (z - end) * math.exp(-abs(dx) / (length * g))
+
+
+@Kernel
+def step(
+    p_at: int, n_p: int, s_at: int, n_s: int, x: float, t: float, dt: float, ch: float
+) -> float:
+    """Forward; x: drive."""
+    p, s = record(p_at, PACKED), record(s_at, STATE)
+    dx = p.gain * x - s.x
+    v = dx / dt if dt > 0.0 else 0.0
+    s.z = bend(s.z, dx, v, p.length, p.stribeck, p.excess)
+    s.x = p.gain * x
+    return -p.sliding * s.z
+
+
+def _start(p: Floats, s: Floats, x: float) -> None:
+    state = named(s, STATE)
+    state["x"], state["z"] = named(p, PACKED)["gain"] * x, 0.0
+
+
+KIND = Kind(
+    name="bristles",
+    says="friction in the guide that fades with the speed",
+    places=("stage",),
+    params=(
+        Param("length_{y}", "length", "", 1e-9, 1e9, "path before it slides"),
+        Param("stribeck_{y}_per_s", "stribeck", "/s", 1e-9, 1e12, "speed at which it fades"),
+        Param("excess", "excess", "", 0.0, 1e3, "of the friction at rest, of that at high speed"),
+        Param("sliding_{y}", "sliding", "", -1e9, 1e9, "holds back so much at high speed"),
+        Param("gain_{y}_per_{u}", "gain", "", -1e9, 1e9, "path by the drive"),
+    ),
+    packed=PACKED,
+    state=STATE,
+    step=step,
+    start=_start,
+    inverse=Subtracted(),
+)
+
+
+class Friction(Candidate):
+    """-a z of the drive's path."""
+
+    name = key = "friction"
+    title = "Friction in the guide"
+    equation = "y = x - a z, dz = (dx - |dx| z / g) / l, g = 1 + e exp(-(v / v_s)^2)"
+    source = "LuGre, Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995)"
+    typical = "50 to 200 nm"
+    revealed_by = "small reversals at several speeds"
+    confused_with = ("rate", "lag")
+    order = 45
+    static = True
+
+    def __init__(self, data: Data) -> None:
+        stroke = self._stroke = float(np.ptp(data.y))
+        self._gain = stroke / data.span
+        self.parameters = (
+            Parameter("length_um", data.unit, 5e-4 * stroke, 0.3 * stroke),
+            Parameter("stribeck_um_per_s", f"{data.unit}/s", 0.02 * stroke, 100.0 * stroke),
+        )
+
+    def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
+        lengths, speeds = (0.004, 0.01, 0.03), (0.4, 1.6, 6.0, 24.0)
+        return [(a * self._stroke, b * self._stroke) for a in lengths for b in speeds]
+
+    def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
+        x = self._gain * context.v
+        return _columns(x, data.dt, data.starts, theta[0], theta[1], EXCESS)
+
+    def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
+        extra = (EXCESS * float(amplitudes[0]), self.parameters[0].unit)
+        return {**super().values(theta, amplitudes), "extra_um": extra}
+
+    def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        params: dict[str, float | tuple[float, ...]] = {
+            f"length_{data.unit}": float(theta[0]),
+            f"stribeck_{data.unit}_per_s": float(theta[1]),
+            "excess": EXCESS,
+            f"sliding_{data.unit}": float(amplitudes[0]),
+            f"gain_{data.unit}_per_{data.drive_unit}": self._gain,
+        }
+        return (Block("bristles", "stage", params),)
+
+    def says(self, values: Mapping[str, tuple[float, str]]) -> str:
+        return (
+            f"The guide rubs: after each turn the stage lags by {small(values['extra_um'])} "
+            "more at low speed than at high speed; check the guide and its preload."
+        )
+
+    def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
+        return "friction that pushes" if amplitudes[0] < 0 else ""
+
+
+@njit(cache=True, nogil=True)
+def _columns(
+    x: Floats, dt: Floats, starts: Bools, length: float, stribeck: float, excess: float
+) -> Floats:
+    """(N, 1): -z."""
+    out = np.zeros((x.size, 1))
+    z = 0.0
+    for t in range(x.size):
+        if starts[t]:
+            z = 0.0
+            continue
+        dx = x[t] - x[t - 1]
+        z = bend(z, dx, dx / dt[t], length, stribeck, excess)
+        out[t, 0] = -z
+    return out
+
+
+def _variants(s: Scales) -> list[Block]:
+    y, stroke = s.unit, s.stroke
+    sizes = {f"sliding_{y}": 0.01 * stroke, "excess": EXCESS}
+    gain = {f"gain_{y}_per_{s.drive_unit}": stroke / s.span}
+    return [
+        Block(
+            "bristles",
+            "stage",
+            {f"length_{y}": k * stroke, f"stribeck_{y}_per_s": 2.0 * stroke, **sizes, **gain},
+        )
+        for k in (0.01, 0.003, 0.03)
+    ]
+
+
+PHYSICS = Physics(
+    name="friction",
+    kinds=(KIND,),
+    candidates=lambda data: [Friction(data)],
+    specimens={"friction": Specimen(_variants, in_base=True)},
+)
