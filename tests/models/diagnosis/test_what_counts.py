@@ -11,6 +11,7 @@ from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import constancy
 from dehyst.models.diagnosis.findings.limits import limits
+from dehyst.models.diagnosis.findings.told import unidentified
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.judge import (
     CandidateTrial,
@@ -19,6 +20,7 @@ from dehyst.models.diagnosis.judge import (
     tried,
     worth_with_company,
 )
+from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.search import search
 from dehyst.models.physics import library
 from dehyst.models.physics.candidate import Candidate
@@ -238,3 +240,15 @@ def test_an_explanation_pays_for_each_of_its_parameters() -> None:
     trial = tried(problem, SIGMA, state.null, candidate(data, "drift-trend"), (0.9, 0.9))
     paid = trial.gain - worth_with_company(state, trial, library(data))
     assert paid == pytest.approx(4 * 8.00637 * SIGMA**2, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "told"),
+    [(0.004, 0.09, False), (0.02, 0.09, True), (-0.01, 0.09, True), (-0.09, -0.004, False)],
+)
+def test_a_level_is_told_within_a_factor_of_ten_or_about_zero(
+    low: float, high: float, told: bool
+) -> None:
+    clip = next(c for c in library(make()) if c.key == "clip")
+    values = {"min_v": Value(0.03, low, high, "v"), "max_v": Value(8.0, 7.9, 8.1, "v")}
+    assert unidentified(Effect(clip, (0.03, 8.0)), values) == ([] if told else ["min_v"])
