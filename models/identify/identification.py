@@ -12,11 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from dehyst.models.errors import BadInput, BadRecording, NotInvertible
+from dehyst.models.errors import BadInput, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
 from dehyst.models.identify.coupling import Coupled
-from dehyst.models.identify.data.outliers import thin
 from dehyst.models.identify.data.rows import Rows, read_rows
 from dehyst.models.identify.data.stretches import take_stretches
 from dehyst.models.identify.dynamics import Dynamics
@@ -26,9 +25,12 @@ from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.search import Search
 from dehyst.models.identify.sense import (
     require_better_than_a_line,
+    require_different,
     require_drive_first,
+    require_following,
     require_one_sense,
     require_one_stage,
+    require_same_units,
     require_times_in_seconds,
     rms,
 )
@@ -116,8 +118,8 @@ def identify_alone(
     """
     if not recordings:
         raise BadInput("no recording was given")
-    _require_same_units(recordings)
-    _require_different(recordings)
+    require_same_units(recordings)
+    require_different(recordings)
     progress("reading the drive")
     taken = [take_stretches(one) for one in recordings]
     found = _identify([one.recording for one in taken], options, progress)
@@ -210,7 +212,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         search = Search(setup, wanted, progress)
         tried = search.run()
         best = search.choose(tried)
-    _require_following(setup, best)
+    require_following(setup, best.held_rms)
     others: list[Candidate] = tried  # once a curve has turned over, none is tried again
     while True:
         progress(f"fitting {best.shape.name} to all rows")
@@ -358,40 +360,6 @@ def _result(
 
 def _has_drive(recording: Recording) -> bool:
     return bool(np.any(~recording.missing_drive))
-
-
-def _require_same_units(recordings: Sequence[Recording]) -> None:
-    first = recordings[0]
-    for other in recordings[1:]:
-        if (other.drive_unit, other.displacement_unit) != (
-            first.drive_unit,
-            first.displacement_unit,
-        ):
-            raise BadInput(
-                f"{other.name} is in {other.drive_column}, {other.displacement_column} and "
-                f"{first.name} in {first.drive_column}, {first.displacement_column}; "
-                "one model needs one pair of units"
-            )
-
-
-def _require_different(recordings: Sequence[Recording]) -> None:
-    seen: dict[str, str] = {}
-    for one in recordings:
-        if one.sha256 and one.sha256 in seen:
-            raise BadInput(f"{one.name} holds the same as {seen[one.sha256]}; give it once")
-        seen[one.sha256] = one.name
-
-
-def _require_following(setup: FitSetup, best: Candidate) -> None:
-    """Raise BadRecording when the displacement has little to do with the drive."""
-    some = thin(setup.picks, TUNING.rows_fitted)
-    y = np.concatenate([one.y[p] for one, p in zip(setup.rows, some, strict=True)])
-    explained = 1.0 - best.held_rms**2 / max(float(np.var(y)), 1e-300)
-    if explained < TUNING.least_explained:
-        raise BadRecording(
-            f"{setup.rows[0].name}: the displacement does not follow the drive (a model explains "
-            f"{max(0.0, explained):.0%} of it); check the sensor, its cable and the columns"
-        )
 
 
 def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:

@@ -5,14 +5,38 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dehyst.models.errors import BadRecording
+from dehyst.models.errors import BadInput, BadRecording
 from dehyst.models.identify.data.outliers import sample, thin
 from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.tuning import TUNING
-from dehyst.models.recording import Bools, Floats
+from dehyst.models.recording import Bools, Floats, Recording
 
 ROUGHNESS_ROWS = 100_000
+
+
+def require_same_units(recordings: Sequence[Recording]) -> None:
+    """Raise BadInput where one recording is in other units than the first."""
+    first = recordings[0]
+    for other in recordings[1:]:
+        if (other.drive_unit, other.displacement_unit) != (
+            first.drive_unit,
+            first.displacement_unit,
+        ):
+            raise BadInput(
+                f"{other.name} is in {other.drive_column}, {other.displacement_column} and "
+                f"{first.name} in {first.drive_column}, {first.displacement_column}; "
+                "one model needs one pair of units"
+            )
+
+
+def require_different(recordings: Sequence[Recording]) -> None:
+    """Raise BadInput where a recording is given twice."""
+    seen: dict[str, str] = {}
+    for one in recordings:
+        if one.sha256 and one.sha256 in seen:
+            raise BadInput(f"{one.name} holds the same as {seen[one.sha256]}; give it once")
+        seen[one.sha256] = one.name
 
 
 def require_times_in_seconds(rows: Sequence[Rows]) -> None:
@@ -124,6 +148,19 @@ def require_better_than_a_line(
                 f"{belongs}; record a drive that goes to and fro over its range several times "
                 "(dehyst excite designs one), of one stage"
             )
+
+
+def require_following(setup: FitSetup, held_rms: float) -> None:
+    """Raise BadRecording when the displacement has little to do with the drive. held_rms: what the
+    best model leaves of samples held out."""
+    some = thin(setup.picks, TUNING.rows_fitted)
+    y = np.concatenate([one.y[p] for one, p in zip(setup.rows, some, strict=True)])
+    explained = 1.0 - held_rms**2 / max(float(np.var(y)), 1e-300)
+    if explained < TUNING.least_explained:
+        raise BadRecording(
+            f"{setup.rows[0].name}: the displacement does not follow the drive (a model explains "
+            f"{max(0.0, explained):.0%} of it); check the sensor, its cable and the columns"
+        )
 
 
 def require_one_stage(

@@ -28,8 +28,8 @@ from dehyst.models.signals.joined import Bools, Data, Floats
 PACKED = fields("length", "stribeck", "excess", "sliding", "gain")
 STATE = fields("x", "z")  # path before, bristles
 EXCESS = 0.5
-"""Of the friction at rest over that at high speed, as in the paper's table. What recordings tell is
-a e: of any e, the part that the speed leaves alone is the hysteresis' as well."""
+"""How much more friction there is at rest, as a part of that at high speed: 1.5 to 1 in the paper's
+table. Recordings tell a e alone: what the speed leaves alone may as well be the hysteresis'."""
 
 
 @njit(cache=True, nogil=True)
@@ -67,7 +67,7 @@ KIND = Kind(
     params=(
         Param("length_{y}", "length", "", 1e-9, 1e9, "path before it slides"),
         Param("stribeck_{y}_per_s", "stribeck", "/s", 1e-9, 1e12, "speed at which it fades"),
-        Param("excess", "excess", "", 0.0, 1e3, "of the friction at rest, of that at high speed"),
+        Param("excess", "excess", "", 0.0, 1e3, "more at rest, part of that at high speed"),
         Param("sliding_{y}", "sliding", "", -1e9, 1e9, "holds back so much at high speed"),
         Param("gain_{y}_per_{u}", "gain", "", -1e9, 1e9, "path by the drive"),
     ),
