@@ -10,12 +10,14 @@ derivative at fixed weights, projected off the columns).
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
 from dehyst.models.diagnosis.base import NO_LEANING, Base, Leaning
 from dehyst.models.diagnosis.columns import Columns
+from dehyst.models.diagnosis.data.way import one_loop_alone
 from dehyst.models.diagnosis.effects import (
     Effect,
     behind_output,
@@ -56,6 +58,11 @@ class Problem:
         self._kept_base: tuple[Floats, Floats] | None = None
         self.row_index = np.flatnonzero(self.data.rows)
         self.all_rows = bool(self.data.rows.all())
+
+    @cached_property
+    def one_loop_alone(self) -> bool:
+        """Whether the drive goes round one loop alone."""
+        return one_loop_alone(self.data)
 
     @property
     def solved(self) -> int:

@@ -54,8 +54,10 @@ def excess(problem: Problem, fit: JointFit, sigma: float) -> float:
     return max(0.0, fit.sse / max(free, 1) - sigma**2)
 
 
-def least_size(candidate: Candidate) -> float:
+def least_size(problem: Problem, candidate: Candidate) -> float:
     """Smallest rms, in noise rms, that a candidate must remove."""
+    if candidate.driven and problem.one_loop_alone:
+        return TUNING.one_loop_size
     if candidate.static or candidate.last:
         return TUNING.static_size
     return TUNING.driven_size if candidate.driven else TUNING.free_size
@@ -64,7 +66,7 @@ def least_size(candidate: Candidate) -> float:
 def least_power(state: SearchState, candidate: Candidate, size: float | None = None) -> float:
     """Mean square that a candidate must remove: by the noise (size: in noise rms), and for causes
     driven by the drive by the base's own error too."""
-    least = (least_size(candidate) if size is None else size) * state.sigma
+    least = (least_size(state.problem, candidate) if size is None else size) * state.sigma
     if candidate.driven:
         part = TUNING.finest_static if candidate.static else TUNING.finest
         least = max(least, base_error(state.problem.data, part))

@@ -251,7 +251,7 @@ def prune(problem: Problem, sigma: float, fit: JointFit, keep: str = "") -> Join
         if not losses:
             break
         loss, weakest = min(losses, key=lambda pair: pair[0])
-        limit = n * (least_size(weakest.candidate) * sigma) ** 2
+        limit = n * (least_size(problem, weakest.candidate) * sigma) ** 2
         if loss > 4 * limit:
             break
         refitted = problem.refit([o for o in fit.effects if o is not weakest], start=fit)

@@ -65,7 +65,7 @@ def in_order_of_promise(
     promises = [
         Promise(c, starts[0][1], starts[0][0], _further(c, starts))
         for c, starts in screened
-        if starts and starts[0][0] > n * (0.5 * least_size(c) * state.sigma) ** 2
+        if starts and starts[0][0] > n * (0.5 * least_size(state.problem, c) * state.sigma) ** 2
     ]
     return sorted(promises, key=lambda p: -p.gain)
 

@@ -25,6 +25,7 @@ WIDTHS = np.array([0.03, 0.2])  # of the drive's range: of the plays and memorie
 AS_STRONG = 0.5  # of a line's height over its neighbours, that a product's must reach to hide it
 AS_HIGH = 0.7  # of what the drive's line would make, that a residual's must reach to be no product,
 MINOR = 0.05  # where the drive's line is no more than this part of its strongest
+BLIND = 1 / 3  # of the frequencies, that the harmonics of the whole may take
 MOST_STEPS = 801  # of frequency
 STANDS_OUT = 4.5  # amplitude over the rms of its neighbourhood; by chance once in 1e5 records
 
@@ -61,7 +62,8 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
             driven = np.minimum(driven, np.interp(grid, f, drive.products))
             fed_back &= np.interp(grid, f, _as_high(spectrum, drive, slope)) > 0.5
             first = drive.first_hz
-            harmonic &= _harmonics(grid, first, longest) if first else False
+            own = drive.everywhere | (np.interp(grid, f, drive.products) > STANDS_OUT)
+            harmonic &= _harmonics(grid, first, longest) & own if first else False
         if not np.isfinite(total).any():
             return found
         # a line that the drive has in every recording is the drive's doing
@@ -100,12 +102,14 @@ def _slope(data: Data) -> float:
 @dataclass(frozen=True)
 class _DriveLines:
     """What the lines of a recording's drive are, whatever was read: its own spectrum, where that
-    has minor lines, height of what a hysteresis makes of it, frequency of the whole (0: none)."""
+    has minor lines, height of what a hysteresis makes of it, frequency of the whole (0: none), and
+    whether all its harmonics are blind, or those that a hysteresis makes."""
 
     spectrum: Floats
     minor: Bools
     products: Floats
     first_hz: float
+    everywhere: bool
 
 
 def _drive_of(data: Data, here: Bools) -> _DriveLines:
@@ -120,8 +124,17 @@ def _drive_lines(drive: bytes, forgotten: bytes, low: float, span: float, dt: fl
     u, forgets = np.frombuffer(drive), np.frombuffer(forgotten, dtype=np.int64)
     spectrum = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size), PADDED * u.size))
     minor = (spectrum < MINOR * spectrum.max()) & (spectrum > 3.0 * _local_rms(spectrum))
-    products = _products(u, forgets, low, span, dt)
-    return _DriveLines(spectrum, minor, products, fundamental_hz(u, dt))
+    products, first = _products(u, forgets, low, span, dt), fundamental_hz(u, dt)
+    return _DriveLines(spectrum, minor, products, first, _everywhere(spectrum, first, u.size * dt))
+
+
+def _everywhere(spectrum: Floats, first: float, seconds: float) -> bool:
+    """Whether a drive moves at the frequency of the whole too, or repeats so often that lines fall
+    between the harmonics. A sum of sines repeats with a common period at which it does not move:
+    harmonics of that lie close to every line."""
+    bins = np.abs(np.arange(spectrum.size) - first * PADDED * seconds)
+    moves = float(spectrum[bins < PADDED].max(initial=0.0)) > MINOR * float(spectrum.max())
+    return moves or BLIND * first * seconds > 2.0 * (LOBE + 0.5)
 
 
 def _as_high(spectrum: Floats, drive: _DriveLines, slope: float) -> Floats:

@@ -8,6 +8,7 @@ FASTEST = 1e-3  # of the power of the drive's rate, that lies above its fastest 
 
 REPEATS = 0.03  # rms of drive minus drive one period before, over the drive's rms
 REACH = 2  # samples to either side
+NEARBY = 0.02  # of a shift: by so much the ends may draw the best match aside
 
 
 def period_samples(u: Floats) -> int:
@@ -31,9 +32,12 @@ def fundamental_hz(u: Floats, dt: float) -> float:
     A match many periods on, divided by their number, gives it to a part of a sample.
     """
     lag, low = _best_match(u)
+    if lag == 0 or np.ptp(u) == 0:
+        return 0.0
+    lag = _settled(u, lag)
     # a period need not be a whole number of samples
     most = REPEATS * float(np.std(u)) + 0.5 * float(np.sqrt(np.mean(np.diff(u) ** 2)))
-    if lag < 4 or np.ptp(u) == 0 or _unlike(u, lag) > most:
+    if lag < max(4, low) or _unlike(u, lag) > most:
         return 0.0
     for parts in range(lag // max(4, 2 * low), 1, -1):  # the best match may be several periods on
         shorter = round(lag / parts)
@@ -66,6 +70,15 @@ def fastest_hz(u: Floats, part: Ints, dt: float) -> float:
 def _unlike(u: Floats, lag: int) -> float:
     d = u[lag:] - u[:-lag]
     return float(np.sqrt(np.mean(d * d)))
+
+
+def _settled(u: Floats, lag: int) -> int:
+    """The lag nearby at which a drive (N,) is most like itself: of few periods that are finely
+    sampled, the ends draw the best match to one side."""
+    first, reach = lag, NEARBY * lag
+    while (nearer := _best(u, lag)) != lag and abs(nearer - first) <= reach:
+        lag = nearer
+    return lag
 
 
 def _best(u: Floats, lag: int) -> int:

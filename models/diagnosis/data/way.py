@@ -1,4 +1,5 @@
-"""What the drive's way lets be told: how often it turns round, and whether it stands still.
+"""What the drive's way lets be told: how often it turns round, whether it stands still, and whether
+it goes round one loop alone.
 
 Where the drive passes each level once up and once down, any slow function of time is a difference
 between the two branches, and so is a channel that itself goes to and fro once. No fit tells them
@@ -10,12 +11,15 @@ import numpy as np
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.periodic import fundamental_hz
 
 LOOKED_AT = 4000  # samples of a part, in which its turns are counted
 LONG = 0.1  # of the range: a move behind which a turn counts
 PIECES = 50  # of a part, in each of which the drive moves or stands still
 STILL = 0.02  # of the range, that it moves in a piece at most; one triangle moves twice as far
 STILL_FOR = 0.2  # of all pieces
+SAME_HZ = 0.01  # part by which the frequencies of one loop differ at most
+TURNS_OF_A_LOOP = 2.5  # in a period, at most: a loop turns twice
 
 
 def turns(data: Data, signal: Floats | None = None) -> int:
@@ -41,6 +45,20 @@ def turns(data: Data, signal: Floats | None = None) -> int:
 def hardly_turns(data: Data) -> bool:
     """Whether the drive turns round too seldom to tell what it causes from its loop."""
     return turns(data) < TUNING.few_turns
+
+
+def one_loop_alone(data: Data) -> bool:
+    """Whether the drive goes round one loop again and again, at one frequency: what time does to
+    it and what the way does look alike, and a row held out is one that was seen."""
+    periods, each = 0.0, []
+    for p in np.unique(data.part):
+        here = data.part == p
+        dt = float(data.dt[here][0])
+        each.append(fundamental_hz(data.u[here], dt))
+        periods += each[-1] * dt * int(here.sum())
+    if min(each) <= 0.0 or max(each) > (1.0 + SAME_HZ) * min(each):
+        return False
+    return turns(data) < TURNS_OF_A_LOOP * periods
 
 
 def stands_still(data: Data) -> bool:

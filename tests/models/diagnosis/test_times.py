@@ -109,6 +109,16 @@ def test_products_of_two_lines_of_the_drive_are_blind() -> None:
     assert find_lines(data, noise + product + beside) == [pytest.approx(47.9, abs=0.05)]
 
 
+def test_a_line_is_found_among_the_harmonics_of_a_common_period() -> None:
+    """Two sines repeat together every ten seconds or so: harmonics of that lie everywhere."""
+    t = np.arange(6000) * 0.01
+    u = 5 + 2.5 * np.sin(2 * np.pi * 5.0 * t) + 2 * np.sin(2 * np.pi * 8.1 * t + 1)
+    noise = 0.002 * np.random.default_rng(1).standard_normal(t.size)
+    data = prepare([Recording(t, u, u + noise)])
+    line = 0.01 * np.sin(2 * np.pi * 12.2 * t)  # the 122nd
+    assert find_lines(data, noise + line) == [pytest.approx(12.2, abs=0.005)]
+
+
 def test_a_line_of_the_reading_is_found_though_feedback_brings_it_into_the_drive() -> None:
     """An integrating loop answers hum of the sensor with a drive against it."""
     t = np.arange(12_000) * DT

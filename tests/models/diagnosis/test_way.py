@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.data.way import can_be_told, hardly_turns, stands_still, turns
+from dehyst.models.diagnosis.data.way import (
+    can_be_told,
+    hardly_turns,
+    one_loop_alone,
+    stands_still,
+    turns,
+)
 from dehyst.models.physics import library
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data, Floats
@@ -46,3 +52,15 @@ def test_a_step_and_a_hold_tell_a_slow_change_too() -> None:
     data = recorded(STEP, temp_c=20.0 + 0.1 * T)
     assert stands_still(data)
     assert {"drift-trend", "creep-earlier", "drift-temp_c"} <= told(data)
+
+
+def test_one_loop_again_and_again_is_told_from_inner_loops_and_from_two_frequencies() -> None:
+    assert one_loop_alone(recorded(SINES))
+    fifth = 2.0 * np.sin(2 * np.pi * 0.5 * T)  # inner loops, in the same period
+    assert not one_loop_alone(recorded(0.6 * SINES + fifth))
+    assert not one_loop_alone(recorded(STEP))
+    assert not one_loop_alone(recorded(SINES * np.linspace(0.3, 1.0, T.size)))
+    other = 5.0 - 5.0 * np.cos(2 * np.pi * 0.2 * T)
+    pair = [Recording(T, u, u.copy(), name=f"{k}.csv") for k, u in enumerate((SINES, other))]
+    assert not one_loop_alone(prepare(pair))
+    assert one_loop_alone(prepare([pair[0], pair[0]]))

@@ -104,6 +104,21 @@ def test_what_removes_less_than_its_least_size_is_refused(
         assert (said == "too small against the noise") == refused, (share, said)
 
 
+@pytest.mark.parametrize(("share", "refused"), [(0.95, True), (1.05, False)])
+def test_round_one_loop_alone_a_cause_must_remove_half_a_noise(share: float, refused: bool) -> None:
+    """What is held out repeats what was seen: a small gain there is none."""
+    t, rng = np.arange(4 * N) * DT, np.random.default_rng(7)
+    u = 5 - 3 * np.cos(2 * np.pi * 2.0 * t)
+    late = 5 - 3 * np.cos(2 * np.pi * 2.0 * (t - 2e-3))
+    y = late + SIGMA * rng.standard_normal(t.size)
+    data = prepare([Recording(t, u, y, name="one.csv")])
+    problem, state = problem_of(data)
+    c = candidate(data, "delay")
+    gain = data.n * (share * 0.5 * SIGMA) ** 2
+    trial = CandidateTrial(c, problem.refit([Effect(c, (2e-3,))]), gain, 0.0)
+    assert (judge(state, trial, 0.0).refused == "too small against the noise") == refused
+
+
 def amplitudes(data: Data, by_block: list[float]) -> tuple[np.ndarray, np.ndarray]:
     """A contribution x and a residual that has it with another amplitude in each block."""
     x = np.cos(2 * np.pi * 4.1 * np.arange(data.n) * DT)
