@@ -11,6 +11,7 @@ from dehyst.daemon.report.plotting import (
     DOWN,
     MEASURED,
     MODEL,
+    MOST_ROWS,
     NOISE,
     UNUSED,
     UP,
@@ -35,7 +36,7 @@ def draw_few_cycles(result: Identification, recording: Recording, number: int, a
     """Measured and model over the last few cycles that were fitted."""
     part = _last_cycles(recording, result, number)
     y = _measured(recording)
-    t, m, w = thin_rows(recording.t_s[part], y[part], (y - result.residuals[number])[part])
+    t, m, w = thin_rows(recording.t_s[part], y[part], y[part] - result.residuals[number][part])
     axes.plot(t, m, ".", color=MEASURED, ms=2.5, label="measured")
     axes.plot(t, w, color=MODEL, lw=1.2, label="model")
     add_legend(axes, 0.18)
@@ -53,7 +54,7 @@ def draw_hysteresis_loop(
     """The same cycles over the drive."""
     part = _last_cycles(recording, result, number)
     y = _measured(recording)
-    u, m, w = thin_rows(recording.drive[part], y[part], (y - result.residuals[number])[part])
+    u, m, w = thin_rows(recording.drive[part], y[part], y[part] - result.residuals[number][part])
     axes.plot(u, m, ".", color=MEASURED, ms=2.5, label="measured")
     axes.plot(u, w, color=MODEL, lw=1.2, label="model")
     axes.legend(loc="upper left")
@@ -71,15 +72,17 @@ def draw_residual_over_time(
     """What the model leaves, the rows that were not fitted in grey."""
     e, noise, unit = _error(result, recording, number)
     used = result.used[number]
-    for rows, color, label in ((~used, UNUSED, "not fitted"), (used, MODEL, "fitted")):
-        if rows.any():
-            draw_trace(axes, recording.t_s, np.where(rows, e, np.nan), color, label)
+    if not used.all():
+        draw_trace(axes, recording.t_s, np.where(used, np.nan, e), UNUSED, "not fitted")
+    fitted = np.where(used, e, np.nan)
+    if used.any():
+        draw_trace(axes, recording.t_s, fitted, MODEL, "fitted")
     draw_noise_band(axes, noise)
-    limit_to(axes, e[used])
+    limit_to(axes, fitted)
     axes.set(xlabel="time, s", ylabel=f"measured - model, {unit}", title="residual over time")
     add_legend(axes)
     return (
-        f"Residual over time: {finite_rms(e[used]):.3g} {unit} rms on fitted rows, "
+        f"Residual over time: {finite_rms(fitted):.3g} {unit} rms on fitted rows, "
         f"noise {noise:.3g} {unit}."
     )
 
@@ -89,8 +92,10 @@ def draw_residual_over_drive(
 ) -> str:
     """What the model leaves by drive and direction; the mean of each as a line."""
     e, _, unit = _error(result, recording, number)
-    used, drive = result.used[number], recording.drive
-    step = np.gradient(np.nan_to_num(drive, nan=0.0))
+    every = 1 + e.size // MOST_ROWS
+    step = recording.drive[2::every] - recording.drive[:-2:every]
+    some = slice(1, -1, every)
+    drive, e, used = recording.drive[some], e[some], result.used[number][some]
     for way, color, label in ((step > 0, UP, "drive rising"), (step < 0, DOWN, "drive falling")):
         at = used & way
         if not at.any():
@@ -197,7 +202,8 @@ def _last_cycles(recording: Recording, result: Identification, number: int) -> s
     at: NDArray[np.intp] = np.flatnonzero(result.used[number])
     if at.size < 16:
         return slice(0, recording.size)
-    u = np.nan_to_num(recording.drive[at[0] : at[-1] + 1], nan=float(np.nanmean(recording.drive)))
+    u = recording.drive[max(int(at[0]), int(at[-1]) + 1 - MOST_ROWS) : at[-1] + 1]
+    u = np.nan_to_num(u, nan=float(np.nanmean(u)))
     power = np.abs(np.fft.rfft(u - u.mean()))
     power[0] = 0.0
     cycle = u.size / max(1, int(np.argmax(power)))

@@ -44,6 +44,7 @@ STYLE: Any = {
 SIZE = (4.8, 3.2)  # inches: letters stay legible where this is as wide as a telephone
 DPI = 160
 MOST_POINTS = 4000
+MOST_ROWS = 2**21  # of a recording, that a spectrum or a mean is made of: copies of all fill memory
 
 
 def draw_picture(draw: Draw) -> tuple[bytes, str]:
@@ -113,7 +114,7 @@ def thin_rows(*columns: Any) -> list[Any]:
 def finite_rms(error: Floats) -> float:
     """Of an error (M,), NaN left out; 0 where nothing is left."""
     good = error[np.isfinite(error)]
-    return float(np.sqrt(np.mean(good**2))) if good.size else 0.0
+    return float(np.sqrt(good @ good / good.size)) if good.size else 0.0
 
 
 def draw_noise_band(axes: Axes, noise: float) -> None:
@@ -125,6 +126,7 @@ def draw_noise_band(axes: Axes, noise: float) -> None:
 
 def limit_to(axes: Axes, error: Floats) -> None:
     """Show all but the largest thousandth of an error (M,)."""
+    error = error[:: 1 + error.size // MOST_ROWS]
     good = np.abs(error[np.isfinite(error)])
     top = float(np.quantile(good, 0.999)) if good.size else 0.0
     if top > 0:
@@ -135,13 +137,15 @@ def estimate_density(errors: Sequence[Floats], period_s: float) -> tuple[Floats,
     """(frequencies in Hz, amplitude density in unit/sqrt(Hz)) of errors (M_i,), their mean power.
 
     Welch's method; means over 24 bands a decade, so that lines stay and grass goes. NaN counts as
-    zero.
+    zero. Of a long error the last MOST_ROWS count, up to the last that is known.
     """
     from scipy.signal import welch  # brings all of scipy's statistics with it
 
     size = min(8192, *(e.size for e in errors))
     power = []
     for error in errors:
+        end = max(size, error.size - int(np.argmax(np.isfinite(error[::-1]))))
+        error = error[max(0, end - MOST_ROWS) : end]
         known = np.where(np.isfinite(error), error, 0.0)
         f, p = welch(known, 1 / period_s, nperseg=size, detrend="constant")
         power.append(p[1:])

@@ -9,6 +9,7 @@ import pytest
 
 from dehyst.daemon.report.page import Page
 from dehyst.daemon.report.plotting import (
+    MOST_ROWS,
     draw_side_by_side,
     draw_trace,
     estimate_density,
@@ -117,6 +118,8 @@ def test_white_noise_lies_on_its_line():
     assert np.median(density[f > 10]) == pytest.approx(white_density(0.3, 1e-3), rel=0.05)
     assert finite_rms(np.r_[noise, np.nan]) == pytest.approx(0.3, rel=0.02)
     assert finite_rms(np.array([np.nan])) == 0.0
+    behind = np.r_[noise, np.full(MOST_ROWS, np.nan)]  # a long recording, of which the end is open
+    assert estimate_density([behind], 1e-3)[1] == pytest.approx(density)
 
 
 def test_units_are_written_for_people():
