@@ -79,6 +79,14 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
     return found
 
 
+def is_of_the_drive(data: Data, residual: Floats, here: Bools, f: float) -> bool:
+    """Whether a hysteresis would make a line at f [Hz] of the drive in a stretch (N,), about as far
+    above its neighbours as the residual's."""
+    at, spectrum = _spectrum(residual[here], float(data.dt[here][0]))
+    own = np.interp(f, at, spectrum / (_local_rms(spectrum) + 1e-300))
+    return bool(np.interp(f, at, _drive_of(data, here).products) > AS_STRONG * own)
+
+
 def _longest_part(data: Data, i: int) -> Bools:
     """(N,) the longest stretch of a recording without a gap."""
     parts, sizes = np.unique(data.part[data.rec == i], return_counts=True)

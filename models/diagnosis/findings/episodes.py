@@ -12,6 +12,7 @@ import numpy as np
 from dehyst.models.diagnosis.result import Finding, Value
 from dehyst.models.physics.candidate import small
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
+from dehyst.models.signals.lines import is_of_the_drive
 
 STRETCHES = 24
 LEAST = 128  # samples of a stretch
@@ -63,6 +64,7 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
         for i in range(len(data.names))
         for line in _lines_of(data, residual, i)
         if _is_alone(data, residual, sigma, line)
+        and not is_of_the_drive(data, residual, line.here, line.frequency)
     ]
     if not found:
         return None

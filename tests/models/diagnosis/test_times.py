@@ -69,6 +69,21 @@ def test_a_line_is_found_in_its_stretches_only() -> None:
     assert np.std(some - episode.removed) < 1.05 * NOISE_UM
 
 
+def test_a_harmonic_of_a_drive_that_swells_is_no_line_of_a_part_of_the_time() -> None:
+    """A limited slew cuts a fast sine where it is high, and makes its third harmonic there."""
+    t = np.arange(9000) * DT
+    swells = np.exp(-(((t - 4.0) / 1.2) ** 2))
+    u = 5 + 2.5 * np.sin(2 * np.pi * 0.46 * t) + (0.1 + swells) * np.sin(2 * np.pi * 21.7 * t)
+    noise = NOISE_UM * np.random.default_rng(5).standard_normal(t.size)
+    data = prepare([Recording(t, u, u + noise)])
+    loud = swells > 0.5
+    third = 0.05 * loud * np.sin(2 * np.pi * 65.1 * t)
+    assert find_line(data, noise + third, NOISE_UM) is None
+    beside = find_line(data, noise + 0.05 * loud * np.sin(2 * np.pi * 57.3 * t), NOISE_UM)
+    assert beside is not None
+    assert beside.finding.parameters["frequency_hz"].value == pytest.approx(57.3, abs=0.3)
+
+
 def test_the_time_of_a_slip_and_of_a_change_is_told() -> None:
     data = prepare(recordings(plain))
     noise = NOISE_UM * np.random.default_rng(3).standard_normal(data.n)
