@@ -138,13 +138,18 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
 
 
 def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
-    """Whether a small static cause may count: it takes about half of what there is, and is the
-    same everywhere. Not for those that look through many shapes for the best."""
-    n = int(state.problem.data.rows.sum())
-    least = max(least_power(state, trial.candidate, TUNING.sure_size), TUNING.sure_share * left)
-    if not trial.candidate.static or trial.candidate.many or trial.gain < n * least:
+    """Whether a small static cause, or one that no base imitates, may count: it takes about half of
+    what there is, and is the same everywhere. Not for those that look through many shapes for the
+    best."""
+    n, candidate = int(state.problem.data.rows.sum()), trial.candidate
+    effect = effect_of(trial.fit, candidate.key)
+    alone = candidate.is_like_no_loop(effect.theta)
+    if not (candidate.static or alone) or candidate.many:
         return False
-    effect = effect_of(trial.fit, trial.candidate.key)
+    noise = (TUNING.sure_size * state.sigma) ** 2
+    least = noise if alone else least_power(state, candidate, TUNING.sure_size)
+    if trial.gain < n * max(least, TUNING.sure_share * left):
+        return False
     steady = constancy(state.problem, state.sigma, *contribution(state.problem, trial.fit, effect))
     return steady.spread < TUNING.sure_spread and steady.wrong == 0.0
 

@@ -118,6 +118,10 @@ class Candidate:
         """Weight of a start's screened gain: below 1 where a plainer one should go first."""
         return 1.0
 
+    def is_like_no_loop(self, theta: Sequence[float]) -> bool:
+        """Whether no error of a hysteresis' base looks like it."""
+        return False
+
     def company(self) -> str:
         """Key of another candidate that must be there too, were this one there; "" for none."""
         return ""

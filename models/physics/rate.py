@@ -105,9 +105,9 @@ KIND = Kind(
 FRACTIONS = np.array([0.01, 0.05, 0.1, 0.15, 0.2])  # thresholds, of the drive's range
 SMOOTHING = 2.0  # sampling periods
 SLOPED = 0.3  # of the part by dv/dt H: what is less than it tells nothing of the widening
-TOGETHER = 0.8
+TOGETHER = 0.65
 """Of the sizes of all weights, their sum: loops that grow wider with the rate do so together, at
-every threshold (tests/benchmarks/models/proof: 0.9 to 1.0; of friction that fades with the speed
+every threshold (tests/benchmarks/models/proof: 0.79 to 1.0; of friction that fades with the speed
 -0.6 to 0.5)."""
 
 

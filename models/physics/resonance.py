@@ -134,6 +134,7 @@ known (tests/benchmarks/models/proof: 0.0140 was told as 0.0120)."""
 
 
 SURE_SHARE, OPEN_SHARE = 0.02, 0.6  # the same of the share, at least and at most,
+RINGS_LONG = 0.05  # damping, below which a mode rings on for some periods
 NO_RING = 0.4  # damping, of the frequency at which the samples show the mode
 LOST = 1.25  # and times the amplitude that the drive's straight lines do not have at the mode
 
@@ -191,6 +192,9 @@ class Resonance(Candidate):
     def likely(self, theta: Sequence[float]) -> float:
         # the mirror of a mode rings at the same samples: only where it does clearly better
         return 1.0 if theta[0] < 0.5 * self._rate else MIRRORED
+
+    def is_like_no_loop(self, theta: Sequence[float]) -> bool:
+        return theta[1] < RINGS_LONG
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
         f, z, share = theta

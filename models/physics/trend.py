@@ -74,6 +74,8 @@ class Trend(Candidate):
 
     def __init__(self, data: Data) -> None:
         self._unit = data.unit
+        names = range(len(data.names))
+        self._lengths = np.array([float(np.ptp(data.t[data.rec == i])) for i in names])
         self._longest = float(data.t.max() - data.t.min())
         low, high = 0.05 * self._longest, 20.0 * self._longest
         self.parameters = of_each(data, Parameter("tau_s", "s", low, high))
@@ -82,26 +84,20 @@ class Trend(Candidate):
         return [(f * self._longest,) * len(self.parameters) for f in (0.15, 0.5, 3.0)]
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
-        return apart(data, 1.0 - np.exp(-data.t / np.array(theta)[data.rec]))
-
-    def _seen(self, theta: Sequence[float]) -> Floats:
-        """(k,) part of each rise that the longest recording shows: what a slow one would come to is
-        not seen."""
-        return 1.0 - np.exp(-self._longest / np.array(theta))
+        # their amplitudes are the rises that are seen: what a slow one would come to is not
+        return _settling(data, theta) / (1.0 - np.exp(-self._lengths / np.array(theta)))
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
-        rises = self._seen(theta) * amplitudes
         return {
-            "tau_s": (float(theta[int(np.argmax(np.abs(rises)))]), "s"),
-            "rise_um": (float(np.mean(rises)), self._unit),
+            "tau_s": (float(theta[int(np.argmax(np.abs(amplitudes)))]), "s"),
+            "rise_um": (float(np.mean(amplitudes)), self._unit),
         }
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         # a model has one past: that of the recording with most of it
-        tau = theta[int(np.argmax(np.abs(self._seen(theta) * amplitudes)))]
-        context = Context(data.u, data.y)
-        one = self.columns(data, context, (tau,) * len(theta))
-        added = self.columns(data, context, theta) @ amplitudes
+        tau = theta[int(np.argmax(np.abs(amplitudes)))]
+        one = _settling(data, (tau,) * len(theta))
+        added = self.columns(data, Context(data.u, data.y), theta) @ amplitudes
         params: dict[str, float | tuple[float, ...]] = {
             f"rate_{data.unit}_per_s": 0.0,
             f"amount_{data.unit}": common_amplitude(data, one, added),
@@ -117,10 +113,15 @@ class Trend(Candidate):
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
-        rise = float(np.abs(self._seen(theta) * amplitudes).max())
+        rise = float(np.abs(amplitudes).max())
         if rise > max(0.3 * float(np.ptp(data.y)), 0.1 * move_from_zero(data)):
             return "a drift of more than a third of the stroke"
         return ""
+
+
+def _settling(data: Data, theta: Sequence[float]) -> Floats:
+    """(N, k) 1 - exp(-t / tau) in each of k recordings, 0 in the others."""
+    return apart(data, 1.0 - np.exp(-data.t / np.array(theta)[data.rec]))
 
 
 def _variants(s: Scales) -> list[Block]:

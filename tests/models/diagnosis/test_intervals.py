@@ -73,6 +73,25 @@ def test_a_parameter_that_does_nothing_leaves_the_others_their_intervals() -> No
     assert 1e-4 < top.high - top.low < 0.05
 
 
+def test_a_rise_is_known_though_its_time_constant_is_not() -> None:
+    """One recording settles, another climbs so straight that its time constant is on its bound:
+    what each rose by is seen all the same."""
+    given, ends = [], (4.0, 2.0)
+    for seed, (end, tau) in enumerate(zip(ends, (2.0, 200.0), strict=True)):
+        t = np.arange(round(end / DT)) * DT
+        u = 5 + 3 * np.sin(2 * np.pi * 1.7 * t) + 1.5 * np.sin(2 * np.pi * 9.3 * t)
+        rise = 0.2 * (1 - np.exp(-t / tau)) / (1 - np.exp(-end / tau))
+        noise = NOISE_UM * np.random.default_rng(seed).standard_normal(t.size)
+        given.append(Recording(t, u, 1.1 * u + rise + noise, name=f"r{seed}.csv"))
+    data = prepare(given)
+    trend = next(c for c in library(data) if c.key == "drift-trend")
+    problem = Problem(data, compact_base(data))
+    fit = problem.refit([Effect(trend, (2.5, 60.0))], settle=0.0)
+    (values,) = intervals(problem, fit, NOISE_UM)
+    assert values["rise_um"].low < 0.2 < values["rise_um"].high
+    assert values["rise_um"].high - values["rise_um"].low < 0.02
+
+
 def test_what_is_written_keeps_the_width_of_a_narrow_interval() -> None:
     said = Value(112.08490, 112.08482, 112.08498, "Hz").to_dict()
     assert said["low"] < said["value"] < said["high"]

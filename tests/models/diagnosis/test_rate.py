@@ -69,7 +69,8 @@ def test_loops_that_narrow_are_not_told_as_rate() -> None:
 @pytest.mark.parametrize(
     ("weights", "together"),
     [((1.0, 0.5, 0.2, 0.0, 0.1), True), ((-1.0, -0.5, -0.2, 0.0, -0.1), False),
-     ((-0.9, 0.5, -0.1, 0.3, 0.2), False), ((1.4, 0.7, -0.3, 0.2, -0.1), False)],
+     ((-0.9, 0.5, -0.1, 0.3, 0.2), False), ((1.4, 0.7, -0.5, 0.2, -0.2), False),
+     ((0.49, 0.12, -0.22, 0.89, 0.44), True)],
 )  # fmt: skip
 def test_loops_widen_with_the_rate_together(weights: tuple[float, ...], together: bool) -> None:
     t = np.arange(4000) * DT
