@@ -76,8 +76,9 @@ def test_it_runs_from_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
     )
     done = subprocess.run(
         [str(python), "-I", "-c", code],
-        cwd=tmp_path, check=True, capture_output=True, text=True, timeout=200,
+        cwd=tmp_path, capture_output=True, text=True, timeout=200,
     )  # fmt: skip
+    assert done.returncode == 0, done.stderr
     assert str(tmp_path) in done.stdout.splitlines()[0]
     assert done.stdout.splitlines()[1] == "10"
     for driver in ("mdt693b", "ksg101", "simulated", "nidaqmx", "iio"):

@@ -5,7 +5,7 @@ from tests.mutations.change import Change, room
 TUNING, JUDGE = "models/diagnosis/tuning.py", "models/diagnosis/judge.py"
 LIMITS, EVIDENCE = "models/diagnosis/findings/limits.py", "models/diagnosis/evidence.py"
 INTERVALS, SEARCH = "models/diagnosis/intervals.py", "models/diagnosis/search.py"
-WAY = "models/diagnosis/data/way.py"
+WAY, LINES = "models/diagnosis/data/way.py", "models/signals/lines.py"
 BRISTLES = "models/physics/bristles.py"
 RATE, MODE = "models/physics/rate.py", "models/physics/resonance.py"
 
@@ -93,6 +93,20 @@ CHANGES = [
             "hysteresis of another shape is told as physics",
         ),
         Change(
+            "one-loop-size",
+            TUNING,
+            "one_loop_size: float = 0.5",
+            "one_loop_size: float = 0.17",
+            "round one loop alone what is held out repeats what was seen, and is taken for more",
+        ),
+        Change(
+            "rings-like-a-loop",
+            MODE,
+            "return theta[1] < RINGS_LONG",
+            "return False",
+            "a mode is not told where it lies below the base's error",
+        ),
+        Change(
             "size-not-asked",
             JUDGE,
             "elif mean_square < least_power(state, trial.candidate) and",
@@ -169,6 +183,23 @@ CHANGES = [
             "- price * count",
             "- 0.0 * price * count",
             "a warm-up is told as creep",
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_times.py",),
+        Change(
+            "blind-everywhere",
+            LINES,
+            "return moves or BLIND",
+            "return True or BLIND",
+            "hum is lost among harmonics of a period at which the drive does not move",
+        ),
+        Change(
+            "harmonics-for-a-time",
+            "models/diagnosis/findings/episodes.py",
+            "and not is_of_the_drive(data, residual, line.here, line.frequency)",
+            "",
+            "a harmonic of the drive is told as hum for a part of the time",
         ),
     ),
     *room(
