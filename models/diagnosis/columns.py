@@ -18,13 +18,14 @@ class Columns:
 
     def of_base(self, data: Data, v: Floats, rows: Ints, effects: Sequence[Effect]) -> Floats:
         """(rows, width) the base's columns behind the model's blocks and the effects, for a drive
-        v (N,) that has passed the effects' drive parts; on some rows."""
+        v (M,) on its path that has passed the effects' drive parts; on some rows."""
         modes = {e.candidate.mode for e in effects}
         carried = self._subject.carries and bool(self._subject.linear_blocks)
         if "output" not in modes and not carried:
-            return self._base.columns(v, data.forgets, rows)
-        columns = self._of_all_rows(data, v, "drive" not in modes)
-        return behind_output(data, effects, columns)[rows]
+            there = rows if data.between is None else data.places[rows]
+            return self._base.columns(v, data.path.forgets, there)
+        columns = self._of_all_rows(data.path, v, "drive" not in modes)
+        return data.sampled(behind_output(data.path, effects, columns))[rows]
 
     def of_model(self, data: Data, v: Floats, unchanged: bool) -> Floats:
         """(N,) the model's reading for a drive v (N,). unchanged: no effect has changed it. Not to

@@ -56,6 +56,8 @@ def find(
 def _find(
     problem: Problem, sigma: float, null: JointFit, say: Progress, forbidden: Sequence[str]
 ) -> Found:
+    if problem.few_places:
+        return _find_in_few_places(problem, sigma, null, say, forbidden)
     found = over_rich = _search(problem, sigma, null, say, forbidden)
     in_sample = null.sse / int(problem.data.rows.sum())
     if by_blocks(problem, null).mean_square > TUNING.compact_doubt**2 * in_sample:
@@ -66,6 +68,26 @@ def _find(
         if by_blocks(plain, other.accepted).mean_square < rich_error:
             found = other
     return Found(found, over_rich)
+
+
+def _find_in_few_places(
+    problem: Problem, sigma: float, null: JointFit, say: Progress, forbidden: Sequence[str]
+) -> Found:
+    """The same where the drive repeats itself within so few samples that a rich base can give each
+    its own value, and takes all that the drive causes. That is told over a compact base alone, and
+    only where it takes by far the most of what this leaves: a loop of another class leaves less."""
+    driven = [c for c in library(problem.data) if c.driven]
+    unseen = [c.key for c in driven if not c.late]
+    keys = [c.key for c in driven]
+    over_rich = _search(problem, sigma, null, say, (*forbidden, *keys))
+    subject = problem.subject
+    own = replace(subject, carries=subject.given and subject.carries)  # one that an effect may have
+    # distorted is no help where nothing mends it
+    plain = replace(problem, base=compact_base(problem.data), subject=own)
+    alone, share = plain.solve([]), TUNING.few_places_share
+    other = _search(plain, sigma, alone, say, (*forbidden, *unseen), share)
+    caused = any(e.candidate.driven for e in other.accepted.effects)
+    return Found(other if caused else over_rich, over_rich)
 
 
 def find_above_noise(

@@ -15,9 +15,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dehyst.models.diagnosis.base import NO_LEANING, Base, Leaning
+from dehyst.models.diagnosis.base import NO_LEANING, Base, Leaning, rich_base
 from dehyst.models.diagnosis.columns import Columns
-from dehyst.models.diagnosis.data.way import one_loop_alone
+from dehyst.models.diagnosis.data.way import one_loop_alone, places_seen
 from dehyst.models.diagnosis.effects import (
     Effect,
     behind_output,
@@ -63,6 +63,11 @@ class Problem:
     def one_loop_alone(self) -> bool:
         """Whether the drive goes round one loop alone."""
         return one_loop_alone(self.data)
+
+    @cached_property
+    def few_places(self) -> bool:
+        """Whether the drive is seen in no more places of its path than a rich base has columns."""
+        return places_seen(self.data) <= rich_base(self.data).width
 
     @property
     def solved(self) -> int:
@@ -123,14 +128,15 @@ class Problem:
         effects = in_order(effects)
         v = self.drive_at_hysteresis(effects)
         same = all(e.candidate.mode != "drive" for e in effects)
-        fixed = behind_output(data, effects, self._columns.of_model(data, v, same)[:, None])[:, 0]
+        model = self._columns.of_model(data.path, v, same)[:, None]
+        fixed = data.sampled(behind_output(data.path, effects, model)[:, 0])
         around = self.around
         if around is not None:
             fixed = fixed + self._added(effects, v, around.weights) - around.added
             way, v_there = around.effects, self.drive_at_hysteresis(around.effects)
         else:
             way, v_there = effects, v
-        context = Context(v, data.y if output is None else output)
+        context = Context(data.sampled(v), data.y if output is None else output)
         extra = [
             e.candidate.columns(data, context, e.theta)
             if e.candidate.mode == "columns"
@@ -164,7 +170,7 @@ class Problem:
 
     def _base_of(self, effects: Sequence[Effect], v: Floats) -> tuple[Floats, Floats]:
         """The offsets' and the base's columns on the counted rows behind the effects, for a drive
-        v (N,) that has passed them, and the columns' products. Not to be written to."""
+        v (M,) that has passed them, and the columns' products. Not to be written to."""
         modes = {e.candidate.mode for e in effects}
         keep = self.around is not None or not modes & {"drive", "output"}
         if keep and self._kept_base is not None:
@@ -182,9 +188,10 @@ class Problem:
         """(N,) what the base adds, behind the model's and the effects' further parts."""
         if not self.base.width:
             return np.zeros(self.data.n)
-        inner = self.base.combine(v, self.data.forgets, weights)
-        inner = self.subject.passed(self.data, inner[:, None])
-        return behind_output(self.data, effects, inner)[:, 0]
+        path = self.data.path
+        inner = self.base.combine(v, path.forgets, weights)
+        inner = self.subject.passed(path, inner[:, None])
+        return self.data.sampled(behind_output(path, effects, inner)[:, 0])
 
     def simulate(
         self,
@@ -207,14 +214,15 @@ class Problem:
         v = known[way]
         if (way, "base") not in known:
             weights = fitted.weights if self.around is None else self.around.weights
-            added = self.base.combine(v, data.forgets, weights)
-            added = self.subject.passed(data, added[:, None])[:, 0]
-            known[way, "base"] = self._columns.of_model(data, v, not way) + added
+            added = self.base.combine(v, data.path.forgets, weights)
+            added = self.subject.passed(data.path, added[:, None])[:, 0]
+            known[way, "base"] = self._columns.of_model(data.path, v, not way) + added
         h = known[way, "base"]
-        y = behind_output(data, effects, h[:, None])[:, 0] + fitted.offsets[data.rec]
+        y = data.sampled(behind_output(data.path, effects, h[:, None])[:, 0])
+        y = y + fitted.offsets[data.rec]
         if self.around is not None:
             y = y + (fitted.added - self.around.added)
-        context = Context(v, output)
+        context = Context(data.sampled(v), output)
         for e, a in zip(effects, fitted.amplitudes, strict=True):
             if e.candidate.mode != "columns":
                 continue
@@ -228,8 +236,8 @@ class Problem:
         return fitted.fixed + fitted.added + float(fitted.offsets.mean())
 
     def drive_at_hysteresis(self, effects: Sequence[Effect]) -> Floats:
-        """(N,) drive behind the effects' drive parts and the model's."""
-        return self.subject.drive(self.data, drive_behind(self.data, effects))
+        """(M,) drive on its path, behind the effects' drive parts and the model's."""
+        return self.subject.drive(self.data.path, drive_behind(self.data.path, effects))
 
     def projector(self, fitted: JointFit) -> Callable[[Floats], Floats]:
         """Maps x (N, k) to its counted rows, less what the columns of a fit can make."""

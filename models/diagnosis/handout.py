@@ -11,7 +11,7 @@ import numpy as np
 
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis.augment import REACH_S, augmented, slow_ways, stays_in_reach
-from dehyst.models.diagnosis.base import Leaning
+from dehyst.models.diagnosis.base import Leaning, rich_base
 from dehyst.models.diagnosis.data.survey import left_of
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.findings.weigh import Weighed
@@ -42,6 +42,10 @@ def hand_out(
     go astray where nothing was recorded, and foretells most recordings from the others no worse
     than that one leaves them. bare_left: (N,) what the model in use leaves."""
     problem, final, first = weighed.problem, weighed.final, weighed.held
+    if problem.data.between is not None:  # a model runs along straight lines
+        problem = replace(problem, data=replace(problem.data, between=None))
+        final = problem.refit(final.effects)
+        first = by_blocks(problem, final).mean_square
     if problem.data.stepped:
         problem, final = as_blocks(problem, final)
         bare = bare.with_steps(False, led=problem.data.led)
@@ -54,11 +58,22 @@ def hand_out(
 
     def is_good(problem: Problem, fit: JointFit, out: Handed) -> bool:
         return (
-            stays_in_reach(out.model, data)
+            not _knows_each_alone(problem)
+            and stays_in_reach(out.model, data)
             and not _is_worse(data, out.left, bare_left, sigma)
             and not foretells_worse(problem, fit, bare)
         )
 
+    def effects_alone(most: float) -> Handed | None:
+        fit = bare.refit(final.effects)
+        out = tried(bare, fit, by_blocks(bare, fit).mean_square, False)
+        return None if out.held > most or _is_worse(data, out.left, bare_left, sigma) else out
+
+    if final.effects and not any(f.name == "shape" for f in weighed.findings):
+        # no shape is told, and none is handed out that other drives would meet
+        plainer = effects_alone(min(weighed.bare, first + (TUNING.shape_size * sigma) ** 2))
+        if plainer is not None:
+            return plainer
     out = tried(problem, final, first, True)
     held_to, fit = problem, final
     for weight in TUNING.leanings if problem.base.width else ():
@@ -69,12 +84,8 @@ def hand_out(
         out = tried(held_to, fit, by_blocks(held_to, fit).mean_square, True)
     if is_good(held_to, fit, out):
         return out
-    if final.effects:
-        fit = bare.refit(final.effects)
-        out = tried(bare, fit, by_blocks(bare, fit).mean_square, False)
-        if out.held < weighed.bare and not _is_worse(data, out.left, bare_left, sigma):
-            return out
-    return Handed(bare.subject.model, bare_left, weighed.bare, False)
+    plainer = effects_alone(weighed.bare) if final.effects else None
+    return plainer or Handed(bare.subject.model, bare_left, weighed.bare, False)
 
 
 def as_blocks(problem: Problem, fit: JointFit) -> tuple[Problem, JointFit]:
@@ -125,6 +136,11 @@ def foretells_worse(problem: Problem, fit: JointFit, bare: Problem) -> bool:
         left -= own @ np.linalg.lstsq(own, left)[0]
         worse += bool(np.std(left) > TUNING.foretold * np.std(problem.counted(before)[here]))
     return bool(2 * worse > count)
+
+
+def _knows_each_alone(problem: Problem) -> bool:
+    """Whether the base has learned places one by one, and nothing of what lies between them."""
+    return problem.few_places and problem.base.width == rich_base(problem.data).width
 
 
 def _is_worse(data: Data, left: Floats, before: Floats, sigma: float) -> bool:

@@ -38,19 +38,21 @@ def intervals(problem: Problem, fitted: JointFit, sigma: float) -> list[dict[str
         ]
         theta_at += len(effect.theta)
         amplitude_at += amplitudes.size
-        out.append(_values(fitted, i, p, cov[np.ix_(at, at)]))
+        least = TUNING.few_places_sure if problem.few_places and effect.candidate.late else 0.0
+        out.append(_values(fitted, i, p, cov[np.ix_(at, at)], least))
     return out
 
 
-def _values(fitted: JointFit, index: int, p: Floats, cov: Floats) -> dict[str, Value]:
-    """Reported values of one effect; their intervals by differences through what it reports."""
+def _values(fitted: JointFit, index: int, p: Floats, cov: Floats, least: float) -> dict[str, Value]:
+    """Reported values of one effect; their intervals by differences through what it reports. least:
+    relative half width of what is fitted."""
     effect, amplitudes = fitted.effects[index], fitted.amplitudes[index]
     best = effect.candidate.values(effect.theta, amplitudes)
     count = len(effect.theta)
     own = internal([effect])
     gradient: dict[str, list[float]] = {key: [] for key in best}
     sure = {
-        p.key: p.sure + (p.within / abs(v) if p.within else 0.0)
+        p.key: max(p.sure + (p.within / abs(v) if p.within else 0.0), least)
         for p, v in zip(effect.parameters, effect.theta, strict=True)
     }
     log = {key: value > 0 for key, (value, _) in best.items()}

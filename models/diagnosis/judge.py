@@ -77,7 +77,8 @@ def base_error(data: Data, part: float = TUNING.finest) -> float:
     """Rms that no base is better than: a fine part of the stroke, and a part of what the drive does
     between two samples, where it turns and nobody sees how far."""
     stroke = float(np.ptp(data.y))
-    bend = np.diff(data.u, 2)[~(data.starts[1:-1] | data.starts[2:])]
+    path = data.path
+    bend = np.diff(path.u, 2)[~(path.starts[1:-1] | path.starts[2:])]
     between = float(np.sqrt(np.mean((bend / 8.0) ** 2))) if bend.size else 0.0
     return max(part * stroke, TUNING.between * between * stroke / data.span)
 

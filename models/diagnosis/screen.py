@@ -26,7 +26,7 @@ class Screen:
         self.output = problem.output_of(current)
         self.known: dict[Any, Floats] = {}
         problem.simulate(current, current.effects, self.output, self.known)
-        self.drive = problem.drive_at_hysteresis(current.effects)
+        self.drive = problem.data.sampled(problem.drive_at_hysteresis(current.effects))
         self._design = current.design
         gram = self._design.T @ self._design
         self._scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))

@@ -5,6 +5,9 @@ everything else was refitted.
 """
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
 
 from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.fit import Problem
@@ -112,7 +115,10 @@ def _go_round(
     state: SearchState, everything: Sequence[Candidate], shortlist: int, say: Say, number: int
 ) -> bool:
     """Screen, refit a short list and accept the best; whether there was one."""
-    look, pool = Screen(state.problem, state.accepted), still_open(state.accepted, everything)
+    look, pool = (
+        Screen(state.problem, state.accepted),
+        still_open(state.problem, state.accepted, everything),
+    )
     screened = zip(pool, state.problem.several(look.starts, pool), strict=True)
     ranked = in_order_of_promise(state, screened)
     trials = refit_each(state, not_weak(ranked, ranked)[:shortlist], say, number)
@@ -128,7 +134,7 @@ def refit_each(
     def attempt(one: Promise) -> CandidateTrial:
         trials = [
             tried(problem, sigma, current, one.candidate, theta)
-            for theta in (one.theta, *one.further)
+            for theta in (one.theta, *one.further, *_from_afar(problem, current, one.candidate))
         ]
         return max(trials, key=lambda t: t.gain)
 
@@ -138,6 +144,20 @@ def refit_each(
         say(f"tried {trial.candidate.key}", min(0.85, 0.1 + share))
         trials.append(trial)
     return sorted(trials, key=lambda t: -t.worth)
+
+
+def _from_afar(problem: Problem, current: JointFit, c: Candidate) -> list[tuple[float, ...]]:
+    """Starts where the drive is seen in few places: an effect as large as a sample of those is far
+    from what the fit without it tells to the first order. The two that fit best by themselves."""
+    if not c.late or not problem.few_places:
+        return []
+    given = c.starts(problem.data, current.residual(problem.data))
+    between = [tuple(np.sqrt(np.array(a) * np.array(b))) for a, b in pairwise(given)]
+
+    def left(theta: tuple[float, ...]) -> float:
+        return problem.solve([*current.effects, Effect(c, theta)]).sse
+
+    return sorted([*given, *between], key=left)[:2]
 
 
 def accept_best(

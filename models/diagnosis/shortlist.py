@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from dehyst.models.diagnosis.data.way import can_be_told, hardly_turns
+from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState, least_size
 from dehyst.models.diagnosis.tuning import TUNING
@@ -28,12 +29,20 @@ def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Can
     ]
 
 
-def still_open(current: JointFit, everything: Sequence[Candidate]) -> list[Candidate]:
+def still_open(
+    problem: Problem, current: JointFit, everything: Sequence[Candidate]
+) -> list[Candidate]:
     """Candidates that may come next, beside a fit's effects."""
     # an effect in its finer form stands for the simpler one too
     have = {k for e in current.effects for k in (e.candidate.key, e.candidate.refines)}
+    late = problem.few_places and any(e.candidate.late for e in current.effects)
     return [
-        c for c in everything if c.key not in have and not c.refines and _next_of_its_kind(c, have)
+        c
+        for c in everything
+        if c.key not in have
+        and not c.refines
+        and not (late and c.late)
+        and _next_of_its_kind(c, have)
     ]
 
 

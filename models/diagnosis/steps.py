@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dehyst.models.diagnosis.base import no_base, rich_base
+from dehyst.models.diagnosis.data.between import with_path_between
 from dehyst.models.diagnosis.data.colour import is_coloured
 from dehyst.models.diagnosis.data.excerpt import excerpt
 from dehyst.models.diagnosis.data.locate import hot_spots, locate
@@ -91,6 +92,11 @@ def diagnose(
     if standing is not problem:
         problem, null = standing, standing.solve([])
     problem = fed_by_steps(problem, null, sigma)
+    finer = with_path_between(problem.data, sigma)
+    if finer is not problem.data:
+        problem = replace(problem, data=finer)
+        null = problem.solve([])
+        sigma = noise_rms(finer, null.residual(finer))
     data = problem.data
     # what is there for a part of the time is told with its time, and no other physics explains it
     episode = find_episodes(data, null.residual(data), sigma)

@@ -46,11 +46,18 @@ class Tuning(NamedTuple):
     part_share: float = 0.02  # for one more part (a mode) of a chosen effect
     finest: float = 2.5e-4  # of the displacement's range: no base is better than this,
     finest_static: float = 5e-4  # nor than this, for what resembles a hysteresis
+    between_size: float = 1.0  # of the noise, that straight lines between samples must miss for the
+    # drive's path to be laid finer,
+    between_left: float = 0.1  # so that so much is missed,
+    between_most: int = 10  # and at most so many times;
+    between_smooth: float = 0.3  # of what lines miss of every second sample, that a spline may
     between: float = 0.25  # of what the drive does between two samples, that a loop may show of it
     quiet_times: float = 2.0  # size of the misfit from which, and
     quiet_size: float = 1e-3  # part of the displacement's range up to which it is the base's own,
     quiet_share: float = 0.4  # so that a cause must take more of it
     compact_share: float = 0.3  # over a compact base
+    few_places_share: float = 0.75  # the same where the drive is seen in few places alone,
+    few_places_sure: float = 0.4  # and relative half width of what is told there
     compact_doubt: float = 1.5  # held-out over in-sample rms of the rich base: a compact one too
     early_share: float = 0.4  # for a drive half a sample earlier
     early_size: float = 0.5

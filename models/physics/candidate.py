@@ -97,6 +97,8 @@ class Candidate:
     past: bool = False  # a slow one that began before the recording: told beside a smaller rest
     static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
     minima: int = 1  # starts that are refitted: its misfit may have so many minima
+    late: bool = False  # the displacement comes late: told also where the drive repeats itself
+    # within few samples, and of all such causes one alone
     many: bool = False  # its starts span many shapes, of which chance makes one fit
     rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
     bounds_told: bool = True  # a parameter on its bound is told as not identified

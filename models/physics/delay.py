@@ -153,6 +153,7 @@ class Delay(Candidate):
     order = 0
     place = "drive"
     mode = "drive"
+    late = True
     limit_unit = "s"
     size_index = 0
 
@@ -163,7 +164,7 @@ class Delay(Candidate):
                 "s",
                 0.02 * data.period,
                 60.0 * data.period,
-                within=OF_A_SAMPLE * data.period,
+                within=OF_A_SAMPLE * data.path.period,
             ),
         )
 

@@ -66,6 +66,7 @@ class Lag(Candidate):
 
     name = "lag"
     limit_unit = "s"
+    late = True
     size_index = 0
     equation = "tau dx/dt + x = x_in, 1 / (tau s + 1)"
     source = "amplifier with the stack's capacitance (RC), or the sensor's filter"
@@ -87,7 +88,7 @@ class Lag(Candidate):
                 "s",
                 0.02 * data.period,
                 300.0 * data.period,
-                within=OF_A_SAMPLE * data.period,
+                within=OF_A_SAMPLE * data.path.period,
             )
             for k in range(poles)
         )
@@ -150,6 +151,7 @@ class Servo(Candidate):
     order = 41
     place = "sensor"
     mode = "output"
+    late = True
 
     def __init__(self, data: Data) -> None:
         rate = 1.0 / data.period

@@ -67,6 +67,7 @@ class Slew(Candidate):
     order = 1
     place = "drive"
     mode = "drive"
+    late = True
     limit_side = "below"
 
     def __init__(self, data: Data) -> None:

@@ -41,6 +41,8 @@ class Data:
     missing: int = 0  # samples of the grid without a reading
     stalls: int = 0  # times the recorder stood still
     raw_index: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # -1: no row
+    between: "Data | None" = None  # the drive's path on a finer grid, on which all operators run
+    places: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (N,) samples in it
 
     @property
     def n(self) -> int:
@@ -61,6 +63,16 @@ class Data:
     def period(self) -> float:
         """Shortest sampling period, s."""
         return float(self.dt.min())
+
+    @property
+    def path(self) -> "Data":
+        """What operators run on, (M,) samples of the drive: the samples themselves, or with what
+        the drive does between them."""
+        return self if self.between is None else self.between
+
+    def sampled(self, x: Floats) -> Floats:
+        """x (M, ...) of the path at the N samples."""
+        return x if self.between is None else x[self.places]
 
     @property
     def drive_key(self) -> str:

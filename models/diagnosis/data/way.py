@@ -19,6 +19,7 @@ PIECES = 50  # of a part, in each of which the drive moves or stands still
 STILL = 0.02  # of the range, that it moves in a piece at most; one triangle moves twice as far
 STILL_FOR = 0.2  # of all pieces
 SAME_HZ = 0.01  # part by which the frequencies of one loop differ at most
+SAME_PLACE = 1e-3  # of the drive's range
 TURNS_OF_A_LOOP = 2.5  # in a period, at most: a loop turns twice
 
 
@@ -59,6 +60,14 @@ def one_loop_alone(data: Data) -> bool:
     if min(each) <= 0.0 or max(each) > (1.0 + SAME_HZ) * min(each):
         return False
     return turns(data) < TURNS_OF_A_LOOP * periods
+
+
+def places_seen(data: Data) -> int:
+    """In how many places of its path the drive is seen: few, where it repeats itself within few
+    samples."""
+    step = SAME_PLACE * data.span
+    near = np.column_stack([np.roll(data.u, 1), data.u, np.roll(data.u, -1)])[data.rows]
+    return int(np.unique(np.round(near / step), axis=0).shape[0])
 
 
 def stands_still(data: Data) -> bool:

@@ -39,7 +39,7 @@ class AskedAgain:
         # what a candidate looks for in a residual: here in the one that was found
         self._starts = [
             (c, [tuple(s) for s in c.starts(light.data, look.residual)])
-            for c in still_open(self._known, self._everything)
+            for c in still_open(light, self._known, self._everything)
         ]
 
     def names(self, put_in: Candidate, added: Floats) -> set[str]:

@@ -180,7 +180,8 @@ def _correction(problem: Problem, final: JointFit) -> Floats:
     if not problem.subject.carries:
         own = numbers_base(data, problem.subject.model.hysteresis)
         v = problem.drive_at_hysteresis(final.effects)
-        columns = behind_output(data, final.effects, own.columns(v, data.forgets))
+        columns = behind_output(data.path, final.effects, own.columns(v, data.path.forgets))
+        columns = data.sampled(columns)
         x = np.column_stack([np.ones(data.n), columns])
         x /= np.sqrt(np.maximum(np.mean(x**2, axis=0), 1e-30))
         xr = x[data.rows]

@@ -1,0 +1,127 @@
+"""The drive between two samples, where these are few for what it does: its path on a finer grid.
+
+A hysteresis turns where the drive turns, and that is seldom at a sample. Straight lines between the
+samples of a smooth drive cut its peaks off; with ten samples a period they miss a twentieth of
+its swing, with five a fifth, and a delay or a lag is then looked for in what they miss. A smooth
+drive is known between its samples: by a spline of the fifth degree, which is close to the
+band-limited interpolation (M. Unser, IEEE Signal Process. Mag. 16(6), 1999). Whether a drive is
+smooth tells every second of its samples, foretold by the others.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.signals.joined import Data, Ints
+
+DEGREE = 5
+LEAST = 4 * DEGREE  # samples of a part
+
+
+def with_path_between(data: Data, sigma: float) -> Data:
+    """The recordings with the drive's path between their samples; as they are where it would show
+    nothing: where straight lines are near enough, or the drive is not smooth. sigma: noise rms."""
+    if data.early or data.stepped or data.path is not data:
+        return data
+    times = finer_by(data, sigma)
+    return data if times < 2 else _laid_finer(data, times)
+
+
+def finer_by(data: Data, sigma: float) -> int:
+    """How many times finer the path is laid; 1: not at all."""
+    parts = _parts(data)
+    if min(k.size for k in parts) < LEAST:
+        return 1
+    missed = _missed_by_lines(data, parts) * float(np.ptp(data.y)) / data.span
+    if missed < TUNING.between_size * sigma or not _is_smooth(data, parts):
+        return 1
+    wanted = int(np.ceil(np.sqrt(missed / (TUNING.between_left * sigma))))
+    return min(wanted, TUNING.between_most, TUNING.most_rows // data.n)
+
+
+def _missed_by_lines(data: Data, parts: list[Ints]) -> float:
+    """Rms of a spline midway between its samples, less the straight line, in the drive's unit."""
+    square = count = 0.0
+    for k in parts:
+        at, u = np.arange(k.size, dtype=float), data.u[k]
+        miss = make_interp_spline(at, u, DEGREE)(at[:-1] + 0.5) - 0.5 * (u[1:] + u[:-1])
+        square, count = square + float(miss @ miss), count + miss.size
+    return float(np.sqrt(square / count))
+
+
+def _is_smooth(data: Data, parts: list[Ints]) -> bool:
+    """Whether a spline through every second sample foretells the others far better than straight
+    lines do."""
+    lines = splines = 0.0
+    for k in parts:
+        at, u = np.arange(k.size, dtype=float), data.u[k]
+        for first in (0, 1):
+            known = slice(first, None, 2)
+            inner = np.arange(first + 1, k.size - 1, 2)
+            curve = make_interp_spline(at[known], u[known], DEGREE)(inner)
+            line = np.interp(inner, at[known], u[known])
+            splines += float(np.sum((u[inner] - curve) ** 2))
+            lines += float(np.sum((u[inner] - line) ** 2))
+    return splines < TUNING.between_smooth**2 * lines
+
+
+def _laid_finer(data: Data, times: int) -> Data:
+    """The recordings with their path, on a grid so many times finer."""
+    pieces, places, first = [], [], 0
+    for k in _parts(data):
+        size = (k.size - 1) * times + 1
+        at, fine = np.arange(k.size, dtype=float), np.arange(size) / times
+        here = int(k[0])
+        pieces.append(
+            replace(
+                data,
+                t=np.interp(fine, at, data.t[k]),
+                dt=np.full(size, data.dt[here] / times),
+                u=make_interp_spline(at, data.u[k], DEGREE)(fine),
+                rec=np.full(size, data.rec[here]),
+                part=np.full(size, data.part[here]),
+                starts=_begun(size, data.starts[here]),
+                forgets=_begun(size, data.forgets[here]),
+                channels={c: np.interp(fine, at, x[k]) for c, x in data.channels.items()},
+            )
+        )
+        places.append(first + times * np.arange(k.size, dtype=np.int64))
+        first += size
+
+    def joined(name: str) -> Any:
+        return np.concatenate([getattr(one, name) for one in pieces])
+
+    none = np.zeros(first, dtype=np.int64)
+    path = replace(
+        data,
+        t=joined("t"),
+        dt=joined("dt"),
+        u=joined("u"),
+        y=np.zeros(first),
+        rec=joined("rec"),
+        part=joined("part"),
+        starts=joined("starts"),
+        forgets=joined("forgets"),
+        rows=none > 0,
+        heads=none > 0,
+        block=none,
+        fold=none,
+        channels={c: np.concatenate([x.channels[c] for x in pieces]) for c in data.channels},
+        raw_index=none - 1,
+    )
+    return replace(data, between=path, places=np.concatenate(places))
+
+
+def _begun(size: int, mark: Any) -> Any:
+    """(size,) a mark on the first sample alone."""
+    out = np.zeros(size, dtype=np.asarray(mark).dtype)
+    out[0] = mark
+    return out
+
+
+def _parts(data: Data) -> list[Ints]:
+    """Samples of each contiguous stretch."""
+    return [np.flatnonzero(data.part == p) for p in np.unique(data.part)]

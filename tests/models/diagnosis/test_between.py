@@ -1,0 +1,103 @@
+"""The drive between its samples, and what is told where it is seen in few places of its path."""
+
+import numpy as np
+import pytest
+from tests.models.diagnosis.test_subject import plain
+from tests.rigs.diagnosis import diagnose_without_limits
+
+from dehyst.models.diagnosis.data.between import with_path_between
+from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.data.way import places_seen
+from dehyst.models.recording import Recording
+from dehyst.models.signals.joined import Data, Floats
+
+NOISE_UM, FINE = 0.02, 40  # the stage is integrated on a grid so many times finer
+N = 3000
+
+
+def sines(t: Floats, swing: float = 4.6) -> Floats:
+    """5 and 10 Hz."""
+    return 5.0 - 0.5 * swing * (np.cos(2 * np.pi * 5 * t) + np.cos(2 * np.pi * 10 * t))
+
+
+def triangle(t: Floats) -> Floats:
+    return 9.0 * np.abs(2.0 * np.mod(5.3 * t, 1.0) - 1.0)
+
+
+def recorded(u: Floats, rate_hz: float, seed: int = 0, late_s: float = 0.0) -> Recording:
+    """Every FINE-th sample of a drive and of the stage, which is so late, with noise."""
+    t = np.arange(u.size) / (FINE * rate_hz)
+    y = plain(np.interp(t - late_s, t, u))
+    y = y[::FINE] + NOISE_UM * np.random.default_rng(seed).standard_normal(u[::FINE].size)
+    return Recording(t[::FINE], u[::FINE], y, name=f"{seed}.csv")
+
+
+def fine_time(rate_hz: float) -> Floats:
+    return np.arange(N * FINE) / (FINE * rate_hz)
+
+
+def path_of(u: Floats, rate_hz: float) -> Data:
+    return with_path_between(prepare([recorded(u, rate_hz)]), NOISE_UM)
+
+
+def test_a_smooth_drive_is_known_between_its_samples() -> None:
+    """Five samples a period: straight lines are half a volt off at the peaks, the path is not."""
+    rate = 50.0
+    t = fine_time(rate)
+    data = path_of(sines(t), rate)
+    path, true = data.path, sines(data.path.t)
+    inner = (path.t > 0.2) & (path.t < path.t.max() - 0.2)
+    assert path.n > 5 * data.n
+    assert np.abs(np.interp(path.t, data.t, data.u) - true)[inner].max() > 0.4
+    assert np.abs(path.u - true)[inner].max() < 0.01
+    assert np.allclose(data.sampled(path.u), data.u, rtol=0.0, atol=1e-9)
+    assert np.array_equal(data.sampled(path.t), data.t)
+
+
+@pytest.mark.parametrize("drive", [triangle, lambda t: 5.0 + 4.0 * np.sign(np.sin(23.0 * t))])
+def test_corners_and_steps_are_left_as_they_are(drive: object) -> None:
+    t = fine_time(100.0)
+    data = path_of(drive(t), 100.0)  # type: ignore[operator]
+    assert data.path is data
+
+
+def test_where_lines_are_near_enough_nothing_is_laid_finer() -> None:
+    t = fine_time(2000.0)
+    data = path_of(sines(t), 2000.0)
+    assert data.path is data
+
+
+def test_each_recording_keeps_its_own_path() -> None:
+    rate = 50.0
+    t = fine_time(rate)
+    both = [recorded(sines(t, swing), rate, seed) for seed, swing in enumerate((3.0, 4.6))]
+    data = with_path_between(prepare(both), NOISE_UM)
+    path = data.path
+    assert np.array_equal(data.sampled(path.rec), data.rec)
+    assert np.flatnonzero(path.starts).tolist() == data.places[data.starts].tolist()
+    assert np.all(np.diff(path.t)[path.rec[1:] == path.rec[:-1]] > 0)
+
+
+def test_places_are_counted_by_the_way_to_them_and_from_them() -> None:
+    t = fine_time(50.0)
+    assert places_seen(prepare([recorded(sines(t), 50.0)])) <= 12  # ten, and the two ends
+    other = 5.0 - 2.3 * (np.cos(2 * np.pi * 4.87 * t) + np.cos(2 * np.pi * 8.1 * t))
+    assert places_seen(prepare([recorded(other, 50.0)])) > 1000
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.012, 0.026])
+def test_a_delay_is_told_where_a_drive_is_seen_in_ten_places(late_s: float) -> None:
+    """A base with a column for each place explains any delay; a hysteresis that turns with its
+    drive does not."""
+    rate = 50.0
+    t = fine_time(rate)
+    given = [recorded(sines(t, s), rate, k, late_s) for k, s in enumerate((4.6, 3.8))]
+    d = diagnose_without_limits(given)
+    named = [f for f in d.findings if f.name not in ("shape", "unknown")]
+    if not late_s:
+        assert named == []
+        return
+    assert named[0].name == "delay"
+    assert len(named) == 1
+    value = named[0].parameters["delay_s"]
+    assert value.low < late_s < value.high
