@@ -55,6 +55,7 @@ def _values(fitted: JointFit, index: int, p: Floats, cov: Floats, least: float) 
         p.key: max(p.sure + (p.within / abs(v) if p.within else 0.0), least)
         for p, v in zip(effect.parameters, effect.theta, strict=True)
     }
+    most = {p.key: p.high for p in effect.parameters if p.whole}  # all that there can be
     log = {key: value > 0 for key, (value, _) in best.items()}
     for j in range(cov.shape[0]):
         size = max(float(np.sqrt(cov[j, j])), 1e-12)
@@ -82,7 +83,8 @@ def _values(fitted: JointFit, index: int, p: Floats, cov: Floats, least: float) 
         half = float(np.hypot(half, sure.get(key, 0.0) * (1.0 if log[key] else abs(value))))
         if log[key]:
             half = min(half, 20.0)
-            out[key] = Value(value, value * float(np.exp(-half)), value * float(np.exp(half)), unit)
+            high = min(value * float(np.exp(half)), most.get(key, np.inf))
+            out[key] = Value(value, value * float(np.exp(-half)), high, unit)
         else:
             out[key] = Value(value, value - half, value + half, unit)
     return out
