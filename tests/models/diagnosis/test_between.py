@@ -5,9 +5,14 @@ import pytest
 from tests.models.diagnosis.test_subject import plain
 from tests.rigs.diagnosis import diagnose_without_limits
 
+from dehyst.models.diagnosis.base import compact_base
 from dehyst.models.diagnosis.data.between import with_path_between
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.data.way import places_seen
+from dehyst.models.diagnosis.effects import Effect
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.shortlist import still_open
+from dehyst.models.physics import library
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data, Floats
 
@@ -83,6 +88,18 @@ def test_places_are_counted_by_the_way_to_them_and_from_them() -> None:
     assert places_seen(prepare([recorded(sines(t), 50.0)])) <= 12  # ten, and the two ends
     other = 5.0 - 2.3 * (np.cos(2 * np.pi * 4.87 * t) + np.cos(2 * np.pi * 8.1 * t))
     assert places_seen(prepare([recorded(other, 50.0)])) > 1000
+
+
+def test_what_comes_late_is_told_once_where_the_drive_is_seen_in_few_places() -> None:
+    """A delay, a lag and a slew limit take each other's rest there."""
+    data = path_of(sines(fine_time(50.0)), 50.0)
+    problem = Problem(data, compact_base(data))
+    delay = next(c for c in library(data) if c.key == "delay")
+    before, behind = problem.solve([]), problem.solve([Effect(delay, (0.01,))])
+    first = still_open(problem, before, library(data))
+    then = still_open(problem, behind, library(data))
+    assert {"delay", "lag", "slew"} <= {c.name for c in first if c.late}
+    assert not [c.name for c in then if c.late]
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.012, 0.026])

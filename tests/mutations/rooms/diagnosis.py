@@ -7,6 +7,8 @@ LIMITS, EVIDENCE = "models/diagnosis/findings/limits.py", "models/diagnosis/evid
 INTERVALS, SEARCH = "models/diagnosis/intervals.py", "models/diagnosis/search.py"
 WAY, LINES = "models/diagnosis/data/way.py", "models/signals/lines.py"
 BRISTLES = "models/physics/bristles.py"
+BETWEEN, FIND = "models/diagnosis/data/between.py", "models/diagnosis/find.py"
+SHORTLIST, HANDOUT = "models/diagnosis/shortlist.py", "models/diagnosis/handout.py"
 RATE, MODE = "models/physics/rate.py", "models/physics/resonance.py"
 
 CHANGES = [
@@ -265,6 +267,44 @@ CHANGES = [
             "mirrored = abs(frequency - self._rate * round(frequency / self._rate))",
             "mirrored = frequency",
             "a slow change is told as a mode at the sampling frequency",
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_between.py",),
+        Change(
+            "lines-between-samples",
+            BETWEEN,
+            "u=make_interp_spline(at, data.u[k], DEGREE)(fine),",
+            "u=np.interp(fine, at, data.u[k]),",
+            "the drive's peaks between samples are cut off",
+        ),
+        Change(
+            "corners-are-smooth",
+            BETWEEN,
+            "return splines < TUNING.between_smooth**2 * lines",
+            "return True",
+            "a spline swings over the corners of a triangle and beside steps",
+        ),
+        Change(
+            "each-place-its-own-value",
+            FIND,
+            "    if problem.few_places:\n",
+            "    if False:\n",
+            "what a base explains place by place hides a delay",
+        ),
+        Change(
+            "late-twice",
+            SHORTLIST,
+            "        and not (late and c.late)\n",
+            "",
+            "one delay is told as two",
+        ),
+        Change(
+            "the-first-order-alone",
+            SEARCH,
+            "if not c.late or not problem.few_places:",
+            "if True:",
+            "a delay of more than a sample is not found",
         ),
     ),
 ]
