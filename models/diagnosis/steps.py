@@ -170,7 +170,8 @@ def _conclude(
         findings = with_episode(findings, late, weighed, sigma)
         n = int(data.rows.sum())
         left = float(np.sqrt(max(np.sum(residual[data.rows] ** 2) / n - sigma**2, 0.0)))
-    if left > TUNING.structure_left * sigma and is_coloured(data, residual, sigma):
+    grown = any({"from_s", "until_s"} & f.where.keys() for f in findings)
+    if left > TUNING.structure_left * sigma and not grown and is_coloured(data, residual, sigma):
         # all that is left is noise
         whole_noise = float(np.sqrt(np.mean(residual[data.rows] ** 2)))
         at_first = float(np.sqrt(max(weighed.bare - whole_noise**2, 0.0)))

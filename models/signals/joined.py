@@ -5,7 +5,7 @@ anew. `forgets` marks where the memory of the drive's path does, and how (`signa
 gap it goes on.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,3 +78,16 @@ class Data:
     def drive_key(self) -> str:
         """Key of the drive among the channels."""
         return f"u_{self.drive_unit}"
+
+
+def alone(data: Data, i: int) -> Data:
+    """One of the recordings, by itself; with straight lines between its samples."""
+    here = data.rec == i
+    own = {
+        f.name: getattr(data, f.name)[here]
+        for f in fields(Data)
+        if isinstance(getattr(data, f.name), np.ndarray) and f.name != "places"
+    }
+    channels = {name: c[here] for name, c in data.channels.items()}
+    own["rec"] = np.zeros(int(here.sum()), dtype=np.int64)
+    return replace(data, names=(data.names[i],), channels=channels, between=None, **own)

@@ -17,7 +17,7 @@ import numpy as np
 
 from dehyst.models.diagnosis.data.locate import since_turn
 from dehyst.models.signals.filters import plays
-from dehyst.models.signals.joined import Data, Floats, Ints
+from dehyst.models.signals.joined import Data, Floats, Ints, alone
 from dehyst.models.signals.lines import find_lines
 from dehyst.models.signals.periodic import fundamental_hz
 
@@ -44,7 +44,15 @@ def is_coloured(data: Data, residual: Floats, sigma: float) -> bool:
         and _is_steady(data, residual)
         and not _repeats(data, residual)
         and not _is_driven(data, residual)
-        and not find_lines(data, residual)
+        and not _has_lines(data, residual)
+    )
+
+
+def _has_lines(data: Data, residual: Floats) -> bool:
+    """Whether a line stands out in all recordings, or in one: of a channel that moves differently
+    in each."""
+    return bool(find_lines(data, residual)) or any(
+        find_lines(alone(data, i), residual[data.rec == i], 1) for i in range(len(data.names))
     )
 
 

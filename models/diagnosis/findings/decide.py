@@ -9,7 +9,8 @@ import numpy as np
 
 from dehyst.models.diagnosis.data.locate import hot_spots, locate
 from dehyst.models.diagnosis.effects import Effect, on_bound
-from dehyst.models.diagnosis.evidence import by_blocks, constancy, contribution
+from dehyst.models.diagnosis.evidence import Constancy, by_blocks, constancy, contribution
+from dehyst.models.diagnosis.findings.growth import Growth, growth
 from dehyst.models.diagnosis.findings.rivals import Rival, rivals
 from dehyst.models.diagnosis.findings.told import unidentified
 from dehyst.models.diagnosis.fit import Problem
@@ -52,6 +53,7 @@ def named(problem: Problem, found: SearchState, held: float) -> list[Finding]:
         x, r = contribution(problem, final, effect)
         steady = constancy(problem, sigma, x, r)
         near = rivals(found, effect)
+        changed = growth(data, sigma, x, r)
         c = effect.candidate
         others = _other_names(c, near, rest)
         plain = {k: (v.value, v.unit) for k, v in values[i].items()}
@@ -74,8 +76,8 @@ def named(problem: Problem, found: SearchState, held: float) -> list[Finding]:
                 evidence=evidence,
                 parameters={_in_units(k, keys): v for k, v in values[i].items() if k not in wide},
                 ambiguous_with=others,
-                where=hot_spots(locate(data, r, sigma)),
-                says=c.says(plain) + _reservations(effect, near, others, steady.spread, wide),
+                where={**hot_spots(locate(data, r, sigma)), **(changed.where if changed else {})},
+                says=c.says(plain) + _reservations(effect, near, others, steady, changed, wide),
             )
         )
     return out
@@ -116,7 +118,8 @@ def _reservations(
     effect: Effect,
     near: Sequence[Rival],
     others: Sequence[str],
-    spread: float,
+    steady: Constancy,
+    changed: Growth | None,
     wide: Sequence[str],
 ) -> str:
     """What the sentence must add so that it does not promise too much."""
@@ -125,7 +128,9 @@ def _reservations(
         text += " These recordings cannot tell whether it is the amplifier or the sensor."
     if others:
         text += f" It could as well be {' or '.join(others)}."
-    if spread > 0.5:
+    if changed is not None:
+        text += f" {changed.says}"
+    elif steady.spread > 0.5:
         text += " Its size is not the same everywhere: like it, unconfirmed."
     bounds = list(dict.fromkeys([*on_bound(effect), *wide]))
     if bounds and c.bounds_told:

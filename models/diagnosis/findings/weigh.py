@@ -41,6 +41,11 @@ def weigh(
     alone = freed.solve([])
     without = alone.sse / n
     held = by_blocks(found.problem, found.accepted).mean_square
+    if found.accepted.effects and held > without - (TUNING.helps * sigma) ** 2:
+        # the base learns more of what it does not know than it explains: the model in use stands
+        # alone under the effects
+        found = over_the_model(found, freed, alone)
+        held = by_blocks(found.problem, found.accepted).mean_square
     told = [] if episode is None else [episode.finding]
     nothing = Weighed(_shared(told, first, without, sigma), freed, alone, first, without)
     if held > without - (TUNING.helps * sigma) ** 2:
@@ -55,7 +60,7 @@ def weigh(
         # the effects are a small part of what is explained: the rest is the base's, as far as its
         # correction is of that size; without the effects it would have stood for them
         correction = replace(correction, gain=max(correction.gain, rest))
-    shape = _has_shape(correction, without, sigma)
+    shape = bool(found.problem.base.width) and _has_shape(correction, without, sigma)
     if not findings and not shape:
         return nothing
     if shape:
@@ -64,6 +69,12 @@ def weigh(
         )
     shared = _shared([*findings, *told], first, held, sigma)
     return Weighed(shared, found.problem, found.accepted, first, held)
+
+
+def over_the_model(found: SearchState, bare: Problem, null: JointFit) -> SearchState:
+    """The effects that were found, over the model in use alone. null: what that leaves."""
+    fit = bare.refit(found.accepted.effects, start=null)
+    return replace(found, problem=bare, null=null, accepted=fit)
 
 
 def _shared(
