@@ -13,7 +13,7 @@ from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.findings.told import only_told, worth_telling
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
-from dehyst.models.diagnosis.judge import SearchState, excess, tried
+from dehyst.models.diagnosis.judge import SearchState, excess, tells_what_is_late, tried
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.search import search
 from dehyst.models.diagnosis.tuning import TUNING
@@ -87,7 +87,7 @@ def _find_in_few_places(
     alone, share = plain.solve([]), TUNING.few_places_share
     other = _search(plain, sigma, alone, say, (*forbidden, *unseen), share)
     caused = any(e.candidate.driven for e in other.accepted.effects)
-    return Found(other if caused else over_rich, over_rich)
+    return Found(other if caused and tells_what_is_late(problem, sigma) else over_rich, over_rich)
 
 
 def find_above_noise(

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dehyst.models.diagnosis.base import compact_base
+from dehyst.models.diagnosis.data.way import moves_against, places_seen
 from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.evidence import Constancy, constancy, contribution
 from dehyst.models.diagnosis.fit import Problem
@@ -89,6 +91,17 @@ def least_share(state: SearchState, left: float) -> float:
     stroke = float(np.ptp(state.problem.data.y))
     quiet = TUNING.quiet_times * state.sigma < np.sqrt(left) < TUNING.quiet_size * stroke
     return max(state.share, TUNING.quiet_share) if quiet else state.share
+
+
+def tells_what_is_late(problem: Problem, sigma: float) -> bool:
+    """Whether a delay, a lag or a slew limit can be told from the loop. Not where the drive is seen
+    in so few places that even a compact base has a column for nearly each, unless the displacement
+    moves against the drive."""
+    if not problem.few_places:
+        return True
+    columns = compact_base(problem.data).width + len(problem.data.names)
+    enough = places_seen(problem.data) >= TUNING.places_enough * columns
+    return enough or moves_against(problem.data, sigma)
 
 
 def effect_of(fit: JointFit, key: str) -> Effect:

@@ -147,9 +147,9 @@ def refit_each(
 
 
 def _from_afar(problem: Problem, current: JointFit, c: Candidate) -> list[tuple[float, ...]]:
-    """Starts where the drive is seen in few places: an effect as large as a sample of those is far
-    from what the fit without it tells to the first order. The two that fit best by themselves."""
-    if not c.late or not problem.few_places:
+    """Starts where the drive is sampled slowly: an effect as large as a sample of those is far from
+    what the fit without it tells to the first order. The two that fit best by themselves."""
+    if not c.late or problem.data.between is None:
         return []
     given = c.starts(problem.data, current.residual(problem.data))
     between = [tuple(np.sqrt(np.array(a) * np.array(b))) for a, b in pairwise(given)]

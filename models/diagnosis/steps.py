@@ -15,6 +15,7 @@ from dehyst.models.diagnosis.data.noise import noise_rms
 from dehyst.models.diagnosis.data.prepare import prepare, were_de_energised
 from dehyst.models.diagnosis.data.survey import (
     BUTTERFLY,
+    FEW_PLACES,
     ONE_SIDE,
     comes_back,
     follows,
@@ -45,7 +46,13 @@ from dehyst.models.diagnosis.findings.told import without_kind
 from dehyst.models.diagnosis.findings.weigh import weigh, with_episode
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.handout import Handed, hand_out
-from dehyst.models.diagnosis.judge import CandidateTrial, SearchState, base_error, excess
+from dehyst.models.diagnosis.judge import (
+    CandidateTrial,
+    SearchState,
+    base_error,
+    excess,
+    tells_what_is_late,
+)
 from dehyst.models.diagnosis.pasts import begin_as_found, explained_heads, rows_with_heads
 from dehyst.models.diagnosis.result import Diagnosis, View
 from dehyst.models.diagnosis.subject import identify_plain, take_subject
@@ -134,7 +141,8 @@ def diagnose(
         if candidate.key in other.accepted.effect_names:
             found = replace(found, search=other)
     shown = {c.key for c, _ in seen} & set(found.search.accepted.effect_names)
-    warnings = [text for text in (foreign, BUTTERFLY if butterfly else "") if text]
+    few = "" if tells_what_is_late(problem, sigma) else FEW_PLACES
+    warnings = [text for text in (foreign, BUTTERFLY if butterfly else "", few) if text]
     diagnosis = _conclude(whole, bare, found.search, episode, warnings, shown, with_limits, say)
     for candidate, sighting in seen:
         findings = retell(diagnosis.findings, candidate, sighting)

@@ -57,6 +57,8 @@ class Tuning(NamedTuple):
     quiet_share: float = 0.4  # so that a cause must take more of it
     compact_share: float = 0.3  # over a compact base
     few_places_share: float = 0.75  # the same where the drive is seen in few places alone,
+    places_enough: float = 1.3  # times a compact base's columns, for a late cause to be told there;
+    # with fewer the displacement must move against the drive
     few_places_sure: float = 0.4  # and relative half width of what is told there
     compact_doubt: float = 1.5  # held-out over in-sample rms of the rich base: a compact one too
     early_share: float = 0.4  # for a drive half a sample earlier

@@ -18,6 +18,11 @@ BUTTERFLY = (
     "ferroelectric that is driven through its coercive field): no model with one direction fits, "
     "and none can be inverted; drive it on one side only"
 )
+FEW_PLACES = (
+    "the drive repeats itself and is read in so few places of its path that a hysteresis could "
+    "give each its own value: a delay, a lag or a slew limit cannot be told here; sample faster, "
+    "or at a rate that is no multiple of the drive's frequency"
+)
 ONE_SIDE = "Drive it on one side of its turning points only, and diagnose again."
 CURVE = 7  # degree of the curve of the drive that a stage without hysteresis follows
 NARROW = (0.1, 1e-3)  # of the noise, of the reading's range: what it may leave above the noise

@@ -19,6 +19,8 @@ PIECES = 50  # of a part, in each of which the drive moves or stands still
 STILL = 0.02  # of the range, that it moves in a piece at most; one triangle moves twice as far
 STILL_FOR = 0.2  # of all pieces
 SAME_HZ = 0.01  # part by which the frequencies of one loop differ at most
+SURELY = 4.0  # standard deviations, and
+AGAINST = 0.01  # of the displacement's range, by which it moves against the drive
 SAME_PLACE = 1e-3  # of the drive's range
 TURNS_OF_A_LOOP = 2.5  # in a period, at most: a loop turns twice
 
@@ -68,6 +70,29 @@ def places_seen(data: Data) -> int:
     step = SAME_PLACE * data.span
     near = np.column_stack([np.roll(data.u, 1), data.u, np.roll(data.u, -1)])[data.rows]
     return int(np.unique(np.round(near / step), axis=0).shape[0])
+
+
+def moves_against(data: Data, noise: float) -> bool:
+    """Whether the displacement moves against the drive where the path of this rises, or falls, from
+    one sample to the next: no hysteresis does, whatever its class, and what comes late does.
+    noise: rms of a reading. Steps that repeat each other are told by their mean."""
+    path, places = data.path, data.places if data.between is not None else np.arange(data.n)
+    rises = np.concatenate([[0], np.cumsum(np.diff(path.u) > 0)])
+    falls = np.concatenate([[0], np.cumsum(np.diff(path.u) < 0)])
+    up, down = np.diff(rises[places]), np.diff(falls[places])
+    inside = data.rows[1:] & data.rows[:-1] & ~data.starts[1:]
+    step, sign = np.diff(data.y), np.where(down == 0, 1.0, -1.0)
+    one_way = inside & ((up == 0) != (down == 0))
+    at = np.round(np.column_stack([data.u[:-1], data.u[1:]])[one_way] / (SAME_PLACE * data.span))
+    _, group, count = np.unique(
+        np.column_stack([data.rec[1:][one_way], at]),
+        axis=0,
+        return_inverse=True,
+        return_counts=True,
+    )
+    mean = np.bincount(group.ravel(), (sign * step)[one_way]) / count
+    sure = SURELY * noise * np.sqrt(2.0 / count) + AGAINST * float(np.ptp(data.y))
+    return bool(np.any(mean < -sure))
 
 
 def stands_still(data: Data) -> bool:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dehyst.models.diagnosis.joint_fit import JointFit
-from dehyst.models.diagnosis.judge import SearchState, excess
+from dehyst.models.diagnosis.judge import SearchState, excess, tells_what_is_late
 from dehyst.models.diagnosis.result import Limit
 from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.diagnosis.tuning import TUNING
@@ -61,6 +61,7 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
     named = {e.candidate.name for e in found.accepted.effects} | set(untold)
     left = excess(problem, found.accepted, sigma)
     kinds: dict[tuple[str, str], list[Candidate]] = {}
+    hidden = not tells_what_is_late(problem, sigma)
     loud = left > (TUNING.limit_left * sigma) ** 2
     for c in library(problem.data):
         if c.name in named or not c.probes(problem.data):
@@ -70,6 +71,8 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
         kinds.setdefault((c.name, c.channel), []).append(c)
 
     def tightest(some: Sequence[Candidate]) -> Limit | None:
+        if hidden and some[0].late:
+            return Guess(some[0], None).limit(None)
         shown = []
         for c in some:
             least = ((TUNING.limit_driven if c.driven else TUNING.limit_free) * sigma) ** 2

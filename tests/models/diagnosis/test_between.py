@@ -5,6 +5,7 @@ import pytest
 from tests.models.diagnosis.test_subject import plain
 from tests.rigs.diagnosis import diagnose_without_limits
 
+from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.base import compact_base
 from dehyst.models.diagnosis.data.between import with_path_between
 from dehyst.models.diagnosis.data.prepare import prepare
@@ -100,6 +101,20 @@ def test_what_comes_late_is_told_once_where_the_drive_is_seen_in_few_places() ->
     then = still_open(problem, behind, library(data))
     assert {"delay", "lag", "slew"} <= {c.name for c in first if c.late}
     assert not [c.name for c in then if c.late]
+
+
+def test_one_recording_of_ten_places_says_that_it_cannot_tell_what_is_late() -> None:
+    """A delay of less than half a sample is one more hysteresis there: no limit excludes it. One by
+    which the stage moves against its drive is told."""
+    t = fine_time(50.0)
+    d = diagnose([recorded(sines(t), 50.0, 0, 0.006)])
+    assert any("cannot be told here" in said for said in d.data.says)
+    excluded = {x.name: x.value for x in d.would_have_seen}
+    assert all(excluded.get(name) is None for name in ("delay", "lag", "slew"))
+    assert not [f.name for f in d.findings if f.name not in ("shape", "unknown")]
+    told = diagnose_without_limits([recorded(sines(t), 50.0, 0, 0.03)])
+    assert told.findings[0].name == "delay"
+    assert not any("cannot be told here" in said for said in told.data.says)
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.012, 0.026])
