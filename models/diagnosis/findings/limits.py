@@ -71,8 +71,8 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
         kinds.setdefault((c.name, c.channel), []).append(c)
 
     def tightest(some: Sequence[Candidate]) -> Limit | None:
-        if hidden and some[0].late:
-            return Guess(some[0], None).limit(None)
+        if problem.few_places and some[0].late:  # one stands for another there
+            return Guess(some[0], None).limit(None) if hidden else None
         shown = []
         for c in some:
             least = ((TUNING.limit_driven if c.driven else TUNING.limit_free) * sigma) ** 2
