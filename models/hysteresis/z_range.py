@@ -1,8 +1,13 @@
 """How far z can go over a validity, and whether the model can be inverted everywhere there.
 
-Reaching from drive_min to drive_max at rates from -R to R, z is largest where every operator is
-pulled up as far as it goes, at one of the two extreme rates (Abel summation: the partial sums of
-the weights are positive, and neighbouring operators differ by no more than their thresholds do).
+With D_j = H_j - H_{j+1}, z is the sum of the slopes s_j = P_j + Q_j du/dt times D_j, each of which
+lies between its values where every operator is pulled up, or down, as far as it goes; z is largest
+at one of the two extreme rates, in which it is linear.
+
+A turn takes its time. When the drive has travelled x since it turned, at an acceleration of at most
+A, its rate is at most sqrt(2 A x). Slope s_j is the one over the travel from 2 r_j to 2 r_{j+1}
+(dehyst.models.hysteresis.monotone). So it needs to be positive up to the rate at which the drive
+can leave that travel, and not up to the largest rate of all, at which it never meets it.
 """
 
 import numpy as np
@@ -17,11 +22,30 @@ def bound_z(
     """Lowest and highest z within the drive range at rates up to rate_max."""
     top = np.maximum(drive_max - h.u_offset - h.r, 0.0)
     bottom = np.minimum(drive_min - h.u_offset + h.r, 0.0)
+    highest, lowest = (-np.diff(end, append=0.0) for end in (top, bottom))
     ends = [0.0]
     for rate in (-rate_max, 0.0, rate_max):
-        w = h.b + np.asarray(h.k) * rate
-        ends += [float(w @ top), float(w @ bottom)]
+        slopes = np.cumsum(h.b + np.asarray(h.k) * rate)
+        each = np.stack([slopes * highest, slopes * lowest])
+        ends += [float(each.max(axis=0).sum()), float(each.min(axis=0).sum())]
     return min(ends), max(ends)
+
+
+def find_rates(
+    r: Floats, rate_max: float, acceleration_max: float | None = None, period_s: float = 0.0
+) -> Floats:
+    """(n,) largest rate over the travel from 2 r_j to 2 r_{j+1} after a turn [drive unit / s].
+
+    acceleration_max: largest change of the rate [drive unit / s^2], None: no bound; period_s: of
+    samples between which the rate is the difference. The rate in the sample in which the travel
+    reaches x is then at most A T / 2 + sqrt((A T / 2)^2 + 2 A x), as the samples before it have
+    taken it beyond x otherwise.
+    """
+    if not acceleration_max:
+        return np.full(r.size, rate_max)
+    a = 0.5 * acceleration_max * period_s
+    travel = 2.0 * np.append(r[1:], np.inf)
+    return np.minimum(rate_max, a + np.sqrt(a * a + 2.0 * acceleration_max * travel))
 
 
 def find_least_slope(h: Hysteresis, drive_min: float, drive_max: float, rate_max: float) -> float:
@@ -49,17 +73,25 @@ def _find_extrema(slope: Floats, low: float, high: float) -> Floats:
     return real[(real > low) & (real < high)]
 
 
-def sum_weights(h: Hysteresis, rate_max: float) -> tuple[Floats, Floats]:
-    """(n,) slopes dz/du after each operator has joined in, at the rates rate_max and -rate_max."""
-    p, q = np.cumsum(h.b), rate_max * np.cumsum(np.asarray(h.k))
+def sum_weights(h: Hysteresis, rates: float | Floats) -> tuple[Floats, Floats]:
+    """(n,) slopes dz/du after each operator has joined in, at these rates and at minus these.
+
+    rates: one for all, or (n,) one for each (find_rates).
+    """
+    p, q = np.cumsum(h.b), rates * np.cumsum(np.asarray(h.k))
     return p + q, p - q
 
 
-def is_invertible(h: Hysteresis, drive_min: float, drive_max: float, rate_max: float) -> bool:
-    """True when every slope is positive over the rate range and the saturation never turns."""
-    alpha, beta = sum_weights(h, rate_max)
+def is_invertible(
+    h: Hysteresis, drive_min: float, drive_max: float, rates: float | Floats
+) -> bool:
+    """True when every slope is positive up to these rates and the saturation never turns.
+
+    rates: one for all slopes, or (n,) one for each (find_rates).
+    """
+    alpha, beta = sum_weights(h, rates)
     return bool(
         alpha.min() > 0.0
         and beta.min() > 0.0
-        and find_least_slope(h, drive_min, drive_max, rate_max) > 0.0
+        and find_least_slope(h, drive_min, drive_max, float(np.max(rates))) > 0.0
     )

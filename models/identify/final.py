@@ -64,7 +64,7 @@ def fit_all(
         r = space_thresholds(finest, setup.span)
     some = thin(setup.picks, TUNING.rows_compared)
     shape, offset, lag = best.shape, best.offset, best.lag
-    start = regrid(best.params, coarse, r, shape)
+    start = regrid(best.params, (coarse, r), (setup.rates(coarse), setup.rates(r)), shape)
     trial = Trial(setup, some, r, offset, lag, best.loose)
     trial.linearise(start, shape, shape.powers)
     weighed = weigh(trial, shape)

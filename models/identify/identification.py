@@ -315,9 +315,9 @@ def _result(
     spread = measure_spread(setup, found.coarse, found.best, rivals)
     band = estimate_band(setup, fitted, found.offset, cov, (left, spread, noise))
     model = setup.model(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)
-    rate_max = setup.rate_max if fitted.shape.rate else 0.0
+    rates = setup.rates(fitted.r) if fitted.shape.rate else 0.0
     if setup.limits is not None and not is_invertible(
-        model.hysteresis, setup.drive_min, setup.drive_max, rate_max
+        model.hysteresis, setup.drive_min, setup.drive_max, rates
     ):  # the bounds should see to it; a model that cannot be inverted must never be written
         raise NotInvertible(
             f"{setup.rows[0].name}: no invertible model was found; fix a simpler one with "
@@ -368,6 +368,7 @@ def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
         drive_min=setup.drive_min,
         drive_max=setup.drive_max,
         rate_max=setup.rate_max or None,
+        acceleration_max=setup.acceleration_max or None,
         band_hz=max(bands, default=None),
         period_s=float(np.median([one.period_s for one in rows])),
     )

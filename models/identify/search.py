@@ -181,7 +181,8 @@ class Search:
 
     def _try_derivative(self, best: Candidate, tried: Sequence[Candidate]) -> list[Candidate]:
         """Candidates whose rate is the derivative at the sample, as a stage in continuous time has
-        it, and not the difference to the sample before; none where these tell the recording worse.
+        it, and not the difference to the sample before; none where one tells the recording clearly
+        worse.
 
         That is a convention and no richer model: the one is taken that fits better, structure by
         structure, where it foretells better as well, if only by a little.
@@ -190,7 +191,8 @@ class Search:
         half = Dynamics("lead", "drive", (0.5 * period,))
         trial = Trial(self.setup, self.picks, self.r, best.offset, half)
         trial.linearise(best.params, best.shape, best.shape.powers)
-        if trial.score(best.shape, (best.strength,)).fitted.sum() > best.fitted.sum():
+        most = best.fitted.sum() * (1.0 + TUNING.worth_trying)
+        if trial.score(best.shape, (best.strength,)).fitted.sum() > most:
             return []
         found = self._try([s for s in self.wanted if s.rate], best.offset, half)
         at_sample = {c.shape: c for c in found}

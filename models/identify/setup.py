@@ -13,10 +13,10 @@ from numpy.polynomial import Polynomial
 
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
-from dehyst.models.hysteresis.z_range import find_least_slope
+from dehyst.models.hysteresis.z_range import find_least_slope, find_rates
 from dehyst.models.identify.data.folds import assign_pieces
 from dehyst.models.identify.data.outliers import measure_deviation, measure_jumps, sample, thin
-from dehyst.models.identify.data.rows import Rows, find_drive_range, find_rate_range
+from dehyst.models.identify.data.rows import Rows, find_acceleration, find_drive_range, find_rate_range
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import (
     Equations,
@@ -34,13 +34,17 @@ from dehyst.models.recording import Bools, Floats
 @dataclass(frozen=True)
 class FitSetup:
     """What all candidates share. picks: rows of each recording that stand as equations; sign: of
-    the displacement by the drive; least: lowest slope allowed or None; slope: the mean slope."""
+    the displacement by the drive; limits: lowest and highest slope allowed or None; slope: the mean
+    slope; rate_max, acceleration_max: largest rate of the drive and largest change of it; period_s:
+    the longest sampling period."""
 
     rows: Sequence[Rows]
     picks: Sequence[Bools]
     drive_min: float
     drive_max: float
     rate_max: float
+    acceleration_max: float
+    period_s: float
     sign: float
     slope: float
     limits: tuple[float, float] | None
@@ -95,6 +99,10 @@ class FitSetup:
         """Drive range."""
         return self.drive_max - self.drive_min
 
+    def rates(self, r: Floats) -> Floats:
+        """(n,) largest rate at which the drive meets the slope after each operator."""
+        return find_rates(r, self.rate_max, self.acceleration_max, self.period_s)
+
     def equations(
         self,
         picks: Sequence[Bools],
@@ -110,7 +118,7 @@ class FitSetup:
                 picks,
                 r,
                 (self.centre(offset), offset),
-                self.rate_max,
+                self.rates(r),
                 self.sign,
                 lag,
                 rate,
@@ -128,7 +136,7 @@ class FitSetup:
         n = r.size
         if shape.rate:
             alpha, beta = params.slopes[:n], params.slopes[n:]
-            p, q = 0.5 * (alpha + beta), 0.5 * (alpha - beta) / self.rate_max
+            p, q = 0.5 * (alpha + beta), 0.5 * (alpha - beta) / self.rates(r)
         else:
             p, q = params.slopes, np.zeros(n)
         c = np.zeros(max((1, *shape.powers)) + 1)
@@ -235,6 +243,7 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     notes: list[str] = []
     low, high = find_drive_range(rows)
     rate_max = find_rate_range(rows)
+    acceleration_max = find_acceleration(rows, rate_max)
     allowed, beyond = [], 0
     for one in rows:
         with np.errstate(invalid="ignore"):
@@ -269,7 +278,20 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     sign = -1.0 if slope < 0 else 1.0
     folds = assign_pieces(rows, picks, low, high)
     return FitSetup(
-        rows, picks, low, high, rate_max, sign, size, limits, virgin, folds, tuple(notes), running
+        rows,
+        picks,
+        low,
+        high,
+        rate_max,
+        acceleration_max,
+        max(one.period_s for one in rows),
+        sign,
+        size,
+        limits,
+        virgin,
+        folds,
+        tuple(notes),
+        running,
     )
 
 

@@ -32,11 +32,20 @@ def space_thresholds(n: int, drive_span: float, whole: bool = False, power: floa
     return np.concatenate([inner, (1.0 + np.arange(wide) / max(wide, 1)) * drive_span / 2.0])
 
 
-def regrid(params: Params, coarse: Floats, fine: Floats, shape: Shape) -> Params:
-    """The same slopes on other thresholds: each takes those of the next wider-set one below."""
-    at = np.searchsorted(coarse, fine, side="right") - 1
-    parts = np.split(params.slopes, 2) if shape.rate else [params.slopes]
-    return params._replace(slopes=np.concatenate([part[at] for part in parts]))
+def regrid(
+    params: Params, grids: tuple[Floats, Floats], rates: tuple[Floats, Floats], shape: Shape
+) -> Params:
+    """The same slopes on other thresholds: each takes those of the next wider-set one below.
+
+    grids: thresholds before and after; rates: at which the slopes of each are given.
+    """
+    at = np.searchsorted(grids[0], grids[1], side="right") - 1
+    if not shape.rate:
+        return params._replace(slopes=params.slopes[at])
+    alpha, beta = np.split(params.slopes, 2)
+    p = 0.5 * (alpha + beta)[at]
+    q = 0.5 * ((alpha - beta) / rates[0])[at] * rates[1]
+    return params._replace(slopes=np.concatenate([p + q, p - q]))
 
 
 @dataclass(frozen=True)
