@@ -1,8 +1,9 @@
 """How far z can go over a validity, and whether the model can be inverted everywhere there.
 
 With D_j = H_j - H_{j+1}, z is the sum of the slopes s_j = P_j + Q_j du/dt times D_j, each of which
-lies between its values where every operator is pulled up, or down, as far as it goes; z is largest
-at one of the two extreme rates, in which it is linear.
+lies between its values where every operator is pulled down, and up, as far as it goes. Reaching
+from drive_min to drive_max at rates from -R to R, z is largest at one of the two extreme rates, as
+its bound is a convex function of the rate.
 
 A turn takes its time. When the drive has travelled x since it turned, at an acceleration of at most
 A, its rate is at most sqrt(2 A x). Slope s_j is the one over the travel from 2 r_j to 2 r_{j+1}
@@ -17,17 +18,23 @@ from dehyst.models.recording import Floats
 
 
 def bound_z(
-    h: Hysteresis, drive_min: float, drive_max: float, rate_max: float
+    h: Hysteresis, drive_min: float, drive_max: float, rates: float | Floats
 ) -> tuple[float, float]:
-    """Lowest and highest z within the drive range at rates up to rate_max."""
+    """Lowest and highest z within the drive range at rates up to the largest of these.
+
+    rates: one for all slopes, or (n,) up to which each is positive (find_rates).
+    """
     top = np.maximum(drive_max - h.u_offset - h.r, 0.0)
     bottom = np.minimum(drive_min - h.u_offset + h.r, 0.0)
     highest, lowest = (-np.diff(end, append=0.0) for end in (top, bottom))
+    rate_max = float(np.max(rates))
+    either = np.broadcast_to(rates, h.r.shape) < rate_max  # beyond, the slope may be negative
     ends = [0.0]
     for rate in (-rate_max, 0.0, rate_max):
         slopes = np.cumsum(h.b + np.asarray(h.k) * rate)
-        each = np.stack([slopes * highest, slopes * lowest])
-        ends += [float(each.max(axis=0).sum()), float(each.min(axis=0).sum())]
+        up, down = slopes * highest, slopes * lowest
+        ends.append(float(np.where(either, np.maximum(up, down), up).sum()))
+        ends.append(float(np.where(either, np.minimum(up, down), down).sum()))
     return min(ends), max(ends)
 
 
@@ -48,12 +55,14 @@ def find_rates(
     return np.minimum(rate_max, a + np.sqrt(a * a + 2.0 * acceleration_max * travel))
 
 
-def find_least_slope(h: Hysteresis, drive_min: float, drive_max: float, rate_max: float) -> float:
+def find_least_slope(
+    h: Hysteresis, drive_min: float, drive_max: float, rates: float | Floats
+) -> float:
     """Smallest slope of the saturation over the reachable z, relative to its mean slope there.
 
     Positive: the saturation can be undone everywhere (rising or falling). Negative or zero: not.
     """
-    low, high = bound_z(h, drive_min, drive_max, rate_max)
+    low, high = bound_z(h, drive_min, drive_max, rates)
     if high <= low:
         return 0.0
     slope = np.asarray(np.polynomial.polynomial.polyder(h.c), dtype=np.float64)
@@ -93,5 +102,5 @@ def is_invertible(
     return bool(
         alpha.min() > 0.0
         and beta.min() > 0.0
-        and find_least_slope(h, drive_min, drive_max, float(np.max(rates))) > 0.0
+        and find_least_slope(h, drive_min, drive_max, rates) > 0.0
     )

@@ -30,12 +30,13 @@ from dehyst.models.recording import Bools, Floats
 
 @dataclass(frozen=True)
 class Fitted:
-    """The model's numbers. r: (n,) thresholds; free: unknowns off their bounds; strength: of the
-    prior; scored: the structure on these operators, as it foretells stretches; costly: the data
-    want what no invertible model gives; unreachable: rms of that on a drive of all kinds;
-    equations: what was fitted, the pull's last; normal: the normal equations at the end, the
-    prior's with them."""
+    """The model's numbers. setup: what they belong to; r: (n,) thresholds; free: unknowns off
+    their bounds; strength: of the prior; scored: the structure on these operators, as it foretells
+    stretches; costly: the data want what no invertible model gives; unreachable: rms of that on a
+    drive of all kinds; equations: what was fitted, the pull's last; normal: the normal equations
+    at the end, the prior's with them."""
 
+    setup: FitSetup
     r: Floats
     shape: Shape
     params: Params
@@ -56,7 +57,25 @@ def fit_all(
     tried: Sequence[Candidate] = (),
 ) -> Fitted:
     """Fit the structure of a candidate, found on `coarse` thresholds, to all rows. tried: others,
-    of which one with the second power of z may take its place."""
+    of which one with the second power of z may take its place.
+
+    Where the data want what a model cannot give whose slopes are positive at every rate, they are
+    positive up to the rates that the drive can have after a turn. Structures are compared without
+    that freedom, in which a rate-dependence may pass for a lag.
+    """
+    found = _fit(setup, best, coarse, order, tried)
+    if not (found.costly and found.shape.rate):
+        return found
+    return _fit(replace(setup, by_turns=True), best, coarse, order, tried)
+
+
+def _fit(
+    setup: FitSetup,
+    best: Candidate,
+    coarse: Floats,
+    order: int | None,
+    tried: Sequence[Candidate],
+) -> Fitted:
     finest = TUNING.fine if order is None else max(TUNING.finest, order)
     if order is None:
         r = space_thresholds(finest, setup.span, setup.wide, TUNING.spacing)
@@ -64,7 +83,8 @@ def fit_all(
         r = space_thresholds(finest, setup.span)
     some = thin(setup.picks, TUNING.rows_compared)
     shape, offset, lag = best.shape, best.offset, best.lag
-    start = regrid(best.params, (coarse, r), (setup.rates(coarse), setup.rates(r)), shape)
+    shares = setup.rates(r) / setup.rate_max if shape.rate else 1.0
+    start = regrid(best.params, coarse, r, shape, shares)
     trial = Trial(setup, some, r, offset, lag, best.loose)
     trial.linearise(start, shape, shape.powers)
     weighed = weigh(trial, shape)
@@ -122,7 +142,9 @@ def fit_all(
     rows = sum(lot.y.size for lot in alone)
     off = float(np.sqrt(measure_misfit(alone, shape, tight.params) / max(1, rows)))
     every = equations + pull
-    return Fitted(r, shape, tight.params, tight.free, scored, costly, off, every, normal, orders)
+    return Fitted(
+        setup, r, shape, tight.params, tight.free, scored, costly, off, every, normal, orders
+    )
 
 
 def find_bent(setup: FitSetup, best: Candidate, tried: Sequence[Candidate]) -> Shape | None:

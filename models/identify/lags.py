@@ -33,8 +33,7 @@ class LagSearch:
     ) -> None:
         self.setup, self.picks, self.r, self.candidate = setup, picks, r, candidate
         self.fine = space_thresholds(TUNING.lag_operators, setup.span)
-        rates = setup.rates(r), setup.rates(self.fine)
-        fine = regrid(candidate.params, (r, self.fine), rates, candidate.shape)
+        fine = regrid(candidate.params, r, self.fine, candidate.shape)
         trial = Trial(setup, picks, self.fine, candidate.offset)
         trial.linearise(fine, candidate.shape, candidate.shape.powers)
         finest = trial.score(candidate.shape, TUNING.strengths[:1]).params

@@ -36,7 +36,8 @@ class FitSetup:
     """What all candidates share. picks: rows of each recording that stand as equations; sign: of
     the displacement by the drive; limits: lowest and highest slope allowed or None; slope: the mean
     slope; rate_max, acceleration_max: largest rate of the drive and largest change of it; period_s:
-    the longest sampling period."""
+    the longest sampling period; by_turns: after a turn a slope is bounded up to the rate that the
+    drive can have there, and not up to the largest rate of all."""
 
     rows: Sequence[Rows]
     picks: Sequence[Bools]
@@ -52,6 +53,7 @@ class FitSetup:
     folds: int
     notes: tuple[str, ...] = ()
     running: float | None = None
+    by_turns: bool = False
 
     @property
     def offsets(self) -> tuple[float, ...]:
@@ -100,8 +102,9 @@ class FitSetup:
         return self.drive_max - self.drive_min
 
     def rates(self, r: Floats) -> Floats:
-        """(n,) largest rate at which the drive meets the slope after each operator."""
-        return find_rates(r, self.rate_max, self.acceleration_max, self.period_s)
+        """(n,) largest rate up to which the slope after each operator is bounded."""
+        acceleration = self.acceleration_max if self.by_turns else None
+        return find_rates(r, self.rate_max, acceleration, self.period_s)
 
     def equations(
         self,
@@ -165,7 +168,7 @@ class FitSetup:
         """Least slope of the saturation over what the model can reach, relative to its mean."""
         h = self.hysteresis(r, shape, params, offset)
         return find_least_slope(
-            h, self.drive_min, self.drive_max, self.rate_max if shape.rate else 0.0
+            h, self.drive_min, self.drive_max, self.rates(r) if shape.rate else 0.0
         )
 
     def model(

@@ -33,18 +33,17 @@ def space_thresholds(n: int, drive_span: float, whole: bool = False, power: floa
 
 
 def regrid(
-    params: Params, grids: tuple[Floats, Floats], rates: tuple[Floats, Floats], shape: Shape
+    params: Params, coarse: Floats, fine: Floats, shape: Shape, shares: Floats | float = 1.0
 ) -> Params:
     """The same slopes on other thresholds: each takes those of the next wider-set one below.
 
-    grids: thresholds before and after; rates: at which the slopes of each are given.
+    shares: of the rates at which the slopes are given, those at which they are wanted.
     """
-    at = np.searchsorted(grids[0], grids[1], side="right") - 1
+    at = np.searchsorted(coarse, fine, side="right") - 1
     if not shape.rate:
         return params._replace(slopes=params.slopes[at])
-    alpha, beta = np.split(params.slopes, 2)
-    p = 0.5 * (alpha + beta)[at]
-    q = 0.5 * ((alpha - beta) / rates[0])[at] * rates[1]
+    alpha, beta = (part[at] for part in np.split(params.slopes, 2))
+    p, q = 0.5 * (alpha + beta), 0.5 * (alpha - beta) * shares
     return params._replace(slopes=np.concatenate([p + q, p - q]))
 
 
