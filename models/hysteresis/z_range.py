@@ -1,9 +1,8 @@
 """How far z can go over a validity, and whether the model can be inverted everywhere there.
 
-With D_j = H_j - H_{j+1}, z is the sum of the slopes s_j = P_j + Q_j du/dt times D_j, each of which
-lies between its values where every operator is pulled down, and up, as far as it goes. Reaching
-from drive_min to drive_max at rates from -R to R, z is largest at one of the two extreme rates, as
-its bound is a convex function of the rate.
+Reaching from drive_min to drive_max at rates from -R to R, z is largest where every operator is
+pulled up as far as it goes, at one of the two extreme rates (Abel summation: the partial sums of
+the weights are positive, and neighbouring operators differ by no more than their thresholds do).
 
 A turn takes its time. When the drive has travelled x since it turned, at an acceleration of at most
 A, its rate is at most sqrt(2 A x). Slope s_j is the one over the travel from 2 r_j to 2 r_{j+1}
@@ -26,15 +25,16 @@ def bound_z(
     """
     top = np.maximum(drive_max - h.u_offset - h.r, 0.0)
     bottom = np.minimum(drive_min - h.u_offset + h.r, 0.0)
-    highest, lowest = (-np.diff(end, append=0.0) for end in (top, bottom))
     rate_max = float(np.max(rates))
-    either = np.broadcast_to(rates, h.r.shape) < rate_max  # beyond, the slope may be negative
+    # slopes that may be negative at such a rate; H_j - H_{j+1} is at most the thresholds' distance
+    free = np.broadcast_to(rates, h.r.shape) < rate_max
+    apart = np.where(free, np.diff(h.r, append=np.inf), 0.0)
     ends = [0.0]
     for rate in (-rate_max, 0.0, rate_max):
         slopes = np.cumsum(h.b + np.asarray(h.k) * rate)
-        up, down = slopes * highest, slopes * lowest
-        ends.append(float(np.where(either, np.maximum(up, down), up).sum()))
-        ends.append(float(np.where(either, np.minimum(up, down), down).sum()))
+        w = np.diff(np.where(free, 0.0, slopes), prepend=0.0)
+        beside = float(np.abs(slopes) @ apart)
+        ends += [float(w @ top) + beside, float(w @ bottom) - beside]
     return min(ends), max(ends)
 
 
@@ -91,9 +91,7 @@ def sum_weights(h: Hysteresis, rates: float | Floats) -> tuple[Floats, Floats]:
     return p + q, p - q
 
 
-def is_invertible(
-    h: Hysteresis, drive_min: float, drive_max: float, rates: float | Floats
-) -> bool:
+def is_invertible(h: Hysteresis, drive_min: float, drive_max: float, rates: float | Floats) -> bool:
     """True when every slope is positive up to these rates and the saturation never turns.
 
     rates: one for all slopes, or (n,) one for each (find_rates).

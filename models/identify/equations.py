@@ -7,8 +7,10 @@ in. Over rates from -R_i to R_i it runs linearly from beta_i to alpha_i,
     s_i(v) = alpha_i (1 + v/R_i) / 2 + beta_i (1 - v/R_i) / 2 ,
 
 so that monotonicity over the whole rate range is alpha_i >= eps and beta_i >= eps. R_i is the
-largest rate at which the drive meets the slope s_i (dehyst.models.hysteresis.z_range.find_rates);
-where a drive may turn at any acceleration, all are R, the largest rate of all. The saturation is S(z) = z + sum_j c_j z^j: the scale shared by weights and polynomial is fixed by c_1 = 1.
+largest rate up to which the slope s_i is bounded: R, the largest rate of all, or the largest at
+which the drive can meet it after a turn (dehyst.models.hysteresis.z_range.find_rates). The
+saturation is S(z) = z + sum_j c_j z^j: the scale shared by weights and polynomial is fixed by
+c_1 = 1.
 
 Rows come in lots of bounded size; the Jacobian of one lot is all that is held.
 """

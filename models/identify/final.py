@@ -23,7 +23,14 @@ from dehyst.models.identify.fit import Solution, make_bounds, make_start, solve
 from dehyst.models.identify.pull import find_share, make_pull, weigh_pull
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, Trial
-from dehyst.models.identify.thresholds import Prior, eliminate, regrid, space_thresholds
+from dehyst.models.identify.thresholds import (
+    Prior,
+    at_one_rate,
+    change_rates,
+    eliminate,
+    regrid,
+    space_thresholds,
+)
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
@@ -179,8 +186,16 @@ def _reduce(
     """The `order` thresholds whose loss costs least, and the errors of all orders above."""
     normal = prior.add_to(found.normal, shape.rate, strength)
     low, _ = make_bounds(found.params, setup.limits)
+    if setup.by_turns:
+        shares = setup.rates(r) / setup.rate_max
+        normal = at_one_rate(normal, shares)
+        low[: 2 * r.size][np.tile(shares < 1.0, 2)] = -np.inf
     grids = eliminate(normal, normal, low, r.size, shape.rate, order)
     orders = tuple((len(g.kept), float(np.sqrt(g.held / max(1, normal.count)))) for g in grids)
     kept = list(grids[-1].kept)
     like = make_start(order, shape, setup.slope, len(setup.rows))
-    return r[kept], replace(found, params=Params.unpacked(grids[-1].p, like)), orders
+    params = Params.unpacked(grids[-1].p, like)
+    if setup.by_turns:
+        slopes = change_rates(params.slopes, setup.rates(r[kept]) / setup.rate_max)
+        params = params._replace(slopes=slopes)
+    return r[kept], replace(found, params=params), orders

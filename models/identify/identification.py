@@ -86,7 +86,8 @@ class Identification:
 
     residuals: one (N,) array per recording, y - model, NaN where there is none; used: (N,) rows
     that were fitted; shape, offset: the structure; params, errors: packed parameters and their
-    standard errors (0: on the bound); tried, orders: what the hold-out compared; couplings: from
+    standard errors (0: on the bound); rates: (n,) at which the slopes are given and up to which
+    they are positive; tried, orders: what the hold-out compared; couplings: from
     other axes, which the model has as blocks; notes: what a reader should be told.
     """
 
@@ -96,6 +97,7 @@ class Identification:
     shape: Shape
     params: Params
     errors: Params
+    rates: Floats
     at_bound: Bools
     tried: tuple[Candidate, ...]
     orders: tuple[tuple[int, float], ...]
@@ -350,6 +352,7 @@ def _result(
         shape=fitted.shape,
         params=fitted.params,
         errors=errors,
+        rates=setup.rates(fitted.r),
         at_bound=~fitted.free,
         tried=tuple(found.tried),
         orders=fitted.orders,

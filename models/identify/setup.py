@@ -16,7 +16,12 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.hysteresis.z_range import find_least_slope, find_rates
 from dehyst.models.identify.data.folds import assign_pieces
 from dehyst.models.identify.data.outliers import measure_deviation, measure_jumps, sample, thin
-from dehyst.models.identify.data.rows import Rows, find_acceleration, find_drive_range, find_rate_range
+from dehyst.models.identify.data.rows import (
+    Rows,
+    find_acceleration,
+    find_drive_range,
+    find_rate_range,
+)
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import (
     Equations,
