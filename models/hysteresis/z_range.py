@@ -44,9 +44,9 @@ def find_rates(
     """(n,) largest rate over the travel from 2 r_j to 2 r_{j+1} after a turn [drive unit / s].
 
     acceleration_max: largest change of the rate [drive unit / s^2], None: no bound; period_s: of
-    samples between which the rate is the difference. The rate in the sample in which the travel
-    reaches x is then at most A T / 2 + sqrt((A T / 2)^2 + 2 A x), as the samples before it have
-    taken it beyond x otherwise.
+    samples between which the rate is the difference. In the sample that begins within a travel of x
+    the rate is then at most A T / 2 + sqrt((A T / 2)^2 + 2 A x): at a higher one the samples before
+    it, each slower by A T at most, would have gone beyond x already.
     """
     if not acceleration_max:
         return np.full(r.size, rate_max)

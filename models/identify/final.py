@@ -71,9 +71,11 @@ def fit_all(
     that freedom, in which a rate-dependence may pass for a lag.
     """
     found = _fit(setup, best, coarse, order, tried)
-    if not (found.costly and found.shape.rate):
+    by_turns = replace(setup, by_turns=True)
+    slower = by_turns.rates(found.r) < setup.rate_max
+    if not (found.costly and found.shape.rate and slower.any()):
         return found
-    return _fit(replace(setup, by_turns=True), best, coarse, order, tried)
+    return _fit(by_turns, best, coarse, order, tried)
 
 
 def _fit(
