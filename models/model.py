@@ -81,11 +81,13 @@ class Hysteresis:
 @dataclass(frozen=True)
 class Validity:
     """Where the model was identified: drive range [drive unit], largest rate [drive unit / s],
-    band (highest frequency, Hz) and sampling period [s]. None: not known."""
+    largest change of the rate [drive unit / s^2], band (highest frequency, Hz) and sampling period
+    [s]. None: not known, without a bound."""
 
     drive_min: float
     drive_max: float
     rate_max: float | None = None
+    acceleration_max: float | None = None
     band_hz: float | None = None
     period_s: float | None = None
 

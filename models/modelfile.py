@@ -145,6 +145,7 @@ def _validity(table: _Table, drive: str) -> Validity:
         drive_min=table.get(f"drive_min_{drive}", _number),
         drive_max=table.get(f"drive_max_{drive}", _number),
         rate_max=table.get(f"rate_max_{drive}_per_s", _positive, None),
+        acceleration_max=table.get(f"acceleration_max_{drive}_per_s2", _positive, None),
         band_hz=table.get("band_hz", _positive, None),
         period_s=table.get("period_s", _positive, None),
     )
@@ -226,6 +227,7 @@ def dumps(model: Model) -> str:
         f"drive_min_{drive}": v.drive_min,
         f"drive_max_{drive}": v.drive_max,
         f"rate_max_{drive}_per_s": v.rate_max,
+        f"acceleration_max_{drive}_per_s2": v.acceleration_max,
         "band_hz": v.band_hz,
         "period_s": v.period_s,
     }

@@ -31,8 +31,9 @@ ABOUT_PARAMETERS = (
     "The slope after a reversal, dz/du, once the drive has travelled back by twice the threshold: "
     "the partial sums of the weights. These combinations are what the data determine; single "
     "weights of neighbouring operators are not. Intervals are 95 %, with the noise's and the "
-    "misfit's correlation in time. z is the hysteresis before the saturation, its scale fixed by "
-    "c1 = 1."
+    "misfit's correlation in time. Where the weights depend on the rate, slopes are given at the "
+    "largest rate up to which they are held positive. z is the hysteresis before the saturation, "
+    "its scale fixed by c1 = 1."
 )
 
 
@@ -111,6 +112,8 @@ def _validity(out: Page, result: Identification) -> None:
     parts = [f"drive {v.drive_min:.4g} to {v.drive_max:.4g} {unit}"]
     if v.rate_max is not None:
         parts.append(f"rates up to {v.rate_max:.4g} {unit}/s")
+    if v.acceleration_max is not None:
+        parts.append(f"that change by up to {v.acceleration_max:.4g} {unit}/s²")
     if v.band_hz is not None:
         parts.append(f"band {v.band_hz:.3g} Hz")
     if v.period_s is not None:
@@ -149,11 +152,18 @@ def _parameters(out: Page, result: Identification) -> None:
         return f"{slopes[i]:.4g} ± {Z95 * errors[i]:.2g}"
 
     if result.shape.rate:
-        at, k = f"{result.model.validity.rate_max:.4g} {unit}/s", np.asarray(h.k)
-        head = [f"threshold, {unit}", f"slope at +{at}", f"slope at -{at}", "weight b"]
-        head.append(f"rate weight k, s/{unit}")
+        k, rates = np.asarray(h.k), result.rates
+        head = [f"threshold, {unit}", f"rate, {unit}/s", "slope at +rate", "slope at -rate"]
+        head += ["weight b", f"rate weight k, s/{unit}"]
         rows = [
-            [f"{h.r[i]:.5g}", slope(i), slope(n + i), f"{h.b[i]:.4g}", f"{k[i]:.4g}"]
+            [
+                f"{h.r[i]:.5g}",
+                f"{rates[i]:.4g}",
+                slope(i),
+                slope(n + i),
+                f"{h.b[i]:.4g}",
+                f"{k[i]:.4g}",
+            ]
             for i in range(n)
         ]
     else:

@@ -153,11 +153,11 @@ def draw_orders(result: Identification, axes: Axes) -> str:
 def draw_slopes(result: Identification, axes: Axes) -> str:
     """Slopes after a reversal with their 95 % intervals."""
     h = result.model.hysteresis
-    n, rate = h.n, result.model.validity.rate_max
+    n = h.n
     parts = [("", slice(0, n), MODEL)]
     if result.shape.rate:
-        at = f"{rate:.3g} {spell_unit(result.model.drive_unit)}/s"
-        parts = [(f"at +{at}", slice(0, n), UP), (f"at -{at}", slice(n, 2 * n), DOWN)]
+        at = f"{result.rates[-1]:.3g} {spell_unit(result.model.drive_unit)}/s"
+        parts = [(f"at up to +{at}", slice(0, n), UP), (f"at up to -{at}", slice(n, 2 * n), DOWN)]
     for label, part, color in parts:
         slope, error = result.params.slopes[part], 1.96 * result.errors.slopes[part]
         axes.errorbar(h.r, slope, error, fmt="o-", ms=4, color=color, capsize=3, lw=1, label=label)

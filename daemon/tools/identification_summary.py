@@ -48,6 +48,7 @@ def summary(
             "drive_min": v.drive_min,
             "drive_max": v.drive_max,
             "rate_max": v.rate_max,
+            "acceleration_max": v.acceleration_max,
             "band_hz": v.band_hz,
             "period_s": v.period_s,
             "drive_unit": result.model.drive_unit,
@@ -81,8 +82,9 @@ def block_name(block: Block) -> str:
 def list_intervals(result: Identification) -> dict[str, Any]:
     """Every number that the data determine, with its 95 % interval, by threshold and by power.
 
-    slopes: dz/du after each operator has joined in, at the rates +rate_max and -rate_max (static:
-    one for all rates); low and high are null where a slope stands on its bound.
+    slopes: dz/du after each operator has joined in, at the largest rate that the drive can have
+    there after a turn, `rate`, and at minus that (static: one for all rates); low and high are null
+    where a slope stands on its bound.
     """
     h, n = result.model.hysteresis, result.model.hysteresis.n
     names = ("at_rate_max", "at_minus_rate_max") if result.shape.rate else ("at_all_rates",)
@@ -90,6 +92,7 @@ def list_intervals(result: Identification) -> dict[str, Any]:
     return {
         "slopes": [
             {"threshold": float(h.r[i])}
+            | ({"rate": float(result.rates[i])} if result.shape.rate else {})
             | {
                 name: _interval(slopes[i + j * n], errors[i + j * n], bool(bound[i + j * n]))
                 for j, name in enumerate(names)

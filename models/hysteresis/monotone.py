@@ -80,18 +80,20 @@ def z_range(h: Hysteresis, drive_min: float, drive_max: float) -> tuple[float, f
 
 
 def find_wrong_way(
-    h: Hysteresis, drive_min: float, drive_max: float, rate: float = 0.0
+    h: Hysteresis, drive_min: float, drive_max: float, rate: float | Floats = 0.0
 ) -> Reversal | None:
     """The last travel after a reversal over which the slope has the wrong sign, or None.
 
-    rate: input rates from -rate to +rate are considered [drive unit / s].
+    rate: input rates from -rate to +rate are considered [drive unit / s]; (n,) for the slope after
+    each operator (dehyst.models.hysteresis.z_range.find_rates).
     """
     sign = find_direction(h, drive_min, drive_max)
+    rates = np.broadcast_to(np.asarray(rate, np.float64), h.r.shape)
     live = h.r < measure_half_range(h, drive_min, drive_max)
     ends = np.minimum(np.append(h.r[1:], np.inf), measure_half_range(h, drive_min, drive_max))
     worst: Reversal | None = None
-    for at in sorted({0.0, rate, -rate}, key=abs):
-        slopes = sign * np.cumsum(h.b + h.k * at)
+    for at in (0.0 * rates, rates, -rates) if rates.any() else (rates,):
+        slopes = sign * (np.cumsum(h.b) + at * np.cumsum(h.k))
         width = 2.0 * (ends - h.r) * live
         bad = np.flatnonzero((slopes <= 0.0) & (width > 0.0))
         if bad.size == 0:
@@ -101,7 +103,13 @@ def find_wrong_way(
         wrong = back * _find_steepest(h, drive_min, drive_max)
         j = int(bad[-1])
         found = Reversal(
-            j, 2.0 * h.r[j], 2.0 * float(ends[j]), sign * float(slopes[j]), sign, at, wrong
+            j,
+            2.0 * h.r[j],
+            2.0 * float(ends[j]),
+            sign * float(slopes[j]),
+            sign,
+            float(at[j]),
+            wrong,
         )
         if worst is None or found.wrong_way > worst.wrong_way:
             worst = found

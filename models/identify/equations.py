@@ -2,12 +2,15 @@
 
 With D_i = H_i - H_{i+1} (the last: H_n) the model is z = sum_i s_i(v) D_i, where s_i is the i-th
 partial sum of the weights at the rate v: the slope dz/du after the (i-1)-th operator has joined
-in. Over rates from -R to R it runs linearly from beta_i to alpha_i,
+in. Over rates from -R_i to R_i it runs linearly from beta_i to alpha_i,
 
-    s_i(v) = alpha_i (1 + v/R) / 2 + beta_i (1 - v/R) / 2 ,
+    s_i(v) = alpha_i (1 + v/R_i) / 2 + beta_i (1 - v/R_i) / 2 ,
 
-so that monotonicity over the whole rate range is alpha_i >= eps and beta_i >= eps. The saturation
-is S(z) = z + sum_j c_j z^j: the scale shared by weights and polynomial is fixed by c_1 = 1.
+so that monotonicity over the whole rate range is alpha_i >= eps and beta_i >= eps. R_i is the
+largest rate up to which the slope s_i is bounded: R, the largest rate of all, or the largest at
+which the drive can meet it after a turn (dehyst.models.hysteresis.z_range.find_rates). The
+saturation is S(z) = z + sum_j c_j z^j: the scale shared by weights and polynomial is fixed by
+c_1 = 1.
 
 Rows come in lots of bounded size; the Jacobian of one lot is all that is held.
 """
@@ -31,7 +34,7 @@ Ints = NDArray[np.int64]
 
 
 class Equations(NamedTuple):
-    """d: (n, M) play differences D_i; e: (n, M) v / R times these, both as the sensor's lag
+    """d: (n, M) play differences D_i; e: (n, M) v / R_i times these, both as the sensor's lag
     passes them on, or (n, 0) where no rate is wanted; y: (n,); group: (n,)
     recording number; piece: (n,) stretch of the drive; pace: (n,) v / R; weight: how often each of
     these equations counts."""
@@ -122,7 +125,7 @@ def make_equations(
     picks: Sequence[Bools],
     r: Floats,
     offsets: tuple[float, float],
-    rate_max: float,
+    rates: Floats,
     sign: float,
     lag: Dynamics | None = None,
     rate: bool = True,
@@ -130,9 +133,11 @@ def make_equations(
     """Lots of equations for the picked rows of each recording; the plays see every row.
 
     offsets: of the drive, for the plays and for what the rate does with them, which are settled
-    where the two differ; lag: what acts on drive or sensor; rate: whether the rate's columns are
-    wanted.
+    where the two differ; rates: (M,) R_i; lag: what acts on drive or sensor; rate: whether the
+    rate's columns are wanted.
     """
+    rate_max = float(rates[-1])
+    shares = rates / rate_max if rate_max > 0.0 else np.ones(r.size)
     for number, (one, pick) in enumerate(zip(rows, picks, strict=True)):
         if lag is not None:
             one = lag.before(one)
@@ -155,7 +160,7 @@ def make_equations(
                     continue
                 d, at = d[keep], at[keep]
             pace = one.rate[part][at] / rate_max if with_rate else np.zeros(at.size)
-            e = d * pace[:, None] if rate else np.empty((at.size, 0))
+            e = d * (pace[:, None] / shares) if rate else np.empty((at.size, 0))
             if rate:
                 e[:, -1] += (offsets[0] - offsets[1]) * pace
             if through is not None:

@@ -23,19 +23,27 @@ from dehyst.models.identify.fit import Solution, make_bounds, make_start, solve
 from dehyst.models.identify.pull import find_share, make_pull, weigh_pull
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, Trial
-from dehyst.models.identify.thresholds import Prior, eliminate, regrid, space_thresholds
+from dehyst.models.identify.thresholds import (
+    Prior,
+    at_one_rate,
+    change_rates,
+    eliminate,
+    regrid,
+    space_thresholds,
+)
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """The model's numbers. r: (n,) thresholds; free: unknowns off their bounds; strength: of the
-    prior; scored: the structure on these operators, as it foretells stretches; costly: the data
-    want what no invertible model gives; unreachable: rms of that on a drive of all kinds;
-    equations: what was fitted, the pull's last; normal: the normal equations at the end, the
-    prior's with them."""
+    """The model's numbers. setup: what they belong to; r: (n,) thresholds; free: unknowns off
+    their bounds; strength: of the prior; scored: the structure on these operators, as it foretells
+    stretches; costly: the data want what no invertible model gives; unreachable: rms of that on a
+    drive of all kinds; equations: what was fitted, the pull's last; normal: the normal equations
+    at the end, the prior's with them."""
 
+    setup: FitSetup
     r: Floats
     shape: Shape
     params: Params
@@ -56,7 +64,27 @@ def fit_all(
     tried: Sequence[Candidate] = (),
 ) -> Fitted:
     """Fit the structure of a candidate, found on `coarse` thresholds, to all rows. tried: others,
-    of which one with the second power of z may take its place."""
+    of which one with the second power of z may take its place.
+
+    Where the data want what a model cannot give whose slopes are positive at every rate, they are
+    positive up to the rates that the drive can have after a turn. Structures are compared without
+    that freedom, in which a rate-dependence may pass for a lag.
+    """
+    found = _fit(setup, best, coarse, order, tried)
+    by_turns = replace(setup, by_turns=True)
+    slower = by_turns.rates(found.r) < setup.rate_max
+    if not (found.costly and found.shape.rate and slower.any()):
+        return found
+    return _fit(by_turns, best, coarse, order, tried)
+
+
+def _fit(
+    setup: FitSetup,
+    best: Candidate,
+    coarse: Floats,
+    order: int | None,
+    tried: Sequence[Candidate],
+) -> Fitted:
     finest = TUNING.fine if order is None else max(TUNING.finest, order)
     if order is None:
         r = space_thresholds(finest, setup.span, setup.wide, TUNING.spacing)
@@ -64,7 +92,8 @@ def fit_all(
         r = space_thresholds(finest, setup.span)
     some = thin(setup.picks, TUNING.rows_compared)
     shape, offset, lag = best.shape, best.offset, best.lag
-    start = regrid(best.params, coarse, r, shape)
+    shares = setup.rates(r) / setup.rate_max if shape.rate else 1.0
+    start = regrid(best.params, coarse, r, shape, shares)
     trial = Trial(setup, some, r, offset, lag, best.loose)
     trial.linearise(start, shape, shape.powers)
     weighed = weigh(trial, shape)
@@ -122,7 +151,9 @@ def fit_all(
     rows = sum(lot.y.size for lot in alone)
     off = float(np.sqrt(measure_misfit(alone, shape, tight.params) / max(1, rows)))
     every = equations + pull
-    return Fitted(r, shape, tight.params, tight.free, scored, costly, off, every, normal, orders)
+    return Fitted(
+        setup, r, shape, tight.params, tight.free, scored, costly, off, every, normal, orders
+    )
 
 
 def find_bent(setup: FitSetup, best: Candidate, tried: Sequence[Candidate]) -> Shape | None:
@@ -157,8 +188,16 @@ def _reduce(
     """The `order` thresholds whose loss costs least, and the errors of all orders above."""
     normal = prior.add_to(found.normal, shape.rate, strength)
     low, _ = make_bounds(found.params, setup.limits)
+    if setup.by_turns:
+        shares = setup.rates(r) / setup.rate_max
+        normal = at_one_rate(normal, shares)
+        low[: 2 * r.size][np.tile(shares < 1.0, 2)] = -np.inf
     grids = eliminate(normal, normal, low, r.size, shape.rate, order)
     orders = tuple((len(g.kept), float(np.sqrt(g.held / max(1, normal.count)))) for g in grids)
     kept = list(grids[-1].kept)
     like = make_start(order, shape, setup.slope, len(setup.rows))
-    return r[kept], replace(found, params=Params.unpacked(grids[-1].p, like)), orders
+    params = Params.unpacked(grids[-1].p, like)
+    if setup.by_turns:
+        slopes = change_rates(params.slopes, setup.rates(r[kept]) / setup.rate_max)
+        params = params._replace(slopes=slopes)
+    return r[kept], replace(found, params=params), orders

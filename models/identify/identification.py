@@ -86,7 +86,8 @@ class Identification:
 
     residuals: one (N,) array per recording, y - model, NaN where there is none; used: (N,) rows
     that were fitted; shape, offset: the structure; params, errors: packed parameters and their
-    standard errors (0: on the bound); tried, orders: what the hold-out compared; couplings: from
+    standard errors (0: on the bound); rates: (n,) at which the slopes are given and up to which
+    they are positive; tried, orders: what the hold-out compared; couplings: from
     other axes, which the model has as blocks; notes: what a reader should be told.
     """
 
@@ -96,6 +97,7 @@ class Identification:
     shape: Shape
     params: Params
     errors: Params
+    rates: Floats
     at_bound: Bools
     tried: tuple[Candidate, ...]
     orders: tuple[tuple[int, float], ...]
@@ -189,7 +191,7 @@ class _Found:
     def residuals(self) -> tuple[Floats, ...]:
         """(N,) y - model of each recording."""
         f = self.fitted
-        return self.setup.residuals(f.r, f.shape, f.params, self.offset, self.lag)
+        return f.setup.residuals(f.r, f.shape, f.params, self.offset, self.lag)
 
 
 def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) -> _Found:
@@ -218,8 +220,9 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         progress(f"fitting {best.shape.name} to all rows")
         fitted = fit_all(setup, best, search.r, options.order, others)
         shape = fitted.shape
-        turns = setup.margin(fitted.r, shape, fitted.params, best.offset) < TUNING.least_saturation
-        strays = _left(setup, best, fitted, search.picks) > TUNING.strays * best.held_rms
+        margin = fitted.setup.margin(fitted.r, shape, fitted.params, best.offset)
+        turns = margin < TUNING.least_saturation
+        strays = _left(best, fitted, search.picks) > TUNING.strays * best.held_rms
         if not (strays or (turns and options.monotone)) or shape.powers == (0,):
             break
         others = []
@@ -245,9 +248,10 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     return _Found(setup, best, search.r, fitted, tried, notes)
 
 
-def _left(setup: FitSetup, best: Candidate, fitted: Fitted, picks: Sequence[Bools]) -> float:
+def _left(best: Candidate, fitted: Fitted, picks: Sequence[Bools]) -> float:
     """Rms of what is left of these rows."""
-    errors = setup.residuals(fitted.r, fitted.shape, fitted.params, best.offset, best.lag)
+    setup, shape = fitted.setup, fitted.shape
+    errors = setup.residuals(fitted.r, shape, fitted.params, best.offset, best.lag)
     each = [error[pick] for error, pick in zip(errors, picks, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(each) ** 2)))
 
@@ -290,6 +294,7 @@ def _require_one_stage(
             continue
         own = replace(setup, rows=[one], picks=[pick])
         fitted = fit_all(own, start, f.r, options.order)
+        own = fitted.setup
         left = own.residuals(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)[0]
         alone.append(rms(left[pick]))
         together.append(rms(error[pick]))
@@ -303,7 +308,8 @@ def _result(
     found: _Found, residuals: Sequence[Floats], recordings: Sequence[Recording]
 ) -> Identification:
     """The model and its worth."""
-    setup, picks, fitted = found.setup, found.setup.picks, found.fitted
+    fitted, picks = found.fitted, found.setup.picks
+    setup = fitted.setup
     cov = estimate_covariance(
         fitted.equations, fitted.shape, fitted.params, fitted.free, fitted.normal
     )
@@ -312,12 +318,12 @@ def _result(
     size = sum(int(np.count_nonzero(p)) for p in picks)
     left = float(np.sqrt(power / size))
     rivals = [c for c in found.tried if is_rival(found.best, c)]
-    spread = measure_spread(setup, found.coarse, found.best, rivals)
+    spread = measure_spread(found.setup, found.coarse, found.best, rivals)
     band = estimate_band(setup, fitted, found.offset, cov, (left, spread, noise))
     model = setup.model(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)
-    rate_max = setup.rate_max if fitted.shape.rate else 0.0
+    rates = setup.rates(fitted.r) if fitted.shape.rate else 0.0
     if setup.limits is not None and not is_invertible(
-        model.hysteresis, setup.drive_min, setup.drive_max, rate_max
+        model.hysteresis, setup.drive_min, setup.drive_max, rates
     ):  # the bounds should see to it; a model that cannot be inverted must never be written
         raise NotInvertible(
             f"{setup.rows[0].name}: no invertible model was found; fix a simpler one with "
@@ -346,6 +352,7 @@ def _result(
         shape=fitted.shape,
         params=fitted.params,
         errors=errors,
+        rates=setup.rates(fitted.r),
         at_bound=~fitted.free,
         tried=tuple(found.tried),
         orders=fitted.orders,
@@ -368,6 +375,7 @@ def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
         drive_min=setup.drive_min,
         drive_max=setup.drive_max,
         rate_max=setup.rate_max or None,
+        acceleration_max=setup.acceleration_max or None,
         band_hz=max(bands, default=None),
         period_s=float(np.median([one.period_s for one in rows])),
     )

@@ -9,6 +9,7 @@ import numpy as np
 from dehyst.models.identify.data.outliers import thin
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Equations, Shape
+from dehyst.models.identify.evidence import Weighed, weigh
 from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.lags import LagSearch
 from dehyst.models.identify.setup import FitSetup
@@ -170,7 +171,7 @@ class Search:
                 continue
             self.progress("looking for a lag")
             if best.shape.rate:
-                out += self._try_derivative(best, tried)
+                out += self._try_derivative(best)
             found = LagSearch(self.setup, self.picks, self.r, best).find()
             if found is None or found.lag is None:
                 continue
@@ -179,25 +180,32 @@ class Search:
                 out += self._try(same, best.offset, found.lag, loose)
         return out
 
-    def _try_derivative(self, best: Candidate, tried: Sequence[Candidate]) -> list[Candidate]:
+    def _try_derivative(self, best: Candidate) -> list[Candidate]:
         """Candidates whose rate is the derivative at the sample, as a stage in continuous time has
-        it, and not the difference to the sample before; none where these tell the recording worse.
+        it, and not the difference to the sample before; none where one tells the recording clearly
+        worse.
 
-        That is a convention and no richer model: the one is taken that fits better, structure by
-        structure, where it foretells better as well, if only by a little.
+        That is a convention and no richer model: the one is taken that the evidence is for.
         """
         period = float(np.median([one.period_s for one in self.setup.rows]))
         half = Dynamics("lead", "drive", (0.5 * period,))
         trial = Trial(self.setup, self.picks, self.r, best.offset, half)
         trial.linearise(best.params, best.shape, best.shape.powers)
-        if trial.score(best.shape, (best.strength,)).fitted.sum() > best.fitted.sum():
+        most = best.fitted.sum() * (1.0 + TUNING.worth_trying)
+        if trial.score(best.shape, (best.strength,)).fitted.sum() > most:
             return []
         found = self._try([s for s in self.wanted if s.rate], best.offset, half)
-        at_sample = {c.shape: c for c in found}
-        to_before = {c.shape: c for c in tried if c.offset == best.offset}
-        gains = [to_before[s].fitted.sum() - c.fitted.sum() for s, c in at_sample.items()]
-        foretold = min(c.held.sum() for c in found)
-        return found if np.median(gains) > 0.0 and foretold < best.held.sum() else []
+        before = self._weigh(best)
+        shapes = {best.shape, choose_structure(found).shape}
+        at_sample = [self._weigh(c, before.noise) for c in found if c.shape in shapes]
+        return found if max(w.evidence for w in at_sample) > before.evidence else []
+
+    def _weigh(self, found: Candidate, noise: float | None = None) -> Weighed:
+        """The evidence for a candidate, linearised about itself."""
+        trial = Trial(self.setup, self.picks, self.r, found.offset, found.lag, found.loose)
+        trial.linearise(found.params, found.shape, found.shape.powers)
+        trial.linearise(trial.refine(found), found.shape, found.shape.powers)
+        return weigh(trial, found.shape, noise)
 
 
 def _compare_beyond(noise: float, static: Candidate, rate: Candidate) -> float:

@@ -13,10 +13,15 @@ from numpy.polynomial import Polynomial
 
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
-from dehyst.models.hysteresis.z_range import find_least_slope
+from dehyst.models.hysteresis.z_range import find_least_slope, find_rates
 from dehyst.models.identify.data.folds import assign_pieces
 from dehyst.models.identify.data.outliers import measure_deviation, measure_jumps, sample, thin
-from dehyst.models.identify.data.rows import Rows, find_drive_range, find_rate_range
+from dehyst.models.identify.data.rows import (
+    Rows,
+    find_acceleration,
+    find_drive_range,
+    find_rate_range,
+)
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import (
     Equations,
@@ -34,13 +39,18 @@ from dehyst.models.recording import Bools, Floats
 @dataclass(frozen=True)
 class FitSetup:
     """What all candidates share. picks: rows of each recording that stand as equations; sign: of
-    the displacement by the drive; least: lowest slope allowed or None; slope: the mean slope."""
+    the displacement by the drive; limits: lowest and highest slope allowed or None; slope: the mean
+    slope; rate_max, acceleration_max: largest rate of the drive and largest change of it; period_s:
+    the longest sampling period; by_turns: after a turn a slope is bounded up to the rate that the
+    drive can have there, and not up to the largest rate of all."""
 
     rows: Sequence[Rows]
     picks: Sequence[Bools]
     drive_min: float
     drive_max: float
     rate_max: float
+    acceleration_max: float
+    period_s: float
     sign: float
     slope: float
     limits: tuple[float, float] | None
@@ -48,6 +58,7 @@ class FitSetup:
     folds: int
     notes: tuple[str, ...] = ()
     running: float | None = None
+    by_turns: bool = False
 
     @property
     def offsets(self) -> tuple[float, ...]:
@@ -95,6 +106,11 @@ class FitSetup:
         """Drive range."""
         return self.drive_max - self.drive_min
 
+    def rates(self, r: Floats) -> Floats:
+        """(n,) largest rate up to which the slope after each operator is bounded."""
+        acceleration = self.acceleration_max if self.by_turns else None
+        return find_rates(r, self.rate_max, acceleration, self.period_s)
+
     def equations(
         self,
         picks: Sequence[Bools],
@@ -110,7 +126,7 @@ class FitSetup:
                 picks,
                 r,
                 (self.centre(offset), offset),
-                self.rate_max,
+                self.rates(r),
                 self.sign,
                 lag,
                 rate,
@@ -128,7 +144,7 @@ class FitSetup:
         n = r.size
         if shape.rate:
             alpha, beta = params.slopes[:n], params.slopes[n:]
-            p, q = 0.5 * (alpha + beta), 0.5 * (alpha - beta) / self.rate_max
+            p, q = 0.5 * (alpha + beta), 0.5 * (alpha - beta) / self.rates(r)
         else:
             p, q = params.slopes, np.zeros(n)
         c = np.zeros(max((1, *shape.powers)) + 1)
@@ -157,7 +173,7 @@ class FitSetup:
         """Least slope of the saturation over what the model can reach, relative to its mean."""
         h = self.hysteresis(r, shape, params, offset)
         return find_least_slope(
-            h, self.drive_min, self.drive_max, self.rate_max if shape.rate else 0.0
+            h, self.drive_min, self.drive_max, self.rates(r) if shape.rate else 0.0
         )
 
     def model(
@@ -235,6 +251,7 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     notes: list[str] = []
     low, high = find_drive_range(rows)
     rate_max = find_rate_range(rows)
+    acceleration_max = find_acceleration(rows, rate_max)
     allowed, beyond = [], 0
     for one in rows:
         with np.errstate(invalid="ignore"):
@@ -269,7 +286,20 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     sign = -1.0 if slope < 0 else 1.0
     folds = assign_pieces(rows, picks, low, high)
     return FitSetup(
-        rows, picks, low, high, rate_max, sign, size, limits, virgin, folds, tuple(notes), running
+        rows,
+        picks,
+        low,
+        high,
+        rate_max,
+        acceleration_max,
+        max(one.period_s for one in rows),
+        sign,
+        size,
+        limits,
+        virgin,
+        folds,
+        tuple(notes),
+        running,
     )
 
 

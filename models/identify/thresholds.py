@@ -32,11 +32,36 @@ def space_thresholds(n: int, drive_span: float, whole: bool = False, power: floa
     return np.concatenate([inner, (1.0 + np.arange(wide) / max(wide, 1)) * drive_span / 2.0])
 
 
-def regrid(params: Params, coarse: Floats, fine: Floats, shape: Shape) -> Params:
-    """The same slopes on other thresholds: each takes those of the next wider-set one below."""
+def regrid(
+    params: Params, coarse: Floats, fine: Floats, shape: Shape, shares: Floats | float = 1.0
+) -> Params:
+    """The same slopes on other thresholds: each takes those of the next wider-set one below.
+
+    shares: of the rates at which the slopes are given, those at which they are wanted.
+    """
     at = np.searchsorted(coarse, fine, side="right") - 1
-    parts = np.split(params.slopes, 2) if shape.rate else [params.slopes]
-    return params._replace(slopes=np.concatenate([part[at] for part in parts]))
+    if not shape.rate:
+        return params._replace(slopes=params.slopes[at])
+    slopes = np.concatenate([part[at] for part in np.split(params.slopes, 2)])
+    return params._replace(slopes=change_rates(slopes, shares))
+
+
+def change_rates(slopes: Floats, shares: Floats | float) -> Floats:
+    """(2n,) the same slopes, alpha then beta, at these shares of the rates: they are linear in the
+    rate."""
+    alpha, beta = np.split(slopes, 2)
+    p, q = 0.5 * (alpha + beta), 0.5 * (alpha - beta) * shares
+    return np.concatenate([p + q, p - q])
+
+
+def at_one_rate(eq: Normal, shares: Floats) -> Normal:
+    """Normal equations whose slopes are given at these shares of one rate, for slopes at that rate
+    itself: there neighbours that are alike have one slope, whatever the rate."""
+    turn = np.eye(eq.right.size)
+    size = 2 * shares.size
+    columns = [change_rates(one, shares) for one in np.eye(size)]
+    turn[:size, :size] = np.transpose(columns)
+    return Normal(turn.T @ eq.gram @ turn, turn.T @ eq.right, eq.total, eq.count, eq.misfit)
 
 
 @dataclass(frozen=True)

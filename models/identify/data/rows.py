@@ -229,3 +229,16 @@ def find_rate_range(rows: Sequence[Rows]) -> float:
     rates = np.concatenate([np.abs(sample(r.rate[r.use])) for r in rows])
     moving = rates[rates > 0]
     return float(min(moving.max(), 1.5 * np.quantile(moving, 0.99))) if moving.size else 0.0
+
+
+def find_acceleration(rows: Sequence[Rows], rate_max: float) -> float:
+    """Largest change of the rate from sample to sample [drive unit / s^2], jumps left out that are
+    faster than rate_max. A drive with corners, or one that is read with noise, has a large one."""
+    largest = 0.0
+    for one in rows:
+        with np.errstate(invalid="ignore"):
+            rate = np.where(np.abs(one.rate) <= rate_max * (1.0 + 1e-9), one.rate, np.nan)
+        change = np.abs(np.diff(rate))
+        if not np.isnan(change).all():
+            largest = max(largest, float(np.nanmax(change)) / one.period_s)
+    return largest

@@ -1,6 +1,6 @@
 """Does a model from one recording foretell the next one? Other waveforms, sizes and rates.
 
-    python -m tests.benchmarks.models.foretell [paper peer bias real static band public]
+    python -m tests.benchmarks.models.foretell [paper peer bias real static band turns public]
 
 Prints a table for each part and, last, its bars; ends with 0, 1 or 77 as tests/benchmarks/bars.py
 says. Real recordings are looked for in $DEHYST_DATA.
@@ -18,7 +18,11 @@ sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
 from tests.benchmarks.bars import Bars  # noqa: E402
 from tests.benchmarks.models import foretell_cases as cases  # noqa: E402
-from tests.benchmarks.models import identify_faults, public_operator  # noqa: E402
+from tests.benchmarks.models import (  # noqa: E402
+    foretell_turns,
+    identify_faults,
+    public_operator,
+)
 
 from dehyst.daemon.files.recordings import read_recording  # noqa: E402
 from dehyst.models.cascade.simulate import simulate  # noqa: E402
@@ -247,6 +251,12 @@ def band(bars: Bars) -> None:
     bars.most("instants within the band, %", 100 * float(np.mean(hits)), 99.0)
 
 
+def turns(bars: Bars) -> None:
+    """7: Eq. 12 with corners in the drive, and tracked; nm rms, largest of the seeds."""
+    foretell_turns.measure_corners(SEEDS, bars)
+    foretell_turns.measure_tracking(SEEDS, bars)
+
+
 def public(bars: Bars) -> None:
     """8: a public operator with the parameters that are published with it, on the stack's
     recordings that it came with; rms without the mean, % of span."""
@@ -269,7 +279,7 @@ def public(bars: Bars) -> None:
         bars.most(f"{rec.name}: over the public operator's", a / min(b, c), 1.0)
 
 
-PARTS = (paper, peer, bias, real, static, band, public)
+PARTS = (paper, peer, bias, real, static, band, turns, public)
 
 
 def main() -> int:

@@ -44,14 +44,16 @@ def test_identify_writes_model_and_report(
     bounds = [one[name] for one in slopes for name in ("at_rate_max", "at_minus_rate_max")]
     assert all(b["low"] is None or b["low"] < b["value"] < b["high"] for b in bounds)
     assert any(b["low"] is None for b in bounds)  # this stage would want to run back
-    rate = model.validity.rate_max
-    top = np.cumsum(model.hysteresis.b) + rate * np.cumsum(model.hysteresis.k)
+    rates = np.array([one["rate"] for one in slopes])
+    top = np.cumsum(model.hysteresis.b) + rates * np.cumsum(model.hysteresis.k)
     assert [one["at_rate_max"]["value"] for one in slopes] == pytest.approx(top)
+    assert rates[0] < rates[-1] == model.validity.rate_max  # where a turn has just been
     for one in said["parameters"]["saturation"]:
         assert one["low"] < model.hysteresis.c[one["power"]] < one["high"]
     assert model.provenance.recordings == (("run.csv", read_recording(recording).sha256),)
     assert model.provenance.created
     assert model.validity.rate_max == pytest.approx(196, rel=0.02)
+    assert model.validity.acceleration_max == pytest.approx(10_860, rel=0.01)  # (2 pi f)^2 a, added
     assert model.validity.band_hz == pytest.approx(10, rel=0.1)
     page = (folder / "r" / "report.html").read_text("utf-8")
     pictures = re.findall(r'<img alt="([^"]*)" src="data:image/png;base64,', page)

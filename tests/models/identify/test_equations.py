@@ -1,5 +1,7 @@
 """Equations of the fit against independent references: finite differences, plain numpy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ def _recording(seed: int = 0) -> Recording:
     return Recording(t, u, 1.2 * u + 0.1 * rng.standard_normal(t.size))
 
 
+RATES = np.array([40.0, 90.0, 200.0, 200.0])
 SHAPES = [Shape(False, (0, 3)), Shape(True, (0, 2, 3)), Shape(True, (0, 3, 5))]
 
 
@@ -25,7 +28,7 @@ SHAPES = [Shape(False, (0, 3)), Shape(True, (0, 2, 3)), Shape(True, (0, 3, 5))]
 def test_jacobian_is_the_derivative(shape: Shape) -> None:
     rows = [read_rows(_recording(0)), read_rows(_recording(1))]
     r = np.array([0.0, 0.1, 0.7, 1.9])
-    block = next(iter(make_equations(rows, [x.use for x in rows], r, (0.5, 0.5), 200.0, 1.0)))
+    block = next(iter(make_equations(rows, [x.use for x in rows], r, (0.5, 0.5), RATES, 1.0)))
     rng = np.random.default_rng(5)
     params = Params(
         rng.uniform(0.5, 1.5, 8 if shape.rate else 4), rng.normal(0, 1e-3, len(shape.powers)),
@@ -50,18 +53,21 @@ def test_jacobian_is_the_derivative(shape: Shape) -> None:
     assert eq.misfit_at(p) == pytest.approx(err @ err, rel=1e-6)
 
 
+@pytest.mark.parametrize("by_turns", [False, True])
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda s: s.name)
-def test_equations_and_forward_model_agree(shape: Shape) -> None:
+def test_equations_and_forward_model_agree(shape: Shape, by_turns: bool) -> None:
     """What the equations leave is what the written model leaves when it is run."""
     rec = _recording()
     rows = [read_rows(rec)]
-    setup = set_up(rows, True)
+    setup = replace(set_up(rows, True), by_turns=by_turns)
     r = np.array([0.0, 0.1, 0.7, 1.9])
     rng = np.random.default_rng(7)
     slopes = rng.uniform(0.5, 1.5, 8 if shape.rate else 4)
     params = Params(slopes, rng.normal(0, 1e-3, len(shape.powers)), np.zeros(0))
     (error,) = setup.residuals(r, shape, params, 0.3)
     h = setup.hysteresis(r, shape, params, 0.3)
+    (lot,) = setup.equations(setup.picks, r, 0.3, rate=shape.rate)
+    np.testing.assert_allclose(linearise(lot, shape, params)[1], error[setup.picks[0]], atol=1e-9)
     np.testing.assert_allclose(
         error, rec.displacement - simulate_hysteresis(h, rec.drive, 1e-3), atol=1e-9
     )
