@@ -74,11 +74,12 @@ def _find_in_few_places(
     problem: Problem, sigma: float, null: JointFit, say: Progress, forbidden: Sequence[str]
 ) -> Found:
     """The same where the drive repeats itself within so few samples that a rich base can give each
-    its own value, and takes all that the drive causes. That is told over a compact base alone, and
-    only where it takes by far the most of what this leaves: a loop of another class leaves less."""
-    driven = [c for c in library(problem.data) if c.driven]
-    unseen = [c.key for c in driven if not c.late]
-    keys = [c.key for c in driven]
+    its own value, and takes all that the drive causes within a period. What comes late is told over
+    a compact base alone, and only where it takes by far the most of what this leaves: a loop of
+    another class leaves less."""
+    within = [c for c in library(problem.data) if c.driven and not c.lasting]
+    unseen = [c.key for c in within if not c.late]
+    keys = [c.key for c in within]
     over_rich = _search(problem, sigma, null, say, (*forbidden, *keys))
     subject = problem.subject
     own = replace(subject, carries=subject.given and subject.carries)  # one that an effect may have
@@ -86,7 +87,7 @@ def _find_in_few_places(
     plain = replace(problem, base=compact_base(problem.data), subject=own)
     alone, share = plain.solve([]), TUNING.few_places_share
     other = _search(plain, sigma, alone, say, (*forbidden, *unseen), share)
-    caused = any(e.candidate.driven for e in other.accepted.effects)
+    caused = any(e.candidate.late for e in other.accepted.effects)
     return Found(other if caused and tells_what_is_late(problem, sigma) else over_rich, over_rich)
 
 

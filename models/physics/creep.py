@@ -156,6 +156,7 @@ class Creep(Candidate):
     confused_with = ("drift", "lag")
     order = 20
     mode = "output"
+    lasting = True
     limit_unit = "1/decade"
     size_index = 0
 

@@ -109,7 +109,7 @@ class SelfHeating(Candidate):
     revealed_by = "a burst of fast full strokes, then a hold"
     confused_with = ("creep", "rate")
     order = 52
-    slow = True
+    slow = lasting = True
 
     def __init__(self, data: Data) -> None:
         self._longest = float(data.t.max() - data.t.min())

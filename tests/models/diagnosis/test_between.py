@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from tests.models.diagnosis.test_subject import plain
 from tests.rigs.diagnosis import diagnose_without_limits
+from tests.rigs.plants.effects import memory
 
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.diagnosis.base import compact_base
@@ -101,6 +102,24 @@ def test_what_comes_late_is_told_once_where_the_drive_is_seen_in_few_places() ->
     then = still_open(problem, behind, library(data))
     assert {"delay", "lag", "slew"} <= {c.name for c in first if c.late}
     assert not [c.name for c in then if c.late]
+
+
+def test_creep_is_told_where_the_drive_is_seen_in_few_places() -> None:
+    """It shows from one period to the next: 3 % of a move a decade, by convolution."""
+    rate = 50.0
+    t = np.arange(40 * 8 * int(rate)) / (8 * rate)
+    given = []
+    for k, swing in enumerate((4.6, 3.8)):
+        u = 5.0 - swing * np.cos(2 * np.pi * 2.0 * t)
+        x = plain(u)
+        x = x + 0.03 * memory(x, np.log10(1.0 + t / 0.1))
+        y = x[::8] + NOISE_UM * np.random.default_rng(k).standard_normal(x[::8].size)
+        given.append(Recording(t[::8], u[::8], y, name=f"{k}.csv"))
+    assert places_seen(prepare(given)) < 60
+    d = diagnose_without_limits(given)
+    assert d.findings[0].name == "creep"
+    gain = d.findings[0].parameters["gain_per_decade"]
+    assert gain.low < 0.03 < gain.high
 
 
 def test_one_recording_of_ten_places_says_that_it_cannot_tell_what_is_late() -> None:

@@ -300,6 +300,13 @@ CHANGES = [
             "one delay is told as two",
         ),
         Change(
+            "no-creep-in-few-places",
+            FIND,
+            "if c.driven and not c.lasting]",
+            "if c.driven]",
+            "creep is not looked for where a base gives each place of the drive its own value",
+        ),
+        Change(
             "the-first-order-alone",
             SEARCH,
             "if not c.late or not problem.few_places:",
