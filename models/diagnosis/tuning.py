@@ -38,6 +38,7 @@ class Tuning(NamedTuple):
     driven_share: float = 0.12  # where the drive causes it
     driven_size: float = 0.17
     static_size: float = 0.3  # where it resembles a hysteresis of another shape
+    as_a_line: float = 0.9  # of a mode's gain, that a line may make of one loop alone
     one_loop_size: float = 0.5  # where the drive causes it, and goes round one loop alone
     sure_size: float = 0.18  # the same, where it takes much and is the same everywhere:
     sure_share: float = 0.45

@@ -97,6 +97,7 @@ class Candidate:
     past: bool = False  # a slow one that began before the recording: told beside a smaller rest
     static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
     minima: int = 1  # starts that are refitted: its misfit may have so many minima
+    rings: bool = False  # where the drive goes round one loop alone, a line may look like it
     lasting: bool = False  # shows from one period of the drive to the next, not within one
     late: bool = False  # the displacement comes late: told also where the drive repeats itself
     # within few samples, and of all such causes one alone

@@ -154,6 +154,7 @@ class Resonance(Candidate):
     limit_unit = "Hz"
     limit_side = "below"
     repeatable = True
+    rings = True
     rival_if_implausible = False
     bounds_told = False
     size_index = 2

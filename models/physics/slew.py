@@ -92,7 +92,7 @@ class Slew(Candidate):
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         top = float(self._rates[-1])
         quantiles = np.quantile(self._rates, (0.8, 0.9, 0.96, 0.99, 0.997))
-        rates = [*quantiles, 0.3 * top, 0.1 * top, 0.03 * top]
+        rates = [*quantiles, *(top * np.geomspace(0.03, 0.8, 8))]
         inside = sorted({float(r) for r in rates if 2e-3 * top < r < 0.95 * top})
         return [(r,) for r in inside]
 

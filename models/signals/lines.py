@@ -26,6 +26,7 @@ AS_STRONG = 0.5  # of a line's height over its neighbours, that a product's must
 AS_HIGH = 0.7  # of what the drive's line would make, that a residual's must reach to be no product,
 MINOR = 0.05  # where the drive's line is no more than this part of its strongest
 BLIND = 1 / 3  # of the frequencies, that the harmonics of the whole may take
+NEAR = 0.05  # of a mode's frequency, within which a line may stand for it
 MOST_STEPS = 801  # of frequency
 STANDS_OUT = 4.5  # amplitude over the rms of its neighbourhood; by chance once in 1e5 records
 
@@ -77,6 +78,20 @@ def find_lines(data: Data, residual: Floats, count: int = MAX_LINES) -> list[flo
         found.append(f0)
         work = work - _line(data, work, f0)
     return found
+
+
+def gain_of_line(data: Data, residual: Floats, near_hz: float) -> float:
+    """Fall of the sum of squares by one line near a frequency, of any phase in each recording."""
+    grid = near_hz * np.linspace(1.0 - NEAR, 1.0 + NEAR, MOST_STEPS)
+    gain = np.zeros(grid.size)
+    for i in range(len(data.names)):
+        here = data.rec == i
+        counted = data.rows[here]
+        e = np.where(counted, residual[here] - residual[here][counted].mean(), 0.0)
+        size = PADDED * e.size
+        power = 2.0 * np.abs(np.fft.rfft(e, size)) ** 2 / max(int(counted.sum()), 1)
+        gain += np.interp(grid, np.fft.rfftfreq(size, float(data.dt[here][0])), power)
+    return float(gain.max())
 
 
 def is_of_the_drive(data: Data, residual: Floats, here: Bools, f: float) -> bool:

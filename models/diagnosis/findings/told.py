@@ -12,11 +12,13 @@ from dehyst.models.diagnosis.judge import SearchState
 from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Candidate
+from dehyst.models.signals.lines import gain_of_line
 
 
 def worth_telling(found: SearchState) -> SearchState:
-    """Without the effects that do not help on held-out samples."""
-    problem, final, sigma = found.problem, found.accepted, found.sigma
+    """Without the effects that do not help on held-out samples, or may be another's."""
+    problem, sigma = found.problem, found.sigma
+    final = _without_lines(found)
     first = by_blocks(problem, found.null).mean_square
     while final.effects:
         whole = by_blocks(problem, final).mean_square
@@ -44,6 +46,21 @@ def worth_telling(found: SearchState) -> SearchState:
     ):
         final = found.null  # each seems to need the others, and together they foretell nothing
     return replace(found, accepted=final)
+
+
+def _without_lines(found: SearchState) -> JointFit:
+    """The fit without modes that may be lines of the surroundings, of which a drive that goes round
+    one loop alone tells not whose they are."""
+    problem, final = found.problem, found.accepted
+    if not problem.one_loop_alone:
+        return final
+    for e in [e for e in final.effects if e.candidate.rings]:
+        rest = [o for o in final.effects if o is not e]
+        left = problem.solve(rest, problem.output_of(final))
+        line = gain_of_line(problem.data, left.residual(problem.data), e.theta[0])
+        if line > TUNING.as_a_line * (left.sse - final.sse):
+            final = _without(found, final.effects, e)
+    return final
 
 
 def only_told(found: SearchState) -> SearchState:

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from tests.models.diagnosis.test_names import bouc_wen
 from tests.models.diagnosis.test_subject import DT, NOISE_UM, N, drive, plain, recordings
 from tests.rigs.diagnosis import diagnose_without_limits
@@ -110,3 +111,38 @@ def test_a_limit_holds_when_the_effect_is_put_in(name: str) -> None:
         ]
     d = diagnose_without_limits(given)
     assert name in {n for f in d.findings for n in (f.name, *f.ambiguous_with)}
+
+
+def test_a_line_on_a_harmonic_of_one_loop_is_no_resonance() -> None:
+    """60 Hz in the reading of a 1 Hz triangle: nobody can say whose it is, and no mode stands for
+    it."""
+    t = np.arange(12_000) * DT
+    u = 8.0 * (1.0 - np.abs(2.0 * np.mod(t, 1.0) - 1.0))
+    hum = 0.15 * np.sin(2 * np.pi * 59.986 * t + 0.7)
+    noise = NOISE_UM * np.random.default_rng(6).standard_normal(t.size)
+    d = diagnose_without_limits([Recording(t, u, plain(u) + hum + noise, name="one.csv")])
+    check_rules(d)
+    assert "unknown" in {f.name for f in d.findings}
+    assert not {"resonance", "delay", "lag"} & {f.name for f in d.findings}
+
+
+def test_a_slew_limit_that_few_moves_meet_is_found() -> None:
+    """A tenth of a second of steps, limited to a third of their speed: the search begins near
+    enough to any limit."""
+    rng = np.random.default_rng(8)
+    t = np.arange(8000) * DT
+    levels = np.r_[0.0, rng.uniform(0.5, 9.5, 9)]
+    u = lfilter([0.5], [1.0, -0.5], levels[np.minimum((t / 0.8).astype(int), 9)])
+    smooth = drive(0)[: t.size]
+    given = []
+    for k, one in enumerate((u, smooth)):
+        v = np.empty(one.size)
+        v[0] = one[0]
+        for i in range(1, v.size):
+            v[i] = v[i - 1] + np.clip(one[i] - v[i - 1], -0.9, 0.9)
+        y = plain(v) + NOISE_UM * np.random.default_rng(k).standard_normal(t.size)
+        given.append(Recording(t, one, y, name=f"m{k}.csv"))
+    d = diagnose_without_limits(given)
+    assert d.findings[0].name == "slew"
+    value = d.findings[0].parameters["rate_v_per_s"]
+    assert value.low < 900.0 < value.high
