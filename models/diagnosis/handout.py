@@ -144,11 +144,11 @@ def _knows_each_alone(problem: Problem) -> bool:
 
 
 def _is_worse(data: Data, left: Floats, before: Floats, sigma: float) -> bool:
-    """Whether a model leaves more than the one before, by more than the noise: of any recording, in
-    its rows that count or in all."""
+    """Whether a model leaves more than the one before, by more than half the noise: of any
+    recording, in its rows that count or in all."""
     for i in range(len(data.names)):
         here = (data.rec == i) & (data.raw_index >= 0)
         for k in (here, here & data.rows):
-            if np.std(left[k]) > np.std(before[k]) + sigma:
+            if np.std(left[k]) > np.std(before[k]) + TUNING.no_worse * sigma:
                 return True
     return False

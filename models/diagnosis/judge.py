@@ -158,7 +158,8 @@ def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
     n, candidate = int(state.problem.data.rows.sum()), trial.candidate
     effect = effect_of(trial.fit, candidate.key)
     alone = candidate.is_like_no_loop(effect.theta)
-    if not (candidate.static or alone) or candidate.many:
+    like_the_loop = candidate.driven and state.problem.one_loop_alone
+    if not ((candidate.static and not like_the_loop) or alone) or candidate.many:
         return False
     noise = (TUNING.sure_size * state.sigma) ** 2
     least = noise if alone else least_power(state, candidate, TUNING.sure_size)

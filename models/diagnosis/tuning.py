@@ -103,6 +103,7 @@ class Tuning(NamedTuple):
     mostly_shape: float = 0.7  # of what is explained: more that effects leave to the base is shape
     foreign_share: float = 0.03  # of the stroke: a given model that leaves more, and
     foreign_times: float = 4.0  # times what a model of its class would, is of another stage
+    no_worse: float = 0.5  # of the noise, that an augmented model may leave more of a recording
     foretold: float = 1.03  # times what the model in use leaves of a recording, that weights from
     # the others may leave
     leanings: tuple[float, ...] = (1e-3, 1e-2, 0.1)  # weights by which a base that goes astray
