@@ -22,6 +22,7 @@ from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
 
+REACH_BEYOND = 0.25  # of the drive's range: so far another drive of the same kind may go
 REACH_SAMPLES, REACH_S = 300, 0.1  # of one way over the range, and from one to the next
 
 
@@ -90,15 +91,18 @@ def stays_in_reach(model: Model, data: Data) -> bool:
     u = slow_ways(data)
     channels = {name: np.full(u.size, data.channels[name].mean()) for name in channels_of(model)}
     y = simulate(model, REACH_S, u, channels)
-    room = TUNING.reach_room * float(np.ptp(data.y))
+    room = (TUNING.reach_room + REACH_BEYOND) * float(np.ptp(data.y))
     here = bool(np.all(np.isfinite(y)))
     return here and y.min() >= data.y.min() - room and y.max() <= data.y.max() + room
 
 
 def slow_ways(data: Data) -> Floats:
     """(3 REACH_SAMPLES,) drive from rest to the top of what was recorded, to its bottom, and back
-    to the top."""
-    low, high = data.u_min, data.u_min + data.span
+    to the top, and a little beyond: another drive of the same kind goes there."""
+    beyond = REACH_BEYOND * data.span
+    low, high = data.u_min - beyond, data.u_min + data.span + beyond
+    if data.u_min >= 0.0:
+        low = max(low, 0.0)
     rest = min(max(0.0, low), high)
     legs = [rest, high, low, high]
     return np.interp(np.linspace(0.0, 3.0, 3 * REACH_SAMPLES), np.arange(4.0), legs)
