@@ -22,7 +22,7 @@ from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
 
-REACH_BEYOND = 0.25  # of the drive's range: so far another drive of the same kind may go
+REACH_BEYOND = 0.2  # of the drive's range: so far another drive of the same kind may go
 REACH_SAMPLES, REACH_S = 300, 0.1  # of one way over the range, and from one to the next
 
 
