@@ -94,6 +94,7 @@ class Tuning(NamedTuple):
     limit_shortlist: int = 3  # and candidates that get the full refit then; where it takes all of
     limit_near: float = 0.5  # it, only those that promise such a part of what it gains
     limit_left: float = 1.0  # size of what is left, above which no effect of the drive is excluded
+    limit_beside: int = 3  # effects found, beside which none of the drive is excluded either
     limit_driven: float = 0.5  # size at which it is asked first, where the drive causes it,
     limit_free: float = 0.35  # and where it lies beside the drive
     # shape

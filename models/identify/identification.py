@@ -375,7 +375,7 @@ def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
         drive_min=setup.drive_min,
         drive_max=setup.drive_max,
         rate_max=setup.rate_max or None,
-        acceleration_max=setup.acceleration_max or None,
+        acceleration_max=(setup.acceleration_max or None) if setup.by_turns else None,
         band_hz=max(bands, default=None),
         period_s=float(np.median([one.period_s for one in rows])),
     )

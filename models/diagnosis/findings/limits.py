@@ -5,8 +5,8 @@ which the search surely accepts. Then the effect is put into the reading at that
 search goes on beside what was found; where the effect is not told, once more at a larger one. A
 strength that is never told is no limit. Nor is there one for what a found effect could be taken
 for: the search on other recordings may choose otherwise. Where more than the noise is left of what
-the drive does, an effect of the drive would be weighed against that, and none is excluded. What is
-stated is a little more: a stage's effect is not the library's to the last digit. What stays below
+the drive does, an effect of the drive would be weighed against that, and none is excluded, nor
+beside three found effects, where one more may hide them all. What is stated is a little more: a stage's effect is not the library's to the last digit. What stays below
 at every sensible strength cannot be seen in these recordings at all, and the limit says so.
 """
 
@@ -27,7 +27,7 @@ from dehyst.models.signals.joined import Floats
 CANNOT = "the drive of these recordings cannot show it"
 TRIES = 2
 STEP = 2.0  # factor of an amplitude, as large as from one probe to the next; of such steps,
-RAISED, TOLD = 0.5, 0.3  # where it was not found, and from what was found to what is told
+RAISED, TOLD = 0.5, 0.5  # where it was not found, and from what was found to what is told
 Seen = Callable[[Candidate, Floats], Collection[str]]
 
 
@@ -63,6 +63,7 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
     kinds: dict[tuple[str, str], list[Candidate]] = {}
     hidden = not tells_what_is_late(problem, sigma)
     loud = left > (TUNING.limit_left * sigma) ** 2
+    loud |= len(found.accepted.effects) >= TUNING.limit_beside
     for c in library(problem.data):
         if c.name in named or not c.probes(problem.data):
             continue
