@@ -6,8 +6,9 @@ search goes on beside what was found; where the effect is not told, once more at
 strength that is never told is no limit. Nor is there one for what a found effect could be taken
 for: the search on other recordings may choose otherwise. Where more than the noise is left of what
 the drive does, an effect of the drive would be weighed against that, and none is excluded, nor
-beside three found effects, where one more may hide them all. What is stated is a little more: a stage's effect is not the library's to the last digit. What stays below
-at every sensible strength cannot be seen in these recordings at all, and the limit says so.
+beside three found effects, where one more may hide them all. What is stated is a little more: a
+stage's effect is not the library's to the last digit. What stays below at every sensible strength
+cannot be seen in these recordings at all, and the limit says so.
 """
 
 from collections.abc import Callable, Collection, Sequence

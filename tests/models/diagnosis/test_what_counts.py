@@ -201,7 +201,7 @@ def left_with(data: Data, y: Floats) -> float:
 
 def test_a_limit_is_told_a_little_above_what_is_found() -> None:
     """Asked first at 0.35 noises for what lies beside the drive and 0.5 for what it causes; told
-    by a factor of 2^0.3, or 0.3 of the way from one probe to the next (a factor of 2.15)."""
+    by a factor of 2^0.5, or half of the way from one probe to the next (a factor of 2.15)."""
     data = make()
     quiet = replace(data, y=1.1 * data.u)
     _, state = problem_of(quiet)
@@ -210,12 +210,12 @@ def test_a_limit_is_told_a_little_above_what_is_found() -> None:
     assert coupling.value is not None
     assert (coupling.unit, coupling.side) == ("um/v", "above")
     left = left_with(quiet, quiet.y + coupling.value * data.channels["u2_v"])
-    assert left == pytest.approx(0.35 * 2**0.3, rel=0.02)
+    assert left == pytest.approx(0.35 * 2**0.5, rel=0.02)
     late = found["delay"]
     assert late.value is not None
     stage = candidate(quiet, "delay")
     left = left_with(quiet, 1.1 * stage.drive(quiet, quiet.u, (late.value,)))
-    assert left == pytest.approx(0.5 * 2.154**0.3, rel=0.1)
+    assert left == pytest.approx(0.5 * 2.154**0.5, rel=0.1)
 
 
 def test_a_limit_is_raised_until_the_effect_is_found_and_else_not_told() -> None:
@@ -292,3 +292,15 @@ def test_a_level_is_told_within_a_factor_of_ten_or_about_zero(
     clip = next(c for c in library(make()) if c.key == "clip")
     values = {"min_v": Value(0.03, low, high, "v"), "max_v": Value(8.0, 7.9, 8.1, "v")}
     assert unidentified(Effect(clip, (0.03, 8.0)), values) == ([] if told else ["min_v"])
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_beside_three_found_effects_nothing_that_the_drive_causes_is_excluded(count: int) -> None:
+    data = make()
+    problem, state = problem_of(replace(data, y=1.1 * data.u))
+    lines = [Effect(candidate(data, "hum"), (57.3,)), Effect(candidate(data, "coupling-u2_v"))]
+    slow = candidate(data, "drift-trend")
+    effects = [*lines, Effect(slow, slow.starts(data, data.y)[0])][:count]
+    found = replace(state, accepted=problem.solve(effects))
+    told = {x.name for x in limits(found, (), lambda c, added: (c.name,))}
+    assert ("delay" in told) == (count < 3)
