@@ -71,11 +71,10 @@ def fit_all(
     that freedom, in which a rate-dependence may pass for a lag.
     """
     found = _fit(setup, best, coarse, order, tried)
-    by_turns = replace(setup, by_turns=True)
-    slower = by_turns.rates(found.r) < setup.rate_max
-    if not (found.costly and found.shape.rate and slower.any()):
-        return found
-    return _fit(by_turns, best, coarse, order, tried)
+    if found is None:
+        found = _fit(replace(setup, by_turns=True), best, coarse, order, tried)
+    assert found is not None  # with the freedom there is none to ask for
+    return found
 
 
 def _fit(
@@ -84,7 +83,8 @@ def _fit(
     coarse: Floats,
     order: int | None,
     tried: Sequence[Candidate],
-) -> Fitted:
+) -> Fitted | None:
+    """None where the bounds cost, and the freedom after a turn would loosen them."""
     finest = TUNING.fine if order is None else max(TUNING.finest, order)
     if order is None:
         r = space_thresholds(finest, setup.span, setup.wide, TUNING.spacing)
@@ -122,6 +122,10 @@ def _fit(
     tight = run(equations, loose.params, 0.0, 1e-3)
     least, bounded = loose.normal.misfit, tight.normal.misfit
     costly = setup.limits is not None and bounded > least * (1.0 + TUNING.costs)
+    if costly and shape.rate and not setup.by_turns:
+        slower = replace(setup, by_turns=True).rates(r) < setup.rate_max
+        if slower.any():
+            return None
     pull: list[Equations] = []
     begin, weight = tight.params, 0.0
     if costly:
