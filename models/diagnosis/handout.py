@@ -2,7 +2,8 @@
 
 A shape is known where the recordings went. Beyond, on the way up from rest that no recording shows,
 powers of its operators may go anywhere. There the base is held to the model in use, by rows that
-were not recorded and weigh little: what the recordings tell stays as it is.
+were not recorded and weigh a millionth: what the recordings tell stays as it is. Where that does
+not hold it, they weigh more.
 """
 
 from dataclasses import dataclass, replace
@@ -74,16 +75,14 @@ def hand_out(
         plainer = effects_alone(min(weighed.bare, first + (TUNING.shape_size * sigma) ** 2))
         if plainer is not None:
             return plainer
-    out = tried(problem, final, first, True)
-    held_to, fit = problem, final
-    for weight in TUNING.leanings if problem.base.width else ():
+    for weight in TUNING.leanings if problem.base.width else (0.0,):
+        held_to, fit = problem, final
+        if weight:
+            held_to = lean_on_the_model(problem, weight)
+            fit = held_to.solve(final.effects, problem.output_of(final))
+        out = tried(held_to, fit, by_blocks(held_to, fit).mean_square, True)
         if is_good(held_to, fit, out):
             return out
-        held_to = lean_on_the_model(problem, weight)
-        fit = held_to.solve(final.effects, problem.output_of(final))
-        out = tried(held_to, fit, by_blocks(held_to, fit).mean_square, True)
-    if is_good(held_to, fit, out):
-        return out
     plainer = effects_alone(weighed.bare) if final.effects else None
     return plainer or Handed(bare.subject.model, bare_left, weighed.bare, False)
 

@@ -95,7 +95,9 @@ class Screen:
         for theta, x in zip(starts, self._projected_of(candidate, starts), strict=True):
             a, g = x.T @ x, x.T @ self.r
             if candidate.mode == "columns":
-                gain = float(g @ np.linalg.pinv(a, rcond=1e-10, hermitian=True) @ g)
+                amplitudes = np.linalg.pinv(a, rcond=1e-10, hermitian=True) @ g
+                signs = all(amplitudes[k] >= 0.0 for k in candidate.holds_back)
+                gain = float(g @ amplitudes) if signs else 0.0
             else:
                 gain = float(g[0] ** 2 / a[0, 0]) if a[0, 0] > 0 and g[0] > 0 else 0.0
                 if gain > 0:

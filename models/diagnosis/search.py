@@ -27,8 +27,8 @@ from dehyst.models.diagnosis.shortlist import (
     Promise,
     in_order_of_promise,
     may_be_tried,
-    not_weak,
     still_open,
+    to_be_refitted,
 )
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Candidate
@@ -121,7 +121,7 @@ def _go_round(
     )
     screened = zip(pool, state.problem.several(look.starts, pool), strict=True)
     ranked = in_order_of_promise(state, screened)
-    trials = refit_each(state, not_weak(ranked, ranked)[:shortlist], say, number)
+    trials = refit_each(state, to_be_refitted(ranked, shortlist), say, number)
     return accept_best(state, trials, everything)
 
 

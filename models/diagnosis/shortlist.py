@@ -89,3 +89,12 @@ def _further(c: Candidate, starts: Sequence[tuple[float, Theta]]) -> tuple[Theta
 def not_weak(some: Sequence[Promise], ranked: Sequence[Promise]) -> list[Promise]:
     """Those that promise more than a small part of what the first of all does."""
     return [p for p in some if p.gain > TUNING.weak_gain * ranked[0].gain]
+
+
+def to_be_refitted(ranked: Sequence[Promise], most: int) -> list[Promise]:
+    """At most `most` of the strongest that the drive causes, the causes beside the drive that are
+    among them or behind them, and those that take nobody's place."""
+    strong = not_weak(ranked, ranked)
+    usual = [p for p in strong if not p.candidate.beside_others]
+    first = usual[:most]
+    return [p for p in strong if p in first or p.candidate.beside_others or not p.candidate.driven]

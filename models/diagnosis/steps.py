@@ -127,7 +127,11 @@ def diagnose(
             replace(bare, data=replace(bare.data, rows=data.rows)),
         )
         null = problem.solve([])
-        found = find_above_noise(problem, null, say, found.search.passed_over)
+        first = found.search
+        found = find_above_noise(problem, null, say, first.passed_over)
+        if first.passed_over:  # explained no more: a near-tie, and it stays one
+            rounds = [*found.search.rounds, *first.rounds]
+            found = replace(found, search=replace(found.search, rounds=rounds))
     sigma = found.search.sigma
     unexplained = by_blocks(problem, null).mean_square
     explained = by_blocks(found.search.problem, found.search.accepted).mean_square

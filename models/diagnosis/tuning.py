@@ -83,6 +83,7 @@ class Tuning(NamedTuple):
     rival_near: float = 0.02  # of the effect's gain: closer than this cannot be told apart
     rival_noise: float = 0.15  # a difference of a smaller size is none
     rival_most: float = 0.25  # of the effect's gain, that a rival may leave in any case
+    rival_instead: float = 0.5  # of it, that the effect may take beside a rival that stands for it
     # the verdict
     structure_left: float = 0.45  # size that counts as structure left over
     surely_nothing: float = 0.25  # size that the noise's own estimate may be off by
@@ -107,8 +108,8 @@ class Tuning(NamedTuple):
     no_worse: float = 0.5  # of the noise, that an augmented model may leave more of a recording
     foretold: float = 1.03  # times what the model in use leaves of a recording, that weights from
     # the others may leave
-    leanings: tuple[float, ...] = (1e-3, 1e-2, 0.1)  # weights by which a base that goes astray
-    # where nothing was recorded is held to the model there, of the recorded rows; the first helps
+    leanings: tuple[float, ...] = (1e-6, 1e-3, 1e-2, 0.1)  # weights by which a base is held to the
+    # model in use where nothing was recorded, of the recorded rows; the first that holds it
     # intervals
     widest: float = 10.0  # factor that an interval may span
     interval_width: float = 1.96  # standard deviations of white noise; blocks: Student's t

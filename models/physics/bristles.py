@@ -1,6 +1,6 @@
 """Friction that fades with the speed: bristles in the guide, which bend, then slide.
 
-    y = x - a z,    dz = (dx - |dx| z / g) / l,    g = 1 + e exp(-(v / v_s)^2),    v = dx/dt
+    y = x - a z - b v,    dz = (dx - |dx| z / g) / l,    g = 1 + e exp(-(v / v_s)^2),    v = dx/dt
 
 LuGre (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Autom. Control 40, 1995, 419). x is
 the drive's path, times the stroke by the drive: what holds the stage back turns where the drive
@@ -8,8 +8,10 @@ turns. The displacement itself does not do. A base of hysteresis of any shape ha
 the friction that the speed leaves alone, and its displacement may run back at a turn.
 
 Recognised by its dependence on the speed: presliding alone is a rate-independent memory and stays
-inside the base. How much of it the base leaves depends on its law, which nobody knows: no size of
-it is excluded.
+inside the base. The viscous part b grows with the speed while the bristles' part fades. It belongs
+to the fit: without it, a guide with much of both seems to push at low speed. By itself it is a lag,
+and no friction is told by it. How much of all that the base leaves depends on its law, which nobody
+knows: no size of it is excluded.
 """
 
 import math
@@ -25,11 +27,15 @@ from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Subtracted, named
 from dehyst.models.signals.joined import Bools, Data, Floats
 
-PACKED = fields("length", "stribeck", "excess", "sliding", "gain")
+PACKED = fields("length", "stribeck", "excess", "sliding", "gain", "viscous")
 STATE = fields("x", "z")  # path before, bristles
 EXCESS = 0.5
 """How much more friction there is at rest, as a part of that at high speed: 1.5 to 1 in the paper's
 table. Recordings tell a e alone: what the speed leaves alone may as well be the hysteresis'."""
+LEADS = 0.2
+"""The viscous part may be negative by so much of the part that fades, rms: by noise."""
+LAG_ALONE = 0.5
+"""The part that fades is at least so much of the viscous one, rms: with less it is a lag."""
 
 
 @njit(cache=True, nogil=True)
@@ -52,7 +58,7 @@ def step(
     v = dx / dt if dt > 0.0 else 0.0
     s.z = bend(s.z, dx, v, p.length, p.stribeck, p.excess)
     s.x = p.gain * x
-    return -p.sliding * s.z
+    return -p.sliding * s.z - p.viscous * v
 
 
 def _start(p: Floats, s: Floats, x: float) -> None:
@@ -70,6 +76,7 @@ KIND = Kind(
         Param("excess", "excess", "", 0.0, 1e3, "more at rest, part of that at high speed"),
         Param("sliding_{y}", "sliding", "", -1e9, 1e9, "holds back so much at high speed"),
         Param("gain_{y}_per_{u}", "gain", "", -1e9, 1e9, "path by the drive"),
+        Param("viscous_s", "viscous", "s", -1e3, 1e3, "by the speed", default=(0.0,)),
     ),
     packed=PACKED,
     state=STATE,
@@ -80,29 +87,39 @@ KIND = Kind(
 
 
 class Friction(Candidate):
-    """-a z of the drive's path."""
+    """-a z of the drive's path, and -b v."""
 
     name = key = "friction"
     title = "Friction in the guide"
-    equation = "y = x - a z, dz = (dx - |dx| z / g) / l, g = 1 + e exp(-(v / v_s)^2)"
+    equation = "y = x - a z - b v, dz = (dx - |dx| z / g) / l, g = 1 + e exp(-(v / v_s)^2)"
     source = "LuGre, Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995)"
     typical = "50 to 200 nm"
     revealed_by = "small reversals at several speeds"
     confused_with = ("rate", "lag")
     order = 45
     static = True
+    holds_back = (0,)
+    beside_others = True  # the viscous part is as a lag or a delay
+    rival_if_implausible = False
 
     def __init__(self, data: Data) -> None:
         stroke = self._stroke = float(np.ptp(data.y))
         self._gain = stroke / data.span
+        fastest = max(self._gain * float(np.abs(_speeds(data)).max()), 0.2 * stroke)
         self.parameters = (
             Parameter("length_um", data.unit, 5e-4 * stroke, 0.3 * stroke),
-            Parameter("stribeck_um_per_s", f"{data.unit}/s", 0.02 * stroke, 100.0 * stroke),
+            Parameter("stribeck_um_per_s", f"{data.unit}/s", 0.02 * stroke, fastest),
         )
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
         lengths, speeds = (0.004, 0.01, 0.03), (0.4, 1.6, 6.0, 24.0)
-        return [(a * self._stroke, b * self._stroke) for a in lengths for b in speeds]
+        most = 0.98 * self.parameters[1].high
+        return [
+            (a * self._stroke, b * self._stroke)
+            for a in lengths
+            for b in speeds
+            if b * self._stroke < most
+        ]
 
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
         x = self._gain * context.v
@@ -119,6 +136,7 @@ class Friction(Candidate):
             "excess": EXCESS,
             f"sliding_{data.unit}": float(amplitudes[0]),
             f"gain_{data.unit}_per_{data.drive_unit}": self._gain,
+            "viscous_s": float(amplitudes[1]),
         }
         return (Block("bristles", "stage", params),)
 
@@ -129,15 +147,27 @@ class Friction(Candidate):
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:
-        return "friction that pushes" if amplitudes[0] < 0 else ""
+        fades = EXCESS * amplitudes[0]
+        if fades < 0:
+            return "friction that pushes"
+        grows = amplitudes[1] * self._gain * float(np.sqrt(np.mean(_speeds(data) ** 2)))
+        if grows < -LEADS * fades:
+            return "friction that leads"
+        return "a lag by itself" if fades < LAG_ALONE * grows else ""
+
+
+def _speeds(data: Data) -> Floats:
+    """(n,) of the drive, at all samples behind another one [drive unit per second]."""
+    follows = ~data.starts[1:]
+    return np.asarray((np.diff(data.u) / data.dt[1:])[follows])
 
 
 @njit(cache=True, nogil=True)
 def _columns(
     x: Floats, dt: Floats, starts: Bools, length: float, stribeck: float, excess: float
 ) -> Floats:
-    """(N, 1): -z."""
-    out = np.zeros((x.size, 1))
+    """(N, 2): -z, -v."""
+    out = np.zeros((x.size, 2))
     z = 0.0
     for t in range(x.size):
         if starts[t]:
@@ -145,7 +175,7 @@ def _columns(
             continue
         dx = x[t] - x[t - 1]
         z = bend(z, dx, dx / dt[t], length, stribeck, excess)
-        out[t, 0] = -z
+        out[t, 0], out[t, 1] = -z, -dx / dt[t]
     return out
 
 

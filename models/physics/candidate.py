@@ -104,6 +104,9 @@ class Candidate:
     many: bool = False  # its starts span many shapes, of which chance makes one fit
     rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
     bounds_told: bool = True  # a parameter on its bound is told as not identified
+    holds_back: tuple[int, ...] = ()  # columns of which no amplitude is negative
+    beside_others: bool = False  # makes what simpler ones make too, so it promises what they do: it
+    # is refitted beside them, in the place of none
     repeatable: bool = False
     widest_spread: float = (
         1.0  # of its amplitude over time, rms: with more it is not the same there
@@ -184,6 +187,10 @@ class Candidate:
     def probes(self, data: Data) -> list[Probe]:
         """Strengths from weak to strong, from which the exclusion limit is found."""
         return []
+
+    def limit_leaves_out(self, data: Data) -> str:
+        """What its limit does not hold for, in these recordings; "" for nothing."""
+        return ""
 
     def seen(self, data: Data, sigma: float) -> Sighting | None:
         """What the recordings show of it directly; None where they do not."""

@@ -15,7 +15,7 @@ from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Never, Param, Values
 from dehyst.models.signals.joined import Data, Floats
-from dehyst.models.signals.lines import find_lines
+from dehyst.models.signals.lines import drive_repeats_hz, find_lines
 
 
 @Kernel
@@ -118,6 +118,10 @@ class Hum(Candidate):
     def probes(self, data: Data) -> list[Probe]:
         f = 50.0 if data.period < 0.005 else 0.1 / data.period
         return [Probe(1.0, (f,), (1.0, 0.0) * self._recordings)]
+
+    def limit_leaves_out(self, data: Data) -> str:
+        f = drive_repeats_hz(data)
+        return f"not on multiples of {f:.4g} Hz, at which the drive repeats itself" if f else ""
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
         out = []

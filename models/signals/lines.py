@@ -28,6 +28,7 @@ MINOR = 0.05  # where the drive's line is no more than this part of its stronges
 BLIND = 1 / 3  # of the frequencies, that the harmonics of the whole may take
 NEAR = 0.05  # of a mode's frequency, within which a line may stand for it
 MOST_STEPS = 801  # of frequency
+ALIKE = 1e-3  # part of a frequency, by which those of several recordings may differ
 STANDS_OUT = 4.5  # amplitude over the rms of its neighbourhood; by chance once in 1e5 records
 
 
@@ -100,6 +101,15 @@ def is_of_the_drive(data: Data, residual: Floats, here: Bools, f: float) -> bool
     at, spectrum = _spectrum(residual[here], float(data.dt[here][0]))
     own = np.interp(f, at, spectrum / (_local_rms(spectrum) + 1e-300))
     return bool(np.interp(f, at, _drive_of(data, here).products) > AS_STRONG * own)
+
+
+def drive_repeats_hz(data: Data) -> float:
+    """Frequency at which the drive of every recording repeats itself; 0 where one does not, or
+    at another one."""
+    names = range(len(data.names))
+    own = np.array([_drive_of(data, _longest_part(data, i)).first_hz for i in names])
+    same = own.min() > 0 and np.ptp(own) < ALIKE * own.min()
+    return float(own.mean()) if same else 0.0
 
 
 def _longest_part(data: Data, i: int) -> Bools:

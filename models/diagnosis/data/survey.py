@@ -13,6 +13,7 @@ FOLLOWS = 0.2  # part of the displacement's power that a memory of the drive mus
 BACK = 0.25  # part of the displacement's range that it must come back by in one way of the drive
 ENDS = 0.6  # of the way's own range: its ends lie no further apart
 WAY = 0.5  # of the drive's range, that such a way is long
+INSIDE = 0.15  # of the way, that lies to either side of where it turns: friction gives way at once
 BUTTERFLY = (
     "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
     "ferroelectric that is driven through its coercive field): no model with one direction fits, "
@@ -152,8 +153,16 @@ def comes_back(data: Data) -> bool:
             net = abs(float(way[-1] - way[0]))
             ways += 1
             size = float(np.ptp(way))
-            backs += size - net > BACK * reach and net < ENDS * size
+            off = way - np.interp(u[a : b + 1], *_upwards(u[[a, b]], way[[0, -1]]))
+            done = (u[a + int(np.argmax(np.abs(off)))] - u[a]) / (u[b] - u[a])
+            inside = INSIDE < done < 1.0 - INSIDE
+            backs += inside and size - net > BACK * reach and net < ENDS * size
     return ways > 0 and backs > 0.5 * ways
+
+
+def _upwards(u: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """The ends of a way, the lower drive first."""
+    return (u, y) if u[0] < u[1] else (u[::-1], y[::-1])
 
 
 def _is_slow(data: Data) -> bool:

@@ -41,10 +41,10 @@ class Guess:
     probe: Probe | None
     place: float = 0.0
 
-    def limit(self, value: float | None) -> Limit:
-        """As it is told."""
+    def limit(self, value: float | None, leaves_out: str = "") -> Limit:
+        """As it is told. leaves_out: what it does not hold for."""
         c = self.candidate
-        label = f"{c.name} ({c.channel})" if c.channel else ""
+        label = f"{c.name} ({c.channel})" if c.channel else leaves_out
         if value is None:
             why = f"{label}: {CANNOT}" if label else CANNOT
             return Limit(c.name, None, c.limit_unit, c.limit_side, why)
@@ -75,6 +75,8 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
     def tightest(some: Sequence[Candidate]) -> Limit | None:
         if problem.few_places and some[0].late:  # one stands for another there
             return Guess(some[0], None).limit(None) if hidden else None
+        if problem.one_loop_alone and some[0].rings:  # its ring is locked to the loop
+            return Guess(some[0], None).limit(None)
         shown = []
         for c in some:
             least = ((TUNING.limit_driven if c.driven else TUNING.limit_free) * sigma) ** 2
@@ -88,7 +90,8 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
             return Guess(some[0], None).limit(None)
         guess = min(shown, key=lambda one: one[0])[1]
         value = _checked(look, guess, seen)
-        return None if value is None else guess.limit(value)
+        leaves_out = guess.candidate.limit_leaves_out(problem.data)
+        return None if value is None else guess.limit(value, leaves_out)
 
     return [one for one in problem.several(tightest, kinds.values()) if one is not None]
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from dehyst.models.diagnosis.effects import Effect
+from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState, excess
 from dehyst.models.diagnosis.tuning import TUNING
@@ -53,7 +54,14 @@ def rivals(found: SearchState, effect: Effect) -> list[Rival]:
     for key, (other, _) in seen.items():
         fit = problem.refit([*rest, other], rounds=4, start=without)
         loss = (fit.sse - final.sse) / n
-        if loss < limit:
+        if loss < limit and _instead(problem, fit, effect, gain * n):
             c = other.candidate
             out.append(Rival(key, c.name, c.place, loss))
     return sorted(out, key=lambda r: r.loss)
+
+
+def _instead(problem: Problem, fit: JointFit, effect: Effect, gain: float) -> bool:
+    """Whether a rival stands for the effect: beside it, the effect takes no more than a part of
+    what it takes without. gain: fall of the sum of squares by the effect."""
+    both = problem.solve([*fit.effects, effect], problem.output_of(fit))
+    return fit.sse - both.sse < TUNING.rival_instead * gain

@@ -4,6 +4,8 @@ known to a factor of ten."""
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.intervals import intervals
@@ -64,14 +66,17 @@ def _without_lines(found: SearchState) -> JointFit:
 
 
 def only_told(found: SearchState) -> SearchState:
-    """Without the effects whose size is not known to a factor of ten."""
-    final = found.accepted
+    """Without the effects whose size is not known to a factor of ten: of several that are alike,
+    the one that the others make up for goes first, and may leave another known."""
+    final, problem = found.accepted, found.problem
     while final.effects:
-        values = intervals(found.problem, final, found.sigma)
+        values = intervals(problem, final, found.sigma)
         wide = [e for e, v in zip(final.effects, values, strict=True) if not size_is_known(e, v)]
         if not wide:
             break
-        final = _without(found, final.effects, wide[0])
+        output = problem.output_of(final)
+        left = [problem.solve([o for o in final.effects if o is not e], output).sse for e in wide]
+        final = _without(found, final.effects, wide[int(np.argmin(left))])
     return replace(found, accepted=final)
 
 

@@ -6,6 +6,7 @@ from tests.models.diagnosis.test_subject import DT, NOISE_UM, N, drive, plain, r
 from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.data.survey import comes_back
 from dehyst.models.recording import Recording
 
 PHYSICS = {"shape", "unknown"}
@@ -113,6 +114,19 @@ def test_a_butterfly_is_told() -> None:
     assert d.model == d.base_model
     assert "one side" in d.next_experiment
     assert not any("it is compensated" in f.says for f in d.findings)
+
+
+def test_a_stage_that_runs_back_at_its_turns_is_no_butterfly() -> None:
+    """Friction that gives way within 0.1 V of a turn, by more than half of the way."""
+    t = np.arange(N) * DT
+    u = 5.0 - 4.0 * np.cos(2 * np.pi * 0.5 * t)
+    bent = np.zeros(N)
+    for i in range(1, N):
+        bent[i] = np.clip(bent[i - 1] + (u[i] - u[i - 1]) / 0.1, -1.0, 1.0)
+    assert not comes_back(prepare([Recording(t, u, u - 2.5 * bent, name="friction.csv")]))
+    late = 5.0 + 4.0 * np.sin(2 * np.pi * 0.5 * t)  # and a parabola that lags
+    curve = (np.roll(late, 100) - 5.0) ** 2
+    assert comes_back(prepare([Recording(t, late, curve, name="butterfly.csv")]))
 
 
 def test_a_stage_without_hysteresis_is_told_and_a_narrow_loop_is_none_of_these() -> None:

@@ -244,6 +244,20 @@ CHANGES = [
             "g = 1.0 + excess",
             "friction that fades with the speed is not told",
         ),
+        Change(
+            "friction-without-grease",
+            BRISTLES,
+            "out[t, 0], out[t, 1] = -z, -dx / dt[t]",
+            "out[t, 0], out[t, 1] = -z, 0.0",
+            "friction of a guide with a viscous part is not told",
+        ),
+        Change(
+            "a-lag-rubs",
+            BRISTLES,
+            'return "a lag by itself" if fades < LAG_ALONE * grows else ""',
+            'return ""',
+            "a lag is told as friction, or may be friction",
+        ),
     ),
     *room(
         ("tests/models/diagnosis/test_rate.py",),

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from tests.benchmarks.models.proof.stages import Case
+from tests.benchmarks.models.proof.stages import Case, on_a_harmonic
 from tests.rigs.plants.drives import Floats
 from tests.rigs.plants.effects import (
     Effect,
@@ -117,6 +117,8 @@ def _hum(case: Case, size: float, rng: np.random.Generator) -> tuple[Effect, flo
     nyquist = 0.5 * case.plan.rig.rate_hz
     hz = float(rng.choice([50.0, 60.0])) if nyquist > 150.0 else 0.3 * nyquist
     hz *= float(rng.uniform(0.97, 1.03))
+    if on_a_harmonic(hz, case.plan):  # where the limit says that it does not hold
+        hz += 0.5 * case.plan.repeats_hz
     phase = rng.random()
 
     def run(x: Floats, w: World, s: float) -> Floats:

@@ -66,7 +66,7 @@ class Plan:
 class Hidden:
     """One effect as it came out. left: what a rich base leaves of it [rms of the noise];
     class_left: what it leaves of the bare stage; ties: names that would do as well; blind: a line
-    on a harmonic of the drive, of which nobody can say whose it is."""
+    on a harmonic of the drive, of which nobody can say whose it is, or above half the rate."""
 
     name: str
     form: str
@@ -205,7 +205,7 @@ def make_case(plan: Plan) -> Case:
                 size.left(effect.name, difference) / noise, class_left,
                 tuple(size.ties(effect.name, difference, noise * max(1.0, class_left))),
                 effect.truth(strength),
-                _on_a_harmonic(effect.truth(strength), plan),
+                _is_blind(effect.truth(strength).get("frequency_hz", 0.0), plan),
             )
         )  # fmt: skip
     tables = {}
@@ -224,9 +224,13 @@ def make_case(plan: Plan) -> Case:
     return Case(plan, tuple(hidden), stage, tuple(chain), tables, zero, size)
 
 
-def _on_a_harmonic(truth: dict[str, float], plan: Plan) -> bool:
+def _is_blind(hz: float, plan: Plan) -> bool:
+    """Whether samples cannot tell what is at a frequency, or whose it is."""
+    return on_a_harmonic(hz, plan) or hz > plan.rig.rate_hz / 2.0
+
+
+def on_a_harmonic(hz: float, plan: Plan) -> bool:
     """A line closer to a multiple of the drive's frequency than the recording can tell apart."""
-    hz = truth.get("frequency_hz", 0.0)
     if plan.repeats_hz <= 0 or hz <= 0:
         return False
     off = abs(hz - plan.repeats_hz * round(hz / plan.repeats_hz))
