@@ -10,8 +10,10 @@ from dehyst.models.diagnosis.base import compact_base
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import constancy
+from dehyst.models.diagnosis.findings import told
 from dehyst.models.diagnosis.findings.limits import limits
-from dehyst.models.diagnosis.findings.told import unidentified
+from dehyst.models.diagnosis.findings.rivals import rivals
+from dehyst.models.diagnosis.findings.told import only_told, unidentified
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.judge import (
     CandidateTrial,
@@ -22,6 +24,8 @@ from dehyst.models.diagnosis.judge import (
 )
 from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.search import search
+from dehyst.models.diagnosis.shortlist import Promise, to_be_refitted
+from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import library
 from dehyst.models.physics.candidate import Candidate
 from dehyst.models.recording import Recording
@@ -304,3 +308,51 @@ def test_beside_three_found_effects_nothing_that_the_drive_causes_is_excluded(co
     found = replace(state, accepted=problem.solve(effects))
     told = {x.name for x in limits(found, (), lambda c, added: (c.name,))}
     assert ("delay" in told) == (count < 3)
+
+
+def test_of_two_that_are_alike_the_one_that_the_other_makes_up_for_goes_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A warm-up, fitted together with creep of an earlier move: neither is known well beside the
+    other, and the warm-up is by itself."""
+    given, t = [], 4 * DT * np.arange(6000)
+    for k in range(2):
+        u = (5 + 3 * np.sin(2 * np.pi * (0.4 + 0.1 * k) * t)) * np.clip(t / 0.5, 0, 1)
+        y = 1.1 * u + 0.1 * (1.0 - np.exp(-t / 4.0))
+        noise = SIGMA * np.random.default_rng(k).standard_normal(t.size)
+        given.append(Recording(t, u, y + noise, name=f"r{k}.csv"))
+    data = prepare(given)
+    problem, state = problem_of(data)
+    fit = state.null
+    for key in ("drift-trend", "creep-earlier"):
+        c = candidate(data, key)
+        starts = c.starts(data, state.null.residual(data))
+        fits = [problem.refit([*fit.effects, Effect(c, tuple(s))]) for s in starts]
+        fit = min(fits, key=lambda f: f.sse)
+    monkeypatch.setattr(told, "TUNING", TUNING._replace(widest=1.08))
+    kept = only_told(replace(state, accepted=fit)).accepted
+    assert kept.effect_names == ("drift-trend",)
+
+
+def test_what_explains_another_part_of_the_misfit_is_no_rival() -> None:
+    """A delay that takes more than the accepted line, and stays beside it; a lag stands for it."""
+    late = make(late_s=1e-3)
+    line = 0.03 * np.sin(2 * np.pi * 50.0 * late.t)
+    data = replace(late, y=late.y + line)
+    problem, state = problem_of(data)
+    starts = {"hum": (50.0,), "delay": (1e-3,), "lag-drive": (1e-3,)}
+    trials = [tried(problem, SIGMA, state.null, candidate(data, k), s) for k, s in starts.items()]
+    assert trials[1].gain > trials[0].gain
+    for own, alike in (("hum", []), ("delay", ["lag-drive"])):
+        accepted = problem.refit([Effect(candidate(data, own), starts[own])])
+        found = replace(state, accepted=accepted, rounds=[trials])
+        assert [r.key for r in rivals(found, accepted.effects[0])] == alike
+
+
+def test_forms_of_what_the_drive_causes_keep_no_other_cause_off_the_list() -> None:
+    data = make()
+    late = ("delay", "lag-drive", "lag2-drive", "lag-sensor", "lag2-sensor", "lag-second", "slew")
+    keys = ("friction", *late, "coupling-u2_v")
+    ranked = [Promise(candidate(data, key), (), 20.0 - k) for k, key in enumerate(keys)]
+    listed = [p.candidate.key for p in to_be_refitted(ranked, 5)]
+    assert listed == ["friction", *late[:5], "coupling-u2_v"]

@@ -284,6 +284,50 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/models/diagnosis/test_what_counts.py",),
+        Change(
+            "the-first-vague-goes",
+            "models/diagnosis/findings/told.py",
+            "wide[int(np.argmin(left))]",
+            "wide[0]",
+            "of two effects that are alike the true one is dropped",
+        ),
+        Change(
+            "five-on-the-list",
+            SHORTLIST,
+            "p in first or p.candidate.beside_others or not p.candidate.driven",
+            "p in strong[:most]",
+            "a line is not told where five forms of a lag promise more",
+        ),
+        Change(
+            "all-large-are-rivals",
+            "models/diagnosis/findings/rivals.py",
+            "return fit.sse - both.sse < TUNING.rival_instead * gain",
+            "return True",
+            "a line could as well be a delay",
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_handout.py",),
+        Change(
+            "held-where-astray-alone",
+            TUNING,
+            "leanings: tuple[float, ...] = (1e-6, 1e-3, 1e-2, 0.1)",
+            "leanings: tuple[float, ...] = (1e-15, 1e-3, 1e-2, 0.1)",
+            "an augmented model foretells other drives worse than the model in use",
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_data_first.py",),
+        Change(
+            "back-at-a-turn-is-a-butterfly",
+            "models/diagnosis/data/survey.py",
+            "inside = INSIDE < done < 1.0 - INSIDE",
+            "inside = True",
+            "a stage whose guide rubs is told as a butterfly",
+        ),
+    ),
+    *room(
         ("tests/models/diagnosis/test_hard_recordings.py",),
         Change(
             "any-line-is-a-mode",
