@@ -83,6 +83,7 @@ class Tuning(NamedTuple):
     rival_near: float = 0.02  # of the effect's gain: closer than this cannot be told apart
     rival_noise: float = 0.15  # a difference of a smaller size is none
     rival_most: float = 0.25  # of the effect's gain, that a rival may leave in any case
+    rival_promises: float = 0.5  # of it, that the screen makes of one that no round has tried
     rival_instead: float = 0.5  # of it, that the effect may take beside a rival that stands for it
     # the verdict
     structure_left: float = 0.45  # size that counts as structure left over

@@ -5,8 +5,11 @@ from dataclasses import dataclass
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
-from dehyst.models.diagnosis.judge import SearchState, excess
+from dehyst.models.diagnosis.judge import SearchState, effect_of, excess
+from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.physics import library
+from dehyst.models.physics.candidate import Candidate
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,7 @@ def rivals(found: SearchState, effect: Effect) -> list[Rival]:
     )
     limit = min(limit, TUNING.rival_most * gain)  # where much is left, a rival still takes most
     taken = {e.candidate.key for e in final.effects}
-    seen: dict[str, tuple[Effect, JointFit]] = {}
+    seen: dict[str, Effect] = {}
     for trials in found.rounds:
         keys = {t.candidate.key for t in trials}
         if not keys & {effect.candidate.key, effect.candidate.refines}:
@@ -48,16 +51,45 @@ def rivals(found: SearchState, effect: Effect) -> list[Rival]:
                 continue
             if t.gain / found.counted < 0.6 * gain:
                 continue
-            started = next(e for e in t.fit.effects if e.candidate.key == key)
-            seen[key] = (started, t.fit)
+            seen[key] = next(e for e in t.fit.effects if e.candidate.key == key)
+    look, untried = Screen(problem, without), set[str]()
+    for c in _alike(found, effect):
+        starts = look.starts(c)
+        if starts and starts[0][0] > TUNING.rival_promises * gain * n:
+            seen[c.key] = Effect(c, starts[0][1])
+            untried.add(c.key)
     out = []
-    for key, (other, _) in seen.items():
+    for key, other in seen.items():
         fit = problem.refit([*rest, other], rounds=4, start=without)
         loss = (fit.sse - final.sse) / n
+        if key in untried and not _is_plausible(problem, fit, key):
+            continue
         if loss < limit and _instead(problem, fit, effect, gain * n):
             c = other.candidate
             out.append(Rival(key, c.name, c.place, loss))
     return sorted(out, key=lambda r: r.loss)
+
+
+def _is_plausible(problem: Problem, fit: JointFit, key: str) -> bool:
+    """Whether a fit's values of a candidate can be its own."""
+    one = effect_of(fit, key)
+    amplitudes = fit.amplitudes[fit.effects.index(one)]
+    return not one.candidate.implausible(one.theta, amplitudes, problem.data)
+
+
+def _alike(found: SearchState, effect: Effect) -> list[Candidate]:
+    """Candidates that may be confused with an effect's, of whose names no round tried any form:
+    forms of what promises more may have kept them off its list."""
+    own = effect.candidate
+    names = {t.candidate.name for trials in found.rounds for t in trials}
+    names |= {e.candidate.name for e in found.accepted.effects}
+    return [
+        c
+        for c in library(found.problem.data)
+        if c.name not in (own.name, *names)
+        and not c.refines
+        and (c.name in own.confused_with or own.name in c.confused_with)
+    ]
 
 
 def _instead(problem: Problem, fit: JointFit, effect: Effect, gain: float) -> bool:

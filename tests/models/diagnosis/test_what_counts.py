@@ -335,7 +335,8 @@ def test_of_two_that_are_alike_the_one_that_the_other_makes_up_for_goes_first(
 
 
 def test_what_explains_another_part_of_the_misfit_is_no_rival() -> None:
-    """A delay that takes more than the accepted line, and stays beside it; a lag stands for it."""
+    """A delay that takes more than the accepted line, and stays beside it. A lag stands for the
+    delay, whether the search had it on its list or not."""
     late = make(late_s=1e-3)
     line = 0.03 * np.sin(2 * np.pi * 50.0 * late.t)
     data = replace(late, y=late.y + line)
@@ -343,10 +344,13 @@ def test_what_explains_another_part_of_the_misfit_is_no_rival() -> None:
     starts = {"hum": (50.0,), "delay": (1e-3,), "lag-drive": (1e-3,)}
     trials = [tried(problem, SIGMA, state.null, candidate(data, k), s) for k, s in starts.items()]
     assert trials[1].gain > trials[0].gain
-    for own, alike in (("hum", []), ("delay", ["lag-drive"])):
+    for own, other, stands_for_it in (("hum", "delay", False), ("delay", "lag-drive", True)):
         accepted = problem.refit([Effect(candidate(data, own), starts[own])])
         found = replace(state, accepted=accepted, rounds=[trials])
-        assert [r.key for r in rivals(found, accepted.effects[0])] == alike
+        untried = replace(found, rounds=[[t for t in trials if t.candidate.key == own]])
+        for searched in (found, untried):
+            keys = [r.key for r in rivals(searched, accepted.effects[0])]
+            assert (other in keys) is stands_for_it
 
 
 def test_forms_of_what_the_drive_causes_keep_no_other_cause_off_the_list() -> None:
