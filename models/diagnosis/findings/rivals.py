@@ -49,6 +49,8 @@ def rivals(found: SearchState, effect: Effect) -> list[Rival]:
             same = key in (effect.candidate.key, effect.candidate.refines)
             if same or key in taken or key in seen or t.impossible:
                 continue
+            if _holds(t.candidate, effect):
+                continue
             if t.gain / found.counted < 0.6 * gain:
                 continue
             seen[key] = next(e for e in t.fit.effects if e.candidate.key == key)
@@ -77,6 +79,11 @@ def _is_plausible(problem: Problem, fit: JointFit, key: str) -> bool:
     return not one.candidate.implausible(one.theta, amplitudes, problem.data)
 
 
+def _holds(candidate: Candidate, effect: Effect) -> bool:
+    """Whether a candidate has the effect in it as a part: it does as well whatever is true."""
+    return candidate.beside_others and effect.candidate.late
+
+
 def _alike(found: SearchState, effect: Effect) -> list[Candidate]:
     """Candidates that may be confused with an effect's, of whose names no round tried any form:
     forms of what promises more may have kept them off its list."""
@@ -88,6 +95,7 @@ def _alike(found: SearchState, effect: Effect) -> list[Candidate]:
         for c in library(found.problem.data)
         if c.name not in (own.name, *names)
         and not c.refines
+        and not _holds(c, effect)
         and (c.name in own.confused_with or own.name in c.confused_with)
     ]
 

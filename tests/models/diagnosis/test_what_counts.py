@@ -341,7 +341,7 @@ def test_what_explains_another_part_of_the_misfit_is_no_rival() -> None:
     line = 0.03 * np.sin(2 * np.pi * 50.0 * late.t)
     data = replace(late, y=late.y + line)
     problem, state = problem_of(data)
-    starts = {"hum": (50.0,), "delay": (1e-3,), "lag-drive": (1e-3,)}
+    starts = {"hum": (50.0,), "delay": (1e-3,), "lag-drive": (1e-3,), "friction": (0.3, 40.0)}
     trials = [tried(problem, SIGMA, state.null, candidate(data, k), s) for k, s in starts.items()]
     assert trials[1].gain > trials[0].gain
     for own, other, stands_for_it in (("hum", "delay", False), ("delay", "lag-drive", True)):
@@ -351,6 +351,7 @@ def test_what_explains_another_part_of_the_misfit_is_no_rival() -> None:
         for searched in (found, untried):
             keys = [r.key for r in rivals(searched, accepted.effects[0])]
             assert (other in keys) is stands_for_it
+            assert "friction" not in keys  # it has a viscous part, which does as well as any lag
 
 
 def test_forms_of_what_the_drive_causes_keep_no_other_cause_off_the_list() -> None:
