@@ -377,7 +377,7 @@ CHANGES = [
         Change(
             "the-first-order-alone",
             SEARCH,
-            "if not c.late or not problem.few_places:",
+            "if not c.late or problem.data.between is None:",
             "if True:",
             "a delay of more than a sample is not found",
         ),
