@@ -75,16 +75,26 @@ def hand_out(
         plainer = effects_alone(min(weighed.bare, first + (TUNING.shape_size * sigma) ** 2))
         if plainer is not None:
             return plainer
+    best: Handed | None = None
     for weight in TUNING.leanings if problem.base.width else (0.0,):
         held_to, fit = problem, final
         if weight:
             held_to = lean_on_the_model(problem, weight)
             fit = held_to.solve(final.effects, problem.output_of(final))
         out = tried(held_to, fit, by_blocks(held_to, fit).mean_square, True)
-        if is_good(held_to, fit, out):
-            return out
-    plainer = effects_alone(weighed.bare) if final.effects else None
-    return plainer or Handed(bare.subject.model, bare_left, weighed.bare, False)
+        if not is_good(held_to, fit, out):
+            continue
+        if best is None or np.std(out.left[data.rows]) < np.std(best.left[data.rows]):
+            best = out
+        if _does_as_fitted(out.left[data.rows], fit.residual(held_to.data)[held_to.data.rows]):
+            break  # else a past that the model cannot begin with stands in its way
+    plainer = effects_alone(weighed.bare) if final.effects and best is None else None
+    return best or plainer or Handed(bare.subject.model, bare_left, weighed.bare, False)
+
+
+def _does_as_fitted(left: Floats, fitted: Floats) -> bool:
+    """Whether a written model leaves no more than the fit that it was made of."""
+    return bool(np.std(left) < TUNING.as_fitted * np.std(fitted))
 
 
 def as_blocks(problem: Problem, fit: JointFit) -> tuple[Problem, JointFit]:

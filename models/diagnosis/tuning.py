@@ -111,6 +111,7 @@ class Tuning(NamedTuple):
     # the others may leave
     leanings: tuple[float, ...] = (1e-6, 1e-3, 1e-2, 0.1)  # weights by which a base is held to the
     # model in use where nothing was recorded, of the recorded rows; the first that holds it
+    as_fitted: float = 1.1  # times what its fit leaves, that a written model may leave
     # intervals
     widest: float = 10.0  # factor that an interval may span
     interval_width: float = 1.96  # standard deviations of white noise; blocks: Student's t

@@ -91,3 +91,12 @@ def test_what_began_before_the_recording_is_named(data_dir, name, every):
     """The two stacks climb from a start at rest, ever more slowly; the AFM's drive climbs by so
     much a decade behind a move. Beside it a small rest is left that nobody has a name for."""
     assert {"creep", "drift"} & set(names(one(data_dir, name, every)))
+
+
+def test_the_written_model_follows_a_modulated_sine_nearly_as_its_fit_does(data_dir):
+    """Begun in the middle of its life: of the models that are held to the one in use more or less,
+    the one that can begin so is written."""
+    d = one(data_dir, "stack-am", 1)
+    (before,), (after,) = d.rms["model"].values(), d.rms["augmented"].values()
+    assert after < 0.4 * before
+    assert after < 1.5 * d.rms["heldout_augmented"]
