@@ -77,11 +77,12 @@ def hand_out(
             return plainer
     best: Handed | None = None
     for weight in TUNING.leanings if problem.base.width else (0.0,):
-        held_to, fit = problem, final
+        held_to, fit, held = problem, final, first
         if weight:
             held_to = lean_on_the_model(problem, weight)
             fit = held_to.solve(final.effects, problem.output_of(final))
-        out = tried(held_to, fit, by_blocks(held_to, fit).mean_square, True)
+            held = by_blocks(held_to, fit).mean_square
+        out = tried(held_to, fit, held, True)
         if not is_good(held_to, fit, out):
             continue
         if best is None or np.std(out.left[data.rows]) < np.std(best.left[data.rows]):
