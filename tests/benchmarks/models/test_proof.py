@@ -10,9 +10,11 @@ from tests.benchmarks.models.proof import limits
 from tests.benchmarks.models.proof.base import RichBase, least_left, rms
 from tests.benchmarks.models.proof.families import COUNTS, parse, plan, plans
 from tests.benchmarks.models.proof.recorder import Rig
-from tests.benchmarks.models.proof.score import Truth, converted, score
+from tests.benchmarks.models.proof.score import Truth, converted, figures, score
 from tests.benchmarks.models.proof.stages import HELD, Case, Hidden, Wanted, make_case
 from tests.benchmarks.models.proof.tables import bars_of, wrong
+
+from dehyst.models.diagnosis import diagnose
 
 Row = dict[str, Any]
 RIG = Rig()
@@ -263,3 +265,13 @@ def test_a_limit_is_put_into_the_stage_at_its_size(name: str) -> None:
     assert 0.002 < change < 3.0
     if name == "hum":  # a sine that is a little larger than the limit
         assert change == pytest.approx(1.05 * 0.05 / np.sqrt(2), rel=0.02)
+
+
+def test_a_quiet_stage_follows_another_drive_no_worse_than_by_the_model_in_use() -> None:
+    """Sines and a hold of a Preisach stage, with next to no noise: what the recordings leave open
+    is the model's in use."""
+    case = make_case(plan(20440, *parse("quiet-5")))
+    d = diagnose(case.given(), with_limits=False)
+    assert [f.name for f in d.findings] == ["shape", "unknown"]
+    reached = figures(case, d)
+    assert reached["held_augmented"] < reached["held_model"]

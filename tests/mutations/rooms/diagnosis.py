@@ -308,7 +308,7 @@ CHANGES = [
         ),
     ),
     *room(
-        ("tests/models/diagnosis/test_handout.py",),
+        ("tests/benchmarks/models/test_proof.py",),
         Change(
             "held-where-astray-alone",
             TUNING,
