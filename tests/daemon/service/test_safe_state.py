@@ -60,8 +60,10 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> list[Callable[[], None]]:
 
     def sleep_s(seconds: float) -> None:
         passed[0] += round(seconds * 1e9)
-        while happens:
-            happens.pop()()
+        now = happens.copy()
+        happens.clear()  # what these put in is of the next wait
+        for one in now:
+            one()
 
     monkeypatch.setattr(clock, "sleep_s", sleep_s)
     monkeypatch.setattr(clock, "monotonic_ns", lambda: time.monotonic_ns() + passed[0])
