@@ -153,16 +153,11 @@ def comes_back(data: Data) -> bool:
             net = abs(float(way[-1] - way[0]))
             ways += 1
             size = float(np.ptp(way))
-            off = way - np.interp(u[a : b + 1], *_upwards(u[[a, b]], way[[0, -1]]))
-            done = (u[a + int(np.argmax(np.abs(off)))] - u[a]) / (u[b] - u[a])
-            inside = INSIDE < done < 1.0 - INSIDE
-            backs += inside and size - net > BACK * reach and net < ENDS * size
+            done = (u[a : b + 1] - u[a]) / (u[b] - u[a])
+            off_line = way - way[0] - done * (way[-1] - way[0])
+            inside = INSIDE < done[np.argmax(np.abs(off_line))] < 1.0 - INSIDE
+            backs += bool(inside) and size - net > BACK * reach and net < ENDS * size
     return ways > 0 and backs > 0.5 * ways
-
-
-def _upwards(u: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """The ends of a way, the lower drive first."""
-    return (u, y) if u[0] < u[1] else (u[::-1], y[::-1])
 
 
 def _is_slow(data: Data) -> bool:

@@ -47,9 +47,7 @@ def rivals(found: SearchState, effect: Effect) -> list[Rival]:
         for t in trials:
             key = t.candidate.key
             same = key in (effect.candidate.key, effect.candidate.refines)
-            if same or key in taken or key in seen or t.impossible:
-                continue
-            if _holds(t.candidate, effect):
+            if same or key in taken or key in seen or t.impossible or _holds(t.candidate, effect):
                 continue
             if t.gain / found.counted < 0.6 * gain:
                 continue

@@ -322,7 +322,7 @@ CHANGES = [
         Change(
             "back-at-a-turn-is-a-butterfly",
             "models/diagnosis/data/survey.py",
-            "inside = INSIDE < done < 1.0 - INSIDE",
+            "inside = INSIDE < done[np.argmax(np.abs(off_line))] < 1.0 - INSIDE",
             "inside = True",
             "a stage whose guide rubs is told as a butterfly",
         ),
