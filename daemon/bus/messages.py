@@ -5,6 +5,7 @@ are in the model's unit (named in the message) and count from the set-point orig
 the actuator's; times `_ns` are the controller's CLOCK_MONOTONIC unless said otherwise.
 """
 
+import math
 import secrets
 from typing import Annotated, Literal
 
@@ -314,6 +315,10 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
     watch is still learning, -0.4: 40 % of the first motion is still to be seen."""
     mismatch: Name = ""
     """Why it does not: a figure of dehyst.models.mismatch.monitor, or "stuck"; "" while it does."""
+    target: float = math.nan
+    """Of the newest sample, from the set-point origin; NaN: none."""
+    measured: float = math.nan
+    """Mean reading of the last 0.1 s, from the set-point origin; NaN: no valid reading."""
 
 
 class Status(LoopStatus, tag_field="schema", tag="dehyst.status", frozen=True, kw_only=True):

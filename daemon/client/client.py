@@ -50,7 +50,8 @@ from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
 from dehyst.daemon.closing import Closing
 from dehyst.daemon.config import Config, parse_config
 from dehyst.daemon.rings.records import TELEMETRY
-from dehyst.models.errors import DehystError
+from dehyst.daemon.rings.status import is_starting
+from dehyst.models.errors import DehystError, NotNow
 from dehyst.models.model import Model
 from dehyst.models.modelfile import loads
 
@@ -62,6 +63,8 @@ DEFAULT = "tcp/127.0.0.1:7447"
 ADDRESS, CREDENTIALS = "DEHYST_CONNECT", "DEHYST_CREDENTIALS"
 """What the environment may say instead of the defaults."""
 PATIENCE_S = 2.0
+LONGEST_START_S = 300.0
+"""A first start compiles for one to three minutes."""
 
 
 class Refusal(DehystError):
@@ -152,6 +155,23 @@ class Client(Closing):
     def status(self) -> Status:
         """The daemon's present status. Raises BusError where nobody answers."""
         status: Status = encoding.decode(Status, self._one("status"))
+        return status
+
+    def wait_until_started(
+        self, timeout_s: float = LONGEST_START_S, told: Callable[[str], None] = lambda _: None
+    ) -> Status:
+        """The status once the daemon's start is over: at once, or when its kernels are compiled and
+        its devices opened. told(words) is called once where it has to wait. Raises NotNow where the
+        start takes longer than timeout_s, BusError where the daemon is gone."""
+        end_ns = clock.monotonic_ns() + round(timeout_s * clock.NS)
+        status = self.status()
+        if is_starting(status):
+            told(f"{self.name} is starting; waiting until it is ready")
+        while is_starting(status):
+            if clock.monotonic_ns() > end_ns:
+                raise NotNow(f"{self.name} is still starting after {timeout_s:g} s; see its log")
+            clock.sleep_s(0.1)
+            status = self.status()
         return status
 
     def model(self) -> Model:

@@ -22,7 +22,13 @@ from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.messages import Reply, Status, new_number
 from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError
-from dehyst.daemon.client.client import ADDRESS, CREDENTIALS, DEFAULT, Client
+from dehyst.daemon.client.client import (
+    ADDRESS,
+    CREDENTIALS,
+    DEFAULT,
+    LONGEST_START_S,
+    Client,
+)
 from dehyst.daemon.client.finding import find_axes
 from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Player, play_together
 from dehyst.daemon.client.repeated import Repeated
@@ -93,6 +99,12 @@ class Group(Closing):
     def first(self) -> Client:
         """The client of the first axis."""
         return next(iter(self.clients.values()))
+
+    def wait_until_started(
+        self, timeout_s: float = LONGEST_START_S, told: Callable[[str], None] = lambda _: None
+    ) -> dict[str, Status]:
+        """As Client.wait_until_started, for each axis."""
+        return {a: one.wait_until_started(timeout_s, told) for a, one in self.clients.items()}
 
     def status(self) -> dict[str, Status]:
         """The present status of each axis."""

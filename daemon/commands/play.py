@@ -123,6 +123,7 @@ def run(args: argparse.Namespace) -> int:
     ) as stage:
         clients = stage.clients if isinstance(stage, Group) else {"": stage}
         targets = {}
+        stage.wait_until_started(told=say)
         for axis, trajectory in trajectories.items():
             status = clients[axis].status()
             targets[axis] = trajectory.target + offsets[axis]

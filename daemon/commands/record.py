@@ -79,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
         signal.signal(number, lambda number, _: ending.append(number))
     until_s = args.seconds if args.seconds is not None else float("inf")
     with connect_axes(args, "record") as stage, ExitStack() as opened:
+        stage.wait_until_started(told=say)
         axes = {axis: Recorded(client, ending) for axis, client in stage.clients.items()}
         alone = len(axes) == 1
         recorders = {

@@ -98,6 +98,7 @@ def run(args: argparse.Namespace) -> int:
                     f"{stage.name} has the axes {', '.join(stage)}: say which, as {first}={value:g}"
                 )
             targets = dict.fromkeys(stage, targets[""])
+        stage.wait_until_started(told=say)
         if args.take_over:
             stage.take_over()
         replies = stage.send(targets, args.allow_unreachable)

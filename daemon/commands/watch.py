@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from contextlib import ExitStack
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -18,10 +19,10 @@ if TYPE_CHECKING:
     from dehyst.daemon.client.client import Client
     from dehyst.daemon.terminal import view
 
-EPILOG = """On a terminal: target, measured and error as plots, state, deadlines, devices, events;
-Ctrl-C leaves. In a pipe: one line a second, events as they come. --json: one JSON status a second.
-Of a controller with several axes all are shown, by their short names (x, y, ...).
-Watching changes nothing and needs no lease.
+EPILOG = """On a terminal: where the stage is, large; target, measured and error as plots; state,
+deadlines, devices, events. q or Ctrl-C leaves. In a pipe: one line a second, and each event when it
+happens. --json: one JSON status a second. All axes of a controller are shown, by their short names
+(x, y, ...). Watching changes nothing and needs no lease.
 
 examples: dehyst watch --for 10
           dehyst watch --list --connect tcp/127.0.0.1:7447     (which controllers are there)
@@ -31,17 +32,21 @@ examples: dehyst watch --for 10
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst watch`."""
     parser.epilog = EPILOG
-    parser.add_argument("--for", dest="seconds", type=float, metavar="S", help="leave after S s")
     parser.add_argument(
-        "--window", type=float, default=10.0, metavar="S", help="seconds in the plots (default: 10)"
+        "--for", dest="seconds", type=float, metavar="S", help="stop after S seconds"
     )
-    parser.add_argument("--json", action="store_true", help="one JSON status a second")
-    parser.add_argument("--list", action="store_true", help="one line a controller, then leave")
+    parser.add_argument(
+        "--window", type=float, default=10.0, metavar="S", help="length of the plots (default: 10)"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON status a second")
+    parser.add_argument(
+        "--list", action="store_true", help="list the controllers, one per line, and exit"
+    )
     add_connection(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Until --for or Ctrl-C."""
+    """Until --for, q or Ctrl-C."""
     if args.list:
         return list_all(args)
     from rich.console import Console
@@ -49,8 +54,9 @@ def run(args: argparse.Namespace) -> int:
 
     from dehyst.daemon import clock
     from dehyst.daemon.terminal import view
+    from dehyst.daemon.terminal.keys import pressed, single_keys
 
-    with connect_axes(args, "watch") as stage:
+    with connect_axes(args, "watch") as stage, ExitStack() as held:
         watched = {axis: Watched(client, args.window) for axis, client in stage.clients.items()}
         begun_ns = shown_ns = clock.monotonic_ns()
         console = Console()
@@ -59,12 +65,15 @@ def run(args: argparse.Namespace) -> int:
             for axis in watched.values():
                 axis.feed.events.extend(axis.client.events())
             live = Live(console=console, screen=True, auto_refresh=False)
+            held.enter_context(single_keys())
             live.start()
         try:
             while args.seconds is None or clock.monotonic_ns() - begun_ns < args.seconds * clock.NS:
                 for axis in watched.values():
-                    axis.window.add(axis.stream.read(0.1 / len(watched)))
+                    axis.read(0.1 / len(watched))
                 now_ns = clock.monotonic_ns()
+                if live is not None and "q" in pressed().lower():
+                    return 0
                 if now_ns - shown_ns < (clock.NS // 4 if live else clock.NS):
                     continue
                 shown_ns = now_ns
@@ -95,7 +104,18 @@ class Watched:
 
         self.client, self.feed, self.stream = client, client.feed(), client.stream()
         self.feed.status = status = client.status()
+        self.seconds, self.period_ns = seconds, status.period_ns
         self.window = view.RecentTelemetry(seconds, status.period_ns)
+
+    def read(self, timeout_s: float) -> None:
+        """Take the telemetry that has come; a loop that has just started may have another rate."""
+        from dehyst.daemon.terminal import view
+
+        status = self.feed.status
+        if status is not None and status.period_ns not in (0, self.period_ns):
+            self.period_ns = status.period_ns
+            self.window = view.RecentTelemetry(self.seconds, self.period_ns)
+        self.window.add(self.stream.read(timeout_s))
 
     def view(self) -> "view.View":
         """What the screen shows of it."""
@@ -125,6 +145,7 @@ def list_all(args: argparse.Namespace) -> int:
     from dehyst.daemon.bus.security import client_settings
     from dehyst.daemon.bus.session import Bus, BusError
     from dehyst.daemon.client.finding import daemons
+    from dehyst.daemon.rings.status import is_starting, rate
 
     where, credentials = address_of(args)
     with Bus.connect([where], security=client_settings(credentials)) as bus:
@@ -143,14 +164,17 @@ def list_all(args: argparse.Namespace) -> int:
         if status is None:
             print(f"{name:20s} does not answer")
             continue
+        if is_starting(status):
+            print(f"{name:20s} starting")
+            continue
         state = status.state if status.core_alive else "no loop"
         lost = status.gateway.samples_lost
         row = (
-            f"{name:20s} {state:9s} {1e9 / status.period_ns:g} Hz  reach {status.reach_min:.4g} "
+            f"{name:20s} {state:9s} {rate(status)}  reach {status.reach_min:.4g} "
             f"to {status.reach_max:.4g} {status.unit}  missed {status.missed}  lost {lost}  "
             f"commanded by {status.gateway.lease_label or 'nobody'}"
         )
         print(printable(row))
     if not names:
-        say(f"no controller with keys below {args.base}/ is to be seen at {where}")
+        say(f"no controller with keys below {args.base}/ answers at {where}")
     return 0 if names else 1

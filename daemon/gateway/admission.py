@@ -130,6 +130,8 @@ class Admission:
 
     def _check_core(self, records: int = 1) -> None:
         if not self.core.alive:
+            if self.core.status_ns == 0:
+                raise NotAdmitted("state", "the daemon is starting; it takes commands when ready")
             raise NotAdmitted("no-core", "the loop's process does not run")
         if records > self._room - RESERVED * (records > 1):
             raise NotAdmitted("queue-full", "the loop does not take commands at present")
@@ -139,7 +141,9 @@ class Admission:
         if self.core.state in (State.START, State.FAULT, State.STOPPING):
             raise NotAdmitted(
                 "state",
-                f"in the state {self.core.state.name.lower()} the daemon follows no commands",
+                "the daemon is starting; it takes commands when ready"
+                if self.core.state is State.START
+                else f"in the state {self.core.state.name.lower()} the daemon follows no commands",
             )
 
     def _check_lease(self, now_ns: int, client: int, lease: int) -> None:

@@ -45,6 +45,10 @@ class TelemetryHistory:
             self.end = int(samples["seq"][-1]) + 1
             self.first = max(self.first, self.end - self.capacity)
 
+    def newest(self, count: int) -> NDArray[Any]:
+        """Copies of the last `count` samples, fewer where there are no more."""
+        return self.get(self.end - count, self.end)
+
     def get(self, first: int, end: int) -> NDArray[Any]:
         """Copies of the samples first <= seq < end that are still there, ascending."""
         with self._lock:

@@ -4,6 +4,7 @@
 what the ring had overwritten before is counted, never hidden.
 """
 
+import math
 import os
 from collections import deque
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dehyst import __version__
 from dehyst.daemon import clock
@@ -36,6 +38,8 @@ from dehyst.daemon.rings.status import STATUS, message_values
 SILENT_NS = 2_500_000_000
 """A core that wrote nothing for so long is taken for dead or hanging."""
 LONGEST_BATCH = 4096
+MEAN_S = 0.1
+"""The reading in the status is a mean over this time: a person reads it, and noise is no news."""
 RECENT_EVENTS = 64
 """For those who come later and ask."""
 
@@ -135,15 +139,20 @@ class Publisher:
 
     def status(self, now_ns: int) -> Status:
         """The present status, also for those who ask."""
+        newest = self.history.newest(max(1, round(MEAN_S * self._config.loop.rate_hz)))
+        record = self._record
+        if newest.size:
+            record = record.copy()
+            record["volts"] = newest["volts"][-1]
         return status_message(
-            self._record,
+            record,
             self._config.name,
             self.history.run,
             self._admission.core.alive,
-            self._own_status(now_ns),
+            self._own_status(now_ns, newest),
         )
 
-    def _own_status(self, now_ns: int) -> GatewayStatus:
+    def _own_status(self, now_ns: int, newest: NDArray[Any]) -> GatewayStatus:
         lease, history = self._admission.lease, self.history
         held = lease.held(now_ns)
         served = self._served
@@ -169,6 +178,8 @@ class Publisher:
             axes=served.axes,
             health=self.mismatch_watch.health,
             mismatch=self.mismatch_watch.figure,
+            target=float(newest["target"][-1]) if newest.size else math.nan,
+            measured=mean_reading(newest["measured"]),
         )
 
     def _attached(self, now_ns: int) -> None:
@@ -255,6 +266,13 @@ class Publisher:
         core = self._admission.core
         state = name_of(State, core.state) if core.alive else "no loop"
         return f"{state}, {self._published} samples published, {self._lost} lost"
+
+
+def mean_reading(measured: NDArray[np.float64]) -> float:
+    """Mean of the valid ones of (n,) readings; NaN where the newest is not valid."""
+    if not measured.size or not math.isfinite(measured[-1]):
+        return math.nan
+    return float(np.mean(measured[np.isfinite(measured)]))
 
 
 def event_message(record: Any) -> Event:

@@ -119,6 +119,25 @@ def positioning(s: "LoopStatus") -> str:
     return f"{by}; the gauge is {s.differs:+.3g} {unit} from the model"
 
 
+def is_starting(s: "LoopStatus") -> bool:
+    """The loop has not come to its first sample: kernels are compiled, devices are opened."""
+    return s.period_ns <= 0 or (s.core_alive and s.state == "start")
+
+
+def rate(s: "LoopStatus") -> str:
+    """The sampling rate in words."""
+    return f"{1e9 / s.period_ns:g} Hz" if s.period_ns > 0 else "rate not known yet"
+
+
+def place(measured: float, target: float, volts: float, unit: str) -> str:
+    """Where the stage is, in words."""
+    words = [f"measured {measured:.4f} {unit}" if math.isfinite(measured) else "no valid reading"]
+    words += [f"target {target:.4f} {unit}" if math.isfinite(target) else "no target"]
+    if math.isfinite(measured) and math.isfinite(target):
+        words.append(f"error {measured - target:+.4f} {unit}")
+    return ", ".join([*words, f"output {volts:.3f} V"])
+
+
 class LoopStatus(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The rows."""
 
@@ -189,7 +208,7 @@ class LoopStatus(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     ]
     latency_s: Annotated[float, Column("<f8", _finite)]
     """Of the inverse (preview window)."""
-    period_ns: Annotated[int, Column("<i8", int, view=lambda s: f"{1e9 / s.period_ns:g} Hz")]
+    period_ns: Annotated[int, Column("<i8", int, view=lambda s: rate(s))]
     pid: Annotated[int, Column("<i8", int)]
     trimmed: Annotated[bool, Column("u1", bool)]
     """The slow trim is configured."""

@@ -7,28 +7,34 @@ from datetime import datetime
 
 from dehyst.daemon.bus.messages import Event, Status
 from dehyst.daemon.bus.printable import printable
-from dehyst.daemon.rings.status import FROZEN, counts, positioning
+from dehyst.daemon.rings.status import FROZEN, counts, is_starting, place, positioning, rate
 from dehyst.models.model import Model
 
 LEVELS = {1: "", 2: "warning: ", 3: "error: "}
 EVENTS = 8
 MOST_MISSED = 1e-3
 """Share of missed deadlines above which somebody should look."""
+LONGEST_START_S = 300.0
+"""A start that takes longer needs a look: compiling all kernels takes one to three minutes."""
 REASONS = {
-    "start": "the devices are opened; the output stays as found",
-    "ready": "nobody commands; the output stays",
-    "running": "set-points or a trajectory arrive",
-    "holding": "no set-point comes any more; the output stays, then ramps to its safe voltage",
+    "start": "kernels are compiled and devices opened; the output stays as found",
+    "ready": "no client commands the stage; the output stays where it is",
+    "running": "the stage follows set-points or a trajectory",
+    "holding": "set-points have stopped; the output stays, then ramps to its safe voltage",
     "fault": "a device does not answer, or contradicts what was written; nothing is written",
-    "stopping": "it was asked to end",
+    "stopping": "the daemon is shutting down",
 }
 
 
 def find_troubles(status: Status) -> list[str]:
     """What somebody should look at, in words; empty: all is well."""
     s, gateway, found = status, status.gateway, []
+    if is_starting(s):
+        if gateway.uptime_s > LONGEST_START_S:
+            found.append(f"the start has taken {_duration(gateway.uptime_s)}; see its log")
+        return found
     if not s.core_alive:
-        found.append("the loop's process says nothing: ended, killed or hanging")
+        found.append("the loop's process does not respond: it has ended, was killed, or hangs")
     for name, ok, errors in (
         ("actuator", s.actuator_ok, s.actuator_errors),
         ("sensor", s.sensor_ok, s.sensor_errors),
@@ -39,15 +45,15 @@ def find_troubles(status: Status) -> list[str]:
         found.append("the loop is in the state fault; the events say why")
     if gateway.mismatch:
         found.append(
-            f"the stage does not behave as its model ({gateway.mismatch}, {gateway.health:.2g} "
-            "times the expected misfit): `dehyst doctor` says what has changed"
+            f"the stage does not behave like its model ({gateway.mismatch}, {gateway.health:.2g} "
+            "times the expected misfit): `dehyst doctor` shows what has changed"
         )
     if s.trimmed and s.trim_frozen in FROZEN:
-        found.append(f"the trim stands still: {FROZEN[s.trim_frozen]}")
+        found.append(f"the trim is frozen: {FROZEN[s.trim_frozen]}")
     if s.missed > MOST_MISSED * max(1, s.samples):
         found.append(
             f"{100 * s.missed / max(1, s.samples):.2g} % of the deadlines were missed "
-            f"({counts(s.missed_by)}): `dehyst latency` says what is too slow"
+            f"({counts(s.missed_by)}): `dehyst latency` shows what is too slow"
         )
     if gateway.samples_lost:
         found.append(f"{gateway.samples_lost} samples were lost before they were published")
@@ -58,23 +64,26 @@ def describe_health(status: Status) -> str:
     """The mismatch watch in words."""
     health = status.gateway.health
     if status.gateway.mismatch:
-        return f"{health:.2f}, mismatch: {status.gateway.mismatch}"
+        return (
+            f"mismatch ({status.gateway.mismatch}): {health:.2f} times the largest expected misfit"
+        )
     if health == 0:
         return "not judged yet"
     if health < 0:
-        return f"not known yet: {-100 * health:.0f} % of the first motion is still to be seen"
-    return f"{health:.2f} of the misfit that is expected at most: as its model"
+        return f"learning: {100 + 100 * health:.0f} % of the required motion seen"
+    return f"{health:.2f} of the largest expected misfit: the stage behaves like its model"
 
 
 def describe_kind(model: Model) -> str:
     """What kind of model, from when, and how good it says it is."""
     h, p, fit = model.hysteresis, model.provenance, model.fit
     words = [f"{'static' if h.static else 'rate-dependent'}, {h.n} play operators"]
-    words += [f"{len(model.blocks)} further blocks"] * bool(model.blocks)
-    words += [f"of {p.created}"] * bool(p.created)
+    more = len(model.blocks)
+    words += [f"{more} further block{'s' * (more > 1)}"] * bool(more)
+    words += [f"made {p.created}"] * bool(p.created)
     words += [f"from {', '.join(name for name, _ in p.recordings)}"] * bool(p.recordings)
     if fit.holdout_rms is not None:
-        words.append(f"{fit.holdout_rms:.3g} {model.displacement_unit} rms held out")
+        words.append(f"{fit.holdout_rms:.3g} {model.displacement_unit} rms on held-out data")
     return ", ".join(words)
 
 
@@ -83,24 +92,32 @@ def overview(
 ) -> list[str]:
     """The screen. model: None: not known."""
     s, g = status, status.gateway
-    state = s.state if s.core_alive else "no loop"
-    lines = [f"{s.name}: {state}: {REASONS.get(s.state, '') if s.core_alive else 'see below'}"]
+    if is_starting(s):
+        lines = [f"{s.name}: starting for {_duration(g.uptime_s)}: {REASONS['start']}"]
+    elif s.core_alive:
+        lines = [f"{s.name}: {s.state}: {REASONS.get(s.state, '')}"]
+    else:
+        lines = [f"{s.name}: no loop"]
     lines += [f"  ! {text}" for text in troubles]
     rows = {
-        "position": f"{positioning(s)}; reach {s.reach_min:.4g} to {s.reach_max:.4g} {s.unit}",
-        "output": f"{s.volts:.3f} V; actuator {_device(s.actuator_ok, s.actuator_errors)}, sensor "
+        "position": place(g.measured, g.target, s.volts, s.unit),
+        "reach": f"{s.reach_min:.4f} to {s.reach_max:.4f} {s.unit}",
+        "control": positioning(s),
+        "devices": f"actuator {_device(s.actuator_ok, s.actuator_errors)}, sensor "
         f"{_device(s.sensor_ok, s.sensor_errors)}",
         "model": "not known" if model is None else describe_kind(model),
-        "inverse": s.mode + (f", {s.latency_s:.3g} s behind" if s.latency_s else ""),
-        "deadline": f"{1e9 / s.period_ns:g} Hz, {s.missed} of {s.samples} missed; wake-up p99 "
+        "inverse": s.mode + (f", latency {s.latency_s:.3g} s" if s.latency_s else ""),
+        "deadline": f"{rate(s)}, {s.missed} of {s.samples} missed; wake-up p99 "
         f"{s.wake_us.p99:.0f} us, I/O p99 {s.io_us.p99:.0f} us; {s.policy} {s.priority}",
         "health": describe_health(s),
         "command": f"{g.lease_label or 'nobody'}; {g.commands} commands, refused: "
         f"{counts(g.rejected)}",
         "bus": f"{g.links} connected, {g.samples_published} samples published, {g.samples_lost} "
-        f"lost; up {_duration(g.uptime_s)}, the loop {g.restarts_of_core} times restarted",
+        f"lost; up {_duration(g.uptime_s)}, {g.restarts_of_core} restarts of the loop",
         "software": f"dehyst {s.software}",
     }
+    if is_starting(s):
+        rows = {name: text for name, text in rows.items() if name in ("command", "bus", "software")}
     lines += [f"{name:9s} {text}" for name, text in rows.items()]
     for event in events[-EVENTS:]:
         when = datetime.fromtimestamp(event.wall_ns * 1e-9)

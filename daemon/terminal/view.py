@@ -16,8 +16,9 @@ from rich.text import Text
 from dehyst.daemon.bus.messages import Event, Rejection, Status
 from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.rings.records import TELEMETRY, Flag, Mode, State, name_of
-from dehyst.daemon.rings.status import cells, counts, positioning
+from dehyst.daemon.rings.status import cells, counts, is_starting, place, positioning, rate
 from dehyst.daemon.terminal.braille import Curve, Plot
+from dehyst.daemon.terminal.readout import ROWS, readout
 
 POINTS = 4000
 EVENTS = 6
@@ -25,6 +26,9 @@ COLUMNS = 3
 ROOMY = 100, 32
 """Columns and rows from which all numbers are shown; below, the plots get the room."""
 SHORT_HEAD = 4
+STARTING = (
+    "starting: kernels are compiled and devices opened; set-points are taken once it is ready"
+)
 STATES = {"running": "green", "ready": "cyan", "holding": "yellow", "fault": "bold red"}
 
 
@@ -33,7 +37,7 @@ class RecentTelemetry:
 
     def __init__(self, seconds: float, period_ns: int) -> None:
         self.seconds = seconds
-        self.keep = max(2, round(seconds * 1e9 / period_ns))
+        self.keep = max(2, round(seconds * 1e9 / period_ns)) if period_ns > 0 else 2
         self._parts: deque[NDArray[Any]] = deque()
         self._size = 0
         self.flags = 0  # of everything since `take_flags`
@@ -64,6 +68,12 @@ class RecentTelemetry:
         """The newest record, or None."""
         return self._parts[-1][-1] if self._parts else None
 
+    def place(self) -> float:
+        """Mean reading of the newest batch; NaN where its last one is not valid."""
+        if not self._parts or not np.isfinite(self._parts[-1]["measured"][-1]):
+            return float("nan")
+        return float(np.nanmean(self._parts[-1]["measured"]))
+
     def error_rms(self) -> float:
         """rms of measured minus target over the window; NaN without targets."""
         samples = self.samples()
@@ -80,15 +90,16 @@ def flag_names(flags: int) -> str:
 def line(status: Status | None, window: RecentTelemetry, lost: int) -> str:
     """One line a second, for a pipe."""
     newest = window.newest()
+    if status is not None and is_starting(status):
+        return STARTING
     if newest is None or status is None:
         return "waiting for telemetry"
     unit, flags = status.unit, flag_names(window.take_flags())
     return (
         f"{State(int(newest['state'])).name.lower():8s} seq {newest['seq']:d}  "
-        f"target {_figure(newest['target'], unit)}  measured {_figure(newest['measured'], unit)}  "
-        f"rms error {_figure(window.error_rms(), unit)}  {newest['volts']:.3f} V  "
-        f"missed {status.missed}  lost {lost}  {printable(positioning(status))}"
-        + (f"  [{flags}]" if flags else "")
+        f"{place(newest['measured'], newest['target'], newest['volts'], printable(unit))}  "
+        f"rms error {_figure(window.error_rms(), unit)}  missed {status.missed}  "
+        f"lost {lost}  {printable(positioning(status))}" + (f"  [{flags}]" if flags else "")
     )
 
 
@@ -149,7 +160,8 @@ def _plots(status: Status | None, window: RecentTelemetry) -> Layout:
     samples = window.samples()
     unit = status.unit if status else "um"
     if not samples.size:
-        layout.update(Panel("waiting for telemetry"))
+        starts = status is not None and is_starting(status)
+        layout.update(Panel(STARTING if starts else "waiting for telemetry"))
         return layout
     t_s = (samples["scheduled_ns"] - samples["scheduled_ns"][-1]) / 1e9
     target, measured = samples["target"], samples["measured"]
@@ -166,6 +178,7 @@ def _state(status: Status, newest: Any) -> tuple[Text, str]:
     state = State(int(newest["state"])).name.lower() if newest is not None else status.state
     mode = status.mode if newest is None else name_of(Mode, int(newest["mode"]))
     words = printable(state) if status.core_alive else "no loop"
+    words = "starting" if is_starting(status) else words
     return Text(words, style=STATES.get(state, "white")), mode
 
 
@@ -185,13 +198,13 @@ def _short_head(status: Status | None, window: RecentTelemetry, lost: int) -> Gr
             f"{printable(s.name)}: ", state, f" ({printable(mode)})  ", (flags, "yellow")
         ),
         Text(
-            f"target {_figure(_of(newest, 'target'), unit)}  "
-            f"measured {_figure(_of(newest, 'measured'), unit)}  rms error "
-            f"{_figure(window.error_rms(), unit)} over {window.seconds:g} s  {volts:.3f} V"
+            f"{place(window.place(), _of(newest, 'target'), volts, unit)}  rms error "
+            f"{_figure(window.error_rms(), unit)} over {window.seconds:g} s",
+            style="bold",
         ),
         Text(printable(positioning(s))),
         Text.assemble(
-            f"{1e9 / s.period_ns:g} Hz  missed {s.missed} of {s.samples}  lost here {lost}  by "
+            f"{rate(s)}  missed {s.missed} of {s.samples}  lost here {lost}  by "
             f"{printable(s.gateway.lease_label) or 'nobody'}",
             (device, "bold red"),
         ),
@@ -213,10 +226,7 @@ def _head(status: Status | None, window: RecentTelemetry, lost: int) -> tuple[Pa
     shown, mode = _state(status, newest)
     texts: list[Text | str] = [
         Text.assemble("state ", shown, f"  ({mode})"),
-        f"{status.volts:.3f} V" if newest is None else f"{newest['volts']:.3f} V",
         f"rms error {_figure(window.error_rms(), unit)} over {window.seconds:g} s",
-        "target -" if newest is None else f"target {_figure(newest['target'], unit)}",
-        "measured -" if newest is None else f"measured {_figure(newest['measured'], unit)}",
         f"telemetry lost here {lost}",
         f"commanded by {gateway.lease_label or 'nobody'}",
         f"refused: {counts(gateway.rejected)}",
@@ -229,10 +239,14 @@ def _head(status: Status | None, window: RecentTelemetry, lost: int) -> tuple[Pa
         row = texts[first : first + COLUMNS]
         table.add_row(*(printable(t) if isinstance(t, str) else t for t in row))
     flags = flag_names(window.take_flags())
+    volts = status.volts if newest is None else float(newest["volts"])
+    figures = readout(window.place(), _of(newest, "target"), volts, printable(unit))
     panel = Panel(
-        Group(table, Text(flags, style="yellow")), title=f"dehyst {printable(status.name)}"
+        Group(figures, table, Text(flags, style="yellow")),
+        title=f"dehyst {printable(status.name)}",
+        subtitle="q leaves",
     )
-    return panel, table.row_count + 3
+    return panel, table.row_count + ROWS + 3
 
 
 def _newest(

@@ -13,7 +13,7 @@ from rich.console import Console
 from dehyst.daemon.bus.messages import Event, GatewayStatus, Rejection, Status
 from dehyst.daemon.rings.records import TELEMETRY, State
 from dehyst.daemon.rings.status import STATUS, message_values
-from dehyst.daemon.terminal import view
+from dehyst.daemon.terminal import readout, view
 from dehyst.daemon.terminal.overview import find_troubles, overview
 
 WALL_NS = 1_700_000_000_000_000_000  # 2023-11-14 22:13:20 UTC
@@ -122,10 +122,14 @@ def test_no_color_is_heeded(monkeypatch: pytest.MonkeyPatch) -> None:
     ("changed", "gateway", "words"),
     [
         ({}, {}, ""),
-        ({"core_alive": False}, {}, "ended, killed or hanging"),
+        ({"core_alive": False}, {}, "has ended, was killed, or hangs"),
         ({"sensor_ok": False, "sensor_errors": 7}, {}, "the sensor does not answer (7 errors)"),
         ({"state": "fault"}, {}, "the events say why"),
-        ({}, {"mismatch": "slow", "health": 1.4}, "does not behave as its model (slow, 1.4 times"),
+        (
+            {},
+            {"mismatch": "slow", "health": 1.4},
+            "does not behave like its model (slow, 1.4 times",
+        ),
         ({"trimmed": True, "trim_frozen": "stuck"}, {}, "the gauge is stuck"),
         ({"trimmed": True, "trim_frozen": "not_running"}, {}, ""),
         ({"missed": 100, "missed_by": {"stall": 100}}, {}, ""),
@@ -146,6 +150,38 @@ def test_status_says_what_needs_a_look(
     screen = "\n".join(overview(said, None, [], troubles))
     assert screen.count("\n  ! ") == len(troubles)
     assert screen.count("\n") <= 22
+
+
+@pytest.mark.parametrize("changed", [{"core_alive": False, "period_ns": 0}, {"state": "start"}])
+def test_a_start_is_a_state_that_every_view_knows(changed: dict[str, Any]) -> None:
+    starts = status(**changed)
+    empty = view.RecentTelemetry(10.0, starts.period_ns)
+    assert view.line(starts, empty, 0).startswith("starting")
+    screens = [
+        view.screen(starts, empty, 0, deque(), deque(), size) for size in ((80, 24), (120, 40))
+    ]
+    for screen in screens:
+        file = io.StringIO()
+        Console(width=120, height=40, file=file, force_terminal=True, no_color=True).print(screen)
+        assert "starting" in file.getvalue()
+    lines = overview(starts, None, [], find_troubles(starts))
+    assert lines[0].startswith("stage-1: starting for 60 s")
+    assert not [line for line in lines if "reach" in line or "position" in line]
+    assert find_troubles(starts) == []
+    long = msgspec.structs.replace(starts.gateway, uptime_s=400.0)
+    assert "has taken 7 min" in find_troubles(msgspec.structs.replace(starts, gateway=long))[0]
+
+
+def test_where_the_stage_is_stands_in_the_status_and_large_in_the_view() -> None:
+    at = msgspec.structs.replace(status().gateway, measured=7.98, target=8.0)
+    shown = "\n".join(overview(status(gateway=at, volts=51.25), None, [], []))
+    assert "measured 7.9800 um, target 8.0000 um, error -0.0200 um, output 51.250 V" in shown
+    none = "\n".join(overview(status(), None, [], []))
+    assert "no valid reading, no target" in none
+    large = drawn((120, 40), no_color=True)
+    measured = float(window().place())
+    for row in readout.large(f"{measured:.4f}"):
+        assert row.rstrip() in large
 
 
 def test_the_screen_fits_one() -> None:

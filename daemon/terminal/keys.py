@@ -1,0 +1,37 @@
+"""Single keys from the terminal that a command is shown on."""
+
+import os
+import select
+import sys
+import termios
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def single_keys() -> Iterator[None]:
+    """Keys come without Enter and are not echoed; Ctrl-C still interrupts. Nothing changes where
+    stdin is no terminal."""
+    try:
+        fd = sys.stdin.fileno()
+        before = termios.tcgetattr(fd)
+    except (OSError, ValueError, termios.error):
+        yield
+        return
+    tty.setcbreak(fd)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(fd, termios.TCSADRAIN, before)
+
+
+def pressed() -> str:
+    """The keys that were pressed since the last call, "" where stdin is no terminal."""
+    try:
+        fd = sys.stdin.fileno()
+        if not os.isatty(fd) or not select.select([fd], [], [], 0.0)[0]:
+            return ""
+        return os.read(fd, 64).decode("utf-8", "replace")
+    except (OSError, ValueError):
+        return ""
