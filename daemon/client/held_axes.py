@@ -1,0 +1,370 @@
+"""The axes of one controller, kept where they were sent, for programs that serve others.
+
+    with HeldAxes(lambda: Group()) as axes:
+        axes.go({"x": 4.0})                  # accepted; `axes.look()["x"].on_target` says when
+        axes.fly(t_s, {"x": x_um}, repeat=0)
+        axes.stop()                          # at once, from any thread
+
+A Group is used by one thread. Here that is a thread of its own, which repeats each set-point before
+it goes stale and reads the telemetry. When this program dies or closes, the daemon holds and ramps
+to its safe voltage, as it does for every client that leaves. A second connection serves `stop`
+alone, so that a stop never waits for anything else.
+"""
+
+import queue
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dehyst.daemon import clock
+from dehyst.daemon.bus.session import BusError
+from dehyst.daemon.client.group import Group
+from dehyst.daemon.client.player import PATIENCE_S
+from dehyst.daemon.client.positioner import POLL_S, REPEATS, SHARE, model_place
+from dehyst.daemon.client.telemetry import TelemetryStream
+from dehyst.daemon.closing import Closing
+from dehyst.models.errors import BadInput, DehystError, NotNow
+
+ANSWER_S = 10.0
+"""How long a caller waits for the daemon's answer [s]: above the client's own patience."""
+STATUS_S = 1.0
+"""How often reach and state are asked for [s]; a model that changes is seen after this."""
+
+
+@dataclass(frozen=True)
+class AxisView:
+    """What is known of an axis, displacements in its unit from the set-point origin, NaN where
+    there is no value. asked: where it was sent last; place: what counts as its position (the
+    gauge's mean over the newest batch, else the model's); low, high: its reach; lost: why it is no
+    longer held, "" where it is or nobody asked."""
+
+    unit: str
+    period_s: float
+    low: float
+    high: float
+    tolerance: float
+    asked: float = np.nan
+    place: float = np.nan
+    predicted: float = np.nan
+    volts: float = np.nan
+    on_target: bool = False
+    moving: bool = False
+    flying: bool = False
+    lost: str = ""
+
+
+class _Stopped(Exception):
+    """The trajectory is to end."""
+
+
+class HeldAxes(Closing):
+    """connect: makes the Group, twice; tolerance: how near is there, in the stage's unit (0: 0.2 %
+    of the reach); settle_s: for how long it must be near; by: whose word counts, the model's (open
+    loop: the way is over) or the gauge's. Raises what the client raises."""
+
+    def __init__(
+        self,
+        connect: Callable[[], Group],
+        *,
+        tolerance: float = 0.0,
+        settle_s: float = 0.05,
+        by: Literal["model", "gauge"] = "model",
+    ) -> None:
+        self._tolerance, self._settle_s, self._by = tolerance, settle_s, by
+        self._jobs: queue.SimpleQueue[Callable[[Group], None] | None] = queue.SimpleQueue()
+        self._views: dict[str, AxisView] = {}
+        self._lock, self._stop_lock = threading.Lock(), threading.Lock()
+        self._held: dict[str, float] = {}
+        self._near_since_ns: dict[str, int] = {}
+        self._repeat_ns = self._asked_ns = self._silent_since_ns = 0
+        self._stopping = threading.Event()
+        self._stopper = connect()
+        ready: Future[None] = Future()
+        self._thread = threading.Thread(target=self._live, args=(connect, ready), daemon=True)
+        self._thread.start()
+        try:
+            ready.result()
+        except BaseException:
+            self._stopper.close()
+            raise
+        self.name = self._stopper.name
+
+    # -- from any thread -------------------------------------------------------------------------
+
+    def look(self) -> dict[str, AxisView]:
+        """What is known of each axis now."""
+        with self._lock:
+            return dict(self._views)
+
+    def go(self, targets: Mapping[str, float]) -> None:
+        """Go to a place, by axis, and stay; returns when the daemon has accepted all of them.
+        Raises BadInput outside the reach (nothing is sent), Refusal, NotNow."""
+        self._call(lambda group: self._go(group, dict(targets)))
+
+    def take(self) -> None:
+        """Take the command lease without moving. Raises Refusal where another client has it."""
+        self._call(lambda group: group.acquire())
+
+    def fly(self, t_s: ArrayLike, targets: Mapping[str, ArrayLike], repeat: int = 1) -> None:
+        """Begin to play a trajectory, (n,) times [s] and (n,) targets by axis, repeat times (0:
+        until stopped), and stay at its end. Raises BadInput outside the reach, NotNow."""
+        t = np.array(t_s, float)
+        values = {axis: np.array(of_axis, float) for axis, of_axis in targets.items()}
+        begun: Future[None] = Future()
+        for axis, of_axis in values.items():
+            self._check_reach(axis, float(of_axis.min()), float(of_axis.max()))
+        self._jobs.put(lambda group: self._fly(group, t, values, repeat, begun))
+        begun.result(ANSWER_S)
+
+    def stop(self) -> None:
+        """Stop all axes at once; they then stay where the model sees them."""
+        self._stop_now()
+        self._call(self._stay_here)
+
+    def let_go(self) -> None:
+        """Stop all axes and give the lease back: the daemon holds, then ramps to its safe
+        voltage."""
+        self._stop_now()
+        self._call(self._let_go)
+
+    def close(self) -> None:
+        """Let go, and end the connections. Safe to call twice."""
+        self._stopping.set()
+        self._jobs.put(None)
+        self._thread.join()
+        with self._stop_lock:
+            self._stopper.close()
+
+    # -- the thread ------------------------------------------------------------------------------
+
+    def _stop_now(self) -> None:
+        self._stopping.set()
+        with self._stop_lock:
+            self._stopper.stop()
+
+    def _call(self, job: Callable[[Group], None]) -> None:
+        done: Future[None] = Future()
+
+        def guarded(group: Group) -> None:
+            try:
+                job(group)
+            except Exception as error:  # whoever asked is told
+                done.set_exception(error)
+            else:
+                done.set_result(None)
+
+        if not self._thread.is_alive():
+            raise NotNow("the connection to the controller is closed")
+        self._jobs.put(guarded)
+        try:
+            done.result(ANSWER_S)
+        except TimeoutError:
+            raise NotNow(f"the controller did not answer within {ANSWER_S:g} s") from None
+
+    def _live(self, connect: Callable[[], Group], ready: "Future[None]") -> None:
+        try:
+            group = connect()
+        except BaseException as error:
+            ready.set_exception(error)
+            return
+        with group:
+            try:
+                self._stale_s = min(c.config().setpoint.stale_s for c in group.clients.values())
+                self._streams = {axis: c.stream() for axis, c in group.clients.items()}
+                self._ask(group)
+            except BaseException as error:
+                ready.set_exception(error)
+                return
+            ready.set_result(None)
+            while self._turn(group):
+                pass
+            self._stop_now()
+
+    def _turn(self, group: Group) -> bool:
+        """One turn; False when it is to end."""
+        try:
+            job = self._jobs.get_nowait()
+        except queue.Empty:
+            pass
+        else:
+            if job is None:
+                return False
+            job(group)
+        try:
+            self._stay(group)
+            if clock.monotonic_ns() - self._asked_ns > STATUS_S * clock.NS:
+                self._ask(group)
+            self._silent_since_ns = 0
+        except BusError as error:  # the gateway may be starting again
+            now_ns = clock.monotonic_ns()
+            self._silent_since_ns = self._silent_since_ns or now_ns
+            if now_ns - self._silent_since_ns > PATIENCE_S * clock.NS:
+                self._lose(str(error))
+        except DehystError as error:  # another client commands
+            self._lose(str(error))
+        self._listen(POLL_S)
+        return True
+
+    def _ask(self, group: Group) -> None:
+        """Reach and period of each axis."""
+        self._asked_ns = clock.monotonic_ns()
+        for axis, status in group.status().items():
+            low, high = status.reach_min, status.reach_max
+            known = {
+                "unit": status.unit,
+                "period_s": status.period_ns * 1e-9,
+                "low": low,
+                "high": high,
+                "tolerance": self._tolerance or SHARE * (high - low),
+            }
+            with self._lock:
+                old = self._views.get(axis)
+                self._views[axis] = replace(old, **known) if old else AxisView(**known)  # type: ignore[arg-type]
+
+    def _change(self, axis: str, **known: Any) -> None:
+        with self._lock:
+            self._views[axis] = replace(self._views[axis], **known)
+
+    def _lose(self, why: str) -> None:
+        for axis in self._held:
+            self._change(axis, lost=why, moving=False)
+        self._held.clear()
+
+    def _stay(self, group: Group) -> None:
+        """Repeat the set-points before they go stale."""
+        now_ns = clock.monotonic_ns()
+        if self._held and now_ns >= self._repeat_ns and not self._stopping.is_set():
+            group.send(self._held, allow_unreachable=True)  # they were admitted; a model may change
+            self._repeat_ns = now_ns + round(self._stale_s / REPEATS * clock.NS)
+
+    def _check_reach(self, axis: str, low: float, high: float) -> None:
+        view = self.look()[axis]
+        if not (np.isfinite(low) and np.isfinite(high)):
+            raise BadInput(f"axis {axis}: a target is NaN or infinite")
+        if low < view.low or high > view.high:
+            raise BadInput(
+                f"axis {axis}: {low if low < view.low else high:g} {view.unit} cannot be reached: "
+                f"the range is {view.low:g} to {view.high:g}"
+            )
+
+    def _go(self, group: Group, targets: dict[str, float]) -> None:
+        for axis, value in targets.items():
+            self._check_reach(axis, value, value)
+        self._stopping.clear()
+        group.send(targets)
+        self._hold(targets)
+
+    def _hold(self, targets: Mapping[str, float]) -> None:
+        for axis, value in targets.items():
+            self._held[axis] = value
+            self._near_since_ns[axis] = 0
+            self._change(axis, asked=value, on_target=False, moving=True, flying=False, lost="")
+        self._repeat_ns = clock.monotonic_ns() + round(self._stale_s / REPEATS * clock.NS)
+
+    def _stay_here(self, group: Group) -> None:
+        """Hold the axes that were held where the model sees them now."""
+        self._stopping.clear()
+        self._listen(POLL_S)
+        here = {
+            axis: float(np.clip(view.predicted, view.low, view.high))
+            for axis, view in self.look().items()
+            if axis in self._held and np.isfinite(view.predicted)
+        }
+        self._held.clear()
+        for axis in here:
+            self._change(axis, flying=False)
+        if here:
+            group.send(here, allow_unreachable=True)
+            self._hold(here)
+
+    def _let_go(self, group: Group) -> None:
+        self._lose("")
+        for client in group.clients.values():
+            client.give_up()
+
+    def _listen(self, timeout_s: float) -> None:
+        for place, (axis, stream) in enumerate(self._streams.items()):
+            self._hear(axis, stream, timeout_s if place == 0 else 0.0)
+
+    def _hear(self, axis: str, stream: TelemetryStream, timeout_s: float) -> None:
+        samples = stream.read(timeout_s)
+        if not samples.size:
+            return
+        view, model = self.look()[axis], model_place(samples)
+        gauge = samples["measured"][np.isfinite(samples["measured"])]
+        self._change(
+            axis,
+            place=float(gauge.mean()) if gauge.size else float(model[-1]),
+            predicted=float(model[-1]),
+            volts=float(samples["volts"][-1]),
+        )
+        if axis in self._held and not view.flying:
+            self._judge(axis, samples, samples["measured"] if self._by == "gauge" else model)
+
+    def _judge(self, axis: str, samples: NDArray[Any], place: NDArray[np.float64]) -> None:
+        """Is it where it was sent, without a break for settle_s?"""
+        value, since_ns = self._held[axis], self._near_since_ns[axis]
+        near = (samples["target"] == value) & (np.abs(place - value) <= self.look()[axis].tolerance)
+        last_ns = int(samples["scheduled_ns"][-1])
+        if not near.all():  # it counts from the sample after the last one that was not near
+            away = int(np.flatnonzero(~near)[-1])
+            since_ns = 0 if away == near.size - 1 else int(samples["scheduled_ns"][away + 1])
+        else:
+            since_ns = since_ns or int(samples["scheduled_ns"][0])
+        self._near_since_ns[axis] = since_ns
+        there = since_ns > 0 and last_ns - since_ns >= self._settle_s * clock.NS
+        self._change(axis, on_target=there, moving=not there)
+
+    def _fly(
+        self,
+        group: Group,
+        t_s: NDArray[np.float64],
+        values: dict[str, NDArray[np.float64]],
+        repeat: int,
+        begun: "Future[None]",
+    ) -> None:
+        self._stopping.clear()
+        others = {axis: value for axis, value in self._held.items() if axis not in values}
+
+        def look(*_: Any) -> None:
+            if not begun.done():
+                for axis in values:
+                    self._held[axis] = float(values[axis][-1])
+                    self._change(axis, flying=True, moving=True, on_target=False, lost="")
+                begun.set_result(None)
+            self._listen(0.0)
+            if others and clock.monotonic_ns() >= self._repeat_ns:
+                group.send(others, allow_unreachable=True)
+                self._repeat_ns = clock.monotonic_ns() + round(self._stale_s / REPEATS * clock.NS)
+            if self._stopping.is_set():
+                raise _Stopped
+
+        why = ""
+        try:
+            played = group.play(t_s, values, progress=look, repeat=repeat)
+            why = next((p.reason for p in played.values() if not p.completed), "")
+        except _Stopped:
+            self._stay_here(group)
+            return
+        except Exception as error:
+            if not begun.done():
+                begun.set_exception(error)
+            why = str(error)
+        for axis in values:
+            self._change(axis, flying=False, moving=False)
+        if not self._stopping.is_set() and begun.done() and not begun.exception() and not why:
+            ends = {axis: float(of_axis[-1]) for axis, of_axis in values.items()}
+            group.send(ends, allow_unreachable=True)
+            self._hold(ends)
+        elif why and not self._stopping.is_set():
+            for axis in values:
+                self._held.pop(axis, None)
+                self._change(axis, lost=why)
+
+    _streams: dict[str, TelemetryStream]
+    _stale_s: float

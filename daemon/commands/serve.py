@@ -1,0 +1,120 @@
+"""Serve a controller in the words of another one."""
+
+import argparse
+import ipaddress
+import logging
+import signal
+import sys
+import threading
+from types import FrameType
+
+from dehyst.daemon.client.connection import add_connection, address_of, label_of
+from dehyst.models.errors import BadInput
+
+DEFAULT = "127.0.0.1:50000"
+EPILOG = """Programs that speak PI's General Command Set 2.0 over TCP (PIPython, PIMikroMove's TCP
+port, LabVIEW drivers) then drive the stage as a closed-loop controller: SVO takes the command
+lease, MOV moves, ONT? is by the model's word or the gauge's, the wave generator plays scans on the
+loop's own samples. docs/gcs.md lists what is spoken. The protocol knows no passwords: whoever
+reaches the port commands the stage, so an address beyond this machine needs --without-passwords.
+
+examples: dehyst serve --as gcs
+          dehyst serve --as gcs --name stage-1 --on-target gauge --tolerance 0.02
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst serve`."""
+    parser.epilog = EPILOG
+    parser.add_argument("--as", dest="dialect", choices=("gcs",), required=True, help="the dialect")
+    parser.add_argument(
+        "--listen", default=DEFAULT, metavar="HOST:PORT", help=f"where (default: {DEFAULT})"
+    )
+    parser.add_argument(
+        "--without-passwords",
+        action="store_true",
+        help="also beyond this machine, where everybody who reaches the port may command",
+    )
+    parser.add_argument(
+        "--on-target", choices=("model", "gauge"), default="model", help="whose word counts"
+    )
+    parser.add_argument(
+        "--tolerance", type=float, default=0.0, metavar="UM",
+        help="how near is on target, in the stage's unit (default: 0.2 %% of the reach)",
+    )  # fmt: skip
+    add_connection(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Until SIGTERM or Ctrl-C."""
+    from dehyst.daemon.tools.kernel_cache import load_lightly
+
+    load_lightly()
+    from dehyst import __version__
+    from dehyst.daemon.client.group import Group
+    from dehyst.daemon.client.held_axes import HeldAxes
+    from dehyst.daemon.gcs.controller import Controller
+    from dehyst.daemon.gcs.server import GcsServer
+
+    host, port = address(args.listen, args.without_passwords)
+    if not 0 <= args.tolerance < float("inf"):
+        raise BadInput(f"--tolerance {args.tolerance:g}: it is 0 or a positive number")
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    where, credentials = address_of(args)
+
+    def connect() -> Group:
+        return Group(args.name, None, where, args.base, label_of("serve --as gcs"), credentials)
+
+    with HeldAxes(connect, tolerance=args.tolerance, by=args.on_target) as held:
+        try:
+            server = GcsServer((host, port), Controller(held, __version__))
+        except OSError as error:
+            raise BadInput(f"--listen {args.listen}: {error.strerror or error}") from None
+        with server:
+            end = _end_at_signals(server)
+            print(
+                f"dehyst serve: {held.name} as a GCS 2.0 controller at {host}:"
+                f"{server.server_address[1]}",
+                file=sys.stderr,
+                flush=True,
+            )
+            server.serve_forever(poll_interval=0.2)
+            end.join()
+    return 0
+
+
+def _end_at_signals(server: "object") -> threading.Thread:
+    """A thread that ends the server at SIGTERM or Ctrl-C: it cannot be ended from a handler, which
+    runs in the thread that serves."""
+    asked = threading.Event()
+
+    def ask(_number: int, _frame: FrameType | None) -> None:
+        asked.set()
+
+    def wait() -> None:
+        asked.wait()
+        server.shutdown()  # type: ignore[attr-defined]
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, ask)
+    thread = threading.Thread(target=wait, daemon=True)
+    thread.start()
+    return thread
+
+
+def address(text: str, anywhere: bool) -> tuple[str, int]:
+    """(host, port). Raises BadInput where it is none, or is not this machine's alone."""
+    host, _, port = text.rpartition(":")
+    host = host.strip("[]")
+    if not host or not port.isdigit() or int(port) > 65535:
+        raise BadInput(f"--listen {text}: it is HOST:PORT with a port from 0 to 65535")
+    try:
+        local = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        local = host == "localhost"
+    if not local and not anywhere:
+        raise BadInput(
+            f"--listen {text}: the protocol knows no passwords, so that whoever reaches this "
+            "address would command the stage; add --without-passwords where the network is trusted"
+        )
+    return host, int(port)

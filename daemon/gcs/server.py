@@ -1,0 +1,64 @@
+"""TCP for the controller: one thread a connection, bounded in number and in length of a line."""
+
+import logging
+import socket
+import socketserver
+import threading
+
+from dehyst.daemon.gcs.controller import Controller, Session
+from dehyst.daemon.gcs.dialect import answer
+from dehyst.daemon.gcs.grammar import Splitter
+
+log = logging.getLogger(__name__)
+MOST_CONNECTIONS = 8
+"""One program, and what looks on beside it."""
+PIECE = 1 << 16
+
+
+class GcsServer(socketserver.ThreadingTCPServer):
+    """Serves `controller` at (host, port). Raises OSError where the port is taken."""
+
+    allow_reuse_address = True
+    daemon_threads = True
+
+    def __init__(self, address: tuple[str, int], controller: Controller) -> None:
+        if ":" in address[0]:
+            self.address_family = socket.AF_INET6
+        super().__init__(address, _Handler)
+        self.controller = controller
+        self._places = threading.BoundedSemaphore(MOST_CONNECTIONS)
+
+    def verify_request(self, request: object, client_address: object) -> bool:
+        """A place for it, or it is closed."""
+        if self._places.acquire(blocking=False):
+            return True
+        log.warning("refused %s: %d connections are open", client_address, MOST_CONNECTIONS)
+        return False
+
+    def give_back(self) -> None:
+        """A connection has ended."""
+        self._places.release()
+
+
+class _Handler(socketserver.BaseRequestHandler):
+    server: GcsServer
+
+    def handle(self) -> None:
+        connection: socket.socket = self.request
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        controller, session, splitter = self.server.controller, Session(), Splitter()
+        log.info("%s connects", self.client_address)
+        try:
+            while data := connection.recv(PIECE):
+                for command in splitter.feed(data):
+                    if text := answer(controller, session, command):
+                        connection.sendall(text.encode("cp1252", "replace"))
+        except OSError as error:
+            log.info("%s: %s", self.client_address, error)
+        finally:
+            controller.leave(session)
+            log.info("%s has gone", self.client_address)
+
+    def finish(self) -> None:
+        self.server.give_back()
