@@ -58,10 +58,6 @@ class AxisView:
     lost: str = ""
 
 
-class _Stopped(Exception):
-    """The trajectory is to end."""
-
-
 class HeldAxes(Closing):
     """connect: makes the Group, twice; tolerance: how near is there, in the stage's unit (0: 0.2 %
     of the reach); settle_s: for how long it must be near; by: whose word counts, the model's (open
@@ -341,27 +337,25 @@ class HeldAxes(Closing):
             if others and clock.monotonic_ns() >= self._repeat_ns:
                 group.send(others, allow_unreachable=True)
                 self._repeat_ns = clock.monotonic_ns() + round(self._stale_s / REPEATS * clock.NS)
-            if self._stopping.is_set():
-                raise _Stopped
 
         why = ""
         try:
             played = group.play(t_s, values, progress=look, repeat=repeat)
             why = next((p.reason for p in played.values() if not p.completed), "")
-        except _Stopped:
-            self._stay_here(group)
-            return
         except Exception as error:
             if not begun.done():
                 begun.set_exception(error)
             why = str(error)
+        if self._stopping.is_set():
+            self._stay_here(group)
+            return
         for axis in values:
             self._change(axis, flying=False, moving=False)
-        if not self._stopping.is_set() and begun.done() and not begun.exception() and not why:
+        if begun.done() and not begun.exception() and not why:
             ends = {axis: float(of_axis[-1]) for axis, of_axis in values.items()}
             group.send(ends, allow_unreachable=True)
             self._hold(ends)
-        elif why and not self._stopping.is_set():
+        elif why:
             for axis in values:
                 self._held.pop(axis, None)
                 self._change(axis, lost=why)

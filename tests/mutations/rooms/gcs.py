@@ -48,11 +48,11 @@ CHANGES = [
             "the stage stays high after the program that commanded it has gone",
         ),
         Change(
-            "wave-goes-on",
+            "stop-lets-go",
             HELD,
-            "            if self._stopping.is_set():\n                raise _Stopped\n",
-            "            if False:\n                raise _Stopped\n",
-            "a stop does not end the wave's thread, and the axis is not held",
+            "        if here:\n",
+            "        if False:\n",
+            "after a stop the stage ramps to its safe voltage instead of staying",
         ),
         Change(
             "stop-has-no-error",
