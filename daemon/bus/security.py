@@ -13,11 +13,13 @@ listens on nothing.
 
 import ipaddress
 import os
+import re
 import secrets
 import stat
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.input_file import NotReadable, read_text
@@ -71,11 +73,33 @@ def check_open(listen: Sequence[str], authenticated: bool) -> None:
             )
 
 
-def check_page(listen: str, certificate: str, key: str, passwords: str) -> None:
+def check_page(
+    listen: str, certificate: str, key: str, passwords: str, public_url: str = ""
+) -> None:
     """BadInput where the page in a browser would be open to the network."""
-    check_address(f"tcp/{listen}", "page.listen")
+    host, _, port = listen.rpartition(":")
+    if not host:
+        raise BadInput(f"page.listen: {listen[:80]!r} is no address; write HOST:PORT")
+    if not (port.isascii() and port.isdigit() and len(port) < 20 and 0 < int(port) < 65536):
+        raise BadInput(
+            f"page.listen: {listen[:80]!r} is no address: {port[:20]!r} is no port; a port is a "
+            "number from 1 to 65535"
+        )
     if bool(certificate) != bool(key):
         raise BadInput("page: `certificate` and `key` go together")
+    if public_url:
+        origin, _ = split_public_url(public_url)
+        if not is_loopback(f"tcp/{with_port(origin)}"):
+            if not passwords:
+                raise BadInput(
+                    f"page.public_url: anybody who reaches {public_url} could move the stage. Give "
+                    "passwords, with operators or observers"
+                )
+            if not origin.startswith("https:"):
+                raise BadInput(
+                    f"page.public_url: {public_url} would carry passwords in the clear; have the "
+                    "proxy serve https, and write https:// here"
+                )
     if is_loopback(f"tcp/{listen}") or (certificate and passwords):
         return
     lacks = [] if certificate else ["certificate and key (TLS)"]
@@ -84,6 +108,39 @@ def check_page(listen: str, certificate: str, key: str, passwords: str) -> None:
         f"page.listen: {listen} can be reached from the network: anybody could move the stage. "
         f"Give {' and '.join(lacks)}, or listen on 127.0.0.1"
     )
+
+
+PORTS = {"http": 80, "https": 443}
+
+
+def split_public_url(url: str) -> tuple[str, str]:
+    """(origin as a browser sends it, path without a slash at its end) of the address that people
+    type for a page behind a reverse proxy. BadInput where it is none."""
+    wrong = BadInput(
+        f"page.public_url: {url[:120]!r} is no address of a page; write it as people type it, such "
+        "as https://lab.example/stage/"
+    )
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError:
+        raise wrong from None
+    plain = not (parts.query or parts.fragment or "@" in parts.netloc)
+    if parts.scheme not in PORTS or not parts.hostname or not plain:
+        raise wrong
+    if not re.fullmatch(r"[A-Za-z0-9._~/-]*", parts.path) or "//" in parts.path:
+        raise wrong
+    if not re.fullmatch(r"[a-z0-9.-]+|[0-9a-f:.]+", parts.hostname):
+        raise wrong
+    host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
+    place = host if port in (None, PORTS[parts.scheme]) else f"{host}:{port}"
+    return f"{parts.scheme}://{place}", parts.path.rstrip("/")
+
+
+def with_port(origin: str) -> str:
+    """HOST:PORT of an origin."""
+    scheme, _, place = origin.partition("://")
+    return place if re.search(r":\d+$", place) else f"{place}:{PORTS[scheme]}"
 
 
 def check_routers(listen: Sequence[str], connect: Sequence[str], auth: Any) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.bus.security import check_page
+from dehyst.daemon.bus.sockets import allow_open_files
 from dehyst.daemon.client.connection import add_connection, address_of
 from dehyst.daemon.config import PageConfig, load_controller
 from dehyst.models.errors import BadInput
@@ -30,6 +31,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--listen", metavar="HOST:PORT", help=f"where it is served (default: {default.listen})"
     )
+    parser.add_argument(
+        "--public-url", metavar="URL",
+        help="the address that people type, where a reverse proxy on this machine serves the page",
+    )  # fmt: skip
     parser.add_argument("--observe", action="store_true", help="nobody may command from here")
     parser.add_argument("--certificate", metavar="FILE", help="for TLS: the certificate (PEM)")
     parser.add_argument("--key", metavar="FILE", help="for TLS: its private key (PEM)")
@@ -50,23 +55,26 @@ def run(args: argparse.Namespace) -> int:
 
     load_lightly()
     # the server's packages take their time
-    from dehyst.daemon.page.people import People
-    from dehyst.daemon.page.server import Listen, serve_page
+    from dehyst.daemon.page.doors import open_door
+    from dehyst.daemon.page.people import People, Public
+    from dehyst.daemon.page.server import Tls, serve_page
     from dehyst.daemon.page.watching import Controllers
 
     logging.basicConfig(level=logging.WARNING, format="%(name)s: %(message)s")
-    check_page(config.listen, config.certificate, config.key, config.passwords)
+    check_page(config.listen, config.certificate, config.key, config.passwords, config.public_url)
     people = People(config.passwords, config.operators, config.observers, config.observe)
     check_files(config)
-    controllers = Controllers(addresses, base, args.name, credentials)
-    scheme = "https" if config.certificate else "http"
-    print(f"dehyst page: {scheme}://{config.listen}/", file=sys.stderr, flush=True)
-    try:
-        return serve_page(
-            controllers, people, Listen(config.listen, config.certificate, config.key)
-        )
-    finally:
-        controllers.close()
+    allow_open_files()
+    with open_door(config.listen) as door:
+        controllers = Controllers(addresses, base, args.name, credentials)
+        scheme = "https" if config.certificate else "http"
+        where = config.public_url or f"{scheme}://{config.listen}/"
+        print(f"dehyst page: {where}", file=sys.stderr, flush=True)
+        try:
+            tls = Tls(config.certificate, config.key)
+            return serve_page(controllers, people, door, tls, Public.of(config.public_url))
+        finally:
+            controllers.close()
 
 
 def settings_of(args: argparse.Namespace) -> tuple[PageConfig, list[str], str, str]:
@@ -80,14 +88,16 @@ def settings_of(args: argparse.Namespace) -> tuple[PageConfig, list[str], str, s
             "operators": split(args.operators),
             "observers": split(args.observers),
             "observe": args.observe,
+            "public_url": args.public_url or "",
         }
         if args.listen:
             given["listen"] = args.listen
         return PageConfig(**given), where.split(","), credentials, args.base
-    for name in ("listen", "observe", "certificate", "key", "passwords", "operators", "observers",
-                 "connect", "credentials"):  # fmt: skip
+    for name in ("listen", "public_url", "observe", "certificate", "key", "passwords", "operators",
+                 "observers", "connect", "credentials"):  # fmt: skip
         if getattr(args, name):
-            raise BadInput(f"--{name} goes without --config: its [page] says it itself")
+            option = name.replace("_", "-")
+            raise BadInput(f"--{option} goes without --config: its [page] says it itself")
     controller = load_controller(args.config)
     page, net = controller.page or PageConfig(), controller.bus
     addresses = [*(page.connect or (*net.listen, *net.connect)[:1])]

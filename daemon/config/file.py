@@ -85,7 +85,7 @@ def _check(config: Config, where: str) -> None:
         check_routers(config.bus.listen, config.bus.connect, config.bus.auth)
         check_open(config.bus.listen, config.bus.auth is not None)
         if (page := config.page) is not None:
-            check_page(page.listen, page.certificate, page.key, page.passwords)
+            check_page(page.listen, page.certificate, page.key, page.passwords, page.public_url)
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
     if config.sensor.scale == 0:

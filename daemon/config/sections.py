@@ -232,6 +232,9 @@ class PageConfig(_Strict, frozen=True):
 
     listen: str = "127.0.0.1:8080"
     """HOST:PORT. Beyond loopback only with certificate, key and passwords."""
+    public_url: str = ""
+    """The address that people type where a reverse proxy on this machine serves the page, such as
+    https://lab.example/stage/. Beyond loopback only with https and passwords."""
     certificate: str = ""
     """PEM files for TLS; all paths are relative to the configuration."""
     key: str = ""

@@ -1,12 +1,15 @@
-"""Around every request: the right host, the same origin, and headers that let nothing else in."""
+"""Around every request: the right host, the same origin, no more of one address at once than it
+needs, and headers that let nothing else in."""
 
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections import Counter
+from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from typing import Any
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 
-from dehyst.daemon.page.people import People, same_origin
+from dehyst.daemon.page.guesses import origin_of
+from dehyst.daemon.page.people import People, Public, host_name, same_origin
 
 Message = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Message]]
@@ -27,40 +30,76 @@ HEADERS = {
     "cache-control": "no-cache",
 }
 LOOKS = ("GET", "HEAD")
+MOST_AT_ONCE = 32
+"""Requests of one address that are answered at the same time; a browser makes six."""
+
+
+def refusal(people: People, public: Public, headers: Mapping[str, str], looks: bool) -> str:
+    """Why a request is refused for where it comes from, and what to do; "": it is not. looks: it
+    changes nothing."""
+    host, origin = headers.get("host", "")[:80], headers.get("origin", "")[:120]
+    if not people.knows_host(host) and not (public.origin and host_name(host) == public.host):
+        return (
+            f"this page answers to localhost and 127.0.0.1, not to {host!r}. Behind a reverse "
+            "proxy, set page.public_url (--public-url) to the address that people type"
+        )
+    if looks or same_origin(headers) or public.called(headers):
+        return ""
+    if not origin:
+        return "a request that changes something carries an Origin header, as browsers send it"
+    return (
+        f"the request comes from a page at {origin!r}, and this page is {host!r}. Behind a reverse "
+        "proxy, set page.public_url (--public-url) to the address that people type"
+    )
 
 
 class Guard:
-    """ASGI middleware. secure: served over TLS."""
+    """ASGI middleware. tls: this server serves over TLS itself."""
 
-    def __init__(self, app: App, people: People, secure: bool) -> None:
-        self._app, self._people, self._secure = app, people, secure
+    def __init__(self, app: App, people: People, public: Public, tls: bool) -> None:
+        self._app, self._people, self._public, self._tls = app, people, public, tls
+        self._at_once: Counter[str] = Counter()
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
         """Refuse, or pass on with the headers added."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
+        if self._public.path and scope["path"].startswith(f"{self._public.path}/"):
+            scope["path"] = scope["path"].removeprefix(self._public.path)  # the proxy left it
         headers = Headers(scope=scope)
         looks = scope["type"] == "http" and scope["method"] in LOOKS
-        refused = ""
-        if not self._people.knows_host(headers.get("host", "")):
-            refused = "this page is called by localhost or 127.0.0.1 alone"
-        elif not looks and not same_origin(headers):
-            refused = "a request of another origin"
+        refused = refusal(self._people, self._public, headers, looks)
 
         async def sent(message: Message) -> None:
             if message["type"] == "http.response.start":
                 out = MutableHeaders(scope=message)
                 for name, value in HEADERS.items():
                     out.setdefault(name, value)
-                if self._secure:
+                if self._tls:
                     out["strict-transport-security"] = "max-age=31536000"
             await send(message)
 
-        if not refused:
-            await self._app(scope, receive, sent)
+        if refused:
+            answer = PlainTextResponse(f"refused: {refused}\n", 403)
+            if scope["type"] == "websocket":
+                await receive()
+            await answer(scope, receive, sent)
         elif scope["type"] == "websocket":
-            await receive()
-            await send({"type": "websocket.close", "code": 1008, "reason": refused})
+            await self._app(scope, receive, sent)
         else:
-            await PlainTextResponse(f"refused: {refused}\n", 403)(scope, receive, sent)
+            await self._counted(scope, receive, sent)
+
+    async def _counted(self, scope: Message, receive: Receive, send: Send) -> None:
+        address = origin_of((scope.get("client") or ("",))[0])
+        if self._at_once[address] >= MOST_AT_ONCE:
+            text = f"{MOST_AT_ONCE} requests of your address are being answered; try again\n"
+            await PlainTextResponse(text, 503, {"retry-after": "1"})(scope, receive, send)
+            return
+        self._at_once[address] += 1
+        try:
+            await self._app(scope, receive, send)
+        finally:
+            self._at_once[address] -= 1
+            if not self._at_once[address]:
+                del self._at_once[address]

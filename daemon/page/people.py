@@ -6,8 +6,8 @@ A request of another site's page is told by its Origin, and a name that was bent
 """
 
 import base64
-import binascii
 import hmac
+import math
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,14 +15,25 @@ from pathlib import Path
 from typing import Literal
 
 from dehyst.daemon import clock
-from dehyst.daemon.bus.security import read_passwords
-from dehyst.models.errors import BadInput
+from dehyst.daemon.bus.security import read_passwords, split_public_url
+from dehyst.daemon.page.guesses import Guesses
+from dehyst.models.errors import BadInput, NotNow
 
 Role = Literal["operator", "observer"]
 COOKIE = "dehyst"
 SESSION_S = 12 * 3600.0
 MOST_SESSIONS = 256
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
+
+
+class TooManyGuesses(NotNow):
+    """This address gave too many wrong passwords. wait_s: until its next one is looked at."""
+
+    def __init__(self, address: str, wait_s: float) -> None:
+        self.wait_s = wait_s
+        super().__init__(
+            f"too many wrong passwords from {address}: try again in {math.ceil(wait_s)} s"
+        )
 
 
 @dataclass(frozen=True)
@@ -53,6 +64,7 @@ class People:
         self._everybody = Person("", "observer" if observe else "operator")
         self._people: dict[str, tuple[str, Person]] = {}
         self._sessions: dict[str, tuple[Person, int]] = {}
+        self._guesses = Guesses()
         if self.open:
             if operators or observers:
                 raise BadInput("page: operators and observers need `passwords`")
@@ -67,11 +79,18 @@ class People:
             raise BadInput(f"page: {', '.join(missing)}: no password in {passwords}")
         self._people = {n: (known[n], Person(n, role)) for n, role in roles.items()}
 
-    def check(self, name: str, password: str) -> Person | None:
-        """The person with this password; None: there is none."""
+    def check(self, name: str, password: str, address: str) -> Person | None:
+        """The person with this password; None: there is none. Raises TooManyGuesses, whatever the
+        password is, where this address gave too many wrong ones."""
+        now_ns = clock.monotonic_ns()
+        if wait_s := self._guesses.wait_s(address, now_ns):
+            raise TooManyGuesses(address, wait_s)
         known, person = self._people.get(name, ("", None))
-        right = hmac.compare_digest(known.encode(), password.encode())
-        return person if right and person is not None else None
+        right = hmac.compare_digest(known.encode(), password.encode("utf-8", "replace"))
+        if right and person is not None:
+            return person
+        self._guesses.wrong(address, now_ns)
+        return None
 
     def begin(self, person: Person) -> str:
         """A new session's token."""
@@ -87,25 +106,54 @@ class People:
         """End a session."""
         self._sessions.pop(token, None)
 
-    def who(self, headers: Mapping[str, str], token: str) -> Person | None:
-        """Who asks: by session, or by name and password in the header (`curl -u`, Prometheus)."""
+    def lasts(self, token: str) -> bool:
+        """Whether a session goes on."""
+        _, until_ns = self._sessions.get(token, (None, 0))
+        return until_ns > clock.monotonic_ns()
+
+    def who(self, headers: Mapping[str, str], token: str, address: str) -> Person | None:
+        """Who asks: by session, or by name and password in the header (`curl -u`, Prometheus).
+        Raises TooManyGuesses."""
         if self.open:
             return self._everybody
-        person, until_ns = self._sessions.get(token, (None, 0))
-        if person is not None and until_ns > clock.monotonic_ns():
-            return person
+        if self.lasts(token):
+            return self._sessions[token][0]
         kind, _, text = headers.get("authorization", "").partition(" ")
-        if kind.lower() != "basic":
-            return None
-        try:
-            name, _, password = base64.b64decode(text, validate=True).decode().partition(":")
-        except (binascii.Error, UnicodeDecodeError):
-            return None
-        return self.check(name, password)
+        if kind.lower() == "basic":
+            try:
+                name, _, password = base64.b64decode(text, validate=True).decode().partition(":")
+            except ValueError:  # what is no text is wrong all the same
+                name = password = ""
+            return self.check(name, password, address)
+        if token or kind:
+            self.check("", "", address)  # a token that is unknown is a wrong guess
+        return None
 
     def knows_host(self, host: str) -> bool:
         """Whether a request's Host is one that this page may be called by."""
         return not self.open or host_name(host) in LOOPBACK_NAMES
+
+
+@dataclass(frozen=True)
+class Public:
+    """Where a reverse proxy serves the page. origin, path: "" without one."""
+
+    origin: str = ""
+    path: str = ""
+
+    @classmethod
+    def of(cls, url: str) -> "Public":
+        """Of `page.public_url`."""
+        return cls(*split_public_url(url)) if url else cls()
+
+    def called(self, headers: Mapping[str, str]) -> bool:
+        """Whether a request was made to this address: its Origin says so."""
+        return bool(self.origin) and headers.get("origin", "").lower() == self.origin
+
+    @property
+    def host(self) -> str:
+        """Its host, without the port."""
+        return host_name(self.origin.partition("://")[2])
 
 
 def host_name(host: str) -> str:

@@ -1,7 +1,10 @@
 """The page's server: static files, the WebSocket, uploads, metrics. ASGI: Starlette and uvicorn."""
 
 import asyncio
+import math
 import signal
+import socket
+from collections import Counter
 from collections.abc import AsyncIterator, Generator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
@@ -14,7 +17,7 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
@@ -22,9 +25,18 @@ from starlette.websockets import WebSocket
 from dehyst import __version__
 from dehyst.daemon import notify
 from dehyst.daemon.page import metrics
-from dehyst.daemon.page.guard import Guard
+from dehyst.daemon.page.doors import BACKLOG, Door, Loop, Wire
+from dehyst.daemon.page.guard import Guard, refusal
+from dehyst.daemon.page.guesses import origin_of
 from dehyst.daemon.page.jobs import KINDS, LARGEST_BYTES, Job, Jobs, Setting
-from dehyst.daemon.page.people import COOKIE, SESSION_S, People, Person
+from dehyst.daemon.page.people import (
+    COOKIE,
+    SESSION_S,
+    People,
+    Person,
+    Public,
+    TooManyGuesses,
+)
 from dehyst.daemon.page.visits import Ticks, Visit
 from dehyst.daemon.page.watching import Controllers, Watch
 from dehyst.models.errors import BadInput, DehystError
@@ -33,16 +45,17 @@ from dehyst.models.modelfile import dumps
 STATIC = Path(__file__).resolve().parent / "static"
 REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """A report is drawn from a stranger's file: it is shown, and nothing in it runs or loads."""
-MOST_VISITS = 64
-WRONG_PASSWORD_S = 1.0
-SMALL_BYTES = 4096
+MOST_VISITS, MOST_VISITS_OF_ONE = 256, 32
+"""WebSockets of all, of one address: some tabs on each of some screens."""
+SMALL_BYTES, SMALL_S = 4096, 10.0
+UPLOAD_S = 600.0
+"""A body that takes longer to come is given up: the largest file over 1 Mbit/s."""
 
 
 @dataclass(frozen=True)
-class Listen:
-    """Where the page is served. certificate, key: "": without TLS."""
+class Tls:
+    """PEM files; "": without TLS."""
 
-    address: str = "127.0.0.1:8080"
     certificate: str = ""
     key: str = ""
 
@@ -50,11 +63,10 @@ class Listen:
 class Site:
     """Answers requests."""
 
-    def __init__(self, controllers: Controllers, people: People, secure: bool) -> None:
-        self.controllers, self.people, self.secure = controllers, people, secure
+    def __init__(self, controllers: Controllers, people: People, public: Public, tls: bool) -> None:
+        self.controllers, self.people, self.public, self.tls = controllers, people, public, tls
         self.jobs, self.ticks = Jobs(), Ticks()
-        self._visits = 0
-        self._logins = asyncio.Semaphore(4)
+        self._visits: Counter[str] = Counter()
 
     def app(self) -> Starlette:
         """The ASGI application."""
@@ -71,12 +83,16 @@ class Site:
             Route("/doctor/{controller}/{case}", self.doctor),
             WebSocketRoute("/stream", self.stream),
         ]
-        guard = Middleware(Guard, people=self.people, secure=self.secure)
+        guard = Middleware(Guard, people=self.people, public=self.public, tls=self.tls)
         return Starlette(
             routes=routes,
             middleware=[guard],
             lifespan=self._life,
-            exception_handlers={DehystError: _say_why},
+            exception_handlers={
+                DehystError: _say_why,
+                TooManyGuesses: _wait,
+                401: self._unknown,
+            },
         )
 
     @asynccontextmanager
@@ -93,7 +109,21 @@ class Site:
     # -- who ------------------------------------------------------------------------------------
 
     def _who(self, asked: HTTPConnection) -> Person | None:
-        return self.people.who(asked.headers, asked.cookies.get(COOKIE, ""))
+        token = asked.cookies.get(COOKIE, "")
+        return self.people.who(asked.headers, token, _address(asked))
+
+    async def _unknown(self, request: Request, error: Exception) -> Response:
+        """A session that has ended is shown once, and not again with every request."""
+        assert isinstance(error, HTTPException)
+        answer = PlainTextResponse(error.detail, 401, error.headers)
+        if COOKIE in request.cookies and not self.people.lasts(request.cookies[COOKIE]):
+            for path in {"/", self._cookie_path(request), f"{self.public.path}/"}:
+                answer.delete_cookie(COOKIE, path)
+        return answer
+
+    def _cookie_path(self, request: Request) -> str:
+        """Several pages behind one proxy have a session each."""
+        return f"{self.public.path}/" if self.public.called(request.headers) else "/"
 
     def _known(self, asked: HTTPConnection, operator: bool = False) -> Person:
         person = self._who(asked)
@@ -104,34 +134,42 @@ class Site:
         return person
 
     async def me(self, request: Request) -> Response:
-        """Who I am."""
+        """Who I am; whether a page that is shown at the origin `at` may command."""
         person = self._known(request)
+        shown_at = request.query_params.get("at", "")
         return JSONResponse(
             {
                 "name": person.name,
                 "role": person.role,
                 "open": self.people.open,
                 "version": __version__,
+                "problem": refusal(
+                    self.people,
+                    self.public,
+                    {"host": request.headers.get("host", ""), "origin": shown_at},
+                    looks=not shown_at,
+                ),
             }
         )
 
     async def login(self, request: Request) -> Response:
         """Name and password for a session."""
         try:
-            given = msgspec.json.decode(await _body(request, SMALL_BYTES), type=dict[str, str])
-        except msgspec.MsgspecError:
+            body = await _body(request, SMALL_BYTES, SMALL_S)
+            given = msgspec.json.decode(body, type=dict[str, str])
+        except (msgspec.MsgspecError, RecursionError):
             raise HTTPException(400, "name and password are wanted, as JSON") from None
-        async with self._logins:
-            person = self.people.check(given.get("name", ""), given.get("password", ""))
-            if person is None:
-                await asyncio.sleep(WRONG_PASSWORD_S)
-                raise HTTPException(401, "no such name and password")
+        name, password = given.get("name", ""), given.get("password", "")
+        person = self.people.check(name, password, _address(request))
+        if person is None:
+            raise HTTPException(401, "no such name and password")
         answer = JSONResponse({"name": person.name, "role": person.role})
         answer.set_cookie(
             COOKIE,
             self.people.begin(person),
             max_age=round(SESSION_S),
-            secure=self.secure,
+            path=self._cookie_path(request),
+            secure=self.tls or request.headers.get("origin", "").startswith("https:"),
             httponly=True,
             samesite="strict",
         )
@@ -141,7 +179,7 @@ class Site:
         """End the session."""
         self.people.finish(request.cookies.get(COOKIE, ""))
         answer = JSONResponse({})
-        answer.delete_cookie(COOKIE)
+        answer.delete_cookie(COOKIE, self._cookie_path(request))
         return answer
 
     # -- what -----------------------------------------------------------------------------------
@@ -158,16 +196,29 @@ class Site:
 
     async def stream(self, socket: WebSocket) -> None:
         """One browser."""
+        address = origin_of(_address(socket))
         person = self._who(socket)
-        if person is None or self._visits >= MOST_VISITS:
-            await socket.close(1008)
+        if person is None:
+            await socket.send_denial_response(PlainTextResponse("log in first\n", 403))
             return
-        await socket.accept()
-        self._visits += 1
+        if self._visits[address] >= MOST_VISITS_OF_ONE or self._visits.total() >= MOST_VISITS:
+            few = PlainTextResponse("too many pages are open; close some\n", 503)
+            await socket.send_denial_response(few)
+            return
+        token = "" if self.people.open else socket.cookies.get(COOKIE, "")
+        by_session = self.people.lasts(token)
+        self._visits[address] += 1
         try:
-            await Visit(socket, person, self.controllers, self.jobs, self.ticks).run()
+            await socket.accept()
+            visit = Visit(
+                socket, person, self.controllers, self.jobs, self.ticks,
+                lambda: not by_session or self.people.lasts(token),
+            )  # fmt: skip
+            await visit.run()
         finally:
-            self._visits -= 1
+            self._visits[address] -= 1
+            if not self._visits[address]:
+                del self._visits[address]
 
     async def upload(self, request: Request) -> Response:
         """A file to look at; the job that does it."""
@@ -179,7 +230,7 @@ class Site:
         settings = self._settings(watch) if watch is not None else {}
         if "" not in settings and kind == "trajectory":
             raise BadInput("the controller's model and limits are not known yet")
-        data = await _body(request, LARGEST_BYTES)
+        data = await _body(request, LARGEST_BYTES, UPLOAD_S)
         file = request.query_params.get("file", "file")
         return JSONResponse(self.jobs.add(kind, file, data, settings).describe())
 
@@ -248,18 +299,31 @@ def setting_wanted(watch: Watch) -> Setting | None:
     )
 
 
-async def _body(request: Request, most: int) -> bytes:
-    """The body, with a bound that is held while it comes."""
+def _address(asked: HTTPConnection) -> str:
+    return asked.client.host if asked.client else ""
+
+
+async def _body(request: Request, most: int, within_s: float) -> bytes:
+    """The body, with bounds of size and time that are held while it comes."""
     parts, size = [], 0
     try:
-        async for part in request.stream():
-            size += len(part)
-            if size > most:
-                raise HTTPException(413, f"more than {most} bytes")
-            parts.append(part)
+        async with asyncio.timeout(within_s):
+            async for part in request.stream():
+                size += len(part)
+                if size > most:
+                    raise HTTPException(413, f"more than {most} bytes")
+                parts.append(part)
     except ClientDisconnect:
         raise HTTPException(400, "the rest did not come") from None
+    except TimeoutError:
+        text = f"the rest did not come within {within_s:g} s"
+        raise HTTPException(408, text, {"connection": "close"}) from None
     return b"".join(parts)
+
+
+async def _wait(_: Request, error: Exception) -> Response:
+    assert isinstance(error, TooManyGuesses)
+    return PlainTextResponse(f"{error}\n", 429, {"retry-after": str(math.ceil(error.wait_s))})
 
 
 async def _say_why(_: Request, error: Exception) -> Response:
@@ -277,30 +341,33 @@ class Server(uvicorn.Server):
         yield
 
 
-def serve_page(controllers: Controllers, people: People, listen: Listen) -> int:
-    """Until SIGTERM or SIGINT; exit code."""
-    host, _, port = listen.address.rpartition(":")
-    site = Site(controllers, people, bool(listen.certificate))
+def serve_page(
+    controllers: Controllers, people: People, door: socket.socket, tls: Tls, public: Public
+) -> int:
+    """Until SIGTERM or SIGINT, on a socket that listens; exit code."""
+    site = Site(controllers, people, public, bool(tls.certificate))
     options: dict[str, Any] = {}
-    if listen.certificate:
-        options = {"ssl_certfile": listen.certificate, "ssl_keyfile": listen.key}
+    if tls.certificate:
+        options = {"ssl_certfile": tls.certificate, "ssl_keyfile": tls.key}
     settings = uvicorn.Config(
         site.app(),
-        host=host.strip("[]"),
-        port=int(port),
-        log_level="warning",
+        http=Door,
+        ws=Wire,
+        loop=f"{Loop.__module__}:{Loop.__qualname__}",
+        log_level="error",
         access_log=False,
         server_header=False,
-        proxy_headers=False,
-        ws="websockets-sansio",
+        # who asks, by a proxy on this machine; without one anybody here could choose an address
+        proxy_headers=bool(public.origin),
+        forwarded_allow_ips="127.0.0.1,::1",
+        backlog=BACKLOG,
         ws_max_size=65_536,
         ws_ping_interval=5.0,
         ws_ping_timeout=10.0,
         ws_per_message_deflate=False,
-        limit_concurrency=256,
         timeout_graceful_shutdown=2,
         **options,
     )
     server = Server(settings)
-    server.run()
+    server.run([door])
     return 0 if server.started else 1

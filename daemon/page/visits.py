@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import msgspec
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from dehyst.daemon import notify
@@ -24,6 +23,8 @@ from dehyst.models.errors import BadInput, DehystError
 
 STATUS_TICKS, BEAT_TICKS = 5, 10
 MOST_WAITING = 100
+MOST_A_TICK = 50
+"""Messages of one browser; a person gives a few a second."""
 STOPPED, RELEASED = "stopped: holding, then to the safe voltage", "released: to the safe voltage"
 
 
@@ -59,14 +60,22 @@ class Ticks:
 
 
 class Visit:
-    """One WebSocket. person: who it is; where: from where, for the lease's label."""
+    """One WebSocket. person: who it is; lasts: whether the session that opened it goes on."""
 
     def __init__(
-        self, socket: WebSocket, person: Person, controllers: Controllers, jobs: Jobs, ticks: Ticks
+        self,
+        socket: WebSocket,
+        person: Person,
+        controllers: Controllers,
+        jobs: Jobs,
+        ticks: Ticks,
+        lasts: Callable[[], bool],
     ) -> None:
         self.socket, self.person = socket, person
         self.controllers, self.jobs, self.ticks = controllers, jobs, ticks
+        self._lasts = lasts
         self._look: wire.Look | None = None
+        self._past: wire.Past | None = None
         self._cursor = -1
         self._run = self._event = self._changes = self._findings = self._path = -1
         self._commanders: dict[str, Commander] = {}
@@ -74,19 +83,25 @@ class Visit:
         self._loop = asyncio.get_running_loop()
 
     async def run(self) -> None:
-        """Until the browser goes."""
-        serving = asyncio.create_task(self._serve())
-        hearing = asyncio.create_task(self._hear())
+        """Until the browser goes, or its session ends."""
+        tasks = [asyncio.create_task(each()) for each in (self._serve, self._hear, self._last)]
         try:
-            await asyncio.wait([serving, hearing], return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            for task in (serving, hearing):
+            for task in tasks:
                 task.cancel()
             for commander in self._commanders.values():
                 commander.close()
-        for task in (serving, hearing):
+        for task in tasks:
             with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
                 await task
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
+            async with asyncio.timeout(1.0):
+                await self.socket.close(1008)
+
+    async def _last(self) -> None:
+        while self._lasts():
+            await self.ticks.next()
 
     # -- to the browser -------------------------------------------------------------------------
 
@@ -96,6 +111,7 @@ class Visit:
             number = await self.ticks.next()
             while not self._waiting.empty():
                 await self._send(self._waiting.get_nowait())
+            await self._serve_past()
             if first or number % STATUS_TICKS == 0:
                 await self._send(
                     self.ticks.share(
@@ -165,14 +181,19 @@ class Visit:
     # -- from the browser -----------------------------------------------------------------------
 
     async def _hear(self) -> None:
+        tick, heard = 0, 0
         while True:
-            text = await self.socket.receive_text()
+            message = await self.socket.receive()
+            if message["type"] != "websocket.receive" or not self._lasts():
+                return
             try:
-                await self._do(wire.ASK.decode(text))
-            except msgspec.MsgspecError as error:
-                self.say(f"not understood: {error}", True)
+                await self._do(wire.read_ask(message))
             except DehystError as error:
                 self.say(str(error), True)
+            heard = heard + 1 if tick == self.ticks.number else 1
+            tick = self.ticks.number
+            if heard >= MOST_A_TICK:  # who says more is heard later
+                await self.ticks.next()
 
     async def _do(self, ask: wire.Ask) -> None:
         if isinstance(ask, wire.Look):
@@ -184,7 +205,7 @@ class Visit:
         if watch is None:
             raise BadInput("no controller is chosen, or it is not known any more")
         if isinstance(ask, wire.Past):
-            self._waiting.put_nowait(self._past(watch, ask))
+            self._past = ask  # the newest counts
             return
         if not self.person.commands:
             raise BadInput("an observer may look, not command")
@@ -238,7 +259,16 @@ class Visit:
         numbers = {one.number for one in mine}
         commander.play_together(t_s, targets, job.file, ask.take_over, numbers)
 
-    def _past(self, watch: Watch, ask: wire.Past) -> bytes:
+    async def _serve_past(self) -> None:
+        ask, self._past = self._past, None
+        watch = self._watch()
+        if ask is not None and watch is not None:
+            try:
+                await self._send(self._draw_past(watch, ask))
+            except BadInput as error:
+                self.say(str(error), True)
+
+    def _draw_past(self, watch: Watch, ask: wire.Past) -> bytes:
         first_ns, end_ns = round(ask.first_s * 1e9), round(ask.end_s * 1e9)
         with watch.lock:
             newest_ns = watch.buckets.newest_ns

@@ -8,7 +8,7 @@ largest values f32.
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -20,6 +20,7 @@ from dehyst.daemon.page.commanding import LONGEST_S
 from dehyst.daemon.page.trail import POINT_NS, join_trails
 from dehyst.daemon.page.wakeups import edges_us
 from dehyst.daemon.page.watching import Controllers, Watch
+from dehyst.models.errors import BadInput
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Model
 from dehyst.models.units import spell_unit
@@ -91,6 +92,19 @@ class DecideOffer(_Ask, tag="decide", frozen=True):
 
 Ask = Look | Past | Go | HoldAsked | Play | Stop | DecideOffer
 ASK: msgspec.json.Decoder[Ask] = msgspec.json.Decoder(Ask)
+
+
+def read_ask(message: Mapping[str, Any]) -> Ask:
+    """What a message of a browser asks for. BadInput where it asks for nothing that there is."""
+    text = message.get("text")
+    if text is None:
+        raise BadInput("not understood: a message is text")
+    try:
+        return ASK.decode(text)
+    except msgspec.MsgspecError as error:
+        raise BadInput(f"not understood: {error}") from None
+    except RecursionError:
+        raise BadInput("not understood: it is nested too deeply") from None
 
 
 def plot_frame(piece: Piece, level: int, wall_offset_ns: int, magic: int = MAGIC_LIVE) -> bytes:

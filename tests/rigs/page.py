@@ -73,7 +73,10 @@ class PageProcess:
 class Browser:
     """One WebSocket, as page.js uses it. said: newest message by kind; frames: of the plots."""
 
-    def __init__(self, page: PageProcess, cookie: str = "", origin: str = "") -> None:
+    def __init__(
+        self, page: PageProcess, cookie: str = "", origin: str = "", source: str = "127.0.0.1"
+    ) -> None:
+        """source: the address of this machine from which it connects."""
         self._open = ExitStack()
         self.socket: ClientConnection = self._open.enter_context(
             connect(
@@ -81,6 +84,7 @@ class Browser:
                 origin=origin or page.url,  # type: ignore[arg-type]
                 additional_headers={"cookie": f"dehyst={cookie}"} if cookie else None,
                 compression=None,
+                source_address=(source, 0),
             )
         )
         self.said: dict[str, dict[str, Any]] = {}

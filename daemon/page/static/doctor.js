@@ -46,7 +46,7 @@ export class Doctor {
     $("doctor-next").hidden = !(r && r.experiment.length);
     $("doctor-experiment").textContent = r ? `dehyst ${r.experiment.join(" ")}` : "";
     $("doctor-report").hidden = !(r && r.has_report);
-    if (r) $("doctor-report").href = `/doctor/${encodeURIComponent(this.page.controller())}/${encodeURIComponent(r.case)}`;
+    if (r) $("doctor-report").href = `doctor/${encodeURIComponent(this.page.controller())}/${encodeURIComponent(r.case)}`;
     $("accept").disabled = !(this.page.operator && offer && r.state === "found");
     $("reject").disabled = !(this.page.operator && offer && ["found", "trial", "accepted"].includes(r.state));
   }

@@ -63,7 +63,7 @@ export class Files {
     this.clear("sending");
     const query = new URLSearchParams({ controller: this.page.controller(), file: this.file.name });
     try {
-      const answer = await fetch(`/upload/${kind}?${query}`, { method: "POST", body: this.file });
+      const answer = await fetch(`upload/${kind}?${query}`, { method: "POST", body: this.file });
       if (!answer.ok) throw new Error(await reason(answer));
       this.show(await answer.json());
     } catch (error) {
@@ -79,7 +79,7 @@ export class Files {
       await new Promise((done) => setTimeout(done, POLL_MS));
       if (this.job.number !== job.number) return;
       try {
-        const answer = await fetch(`/job/${job.number}`);
+        const answer = await fetch(`job/${job.number}`);
         if (!answer.ok) throw new Error(await reason(answer));
         job = this.job = await answer.json();
       } catch (error) {
@@ -97,7 +97,7 @@ export class Files {
     }
     for (const what of ["report", "model"]) {
       $(`job-${what}`).hidden = !job[what];
-      $(`job-${what}`).href = `/job/${job.number}/${what}`;
+      $(`job-${what}`).href = `job/${job.number}/${what}`;
     }
   }
 

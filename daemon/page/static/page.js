@@ -39,7 +39,7 @@ page.axes = axes;
 
 async function begin() {
   let answer;
-  try { answer = await fetch("/me"); } catch { later(); return; }
+  try { answer = await fetch("me"); } catch { later(); return; }
   if (answer.status === 401) { showLogin(true); return; }
   if (!answer.ok) { later(); return; }
   page.me = await answer.json();
@@ -56,7 +56,7 @@ async function begin() {
 
 function connect() {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
-  const socket = new WebSocket(`${scheme}://${location.host}/stream`);
+  const socket = new WebSocket(Object.assign(new URL("stream", location.href), { protocol: scheme, hash: "" }));
   socket.binaryType = "arraybuffer";
   page.socket = socket;
   socket.addEventListener("open", () => { page.retry_ms = 300; if (page.name) { if (held()) askLook(); else look(); } });
@@ -81,7 +81,7 @@ function showLogin(shown) {
 
 $("login").addEventListener("submit", async (e) => {
   e.preventDefault();
-  const answer = await fetch("/login", {
+  const answer = await fetch("login", {
     method: "POST", body: JSON.stringify({ name: $("login-name").value, password: $("login-password").value }),
   });
   $("login-password").value = "";
@@ -89,7 +89,7 @@ $("login").addEventListener("submit", async (e) => {
   if (answer.ok) begin();
 });
 $("leave").addEventListener("click", async () => {
-  await fetch("/logout", { method: "POST" });
+  await fetch("logout", { method: "POST" });
   location.reload();
 });
 

@@ -11,6 +11,8 @@ from dehyst.daemon.main import main
 from dehyst.daemon.page.people import People, same_origin
 from dehyst.models.errors import BadInput
 
+HERE, THERE = "192.0.2.1", "192.0.2.2"
+
 
 @pytest.fixture
 def passwords(tmp_path: Path) -> str:
@@ -26,33 +28,36 @@ def basic(name: str, password: str) -> dict[str, str]:
 
 
 def test_on_this_machine_everybody_is_an_operator_or_with_observe_an_observer() -> None:
-    assert People("").who({}, "").commands  # type: ignore[union-attr]
-    assert not People("", observe=True).who({}, "").commands  # type: ignore[union-attr]
+    assert People("").who({}, "", HERE).commands  # type: ignore[union-attr]
+    assert not People("", observe=True).who({}, "", HERE).commands  # type: ignore[union-attr]
     with pytest.raises(BadInput, match="need `passwords`"):
         People("", operators=["alice"])
 
 
 def test_roles_by_password_and_by_session(passwords: str) -> None:
     people = People(passwords, ["alice"], ["bob"])
-    assert people.who({}, "") is None
-    assert people.who({}, "guessed") is None
-    assert people.check("alice", "battery staple") is None
-    assert people.check("eve", "is not named") is None
-    assert people.check("", "") is None
-    alice, bob = people.check("alice", "correct horse"), people.check("bob", "battery staple")
+    assert people.who({}, "", HERE) is None
+    assert people.who({}, "guessed", HERE) is None
+    assert people.check("alice", "battery staple", HERE) is None
+    assert people.check("eve", "is not named", HERE) is None
+    assert people.check("", "", HERE) is None
+    alice, bob = (
+        people.check("alice", "correct horse", THERE),
+        people.check("bob", "battery staple", THERE),
+    )
     assert alice is not None
     assert bob is not None
     assert (alice.commands, bob.commands) == (True, False)
     token = people.begin(bob)
     assert len(token) > 30
-    assert people.who({}, token) == bob
+    assert people.who({}, token, HERE) == bob
     people.finish(token)
-    assert people.who({}, token) is None
-    assert people.who(basic("alice", "correct horse"), "") == alice
-    assert people.who(basic("alice", "wrong"), "") is None
-    assert people.who({"authorization": "Basic %%%"}, "") is None
+    assert people.who({}, token, THERE) is None
+    assert people.who(basic("alice", "correct horse"), "", THERE) == alice
+    assert people.who(basic("alice", "wrong"), "", THERE) is None
+    assert people.who({"authorization": "Basic %%%"}, "", THERE) is None
     looking = People(passwords, ["alice"], ["bob"], observe=True)
-    assert looking.check("alice", "correct horse") is None
+    assert looking.check("alice", "correct horse", HERE) is None
 
 
 @pytest.mark.parametrize(
