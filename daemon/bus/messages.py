@@ -52,6 +52,9 @@ class Setpoint(Message, tag_field="schema", tag="dehyst.setpoint", frozen=True, 
     unit: Unit
     allow_unreachable: bool = False
     """True: drive to the nearest reachable point and flag it, instead of refusing."""
+    stay: bool = False
+    """True: stay until another command, with this client gone; refused unless setpoint.stay of the
+    daemon's configuration allows it."""
 
 
 class Chunk(Message, tag_field="schema", tag="dehyst.trajectory", frozen=True, kw_only=True):
@@ -85,6 +88,7 @@ Action = Literal[
     "renew",
     "give-up",
     "stop",
+    "hold",
     "release",
     "clear",
     "zero",
@@ -95,9 +99,10 @@ Action = Literal[
 
 class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw_only=True):
     """Lease: acquire, take-over, renew, give-up. Motion: stop (hold, then ramp to the safe
-    voltage), release (ramp now), clear (forget what is queued of `trajectory`). Gauge: zero (add
+    voltage), hold (keep the present voltage for setpoint.hold_s, with `stay` until another
+    command), release (ramp now), clear (forget what is queued of `trajectory`). Gauge: zero (add
     `value` to every reading from now on). Model: accept (put the doctor's offer to work, on
-    trial), reject (not this one; one that is at work makes way for the one before)."""
+    trial), reject (decline this offer; if it is in use, return to the model before it)."""
 
     version: Version = 1
     client: Id
@@ -106,6 +111,8 @@ class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw
     action: Action
     trajectory: Id = 0
     value: float = 0.0
+    stay: bool = False
+    """hold: until another command, with this client gone."""
     offer: Id = 0
     """Number of the offer that is accepted or rejected."""
     label: Name = ""

@@ -14,7 +14,7 @@ one thread. Commanding takes the daemon's lease by itself; `take_over()` takes i
 import logging
 import os
 import socket
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import msgspec
@@ -28,32 +28,19 @@ from dehyst.daemon.bus.messages import (
     Action,
     Chunk,
     Command,
-    DoctorReport,
-    DoctorReports,
-    Event,
-    HistoryRequest,
-    RecentEvents,
     Reply,
     Request,
     Setpoint,
-    Status,
-    TelemetryBatch,
     new_number,
 )
 from dehyst.daemon.bus.security import client_settings
-from dehyst.daemon.bus.session import Bus, BusError, Nobody
+from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.bus.topics import SETPOINT, subject
 from dehyst.daemon.client.finding import TIMEOUT_S, chosen_of, find_daemons, not_chosen
 from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, play
+from dehyst.daemon.client.questions import Questions
 from dehyst.daemon.client.repeated import Repeated
-from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
-from dehyst.daemon.closing import Closing
-from dehyst.daemon.config import Config, parse_config
-from dehyst.daemon.rings.records import TELEMETRY
-from dehyst.daemon.rings.status import is_starting
-from dehyst.models.errors import DehystError, NotNow
-from dehyst.models.model import Model
-from dehyst.models.modelfile import loads
+from dehyst.models.errors import DehystError
 
 if TYPE_CHECKING:  # scipy takes its time
     from dehyst.daemon.client.learning import LessonTaker
@@ -62,9 +49,6 @@ log = logging.getLogger(__name__)
 DEFAULT = "tcp/127.0.0.1:7447"
 ADDRESS, CREDENTIALS = "DEHYST_CONNECT", "DEHYST_CREDENTIALS"
 """What the environment may say instead of the defaults."""
-PATIENCE_S = 2.0
-LONGEST_START_S = 300.0
-"""A first start compiles for one to three minutes."""
 
 
 class Refusal(DehystError):
@@ -76,7 +60,7 @@ class Refusal(DehystError):
         self.code = code
 
 
-class Client(Closing):
+class Client(Questions):
     """A connection to one daemon.
 
     name: the controller's name; None: the only one that answers. connect: zenoh address, or
@@ -115,13 +99,12 @@ class Client(Closing):
         return client
 
     def _begin(self, bus: Bus, keys: Keys, label: str, number: int) -> None:
-        self.bus, self.keys, self.client = bus, keys, number
+        self._connected(bus, keys)
+        self.client = number
         self.label = (label or f"client {os.getpid()} on {socket.gethostname()}")[:64]
-        self.patience_s = PATIENCE_S
         self.together: tuple[Client, ...] = (self,)
         self._lease = self._sequence = 0
         self._senders: dict[str, Any] = {}
-        self._unit = ""
 
     def close(self) -> None:
         """Give up the lease and end the connection. Safe to call twice."""
@@ -139,93 +122,6 @@ class Client(Closing):
             log.debug("the lease runs out by itself: %s", error)
         self.patience_s, self._lease = patience_s, 0
 
-    # -- questions ------------------------------------------------------------------------------
-
-    @property
-    def name(self) -> str:
-        """The daemon's name."""
-        return self.keys.name
-
-    @property
-    def unit(self) -> str:
-        """The daemon's displacement unit."""
-        self._unit = self._unit or self.status().unit
-        return self._unit
-
-    def status(self) -> Status:
-        """The daemon's present status. Raises BusError where nobody answers."""
-        status: Status = encoding.decode(Status, self._one("status"))
-        return status
-
-    def wait_until_started(
-        self, timeout_s: float = LONGEST_START_S, told: Callable[[str], None] = lambda _: None
-    ) -> Status:
-        """The status once the daemon's start is over: at once, or when its kernels are compiled and
-        its devices opened. told(words) is called once where it has to wait. Raises NotNow where the
-        start takes longer than timeout_s, BusError where the daemon is gone."""
-        end_ns = clock.monotonic_ns() + round(timeout_s * clock.NS)
-        status = self.status()
-        if is_starting(status):
-            told(f"{self.name} is starting; waiting until it is ready")
-        while is_starting(status):
-            if clock.monotonic_ns() > end_ns:
-                raise NotNow(f"{self.name} is still starting after {timeout_s:g} s; see its log")
-            clock.sleep_s(0.1)
-            status = self.status()
-        return status
-
-    def model(self) -> Model:
-        """The model that the daemon runs."""
-        return loads(self._one("model").decode("utf-8"))
-
-    def config(self) -> Config:
-        """The configuration that the daemon runs, defaults included."""
-        text = self._one("configuration").decode("utf-8")
-        return parse_config(text, "the daemon's configuration")
-
-    def doctor(self) -> tuple[DoctorReport, ...]:
-        """What the doctor found about the newest mismatches, the newest last."""
-        found: DoctorReports = encoding.decode(DoctorReports, self._one("doctor"))
-        return found.reports
-
-    def doctor_page(self, case: str = "") -> bytes:
-        """The doctor's report on a case as HTML; "": the newest."""
-        return self._one("report", case.encode())
-
-    def history(
-        self, seconds: float = 0.0, first_seq: int = 0, end_seq: int = 2**62, run: int = 0
-    ) -> NDArray[Any]:
-        """Samples that the daemon still has, as (n,) TELEMETRY records, ascending: the last so
-        many seconds, or first_seq <= seq < end_seq. Fewer where they are not kept any more."""
-        question = HistoryRequest(first_seq=first_seq, end_seq=end_seq, seconds=seconds, run=run)
-        answers = self.bus.ask(self.keys.rpc("history"), encoding.encode(question), 10.0, long=True)
-        parts = [encoding.samples(encoding.decode(TelemetryBatch, answer)) for answer in answers]
-        samples = np.concatenate(parts) if parts else np.zeros(0, TELEMETRY)
-        samples.sort(order="seq")
-        return samples
-
-    def events(self) -> tuple[Event, ...]:
-        """The newest events that the daemon still knows, oldest first."""
-        recent: RecentEvents = encoding.decode(RecentEvents, self._one("events"))
-        return recent.events
-
-    def stream(self) -> TelemetryStream:
-        """A telemetry stream: `read()` what has arrived, `lost`, `run`."""
-        return TelemetryStream(self.bus, self.keys, self.history)
-
-    def telemetry(self) -> Iterator[NDArray[Any]]:
-        """Batches of every sample from now on, as (n,) TELEMETRY records. Samples that did not
-        arrive are fetched from the daemon's history; what is gone is a gap in `seq`."""
-        stream = self.stream()
-        while True:
-            samples = stream.read(1.0)
-            if samples.size:
-                yield samples
-
-    def feed(self) -> StatusFeed:
-        """What the daemon tells: newest status, events, refusals."""
-        return StatusFeed(self.bus, self.keys)
-
     # -- commands -------------------------------------------------------------------------------
 
     def acquire(self) -> None:
@@ -240,13 +136,19 @@ class Client(Closing):
         """Keep the lease without a command."""
         self._command(lambda: self._request("renew"))
 
-    def send(self, value: float, allow_unreachable: bool = False) -> Reply:
-        """Go to `value` and wait for the daemon's word. Raises Refusal with the reason.
+    def send(self, value: float, allow_unreachable: bool = False, stay: bool = False) -> Reply:
+        """Go to `value` and wait for the daemon's answer. Raises Refusal with the reason.
 
         A single set-point holds for `setpoint.stale_s` of the daemon's configuration; send it
-        again before that to stay.
+        again before that to stay. stay: it holds until another command, also after this client has
+        gone; refused unless the daemon's configuration has `setpoint.stay = true`.
         """
-        return self._command(lambda: self._setpoint(value, allow_unreachable))
+        return self._command(lambda: self._setpoint(value, allow_unreachable, stay))
+
+    def hold(self, stay: bool = False) -> Reply:
+        """Keep the present voltage, wherever that leaves the stage, for `setpoint.hold_s`; stay: as
+        for send. The stage may creep: `send` keeps a place, this keeps a voltage."""
+        return self._command(lambda: msgspec.structs.replace(self._request("hold"), stay=stay))
 
     def put(self, value: float, allow_unreachable: bool = False) -> None:
         """Go to `value`, fire and forget: for loops that send hundreds a second. A refusal is
@@ -339,17 +241,6 @@ class Client(Closing):
 
     # -- parts ----------------------------------------------------------------------------------
 
-    def _one(self, method: str, payload: bytes = b"", timeout_s: float = TIMEOUT_S) -> bytes:
-        """One answer; a gateway that is just starting again is waited for."""
-        deadline_ns = clock.monotonic_ns() + round(self.patience_s * 1e9)
-        while True:
-            try:
-                return next(iter(self.bus.ask(self.keys.rpc(method), payload, timeout_s)))
-            except Nobody:
-                if clock.monotonic_ns() > deadline_ns:
-                    raise
-            clock.sleep_s(0.05)
-
     def _ask(self, command: Command, timeout_s: float = TIMEOUT_S) -> Reply:
         answer = self._one("command", encoding.encode(command), timeout_s)
         reply: Reply = encoding.decode(Reply, answer)
@@ -394,7 +285,7 @@ class Client(Closing):
             label=self.label,
         )
 
-    def _setpoint(self, value: float, allow_unreachable: bool) -> Setpoint:
+    def _setpoint(self, value: float, allow_unreachable: bool, stay: bool = False) -> Setpoint:
         self._sequence += 1
         return Setpoint(
             client=self.client,
@@ -404,4 +295,5 @@ class Client(Closing):
             value=float(value),
             unit=self.unit,
             allow_unreachable=allow_unreachable,
+            stay=stay,
         )

@@ -26,11 +26,11 @@ from dehyst.daemon.client.client import (
     ADDRESS,
     CREDENTIALS,
     DEFAULT,
-    LONGEST_START_S,
     Client,
 )
 from dehyst.daemon.client.finding import find_axes
 from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Player, play_together
+from dehyst.daemon.client.questions import LONGEST_START_S
 from dehyst.daemon.client.repeated import Repeated
 from dehyst.daemon.closing import Closing
 from dehyst.models.errors import BadInput
@@ -128,17 +128,24 @@ class Group(Closing):
         """Drop all targets and ramp all axes to their safe voltages now. Needs no lease."""
         self.first.release(self._names())
 
+    def hold(self, stay: bool = False) -> dict[str, Reply]:
+        """Keep the present voltage of every axis: see Client.hold."""
+        return {axis: client.hold(stay) for axis, client in self.clients.items()}
+
     def send(
-        self, targets: Mapping[str, float], allow_unreachable: bool = False
+        self,
+        targets: Mapping[str, float],
+        allow_unreachable: bool = False,
+        stay: bool = False,
     ) -> dict[str, Reply]:
-        """Go to a place, by axis, and wait for the daemon's word on each. Nothing is sent where one
-        of the targets is out of reach. Raises BadInput, Refusal."""
+        """Go to a place, by axis, and wait for the daemon's answer on each. Nothing is sent where
+        one of the targets is out of reach. stay: as for Client.send. Raises BadInput, Refusal."""
         self._know(targets)
         if not allow_unreachable and len(targets) > 1:
             for axis, value in targets.items():
                 check_inside(axis, np.array([value]), self.clients[axis].status())
         return {
-            axis: self.clients[axis].send(value, allow_unreachable)
+            axis: self.clients[axis].send(value, allow_unreachable, stay)
             for axis, value in targets.items()
         }
 

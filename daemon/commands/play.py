@@ -38,7 +38,10 @@ Targets count from the daemon's set-point origin. The trajectory is checked agai
 the daemon's reach before anything moves.
 With --learn the error of each pass corrects the targets of the next: what repeats goes, what the
 gauge's noise adds does not come in. It needs a gauge, and acts beside the daemon's slow trim.
-Exit 0: played to the end; 1: ended early, samples missing or out of reach; 2: refused or no daemon.
+At the end the stage holds its last point as after `dehyst send`; --stay keeps it there.
+
+exit status: 0: played to the end; 1: ended early, samples missing or out of reach; 2: refused, or
+no daemon.
 
 examples: dehyst play scan.csv --repeat 3
           dehyst play scan.csv --repeat 20 --learn --learned scan.learned.json
@@ -100,6 +103,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "every such sample",
     )
     parser.add_argument(
+        "--stay",
+        action="store_true",
+        help="stay at the last point until another command, with no client",
+    )
+    parser.add_argument(
         "--take-over", action="store_true", help="take the command from another client"
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
@@ -132,13 +140,17 @@ def run(args: argparse.Namespace) -> int:
                 check_reach(targets[axis], status, offsets[axis], axis)
             if args.repeat != 1:
                 say_of_step(trajectory.target, status, axis)
+        if args.stay:
+            check_may_stay(clients)
         if args.take_over:
             stage.take_over()
         t_s, name = next(iter(trajectories.values())).t_s, Path(args.trajectory).name
         if not learn:
             played = play(stage, t_s, targets, args, name)
+            say_what_follows(clients, targets, args, played)
             return report(played, args.json)
         lessons = learn_of(stage, t_s, targets, args, learned, name)
+        say_what_follows(clients, targets, args, {a: one.played for a, one in lessons.items()})
     for axis, one in lessons.items():
         draw(one, pictures[axis], one.played.unit)
     return report(
@@ -146,6 +158,34 @@ def run(args: argparse.Namespace) -> int:
         args.json,
         {axis: one.outcomes for axis, one in lessons.items()},
     )
+
+
+def check_may_stay(clients: "Mapping[str, Client]") -> None:
+    """BadInput, before anything moves, where a daemon does not let a place be kept."""
+    for client in clients.values():
+        if not client.config().setpoint.stay:
+            raise BadInput(
+                f"--stay: setpoint.stay is false in the configuration of {client.name}: a place is "
+                "kept only while a client asks for it"
+            )
+
+
+def say_what_follows(
+    clients: "Mapping[str, Client]",
+    targets: "Mapping[str, Floats]",
+    args: argparse.Namespace,
+    played: "Mapping[str, Played]",
+) -> None:
+    """Stay where that was asked for, and say what the stage does now."""
+    from dehyst.daemon.client.what_follows import STAYS, after_a_stop, what_follows
+
+    for axis, client in clients.items():
+        stays = args.stay and played[axis].completed
+        if stays:
+            client.send(float(targets[axis][-1]), args.allow_unreachable, stay=True)
+        if not args.json:
+            follows = what_follows if played[axis].completed else after_a_stop
+            say(f"{client.name}: {STAYS if stays else follows(client.config())}")
 
 
 def play(

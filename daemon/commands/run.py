@@ -76,6 +76,7 @@ def run(args: argparse.Namespace) -> int:
         from dehyst.daemon.files.models import load_model
         from dehyst.daemon.service.supervisor import BenchProcess
         from dehyst.daemon.tools.bench_config import (
+            MAY_STAY,
             Imitation,
             simulated_model,
             write_axes_bench,
@@ -106,9 +107,11 @@ def run(args: argparse.Namespace) -> int:
         name, listen = args.name or NAME, args.listen or LISTEN
         try:
             if several:
-                path = write_axes_bench(directory, bench.ports, name, listen, models)
+                path = write_axes_bench(directory, bench.ports, name, listen, models, more=MAY_STAY)
             else:
-                path = write_bench(directory, bench.ports, name, listen, model, imitation)
+                path = write_bench(
+                    directory, bench.ports, name, listen, model, imitation, more=MAY_STAY
+                )
             say(f"configuration and model in {directory}; try `dehyst watch` in another terminal")
             return supervise(path)
         finally:

@@ -2,23 +2,33 @@
 
 import argparse
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from dehyst.daemon.client.connection import add_connection, connect_axes, print_json, say
-from dehyst.daemon.rings.status import positioning
+from dehyst.daemon.client.what_follows import HELD, STAYS, after_a_stop, what_follows
+from dehyst.daemon.rings.status import place, positioning
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
-    from dehyst.daemon.bus.messages import Status
+    from dehyst.daemon.bus.messages import Reply, Status
+    from dehyst.daemon.client.group import Group
+    from dehyst.daemon.config import Config
 
-EPILOG = """A set-point is held for `setpoint.stale_s` of the daemon's configuration (2 s by
-default); then the daemon holds and ramps to its safe voltage. --for keeps the stage there by
-sending again.
-Exit 0: taken; 2: refused (the reason is printed) or no daemon.
+EPILOG = """The stage goes to the place at `setpoint.approach_um_per_s` and holds it for
+`setpoint.stale_s` of the daemon's configuration (2 s by default) and `setpoint.hold_s` (5 s); then
+the output ramps to its safe voltage. --for S keeps the stage there for S seconds, --stay until
+another command, also when this one has ended (`setpoint.stay = true` in the daemon's configuration
+allows that). --hold keeps the present voltage, wherever the stage is.
+
+exit status: 0: the daemon accepted the command; 2: it refused (the reason is printed), or there is
+no daemon.
 
 examples:
   dehyst send 4.5 --for 10
+  dehyst send 4.5 --stay
   dehyst send x=4.5 y=2 --to stage-1
+  dehyst send --hold
   dehyst send --stop
 """
 
@@ -33,12 +43,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=_target,
         metavar="UM",
-        help="target, from the set-point origin; of several axes x=4.5 y=2",
+        help="target, from the set-point origin; for several axes x=4.5 y=2",
     )
     what.add_argument("--stop", action="store_true", help="drop all targets: hold, then ramp")
+    what.add_argument("--hold", action="store_true", help="keep the present voltage")
     what.add_argument("--release", action="store_true", help="ramp to the safe voltage now")
-    parser.add_argument(
+    until = parser.add_mutually_exclusive_group()
+    until.add_argument(
         "--for", dest="seconds", type=_positive, metavar="S", help="stay there for S seconds"
+    )
+    until.add_argument(
+        "--stay",
+        action="store_true",
+        help="stay there until another command, with no client",
     )
     parser.add_argument(
         "--allow-unreachable",
@@ -89,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
     with connect_axes(args, "send", named) as stage:
         if args.stop or args.release:
             stage.stop() if args.stop else stage.release()
-            say("stopped: holding, then to the safe voltage" if args.stop else "released")
+            say_end(stage, after_a_stop if args.stop else released)
             return 0
         if "" in targets:
             if len(stage) > 1:
@@ -101,31 +118,60 @@ def run(args: argparse.Namespace) -> int:
         stage.wait_until_started(told=say)
         if args.take_over:
             stage.take_over()
-        replies = stage.send(targets, args.allow_unreachable)
+
+        def command() -> "dict[str, Reply]":
+            if args.hold:
+                return stage.hold(args.stay)
+            return stage.send(targets, args.allow_unreachable, args.stay)
+
+        replies = command()
         setpoints = [client.config().setpoint for client in stage.clients.values()]
         stale_s = min(setpoint.stale_s for setpoint in setpoints)
         if args.json:
             sent = {
-                axis: {"target": value, "unit": stage[axis].unit, "reply": replies[axis]}
-                for axis, value in targets.items()
+                axis: {"target": targets.get(axis), "unit": stage[axis].unit, "reply": reply}
+                for axis, reply in replies.items()
             }
             print_json(sent if len(sent) > 1 else next(iter(sent.values())))
         else:
-            for axis, value in targets.items():
+            for axis in replies:
                 client = stage[axis]
-                where = going_to(value, client.status())
-                say(f"{client.name}: {where}, held for {args.seconds or stale_s:g} s")
-                say(f"{client.name}: {positioning(client.status())}")
+                status = client.status()
+                going = going_to(targets[axis], status) if axis in targets else "held"
+                say(f"{client.name}: {going}; {positioning(status)}")
         end_ns = clock.monotonic_ns() + round((args.seconds or 0.0) * clock.NS)
         pause_s = min(stale_s, *(setpoint.lease_s for setpoint in setpoints)) / 4
         while (left_s := (end_ns - clock.monotonic_ns()) / clock.NS) > 0:
             clock.sleep_s(min(pause_s, left_s))
-            stage.send(targets, args.allow_unreachable)
-        if args.seconds and not args.json:
-            for axis in targets:
-                client = stage[axis]
-                say(f"{client.name}: at the end {positioning(client.status())}")
+            command()
+        if not args.json:
+            if args.seconds:
+                for axis in replies:
+                    say(f"{stage[axis].name}: {where(stage[axis].status())}")
+            kept = HELD if args.hold else STAYS
+            follows = after_a_stop if args.hold else what_follows
+            say_end(stage, (lambda _: kept) if args.stay else follows)
     return 0
+
+
+def where(status: "Status") -> str:
+    """Where the stage is now, and what corrects it."""
+    at = status.gateway
+    return f"{place(at.measured, at.target, status.volts, status.unit)}; {positioning(status)}"
+
+
+def say_end(stage: "Group", words: "Callable[[Config], str]") -> None:
+    """What the stage does from now on: of each axis, in one line where it is the same for all."""
+    of_axes = {client.name: words(client.config()) for client in stage.clients.values()}
+    if len(set(of_axes.values())) == 1:
+        of_axes = {stage.name: next(iter(of_axes.values()))}
+    for name, text in of_axes.items():
+        say(f"{name}: {text}")
+
+
+def released(config: "Config") -> str:
+    """What a release does."""
+    return f"ramps to {config.safe.voltage_v:g} V at {config.safe.ramp_v_per_s:g} V/s now"
 
 
 def going_to(target: float, status: "Status") -> str:

@@ -126,12 +126,16 @@ class SetpointConfig(_Strict, frozen=True):
     """A single set-point older than this, or a trajectory that has run dry this long: holding."""
     hold_s: NotNegative = 5.0
     """How long holding lasts before the output ramps to the safe voltage."""
+    stay: bool = False
+    """true: a client may ask for a place to be kept until another command, with the client gone
+    (`dehyst send --stay`). false, because a client that has died then never leaves a voltage on a
+    stage that nobody attends."""
     approach_um_per_s: Positive = 20.0
     """Speed at which the stage moves to a trajectory's first point."""
     queue_s: Annotated[float, Meta(gt=0, le=600)] = 30.0
     """Seconds of trajectory that the daemon accepts ahead."""
     lease_s: Annotated[float, Meta(ge=0.5, le=60)] = 3.0
-    """One client commands at a time; silent for so long, it makes way for the next."""
+    """One client commands at a time; its lease ends after this silence."""
 
 
 class InverseConfig(_Strict, frozen=True):

@@ -57,10 +57,14 @@ class _Trajectory:
 
 class Admission:
     """The gate. unit: the model's displacement unit; queue_s: most trajectory ahead;
-    stale_s: set-points that were longer on their way are refused."""
+    stale_s: set-points that took longer to arrive are refused; may_stay: a set-point or a hold may
+    last without its client."""
 
-    def __init__(self, unit: str, queue_s: float, stale_s: float, lease: Lease) -> None:
+    def __init__(
+        self, unit: str, queue_s: float, stale_s: float, lease: Lease, may_stay: bool = False
+    ) -> None:
         self.unit, self.queue_s, self.stale_s, self.lease = unit, queue_s, stale_s, lease
+        self.may_stay = may_stay
         self.core = CoreView()
         self.rejected: Counter[str] = Counter()
         self.commands = 0
@@ -200,10 +204,13 @@ class Admission:
         self.lease.keep(now_ns)
         self._check_age(now_ns, command.sent_ns)
         self._check_values(np.array([command.value]), command.unit, command.allow_unreachable)
+        self._check_stay(command.stay)
         self.lease.sequence = command.sequence
         self.lease.heard(now_ns, command.sent_ns)
         self._end_trajectory("a set-point replaced it")
-        return make_records(Kind.SETPOINT, command.client, value=np.array([command.value]))
+        records = make_records(Kind.SETPOINT, command.client, value=np.array([command.value]))
+        records["last"] = command.stay
+        return records
 
     def plays(self, command: Chunk) -> bool:
         """Whether the trajectory of this chunk has begun here."""
@@ -312,6 +319,22 @@ class Admission:
             )
         return make_records(Kind.ZERO, command.client, value=np.array([command.value]))
 
+    def _check_stay(self, stay: bool) -> None:
+        if stay and not self.may_stay:
+            raise NotAdmitted(
+                "stay",
+                "a place is kept only while a client asks for it: setpoint.stay is false in the "
+                "daemon's configuration",
+            )
+
+    def _hold(self, command: Request) -> NDArray[np.void]:
+        self._check_state()
+        self._check_stay(command.stay)
+        self._end_trajectory("its stage is held where it is")
+        records = make_records(Kind.HOLD, command.client)
+        records["last"] = command.stay
+        return records
+
     def _end_trajectory(self, why: str) -> None:
         self._trajectory.over = self._trajectory.over or why
         self._passed.clear()
@@ -356,6 +379,8 @@ class Admission:
         lease.heard(now_ns, command.sent_ns)
         if action == "zero":
             return self._zero(command)
+        if action == "hold":
+            return self._hold(command)
         if action == "give-up":
             lease.give_up()
         elif action == "clear":

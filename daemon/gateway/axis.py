@@ -18,7 +18,8 @@ class ServedAxis:
         self.config, self.keys = config, Keys(config.bus.base, config.name)
         rings = CoreRings(config.directory)
         lease = Lease(round(config.setpoint.lease_s * clock.NS))
-        admission = Admission("", config.setpoint.queue_s, config.setpoint.stale_s, lease)
+        setpoint = config.setpoint
+        admission = Admission("", setpoint.queue_s, setpoint.stale_s, lease, setpoint.stay)
         self.publisher = Publisher(config, bus, self.keys, rings, admission, served)
         admission.decide_offer = self.publisher.doctor_desk.decide
         self.door = AxisDoor(bus, self.keys, rings, admission)

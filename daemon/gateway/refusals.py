@@ -17,6 +17,7 @@ CODES = {
     "dense": "points closer than the loop's period",
     "over": "this trajectory has ended or was withdrawn",
     "queue-full": "more trajectory ahead than the daemon accepts",
+    "stay": "the configuration does not allow a place to be kept without a client",
     "no-offer": "no such offer, or it cannot be taken now",
     "flood": "more commands than the daemon reads",
 }

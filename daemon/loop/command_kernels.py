@@ -13,6 +13,7 @@ from dehyst.daemon.loop.records_in_memory import (
     NAN,
     Note,
     Table,
+    drop_targets,
     happens,
     note,
     number,
@@ -33,11 +34,13 @@ LONGEST_OFFSET_NS = 10**9 * 86_400 * 365
 
 # enumerations as integers, which compile in less time
 READY, RUNNING = number(State.READY), number(State.RUNNING)
+HOLDING = number(State.HOLDING)
 TARGET, HALT, RELEASE = number(LoopEvent.TARGET), number(LoopEvent.HALT), number(LoopEvent.RELEASE)
 STALE = number(LoopEvent.STALE)
 SETPOINT, POINT, CLEAR = number(Command.SETPOINT), number(Command.POINT), number(Command.CLEAR)
 TRUST, ZERO = number(Command.TRUST), number(Command.ZERO)
 STOP_MOTION, GIVE_BACK = number(Command.STOP_MOTION), number(Command.RELEASE)
+HOLD, HELD = number(Command.HOLD), number(Note.HELD)
 BAD_VALUE, WITHDRAWN, STOPPED = number(Note.BAD_VALUE), number(Note.WITHDRAWN), number(Note.STOPPED)
 RELEASED, POINT_FULL = number(Note.RELEASED), number(Note.POINT_FULL)
 POINT_LATE, RUN_DRY, NO_SETPOINT = (
@@ -62,6 +65,7 @@ def admit(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
         note(table, c, BAD_VALUE, value)
     elif kind == SETPOINT:
         _setpoint(table, c, p, now_ns, value)
+        c.stays = 1 if command.last != 0 else 0
     elif kind == POINT:
         _point(table, c, p, now_ns, command)
     elif kind == CLEAR:
@@ -69,6 +73,8 @@ def admit(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
             _hold(table, c, now_ns, WITHDRAWN, p.hold_ns)
     elif kind == STOP_MOTION:
         _hold(table, c, now_ns, STOPPED, p.hold_ns)
+    elif kind == HOLD:
+        _keep(table, c, p, now_ns, command.last != 0)
     elif kind == GIVE_BACK:
         _release(table, c, p, now_ns)
     elif kind == ZERO:
@@ -101,7 +107,7 @@ def _setpoint(table: Table, c: Any, p: Any, now_ns: int, value: float) -> None:
 @njit(cache=True, nogil=True)
 def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
     q = queue_of(table)
-    c.target_ns = now_ns
+    c.target_ns, c.stays = now_ns, 0
     value, offset_ns, last = command.value, command.offset_ns, command.last != 0
     correction, group = command.correction, command.group
     if command.members < 2:
@@ -164,6 +170,21 @@ def _hold(table: Table, c: Any, now_ns: int, why: int, hold_ns: int) -> None:
         note(table, c, why, 0.0)
         targets.clear(queue_of(table))
         c.hold_ns = hold_ns
+    elif c.state == HOLDING and c.stays != 0:  # a hold that would have lasted
+        c.since_ns, c.hold_ns, c.stays = now_ns, hold_ns, 0
+
+
+@njit(cache=True, nogil=True)
+def _keep(table: Table, c: Any, p: Any, now_ns: int, stays: bool) -> None:
+    """Keep the present voltage, in mid-motion or on the way down; at rest nothing moves anyway."""
+    if c.state == READY:
+        return
+    if c.state == RUNNING:
+        note(table, c, HELD, 0.0)
+    happens(c, HALT, now_ns)
+    if c.state == HOLDING:
+        drop_targets(c, queue_of(table))
+        c.since_ns, c.hold_ns, c.stays = now_ns, p.hold_ns, 1 if stays else 0
 
 
 @njit(cache=True, nogil=True)
@@ -174,7 +195,7 @@ def _release(table: Table, c: Any, p: Any, now_ns: int) -> None:
         note(table, c, RELEASED, 0.0)
     happens(c, RELEASE, now_ns)
     targets.clear(queue_of(table))
-    c.hold_ns = 0
+    c.hold_ns, c.stays = 0, 0
 
 
 @njit(cache=True, nogil=True)
@@ -199,7 +220,7 @@ def age(table: Table, c: Any, p: Any, now_ns: int) -> None:
     elif c.starved != 0 and not starved and q.count > 0 and q.group == 0:
         c.glide = NAN  # time has gone on; a group's stood still
     c.starved = 1 if starved else 0
-    if (starved or q.count == 0) and now_ns - c.target_ns > p.stale_ns:
+    if c.stays == 0 and (starved or q.count == 0) and now_ns - c.target_ns > p.stale_ns:
         note(table, c, NO_SETPOINT, p.stale_ns * 1e-9)
         targets.clear(q)
         c.hold_ns = p.hold_ns

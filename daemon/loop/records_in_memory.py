@@ -51,6 +51,7 @@ CONTROL_T = np.dtype(
         ("stop_by_ns", "<i8"),  # the latest end of STOPPING
         ("step_ns", "<i8"),  # grid point of the newest sample; 0: none yet
         ("state", "<i8"),
+        ("stays", "<i8"),  # 1: set-point or hold lasts until another command
         ("starved", "<i8"),
         ("pending", "<i8"),  # the inverse has proposed a drive that is not applied yet
         ("trajectory", "<u8"),
@@ -184,12 +185,14 @@ class Note(IntEnum):
     BAD_CORRECTION = 21
     GROUP_WAITS = 22
     GROUP_BROKEN = 23
+    HELD = 24
 
 
 TEXTS = {
     Note.BAD_VALUE: "set-point {:g} dropped: not a number a stage can follow",
     Note.WITHDRAWN: "trajectory withdrawn by its client",
     Note.STOPPED: "stopped by a client",
+    Note.HELD: "a client holds the output where it is",
     Note.RELEASED: "released by a client: ramping to the safe voltage",
     Note.POINT_FULL: "trajectory point at {:.3f} s dropped: the queue is full",
     Note.POINT_LATE: "trajectory point at {:.3f} s dropped: its time is not after the last",
@@ -332,7 +335,7 @@ def happens(c: Any, event: int, now_ns: int) -> bool:
     if after == NOTHING or after == c.state:
         return False
     c.state, c.since_ns = after, now_ns
-    c.glide = 0.0
+    c.glide, c.stays = 0.0, 0
     return True
 
 

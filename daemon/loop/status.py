@@ -215,6 +215,7 @@ class LoopMonitor:
         row["trimmed"], row["trim"] = stepper.trim_setting["on"][0], trim["trim"]
         row["trim_frozen"], row["differs"] = trim["lasting"], trim["seen"]
         played = stepper.queue.numbers["count"][0] or control["learned"]
+        row["stays"] = control["stays"]
         row["learned"] = control["corrected"] and played and self._last_state == State.RUNNING
         row["gauge_zero"] = trim["zero"]
         row["trajectory_start_ns"] = stepper.queue.begun_ns

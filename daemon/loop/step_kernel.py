@@ -168,7 +168,7 @@ def make_step(table: Table, now_ns: int, measured: float) -> None:
         target, learned = c.target, c.learned
     elif c.state == HOLDING:
         target = c.target
-        if now_ns - c.since_ns >= c.hold_ns:
+        if c.stays == 0 and now_ns - c.since_ns >= c.hold_ns:
             target = NAN
             wanted = _ramp(c, p)
             if wanted == p.safe_v and c.volts == p.safe_v:

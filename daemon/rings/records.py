@@ -45,7 +45,7 @@ EVENT = np.dtype(
 COMMAND = np.dtype(
     [
         ("kind", "u1"),  # Command
-        ("last", "u1"),  # POINT: the trajectory ends here
+        ("last", "u1"),  # POINT: the trajectory ends here; SETPOINT, HOLD: until another command
         ("client", "<u8"),
         ("trajectory", "<u8"),
         ("members", "u1"),  # POINT: how many axes play this together
@@ -116,6 +116,7 @@ class Command(IntEnum):
     CLEAR = 5  # forget queued trajectory points of `trajectory`
     TRUST = 6  # value 0: the mismatch watch does not trust stage or gauge; 1: it does
     ZERO = 7  # value: added to every reading from now on
+    HOLD = 8  # drop targets and keep the present voltage: HOLDING
 
 
 class MissCause(IntEnum):

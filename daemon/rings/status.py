@@ -216,6 +216,8 @@ class LoopStatus(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     """What it adds to the target."""
     trim_frozen: Annotated[Name, Column("u1", _why)]
     """Why it stands still: a name of dehyst.models.learning.why.Why; "": it does not."""
+    stays: Annotated[bool, Column("u1", bool)] = False
+    """The set-point or hold lasts until another command, with its client gone."""
     learned: Annotated[bool, Column("u1", bool)]
     """What is played has corrections that were learned from earlier passes."""
     differs: Annotated[float, Column("<f8", float, view=lambda s: positioning(s))]

@@ -24,6 +24,7 @@ REASONS = {
     "fault": "a device does not answer, or contradicts what was written; nothing is written",
     "stopping": "the daemon is shutting down",
 }
+STAYS = "the place or voltage that was asked for stays until another command"
 
 
 def find_troubles(status: Status) -> list[str]:
@@ -95,7 +96,8 @@ def overview(
     if is_starting(s):
         lines = [f"{s.name}: starting for {_duration(g.uptime_s)}: {REASONS['start']}"]
     elif s.core_alive:
-        lines = [f"{s.name}: {s.state}: {REASONS.get(s.state, '')}"]
+        reason = STAYS if s.stays else REASONS.get(s.state, "")
+        lines = [f"{s.name}: {s.state}: {reason}"]
     else:
         lines = [f"{s.name}: no loop"]
     lines += [f"  ! {text}" for text in troubles]

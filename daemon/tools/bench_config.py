@@ -85,6 +85,10 @@ enabled = {trim}
 listen = ["{listen}"]
 """
 
+MAY_STAY = """
+[setpoint]
+stay = true  # a simulated stage may be left at any place; a real one only where that is safe
+"""
 AXIS_TEMPLATE = """
 [axis.{axis}.model]
 file = "model-{axis}.toml"

@@ -17,7 +17,7 @@ class Gate:
 
     def __init__(self) -> None:
         self.now = 1000 * S
-        self.gate = Admission("um", 10.0, 2.0, Lease(3 * S))
+        self.gate = Admission("um", 10.0, 2.0, Lease(3 * S), may_stay=False)
         core = self.gate.core
         core.alive, core.state, core.reachable = True, State.READY, (-5.0, 5.0)
         core.period_ns, core.status_ns = 1_000_000, self.now

@@ -263,3 +263,23 @@ def test_the_gauges_zero_moves_within_reason(gate: Gate, value: float, code: str
 
 def test_the_gauges_zero_is_the_leaseholders_to_move(gate: Gate) -> None:
     assert gate.request(2, "zero", value=0.1).code == "lease-taken"
+
+
+@pytest.mark.parametrize("allowed", [True, False])
+def test_what_lasts_without_a_client_is_the_configurations_to_allow(
+    gate: Gate, allowed: bool
+) -> None:
+    gate.gate.may_stay = allowed
+    for ask in (
+        lambda: gate.setpoint(1, 2.0, stay=True),
+        lambda: gate.request(1, "hold", stay=True),
+    ):
+        reply = ask()
+        assert (reply.ok, reply.code) == ((True, "ok") if allowed else (False, "stay"))
+        if allowed:
+            assert gate.records["last"].tolist() == [1]
+        else:
+            assert "setpoint.stay is false" in reply.text
+    assert gate.request(1, "hold").ok
+    assert (gate.records["kind"].tolist(), gate.records["last"].tolist()) == ([Command.HOLD], [0])
+    assert gate.request(2, "hold").code == "lease-taken"

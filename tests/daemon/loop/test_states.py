@@ -30,7 +30,7 @@ FOLLOWS = {
 }  # fmt: skip
 WAYS = {
     E.TARGET: ("set-point", "trajectory"),
-    E.HALT: ("stop", "clear"),
+    E.HALT: ("stop", "clear", "hold"),
 }
 
 
@@ -60,6 +60,8 @@ def inject(bench: Bench, event: LoopEvent, way: str = "") -> None:
         bench.send(points(9, [2.0, 2.1], 0, True))
     elif way == "stop":
         bench.tick((Command.STOP_MOTION, 0.0))
+    elif way == "hold":
+        bench.tick((Command.HOLD, 0.0))
     elif way == "clear":
         clear = points(7, [0.0], 0, False)
         clear["kind"] = Command.CLEAR

@@ -6,7 +6,43 @@ STEP, COMMANDS = "daemon/loop/step_kernel.py", "daemon/loop/command_kernels.py"
 TARGETS = "daemon/loop/targets.py"
 MOTION = ("tests/daemon/loop/test_motion.py",)
 
+STAYING = ("tests/daemon/loop/test_staying.py",)
+
 CHANGES = [
+    *room(
+        STAYING,
+        Change(
+            "what-lasts-outlives-another-command",
+            "daemon/loop/records_in_memory.py",
+            "    c.glide, c.stays = 0.0, 0\n",
+            "    c.glide = 0.0\n",
+            "a place that was to last outlives stop and fault",
+        ),
+        Change(
+            "a-set-point-lasts-like-the-one-before",
+            COMMANDS,
+            "        c.stays = 1 if command.last != 0 else 0\n",
+            "        c.stays = 1 if command.last != 0 else c.stays\n",
+            "after one set-point that lasts, every other one lasts too",
+        ),
+        Change(
+            "a-hold-does-not-stop-the-ramp",
+            COMMANDS,
+            "c.since_ns, c.hold_ns, c.stays = now_ns, p.hold_ns, 1 if stays else 0",
+            "c.hold_ns, c.stays = p.hold_ns, 0",
+            "a hold on the way down is ignored",
+        ),
+    ),
+    *room(
+        ("tests/daemon/gateway/test_admission.py",),
+        Change(
+            "anybody-may-stay",
+            "daemon/gateway/admission.py",
+            "if stay and not self.may_stay:",
+            "if False:",
+            "a place is kept without a client where the configuration forbids it",
+        ),
+    ),
     *room(
         MOTION,
         Change(
