@@ -126,7 +126,7 @@ def split_public_url(url: str) -> tuple[str, str]:
     except ValueError:
         raise wrong from None
     plain = not (parts.query or parts.fragment or "@" in parts.netloc)
-    if parts.scheme not in PORTS or not parts.hostname or not plain:
+    if not url.isprintable() or parts.scheme not in PORTS or not parts.hostname or not plain:
         raise wrong
     if not re.fullmatch(r"[A-Za-z0-9._~/-]*", parts.path) or "//" in parts.path:
         raise wrong

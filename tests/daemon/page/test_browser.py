@@ -1,20 +1,17 @@
 """The page in a real Chromium, before `dehyst run` on the emulated amplifier and gauge.
 
-Skipped where there is no Chromium with its driver (Debian: chromium, chromium-driver). Nothing is
-downloaded for it.
+Skipped where there is no Chromium with its driver.
 """
 
-import json
 import os
-import shutil
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from tests.rigs.chromium import PATIENCE_S, Chromium, needs_chromium
 from tests.rigs.gateway_bench import free_port
 from tests.rigs.page import PageProcess
 from tests.rigs.processes import until
@@ -28,59 +25,8 @@ from dehyst.daemon.bus.session import Bus
 from dehyst.daemon.bus.topics import DOCTOR, EVENT, subject
 from dehyst.daemon.files.models import save_model
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-DRIVER = shutil.which("chromedriver")
-pytestmark = pytest.mark.skipif(
-    not (CHROMIUM and DRIVER), reason="no chromium with chromedriver on this machine"
-)
-PATIENCE_S = 90.0
+pytestmark = needs_chromium
 MARKUP = "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
-
-
-class Chromium:
-    """One window. `ask` runs JavaScript."""
-
-    def __init__(self, width: int = 1280, height: int = 1200) -> None:
-        from selenium.webdriver import Chrome, ChromeOptions
-        from selenium.webdriver.chrome.service import Service as Driver
-
-        options = ChromeOptions()
-        options.binary_location = CHROMIUM
-        for option in ("--headless=new", "--no-sandbox", "--disable-gpu",
-                       "--disable-dev-shm-usage", f"--window-size={width},{height}"):  # fmt: skip
-            options.add_argument(option)
-        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-        self.chrome = Chrome(options=options, service=Driver(DRIVER))
-
-    def ask(self, script: str) -> Any:
-        """The value of a JavaScript expression."""
-        return self.chrome.execute_script(f"return {script}")
-
-    def text(self, element: str) -> str:
-        """What stands in an element."""
-        return str(self.ask(f"document.getElementById({json.dumps(element)}).textContent"))
-
-    def write(self, element: str, text: str) -> None:
-        """Into a field, as a person does."""
-        field = self.chrome.find_element("id", element)
-        field.clear()
-        field.send_keys(text)
-
-    def click(self, element: str) -> None:
-        """As a person does."""
-        self.chrome.find_element("id", element).click()
-
-    def until(self, what: str, check: Callable[[], Any]) -> Any:
-        """Look until it is true; its value."""
-        return until(check, PATIENCE_S, what)
-
-    def complaints(self) -> list[str]:
-        """What the browser's console holds against the page."""
-        return [str(line["message"]) for line in self.chrome.get_log("browser")]
-
-    def close(self) -> None:
-        """End the browser."""
-        self.chrome.quit()
 
 
 @pytest.fixture(scope="module")
