@@ -186,12 +186,11 @@ class HeldAxes(Closing):
         try:
             job = self._jobs.get_nowait()
         except queue.Empty:
-            pass
-        else:
-            if job is None:
-                return False
-            job(group)
+            job = lambda _: None  # noqa: E731
+        if job is None:
+            return False
         try:
+            job(group)
             self._stay(group)
             if clock.monotonic_ns() - self._asked_ns > STATUS_S * clock.NS:
                 self._ask(group)
