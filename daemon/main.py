@@ -40,6 +40,7 @@ COMMANDS = {
     "accept": "put the model that the doctor offers to work, on trial",
     "reject": "turn down the model that the doctor offers, or take it back",
     "page": "a page in a browser for one or many controllers",
+    "epics": "serve a controller as EPICS process variables",
     "serve": "serve a controller to programs that speak another one's language (PI's GCS)",
     "record": "record a running daemon's telemetry into a file",
     "config": "write a commented configuration",

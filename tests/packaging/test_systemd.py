@@ -13,6 +13,7 @@ SERVICES = (
     "dehyst.service",
     "dehyst-gateway.service",
     "dehyst-page.service",
+    "dehyst-epics.service",
     "dehyst-doctor.service",
 )
 EXPOSURE = 2.0

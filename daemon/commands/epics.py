@@ -1,0 +1,97 @@
+"""Serve a controller as EPICS process variables."""
+
+import argparse
+import ipaddress
+import sys
+
+from dehyst.daemon.client.connection import add_connection, address_of, label_of
+from dehyst.models.errors import BadInput
+
+DEFAULT = "127.0.0.1"
+EPILOG = """Each axis is a motor record (VAL, RBV, DMOV, STOP, VELO, limits, alarms) and a few more
+PVs: volts, error, trim, state, the doctor's offer. docs/epics.md lists them. Channel Access knows
+no passwords: whoever reaches the address commands the stage, so an address beyond this machine
+needs --without-passwords; --observe refuses every put.
+
+examples: dehyst epics
+          dehyst epics --prefix LAB:PIEZO: --observe
+          dehyst epics --listen 192.168.1.10 --without-passwords
+          EPICS_CA_ADDR_LIST=127.0.0.1 caput -c dehyst:stage-1 4.5
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst epics`."""
+    parser.epilog = EPILOG
+    parser.add_argument(
+        "--prefix", help="of all names (default: dehyst:NAME:, the controller's name)"
+    )
+    parser.add_argument(
+        "--listen", default=DEFAULT, metavar="ADDRESS", help=f"interface (default: {DEFAULT})"
+    )
+    parser.add_argument(
+        "--port", type=int, default=0, help="port (default: $EPICS_CA_SERVER_PORT, else 5064)"
+    )
+    parser.add_argument("--observe", action="store_true", help="refuse every put")
+    parser.add_argument(
+        "--without-passwords",
+        action="store_true",
+        help="also beyond this machine, where everybody who reaches the address may command",
+    )
+    parser.add_argument(
+        "--on-target", choices=("model", "gauge"), default="model", help="whose word counts"
+    )
+    parser.add_argument(
+        "--tolerance", type=float, default=0.0, metavar="UM",
+        help="how near is on target, in the stage's unit (default: 0.2 %% of the reach)",
+    )  # fmt: skip
+    add_connection(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Until SIGTERM or Ctrl-C."""
+    check_address(args.listen, args.without_passwords or args.observe)
+    if not 0 <= args.port <= 65535:
+        raise BadInput(f"--port {args.port}: it is from 0 to 65535")
+    try:
+        from dehyst.daemon.epics.server import axis_sources, records_of, serve_records
+    except ImportError as error:
+        raise BadInput(f"{error}; install it: pip install 'dehyst[epics]'") from None
+    from dehyst.daemon.tools.kernel_cache import load_lightly
+
+    load_lightly()
+    from dehyst.daemon.client.group import Group
+    from dehyst.daemon.client.held_axes import HeldAxes
+
+    where, credentials = address_of(args)
+
+    def connect() -> Group:
+        return Group(args.name, None, where, args.base, label_of("epics"), credentials)
+
+    with HeldAxes(connect, tolerance=args.tolerance, by=args.on_target) as held, connect() as asks:
+        prefix = f"dehyst:{held.name}:" if args.prefix is None else args.prefix
+        records = records_of(held, axis_sources(asks, args.observe), prefix)
+        names = ", ".join(group.prefix for group in records)
+
+        def ready(port: int) -> None:
+            print(f"dehyst epics: {names} at {args.listen}:{port}", file=sys.stderr, flush=True)
+
+        try:
+            serve_records(records, args.listen, args.port, ready)
+        except OSError as error:
+            raise BadInput(f"--listen {args.listen}: {error.strerror or error}") from None
+    return 0
+
+
+def check_address(text: str, anywhere: bool) -> None:
+    """BadInput where it is no address, or not this machine's alone."""
+    try:
+        local = ipaddress.ip_address(text).is_loopback
+    except ValueError:
+        raise BadInput(f"--listen {text}: it is an address such as 127.0.0.1") from None
+    if not local and not anywhere:
+        raise BadInput(
+            f"--listen {text}: Channel Access knows no passwords, so that whoever reaches this "
+            "address would command the stage; add --without-passwords where the network is "
+            "trusted, or --observe"
+        )

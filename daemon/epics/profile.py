@@ -1,0 +1,33 @@
+"""The path of a move at a set velocity, as the motor record makes it: constant acceleration,
+constant velocity, constant deceleration. Pure."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def move_profile(
+    start: float, end: float, velocity: float, ramp_s: float, period_s: float
+) -> tuple[Floats, Floats]:
+    """(n,) times [s] and (n,) positions of a move from rest to rest. velocity: the largest
+    [unit/s]; ramp_s: time from rest to it; period_s: spacing of the points. A short move is a
+    triangle at the same acceleration. The last point is `end` exactly."""
+    distance = abs(end - start)
+    if distance < velocity * ramp_s:  # it never reaches its velocity
+        ramp_s = float(np.sqrt(distance * ramp_s / velocity))
+        velocity = distance / ramp_s if ramp_s > 0 else velocity
+    total_s = distance / velocity + ramp_s
+    t = np.arange(max(2, int(np.ceil(total_s / period_s)) + 1)) * period_s
+    slope = velocity / ramp_s if ramp_s > 0 else 0.0
+    left = np.maximum(total_s - t, 0.0)
+    way = np.where(
+        t < ramp_s,
+        0.5 * slope * t * t,
+        np.where(
+            left < ramp_s, distance - 0.5 * slope * left * left, velocity * (t - 0.5 * ramp_s)
+        ),
+    )
+    positions = start + np.sign(end - start) * np.clip(way, 0.0, distance)
+    positions[-1] = end
+    return np.asarray(t, np.float64), np.asarray(positions, np.float64)

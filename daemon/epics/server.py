@@ -1,0 +1,75 @@
+"""Channel Access for one controller: a set of records for each axis, on one address."""
+
+import asyncio
+import contextlib
+import os
+import signal
+from collections.abc import Callable
+
+from caproto.asyncio.server import Context
+
+from dehyst.daemon import notify
+from dehyst.daemon.client.group import Group
+from dehyst.daemon.client.held_axes import HeldAxes
+from dehyst.daemon.epics.records import AxisRecords, AxisSource
+from dehyst.daemon.rings.records import model_digest
+from dehyst.models.modelfile import dumps
+
+
+def axis_sources(group: Group, observe: bool) -> dict[str, AxisSource]:
+    """By axis. group: a connection that only asks and listens."""
+    found = {}
+    for axis, client in group.clients.items():
+        limits, status = client.config().limits, client.status()
+        span = status.reach_max - status.reach_min
+        fastest = limits.slew_v_per_s * span / (limits.max_v - limits.min_v)
+        feed = client.feed()
+        feed.status = status
+        feed.doctor.extend(client.doctor())
+
+        def digest(client: object = client) -> str:
+            return model_digest(dumps(client.model()))  # type: ignore[attr-defined]
+
+        found[axis] = AxisSource(feed, digest, fastest, observe)
+    return found
+
+
+def records_of(held: HeldAxes, sources: dict[str, AxisSource], prefix: str) -> list[AxisRecords]:
+    """The records of every axis: PREFIXx, PREFIXy; PREFIX without its last colon for one axis."""
+    return [
+        AxisRecords(f"{prefix}{axis}" if axis else prefix.rstrip(":"), axis, held, source)
+        for axis, source in sources.items()
+    ]
+
+
+def serve_records(
+    records: list[AxisRecords], address: str, port: int, ready: Callable[[int], None]
+) -> None:
+    """Serve until SIGTERM or Ctrl-C. address: of the interface; port: of TCP and of searches by
+    UDP, 0: the one of the environment ($EPICS_CA_SERVER_PORT, 5064). Raises OSError."""
+    if port:
+        os.environ["EPICS_CA_SERVER_PORT"] = str(port)
+    # beacons stay on this address: a server on the loopback must not call into the network
+    os.environ.setdefault("EPICS_CAS_AUTO_BEACON_ADDR_LIST", "NO")
+    os.environ.setdefault("EPICS_CAS_BEACON_ADDR_LIST", address)
+    asyncio.run(_serve(records, address, ready))
+
+
+async def _serve(records: list[AxisRecords], address: str, ready: Callable[[int], None]) -> None:
+    pvdb = {name: channel for group in records for name, channel in group.pvdb.items()}
+    context = Context(pvdb, [address])
+    loop = asyncio.get_running_loop()
+    task = loop.create_task(context.run())
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, task.cancel)
+    while context.port is None and not task.done():
+        await asyncio.sleep(0.02)
+    if not task.done():
+        ready(context.port)
+        notify.send("READY=1")
+    every_s = notify.watchdog_s()
+    while every_s and not task.done():
+        notify.send("WATCHDOG=1")
+        await asyncio.wait([task], timeout=every_s)
+    with contextlib.suppress(asyncio.CancelledError):
+        await task

@@ -1,0 +1,189 @@
+"""Public clients of Channel Access command a stage: caproto's command line, ophyd-async's motor
+under bluesky's RunEngine. Real loop, real gateway, real `dehyst epics`, all on the loopback."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.rigs.gateway_bench import Bench, environment, free_port, wait_until
+
+from dehyst.daemon.client.client import Client
+from dehyst.daemon.rings.records import State
+
+pytest.importorskip("caproto", reason="caproto is not installed")
+pytestmark = pytest.mark.processes
+SCAN = Path(__file__).parent / "ophyd_scan.py"
+
+
+class Served:
+    """`dehyst epics` beside a bench, and public clients of it."""
+
+    def __init__(self, bench: Bench, *arguments: str) -> None:
+        self.port = free_port()
+        command = [sys.executable, "-m", "dehyst.daemon.main", "epics", "--connect", bench.address]
+        command += ["--prefix", "LAB:", "--port", str(self.port), "--name", "bench", *arguments]
+        self.process = subprocess.Popen(
+            command, env=environment(), stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            if line.startswith("dehyst epics: LAB"):
+                return
+        raise AssertionError("it did not start")
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """For clients that look on the loopback alone."""
+        return {
+            **os.environ,
+            "EPICS_CA_ADDR_LIST": "127.0.0.1",
+            "EPICS_CA_AUTO_ADDR_LIST": "NO",
+            "EPICS_CA_SERVER_PORT": str(self.port),
+        }
+
+    def client(self, command: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
+        """caproto's own command line."""
+        return subprocess.run(
+            [sys.executable, "-m", f"caproto.commandline.{command}", *arguments],
+            env=self.environment, text=True, capture_output=True, timeout=60,
+        )  # fmt: skip
+
+    def get(self, name: str) -> str:
+        done = self.client("get", "--terse", name)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.strip().strip("[]b'\"")
+
+    def close(self) -> int:
+        self.process.terminate()
+        self.process.communicate(timeout=20)
+        return self.process.returncode
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    bench = Bench(tmp_path_factory.mktemp("bench"))
+    try:
+        bench.start_gateway()
+        bench.client().close()
+        yield bench
+    finally:
+        bench.close()
+
+
+@pytest.fixture
+def served(bench: Bench) -> Iterator[Served]:
+    served = Served(bench)
+    try:
+        yield served
+    finally:
+        assert served.close() == 0
+
+
+def test_caget_caput_and_what_is_refused(bench: Bench, served: Served) -> None:
+    assert served.get("LAB.EGU") == "um"
+    low, high = float(served.get("LAB.LLM")), float(served.get("LAB.HLM"))
+    assert served.client("put", "-c", "LAB.VAL", "6.5").returncode == 0
+    newest = bench.loop.samples(bench.loop.seq - 1)[-1]
+    assert newest["target"] == 6.5
+    assert abs(newest["predicted"] - 6.5) < 0.002 * (high - low)
+    assert served.get("LAB.DMOV") == "1"
+    assert abs(float(served.get("LAB.RBV")) - newest["measured"]) < 0.5
+    assert float(served.get("LAB:VOLTS")) == pytest.approx(newest["volts"], abs=0.5)
+    assert served.get("LAB:STATE") == "running"
+    refused = served.client("put", "-c", "LAB.VAL", str(high + 5.0))
+    assert refused.returncode != 0 or "fail" in (refused.stdout + refused.stderr).lower()
+    assert bench.loop.samples(bench.loop.seq - 1)[-1]["target"] == 6.5
+    assert "cannot be reached" in bytes.fromhex(_hex(served, "LAB:MSG")).decode()
+
+
+def _hex(served: Served, name: str) -> str:
+    done = served.client("get", "--format", "{response.data!r}", name)
+    text = done.stdout
+    if "b'" in text:
+        return text.split("b'")[1].split("'")[0].encode().hex()
+    numbers = text.split("[")[1].split("]")[0].replace(",", " ").split()
+    return bytes(int(n) for n in numbers).hex()
+
+
+def test_a_stop_ends_the_move_and_holds(bench: Bench, served: Served) -> None:
+    assert served.client("put", "-c", "LAB.VAL", "3.0").returncode == 0
+    assert served.client("put", "LAB.VELO", "1.0").returncode == 0
+    assert served.client("put", "LAB.VAL", "8.0").returncode == 0
+    wait_until("it moves", lambda: bench.loop.samples(bench.loop.seq - 1)[-1]["target"] > 4.0)
+    assert served.client("put", "LAB.STOP", "1").returncode == 0
+    wait_until("it stands", lambda: np.ptp(bench.loop.samples(bench.loop.seq - 100)["target"]) == 0)
+    place = bench.loop.samples(bench.loop.seq - 1)[-1]["target"]
+    assert 4.0 < place < 8.0
+    begun = bench.loop.seq
+    wait_until("two seconds pass", lambda: bench.loop.seq > begun + 400)
+    assert (bench.loop.samples(begun)["target"] == place).all()
+
+
+def test_camonitor_sees_ten_updates_a_second(bench: Bench, served: Served) -> None:
+    monitor = subprocess.Popen(
+        [sys.executable, "-m", "caproto.commandline.monitor", "LAB.RBV"],
+        env=served.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    assert monitor.stdout is not None
+    try:
+        first = monitor.stdout.readline()
+        assert first.startswith("LAB.RBV")
+        begun = time.monotonic()
+        lines = [monitor.stdout.readline() for _ in range(10)]  # a gauge is never quiet
+        assert all(line.startswith("LAB.RBV") for line in lines)
+        assert time.monotonic() - begun < 10.0
+    finally:
+        monitor.terminate()
+        monitor.communicate(timeout=20)
+
+
+def test_bluesky_scans_and_flies_an_ophyd_async_motor(bench: Bench, served: Served) -> None:
+    begun = bench.loop.seq
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", str(SCAN), "LAB"],
+        env=served.environment, text=True, capture_output=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    targets = bench.loop.samples(begun)["target"]
+    for place in (3.0, 4.0, 5.0):
+        assert (targets == place).any()
+    flown = targets[np.flatnonzero(targets == 5.0)[-1] :]
+    assert np.isfinite(flown).all()
+
+
+def test_an_observer_moves_nothing(bench: Bench) -> None:
+    served = Served(bench, "--observe")
+    try:
+        before = bench.loop.samples(bench.loop.seq - 1)[-1]["target"]
+        refused = served.client("put", "-c", "LAB.VAL", "5.0")
+        assert refused.returncode != 0 or "fail" in (refused.stdout + refused.stderr).lower()
+        after = bench.loop.samples(bench.loop.seq - 1)[-1]["target"]
+        assert after == before or np.isnan(after)
+    finally:
+        served.close()
+
+
+def test_killed_in_motion_the_stage_ends_as_after_any_client(bench: Bench) -> None:
+    served = Served(bench)
+    assert served.client("put", "LAB.VAL", "7.0").returncode == 0
+    wait_until("it moves", lambda: bench.loop.samples(bench.loop.seq - 1)[-1]["target"] == 7.0)
+    served.process.kill()
+    served.process.communicate()
+    wait_until("it lets go", lambda: bench.loop.state == State.READY, 30.0)
+    assert bench.loop.samples(bench.loop.seq - 1)[-1]["volts"] == pytest.approx(0.0, abs=0.1)
+
+
+def test_another_client_is_seen_and_respected(bench: Bench, served: Served) -> None:
+    assert served.client("put", "-c", "LAB.VAL", "5.0").returncode == 0
+    with Client("bench", bench.address, label="another") as other:
+        other.take_over()
+        other.send(6.0)
+        wait_until("the lease is lost", lambda: served.get("LAB:HELD") == "0", 20.0)
+        refused = served.client("put", "-c", "LAB.VAL", "4.0")
+        assert refused.returncode != 0 or "fail" in (refused.stdout + refused.stderr).lower()
+        assert bench.loop.samples(bench.loop.seq - 1)[-1]["target"] == 6.0
