@@ -19,6 +19,7 @@ def test_it_arrives_never_faster_than_asked_and_never_turns(
 ) -> None:
     if abs(end - start) < 1e-6 or abs(end - start) / velocity > 60:
         return
+    ramp_s = ramp_s if ramp_s >= period_s else 0.0
     t, path = move_profile(start, end, velocity, ramp_s, period_s)
     steps = np.diff(path) * np.sign(end - start)
     assert path[0] == start

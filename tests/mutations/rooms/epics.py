@@ -10,8 +10,8 @@ CHANGES = [
         Change(
             "too-fast",
             PROFILE,
-            "        velocity = distance / ramp_s if",
-            "        velocity = 2 * distance / ramp_s if",
+            "        velocity = distance / ramp_s\n",
+            "        velocity = 2 * distance / ramp_s\n",
             "a short move is faster than its acceleration allows",
         ),
         Change(
