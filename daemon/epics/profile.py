@@ -12,7 +12,8 @@ def move_profile(
 ) -> tuple[Floats, Floats]:
     """(n,) times [s] and (n,) positions of a move from rest to rest. velocity: the largest
     [unit/s]; ramp_s: time from rest to it; period_s: spacing of the points. A short move is a
-    triangle at the same acceleration; a ramp shorter than one point is none. The last point is `end` exactly."""
+    triangle at the same acceleration; a ramp shorter than one point is none. The last
+    point is `end` exactly."""
     distance = abs(end - start)
     ramp_s = ramp_s if ramp_s >= period_s else 0.0  # shorter than one point
     if distance < velocity * ramp_s:  # it never reaches its velocity
