@@ -1,6 +1,13 @@
 """The child that examines one case: its bounds first, then everything that computes."""
 
+import logging
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from dehyst.daemon.files.cases import Examined
 
 
 def examine_case(folder: str, memory_gb: float) -> None:
@@ -10,16 +17,26 @@ def examine_case(folder: str, memory_gb: float) -> None:
     take_bounds(round(memory_gb * (1 << 30)))
     from dehyst.daemon.doctor.examination import examine
     from dehyst.daemon.files import cases
+
+    place = Path(folder)
+    cases.put_record(place, cases.EXAMINED, examined_or_why(place, memory_gb, examine))
+
+
+def examined_or_why(
+    place: Path, memory_gb: float, examine: "Callable[[Path], Examined]"
+) -> "Examined":
+    """What the examination says, or what ended it, as it was."""
     from dehyst.daemon.files.cases import Examined
     from dehyst.models.errors import DehystError
 
-    place = Path(folder)
     try:
-        found = examine(place)
+        return examine(place)
     except DehystError as error:
-        says = f"The recording could not be diagnosed: {error}"
-        found = Examined(failed=True, says=says[:2000])
+        why = f"The recording could not be diagnosed: {error}"
     except MemoryError:
-        says = f"The recording could not be diagnosed: it takes more than {memory_gb:g} GB."
-        found = Examined(failed=True, says=says)
-    cases.put_record(place, cases.EXAMINED, found)
+        why = f"The recording could not be diagnosed: it takes more than {memory_gb:g} GB."
+    except Exception as error:  # a fault of ours: the case says which, the log where
+        logging.getLogger(__name__).exception("%s", place.name)
+        what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        why = f"The examination failed by a fault of its own, not of the stage: {what}"
+    return Examined(failed=True, says=why[:2000])

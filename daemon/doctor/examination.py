@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from dehyst.daemon import clock
@@ -91,8 +92,18 @@ def examine(folder: Path) -> Examined:
             unit=model.displacement_unit,
         )
     found = Diagnosed(diagnosis.diagnose([flagged], model, with_limits=False), (flagged,))
-    found.save(folder / cases.FOUND)
-    return _conclude(folder, case, model, found, _gather(folder, case, model, flagged, good))
+    unwritten = _save(found, folder)
+    examined = _conclude(folder, case, model, found, _gather(folder, case, model, flagged, good))
+    return msgspec.structs.replace(examined, says=f"{examined.says}{unwritten}"[:2000])
+
+
+def _save(found: Diagnosed, folder: Path) -> str:
+    """Write the report; why it is not written, as a sentence: the findings are kept without it."""
+    try:
+        found.save(folder / cases.FOUND)
+    except (ArithmeticError, LookupError, TypeError, ValueError, MemoryError) as error:
+        return f" The report could not be written ({str(error) or type(error).__name__})."
+    return ""
 
 
 def _gather(

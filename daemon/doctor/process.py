@@ -49,10 +49,11 @@ class Doctor:
 
     def _examine(self, config: Config, folder: Path) -> None:
         limits = config.doctor
-        log.info("%s: examined", folder.name)
+        log.info("%s: examining", folder.name)
+        begun_ns = clock.monotonic_ns()
         spawn = multiprocessing.get_context("spawn")
         child = spawn.Process(target=examine_case, args=(str(folder), limits.memory_gb))
-        end_ns = clock.monotonic_ns() + round(limits.time_s * clock.NS)
+        end_ns = begun_ns + round(limits.time_s * clock.NS)
         child.start()
         why = ""
         try:
@@ -67,15 +68,31 @@ class Doctor:
         finally:
             child.kill()
             child.join(5.0)
-        if not (folder / cases.EXAMINED).exists():
-            code = f"its process ended with {child.exitcode}"
-            why = why or f"{code}; it may take at most {limits.memory_gb:g} GB"
+        spent_s = (clock.monotonic_ns() - begun_ns) / clock.NS
+        if (folder / cases.EXAMINED).exists():
+            log.info("%s: examined, in %.0f s", folder.name, spent_s)
+        else:
+            why = why or end_of(child.exitcode)
             says = f"The recording could not be diagnosed: {why}."
+            log.warning("%s: not examined, after %.0f s: %s", folder.name, spent_s, why)
             try:
                 cases.put_record(folder, cases.EXAMINED, Examined(failed=True, says=says))
             except OSError as error:
                 log.error("%s: %s: %s", folder.name, says, error)
                 self._stop.wait(10.0)  # a full disk: tried again
+
+
+def end_of(code: int | None) -> str:
+    """How the child ended, in words. One that ran out of its own memory has written so itself."""
+    if code is None or code >= 0:
+        return f"its process ended with exit code {code} and left no result"
+    try:
+        name = signal.Signals(-code).name
+    except ValueError:
+        name = f"signal {-code}"
+    if -code == signal.SIGKILL:
+        return f"its process was ended from outside ({name}), as a system does without memory"
+    return f"its process was ended by {name}"
 
 
 def _newest_open(config: Config) -> Path | None:

@@ -22,6 +22,7 @@ from dehyst.daemon.report.plotting import (
     estimate_density,
     finite_rms,
     limit_to,
+    scale_by_decades,
     white_density,
 )
 from dehyst.models.diagnosis import Diagnosis, View
@@ -86,7 +87,7 @@ def draw_error_spectrum(diagnosis: Diagnosis, axes: Axes) -> str:
     ]
     for name, color, label in MODELS:
         errors = [k * (v.displacement - getattr(v, name)) for v in alike]
-        axes.loglog(*estimate_density(errors, period_s), color=color, lw=1.4, label=label)
+        axes.plot(*estimate_density(errors, period_s), color=color, lw=1.4, label=label)
     axes.axhline(
         white_density(k * diagnosis.noise, period_s),
         color=NOISE,
@@ -94,6 +95,7 @@ def draw_error_spectrum(diagnosis: Diagnosis, axes: Axes) -> str:
         alpha=0.7,
         label="noise, if white",
     )
+    scale_by_decades(axes, x=True, y=True)
     axes.set(xlabel="frequency, Hz", ylabel=f"error, {unit}/√Hz", title="spectrum of the errors")
     add_legend(axes)
     return "Spectrum of the errors before and after, against white noise."
@@ -177,7 +179,7 @@ def list_places(diagnosis: Diagnosis) -> list[Draw]:
     views, volts = diagnosis.views, spell_unit(diagnosis.drive_unit)
     drive = np.concatenate([v.drive for v in views])
     span = float(np.ptp(drive)) or 1.0
-    rate = np.concatenate([np.abs(np.gradient(v.drive, v.t_s)) for v in views])
+    rate = np.concatenate([_rate(v) for v in views])
     since = np.concatenate([_since_turn(v) for v in views])
     held = np.concatenate([_in_hold(v, span) for v in views])
     rising = np.concatenate([_last_direction(v) for v in views]) > 0
@@ -226,7 +228,7 @@ def _draw_place(
         axes.stairs(steps, edges, color=color, lw=2, label=text, baseline=None)
     axes.axhline(k * diagnosis.noise, color=NOISE, lw=2, alpha=0.7, label="noise")
     if edges[0] > 0 and edges[-1] / edges[0] > 50:
-        axes.set_xscale("log")
+        scale_by_decades(axes, x=True)
     axes.set_ylim(bottom=0)
     axes.set_ylabel(f"rms error, {unit}")
     add_legend(axes)
@@ -248,7 +250,8 @@ def _log_edges(x: Floats) -> Floats:
 
 
 def _period_s(view: View) -> float:
-    return float(np.median(np.diff(view.t_s)))
+    """Step of the time stamps [s]; 1 where there is one row."""
+    return float(np.median(np.diff(view.t_s))) if view.t_s.size > 1 else 1.0
 
 
 def _one_clock(views: tuple[View, ...]) -> Floats:
@@ -275,6 +278,13 @@ def _since_turn(view: View) -> Floats:
     turn = np.r_[True, np.diff(direction) != 0]
     start = np.maximum.accumulate(np.where(turn, np.arange(turn.size), 0))
     return view.t_s - view.t_s[start] + _period_s(view)
+
+
+def _rate(view: View) -> Floats:
+    """Of the drive, without its sign; 0 where there is one row."""
+    if view.t_s.size < 2:
+        return np.zeros(view.t_s.size)
+    return np.abs(np.gradient(view.drive, view.t_s))
 
 
 def _in_hold(view: View, span: float) -> Floats:

@@ -21,6 +21,7 @@ from dehyst.daemon.report.plotting import (
     estimate_density,
     finite_rms,
     limit_to,
+    scale_by_decades,
     thin_rows,
     white_density,
 )
@@ -121,7 +122,7 @@ def draw_residual_spectrum(
     """What the model leaves by frequency, against white noise of the estimated size."""
     e, noise, unit = _error(result, recording, number)
     f, density = estimate_density([e], recording.period_s)
-    axes.loglog(f, density, color=MODEL, lw=1.4, label="residual")
+    axes.plot(f, density, color=MODEL, lw=1.4, label="residual")
     axes.axhline(
         white_density(noise, recording.period_s),
         color=NOISE,
@@ -129,6 +130,7 @@ def draw_residual_spectrum(
         alpha=0.7,
         label="noise, if white",
     )
+    scale_by_decades(axes, x=True, y=True)
     axes.set(xlabel="frequency, Hz", ylabel=f"{unit}/√Hz", title="spectrum of the residual")
     add_legend(axes, 0.18)
     return "Spectrum of the residual against white noise of the estimated size."
@@ -141,7 +143,9 @@ def draw_orders(result: Identification, axes: Axes) -> str:
     chosen = result.model.hysteresis.n
     axes.plot(count, held_out * scale, "o-", ms=3, color=MODEL)
     axes.axvline(chosen, color=MEASURED, lw=1.5, ls="--")
-    axes.set_ylim(0, min(float(held_out.max()), 3 * float(held_out.min())) * scale)
+    top = min(float(held_out.max()), 3 * float(held_out.min())) * scale
+    if np.isfinite(top) and top > 0.0:
+        axes.set_ylim(0, top)
     axes.set(
         xlabel="operators",
         ylabel=f"rms, {unit}",
@@ -164,7 +168,8 @@ def draw_slopes(result: Identification, axes: Axes) -> str:
     smallest = float(h.r[h.r > 0].min()) if np.any(h.r > 0) else 1.0
     axes.set_xscale("symlog", linthresh=10 ** np.ceil(np.log10(smallest)))
     top = float(np.max(result.params.slopes))
-    axes.set_ylim(-0.05 * top, 1.4 * top)
+    if np.isfinite(top) and top > 0.0:
+        axes.set_ylim(-0.05 * top, 1.4 * top)
     axes.set(
         xlabel=f"threshold, {spell_unit(result.model.drive_unit)}",
         ylabel="slope dz/du",

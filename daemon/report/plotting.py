@@ -6,7 +6,10 @@ stands alone and a telephone shows it legibly, and a file, where several stand s
 """
 
 import io
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
@@ -49,30 +52,55 @@ MOST_ROWS = 2**21  # of a recording, that a spectrum or a mean is made of: copie
 
 def draw_picture(draw: Draw) -> tuple[bytes, str]:
     """(PNG, what it shows) of one picture."""
-    with mpl.rc_context(STYLE):
+    with _style():
         fig, (axes,) = _figure(1, SIZE)
-        shows = draw(axes)
+        shows = _draw_on(axes, draw)
         return _png(fig, DPI), shows
 
 
 def draw_side_by_side(draws: Sequence[Draw], widths: Sequence[float]) -> bytes:
     """PNG of several pictures in a row. widths: relative widths."""
-    with mpl.rc_context(STYLE):
+    with _style():
         fig, panels = _figure(len(draws), (4.2 * len(draws), 3.8), widths)
         for draw, axes in zip(draws, panels, strict=True):
-            draw(axes)
+            _draw_on(axes, draw)
         return _png(fig, 110)
 
 
 def draw_stacked(draws: Sequence[Draw]) -> bytes:
     """PNG of several pictures over one another, on one time axis."""
-    with mpl.rc_context(STYLE):
+    with _style():
         fig = Figure(figsize=(11.0, 2.9 * len(draws)), layout="constrained")
         FigureCanvasAgg(fig)
         panels = np.ravel(fig.subplots(len(draws), 1, sharex=True, squeeze=False))
         for draw, axes in zip(draws, panels, strict=True):
-            draw(axes)
+            _draw_on(axes, draw)
         return _png(fig, 110)
+
+
+@contextmanager
+def _style() -> Iterator[None]:
+    """The look. What numpy or matplotlib warn of while they draw concerns no reader."""
+    with mpl.rc_context(STYLE), warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _draw_on(axes: Axes, draw: Draw) -> str:
+    """What the picture shows. One that fails is words in its place: a report loses no finding
+    because a recording cannot be drawn."""
+    try:
+        shows = draw(axes)
+        axes.get_tightbbox()  # scales and ticks are computed here: what cannot be drawn fails now
+    except Exception as error:  # whatever it is, the other pictures and the words are kept
+        says = f"This picture could not be drawn: {str(error) or type(error).__name__}"
+        for part in axes.get_children():
+            part.set_visible(False)
+        axes.set(xscale="linear", yscale="linear")
+        axes.text(0.5, 0.5, fill(says, 36), ha="center", va="center", transform=axes.transAxes,
+                  parse_math=False)  # fmt: skip
+        return says
+    return shows
 
 
 def _figure(
@@ -103,6 +131,16 @@ def draw_trace(axes: Axes, t_s: Floats, values: Floats, color: str, label: str) 
     blocks = values[:cut].reshape(-1, each)
     low, high = np.fmin.reduce(blocks, 1), np.fmax.reduce(blocks, 1)
     axes.fill_between(t_s[:cut:each], low, high, color=color, lw=0.4, label=label)
+
+
+def scale_by_decades(axes: Axes, x: bool = False, y: bool = False) -> None:
+    """Logarithmic axes, called after the curves are drawn: one with nothing above 0 on it stays
+    linear."""
+    data = axes.dataLim
+    if x and np.isfinite(data.minposx):
+        axes.set_xscale("log")
+    if y and np.isfinite(data.minposy):
+        axes.set_yscale("log")
 
 
 def thin_rows(*columns: Any) -> list[Any]:
@@ -137,11 +175,14 @@ def estimate_density(errors: Sequence[Floats], period_s: float) -> tuple[Floats,
     """(frequencies in Hz, amplitude density in unit/sqrt(Hz)) of errors (M_i,), their mean power.
 
     Welch's method; means over 24 bands a decade, so that lines stay and grass goes. NaN counts as
-    zero. Of a long error the last MOST_ROWS count, up to the last that is known.
+    zero. Of a long error the last MOST_ROWS count, up to the last that is known. Empty where there
+    is none: of an error of one row.
     """
     from scipy.signal import welch  # brings all of scipy's statistics with it
 
     size = min(8192, *(e.size for e in errors))
+    if size < 2:
+        return np.zeros(0), np.zeros(0)
     power = []
     for error in errors:
         end = max(size, error.size - int(np.argmax(np.isfinite(error[::-1]))))

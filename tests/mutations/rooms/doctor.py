@@ -102,6 +102,30 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/daemon/report/test_every_picture.py", "tests/daemon/doctor/test_ends.py"),
+        Change(
+            "picture-kills-report", "daemon/report/plotting.py",
+            "    except Exception as error:  # whatever it is",
+            "    except KeyError as error:  # whatever it is",
+            "a picture that cannot be drawn loses the findings of its report",
+        ),
+        Change(
+            "log-of-nothing", "daemon/report/plotting.py",
+            "if x and np.isfinite(data.minposx):", "if x:",
+            "a picture with nothing above 0 on a logarithmic axis is not drawn",
+        ),
+        Change(
+            "end-is-memory", "daemon/doctor/child.py",
+            "    except MemoryError:", "    except (MemoryError, ValueError, AssertionError):",
+            "an examination that fails by a fault of its own is said to want more memory",
+        ),
+        Change(
+            "report-loses-findings", "daemon/doctor/examination.py",
+            "(ArithmeticError, LookupError, TypeError, ValueError, MemoryError)", "KeyError",
+            "a report that cannot be written loses the findings",
+        ),
+    ),
+    *room(
         ("tests/daemon/files/test_chosen.py",),
         Change(
             "accepted-over-owner", CHOSEN,

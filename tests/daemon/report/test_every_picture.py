@@ -1,0 +1,168 @@
+"""Every picture of every report on recordings that show nothing: constant, zero, NaN, one row, tiny
+and huge. The functions are found by their signature, so a new one is among them at once."""
+
+import importlib
+import inspect
+import pkgutil
+import typing
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+from tests.rigs.stage_model import kept_model
+
+import dehyst.daemon.report
+from dehyst.daemon.report import diagnosis_pictures
+from dehyst.daemon.report.diagnosis import report_diagnosis
+from dehyst.daemon.report.plotting import Draw, draw_picture, draw_side_by_side, draw_stacked
+from dehyst.daemon.report.story import Told
+from dehyst.daemon.report.tracking import Track
+from dehyst.models.diagnosis import Diagnosis, View
+from dehyst.models.diagnosis.result import DataQuality
+from dehyst.models.drive_design.coverage import Coverage
+from dehyst.models.identify import Identification
+from dehyst.models.identify.equations import Params, Shape
+from dehyst.models.identify.validation import Validation
+from dehyst.models.learning.passes import Outcome
+from dehyst.models.recording import Floats, Recording
+
+FAILED = "could not be drawn"
+ROWS = 400
+RNG = np.random.default_rng(3)
+LIVELY = np.sin(0.1 * np.arange(ROWS)) + RNG.normal(0.0, 0.01, ROWS)
+SHAPES: dict[str, Floats] = {
+    "lively": LIVELY,
+    "zero": np.zeros(ROWS),
+    "constant": np.full(ROWS, 3.7),
+    "nan": np.full(ROWS, np.nan),
+    "one row": np.array([2.0]),
+    "tiny": 1e-14 * LIVELY,
+    "huge": 1e14 * LIVELY,
+    "vast": 1e100 * LIVELY,
+    "one spike": np.where(np.arange(ROWS) == 200, 1e9, 0.0),
+}
+
+
+def pictures() -> dict[str, Callable[..., str]]:
+    """All functions of the reports that draw on axes and say what is to be seen."""
+    found = {}
+    for module in pkgutil.iter_modules(dehyst.daemon.report.__path__):
+        inside = importlib.import_module(f"dehyst.daemon.report.{module.name}")
+        for name, one in inspect.getmembers(inside, inspect.isfunction):
+            hints = typing.get_type_hints(one)
+            draws_itself = hints.get("axes") is Axes and hints.get("return") is str
+            own = one.__module__ == inside.__name__ and not {"words", "draw"} & hints.keys()
+            if draws_itself and own:
+                found[f"{module.name}.{name}"] = one
+    return found
+
+
+PICTURES = pictures()
+
+
+def world(y: Floats) -> dict[Any, Any]:
+    """What pictures are drawn of, by the type of the argument, where all that was measured is y."""
+    n = y.size
+    t_s = 0.005 * np.arange(n)
+    used: NDArray[np.bool_] = np.ones(n, bool)
+    model = kept_model()
+    few = np.resize(y, model.hysteresis.n)
+    view = View("rest.csv", t_s, y, y, y * 0.9, y * 0.99, used)
+    diagnosis = Diagnosis(
+        verdict="partly", data=DataQuality(n, 0, 0), noise=float(abs(y[0])), unit="um",
+        drive_unit="v", findings=(), would_have_seen=(), rms={}, next_experiment="", model=model,
+        base_model=model, views=(view,), locate={},
+    )  # fmt: skip
+    result = Identification(
+        model=model, residuals=(0.1 * y,), used=(used,), shape=Shape(False, ()),
+        params=Params(few, few[:1], few[:0]), errors=Params(np.abs(few), few[:1], few[:0]),
+        rates=few, at_bound=few > 1e99, tried=(), orders=((4, float(y[0])), (8, float(y[-1]))),
+        noise_rms=float(abs(y[0])), recordings=(),
+    )  # fmt: skip
+    lags = np.resize(y, 20)
+    story = SimpleNamespace(
+        t_s=t_s, target=y, measured=0.9 * y, appeared_s=0.1, flagged_s=0.3, told_s=np.nan,
+        accepted_s=np.nan, over_s=np.nan, state="", rms={"before": float(y[0])},
+    )  # fmt: skip
+    return {
+        Diagnosis: diagnosis, View: view, Identification: result,
+        Recording: Recording(t_s, y, y), Told: story,
+        Validation: Validation("rest.csv", "um", 0.1, 0.0, 1.0, 0.1, None, "", y, lags[1:], lags,
+                               float(y[0]), 0.0, None),
+        Coverage: Coverage(np.abs(np.resize(y, (4, 4))), np.arange(5.0), np.arange(5.0),
+                           np.abs(y), 0.1, 0.0, 0.0, 1.0, (), ()),
+        Sequence[Outcome]: [Outcome(k, float(v), 0.0, k % 2 == 0, "", 1.0, 1.0)
+                            for k, v in enumerate(y[:9])],
+        Track: Track("linear", t_s, y, y), Floats: y, str: "um", float: 0.005, int: 0,
+        NDArray[np.bool_]: used,
+    }  # fmt: skip
+
+
+def draws(name: str, y: Floats) -> Draw:
+    """The picture with its arguments."""
+    one, known = PICTURES[name], world(y)
+    wanted = {k: v for k, v in typing.get_type_hints(one).items() if k not in ("axes", "return")}
+    given = {k: known[v] for k, v in wanted.items()}
+    if "edges" in given:
+        given["edges"] = np.linspace(0.0, 1.0, 5)
+    return lambda axes: one(**given, axes=axes)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_picture_of_a_recording_that_shows_little_is_drawn(name: str, shape: str) -> None:
+    png, shows = draw_picture(draws(name, SHAPES[shape]))
+    assert png.startswith(b"\x89PNG")
+    assert FAILED not in shows
+
+
+@pytest.mark.parametrize("shape", ["zero", "nan", "one row"])
+def test_a_report_of_a_recording_that_shows_little_has_all_its_pictures(shape: str) -> None:
+    known = world(SHAPES[shape])
+    page = report_diagnosis(known[Diagnosis], ["rest.csv"])
+    assert FAILED not in page
+    assert page.count("<img") == 11
+
+
+def broken(axes: Axes) -> str:
+    """Fails after a part of it has been drawn."""
+    axes.plot([0.0, 1.0], [0.0, 0.0])
+    raise RuntimeError("no $room for <it>")
+
+
+def broken_ticks(axes: Axes) -> str:
+    """Fails where matplotlib computes the ticks, after the function itself has returned."""
+    axes.xaxis.set_major_formatter(lambda _x, _pos: 1 / 0)  # type: ignore[arg-type, return-value]
+    return "never seen"
+
+
+def test_a_picture_that_fails_is_words_and_the_others_beside_it_are_drawn() -> None:
+    def line(axes: Axes) -> str:
+        axes.plot([0.0, 1.0], [0.0, 1.0])
+        return "a line"
+
+    png, shows = draw_picture(broken)
+    assert png.startswith(b"\x89PNG")
+    assert shows == "This picture could not be drawn: no $room for <it>"
+    alone, pair = draw_side_by_side((line,), (1.0,)), draw_side_by_side((line, broken), (1.0, 1.0))
+    assert pair.startswith(b"\x89PNG")
+    assert len(pair) > len(alone)
+    assert draw_picture(broken_ticks)[1].startswith("This picture could not be drawn: division")
+    assert draw_stacked([broken, line]).startswith(b"\x89PNG")
+
+
+def test_findings_are_in_the_report_where_no_picture_can_be_drawn(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(*_: object) -> str:
+        raise MemoryError
+
+    for name in ("draw_model_error", "draw_close_look", "draw_error_spectrum", "_draw_place"):
+        monkeypatch.setattr(diagnosis_pictures, name, fails)
+    page = report_diagnosis(world(LIVELY)[Diagnosis], ["rest.csv"])
+    assert "Before and after" in page
+    assert "This picture could not be drawn: MemoryError" in page
