@@ -9,11 +9,13 @@ hangs at the end of the program, so a Bus is used with `with`.
 import itertools
 import json
 import logging
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Self
 
 import zenoh
 
+from dehyst.daemon.bus import after_fork
 from dehyst.daemon.bus.encoding import ENCODING, MAX_BATCH_BYTES, MAX_COMMAND_BYTES
 from dehyst.daemon.bus.security import check_address, check_open
 from dehyst.daemon.bus.sockets import allow_open_files, end_unread_connections
@@ -44,7 +46,7 @@ class NoAnswer(BusError):
 class Asked:
     """A question that was put to a queryable. Answer with `reply`, end with `done`."""
 
-    def __init__(self, query: zenoh.Query) -> None:
+    def __init__(self, query: "zenoh.Query") -> None:
         self._query = query
         self.key = str(query.key_expr)
         self.payload = query.payload.to_bytes() if query.payload is not None else b""
@@ -71,11 +73,12 @@ class Asked:
 class Sender:
     """Publishes one topic under one key."""
 
-    def __init__(self, publisher: zenoh.Publisher) -> None:
-        self._publisher = publisher
+    def __init__(self, publisher: "zenoh.Publisher", check: Callable[[], None]) -> None:
+        self._publisher, self._check = publisher, check
 
     def put(self, payload: bytes) -> None:
-        """Publish. Raises BusError when the session is closed."""
+        """Publish. Raises BusError when the session is closed, or of another process."""
+        self._check()
         try:
             self._publisher.put(payload)
         except zenoh.ZError as error:
@@ -86,6 +89,8 @@ class Bus(Closing):
     """A zenoh session. Make one with `serve` or `connect`; use it with `with`."""
 
     def __init__(self, settings: dict[str, Any], what: str) -> None:
+        global zenoh
+        zenoh = after_fork.library(zenoh)
         config = zenoh.Config()
         try:
             for key, value in settings.items():
@@ -94,10 +99,34 @@ class Bus(Closing):
             reason = str(error).split(" at /")[0].rpartition('msg: "')[2]
             raise BusError(f"an address of the bus is wrong: {reason}") from None
         try:
-            self._session = zenoh.open(config)
+            self._opened = zenoh.open(config)
         except zenoh.ZError as error:
             raise BusError(f"{what} ({str(error).split(' at /')[0]})") from None
         self._kept: list[Any] = []
+        self._process = os.getpid()
+        after_fork.remember(self)
+
+    @property
+    def _session(self) -> "zenoh.Session":
+        self.check_process()
+        return self._opened
+
+    @property
+    def is_of_this_process(self) -> bool:
+        """False in a process that was forked from the one of this session."""
+        return os.getpid() == self._process
+
+    def check_process(self) -> None:
+        """Raises BusError in a process that was forked from the one of this session."""
+        if not self.is_of_this_process:
+            raise BusError(
+                "this connection was made before the process was forked and cannot be used here: "
+                "make a new Client in the child"
+            )
+
+    def of_the_library(self) -> list[Any]:
+        """The objects of zenoh that it holds."""
+        return [self._opened, self._kept]
 
     @classmethod
     def serve(
@@ -171,10 +200,12 @@ class Bus(Closing):
         )
 
     def close(self) -> None:
-        """End the session. Safe to call twice."""
+        """End the session. Safe to call twice; in a forked child it does nothing."""
+        if not self.is_of_this_process:
+            return
         self._kept.clear()
-        if not self._session.is_closed():
-            self._session.close()
+        if not self._opened.is_closed():
+            self._opened.close()
 
     def watch_links(self) -> Callable[[], tuple[int, int]]:
         """A function that says (links that are open, links that have ended)."""
@@ -193,13 +224,13 @@ class Bus(Closing):
         publisher = self._session.declare_publisher(
             key,
             encoding=ENCODING,
-            congestion_control=_FULL[topic.full],
+            congestion_control=_full(topic.full),
             priority=getattr(zenoh.Priority, topic.priority),
             express=topic.express,
             reliability=zenoh.Reliability.RELIABLE,
         )
         self._kept.append(publisher)
-        return Sender(publisher)
+        return Sender(publisher, self.check_process)
 
     def listen(self, key: str, store: Callable[[str, bytes], None]) -> Callable[[], None]:
         """Subscribe. `store(key, payload)` runs in zenoh's thread and must only store. Returns a
@@ -212,7 +243,7 @@ class Bus(Closing):
         self._kept.append(subscriber)
 
         def end() -> None:
-            if subscriber in self._kept:
+            if self.is_of_this_process and subscriber in self._kept:
                 self._kept.remove(subscriber)
                 subscriber.undeclare()
 
@@ -275,11 +306,12 @@ class Bus(Closing):
             )
 
 
-_FULL = {
-    "drop": zenoh.CongestionControl.DROP,
-    "wait": zenoh.CongestionControl.BLOCK,
-    "close": zenoh.CongestionControl.BLOCK_FIRST,
-}
+def _full(what: str) -> "zenoh.CongestionControl":
+    """What happens to a topic's message where the link is full."""
+    control = zenoh.CongestionControl
+    return {"drop": control.DROP, "wait": control.BLOCK, "close": control.BLOCK_FIRST}[what]
+
+
 _QUEUES: tuple[str, ...] = ("control", "real_time", "interactive_high", "interactive_low")
 _QUEUES += ("data_high", "data", "data_low", "background")
 

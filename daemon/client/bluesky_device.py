@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dehyst.daemon.client.positioner import Flight, Positioner, Reading, model_place
+from dehyst.daemon.client.positioner import Positioner
+from dehyst.daemon.client.readings import Flight, Reading, model_place
 from dehyst.models.errors import BadInput
 
 Answer = dict[str, dict[str, Any]]

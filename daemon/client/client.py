@@ -7,13 +7,15 @@
         for samples in stage.telemetry():
             print(samples["measured"][-1])
 
-Displacements are in the model's unit (`status().unit`, um on most stages). A Client is used by
-one thread. Commanding takes the daemon's lease by itself; `take_over()` takes it from another.
+Displacements are in the model's unit (`status().unit`, um on most stages). A Client may be used
+by several threads: commands are sent one after another, the newest counts. A process that is forked
+makes its own. Commanding takes the daemon's lease by itself; `take_over()` takes it from another.
 """
 
 import logging
 import os
 import socket
+import threading
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -101,6 +103,7 @@ class Client(Questions):
     def _begin(self, bus: Bus, keys: Keys, label: str, number: int) -> None:
         self._connected(bus, keys)
         self.client = number
+        self.commanding = threading.RLock()
         self.label = (label or f"client {os.getpid()} on {socket.gethostname()}")[:64]
         self.together: tuple[Client, ...] = (self,)
         self._lease = self._sequence = 0
@@ -113,7 +116,7 @@ class Client(Questions):
 
     def give_up(self) -> None:
         """Give the lease back, so that others need not wait for its end."""
-        if not self._lease:
+        if not self._lease or not self.bus.is_of_this_process:
             return
         patience_s, self.patience_s = self.patience_s, 0.0
         try:
@@ -153,12 +156,14 @@ class Client(Questions):
     def put(self, value: float, allow_unreachable: bool = False) -> None:
         """Go to `value`, fire and forget: for loops that send hundreds a second. A refusal is
         only seen in `feed().rejections`. The lease is taken at the first call."""
-        if not self._lease:
-            self.acquire()
-        if "setpoint" not in self._senders:
-            key = self.keys.pubsub(subject(SETPOINT, self.unit), str(self.client))
-            self._senders["setpoint"] = self.bus.sender(key, SETPOINT)
-        self._senders["setpoint"].put(encoding.encode(self._setpoint(value, allow_unreachable)))
+        self.bus.check_process()
+        with self.commanding:
+            if not self._lease:
+                self.acquire()
+            if "setpoint" not in self._senders:
+                key = self.keys.pubsub(subject(SETPOINT, self.unit), str(self.client))
+                self._senders["setpoint"] = self.bus.sender(key, SETPOINT)
+            self._senders["setpoint"].put(encoding.encode(self._setpoint(value, allow_unreachable)))
 
     def chunk(
         self,
@@ -253,27 +258,32 @@ class Client(Questions):
         return reply
 
     def _command(self, make: Callable[[], Command]) -> Reply:
-        """Send a command under the lease; where the gateway was restarted, take it anew once."""
-        if not self._lease:
-            self.acquire()
-        reply = self._ask(make())
-        if not reply.ok and reply.code == "no-lease":
-            self.acquire()
+        """Send a command under the lease; where the gateway was restarted, take it anew once. One
+        at a time: lease and sequence numbers belong to the client, whichever thread sends."""
+        self.bus.check_process()  # before the lock, which a thread may have held at the fork
+        with self.commanding:
+            if not self._lease:
+                self.acquire()
             reply = self._ask(make())
+            if not reply.ok and reply.code == "no-lease":
+                self.acquire()
+                reply = self._ask(make())
         if not reply.ok:
             raise Refusal(reply.code, reply.text)
         return reply
 
     def _take(self, action: Action) -> None:
         """Take the lease, for all axes that are commanded together or for none."""
-        self._lease = 0
-        request = self._request(action)
-        if len(self.together) > 1:
-            axes = tuple(client.name for client in self.together)
-            request = msgspec.structs.replace(request, axes=axes)
-        lease = self._tell(request).lease
-        for client in self.together:
-            client._lease = lease
+        self.bus.check_process()
+        with self.commanding:
+            self._lease = 0
+            request = self._request(action)
+            if len(self.together) > 1:
+                axes = tuple(client.name for client in self.together)
+                request = msgspec.structs.replace(request, axes=axes)
+            lease = self._tell(request).lease
+            for client in self.together:
+                client._lease = lease
 
     def _request(self, action: Action, value: float = 0.0) -> Request:
         return Request(

@@ -8,7 +8,7 @@
 
 A lease is for all axes of the group or for none; a trajectory starts on all of them at the same
 sample, and where one starves all stand still together. Each axis is a Client of its own
-(`stage["x"]`) on one shared connection; a Group is used by one thread.
+(`stage["x"]`) on one shared connection. Threads and forks: as for Client.
 """
 
 import os
@@ -78,7 +78,7 @@ class Group(Closing):
             raise
         together = tuple(self.clients.values())
         for client in together:
-            client.together = together
+            client.together, client.commanding = together, together[0].commanding
 
     def close(self) -> None:
         """Give up the lease and end the connection. Safe to call twice."""

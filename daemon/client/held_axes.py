@@ -25,7 +25,8 @@ from dehyst.daemon import clock
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.client.player import PATIENCE_S
-from dehyst.daemon.client.positioner import POLL_S, REPEATS, SHARE, model_place
+from dehyst.daemon.client.positioner import POLL_S, REPEATS, SHARE
+from dehyst.daemon.client.readings import model_place
 from dehyst.daemon.client.telemetry import TelemetryStream
 from dehyst.daemon.closing import Closing
 from dehyst.models.errors import BadInput, DehystError, NotNow

@@ -1,21 +1,23 @@
-"""A stage that is told where to go and says when it is there: for scans and experiment control.
+"""Moves a stage to a place and reports when it is there: for scans and experiment control.
 
     with dehyst.Positioner() as stage:
         for place in (2.0, 4.0, 6.0):
             stage.go(place).result()             # there, and kept there
             print(stage.read(0.1).result().measured)
 
-A Client belongs to one thread; here that is a thread of its own, which repeats the set-point before
-it goes stale. So the stage stays where it was sent for as long as this program lives, and when it
-dies the daemon holds and ramps to its safe voltage, as it does for every client. Everything is
-asked for by one call and answered by a future, whose exception is the daemon's own word.
+A thread repeats the set-point before it goes stale, so the stage stays where it was sent while this
+program lives; when it dies the daemon holds and ramps to its safe voltage, as for every client.
+Every call returns a future, whose exception is the daemon's own answer.
 """
 
+import logging
+import math
+import os
 import queue
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -23,43 +25,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.client.client import Client
-from dehyst.daemon.client.player import Played
+from dehyst.daemon.client.readings import Flight, Reading, mean_of, model_place
 from dehyst.daemon.client.telemetry import NOTHING, TelemetryStream
 from dehyst.daemon.client.tracking import Tracking
 from dehyst.daemon.closing import Closing
-from dehyst.daemon.rings.records import Flag
-from dehyst.models.errors import DehystError, NotNow
+from dehyst.models.errors import BadInput, DehystError, NotNow
 
+log = logging.getLogger(__name__)
 POLL_S = 0.02
 REPEATS = 4  # of the set-point within the time in which one goes stale
+WORDS = {
+    "model": "according to the model",
+    "gauge": "according to the gauge",
+    "model-alone": "according to the model alone",
+}
+NOISES = 3.0  # standard errors of a mean that are noise
 SHARE = 0.002
 """Of the reach: how near is there, where nothing else is said."""
-
-
-@dataclass(frozen=True)
-class Reading:
-    """Means over the samples of a while, NaN where there is no value. Displacements in the stage's
-    unit, from the set-point origin; wall_s: seconds since 1970 of the last one; spread: standard
-    deviation of the readings; missed: how many deadlines were missed."""
-
-    measured: float
-    spread: float
-    target: float
-    predicted: float
-    volts: float
-    wall_s: float
-    samples: int
-    missed: int
-
-
-@dataclass(frozen=True)
-class Flight:
-    """A trajectory that was played. samples: (n,) TELEMETRY records, the approach left out; wall_s:
-    (n,) seconds since 1970."""
-
-    played: Played
-    samples: NDArray[Any]
-    wall_s: NDArray[np.float64]
 
 
 class _Stopped(Exception):
@@ -75,6 +57,10 @@ class _Going:
     end_ns: int
     near_since_ns: int = 0
     """Of the first sample of those that are near enough without a break; 0: none."""
+    near: list[NDArray[Any]] = field(default_factory=list)
+    """These samples."""
+    blind: bool = False
+    """The newest samples have no valid reading."""
 
 
 @dataclass
@@ -89,9 +75,11 @@ class _Collecting:
 
 class Positioner(Closing):
     """connect: makes the Client, in the thread that uses it; None: `Client()`. tolerance: how near
-    is there, in the stage's unit (0: 0.2 % of the reach); settle_s: for how long it must be near;
-    by: whose word counts, the model's (open loop: it knows when the way is over) or the gauge's;
-    timeout_s: a place that is not reached by then is an error. Raises what the client raises."""
+    counts as there, in the stage's unit (0: 0.2 % of the reach); settle_s: for how long it must
+    be near; by: what decides, the model (it predicts when the motion is over; the gauge must give
+    valid readings, and where it disagrees a warning is logged and Reading.agrees is False), the
+    gauge, or the model alone ("model-alone": a stage whose gauge gives nothing); timeout_s: a place
+    that is not reached by then is an error. Raises what the client raises."""
 
     def __init__(
         self,
@@ -99,10 +87,13 @@ class Positioner(Closing):
         *,
         tolerance: float = 0.0,
         settle_s: float = 0.05,
-        by: Literal["model", "gauge"] = "model",
+        by: Literal["model", "gauge", "model-alone"] = "model",
         timeout_s: float = 30.0,
     ) -> None:
+        if by not in WORDS:
+            raise BadInput(f"by={by!r}: one of {', '.join(WORDS)}")
         self.settle_s, self.by, self.timeout_s = settle_s, by, timeout_s
+        self._process = os.getpid()
         self._jobs: queue.SimpleQueue[Callable[[Client], None] | None] = queue.SimpleQueue()
         self._going: _Going | None = None
         self._collecting: list[_Collecting] = []
@@ -149,6 +140,8 @@ class Positioner(Closing):
 
     def close(self) -> None:
         """Let go of the stage, and end the connection. Safe to call twice."""
+        if os.getpid() != self._process:
+            return
         self._stopping.set()
         self._jobs.put(None)
         self._thread.join()
@@ -162,6 +155,11 @@ class Positioner(Closing):
             except Exception as error:  # whoever asked hears of it
                 future.set_exception(error)
 
+        if os.getpid() != self._process:
+            raise NotNow(
+                "this positioner was made before the process was forked and cannot be used here: "
+                "make a new Positioner in the child"
+            )
         if not self._thread.is_alive():
             raise NotNow("the positioner is closed")
         self._jobs.put(guarded)
@@ -174,7 +172,7 @@ class Positioner(Closing):
             return
         with client:
             try:
-                status, config = client.status(), client.config()
+                status, config = client.wait_until_started(), client.config()
                 reach = (status.reach_min, status.reach_max)
                 period_s = status.period_ns * 1e-9
                 self._listen(client)
@@ -240,16 +238,34 @@ class Positioner(Closing):
         place = samples["measured"] if self.by == "gauge" else model_place(samples)
         meant = samples["target"] == going.value
         near = meant & (np.abs(place - going.value) <= self.tolerance)
-        for sample, is_near in zip(samples, near.tolist(), strict=True):
+        if self.by == "model":  # nobody knows where a stage is that gives no reading
+            near &= np.isfinite(samples["measured"])
+            going.blind = bool(meant.any()) and not np.isfinite(samples["measured"]).any()
+        for i, (sample, is_near) in enumerate(zip(samples, near.tolist(), strict=True)):
             if not is_near:
-                going.near_since_ns = 0
+                going.near_since_ns, going.near = 0, []
                 continue
             at_ns = int(sample["scheduled_ns"])
             going.near_since_ns = going.near_since_ns or at_ns
+            going.near.append(samples[i : i + 1])
             if at_ns - going.near_since_ns >= self.settle_s * clock.NS:
                 self._going = None
-                going.future.set_result(mean_of(samples[near], self._wall_offset_ns))
+                self._arrived(going)
                 return
+
+    def _arrived(self, going: "_Going") -> None:
+        """Report the place, and whether the gauge confirms it."""
+        there = mean_of(np.concatenate(going.near), self._wall_offset_ns)
+        noise = NOISES * there.spread / math.sqrt(max(there.samples, 1))
+        agrees = there.finite and abs(there.error) <= self.tolerance + noise
+        if there.finite and not agrees:
+            log.warning(
+                "%s: at %g %s by the %s, but the gauge reads %+.3g %s from it (tolerance %.2g %s); "
+                'by="gauge" waits for the gauge',
+                *(self.name, going.value, self.unit, self.by, there.error, self.unit),
+                *(self.tolerance, self.unit),
+            )
+        going.future.set_result(replace(there, by=self.by, agrees=agrees))
 
     def _collect(self, samples: NDArray[Any]) -> None:
         for one in list(self._collecting):
@@ -264,9 +280,10 @@ class Positioner(Closing):
     def _look_at_the_clock(self) -> None:
         now_ns = clock.monotonic_ns()
         if self._going is not None and now_ns > self._going.end_ns:
+            blind = "; the gauge gives no valid reading" if self._going.blind else ""
             self._leave(
                 f"not within {self.tolerance:g} {self.unit} of {self._going.value:g} after "
-                f"{self.timeout_s:g} s, by the {self.by}'s word"
+                f"{self.timeout_s:g} s, {WORDS[self.by]}{blind}"
             )
         for one in [one for one in self._collecting if now_ns > one.end_ns]:
             self._collecting.remove(one)
@@ -326,29 +343,3 @@ class Positioner(Closing):
         self._collecting = []
 
     _stream: TelemetryStream
-
-
-def model_place(samples: NDArray[Any]) -> NDArray[np.float64]:
-    """Where the model sees the stage, as the set-points count it: without trim and learning."""
-    return np.asarray(samples["predicted"] - samples["trim"] - samples["learned"])
-
-
-def mean_of(samples: NDArray[Any], wall_offset_ns: int) -> Reading:
-    """Means of (n,) TELEMETRY records."""
-    return Reading(
-        measured=_mean(samples["measured"]),
-        spread=float(np.nanstd(samples["measured"]))
-        if np.isfinite(samples["measured"]).any()
-        else float("nan"),
-        target=_mean(samples["target"]),
-        predicted=_mean(samples["predicted"]),
-        volts=_mean(samples["volts"]),
-        wall_s=float(samples["scheduled_ns"][-1] + wall_offset_ns) * 1e-9,
-        samples=int(samples.size),
-        missed=int(np.count_nonzero(samples["flags"] & int(Flag.MISSED))),
-    )
-
-
-def _mean(values: NDArray[np.float64]) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else float("nan")

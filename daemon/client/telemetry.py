@@ -30,7 +30,7 @@ class TelemetryStream:
     """
 
     def __init__(self, bus: Bus, keys: Keys, history: Callable[..., NDArray[Any]]) -> None:
-        self._history = history
+        self._bus, self._history = bus, history
         self._waiting: deque[bytes] = deque(maxlen=WAITING_BATCHES)
         self._arrived = threading.Event()
         self.run = 0
@@ -49,6 +49,7 @@ class TelemetryStream:
     def read(self, timeout_s: float = 0.0) -> NDArray[Any]:
         """(n,) TELEMETRY records of one run that have arrived, at least one batch where one comes
         within timeout_s."""
+        self._bus.check_process()
         parts: list[NDArray[Any]] = []
         deadline_ns = clock.monotonic_ns() + round(timeout_s * 1e9)
         while True:

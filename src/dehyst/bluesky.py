@@ -1,6 +1,7 @@
 """The stage as a bluesky device: see dehyst.daemon.client.bluesky_device."""
 
 from dehyst.daemon.client.bluesky_device import Stage
-from dehyst.daemon.client.positioner import Flight, Positioner, Reading
+from dehyst.daemon.client.positioner import Positioner
+from dehyst.daemon.client.readings import Flight, Reading
 
 __all__ = ["Flight", "Positioner", "Reading", "Stage"]

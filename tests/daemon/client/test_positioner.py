@@ -5,14 +5,17 @@ import csv
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import Future
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 from tests.rigs.gateway_bench import ROOT, Bench, environment, wait_until
 
 from dehyst.daemon.client.client import Client, Refusal
-from dehyst.daemon.client.positioner import Positioner
+from dehyst.daemon.client.positioner import Positioner, _Going
+from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.errors import BadInput, DehystError, NotNow
 
 TRIM_ON = {"trim = {enabled = false}": "trim = {enabled = true}"}
@@ -54,11 +57,59 @@ def test_it_is_there_when_it_says_so_and_stays(rig: Bench, stage: Positioner) ->
     assert (kept["target"] == 6.0).all()
 
 
+def test_it_says_how_it_knows_and_that_the_gauge_disagrees(
+    rig: Bench, stage: Positioner, caplog: pytest.LogCaptureFixture
+) -> None:
+    stage.by, stage.tolerance = "gauge", 0.1
+    there = stage.go(6.0).result(30)
+    assert (there.by, there.finite, there.agrees) == ("gauge", True, True)
+    stage.by, stage.tolerance = "model", 0.02
+    with Client("bench", rig.address, label="zero") as asking:
+        zero = asking.status().gauge_zero
+    stage._do(lambda client: client.move_zero(0.4), stage.read())  # the gauge is off from now on
+    try:
+        there = stage.go(4.0).result(30)
+        assert there.by == "model"
+        assert not there.agrees
+        assert abs(there.error) > 0.1
+        assert "the gauge reads +0." in caplog.text
+        assert stage.read(0.1).result(30).by == ""
+    finally:
+        with Client("bench", rig.address, label="zero") as asking:
+            shift = zero - asking.status().gauge_zero
+            stage._do(lambda client: client.move_zero(shift), stage.read())
+        stage.stop()
+
+
+@pytest.mark.parametrize("by", ["model", "gauge", "model-alone"])
+def test_a_stage_that_gives_no_reading_is_not_there(by: Literal["model", "gauge"]) -> None:
+    """Telemetry as the loop writes it, of a gauge that gives NaN."""
+    samples = np.zeros(200, TELEMETRY)
+    samples["seq"], samples["scheduled_ns"] = np.arange(200), 5_000_000 * np.arange(1, 201)
+    samples["target"] = samples["predicted"] = 4.0
+    samples["measured"] = np.nan
+    stage = Positioner.__new__(Positioner)
+    stage.by, stage.tolerance, stage.settle_s, stage.unit, stage.name = by, 0.03, 0.05, "um", "s"
+    stage.timeout_s, stage._wall_offset_ns, stage._collecting = 1.0, 0, []
+    going = _Going(4.0, Future(), end_ns=1)
+    stage._going = going
+    stage._judge(samples)
+    assert going.future.done() == (by == "model-alone")
+    stage._look_at_the_clock()
+    if by == "model-alone":
+        there = going.future.result()
+        assert (there.by, there.finite, there.agrees) == (by, False, False)
+    else:
+        words = "the gauge gives no valid reading" if by == "model" else "according to the gauge"
+        with pytest.raises(NotNow, match=words):
+            going.future.result()
+
+
 def test_what_cannot_be_is_said_in_the_daemons_words(rig: Bench, stage: Positioner) -> None:
     with pytest.raises(Refusal, match="cannot be reached"):
         stage.go(44.0).result(30)
     stage.tolerance, stage.by, stage.timeout_s = 1e-9, "gauge", 1.0
-    with pytest.raises(NotNow, match=r"not within 1e-09 um of 4 after 1 s, by the gauge's word"):
+    with pytest.raises(NotNow, match=r"not within 1e-09 um of 4 after 1 s, according to the gauge"):
         stage.go(4.0).result(30)
     stage.timeout_s = 20.0
     first = stage.go(4.0)

@@ -1,0 +1,94 @@
+"""zenoh in a process that was forked from one that had used it.
+
+zenoh's threads do not exist in the child, and its library waits for them for ever: a session opened
+there never returns. What was made before the fork is therefore left untouched in the child, also
+when the child ends, and the library is loaded once more, from a copy in memory: the dynamic linker
+takes another file for another library, with threads of its own.
+"""
+
+import ctypes
+import importlib
+import importlib.machinery
+import importlib.util
+import os
+import sys
+import weakref
+from types import ModuleType
+from typing import Any, Protocol
+
+NATIVE = "zenoh.zenoh"
+
+
+class Session(Protocol):
+    """What holds objects of the library."""
+
+    def of_the_library(self) -> list[Any]: ...
+
+
+_sessions: "weakref.WeakSet[Any]" = weakref.WeakSet()
+_stale = False
+
+
+def remember(session: Session) -> None:
+    """Leave this one's objects alone in a child."""
+    _sessions.add(session)
+
+
+def library(present: ModuleType) -> ModuleType:
+    """The library as this process can use it: the one that is loaded, or after a fork a fresh
+    one. Raises OSError where there is no memory for it."""
+    global _stale
+    if not _stale:
+        return present
+    native = sys.modules[NATIVE].__file__ or ""
+    with open(native, "rb") as file:
+        content = file.read()
+    held = os.memfd_create("zenoh")
+    with os.fdopen(held, "wb", closefd=False) as copy:
+        copy.write(content)
+    path = f"/proc/self/fd/{held}"
+    for name in [name for name in sys.modules if name.partition(".")[0] == "zenoh"]:
+        _never_freed(sys.modules.pop(name))
+    finder = _Finder(path)
+    sys.meta_path.insert(0, finder)
+    try:
+        fresh = importlib.import_module("zenoh")
+    finally:
+        sys.meta_path.remove(finder)
+        os.close(held)
+    sys.modules[NATIVE].__file__ = native  # where the next copy comes from
+    _stale = False
+    return fresh
+
+
+class _Finder:
+    """Finds the native part of the library at a path."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+
+    def find_spec(
+        self, name: str, path: object = None, target: object = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        """The copy, where the native part is looked for."""
+        if name != NATIVE:
+            return None
+        loader = importlib.machinery.ExtensionFileLoader(name, self.path)
+        return importlib.util.spec_from_file_location(name, self.path, loader=loader)
+
+
+def _never_freed(thing: Any) -> None:
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(thing))
+
+
+def _in_child() -> None:
+    global _stale
+    if NATIVE not in sys.modules:
+        return
+    _stale = True
+    for session in _sessions:
+        for thing in session.of_the_library():
+            _never_freed(thing)
+
+
+os.register_at_fork(after_in_child=_in_child)

@@ -1,0 +1,53 @@
+"""Clients: several threads, forked processes, and a stage that says it is there."""
+
+from tests.mutations.change import Change, room
+
+POSITIONER = "daemon/client/positioner.py"
+LEASE = """\
+            if not self._lease:
+                self.acquire()
+            reply = """
+
+CHANGES = [
+    *room(
+        ("tests/daemon/client/test_threads_and_forks.py",),
+        Change(
+            "threads-command-at-once",
+            "daemon/client/client.py",
+            "        with self.commanding:\n" + LEASE,
+            "        if True:\n" + LEASE,
+            "threads of one client are refused at random",
+        ),
+        Change(
+            "inherited-client-hangs",
+            "daemon/bus/session.py",
+            "        if not self.is_of_this_process:\n            raise",
+            "        if False:\n            raise",
+            "a client that a forked child inherits hangs without a word",
+        ),
+        Change(
+            "library-of-the-parent",
+            "daemon/bus/after_fork.py",
+            "    _stale = True\n",
+            "    _stale = False\n",
+            "a fresh client in a forked child hangs without a word",
+        ),
+    ),
+    *room(
+        ("tests/daemon/client/test_positioner.py",),
+        Change(
+            "there-without-a-reading",
+            POSITIONER,
+            '            near &= np.isfinite(samples["measured"])\n',
+            "            near &= True\n",
+            "a stage whose gauge gives nothing is said to be there",
+        ),
+        Change(
+            "a-gauge-that-disagrees-is-silent",
+            POSITIONER,
+            "        if there.finite and not agrees:\n",
+            "        if False:\n",
+            "a stage is said to be there while its gauge is 0.4 um off",
+        ),
+    ),
+]
