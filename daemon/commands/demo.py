@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.terminal.progress import progress_bar
+from dehyst.models.errors import DehystError
 
 if TYPE_CHECKING:
     from dehyst.daemon.tools.second_act import Story
@@ -38,8 +39,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="result as JSON on stdout")
-    parser.epilog = """Exit 0: compensation made the error smaller, in both acts; 1: it did
-not (where the machine was too busy to judge, that is said).
+    parser.epilog = """exit status: 0: compensation made the error smaller, in both acts, and the
+effect was named right; 1: it was not so; 77: this machine was too busy to judge, and the reason is
+said: run it again with less beside it.
 
 examples: dehyst demo -o out
           dehyst demo --seed 7 --force"""
@@ -51,10 +53,27 @@ def say(text: str) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from dehyst.daemon.tools.demo import OUTPUTS, Demo, compare_errors, draw
+    say("dehyst demo: a stage, an amplifier and a gauge reader are simulated; nothing real moves")
+    from dehyst.daemon.tools.busy import TOO_BUSY, busy_between, read_spent
+    from dehyst.daemon.tools.demo import OUTPUTS
 
     check_outputs([args.output / name for name in OUTPUTS], [], args.force)
     args.output.mkdir(parents=True, exist_ok=True)
+    first = read_spent()
+    try:
+        return _tell(args)
+    except DehystError as error:  # a wait that was too long, mostly
+        busy = busy_between(first, read_spent())
+        if not busy.why:
+            raise
+        say(f"dehyst demo: {error}; this machine is too busy to judge: {busy.why}")
+        return TOO_BUSY
+
+
+def _tell(args: argparse.Namespace) -> int:
+    """Both acts; the exit status."""
+    from dehyst.daemon.tools.demo import Demo, compare_errors, draw, join_acts
+
     story = None
     with tempfile.TemporaryDirectory(prefix="dehyst-demo-") as folder:
         demo = Demo(Path(folder), args.output, say)
@@ -70,11 +89,12 @@ def run(args: argparse.Namespace) -> int:
     picture = args.output / "demo.png"
     draw(demo, picture)
     linear, compensated = results["linear gain"], results["compensated"]
-    better, says = compare_errors(linear, compensated, demo.late_share)
+    code, says = compare_errors(linear, compensated, demo.late_share)
+    codes = [code]
     facts = {
         "rms_um": results,
         "picture": str(picture),
-        "better": better,
+        "better": compensated < linear,
         "late_share": demo.late_share,
         "says": says,
     }
@@ -86,14 +106,15 @@ def run(args: argparse.Namespace) -> int:
         print(f"  {says}")
         print(f"  picture: {picture}")
     if story is not None:
-        better &= _tell_story(story, args.output / "story.png", facts, quiet=args.json)
+        codes.append(_tell_story(story, args.output / "story.png", facts, quiet=args.json))
+    facts["exit"] = join_acts(codes)
     if args.json:
         print(json.dumps(facts))
-    return 0 if better else 1
+    return join_acts(codes)
 
 
-def _tell_story(story: "Story", picture: Path, facts: dict[str, Any], quiet: bool) -> bool:
-    """Draw and print the second act, add it to the facts; whether acceptance helped."""
+def _tell_story(story: "Story", picture: Path, facts: dict[str, Any], quiet: bool) -> int:
+    """Draw and print the second act, add it to the facts; its exit status."""
     from dehyst.daemon.tools.second_act import describe_facts, save_story, tell_end
 
     save_story(story, picture)
@@ -102,4 +123,4 @@ def _tell_story(story: "Story", picture: Path, facts: dict[str, Any], quiet: boo
         print("\nsecond act")
         print("\n".join(tell_end(story)))
         print(f"  picture: {picture}")
-    return story.helped
+    return story.exit_status

@@ -17,6 +17,15 @@ from dehyst.daemon import clock
 from dehyst.daemon.bus.messages import DoctorReport, FoundEffect
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.rings.records import Flag
+from dehyst.daemon.tools.busy import (
+    IT_WAS_NOT,
+    SO_IT_WAS,
+    TOO_BUSY,
+    Busy,
+    Patience,
+    busy_between,
+    read_spent,
+)
 from dehyst.daemon.tools.chance import Chance
 from dehyst.models.errors import DehystError
 from dehyst.models.recording import Floats
@@ -40,7 +49,6 @@ SEGMENTS = (
     ("step", 0.85, 2.5),
 )
 """Kind, place (share of half the reach), seconds behind the way there."""
-MOST_LATE = 0.02
 LEARN_S = 60.0
 SETTINGS = f"""
 [watch]
@@ -51,11 +59,12 @@ after_s = 20.0
 [doctor]
 test_s = 10.0
 trial_s = 10.0
-time_s = 600.0
+time_s = 3600.0
 """
 READY_S = 3.0 * LEARN_S + 60.0
 FLAG_S, WORD_S, TRIAL_S = 30.0, 240.0, 60.0
-"""So long the stage in order, the flag, the doctor's word, the end of the trial are waited for."""
+"""So long the stage in order, the flag, the doctor's word, the end of the trial are waited for on a
+quiet machine; on a busy one longer (Busy.stretch)."""
 LAST_S, BEFORE_S = 20.0, 20.0
 OFFERED = (("trial", "the offer, on trial"), ("after", "accepted"))
 OVER = ("accepted", "returned", "rejected")
@@ -110,11 +119,7 @@ class Story:
     measured: Floats = field(default_factory=lambda: np.zeros(0))
     missed: int = 0
     why: str = ""
-
-    @property
-    def late_share(self) -> float:
-        """Share of the samples that missed their deadline."""
-        return self.missed / max(1, self.t_s.size)
+    busy: Busy = field(default_factory=Busy)
 
     @property
     def named(self) -> str:
@@ -141,6 +146,20 @@ class Story:
         before, during, after = (self.rms.get(k, np.nan) for k in ("before", "during", "after"))
         return self.state == "accepted" and after < 0.5 * (before + during)
 
+    @property
+    def too_busy(self) -> str:
+        """Why this run says nothing of the product, in words; "": it can be judged. What is as it
+        should be although other work took processors counts; late samples spoil every figure."""
+        only_late = Busy(late=self.busy.late)
+        return only_late.why if self.named_right and self.helped else self.busy.why
+
+    @property
+    def exit_status(self) -> int:
+        """Of `dehyst demo`: 0 named right and helped, 1 not so, 77 cannot be judged."""
+        if self.too_busy:
+            return TOO_BUSY
+        return SO_IT_WAS if self.named_right and self.helped else IT_WAS_NOT
+
 
 class SecondAct:
     """One run. say: a line for the person; the daemon answers at `endpoint`."""
@@ -149,15 +168,15 @@ class SecondAct:
         self._endpoint, self._chance, self._say = endpoint, chance, say
         self._parts: list[NDArray[Any]] = []
         self.story = Story(seed=chance.seed)
-        self._first_ns = 0
+        self._first_ns = self._counted = 0
         self._old_cases: set[str] = set()
 
     def run(self) -> Story:
         """From learning to the end; a trajectory is being played by somebody else."""
         story, say = self.story, self._say
+        first = read_spent()
         with Client(connect=self._endpoint, label="the demo") as client:
             self._client, self._stream, self._feed = client, client.stream(), client.feed()
-            missed = client.status().missed
             if not self._is_in_order(self._chance.wait_s):
                 story.why = "the watch has not learned the stage in time, or flags it as it is"
             else:
@@ -166,36 +185,36 @@ class SecondAct:
                 self._chance.appear()
                 story.appeared_s = self._now_s()
                 say("7. something changes in the stage")
+                first = read_spent()
                 self._flag_to_end()
-            story.missed = client.status().missed - missed
+        last = read_spent()
         self._conclude()
+        story.busy = busy_between(first, last, story.missed / max(1, self._counted))
         return story
 
     def _is_in_order(self, seconds: float) -> bool:
         """Whether the watch knows the stage in time and has nothing to say of it for so long."""
-        end_ns = clock.monotonic_ns() + round(READY_S * clock.NS)
-        while clock.monotonic_ns() < end_ns:
-            left_s = (end_ns - clock.monotonic_ns()) * 1e-9
-            if not self._until(lambda: self._health() > 0.0 and not self._mismatch(), left_s):
+        patience = Patience(READY_S, "for the watch to know the stage", self._say)
+        while not patience.over:
+            if not self._until(lambda: self._health() > 0.0 and not self._mismatch(), patience):
                 return False
-            if not self._until(lambda: bool(self._mismatch()), seconds):
+            if not self._wait(seconds, lambda: bool(self._mismatch())):
                 return True
         return False
 
     def _flag_to_end(self) -> None:
         story, say = self.story, self._say
-        if not self._until(lambda: bool(self._mismatch()), FLAG_S):
-            story.why = f"the watch flagged nothing within {FLAG_S:g} s"
+        patience = Patience(FLAG_S, "for the watch to flag it", say)
+        if not self._until(lambda: bool(self._mismatch()), patience):
+            story.why = f"the watch flagged nothing within {patience.spent_s:.0f} s"
             return
         story.flagged_s = self._now_s()
         say(
             f"8. flagged after {story.flagged_s - story.appeared_s:.0f} s; the doctor looks into it"
         )
-        if not self._until(lambda: self._word() not in ("", "working"), WORD_S):
-            story.why = (
-                f"the doctor said nothing within {WORD_S:g} s: it has the lowest priority, and a "
-                "busy machine leaves it no time"
-            )
+        patience = Patience(WORD_S, "for the doctor, who has the lowest priority", say)
+        if not self._until(lambda: self._word() not in ("", "working"), patience):
+            story.why = f"the doctor said nothing within {patience.spent_s:.0f} s"
             return
         story.told_s = self._now_s()
         report = story.report
@@ -207,7 +226,10 @@ class SecondAct:
         self._client.decide_offer("accept", report.offer.number)
         story.accepted_s = self._now_s()
         say(f"9. accepted; on trial for {report.offer.trial_s:g} s of motion")
-        self._until(lambda: self._word() in OVER, TRIAL_S)
+        patience = Patience(TRIAL_S, "for the end of the trial", say)
+        if not self._until(lambda: self._word() in OVER, patience):
+            story.why = f"the trial was not over within {patience.spent_s:.0f} s"
+            return
         story.over_s = self._now_s()
         if story.state != "accepted":
             story.why = story.report.says if story.report is not None else ""
@@ -222,14 +244,21 @@ class SecondAct:
             self._first_ns = self._first_ns or int(samples["scheduled_ns"][0])
             self._parts.append(samples)
 
-    def _wait(self, seconds: float) -> None:
-        self._until(lambda: False, seconds)
-
-    def _until(self, happened: Callable[[], bool], seconds: float) -> bool:
+    def _wait(self, seconds: float, happened: Callable[[], bool] = lambda: False) -> bool:
+        """Go on for so long on the stage's own clock; True where it happens before that."""
         end_ns = clock.monotonic_ns() + round(max(0.0, seconds) * clock.NS)
         while not happened():
             if clock.monotonic_ns() > end_ns:
                 return False
+            self._look()
+        return True
+
+    def _until(self, happened: Callable[[], bool], patience: Patience) -> bool:
+        """Whether it happens before patience is over."""
+        while not happened():
+            if patience.over:
+                return False
+            patience.look()
             self._look()
         return True
 
@@ -264,6 +293,8 @@ class SecondAct:
         if not self._parts:
             raise DehystError("no telemetry came")
         samples = np.concatenate(self._parts)
+        self._counted = samples.size
+        story.missed = int(np.count_nonzero(samples["flags"] & int(Flag.MISSED)))
         good = np.isfinite(samples["target"]) & np.isfinite(samples["measured"])
         good &= (samples["flags"] & NOT_TRACKED) == 0
         samples = samples[good]
@@ -295,13 +326,10 @@ def tell_end(story: Story) -> list[str]:
         for name, text in (("before", "before it"), ("during", "with it"), *OFFERED)
         if name in story.rms and np.isfinite(story.rms[name])
     ]
-    if story.late_share > MOST_LATE:
-        lines.append(
-            f"  this machine was too busy to judge: {100 * story.late_share:.0f} % of the samples "
-            "missed their deadline"
-        )
     if story.why:
         lines.append(f"  {story.why}")
+    if story.too_busy:
+        lines.append(f"  this machine was too busy to judge: {story.too_busy}")
     right = "named right" if story.named_right else "not named right"
     lines.append(f"  drawn:  {story.drawn_says} (seed {story.seed})")
     lines.append(f"  named:  {story.named or 'nothing'}: {right}")
@@ -325,6 +353,8 @@ def describe_facts(story: Story) -> dict[str, Any]:
         "rms_um": {k: _finite(v) for k, v in story.rms.items()},
         "helped": story.helped,
         "missed": story.missed,
+        "too_busy": story.too_busy,
+        "others_share": story.busy.others,
         "samples": int(story.t_s.size),
         "why": story.why,
     }

@@ -38,14 +38,14 @@ def test_one_line(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> 
 
 def test_the_demo_judges_itself() -> None:
     assert compare_errors(0.5, 0.05, 0.0) == (
-        True,
+        0,
         "compensation makes the error 10.0 times smaller",
     )
-    better, says = compare_errors(0.5, 0.8, 0.0)
-    assert not better
+    code, says = compare_errors(0.5, 0.8, 0.0)
+    assert code == 1
     assert "did not make the error smaller" in says
-    better, says = compare_errors(0.5, 0.8, 0.17)
-    assert not better
+    code, says = compare_errors(0.5, 0.8, 0.17)
+    assert code == 77
     assert "too busy to judge: 17 %" in says
 
 

@@ -1,0 +1,156 @@
+"""How busy this machine is with other work: whether a test in real time can be judged, and how much
+longer its waits take. Reads /proc; where there is none, nothing is known and nothing is said."""
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from dehyst.daemon import clock
+
+SO_IT_WAS, IT_WAS_NOT, TOO_BUSY = 0, 1, 77
+"""Exit statuses of a test in real time. 77 is what test suites know as skipped."""
+MOST_LATE = 0.02
+"""With more late samples tracking errors are the machine's, not the model's."""
+MOST_OTHERS = 0.25
+"""Share of all processors that other work may take: beyond it, what computes at the lowest priority
+no longer has a processor for itself."""
+MOST_STOLEN = 0.05
+"""Share of the time that a hypervisor may keep: at 200 Hz it makes one sample in twenty late."""
+MOST_LOAD = 1.5
+"""Processes a processor: beyond it each waits for others a third of its time."""
+MOST_STRETCH = 6.0
+"""No wait takes more than so many times its time on a quiet machine."""
+SAY_S, MEASURE_S = 20.0, 2.0
+"""No wait is longer without a word; over such a stretch it is measured how busy the machine is."""
+
+
+@dataclass(frozen=True)
+class Busy:
+    """others, stolen, late: shares of 0 to 1: of the processors' time taken by other work and by a
+    hypervisor, of the samples that missed their deadline; load: processes a processor."""
+
+    others: float = 0.0
+    stolen: float = 0.0
+    load: float = 0.0
+    late: float = 0.0
+
+    @property
+    def why(self) -> str:
+        """Why nothing can be judged on this machine now, in words; "": it can."""
+        said = []
+        if self.late > MOST_LATE:
+            said.append(f"{100 * self.late:.0f} % of the samples missed their deadline")
+        if self.others > MOST_OTHERS:
+            said.append(f"other work took {100 * self.others:.0f} % of its processors")
+        if self.stolen > MOST_STOLEN:
+            said.append(f"its hypervisor kept {100 * self.stolen:.0f} % of its time")
+        if self.load > MOST_LOAD:
+            said.append(f"{self.load:.1f} processes waited for each processor")
+        return ", ".join(said)
+
+    @property
+    def stretch(self) -> float:
+        """How many times longer than on a quiet machine a wait may take, 1 to MOST_STRETCH."""
+        taken = self.others + self.stolen
+        if taken <= MOST_OTHERS and self.load <= MOST_LOAD:
+            return 1.0
+        return min(MOST_STRETCH, max(self.load, 1.0 / max(1.0 - taken, 1e-9)))
+
+
+@dataclass(frozen=True)
+class Spent:
+    """Up to now, in ticks of all processors: total, idle, stolen, own (this process and all that it
+    started); at_s: when."""
+
+    at_s: float
+    total: int
+    idle: int
+    stolen: int
+    own: int
+
+
+def read_spent(proc: Path = Path("/proc")) -> Spent:
+    """What the processors did since the machine started."""
+    try:
+        first = (proc / "stat").read_text().partition("\n")[0]
+    except OSError:
+        return Spent(clock.monotonic_ns() * 1e-9, 0, 0, 0, 0)
+    ticks = [int(word) for word in first.split()[1:9]]
+    own = _time_of_family(os.getpid(), _processes(proc))
+    return Spent(clock.monotonic_ns() * 1e-9, sum(ticks), ticks[3] + ticks[4], ticks[7], own)
+
+
+def busy_between(first: Spent, last: Spent, late: float = 0.0) -> Busy:
+    """How busy the machine was between two looks. late: share of the samples that were late."""
+    total = last.total - first.total
+    if total <= 0:
+        return Busy(late=late)
+    stolen = (last.stolen - first.stolen) / total
+    working = 1.0 - (last.idle - first.idle) / total - stolen
+    own = max(0, last.own - first.own) / total
+    return Busy(max(0.0, working - own), stolen, _load(), late)
+
+
+def _load() -> float:
+    """Processes that run or want to, over the last minute, for each processor of this process."""
+    return os.getloadavg()[0] / len(os.sched_getaffinity(0))
+
+
+def _processes(proc: Path) -> Iterable[tuple[int, int, int]]:
+    """(process, its parent, ticks that it and its children that have ended took)."""
+    for path in proc.iterdir():
+        if not path.name.isdigit():
+            continue
+        try:
+            words = (path / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue  # it has ended meanwhile
+        yield int(path.name), int(words[1]), sum(int(word) for word in words[11:15])
+
+
+def _time_of_family(top: int, processes: Iterable[tuple[int, int, int]]) -> int:
+    """Ticks of a process and all that come from it."""
+    known = {pid: (parent, ticks) for pid, parent, ticks in processes}
+    total = 0
+    for pid, (_, ticks) in known.items():
+        one, seen = pid, set()
+        while one != top and one in known and one not in seen:
+            seen.add(one)
+            one = known[one][0]
+        total += ticks if one == top else 0
+    return total
+
+
+class Patience:
+    """How long something is waited for: `seconds` on a quiet machine, longer on a busy one. say:
+    gets a line now and then, with what it `waits` for."""
+
+    def __init__(self, seconds: float, waits: str, say: Callable[[str], None]) -> None:
+        self._left_s, self._waits, self._say = seconds, waits, say
+        self.spent_s = self._said_s = 0.0
+        self._seen_ns, self._measured = clock.monotonic_ns(), read_spent()
+        self._busy = Busy()
+
+    @property
+    def over(self) -> bool:
+        """Whether it has been waited long enough."""
+        return self._left_s <= 0.0
+
+    def look(self) -> None:
+        """Some time has passed; how busy was the machine?"""
+        now_ns = clock.monotonic_ns()
+        passed_s, self._seen_ns = (now_ns - self._seen_ns) / clock.NS, now_ns
+        if now_ns / clock.NS - self._measured.at_s >= MEASURE_S:
+            now = read_spent()
+            self._busy, self._measured = busy_between(self._measured, now), now
+        self.pass_by(passed_s, self._busy)
+
+    def pass_by(self, seconds: float, busy: Busy) -> None:
+        """So much time has passed on a machine that was so busy."""
+        self.spent_s += seconds
+        self._left_s -= seconds / busy.stretch
+        if self.spent_s - self._said_s >= SAY_S:
+            self._said_s = self.spent_s
+            more = f"; this machine is busy: {busy.why}" if busy.why else ""
+            self._say(f"   waiting {self._waits}, {self.spent_s:.0f} s now{more}")
