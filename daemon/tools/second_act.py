@@ -353,6 +353,7 @@ def describe_facts(story: Story) -> dict[str, Any]:
         "rms_um": {k: _finite(v) for k, v in story.rms.items()},
         "helped": story.helped,
         "missed": story.missed,
+        "exit": story.exit_status,
         "too_busy": story.too_busy,
         "others_share": story.busy.others,
         "samples": int(story.t_s.size),
