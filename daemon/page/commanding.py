@@ -8,6 +8,7 @@ there; a trajectory is stopped when its browser has gone. Then the daemon holds 
 import logging
 import threading
 from collections.abc import Callable, Mapping, Set
+from functools import partial
 from queue import SimpleQueue
 from typing import Any
 
@@ -15,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
-from dehyst.daemon.client.client import Client
+from dehyst.daemon.bus.messages import Reply
+from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.page.watching import Watch
 from dehyst.models.errors import DehystError
@@ -25,6 +27,8 @@ Say = Callable[[str, bool], None]
 """Tells the person something; True: it went wrong."""
 Task = Callable[[Client, threading.Event], None]
 LONGEST_S = 86_400.0
+LEAST_PAUSE_S = 0.02
+"""Between two repetitions of a hold, where the daemon keeps it for a moment alone."""
 SETTLE_S = 4.0
 """An answer that is waited for comes within this time or not at all."""
 
@@ -64,6 +68,35 @@ class Commander:
                 if over.wait(min(pause_s, left_s)):
                     return
                 client.send(value)
+
+        self._begin(task)
+
+    def hold(self, target: float, seconds: float, take_over: bool) -> None:
+        """Stay where it is for so many seconds: at the target, where there is one within the reach,
+        else at the present voltage."""
+
+        def task(client: Client, over: threading.Event) -> None:
+            if take_over:
+                client.take_over()
+            config = self._watch.config or client.config()
+            words = f"holding {target:g} {client.unit}"
+            again: Callable[[], Reply] = partial(client.send, target)
+            try:
+                if not np.isfinite(target):
+                    raise Refusal("unreachable", "there is no target")
+                again()
+            except Refusal as refused:
+                if refused.code != "unreachable":
+                    raise
+                words, again = "holding the present voltage", client.hold
+                again()
+            lasts_s = min(config.setpoint.stale_s, config.setpoint.lease_s, config.setpoint.hold_s)
+            end_ns = clock.monotonic_ns() + round(min(seconds, LONGEST_S) * clock.NS)
+            self._say(f"{words} for {seconds:g} s", False)
+            while (left_s := (end_ns - clock.monotonic_ns()) / clock.NS) > 0:
+                if over.wait(min(max(lasts_s / 4, LEAST_PAUSE_S), left_s)):
+                    return
+                again()
 
         self._begin(task)
 
@@ -188,8 +221,5 @@ def stop_own(client: Client) -> None:
 
 
 def target_now(newest: Any) -> float:
-    """Where to hold: the present target, without one the reading; NaN: neither."""
-    if newest is None:
-        return float("nan")
-    target, measured = float(newest["target"]), float(newest["measured"])
-    return target if np.isfinite(target) else measured
+    """The present target; NaN: there is none."""
+    return float("nan") if newest is None else float(newest["target"])

@@ -64,6 +64,8 @@ class Job:
     file: str
     folder: Path
     settings: Mapping[str, Setting]
+    controller: str = ""
+    """The one that was shown when the file came: what was found holds for it."""
     state: str = "waiting"
     text: str = "waits for its turn"
     share: float = 0.0
@@ -71,7 +73,7 @@ class Job:
 
     def describe(self) -> dict[str, Any]:
         """For the browser."""
-        names = ("number", "kind", "file", "state", "text", "share", "result")
+        names = ("number", "kind", "file", "controller", "state", "text", "share", "result")
         said = {name: getattr(self, name) for name in names}
         said["report"] = self.state == "done" and (self.folder / "report.html").exists()
         said["model"] = self.state == "done" and (self.folder / "model.toml").exists()
@@ -114,7 +116,14 @@ class Jobs:
             thread.join(5.0)
         self._folder.cleanup()
 
-    def add(self, kind: Kind, file: str, data: bytes, settings: Mapping[str, Setting]) -> Job:
+    def add(
+        self,
+        kind: Kind,
+        file: str,
+        data: bytes,
+        settings: Mapping[str, Setting],
+        controller: str = "",
+    ) -> Job:
         """Begin a job. Raises NotNow where too many wait."""
         with self._wake:
             if sum(j.state == "waiting" for j in self._jobs.values()) >= WAITING:
@@ -127,7 +136,7 @@ class Jobs:
         folder.mkdir()
         name = re.sub(r"[^A-Za-z0-9._-]", "_", Path(file).name)[-80:].lstrip(".") or "file"
         (folder / name).write_bytes(data)
-        job = Job(number, kind, name, folder, settings)
+        job = Job(number, kind, name, folder, settings, controller)
         with self._wake:
             self._jobs[number] = job
             self._wake.notify_all()

@@ -232,7 +232,8 @@ class Site:
             raise BadInput("the controller's model and limits are not known yet")
         data = await _body(request, LARGEST_BYTES, UPLOAD_S)
         file = request.query_params.get("file", "file")
-        return JSONResponse(self.jobs.add(kind, file, data, settings).describe())
+        controller = watch.name if watch is not None else ""
+        return JSONResponse(self.jobs.add(kind, file, data, settings, controller).describe())
 
     def _settings(self, watch: Watch) -> dict[str, Setting]:
         """Of the axis that is shown, as "", and of all axes of its controller by name."""

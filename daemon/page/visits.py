@@ -226,11 +226,8 @@ class Visit:
             self._commander(self._axis(watch, ask.name)).go(ask.value, ask.seconds, ask.take_over)
         elif isinstance(ask, wire.HoldAsked):
             held = self.controllers.of_one(watch) if ask.everywhere else [watch]
-            values = [target_now(one.newest) for one in held]
-            if not all(map(math.isfinite, values)):
-                raise BadInput("neither a target nor a reading to hold at")
-            for one, value in zip(held, values, strict=True):
-                self._commander(one).go(value, ask.seconds, ask.take_over)
+            for one in held:
+                self._commander(one).hold(target_now(one.newest), ask.seconds, ask.take_over)
         else:
             self._play(watch, commander, ask)
 
@@ -245,14 +242,21 @@ class Visit:
         job = self.jobs.get(ask.job)
         if job is None:
             raise BadInput("this trajectory is not kept any more; give it again")
+        of_one = self.controllers.of_one(watch)
+        names = {one.name for one in of_one} if job.result.get("axes") else {watch.name}
+        if job.controller not in names:
+            raise BadInput(
+                f"{job.file} was checked for {job.controller}, and {watch.name} is shown: show "
+                f"{job.controller}, or give the file again"
+            )
         if job.result.get("outside", 1.0) > 0:
             raise BadInput(f"{job.file} leaves the reach; shift or scale it")
         t_s, targets = job.trajectory()
         if "" in targets:
             commander.play(t_s, targets[""], job.file, ask.take_over)
             return
-        of_one = [self._commanders.get(one.name) for one in self.controllers.of_one(watch)]
-        mine = [one for one in of_one if one is not None]
+        found = [self._commanders.get(one.name) for one in of_one]
+        mine = [one for one in found if one is not None]
         for one in mine:
             if one is not commander:
                 one.end_task()

@@ -20,6 +20,7 @@ from dehyst.daemon.page.commanding import LONGEST_S
 from dehyst.daemon.page.trail import POINT_NS, join_trails
 from dehyst.daemon.page.wakeups import edges_us
 from dehyst.daemon.page.watching import Controllers, Watch
+from dehyst.daemon.rings.status import is_starting
 from dehyst.models.errors import BadInput
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Model
@@ -147,6 +148,9 @@ def describe_status(watch: Watch) -> str:
         silent_s=round(min(watch.silent_s, 1e6), 1),
         wall_offset_s=watch.wall_offset_ns * 1e-9,
         newest_s=newest_ns * 1e-9,
+        state="" if watch.status is None else _state(watch),
+        target=None if newest is None else float(newest["target"]),
+        measured=None if newest is None else float(newest["measured"]),
         error_rms=rms,
         error_max=most,
         trim=None if newest is None else float(newest["trim"]),
@@ -182,16 +186,26 @@ def describe_axes(axes: Sequence[Watch], path: int) -> tuple[str, int]:
     return said, newest
 
 
+def _state(watch: Watch) -> str:
+    """What the loop does, in one word; what is not heard is not said."""
+    status = watch.status
+    if status is None or watch.silent_s > 3.0:
+        return "silent"
+    if is_starting(status):
+        return "starting"
+    return status.state if status.core_alive else "no loop"
+
+
 def _axis(watch: Watch) -> dict[str, Any]:
     status, newest = watch.status, watch.newest
     if status is None or newest is None:
         return {"name": watch.name, "state": watch.problem}
-    alive = status.core_alive and watch.silent_s < 3.0
     return {
         "name": watch.name,
         "axis": watch.name.removeprefix(f"{status.gateway.controller}-"),
         "unit": status.unit,
-        "state": status.state if alive else "no word",
+        "state": _state(watch),
+        "reach": [status.reach_min, status.reach_max],
         "target": float(newest["target"]),
         "measured": float(newest["measured"]),
         "error": watch.error()[0],

@@ -1,9 +1,11 @@
 // All axes of a controller: a line for each, and the path in the plane of two of them.
 "use strict";
-import { colour, number } from "./plot.js";
+import { decimals, fixed } from "./now.js";
+import { colour, number, rem, unitName } from "./plot.js";
 
 const $ = (id) => document.getElementById(id);
-const MARGIN = 46, LEAST = 0.02; // of the picture [px]; smallest span [of the displacement unit]
+const margin = () => 2.6 * rem(); // of the picture [px]
+const LEAST = 0.1; // smallest span of a picture, of the reach: noise at rest stays small
 
 export class Axes {
   constructor(page, plots, choose) {
@@ -25,7 +27,22 @@ export class Axes {
     this.said = null;
     this.number = [];
     this.way.clear();
-    $("axes").hidden = true;
+    for (const id of ["axes", "path"]) $(id).hidden = true;
+    $("one").hidden = false;
+    $("main").classList.remove("several");
+  }
+
+  // Target, reading and reach of an axis, by its name on the bus.
+  place(name) {
+    const a = this.said && this.said.axes.find((one) => one.name === name);
+    return a && a.reach ? [a.target, a.measured, a.reach] : [null, null, [0, 0]];
+  }
+
+  // Names on the bus of the axes that the arrows move: across, up, and the one that is left.
+  moved() {
+    const by = (short) => this.said.axes.find((a) => (a.axis || a.name) === short);
+    const across = by($("plane-x").value), up = by($("plane-y").value);
+    return [across, up, this.said.axes.find((a) => a !== across && a !== up)].map((a) => a && a.name);
   }
 
   hear(said) {
@@ -46,8 +63,9 @@ export class Axes {
       this.number.splice(0, drop);
       for (const way of this.way.values()) for (const values of way) values.splice(0, drop);
     }
-    $("axes").hidden = false;
-    $("axes-of").textContent = said.controller;
+    for (const id of ["axes", "path"]) $(id).hidden = false;
+    $("one").hidden = true;
+    $("main").classList.add("several");
     if (fresh) { this.offer(names); this.fields(); }
     this.list();
     this.draw();
@@ -68,16 +86,19 @@ export class Axes {
 
   list() {
     const rows = this.said.axes.map((a) => {
-      const row = document.createElement("tr"), unit = a.unit || "";
+      const row = document.createElement("tr"), unit = unitName(a.unit || "");
       row.setAttribute("aria-current", String(a.name === this.page.name));
-      const size = (value, digits) => value === null || value === undefined ? "-" : `${number(value, digits)} ${unit}`;
-      const words = [a.axis || a.name, a.mismatch ? `${a.state}, mismatch` : a.state, size(a.target),
-        size(a.measured), size(a.error, 3), `${number(a.volts)} V`, a.commander || "nobody"];
+      const places = a.reach ? decimals(a.reach) : 3;
+      const size = (value) => `${fixed(value, places)} ${unit}`;
+      const gap = Number.isFinite(a.target ?? NaN) && Number.isFinite(a.measured ?? NaN) ? a.measured - a.target : null;
+      const words = [a.axis || a.name, size(a.measured), a.target === null ? "none" : size(a.target),
+        size(gap), `${fixed(a.volts, 2)} V`, a.mismatch ? `${a.state}, mismatch` : a.state];
       row.append(...words.map((text) => {
         const cell = document.createElement("td");
         cell.textContent = text;
         return cell;
       }));
+      row.title = a.commander ? `commanded by ${a.commander}` : "nobody commands it";
       row.addEventListener("click", () => this.chosen(a.name));
       return row;
     });
@@ -95,9 +116,10 @@ export class Axes {
     const right = this.way.get($("plane-x").value), up = this.way.get($("plane-y").value);
     if (!right || !up) return;
     const aimed = right[0].some((v) => v !== null) && up[0].some((v) => v !== null);
-    const [x0, y0, span] = aimed ? bounds([right[0]], [up[0]]) : bounds(right, up);
-    const room = size - 1.3 * MARGIN, scale = room / span;
-    const px = (x) => MARGIN + (x - x0) * scale, py = (y) => 0.3 * MARGIN + room - (y - y0) * scale;
+    const least = LEAST * Math.max(...this.said.axes.map((a) => (a.reach ? a.reach[1] - a.reach[0] : 0)));
+    const [x0, y0, span] = aimed ? bounds([right[0]], [up[0]], least) : bounds(right, up, least);
+    const room = size - 1.3 * margin(), scale = room / span;
+    const px = (x) => margin() + (x - x0) * scale, py = (y) => 0.3 * margin() + room - (y - y0) * scale;
     this.grid(draw, { x0, y0, span, px, py, size });
     stroke(draw, right[0], up[0], px, py, colour("target"), 3);
     stroke(draw, right[1], up[1], px, py, colour("measured"), 1.25);
@@ -131,7 +153,7 @@ export class Axes {
     const wanted = [...$("axes-targets").querySelectorAll("input")].filter((f) => f.value.trim() !== "");
     const values = wanted.map((f) => Number(f.value.replace(",", ".")));
     const wrong = wanted.findIndex((f, i) => !Number.isFinite(values[i]));
-    if (wrong >= 0) { this.page.say(`${wanted[wrong].value}: is no number`, true); return; }
+    if (wrong >= 0) { this.page.say(`${wanted[wrong].value} is not a number`, true); return; }
     wanted.forEach((f, i) => this.page.ask({
       ask: "go", name: f.dataset.name, value: values[i], seconds: Number($("seconds").value) || 10,
       take_over: $("take-over").checked,
@@ -150,9 +172,9 @@ export function drawPath(canvas, [right, up], x, y, unit) {
   canvas.width = canvas.height = Math.round(size * dense);
   const draw = canvas.getContext("2d");
   draw.scale(dense, dense);
-  const [x0, y0, span] = bounds([x], [y]);
-  const room = size - 1.3 * MARGIN, scale = room / span;
-  const px = (v) => MARGIN + (v - x0) * scale, py = (v) => 0.3 * MARGIN + room - (v - y0) * scale;
+  const [x0, y0, span] = bounds([x], [y], 0);
+  const room = size - 1.3 * margin(), scale = room / span;
+  const px = (v) => margin() + (v - x0) * scale, py = (v) => 0.3 * margin() + room - (v - y0) * scale;
   grid(draw, { x0, y0, span, px, py, size }, right, up, unit);
   stroke(draw, x, y, px, py, colour("target"), 1.5);
 }
@@ -161,32 +183,32 @@ function grid(draw, { x0, y0, span, px, py, size }, right, up, unit) {
   const step = tick(span);
   draw.strokeStyle = colour("line");
   draw.fillStyle = colour("soft");
-  draw.font = "12px system-ui, sans-serif";
+  draw.font = `${Math.round(0.8 * rem())}px system-ui, sans-serif`;
   draw.lineWidth = 1;
   draw.textAlign = "center";
   for (let x = step * Math.ceil(x0 / step); x <= x0 + span; x += step) {
     line(draw, px(x), py(y0), px(x), py(y0 + span));
-    draw.fillText(number(x, 3), px(x), py(y0) + 15);
+    draw.fillText(number(x, 3), px(x), py(y0) + rem());
   }
-  draw.fillText(`${right}, ${unit}`, px(x0 + span / 2), size - 3);
+  draw.fillText(`${right}, ${unitName(unit)}`, px(x0 + span / 2), size - 3);
   draw.textAlign = "right";
   for (let y = step * Math.ceil(y0 / step); y <= y0 + span; y += step) {
     line(draw, px(x0), py(y), px(x0 + span), py(y));
     draw.fillText(number(y, 3), px(x0) - 5, py(y) + 4);
   }
   draw.textAlign = "left";
-  draw.fillText(`${up}, ${unit}`, 4, 12);
+  draw.fillText(`${up}, ${unitName(unit)}`, 4, 0.7 * rem());
 }
 
-// The square that holds all of it: [left, bottom, side].
-function bounds(right, up) {
+// The square that holds all of it: [left, bottom, side]; smallest: its least side.
+function bounds(right, up, smallest) {
   const one = (way) => {
     let least = Infinity, most = -Infinity;
     for (const values of way) for (const v of values) if (v !== null) { least = Math.min(least, v); most = Math.max(most, v); }
     return least > most ? [0, 0] : [least, most];
   };
   const [x0, x1] = one(right), [y0, y1] = one(up);
-  const span = 1.16 * Math.max(LEAST, x1 - x0, y1 - y0);
+  const span = 1.16 * (Math.max(smallest, x1 - x0, y1 - y0) || 1);
   return [(x0 + x1 - span) / 2, (y0 + y1 - span) / 2, span];
 }
 

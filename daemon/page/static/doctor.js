@@ -1,13 +1,13 @@
 // What the doctor found, its offer, and the loop of the model in use. Text stays text.
 "use strict";
 import { fillList } from "./files.js";
-import { clockTime, number } from "./plot.js";
+import { clockTime, number, pretty, unitName } from "./plot.js";
 
 const $ = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg";
 const STATES = {
-  working: "at work", found: "found", failed: "could not tell", trial: "the offered model is on trial",
-  accepted: "the offered model is at work", returned: "the model before has come back", rejected: "rejected",
+  working: "examining", found: "found", failed: "inconclusive", trial: "the offered model is on trial",
+  accepted: "the offered model is in use", returned: "the previous model is in use again", rejected: "rejected",
 };
 
 export class Doctor {
@@ -26,27 +26,29 @@ export class Doctor {
 
   show() {
     const r = this.report, offer = r && r.offer;
-    $("doctor-state").textContent = r ? STATES[r.state] || r.state : "nothing to say";
-    $("doctor-case").textContent = r ? `${clockTime(r.wall_ns * 1e-9, 0)} ${r.case}` : "no mismatch is kept";
-    $("doctor-says").textContent = r ? r.says : "";
+    $("doctor-state").textContent = r ? STATES[r.state] || r.state : "no findings";
+    $("doctor-case").textContent = r ? `${clockTime(r.wall_ns * 1e-9, 0)} ${r.case}` : "no mismatch has been seen";
+    $("doctor-says").textContent = r ? pretty(r.says) : "";
     $("doctor-effects").replaceChildren(...(r ? r.effects : []).map((effect) => {
       const item = document.createElement("li"), name = document.createElement("b");
       const ties = effect.ambiguous_with.length ? ` (or ${effect.ambiguous_with.join(", ")})` : "";
       name.textContent = `${effect.name}${ties}, ${number(100 * effect.share, 2)} %: `;
-      item.append(name, document.createTextNode(effect.says));
+      item.append(name, document.createTextNode(pretty(effect.says)));
       return item;
     }));
     fillList($("doctor-figures"), r && r.unit && r.rms_in_use ? [
-      ["model in use, with what was found", `${number(r.rms_in_use, 3)}, ${number(r.rms_augmented, 3)} ${r.unit} rms`],
-      ["noise", `${number(r.noise, 3)} ${r.unit} rms`],
-      ...(r.rms_when_good >= 0 ? [["when it was in order", `${number(r.rms_when_good, 3)} ${r.unit} rms`]] : []),
-      ...(offer ? [["offer, on later telemetry", `${number(offer.rms_in_use, 3)} becomes ${number(offer.rms_offered, 3)} ${r.unit}`],
+      ["error of the model in use", `${number(r.rms_in_use, 3)} ${unitName(r.unit)} rms`],
+      ["with the effects found", `${number(r.rms_augmented, 3)} ${unitName(r.unit)} rms`],
+      ["noise", `${number(r.noise, 3)} ${unitName(r.unit)} rms`],
+      ...(r.rms_when_good >= 0 ? [["before the change", `${number(r.rms_when_good, 3)} ${unitName(r.unit)} rms`]] : []),
+      ...(offer ? [["offered model, on later telemetry", `${number(offer.rms_in_use, 3)} becomes ${number(offer.rms_offered, 3)} ${unitName(r.unit)}`],
         ["on trial for", `${number(offer.trial_s)} s of motion`]] : []),
     ] : []);
     $("doctor-next").hidden = !(r && r.experiment.length);
     $("doctor-experiment").textContent = r ? `dehyst ${r.experiment.join(" ")}` : "";
     $("doctor-report").hidden = !(r && r.has_report);
     if (r) $("doctor-report").href = `doctor/${encodeURIComponent(this.page.controller())}/${encodeURIComponent(r.case)}`;
+    $("doctor-decide").hidden = !offer;
     $("accept").disabled = !(this.page.operator && offer && r.state === "found");
     $("reject").disabled = !(this.page.operator && offer && ["found", "trial", "accepted"].includes(r.state));
   }

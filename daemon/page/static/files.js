@@ -2,7 +2,7 @@
 // diagnose. The server's process does the work; this asks how far it is.
 "use strict";
 import { drawPath } from "./axes.js";
-import { drawStill, number } from "./plot.js";
+import { drawStill, number, pretty, rem, unitName } from "./plot.js";
 
 const $ = (id) => document.getElementById(id);
 const POLL_MS = 700;
@@ -20,7 +20,8 @@ export class Files {
   constructor(page) {
     this.page = page; // controller(), ask(), say(), operator
     this.file = null;
-    this.job = null;
+    this.turn = 0; // counts what is asked for: an answer to an earlier question is not shown
+    this.checked = null; // the trajectory whose preview is shown
     const drop = $("drop");
     for (const kind of ["dragover", "dragenter"]) {
       drop.addEventListener(kind, (e) => { e.preventDefault(); drop.classList.add("over"); });
@@ -34,17 +35,15 @@ export class Files {
       $(`as-${kind}`).addEventListener("click", () => this.send(kind));
     }
     $("play").addEventListener("click", () => {
-      this.page.ask({ ask: "play", job: this.job.number, take_over: $("take-over").checked });
+      if (this.checked) this.page.ask({ ask: "play", job: this.checked.number, take_over: $("take-over").checked });
     });
   }
 
   take(file) {
     this.file = file || null;
     this.enable();
-    if (file) {
-      $("job").hidden = false;
-      this.clear(`${file.name}, ${number(file.size / 1e6, 3)} MB: what is it for?`);
-    }
+    $("job").hidden = !file;
+    this.clear(file ? `${file.name}, ${number(file.size / 1e6, 3)} MB: what is it for?` : "");
   }
 
   enable() {
@@ -53,47 +52,50 @@ export class Files {
     }
   }
 
+  // Whatever was found about another file, or for another controller, goes.
   clear(text) {
+    this.turn += 1;
+    this.checked = null;
     $("job-text").textContent = text;
     $("job-share").value = 0;
-    for (const id of ["preview", "job-said", "job-report", "job-model"]) $(id).hidden = true;
+    for (const id of ["preview", "job-said", "job-report", "job-model", "job-share"]) $(id).hidden = true;
+    $("main").classList.remove("previewing");
+    return this.turn;
+  }
+
+  // Another controller is shown: a preview holds for the one that it was made for.
+  choose(names) {
+    if (this.checked && !names.includes(this.checked.controller)) {
+      this.clear(this.file ? `${this.file.name}: check it again for ${this.page.controller()}` : "");
+    }
   }
 
   async send(kind) {
-    this.clear("sending");
+    const turn = this.clear(`${this.file.name}: sending`);
+    $("job-share").hidden = false;
     const query = new URLSearchParams({ controller: this.page.controller(), file: this.file.name });
     try {
-      const answer = await fetch(`upload/${kind}?${query}`, { method: "POST", body: this.file });
-      if (!answer.ok) throw new Error(await reason(answer));
-      this.show(await answer.json());
+      let job = await answered(fetch(`upload/${kind}?${query}`, { method: "POST", body: this.file }));
+      while (turn === this.turn && (job.state === "waiting" || job.state === "working")) {
+        $("job-text").textContent = `${job.file}: ${job.text}`;
+        $("job-share").value = job.share;
+        await new Promise((done) => setTimeout(done, POLL_MS));
+        if (turn === this.turn) job = await answered(fetch(`job/${job.number}`));
+      }
+      if (turn === this.turn) this.show(job);
     } catch (error) {
-      this.clear(error.message);
+      if (turn === this.turn) this.clear(error.message);
     }
   }
 
-  async show(job) {
-    this.job = job;
-    while (job.state === "waiting" || job.state === "working") {
-      $("job-text").textContent = `${job.file}: ${job.text}`;
-      $("job-share").value = job.share;
-      await new Promise((done) => setTimeout(done, POLL_MS));
-      if (this.job.number !== job.number) return;
-      try {
-        const answer = await fetch(`job/${job.number}`);
-        if (!answer.ok) throw new Error(await reason(answer));
-        job = this.job = await answer.json();
-      } catch (error) {
-        this.clear(error.message);
-        return;
-      }
-    }
-    $("job-share").value = job.state === "done" ? 1 : 0;
-    $("job-text").textContent = `${job.file}: ${job.text}`;
+  show(job) {
+    $("job-share").hidden = true;
+    $("job-text").textContent = `${job.file}: ${pretty(job.text)}`;
     if (job.state !== "done") return;
     if (job.kind === "trajectory") this.preview(job);
     else {
       $("job-said").hidden = false;
-      $("job-said").textContent = job.result.said;
+      $("job-said").textContent = pretty(job.result.said);
     }
     for (const what of ["report", "model"]) {
       $(`job-${what}`).hidden = !job[what];
@@ -101,51 +103,73 @@ export class Files {
     }
   }
 
-  restyle() { if (!$("preview").hidden) this.draw(this.job.result); }
+  restyle() { if (this.checked) this.draw(this.checked.result); }
 
   draw(r) {
     const line = (y) => r.t_s.map(() => y), axes = Object.entries(r.axes || {});
     $("preview-plane").hidden = axes.length < 2;
     if (axes.length) {
-      const colours = ["target", "measured", "warn"];
+      const colours = ["target", "measured", "good"];
       const curves = axes.map(([name, one], i) => ({ label: name, colour: colours[i % 3], y: one.target }));
-      drawStill($("plot-preview"), 170, r.t_s, curves, this.page.unit());
+      drawStill($("plot-preview"), 14 * rem(), r.t_s, curves, this.page.unit());
       if (axes.length > 1) {
         const [[right, x], [up, y]] = axes;
         drawPath($("preview-plane"), [right, up], x.target, y.target, this.page.unit());
       }
       return;
     }
-    drawStill($("plot-preview"), 170, r.t_s, [
+    drawStill($("plot-preview"), 14 * rem(), r.t_s, [
       { label: "target", colour: "target", y: r.target },
       { label: "reach", colour: "warn", y: line(r.reach[0]), dash: [4, 4] },
-      { label: "reach", colour: "warn", y: line(r.reach[1]), dash: [4, 4] },
+      { colour: "warn", y: line(r.reach[1]), dash: [4, 4] },
     ], this.page.unit());
   }
 
   preview(job) {
     const r = job.result;
+    this.checked = job;
     $("preview").hidden = false;
+    $("main").classList.add("previewing");
     this.draw(r);
     const several = Object.entries(r.axes || {});
     fillList($("preview-figures"), [
       ["length", `${number(r.duration_s)} s, ${r.points} points`],
-      ...(several.length ? several.flatMap(([name, one]) => this.figures(one, `${name}: `)) : this.figures(r, "")),
+      ...(several.length ? several.flatMap(([name, one]) => this.shortly(one, name)) : this.figures(r)),
     ]);
-    $("play").textContent = several.length ? `play on ${several.map(([name]) => name).join(", ")}` : "play";
+    $("play").textContent = `play ${job.file}${several.length ? ` on ${several.map(([name]) => name).join(", ")}` : ""}`;
     $("play").disabled = r.outside > 0 || !this.page.operator;
   }
 
-  // Reach and slew of one axis.
-  figures(r, whose) {
-    const unit = this.page.unit();
+  // Reach and slew of the only axis, a line for each.
+  figures(r) {
+    const unit = unitName(this.page.unit());
     return [
-      [`${whose}from, to`, `${number(r.least)} to ${number(r.most)} ${unit}`],
-      [`${whose}reach`, r.outside === 0 ? "inside" : `${number(100 * r.outside, 3)} % of the points are outside ${number(r.reach[0])} to ${number(r.reach[1])} ${unit}: it is not played`],
-      [`${whose}fastest drive`, `${number(r.fastest, 3)} of ${number(r.slew, 3)} ${r.drive_unit}/s allowed`],
-      [`${whose}slew`, r.too_fast === 0 ? "never limited" : `held back in ${number(100 * r.too_fast, 2)} % of the time`],
+      ["from, to", `${number(r.least)} to ${number(r.most)} ${unit}`],
+      ["reach", within(r, unit)],
+      ["fastest drive", `${number(r.fastest, 3)} of ${number(r.slew, 3)} ${unitName(r.drive_unit)}/s allowed`],
+      ["slew", slowed(r)],
     ];
   }
+
+  // Of one axis of several, in two lines.
+  shortly(r, name) {
+    const unit = unitName(this.page.unit());
+    return [
+      [name, `${number(r.least)} to ${number(r.most)} ${unit}, ${r.outside === 0 ? "inside the reach" : within(r, unit)}`],
+      [`${name}, drive`, `${number(r.fastest, 3)} of ${number(r.slew, 3)} ${unitName(r.drive_unit)}/s, ${slowed(r)}`],
+    ];
+  }
+}
+
+const within = (r, unit) => (r.outside === 0 ? "inside"
+  : `${number(100 * r.outside, 3)} % of the points are outside ${number(r.reach[0])} to ${number(r.reach[1])} ${unit}: it cannot be played`);
+const slowed = (r) => (r.too_fast === 0 ? "never limited" : `the limit slows it for ${number(100 * r.too_fast, 2)} % of the time`);
+
+// The JSON of an answer; an error with the server's words.
+async function answered(asked) {
+  const answer = await asked;
+  if (!answer.ok) throw new Error(pretty(await reason(answer)));
+  return answer.json();
 }
 
 async function reason(answer) {

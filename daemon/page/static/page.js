@@ -4,7 +4,9 @@
 import { Doctor, drawLoop } from "./doctor.js";
 import { Files, fillList } from "./files.js";
 import { Axes } from "./axes.js";
-import { Plots, clockTime, drawStill, number, readFrame } from "./plot.js";
+import { watchKeys } from "./keys.js";
+import { Now, fixed, decimals } from "./now.js";
+import { Plots, SIGNALS, clockTime, drawStill, number, pretty, readFrame, rem, unitName } from "./plot.js";
 
 const $ = (id) => document.getElementById(id);
 const WINDOWS = [[1, "1 s"], [2, "2 s"], [5, "5 s"], [10, "10 s"], [30, "30 s"], [60, "1 min"], [120, "2 min"], [300, "5 min"], [600, "10 min"]];
@@ -14,12 +16,16 @@ const page = {
   socket: null, me: null, operator: false, name: "", names: [], status: null, model: null, retry_ms: 300,
   controller() { return page.name; },
   unit() { return page.status ? page.status.status.unit : "um"; },
+  parse(id) {
+    const text = $(id).value.trim().replace(",", ".");
+    return text === "" ? NaN : Number(text);
+  },
   ask(message) {
     if (page.socket && page.socket.readyState === WebSocket.OPEN) page.socket.send(JSON.stringify(message));
     else page.say("not connected: nothing was sent", true);
   },
   say(text, wrong) {
-    $("said").textContent = text;
+    $("said").textContent = pretty(text);
     $("said").classList.toggle("wrong", Boolean(wrong));
   },
 };
@@ -34,21 +40,24 @@ const files = new Files(page);
 const doctor = new Doctor(page);
 const axes = new Axes(page, plots, (name) => choose(name));
 page.axes = axes;
+const now = new Now(page);
+page.now = now;
 
 // -- connection ---------------------------------------------------------------------------------
 
 async function begin() {
   let answer;
-  try { answer = await fetch("me"); } catch { later(); return; }
+  try { answer = await fetch(`me?at=${encodeURIComponent(location.origin)}`); } catch { later(); return; }
   if (answer.status === 401) { showLogin(true); return; }
-  if (!answer.ok) { later(); return; }
+  if (!answer.ok) { pill("link", await answer.text(), false); later(); return; }
   page.me = await answer.json();
+  if (page.me.problem) { pill("link", page.me.problem, false); page.say(page.me.problem, true); return; }
   page.operator = page.me.role === "operator";
   showLogin(false);
   $("who").textContent = page.me.open ? (page.operator ? "" : "observer") : `${page.me.name}, ${page.me.role}`;
   $("leave").hidden = page.me.open;
   document.body.classList.toggle("observer", !page.operator);
-  for (const item of document.querySelectorAll("#stop, #command button, #command input, #file")) item.disabled = !page.operator;
+  for (const item of document.querySelectorAll("#stop, #command button, #command input, #axes-going button, #axes-going input, #file")) item.disabled = !page.operator;
   files.enable();
   doctor.show();
   connect();
@@ -85,7 +94,7 @@ $("login").addEventListener("submit", async (e) => {
     method: "POST", body: JSON.stringify({ name: $("login-name").value, password: $("login-password").value }),
   });
   $("login-password").value = "";
-  $("login-said").textContent = answer.ok ? "" : "no such name and password";
+  $("login-said").textContent = answer.ok ? "" : await answer.text();
   if (answer.ok) begin();
 });
 $("leave").addEventListener("click", async () => {
@@ -109,7 +118,9 @@ function hear(said) {
 }
 
 function frame(buffer) {
-  plots.add(readFrame(buffer));
+  const read = readFrame(buffer);
+  plots.add(read);
+  now.frame(read, SIGNALS);
   $("plot-empty").hidden = true;
 }
 
@@ -145,6 +156,8 @@ function choose(name) {
   $("events").replaceChildren();
   doctor.hear({ reports: [] });
   axes.choose(name);
+  files.choose([name, ...(axes.said ? axes.said.axes.map((a) => a.name) : [])]);
+  now.clear();
   page.status = null;
   look();
 }
@@ -172,26 +185,38 @@ function showStatus(said) {
   if (!s) { pill("link", said.problem || "no word yet", false); return; }
   if (silent) pill("link", `silent for ${Math.round(said.silent_s)} s${said.problem ? `: ${said.problem}` : ""}`, false);
   else pill("link", "connected", true);
-  const state = s.core_alive ? s.state : "no loop";
-  $("state").textContent = `${state}${s.core_alive && s.state === "running" ? ` (${s.mode})` : ""}`;
-  $("state").className = `pill ${s.core_alive ? s.state : "bad"}`;
-  $("reason").textContent = page.why && page.why.state === s.state ? page.why.text : "";
-  plots.setUnit(s.unit);
-  $("figures").textContent = `error rms ${number(said.error_rms, 3)}, largest ${number(said.error_max, 3)} ${s.unit} · ${number(s.volts)} V`;
-  const g = s.gateway;
+  $("state").textContent = said.state;
+  $("state").title = said.state === "running" ? `${s.mode} inverse` : "";
+  $("state").className = `pill ${said.state.replace(" ", "-")}`;
+  const starting = said.state === "starting";
+  $("reason").textContent = starting ? "the daemon is starting; it takes commands when it is ready"
+    : !["running", "ready"].includes(said.state) && page.why && page.why.state === s.state ? pretty(page.why.text) : "";
+  for (const item of document.querySelectorAll("#command button, #axes-going button")) item.disabled = !page.operator || starting;
+  const unit = unitName(s.unit), reach = [s.reach_min, s.reach_max], places = decimals(reach);
+  plots.setUnit(s.unit, reach);
+  for (const item of document.querySelectorAll(".unit")) item.textContent = unit;
+  if (plots.paused || plots.range || now.measured === null) {
+    const { target, measured } = said, both = target !== null && measured !== null;
+    now.take(target, { target, measured, error: both ? measured - target : null, volts: s.volts });
+  }
+  $("figures").textContent = `error, last second: ${fixed(said.error_rms, places)} ${unit} rms, ${fixed(said.error_max, places)} ${unit} at most`;
+  const g = s.gateway, axis = g.axes.length > 1 ? said.name.replace(`${g.controller}-`, "") : "";
+  $("command-axis").textContent = axis ? `axis ${axis}` : "";
+  $("plots-of").textContent = axis ? `Axis ${axis}` : "";
   $("commander").textContent = g.lease_label ? `commanded by ${g.lease_label}` : "nobody commands";
-  $("target-unit").textContent = s.unit;
-  $("reach").textContent = `reach ${number(s.reach_min)} to ${number(s.reach_max)} ${s.unit}`;
+  $("reach-least").textContent = fixed(s.reach_min, places);
+  $("reach-most").textContent = fixed(s.reach_max, places);
+  $("reach").textContent = starting ? "" : `reach${axis ? ` of ${axis}` : ""}, ${unit}`;
   const causes = Object.entries(s.missed_by).map(([cause, n]) => `${cause} ${n}`).join(", ");
   fillList($("deadlines"), [
     ["rate", `${number(1e9 / s.period_ns)} Hz, ${s.policy} ${s.priority}`],
     ["samples", String(s.samples)],
     ["missed", `${s.missed}${causes ? ` (${causes})` : ""}`],
-    ["wake-up p50, p99, max", `${number(s.wake_us.p50, 3)}, ${number(s.wake_us.p99, 3)}, ${number(s.wake_us.max, 3)} us`],
-    ["step p99, I/O p99", `${number(s.exec_us.p99, 3)}, ${number(s.io_us.p99, 3)} us`],
+    ["wake-up p50, p99, max", `${number(s.wake_us.p50, 3)}, ${number(s.wake_us.p99, 3)}, ${number(s.wake_us.max, 3)} µs`],
+    ["step p99, I/O p99", `${number(s.exec_us.p99, 3)}, ${number(s.io_us.p99, 3)} µs`],
     ["actuator", `${s.actuator_ok ? "ok" : "FAILED"}, ${s.actuator_errors} errors`],
     ["sensor", `${s.sensor_ok ? "ok" : "FAILED"}, ${s.sensor_errors} errors`],
-    ["telemetry lost here", String(said.lost)],
+    ["telemetry lost", String(said.lost)],
   ]);
   showWakeups(said.wakeups);
   showHealth(said, s);
@@ -203,29 +228,30 @@ function showWakeups(counts) {
   const most = Math.log1p(Math.max(1, ...counts));
   counts.forEach((n, i) => {
     box.children[i].style.height = `${(100 * Math.log1p(n)) / most}%`;
-    box.children[i].title = `${page.model ? number(page.model.wakeup_edges_us[i], 3) : ""} us: ${n}`;
+    box.children[i].title = `${page.model ? number(page.model.wakeup_edges_us[i], 3) : ""} µs: ${n}`;
   });
 }
 
 function showHealth(said, s) {
+  const unit = unitName(s.unit), places = decimals([s.reach_min, s.reach_max]);
   const health = s.gateway.health, wrong = s.gateway.mismatch;
   $("health").textContent = health < 0 ? "learning" : number(health, 3);
-  $("health-words").textContent = wrong ? `the stage does not behave as its model: ${wrong}`
-    : health < 0 ? `${number(-100 * health, 2)} % of the first motion is still to be seen` : "below 1 the stage behaves as its model";
+  $("health-words").textContent = wrong ? `the stage no longer follows its model: ${pretty(wrong)}`
+    : health < 0 ? `${number(100 + 100 * health, 2)} % of the required motion seen` : "below 1, the stage follows its model";
   const bar = $("health-bar");
   bar.style.width = `${Math.min(100, 50 * Math.max(0, health))}%`;
   bar.classList.toggle("over", health > 1 || Boolean(wrong));
   const now = said.healths.length ? said.healths[said.healths.length - 1][0] : 0;
   if (said.healths.length > 1) {
-    drawStill($("plot-health"), 110, said.healths.map(([t]) => t - now), [
+    drawStill($("plot-health"), 8 * rem(), said.healths.map(([t]) => t - now), [
       { label: "health", colour: "target", y: said.healths.map(([, h]) => Math.max(0, h)) },
       { label: "limit", colour: "warn", y: said.healths.map(() => 1), dash: [4, 4] },
-    ], "");
+    ], "", { y: { range: (u, low, high) => [0, Math.max(1.2, high || 0)] } });
   }
   fillList($("positioning"), [
-    ["trim", s.trimmed ? `${number(said.trim, 3)} ${s.unit}${s.trim_frozen ? `, frozen: ${s.trim_frozen}` : ""}` : "open loop"],
-    ["learned", s.learned ? `${number(said.learned, 3)} ${s.unit}` : "nothing"],
-    ["gauge above model", `${number(s.differs, 3)} ${s.unit}`],
+    ["trim", s.trimmed ? `${fixed(said.trim, places)} ${unit}${s.trim_frozen ? `, frozen: ${s.trim_frozen.replace(/_/g, " ")}` : ""}` : "open loop"],
+    ["learned", s.learned ? `${fixed(said.learned, places)} ${unit}` : "nothing"],
+    ["gauge above model", `${fixed(s.differs, places)} ${unit}`],
   ]);
 }
 
@@ -234,15 +260,16 @@ function showModel(said) {
   const m = said.model, l = said.limits;
   drawLoop($("model-loop"), m && m.loop);
   if (!m) { fillList($("model"), [["model", "not known yet"]]); return; }
-  const v = m.validity, u = m.drive_unit, y = m.displacement_unit;
+  const v = m.validity, u = unitName(m.drive_unit), y = unitName(m.displacement_unit);
   fillList($("model"), [
     ["operators", `${m.operators}, ${m.rate_dependent ? "rate-dependent" : "static"}`],
     ["saturation", `degree ${m.saturation}`],
     ["blocks", m.blocks.map((b) => `${b.kind} (${b.place})`).join(", ") || "none"],
     ["valid for", `${number(v.drive_min)} to ${number(v.drive_max)} ${u}`],
     ["up to", [v.rate_max && `${number(v.rate_max)} ${u}/s`, v.band_hz && `${number(v.band_hz)} Hz`].filter(Boolean).join(", ") || "not known"],
-    ["fit, held out", `${number(m.fit.rms, 3)}, ${number(m.fit.holdout_rms, 3)} ${y} rms`],
-    ["from", [m.source, m.created, ...m.recordings].filter(Boolean).join(", ") || "not said"],
+    ["error of the fit", `${number(m.fit.rms, 3)} ${y} rms`],
+    ["error on held-out data", `${number(m.fit.holdout_rms, 3)} ${y} rms`],
+    ["from", [m.source, m.created, ...m.recordings].filter(Boolean).join(", ") || "not known"],
     ["limits", l ? `${number(l.min_v)} to ${number(l.max_v)} V, ${number(l.slew_v_per_s)} V/s` : "not known"],
   ]);
 }
@@ -253,7 +280,7 @@ function addEvent(event) {
   time.dateTime = new Date(event.wall_s * 1000).toISOString();
   code.textContent = event.code;
   item.className = `level-${Number(event.level)}`;
-  item.append(time, code, document.createTextNode(event.text));
+  item.append(time, code, document.createTextNode(pretty(event.text)));
   $("events").prepend(item);
   while ($("events").children.length > MOST_EVENTS) $("events").lastChild.remove();
   page.why = { state: event.code, text: event.text };
@@ -280,19 +307,15 @@ function pause() {
   else { plots.pause(true); showMode(); }
 }
 
-function parse(id) {
-  const text = $(id).value.trim().replace(",", ".");
-  return text === "" ? NaN : Number(text);
-}
-
 const commands = {
-  stop() { page.ask({ ask: "stop" }); },
-  release() { page.ask({ ask: "stop", at_once: true }); },
-  hold() { page.ask({ ask: "hold", seconds: parse("seconds") || 10, take_over: $("take-over").checked }); },
+  stop() { now.stepped = null; page.ask({ ask: "stop" }); },
+  release() { now.stepped = null; page.ask({ ask: "stop", at_once: true }); },
+  hold() { page.ask({ ask: "hold", seconds: page.parse("seconds") || 10, take_over: $("take-over").checked }); },
   go() {
-    const value = parse("target"), seconds = parse("seconds");
+    const value = page.parse("target"), seconds = page.parse("seconds");
     if (!Number.isFinite(value)) { page.say("a set-point is a number", true); return; }
-    if (!(seconds > 0)) { page.say("for how many seconds? a number above 0", true); return; }
+    if (!(seconds > 0)) { page.say("the time is a number of seconds above 0", true); return; }
+    now.stepped = { name: page.name, value, at: performance.now() };
     page.ask({ ask: "go", value, seconds, take_over: $("take-over").checked });
   },
 };
@@ -301,9 +324,13 @@ $("pause").addEventListener("click", pause);
 $("live").addEventListener("click", look);
 $("more").addEventListener("change", () => {
   for (const name of ["trim", "volts"]) plots.places[name].hidden = !$("more").checked;
-  plots.fresh = true;
+  plots.remake();
+  $("more").blur();
 });
-$("controller").addEventListener("change", () => choose($("controller").value));
+$("take-over").addEventListener("change", () => $("take-over").blur());
+$("controller").addEventListener("change", () => { choose($("controller").value); $("controller").blur(); });
+$("jog-up").addEventListener("click", () => now.step(1));
+$("jog-down").addEventListener("click", () => now.step(-1));
 $("going").addEventListener("submit", (e) => { e.preventDefault(); commands.go(); });
 for (const name of ["stop", "release", "hold"]) $(name).addEventListener("click", commands[name]);
 $("theme").addEventListener("click", () => {
@@ -314,17 +341,8 @@ $("theme").addEventListener("click", () => {
   axes.draw();
   files.restyle();
 });
-document.addEventListener("keydown", (e) => {
-  if (e.ctrlKey || e.altKey || e.metaKey || $("main").hidden) return;
-  if (e.key === "Escape") { if (page.operator) commands.stop(); return; }
-  if (e.target.closest("input, select, pre, #events") || (e.key === " " && e.target.closest("button, a"))) return;
-  if (e.key === " ") { e.preventDefault(); pause(); }
-  else if (e.key === "0") look();
-  else if (e.key === "g") { e.preventDefault(); $("target").focus(); $("target").select(); }
-  else if (e.key === "h" && page.operator) commands.hold();
-  else if (e.key >= "1" && e.key <= "9") { plots.window_s = WINDOWS[Number(e.key) - 1][0]; look(); }
-});
+watchKeys(page, { ...commands, pause, look, show: (i) => { if (WINDOWS[i]) { plots.window_s = WINDOWS[i][0]; look(); } } });
 let resized;
-window.addEventListener("resize", () => { clearTimeout(resized); resized = setTimeout(() => { if (page.name && !held()) look(); }, 400); });
+window.addEventListener("resize", () => { clearTimeout(resized); resized = setTimeout(() => { plots.remake(); axes.draw(); files.restyle(); if (page.name && !held()) look(); }, 400); });
 
 begin();

@@ -2,8 +2,9 @@
 // as one stroke a bucket, so that no peak is lost.
 "use strict";
 
-const SIGNALS = ["target", "measured", "error", "trim", "learned", "volts"];
+export const SIGNALS = ["target", "measured", "error", "trim", "learned", "volts"];
 const LIVE = 0x31504844;
+const STEPS_S = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600]; // between labels
 const KEEP = 6000; // points of a curve
 const LAG_S = 0.15; // behind the newest sample, so that the edge moves evenly
 
@@ -20,15 +21,24 @@ export function number(value, digits = 4) {
   return value === null || value === undefined || !Number.isFinite(value) ? "-" : String(Number(value.toPrecision(digits)));
 }
 
+// Units as physicists write them; on the wire they are ASCII.
+export const unitName = (unit) => (unit === "um" ? "µm" : unit === "v" ? "V" : unit);
+export const pretty = (text) => text.replace(/\bum\b/g, "µm").replace(/(\d) us\b/g, "$1 µs");
+
+// The page's size of letters [px]: it grows with the screen, and the charts with it.
+export const rem = () => parseFloat(getComputedStyle(document.documentElement).fontSize);
+
 function axis(extra) {
   return {
+    font: `${Math.round(0.8 * rem())}px system-ui, sans-serif`, labelFont: `600 ${Math.round(0.8 * rem())}px system-ui, sans-serif`,
     stroke: () => colour("soft"), grid: { stroke: () => colour("line"), width: 1 },
     ticks: { stroke: () => colour("line"), width: 1 }, ...extra,
   };
 }
 
 function curve(label, name, more) {
-  return { label, stroke: () => colour(name), width: 1.25, ...more, points: { show: false }, value: (u, v) => number(v) };
+  const { width = 1.25, ...others } = more || {};
+  return { label, stroke: () => colour(name), width: (width * rem()) / 15, ...others, points: { show: false }, value: (u, v) => number(v) };
 }
 
 // One binary frame, see dehyst.daemon.page.wire.
@@ -46,6 +56,7 @@ export class Plots {
     this.places = places; // by name: position, error, trim, volts
     this.zoomed = zoomed;
     this.unit = "um";
+    this.reach = [0, 0];
     this.window_s = 10;
     this.range = null; // [first, end] of a stretch of the past that is shown; null: live
     this.paused = false;
@@ -67,28 +78,38 @@ export class Plots {
   }
 
   make() {
-    const sync = { key: "time" };
-    const one = (place, height, series, label) => new uPlot({
-      width: this.width(), height, series: [{ label: "time", value: (u, v) => (v === null ? "-" : clockTime(v, 0.01)) }, ...series],
-      scales: { x: { time: true, auto: false } }, legend: { show: series.length > 1 },
-      cursor: { sync, drag: { x: true, y: false, setScale: false }, points: { size: 5 } },
-      axes: [axis({ values: (u, splits, i, space, step) => splits.map((s) => clockTime(s, step)), space: 80 }),
-        axis({ size: 62, label, labelSize: 18, labelGap: 0, values: (u, splits) => splits.map((s) => number(s)) })],
+    const sync = { key: "time" }, em = rem(), unit = unitName(this.unit);
+    // time is written once, below the last chart; all begin and end at the same place
+    const one = (place, share, series, label, least) => new uPlot({
+      width: this.width(), height: this.height(share),
+      series: [{ label: "time", value: (u, v) => (v === null ? "" : clockTime(v, 0.01)) }, ...series],
+      scales: { x: { time: true, auto: false }, y: { range: (u, low, high) => atLeast(low, high, least()) } },
+      legend: { show: series.length > 1 },
+      cursor: { sync, drag: { x: true, y: false, setScale: false }, points: { size: 0.4 * em } },
+      axes: [axis({ values: (u, splits, i, space, step) => splits.map((s) => (this.last() === place ? clockTime(s, step) : "")),
+        incrs: STEPS_S, space: 6 * em, size: () => (this.last() === place ? 2.2 * em : 0.5 * em) }),
+        axis({ size: 4.2 * em, label, labelSize: 1.2 * em, labelGap: 0, space: 2 * em, values: (u, splits) => splits.map((s) => number(s)) })],
       hooks: { setSelect: [(u) => this.select(u)] },
     }, [[], ...series.map(() => [])], place);
-    const p = this.places;
+    const p = this.places, span = () => Math.abs(this.reach[1] - this.reach[0]);
     this.plots = {
-      position: one(p.position, this.height(0.34), [curve("target", "target", { width: 3 }), curve("measured", "measured")], `position, ${this.unit}`),
-      error: one(p.error, this.height(0.2), [curve("error", "error")], `error, ${this.unit}`),
-      trim: one(p.trim, this.height(0.2), [curve("trim", "target"), curve("learned", "measured")], `added, ${this.unit}`),
-      volts: one(p.volts, this.height(0.2), [curve("volts", "good")], "drive, V"),
+      position: one(p.position, 0.3, [curve("target", "target", { width: 3 }), curve("measured", "measured")], `position, ${unit}`, () => 0.05 * span()),
+      error: one(p.error, 0.16, [curve("error", "error")], `error, ${unit}`, () => 0.02 * span()),
+      trim: one(p.trim, 0.16, [curve("trim", "target"), curve("learned", "measured")], `added, ${unit}`, () => 0.02 * span()),
+      volts: one(p.volts, 0.16, [curve("volts", "good")], "drive, V", () => 1),
     };
     this.columns = { position: [0, 1], error: [2], trim: [3, 4], volts: [5] };
   }
 
+  // The lowest chart that is shown.
+  last() {
+    const shown = Object.values(this.places).filter((place) => !place.hidden);
+    return shown[shown.length - 1];
+  }
+
   width() { return Math.max(200, this.places.position.clientWidth); }
 
-  height(share) { return Math.round(Math.min(380, Math.max(130, window.innerHeight * share))); }
+  height(share) { return Math.round(Math.min(26 * rem(), Math.max(8 * rem(), window.innerHeight * share))); }
 
   fit() {
     if (this.width() === this.plots.position.width) return;
@@ -102,7 +123,9 @@ export class Plots {
     this.fresh = true;
   }
 
-  setUnit(unit) {
+  // Of the axis that is shown: its unit, and its reach, of which noise at rest is a small part.
+  setUnit(unit, reach) {
+    this.reach = reach;
     if (unit === this.unit) return;
     this.unit = unit;
     this.remake();
@@ -192,15 +215,24 @@ export class Plots {
   }
 }
 
-// A plot that stays: x in seconds, curves [{label, colour, y, dash}].
-export function drawStill(place, height, x, curves, label, ranges = {}) {
+// A range of values that spans at least so much, about its middle.
+export function atLeast(low, high, least) {
+  if (low === null || high === null) return [0, least || 1];
+  const span = 1.1 * Math.max(high - low, least), middle = (low + high) / 2;
+  return span > 0 ? [middle - span / 2, middle + span / 2] : [low - 1, high + 1];
+}
+
+// A plot that stays: x in seconds, curves [{label, colour, y, dash}]; one without a label is not in
+// the legend.
+export function drawStill(place, height, x, curves, label, scales = {}) {
+  const em = rem();
   place.replaceChildren();
   return new uPlot({
     width: Math.max(180, place.clientWidth), height,
-    series: [{ label: "s", value: (u, v) => number(v) }, ...curves.map((c) => curve(c.label, c.colour, { dash: c.dash }))],
-    scales: { x: { time: false }, ...ranges }, cursor: { drag: { x: false, y: false } },
-    legend: { live: false },
-    axes: [axis({ values: (u, splits) => splits.map((s) => number(s)) }),
-      axis({ size: 54, label, labelSize: 18, labelGap: 0, values: (u, splits) => splits.map((s) => number(s)) })],
+    series: [{ label: "s", class: "quiet" }, ...curves.map((c) => curve(c.label || "", c.colour, { dash: c.dash, class: c.label ? "named" : "quiet" }))],
+    scales: { x: { time: false }, ...scales }, cursor: { drag: { x: false, y: false } },
+    legend: { live: false, show: curves.some((c) => c.label) },
+    axes: [axis({ size: 2.2 * em, space: 4 * em, values: (u, splits) => splits.map((s) => `${number(s)} s`) }),
+      axis({ size: 3.6 * em, label: label && unitName(label), labelSize: 1.2 * em, labelGap: 0, space: 1.8 * em, values: (u, splits) => splits.map((s) => number(s)) })],
   }, [x, ...curves.map((c) => c.y)], place);
 }

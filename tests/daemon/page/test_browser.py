@@ -76,7 +76,7 @@ def drawn(window: Chromium) -> tuple[int, float]:
 
 
 def test_it_loads_and_what_it_shows_moves(window: Chromium) -> None:
-    assert window.ask("document.getElementById('state').textContent") != "no word yet"
+    assert window.ask("document.getElementById('state').textContent") != "no status yet"
     window.until("points come", lambda: drawn(window)[1] > 0)
     frames, newest = drawn(window)
     window.until("they move", lambda: drawn(window)[1] > newest + 1 and drawn(window)[0] > frames)
@@ -86,7 +86,7 @@ def test_it_loads_and_what_it_shows_moves(window: Chromium) -> None:
         ".getImageData(0, 0, c.width, c.height).data.some(v => v > 0))"
     )
     assert painted == [True]
-    assert window.text("reach").startswith("reach ")
+    assert window.text("reach") == "reach, µm"
     assert "Hz" in window.text("deadlines")
     assert "operators" in window.text("model")
     assert window.text("events").count("the loop runs") == 1  # it did before the page was there
@@ -125,7 +125,7 @@ def test_keys_pause_windows_and_stop(window: Chromium, service: Service) -> None
     window.ask("document.activeElement.blur()")
     body.send_keys("6")
     window.until("a minute", lambda: window.ask("dehystPage.plots.window_s") == 60)
-    body.send_keys(" ")
+    body.send_keys("p")
     assert window.ask("dehystPage.plots.paused") is True
     newest = drawn(window)[1]
     time.sleep(0.5)
@@ -133,9 +133,131 @@ def test_keys_pause_windows_and_stop(window: Chromium, service: Service) -> None
     body.send_keys("0")
     window.until("live", lambda: drawn(window)[1] > newest)
     body.send_keys("4", "g", "7", Key.ENTER)
-    window.until("going", lambda: "going to 7 um" in window.text("said"))
+    window.until("going", lambda: "going to 7 µm" in window.text("said"))
     window.chrome.find_element("id", "target").send_keys(Key.ESCAPE)
     window.until("stopped", lambda: "stopped" in window.text("said"))
+
+
+def aimed(window: Chromium, um: float) -> bool:
+    """The newest target of the loop is this."""
+    aim = window.ask("dehystPage.now.aim")
+    return aim is not None and abs(aim - um) < 1e-6
+
+
+def test_arrows_step_and_space_stops_whatever_has_the_focus(window: Chromium) -> None:
+    from selenium.webdriver.common.keys import Keys as Key
+
+    body = window.chrome.find_element("tag name", "body")
+    window.write("seconds", "60")
+    window.write("step", "0.25")
+    window.write("target", "7")
+    window.click("go")
+    window.until("there", lambda: aimed(window, 7.0))
+    assert window.ask("document.activeElement.id") == "go"
+    body.send_keys(Key.ARROW_UP)
+    window.until("a step up", lambda: aimed(window, 7.25))
+    for key, um in ((Key.ARROW_RIGHT, 7.5), (Key.ARROW_DOWN, 7.25), (Key.ARROW_LEFT, 7.0)):
+        time.sleep(0.15)  # a key that is held down repeats ten times a second
+        body.send_keys(key)
+        window.until(f"a step to {um}", lambda um=um: aimed(window, um))  # type: ignore[misc]
+    time.sleep(0.15)
+    body.send_keys(Key.SHIFT + Key.ARROW_UP)
+    window.until("ten steps", lambda: aimed(window, 9.5))
+    window.click("jog-down")
+    window.until("by the button", lambda: aimed(window, 9.25))
+    focused = window.ask("document.activeElement.id")
+    assert focused == "jog-down"
+    window.chrome.find_element("id", focused).send_keys(" ")
+    window.until("stopped", lambda: "stopped" in window.text("said"))
+    window.until("no target", lambda: window.ask("dehystPage.now.aim") is None)
+    time.sleep(0.5)
+    assert "stopped" in window.text("said")  # the button was not pressed
+
+
+def test_steps_end_at_the_reach(window: Chromium) -> None:
+    from selenium.webdriver.common.keys import Keys as Key
+
+    window.write("step", "1000")
+    window.ask("document.activeElement.blur()")
+    body = window.chrome.find_element("tag name", "body")
+    body.send_keys(Key.ARROW_UP)
+    most = window.ask("dehystPage.now.reach()")[1]
+    window.until("the end", lambda: aimed(window, most))
+    time.sleep(0.15)
+    body.send_keys(Key.ARROW_UP)
+    window.until("words", lambda: "is the end of the reach" in window.text("said"))
+    body.send_keys(" ")
+    window.until("stopped", lambda: "stopped" in window.text("said"))
+    window.write("step", "0.1")
+
+
+def test_where_the_stage_is_stands_there_large(window: Chromium) -> None:
+    window.write("target", "8")
+    window.write("seconds", "60")
+    window.click("go")
+    window.until("there", lambda: aimed(window, 8.0))
+    window.until("measured", lambda: abs(float(window.text("now-measured")) - 8.0) < 0.5)
+    window.until("its figure", lambda: window.text("now-target") == "8.000")
+    error = float(window.text("now-error").replace("−", "-"))
+    assert abs(error) < 0.5
+    assert 20.0 < float(window.text("now-volts")) < 120.0
+    high = "document.getElementById('now-measured').getBoundingClientRect().height"
+    assert window.ask(high) > 3 * window.ask(high.replace("now-measured", "target-unit"))
+
+
+def test_hold_holds_in_motion_and_at_rest(window: Chromium, service: Service) -> None:
+    window.click("hold")
+    window.until("held", lambda: "holding 8 µm" in window.text("said"))
+    window.click("release")
+    window.until("at rest", lambda: window.text("state") == "ready")
+    before = service.output()
+    assert before == pytest.approx(SAFE_V, abs=0.05)
+    window.click("hold")
+    window.until("held", lambda: "holding the present voltage" in window.text("said"))
+    time.sleep(1.0)
+    assert "cannot be reached" not in window.text("said")
+    assert service.output() == pytest.approx(before, abs=0.05)
+    window.click("stop")
+    window.until("stopped", lambda: "stopped" in window.text("said"))
+
+
+def trajectory(path: Path, middle: float, points: int = 400) -> Path:
+    """A file with a second of a sine about this place."""
+    t_s = np.arange(points) / points
+    target = middle + np.sin(2 * np.pi * t_s)
+    path.write_text(
+        "t_s,target_um\n" + "".join(f"{t:.6f},{y:.6f}\n" for t, y in zip(t_s, target, strict=True))
+    )
+    return path
+
+
+def test_a_file_that_is_given_while_another_is_checked_shows_its_own_figures(
+    window: Chromium, tmp_path: Path
+) -> None:
+    first = trajectory(tmp_path / "first.csv", 6.0)
+    second = trajectory(tmp_path / "second.csv", 12.0, points=777)
+    field = window.chrome.find_element("id", "file")
+    shown = "!document.getElementById('preview').hidden"
+    field.send_keys(str(first))
+    window.click("as-trajectory")
+    field.send_keys(str(second))  # while the first is worked on
+    assert "second.csv" in window.text("job-text")
+    time.sleep(8.0)  # the first is done by now
+    assert not window.ask(shown)
+    assert "second.csv" in window.text("job-text")
+    window.click("as-trajectory")
+    window.until("its figures", lambda: window.ask(shown))
+    assert "777 points" in window.text("preview-figures")
+    assert "11 to 13 µm" in window.text("preview-figures")
+    assert window.text("play") == "play second.csv"
+    labels = window.ask(
+        "[...document.querySelectorAll('#plot-preview .u-series:not(.quiet) th')]"
+        ".map(e => e.textContent)"
+    )
+    assert labels == ["target", "reach"]
+    field.send_keys(str(first))  # its preview goes with it
+    assert not window.ask(shown)
+    assert window.ask("dehystPage.plots.paused") is False
 
 
 def test_a_zoom_asks_for_what_is_finer(window: Chromium) -> None:
