@@ -11,11 +11,11 @@ from typing import Any
 from dehyst.daemon.api.inputs import take_model, take_recordings, take_trajectory
 from dehyst.daemon.api.results import Diagnosed, Drive, Identified, Simulated, Validated
 from dehyst.daemon.files.recordings import read_recording
-from dehyst.daemon.loop.reach import displacement_range
 from dehyst.daemon.tools.prediction import misfit, predict
 from dehyst.daemon.tools.trajectories import channels_along, spaced_evenly, target_in_unit
 from dehyst.models import diagnosis
 from dehyst.models import identify as identification
+from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.identify.validation import validate as run_validation
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_streamed, invert_trajectory

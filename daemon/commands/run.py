@@ -166,20 +166,23 @@ def check(path: Path) -> int:
 
 def axis_words(config: Config) -> str:
     """What an axis' configuration means. Raises DehystError where `dehyst run` would refuse it."""
+    from dehyst.daemon.config.drives import drive_range
     from dehyst.daemon.files.models import load_model
     from dehyst.daemon.loop.checks import check_unopened, devices_of
-    from dehyst.daemon.loop.reach import displacement_range, drive_range, origin
     from dehyst.daemon.loop.trim import trim_setting
+    from dehyst.models.cascade.reach import displacement_reach, set_point_origin
 
     check_unopened(config)
     model = load_model(config.model.file)
-    low, high = displacement_range(model, *drive_range(config, model))
+    reach = displacement_reach(model, *drive_range(config, model))
+    low, high = reach.low, reach.high
     sensor = devices_of(config)[1]
     trimmed = trim_setting(config, model, high - low, getattr(sensor, "spec", None))
-    zero = origin(config.setpoint.origin, low, high)
+    zero = set_point_origin(config.setpoint.origin, low, high)
     unit = model.displacement_unit
+    assumed = f" (with {', '.join(reach.assumes)})" if reach.assumes else ""
     return (
-        f"Set-points from {low - zero:.4g} to {high - zero:.4g} {unit}; set-point 0 is "
+        f"Set-points from {low - zero:.4g} to {high - zero:.4g} {unit}{assumed}; set-point 0 is "
         f"the model's {zero:.4g} {unit}; {config.loop.rate_hz:g} Hz; "
         f"{trim_words(trimmed[0], unit)}; rings in {config.directory}"
     )

@@ -22,8 +22,8 @@ from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Case, Examined, OfferTest
 from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.recordings import read_recording
-from dehyst.daemon.loop.reach import displacement_range
 from dehyst.models import diagnosis
+from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.change.causes import WeighedCause, find_causes, weigh_causes
 from dehyst.models.change.led import lead_in, without_lead
 from dehyst.models.change.naming import (

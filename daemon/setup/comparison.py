@@ -14,10 +14,11 @@ import numpy as np
 
 from dehyst.daemon.api.functions import invert, load_model
 from dehyst.daemon.config import Config
+from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files.outputs import whole_file
-from dehyst.daemon.loop.reach import displacement_range, drive_range
 from dehyst.daemon.setup.moving import TUNING
 from dehyst.daemon.setup.workbench import Workbench
+from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
 

@@ -103,7 +103,8 @@ class Demo:
     def track(self) -> dict[str, float]:
         """Run the daemon, play a sine with each model; rms tracking errors by name [um]."""
         model = load_model(self.output / "model.toml")
-        from dehyst.daemon.loop.reach import displacement_range, drive_range
+        from dehyst.daemon.config.drives import drive_range
+        from dehyst.models.cascade.reach import displacement_range
 
         save_model(self._linear, self.folder / "model.toml")
         low, high = displacement_range(model, *drive_range(load_config(self._config), model))
@@ -127,9 +128,10 @@ class Demo:
     def second_act(self, seed: int | None) -> "Story":
         """Something changes while the stage runs; the service finds out. A daemon of its own, with
         the identified model and a doctor."""
-        from dehyst.daemon.loop.reach import displacement_range, drive_range
+        from dehyst.daemon.config.drives import drive_range
         from dehyst.daemon.tools.chance import Chance
         from dehyst.daemon.tools.second_act import LEARN_S, SETTINGS, SecondAct, pattern
+        from dehyst.models.cascade.reach import displacement_range
 
         self._end_children()
         folder = self.folder / "second"

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from dehyst.daemon.config import load_controller
+from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files.models import load_model
-from dehyst.daemon.loop.reach import displacement_range, drive_range, origin
+from dehyst.models.cascade.reach import displacement_range, set_point_origin
 from dehyst.models.errors import BadInput
 from dehyst.models.inverse.compensator import FLAG_OUTSIDE_VALIDITY, FLAG_SLEW, Compensator
 from dehyst.models.inverse.offline import UNREACHABLE, invert_streamed
@@ -47,7 +48,7 @@ def axes_of(path: Path, names: tuple[str, ...]) -> tuple[dict[str, Reached], flo
         config = known[name]
         model = load_model(config.model.file)
         drives = drive_range(config, model)
-        zero = origin(config.setpoint.origin, *displacement_range(model, *drives))
+        zero = set_point_origin(config.setpoint.origin, *displacement_range(model, *drives))
         out[name] = Reached(
             model, drives, config.limits.slew_v_per_s / abs(config.actuator.gain), zero
         )

@@ -141,6 +141,7 @@ KIND = Kind(
     start=_start,
     inverse=Solved(solve, memory=True),
     check=_check,
+    reach_assumes="moves of seconds (creep carries a longer hold further)",
 )
 
 

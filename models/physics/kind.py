@@ -124,7 +124,8 @@ class Kind:
     packed: the names of what `pack` lays side by side, in order; pack(values, dt) -> p, where it
     is not plainly these; state: the names of the state's numbers; size(p, dt): their number, where
     there are more behind them; start(p, s, x): settle at x; check(values): a sentence where
-    parameters contradict each other, or "".
+    parameters contradict each other, or ""; reach_assumes: under which condition the reach of a
+    slow triangle is that of the stage, "" where it always is.
     """
 
     name: str
@@ -140,6 +141,7 @@ class Kind:
     start: Callable[[Floats, Floats, float], None] = forgotten
     channel: bool = False
     check: Callable[[Values], str] = lambda values: ""
+    reach_assumes: str = ""
 
     @property
     def beside(self) -> bool:

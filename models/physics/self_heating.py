@@ -80,6 +80,7 @@ KIND = Kind(
     step=step,
     start=_start,
     inverse=Solved(solve, memory=True),
+    reach_assumes="slow motion (fast motion heats the stage and changes its gain)",
 )
 
 

@@ -7,10 +7,10 @@ import pytest
 
 from dehyst.daemon.config import parse_config
 from dehyst.daemon.files.recordings import read_recording, read_trajectory
-from dehyst.daemon.loop.reach import displacement_range, origin
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.step import Stepper
 from dehyst.daemon.rings.records import COMMAND, Command, Flag, State
+from dehyst.models.cascade.reach import displacement_range, set_point_origin
 from dehyst.models.identify import Options, identify
 from dehyst.models.inverse.compensator import Compensator
 
@@ -38,7 +38,7 @@ def test_the_target_of_a_real_experiment_is_followed_to_its_end(data_dir: Path) 
     model = identify([recording], Options(rate=False)).model
     config = parse_config(CONFIG)
     low, high = displacement_range(model, model.validity.drive_min, model.validity.drive_max)
-    zero = origin("auto", low, high)
+    zero = set_point_origin("auto", low, high)
     assert zero == pytest.approx(0.5 * (low + high))  # this sensor's zero is far away: -98 um
     compensator = Compensator(model, 0.005, 0.0, 150 / 41.667, 4000 / 41.667, mode="static")
     slope = (high - low) / (model.validity.drive_max - model.validity.drive_min)

@@ -8,13 +8,13 @@ import numpy as np
 
 from dehyst.daemon.config import parse_config
 from dehyst.daemon.loop.checks import REPLAY_SAMPLES
-from dehyst.daemon.loop.reach import displacement_range
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.step import Stepper
 from dehyst.daemon.loop.trim import trim_setting
 from dehyst.daemon.rings.records import COMMAND, TELEMETRY, Command
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
+from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Floats, Model
 

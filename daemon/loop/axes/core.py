@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config
+from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files.chosen import choose_model
 from dehyst.daemon.files.models import load_model, write_text
 from dehyst.daemon.loop.checks import REPLAY_SAMPLES, check_limits, devices_of, past_output
 from dehyst.daemon.loop.devices import DeviceLink
-from dehyst.daemon.loop.reach import displacement_range, drive_range, origin
 from dehyst.daemon.loop.readback import ReadbackCheck
 from dehyst.daemon.loop.records_in_memory import FOLLOW_T
 from dehyst.daemon.loop.settings import LoopSettings
@@ -32,6 +32,7 @@ from dehyst.daemon.rings.records import (
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.run_folder import make_run_folder
 from dehyst.daemon.rings.status import STATUS
+from dehyst.models.cascade.reach import displacement_range, set_point_origin
 from dehyst.models.errors import BadInput, DehystError, NotNow
 from dehyst.models.inverse.compensator import Compensator, CompensatorState
 from dehyst.models.model import Model
@@ -191,7 +192,7 @@ class AxisCore:
     def _loop_settings(self, model: Model) -> LoopSettings:
         drives = drive_range(self.config, model)
         low, high = displacement_range(model, *drives)
-        zero = origin(self.config.setpoint.origin, low, high)
+        zero = set_point_origin(self.config.setpoint.origin, low, high)
         slope = (high - low) / (drives[1] - drives[0])
         return LoopSettings.from_config(self.config, zero, self.min_v, self.max_v, slope)
 
@@ -311,6 +312,8 @@ class AxisCore:
         self._fill_model(status, self.monitor.stepper.origin)
         status["latency_s"] = self.monitor.stepper.compensator.latency_s
         self._tell(status)
+        for end in ("reach_min", "reach_max"):  # a target is trimmed before it is inverted
+            status[end] -= status["trim"]
 
     def _reach(self) -> tuple[float, float]:
         if self.model is not getattr(self, "_reach_of", None):

@@ -5,7 +5,33 @@ from tests.mutations.change import Change, room
 STATIC, SAMPLE = "models/inverse/static.py", "models/inverse/sample.py"
 MODE, CASCADE = "models/physics/resonance.py", "models/cascade/step.py"
 
+REACH = "models/cascade/reach.py"
+
 CHANGES = [
+    *room(
+        ("tests/models/cascade/test_reach.py",),
+        Change(
+            "reach-without-blocks",
+            REACH,
+            "    acting = [b for b in model.blocks if _acts_at_rest(b)]\n",
+            "    acting: list[Block] = []\n",
+            "the reach leaves the blocks out: targets are refused that can be reached",
+        ),
+        Change(
+            "reach-ignores-clip",
+            REACH,
+            "    drive = np.clip(drive, *_clipped_range(model))\n",
+            "",
+            "targets beyond the clipped drive are admitted",
+        ),
+        Change(
+            "reach-of-the-reading",
+            REACH,
+            "    return block.place == \"stage\" and",
+            "    return block.place != \"drive\" and",
+            "the reach is that of the reading, not of the stage",
+        ),
+    ),
     *room(
         ("tests/models/inverse/test_static.py",),
         Change(
