@@ -67,14 +67,15 @@ def draw_side_by_side(draws: Sequence[Draw], widths: Sequence[float]) -> bytes:
         return _png(fig, 110)
 
 
-def draw_stacked(draws: Sequence[Draw]) -> bytes:
-    """PNG of several pictures over one another, on one time axis."""
+def draw_rows(rows: Sequence[Sequence[Draw]]) -> bytes:
+    """PNG of several rows of pictures; those of a row share its width."""
     with _style():
-        fig = Figure(figsize=(11.0, 2.9 * len(draws)), layout="constrained")
+        fig = Figure(figsize=(11.0, 3.4 * len(rows)), layout="constrained")
         FigureCanvasAgg(fig)
-        panels = np.ravel(fig.subplots(len(draws), 1, sharex=True, squeeze=False))
-        for draw, axes in zip(draws, panels, strict=True):
-            _draw_on(axes, draw)
+        for part, draws in zip(np.ravel(fig.subfigures(len(rows), 1)), rows, strict=True):
+            panels = np.ravel(part.subplots(1, len(draws), squeeze=False))
+            for draw, axes in zip(draws, panels, strict=True):
+                _draw_on(axes, draw)
         return _png(fig, 110)
 
 

@@ -1,19 +1,37 @@
-"""The picture of a mismatch on one time axis: what the stage did, and its error with what happened.
+"""The picture of a mismatch: the error before, with and after it as bands on one time axis, and one
+second of each, at the same place of the pattern, large enough that target and measured are told
+apart.
 
-story: anything with t_s, target, measured (N,) and the times of its events [s].
+story: anything with t_s, target, measured (N,) in um and the times of its events [s].
 """
 
-from typing import Protocol
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogFormatter
 
-from dehyst.daemon.report.plotting import BEFORE, MEASURED, MODEL, add_legend, thin_rows
-from dehyst.models.recording import Floats
+from dehyst.daemon.report.plotting import (
+    BEFORE,
+    MEASURED,
+    MODEL,
+    UNUSED,
+    Draw,
+    add_legend,
+    draw_rows,
+)
+from dehyst.models.recording import Bools, Floats
 
-STEP_S = 1.0
-WORDS = 0.7  # of the curve's height, for the words above it
+SECOND_S = 1.0
+"""Length of a close look, and of what the band of extremes is made of."""
+SETTLE_S = 3.0
+"""After a change the error is that of the change itself."""
+WORDS = 0.35  # of the curves' height, for the words above them
+TELLING = (0.7, 1.3)
+"""A close look shows a second whose error is so many times that of the worst tenth's mildest."""
+SHOWN = 3.2
+"""The axis goes to so many times the largest rms; a single jump does not flatten it."""
 EVENTS = (
     ("appeared_s", "an effect appears"),
     ("flagged_s", "flagged"),
@@ -36,55 +54,188 @@ class Told(Protocol):
         """What became of the offer."""
 
 
-def draw_story_ways(story: Told, axes: Axes) -> str:
-    """Target and measured displacement over the whole time."""
-    t_s, target, measured = thin_rows(story.t_s, story.target, story.measured)
-    axes.plot(t_s, target, color=MEASURED, lw=0.6, alpha=0.6, label="target")
-    axes.plot(t_s, measured, color=MODEL, lw=0.4, alpha=0.8, label="measured")
-    axes.set(ylabel="displacement, um", title="what the stage does")
-    add_legend(axes)
-    _mark(story, axes, words=False)
-    return "Target and measured displacement over the whole story."
+class Phase(NamedTuple):
+    """A stretch of the story: which samples, as (N,)."""
+
+    name: str
+    color: str
+    part: Bools
 
 
-def draw_story_error(story: Told, axes: Axes) -> str:
-    """The tracking error, rms of each second, and what happened when."""
-    second = np.floor(story.t_s / STEP_S).astype(int)
-    error = story.measured - story.target
-    at = np.unique(second)
-    rms = [1e3 * float(np.sqrt(np.mean(error[second == k] ** 2))) for k in at]
-    axes.plot(STEP_S * (at + 0.5), rms, color=BEFORE, lw=1.2)
-    axes.set(
-        xlabel="time, s",
-        ylabel="error, nm rms",
-        yscale="log",
-        title="tracking error of each second",
+def list_phases(story: Told) -> list[Phase]:
+    """Before the effect, with it, and with the offered model, as far as the story goes."""
+    t_s = story.t_s
+    if not t_s.size:
+        return []
+    end_s = float(t_s[-1]) + 1.0
+    appeared_s, accepted_s, over_s = (
+        float(getattr(story, name, np.nan)) for name in ("appeared_s", "accepted_s", "over_s")
     )
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high * (high / low) ** WORDS)
-    for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-        ticks(LogFormatter(labelOnlyBase=False, minor_thresholds=(2, 0.5)))
-    said = _mark(story, axes, words=True)
-    return f"Tracking error of each second on a logarithmic axis. {said}"
+    appeared_s = appeared_s if np.isfinite(appeared_s) else end_s
+    with_till_s = accepted_s if np.isfinite(accepted_s) else end_s
+    proven = story.state == "accepted"
+    offered_till_s = over_s if np.isfinite(over_s) and not proven else end_s
+    offered_from_s = with_till_s + SETTLE_S
+    spans = (
+        ("before", UNUSED, -np.inf, appeared_s),
+        ("with the effect", BEFORE, appeared_s + SECOND_S, with_till_s),
+        ("after" if proven else "on trial", MODEL, offered_from_s, offered_till_s),
+    )
+    phases = [Phase(name, color, (t_s >= a) & (t_s < b)) for name, color, a, b in spans]
+    return [one for one in phases if one.part.any()]
 
 
-def _mark(story: Told, axes: Axes, words: bool) -> str:
-    said = []
-    for k, (name, text) in enumerate(EVENTS):
+def draw_story_bands(story: Told, axes: Axes) -> str:
+    """The tracking error over time within the band of its rms, and what happened when."""
+    error = 1e3 * (story.measured - story.target)
+    _draw_extremes(axes, story.t_s, error)
+    said, top = [], 0.0
+    for one in list_phases(story):
+        rms = _rms(error[one.part])
+        first_s, last_s = story.t_s[one.part][[0, -1]]
+        label = f"{one.name}: {rms:.0f} nm rms"
+        axes.fill_between([first_s, last_s], -rms, rms, color=one.color, alpha=0.75, lw=0,
+                          label=label, zorder=3)  # fmt: skip
+        said.append(label)
+        top = max(top, SHOWN * rms)
+    if np.isfinite(top) and top > 0.0:
+        axes.set_ylim(-1.1 * top, (1.1 + 2.2 * WORDS) * top)
+    if story.t_s.size > 1:
+        axes.set_xlim(float(story.t_s[0]), float(story.t_s[-1]))
+    axes.set(xlabel="time, s", ylabel="measured - target, nm", title="tracking error: all of it "
+             "(grey) and its rms (bands)")  # fmt: skip
+    if said:
+        axes.legend(loc="lower left", ncols=3, frameon=True, framealpha=0.85, edgecolor="white")
+    happened = _mark(story, axes)
+    return f"Tracking error over time. {'; '.join(said)}. {happened}"
+
+
+def list_close_looks(story: Told) -> list[Draw]:
+    """One second of each phase, the same second of the pattern, on the same scale."""
+    phases = list_phases(story)
+    at = _telling_second(story, phases)
+    if at is None:
+        return []
+    found = [(one, _same_second(story, one, at)) for one in phases]
+    windows = [(one, window) for one, window in found if window is not None]
+    shown = np.concatenate([x[w] for _, w in windows for x in (story.target, story.measured)])
+    shown = shown[np.isfinite(shown)]
+    limits = (float(shown.min()), float(shown.max())) if shown.size else (0.0, 0.0)
+    return [partial(draw_close_look, story, one.name, one.color, w, limits) for one, w in windows]
+
+
+def draw_close_look(
+    story: Told, name: str, color: str, window: slice, limits: tuple[float, float], axes: Axes
+) -> str:
+    """Target and measured of one second."""
+    t_s = story.t_s[window]
+    since = t_s - t_s[0] if t_s.size else t_s
+    target, measured = story.target[window], story.measured[window]
+    axes.plot(since, target, color=MEASURED, lw=1.2, label="target")
+    axes.plot(since, measured, color=color, lw=1.8, label="measured")
+    low, high = limits
+    if np.isfinite(high - low) and high > low:
+        axes.set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
+    rms = _rms(1e3 * (measured - target))
+    axes.set(xlabel="time, s", ylabel="displacement, um", title=f"{name}: {rms:.0f} nm rms here")
+    add_legend(axes, 0.15)
+    return f"One second, {name}: target and measured, {rms:.0f} nm rms apart."
+
+
+def story_picture(story: Told) -> bytes:
+    """PNG: the bands above, a close look at each phase below."""
+    bands: Draw = partial(draw_story_bands, story)
+    looks = list_close_looks(story)
+    return draw_rows([[bands], looks] if looks else [[bands]])
+
+
+def _draw_extremes(axes: Axes, t_s: Floats, error: Floats) -> None:
+    """From the least to the largest error of each fifth of a second."""
+    if not t_s.size:
+        return
+    part = np.floor(t_s / (SECOND_S / 5)).astype(int)
+    first = np.flatnonzero(np.r_[True, np.diff(part) != 0])
+    low, high = np.fmin.reduceat(error, first), np.fmax.reduceat(error, first)
+    at = t_s[first]
+    gap = np.r_[False, np.diff(at) > SECOND_S]
+    low, high = np.where(gap, np.nan, low), np.where(gap, np.nan, high)
+    axes.fill_between(at, low, high, color=MEASURED, alpha=0.25, lw=0, step="post")
+
+
+def _telling_second(story: Told, phases: Sequence[Phase]) -> int | None:
+    """First sample of the second with the effect in which target and measured are farthest apart
+    for the way that is shown."""
+    effect = next((one for one in phases if one.name == "with the effect"), None)
+    count = _samples_a_second(story)
+    if effect is None or count < 2:
+        return None
+    inside = np.flatnonzero(effect.part)
+    starts = inside[: inside.size - count + 1 : max(1, count // 10)]
+    starts = [k for k in starts if k + count <= story.t_s.size and effect.part[k + count - 1]]
+    if not starts:
+        return None
+    error = story.measured - story.target
+    rms = np.array([_rms(error[k : k + count]) for k in starts])
+    ways = np.array([_way(story, slice(k, k + count)) for k in starts])
+    least, most = (share * float(np.quantile(rms, 0.9)) for share in TELLING)
+    score = np.where((rms >= least) & (rms <= most), rms / np.maximum(ways, 1e-9), -1.0)
+    return int(starts[int(np.argmax(score))])
+
+
+def _same_second(story: Told, phase: Phase, at: int) -> slice | None:
+    """The second of a phase with the same targets as the second at a sample, the newest of several;
+    None: the phase is too short to have one."""
+    count = _samples_a_second(story)
+    if phase.name == "with the effect":
+        return slice(at, at + count)
+    wanted = story.target[at : at + count]
+    inside = np.flatnonzero(phase.part)
+    if inside.size < count:
+        return None
+    sums = np.lib.stride_tricks.sliding_window_view(story.target[inside], count)
+    far = np.array([float(np.max(np.abs(one - wanted))) for one in sums])
+    best = inside.size - count - int(np.argmin(far[::-1]))
+    apart = float(np.max(np.abs((story.measured - story.target)[at : at + count])))
+    if not far[best] <= apart:
+        return None
+    return slice(int(inside[best]), int(inside[best]) + count)
+
+
+def _samples_a_second(story: Told) -> int:
+    if story.t_s.size < 3:
+        return 0
+    return min(story.t_s.size, round(SECOND_S / max(1e-6, float(np.median(np.diff(story.t_s))))))
+
+
+def _way(story: Told, window: slice) -> float:
+    both = np.concatenate([story.target[window], story.measured[window]])
+    both = both[np.isfinite(both)]
+    return float(np.ptp(both)) if both.size else np.inf
+
+
+def _rms(error: Floats) -> float:
+    good = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(good**2))) if good.size else 0.0
+
+
+def _mark(story: Told, axes: Axes) -> str:
+    """Lines at what happened, no line beyond the data; in words, all of it."""
+    said: list[str] = []
+    shown: list[tuple[float, str]] = []
+    for name, text in EVENTS:
         at_s = float(getattr(story, name, np.nan))
         if not np.isfinite(at_s):
             continue
         text = text or ENDS.get(story.state, "the trial is not over")
         said.append(f"{text} at {at_s:.0f} s")
-        axes.axvline(at_s, color=MEASURED, lw=0.8, ls=":")
-        if words:
-            axes.annotate(
-                text,
-                (at_s, 0.97 - 0.08 * k),
-                xycoords=("data", "axes fraction"),
-                xytext=(3, 0),
-                textcoords="offset points",
-                fontsize=8,
-                va="top",
-            )
-    return "; ".join(said) + "."
+        if not story.t_s.size or not story.t_s[0] <= at_s <= story.t_s[-1]:
+            continue
+        if shown and at_s - shown[-1][0] < SECOND_S:
+            shown[-1] = shown[-1][0], f"{shown[-1][1]}, {text}"
+        else:
+            shown.append((at_s, text))
+    for k, (at_s, text) in enumerate(shown):
+        axes.axvline(at_s, color=MEASURED, lw=0.9, ls=":", zorder=4)
+        axes.annotate(text, (at_s, 0.98 - 0.08 * (k % 2)), xycoords=("data", "axes fraction"),
+                      xytext=(3, 0), textcoords="offset points", fontsize=9, va="top")  # fmt: skip
+    return f"{'; '.join(said)}." if said else ""

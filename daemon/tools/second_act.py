@@ -169,7 +169,7 @@ class SecondAct:
         self._parts: list[NDArray[Any]] = []
         self.story = Story(seed=chance.seed)
         self._first_ns = self._counted = 0
-        self._old_cases: set[str] = set()
+        self._appeared_ns = 0
 
     def run(self) -> Story:
         """From learning to the end; a trajectory is being played by somebody else."""
@@ -180,8 +180,7 @@ class SecondAct:
             if not self._is_in_order(self._chance.wait_s):
                 story.why = "the watch has not learned the stage in time, or flags it as it is"
             else:
-                while self._feed.doctor:  # what was said before is another story
-                    self._old_cases.add(self._feed.doctor.popleft().case)
+                self._appeared_ns = clock.monotonic_ns()
                 self._chance.appear()
                 story.appeared_s = self._now_s()
                 say("7. something changes in the stage")
@@ -277,8 +276,8 @@ class SecondAct:
     def _word(self) -> str:
         while self._feed.doctor:
             report, known = self._feed.doctor.popleft(), self.story.report
-            if report.case in self._old_cases:
-                continue
+            if report.time_ns < self._appeared_ns:
+                continue  # about a flag of before: another story
             # a flag that falls and rises lays a second case: who is told of first is followed
             if known is None or known.state == "working" or known.case == report.case:
                 self.story.report = report
@@ -368,12 +367,7 @@ def _finite(value: float) -> float | None:
 def save_story(story: Story, path: Path) -> None:
     """The picture."""
     from dehyst.daemon.files.outputs import whole_file
-    from dehyst.daemon.report.plotting import draw_stacked
-    from dehyst.daemon.report.story import draw_story_error, draw_story_ways
+    from dehyst.daemon.report.story import story_picture
 
     with whole_file(path) as file:
-        file.write(
-            draw_stacked(
-                [lambda a: draw_story_ways(story, a), lambda a: draw_story_error(story, a)]
-            )
-        )
+        file.write(story_picture(story))

@@ -12,14 +12,20 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from tests.rigs.stage_model import kept_model
 
 import dehyst.daemon.report
 from dehyst.daemon.report import diagnosis_pictures
 from dehyst.daemon.report.diagnosis import report_diagnosis
-from dehyst.daemon.report.plotting import Draw, draw_picture, draw_side_by_side, draw_stacked
-from dehyst.daemon.report.story import Told
+from dehyst.daemon.report.plotting import Draw, draw_picture, draw_rows, draw_side_by_side
+from dehyst.daemon.report.story import (
+    Told,
+    draw_story_bands,
+    list_close_looks,
+    story_picture,
+)
 from dehyst.daemon.report.tracking import Track
 from dehyst.models.diagnosis import Diagnosis, View
 from dehyst.models.diagnosis.result import DataQuality
@@ -97,7 +103,8 @@ def world(y: Floats) -> dict[Any, Any]:
                            np.abs(y), 0.1, 0.0, 0.0, 1.0, (), ()),
         Sequence[Outcome]: [Outcome(k, float(v), 0.0, k % 2 == 0, "", 1.0, 1.0)
                             for k, v in enumerate(y[:9])],
-        Track: Track("linear", t_s, y, y), Floats: y, str: "um", float: 0.005, int: 0,
+        Track: Track("linear", t_s, y, y), Floats: y, str: "um", slice: slice(0, n),
+        tuple[float, float]: (float(y[0]), float(y[-1])), float: 0.005, int: 0,
         NDArray[np.bool_]: used,
     }  # fmt: skip
 
@@ -107,6 +114,8 @@ def draws(name: str, y: Floats) -> Draw:
     one, known = PICTURES[name], world(y)
     wanted = {k: v for k, v in typing.get_type_hints(one).items() if k not in ("axes", "return")}
     given = {k: known[v] for k, v in wanted.items()}
+    if "color" in given:
+        given["color"] = "#333333"
     if "edges" in given:
         given["edges"] = np.linspace(0.0, 1.0, 5)
     return lambda axes: one(**given, axes=axes)
@@ -152,7 +161,7 @@ def test_a_picture_that_fails_is_words_and_the_others_beside_it_are_drawn() -> N
     assert pair.startswith(b"\x89PNG")
     assert len(pair) > len(alone)
     assert draw_picture(broken_ticks)[1].startswith("This picture could not be drawn: division")
-    assert draw_stacked([broken, line]).startswith(b"\x89PNG")
+    assert draw_rows([[broken, line], [line]]).startswith(b"\x89PNG")
 
 
 def test_findings_are_in_the_report_where_no_picture_can_be_drawn(
@@ -166,3 +175,69 @@ def test_findings_are_in_the_report_where_no_picture_can_be_drawn(
     page = report_diagnosis(world(LIVELY)[Diagnosis], ["rest.csv"])
     assert "Before and after" in page
     assert "This picture could not be drawn: MemoryError" in page
+
+
+@pytest.mark.parametrize("shape", ["zero", "nan", "one row", "one spike"])
+@pytest.mark.parametrize("state", ["", "returned"])
+def test_the_story_is_drawn_however_it_ended_with_no_line_beyond_its_data(
+    shape: str, state: str
+) -> None:
+    story = world(SHAPES[shape])[Told]
+    story.state, story.told_s, story.accepted_s, story.over_s = state, 1.0, 1.2, 99.0
+    assert story_picture(story).startswith(b"\x89PNG")
+    axes = Figure().subplots()
+    draw_story_bands(story, axes)
+    ends = [x for line in axes.lines for x in np.ravel(line.get_xdata())]
+    assert all(story.t_s[0] <= x <= story.t_s[-1] for x in ends)
+
+
+def pattern_story(state: str = "accepted") -> SimpleNamespace:
+    """A pattern of 4 s, followed 0.02 um off, then 0.3 um off, then 0.03 um off."""
+    t_s = np.arange(0.0, 60.0, 0.01)
+    target = 5.0 + 4.0 * np.sin(2 * np.pi * t_s / 4.0)
+    off = np.where(t_s < 20.0, 0.02, np.where(t_s < 40.0, 0.3, 0.03))
+    return SimpleNamespace(
+        t_s=t_s, target=target, measured=target + off, appeared_s=20.0, flagged_s=22.0,
+        told_s=39.9, accepted_s=40.0, over_s=50.0, state=state,
+    )  # fmt: skip
+
+
+def test_the_bands_are_the_errors_and_the_axis_is_theirs() -> None:
+    axes = Figure().subplots()
+    shows = draw_story_bands(pattern_story(), axes)
+    assert "before: 20 nm rms; with the effect: 300 nm rms; after: 30 nm rms" in shows
+    low, high = axes.get_ylim()
+    assert -1500.0 < low < -300.0
+    assert 300.0 < high < 2500.0
+    words = [text.get_text() for text in axes.texts]
+    assert words == ["an effect appears", "flagged", "named, accepted", "proven"]
+
+
+def test_a_jump_in_the_error_does_not_hide_the_bands() -> None:
+    story = pattern_story()
+    story.measured[2500] += 1000.0
+    axes = Figure().subplots()
+    draw_story_bands(story, axes)
+    assert axes.get_ylim()[1] < 1e6
+
+
+def test_the_close_looks_show_the_same_second_and_are_told_apart() -> None:
+    looks = list_close_looks(pattern_story())
+    panels = [Figure().subplots() for _ in looks]
+    assert [draw(axes)[:20] for draw, axes in zip(looks, panels, strict=True)] == [
+        "One second, before: ", "One second, with the", "One second, after: t",
+    ]  # fmt: skip
+    targets = [axes.lines[0].get_ydata() for axes in panels]
+    for other in targets[1:]:
+        np.testing.assert_allclose(other, targets[0], atol=1e-6)
+    low, high = panels[1].get_ylim()
+    assert 0.05 * (high - low) < 0.3  # the effect is seen: a twentieth of the height or more
+
+
+def test_a_trial_too_short_to_have_that_second_gets_no_close_look() -> None:
+    story = pattern_story("trial")
+    keep = story.t_s < 43.6
+    story.t_s, story.target, story.measured = (
+        x[keep] for x in (story.t_s, story.target, story.measured)
+    )
+    assert len(list_close_looks(story)) == 2

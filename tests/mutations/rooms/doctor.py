@@ -145,6 +145,24 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/daemon/report/test_every_picture.py",),
+        Change(
+            "line-beyond-data", "daemon/report/story.py",
+            "not story.t_s[0] <= at_s <= story.t_s[-1]", "not story.t_s[0] <= at_s",
+            "a trial that ended nothing is a line beyond the data",
+        ),
+        Change(
+            "axis-of-a-jump", "daemon/report/story.py",
+            "top = max(top, SHOWN * rms)", "top = float(np.nanmax(np.abs(error)))",
+            "one late sample makes the bands too thin to be seen",
+        ),
+        Change(
+            "any-second", "daemon/report/story.py",
+            "    if not far[best] <= apart:\n        return None\n", "",
+            "before and after are shown at different places of the pattern",
+        ),
+    ),
+    *room(
         ("tests/daemon/files/test_chosen.py",),
         Change(
             "accepted-over-owner", CHOSEN,
