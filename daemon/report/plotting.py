@@ -72,7 +72,8 @@ def draw_rows(rows: Sequence[Sequence[Draw]]) -> bytes:
     with _style():
         fig = Figure(figsize=(11.0, 3.4 * len(rows)), layout="constrained")
         FigureCanvasAgg(fig)
-        for part, draws in zip(np.ravel(fig.subfigures(len(rows), 1)), rows, strict=True):
+        parts: Any = fig.subfigures(len(rows), 1, squeeze=False)
+        for part, draws in zip(parts[:, 0], rows, strict=True):
             panels = np.ravel(part.subplots(1, len(draws), squeeze=False))
             for draw, axes in zip(draws, panels, strict=True):
                 _draw_on(axes, draw)

@@ -5,7 +5,7 @@ apart.
 story: anything with t_s, target, measured (N,) in um and the times of its events [s].
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -30,7 +30,7 @@ SETTLE_S = 3.0
 WORDS = 0.35  # of the curves' height, for the words above them
 TELLING = (0.7, 1.3)
 """A close look shows a second whose error is so many times that of the worst tenth's mildest."""
-SHOWN = 3.2
+SHOWN = 2.4
 """The axis goes to so many times the largest rms; a single jump does not flatten it."""
 EVENTS = (
     ("appeared_s", "an effect appears"),
@@ -39,6 +39,8 @@ EVENTS = (
     ("accepted_s", "accepted"),
     ("over_s", ""),  # what became of it
 )
+RMS = {"before": "before", "with the effect": "during", "after": "after", "on trial": "trial"}
+"""The figures that are judged, by phase."""
 ENDS = {"accepted": "proven", "returned": "went back", "rejected": "rejected"}
 
 
@@ -48,6 +50,8 @@ class Told(Protocol):
     t_s: Floats
     target: Floats
     measured: Floats
+    rms: Mapping[str, float]
+    """By the keys of RMS, where it was judged on a part of a phase [um]."""
 
     @property
     def state(self) -> str:
@@ -91,7 +95,8 @@ def draw_story_bands(story: Told, axes: Axes) -> str:
     _draw_extremes(axes, story.t_s, error)
     said, top = [], 0.0
     for one in list_phases(story):
-        rms = _rms(error[one.part])
+        judged = 1e3 * story.rms.get(RMS[one.name], np.nan)
+        rms = judged if np.isfinite(judged) else _rms(error[one.part])
         first_s, last_s = story.t_s[one.part][[0, -1]]
         label = f"{one.name}: {rms:.0f} nm rms"
         axes.fill_between([first_s, last_s], -rms, rms, color=one.color, alpha=0.75, lw=0,
@@ -170,8 +175,8 @@ def _telling_second(story: Told, phases: Sequence[Phase]) -> int | None:
     if effect is None or count < 2:
         return None
     inside = np.flatnonzero(effect.part)
-    starts = inside[: inside.size - count + 1 : max(1, count // 10)]
-    starts = [k for k in starts if k + count <= story.t_s.size and effect.part[k + count - 1]]
+    some = inside[: max(0, inside.size - count + 1) : max(1, count // 10)]
+    starts = [int(k) for k in some if k + count <= story.t_s.size and effect.part[k + count - 1]]
     if not starts:
         return None
     error = story.measured - story.target
@@ -179,7 +184,7 @@ def _telling_second(story: Told, phases: Sequence[Phase]) -> int | None:
     ways = np.array([_way(story, slice(k, k + count)) for k in starts])
     least, most = (share * float(np.quantile(rms, 0.9)) for share in TELLING)
     score = np.where((rms >= least) & (rms <= most), rms / np.maximum(ways, 1e-9), -1.0)
-    return int(starts[int(np.argmax(score))])
+    return starts[int(np.argmax(score))]
 
 
 def _same_second(story: Told, phase: Phase, at: int) -> slice | None:

@@ -198,7 +198,7 @@ def pattern_story(state: str = "accepted") -> SimpleNamespace:
     off = np.where(t_s < 20.0, 0.02, np.where(t_s < 40.0, 0.3, 0.03))
     return SimpleNamespace(
         t_s=t_s, target=target, measured=target + off, appeared_s=20.0, flagged_s=22.0,
-        told_s=39.9, accepted_s=40.0, over_s=50.0, state=state,
+        told_s=39.9, accepted_s=40.0, over_s=50.0, state=state, rms={},
     )  # fmt: skip
 
 
