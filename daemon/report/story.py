@@ -50,8 +50,10 @@ class Told(Protocol):
     t_s: Floats
     target: Floats
     measured: Floats
-    rms: Mapping[str, float]
-    """By the keys of RMS, where it was judged on a part of a phase [um]."""
+
+    @property
+    def rms(self) -> Mapping[str, float]:
+        """By the keys of RMS, where it was judged on a part of a phase [um]."""
 
     @property
     def state(self) -> str:

@@ -1,7 +1,10 @@
 """Compiling is told: what for, how far, how long. numba compiles something here."""
 
+import io
 import math
+import time
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import pytest
 from numba import njit
@@ -71,3 +74,58 @@ def test_a_kernel_within_a_kernel_is_counted_and_its_time_once() -> None:
 
 def test_all_kernels_of_the_product_are_counted() -> None:
     assert compiling.count_kernels() > 150
+
+
+class Slow:
+    """Stands for a kernel that numba compiles for a long time."""
+
+    def __init__(self, name: str) -> None:
+        self.data = {"dispatcher": SimpleNamespace(py_func=SimpleNamespace(
+            __module__="dehyst.models.x", __name__=name))}  # fmt: skip
+
+
+def wait_for(happened: Callable[[], bool]) -> None:
+    end = time.monotonic() + 20.0
+    while not happened() and time.monotonic() < end:
+        time.sleep(0.01)
+    assert happened()
+
+
+def test_while_one_kernel_takes_long_a_pipe_still_gets_a_line_with_its_name_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, value in (("SILENT_S", 0.0), ("TICK_S", 0.01), ("AGAIN_S", 0.03)):
+        monkeypatch.setattr(compiling, name, value)
+    compilations, said = compiling.Compilations(), ""
+    with compiling.CompilingTeller("dehyst warm", compilations, in_pipes=True):
+        compilations.on_start(Slow("windowed"))
+
+        def has_said() -> bool:
+            nonlocal said
+            said += capsys.readouterr().err
+            return said.count("\n") >= 4
+
+        wait_for(has_said)
+    lines = said.splitlines()
+    assert lines[0].startswith("dehyst warm: compiling kernels, once")
+    for line in lines[1:4]:
+        assert line.startswith("dehyst warm: still compiling after")
+        assert line.endswith("now models.x.windowed")
+
+
+def test_on_a_terminal_one_line_is_written_anew_all_the_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    screen = Terminal()
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setattr(compiling, "SILENT_S", 0.0)
+    monkeypatch.setattr(compiling, "TICK_S", 0.01)
+    compilations = compiling.Compilations()
+    with compiling.CompilingTeller("dehyst run", compilations, in_pipes=False):
+        compilations.on_start(Slow("windowed"))
+        wait_for(lambda: screen.getvalue().count("now models.x.windowed\r") >= 3)
+    assert screen.getvalue().count("\n") == 1

@@ -163,6 +163,19 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/daemon/terminal/test_compiling.py",),
+        Change(
+            "compiles-silently", "daemon/terminal/compiling.py",
+            "            if self._of.at_work:\n", "            if not self._of.at_work:\n",
+            "a kernel that takes long to compile looks like a start that hangs",
+        ),
+        Change(
+            "compiling-floods", "daemon/terminal/compiling.py",
+            'end="\\r", file', "file",
+            "a start without kernels fills the terminal with a line each second",
+        ),
+    ),
+    *room(
         ("tests/daemon/files/test_chosen.py",),
         Change(
             "accepted-over-owner", CHOSEN,
