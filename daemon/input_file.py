@@ -26,7 +26,7 @@ def read_text(path: Path, most_bytes: int) -> str:
     if size > most_bytes:
         raise NotReadable(f"{size} bytes; at most {most_bytes} are read")
     try:
-        return path.read_text("utf-8")
+        return path.read_text("utf-8-sig")  # editors on Windows put a byte order mark first
     except OSError as error:
         raise NotReadable(error.strerror or str(error)) from None
     except UnicodeDecodeError:

@@ -103,10 +103,10 @@ def check_page(
     if is_loopback(f"tcp/{listen}") or (certificate and passwords):
         return
     lacks = [] if certificate else ["certificate and key (TLS)"]
-    lacks += [] if passwords else ["passwords, with operators or observers,"]
+    lacks += [] if passwords else ["passwords (with operators or observers)"]
     raise BadInput(
         f"page.listen: {listen} can be reached from the network: anybody could move the stage. "
-        f"Give {' and '.join(lacks)}, or listen on 127.0.0.1"
+        f"Give {' and '.join(lacks)}; or listen on 127.0.0.1"
     )
 
 

@@ -1,6 +1,7 @@
 """Which daemons are there, and which of them is meant: by its name, or as the only one."""
 
 import logging
+import socket
 from collections.abc import Callable, Sequence
 
 from dehyst.daemon import clock
@@ -12,6 +13,20 @@ from dehyst.models.errors import BadInput
 
 log = logging.getLogger(__name__)
 FIND_S, TIMEOUT_S = 5.0, 3.0
+
+
+def listens(address: str) -> bool:
+    """Whether something accepts connections at a TCP address of zenoh; True for other kinds, which
+    only zenoh itself can try."""
+    kind, _, rest = address.partition("/")
+    host, _, port = rest.rpartition(":")
+    if kind != "tcp" or not port.isdigit():
+        return True
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), 0.5).close()
+    except OSError:
+        return False
+    return True
 
 
 def find_daemons(

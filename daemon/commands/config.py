@@ -8,7 +8,12 @@ from dehyst.daemon.config import parse_config
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.loop.checks import check_unopened
-from dehyst.daemon.tools.config_text import SLEW_SPANS, limits_within, write_commented
+from dehyst.daemon.tools.config_text import (
+    SLEW_SPANS,
+    check_range,
+    limits_within,
+    write_commented,
+)
 from dehyst.models.errors import BadInput
 
 EPILOG = """\
@@ -82,6 +87,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write it; 0."""
     low, high = args.range
+    check_range(low, high, args.slew)
+    if not 0.0 < args.rate < float("inf"):
+        raise BadInput(f"--rate {args.rate:g}: a sampling rate in Hz, greater than 0")
     slew = args.slew or SLEW_SPANS * (high - low)
     text = write_commented(
         {

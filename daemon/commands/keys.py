@@ -63,6 +63,12 @@ def run(args: argparse.Namespace) -> int:
             raise BadInput(f"{name!r}: a name may hold a-z, 0-9, ., _ and -")
     if len(set(names)) < len(names):
         raise BadInput("a name stands twice")
+    there = [name for name in names if (args.directory / name / "key.pem").exists()]
+    if there:
+        raise BadInput(
+            f"{args.directory / there[0]} has a key already, and a key is never replaced; choose "
+            "another name or folder, or delete that folder first"
+        )
     authority = Authority(args.directory, args.days)
     if args.controller:
         authority.issue(args.directory / args.controller, args.controller, args.host)

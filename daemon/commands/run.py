@@ -72,6 +72,9 @@ def run(args: argparse.Namespace) -> int:
             raise BadInput(f"--{option} goes without --config: the configuration says it itself")
     if args.config:
         return supervise(args.config)
+    check_open([args.listen or LISTEN], authenticated=False)
+    check_free(args.listen or LISTEN)
+    say("starting an emulated MDT693B and KSG101 with a simulated stage (no --config was given)")
     with ended_at_once("dehyst run"):  # what brings numba with it
         from dehyst.daemon.files.models import load_model
         from dehyst.daemon.service.supervisor import BenchProcess
@@ -88,7 +91,6 @@ def run(args: argparse.Namespace) -> int:
     axes = AXES[: args.axes or 1]
     if args.model and len(axes) > 1:
         raise BadInput("--model goes with one axis; with several each has its own model")
-    check_open([args.listen or LISTEN], authenticated=False)
     from dehyst.daemon.terminal.compiling import compiling_told
 
     with ended_at_once("dehyst run"), compiling_told("dehyst run", in_pipes=True):
@@ -101,7 +103,6 @@ def run(args: argparse.Namespace) -> int:
 
     with tempfile.TemporaryDirectory(prefix="dehyst-") as folder:
         directory = Path(folder)
-        say("no --config: an emulated MDT693B and KSG101 with a simulated stage behind")
         several = ["--axes", str(len(axes))] if len(axes) > 1 else []
         bench = BenchProcess(directory, [*imitation.stage, *several])
         name, listen = args.name or NAME, args.listen or LISTEN
@@ -112,20 +113,37 @@ def run(args: argparse.Namespace) -> int:
                 path = write_bench(
                     directory, bench.ports, name, listen, model, imitation, more=MAY_STAY
                 )
-            say(f"configuration and model in {directory}; try `dehyst watch` in another terminal")
+            say(f"its configuration is {path}; try `dehyst watch` in another terminal")
             return supervise(path)
         finally:
             bench.close()
 
 
 def supervise(path: Path) -> int:
-    """Core and gateway of a configuration, until a signal."""
+    """Core and gateway of a configuration, until a signal; and its emulated bench, where it has
+    one that does not run yet."""
+    controller = load_controller(path)
+    say(f"starting {controller.name} with {path}")
     with ended_at_once("dehyst run"):
         from dehyst.daemon.service.supervisor import Supervisor
+        from dehyst.daemon.tools.emulated_bench import started_for
 
-    controller = load_controller(path)
-    with run_folder.at_work(controller.directory, run_folder.SUPERVISOR, "run", path):
+    with (
+        run_folder.at_work(controller.directory, run_folder.SUPERVISOR, "run", path),
+        started_for(controller, say),
+    ):
         return Supervisor(controller, path, say).run()
+
+
+def check_free(listen: str) -> None:
+    """BadInput where another daemon, or another program, has the address of the bench."""
+    from dehyst.daemon.client.finding import listens
+
+    if listen.startswith("tcp/") and listens(listen):
+        raise BadInput(
+            f"{listen} is in use, by another `dehyst run` for example; end that one, or run a "
+            "second one with --listen tcp/127.0.0.1:7448 --name second"
+        )
 
 
 def check(path: Path) -> int:

@@ -8,20 +8,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dehyst.daemon.client.connection import add_connection
 from dehyst.daemon.files.outputs import add_force, check_outputs, whole_file
-from dehyst.models.errors import BadInput
+from dehyst.models.errors import BadInput, DehystError
 
 if TYPE_CHECKING:
     from dehyst.daemon.tools.scan_check import Reached
     from dehyst.models.drive_design.scans import Scan
 
-SAMPLING_HZ = 500.0
+SAMPLING_HZ = 100.0  # every bench takes it: a daemon interpolates between points
 FREE_SLEW = 1e12  # where only models are given
 EPILOG = """The file has the columns t_s, target_x_um, target_y_um (with --axes and --unit others);
 `dehyst play` streams it. Every path begins and ends at rest at one place, so that it can be
 repeated and learned, and has no corner. With --config (or --model) every target is inverted as the
 daemon would: a path that leaves an axis' reach, or is faster than its slew limit, is refused, and
-nothing is written. Targets count from the set-point origin of each axis.
+nothing is written. Without them the daemon that runs at --connect gives reach, slew and rate, where
+one runs. Targets count from the set-point origin of each axis.
 
 examples: dehyst scan raster --size 5 5 --lines 20 --config stage.toml -o raster.csv
           dehyst scan spiral --radius 2.5 --pitch 0.25 --center 8 8 -o spiral.csv
@@ -84,7 +86,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--sampling",
         type=float,
         metavar="HZ",
-        help=f"default: the loop's of --config, else {SAMPLING_HZ:g}",
+        help=f"default: the loop's of --config or of the daemon that runs, else {SAMPLING_HZ:g}",
     )
     add("--config", type=Path, metavar="FILE", help="reach and slew of this controller's axes")
     add(
@@ -99,6 +101,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--picture", type=Path, metavar="PNG", help="the path, and its targets over time")
     add_force(parser)
     add("--json", action="store_true", help="what was written, as JSON on stdout")
+    add_connection(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -186,9 +189,35 @@ def _axes(args: argparse.Namespace) -> tuple[dict[str, "Reached"], float]:
     names = [name for name, _ in args.model]
     if names and sorted(names) != sorted(args.axes):
         raise BadInput(f"--model is needed for each of the axes {' and '.join(args.axes)}")
+    if not names and (running := _running(args)):
+        return running
     slew = FREE_SLEW if args.slew is None else args.slew
     return {name: axis_of_model(load_model(file), slew) for name, file in args.model}, SAMPLING_HZ
 
 
 def _middle(one: "Reached | None") -> float:
     return 0.0 if one is None else 0.5 * sum(one.set_points)
+
+
+def _running(args: argparse.Namespace) -> "tuple[dict[str, Reached], float] | None":
+    """The axes of the daemon that runs, and its rate; None where there is none with these axes and
+    none was asked for."""
+    from dehyst.daemon.client.connection import address_of, connect_axes
+    from dehyst.daemon.client.finding import listens
+    from dehyst.daemon.tools.scan_check import axis_of_daemon
+
+    where, _ = address_of(args)
+    asked_for = args.connect or args.name
+    if not asked_for and not listens(where):
+        return None
+    try:
+        with connect_axes(args, "scan", args.axes) as stage:
+            stage.wait_until_started()
+            clients = stage.clients
+            axes = {a: axis_of_daemon(one.model(), one.config()) for a, one in clients.items()}
+            print(f"dehyst scan: reach, slew and rate are those of {stage.name}", file=sys.stderr)
+            return axes, stage.first.config().loop.rate_hz
+    except DehystError:
+        if asked_for:
+            raise
+        return None

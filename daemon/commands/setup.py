@@ -140,17 +140,19 @@ def run(args: argparse.Namespace) -> int:
 
 def _emulated_ports(folder: Path, axes: tuple[str, ...], held: ExitStack) -> tuple[str, ...]:
     from dehyst.daemon.service.supervisor import BenchProcess
+    from dehyst.daemon.tools.emulated_bench import note
 
     count = len(axes) or 1
     if axes and axes != OUTPUTS[:count]:
         raise BadInput(f"--axes {','.join(axes)}: an emulated bench has x,y or x,y,z")
     more = ["--axes", str(count)] if axes else []
-    gauges = f"{count} KSG101" if axes else "KSG101"
+    gauges = f"{count} KSG101s" if axes else "a KSG101"
     say(
-        f"an emulated MDT693B and {gauges}, with a simulated stage behind; "
-        f"`dehyst emulate {' '.join([*more, '--dir', str(folder)])}` brings the same ports back"
+        f"starting an emulated MDT693B and {gauges} with a simulated stage; it ends with this "
+        f"command, and `dehyst run --config {folder.parent / 'stage.toml'}` starts it again"
     )
     bench = BenchProcess(folder, more)
+    note(folder, more)
     held.callback(bench.close)
     return tuple(path for name, path in bench.ports.items() if name.startswith(UNITS))
 

@@ -282,7 +282,8 @@ class Admission:
             raise NotAdmitted(
                 "dense",
                 f"the points are {span_ns / max(gaps, 1) * 1e-6:.3g} ms apart, the loop's period "
-                f"is {self.core.period_ns * 1e-6:.3g} ms; send fewer",
+                f"is {self.core.period_ns * 1e-6:.3g} ms; send at most "
+                f"{1e9 / self.core.period_ns:g} points a second",
             )
         ahead_s = 0.0 if command.index == 0 else self.queue_ahead_s(now_ns)
         if ahead_s + span_ns * 1e-9 > self.queue_s:

@@ -6,6 +6,7 @@ models are loaded again beside the loop and swapped in without a jump, or refuse
 controller are here: one clock, one deadline (dehyst.daemon.loop.axes).
 """
 
+import logging
 import os
 import secrets
 from collections.abc import Callable
@@ -24,8 +25,13 @@ from dehyst.daemon.loop.step import Stepper
 from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.loop.timing.witness import Witness
 from dehyst.daemon.rings.records import State
+from dehyst.drivers.interface import DeviceTimeout, Joint, ProtocolError
 
+log = logging.getLogger(__name__)
 RUN_BITS = 48
+ATTEMPTS = 3
+"""To open the devices: one late reply is no reason to give up. What is not plugged in, or
+refuses a setting, is not tried again."""
 EXTEND_US = 15_000_000
 
 
@@ -40,18 +46,31 @@ class Core:
         self.controller, self._serve = controller, serve
         self.axes = [AxisCore(config, tell_systemd) for config in controller.axes]
         self._by_name = {axis.config.axis: axis for axis in self.axes}
-        opened: list[AxisCore] = []
         # drivers measure their rate when they open: at the priority at which the loop will run
         with realtime.raised(controller.loop.priority):
+            self._joint = self._open_patiently()
+
+    def _open_patiently(self) -> list[tuple[Joint, tuple[int, ...]]]:
+        """As _open; where a reply comes late or out of step, once more."""
+        for _ in range(ATTEMPTS - 1):
             try:
-                for axis in self.axes:
-                    axis.open()
-                    opened.append(axis)
-                self._joint = joined([axis.actuator.device for axis in self.axes])
-            except BaseException:
-                for axis in opened:
-                    axis.close()
-                raise
+                return self._open()
+            except (DeviceTimeout, ProtocolError) as error:
+                log.warning("%s; the devices are opened again", error)
+        return self._open()
+
+    def _open(self) -> list[tuple[Joint, tuple[int, ...]]]:
+        """Open the devices of all axes, or of none; the outputs that share a unit, see joined."""
+        opened: list[AxisCore] = []
+        try:
+            for axis in self.axes:
+                axis.open()
+                opened.append(axis)
+            return joined([axis.actuator.device for axis in self.axes])
+        except BaseException:
+            for axis in opened:
+                axis.close()
+            raise
 
     def run(self) -> bool:
         """Until SIGTERM or SIGINT: True when the outputs stand where safe.on_stop wants them.

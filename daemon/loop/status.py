@@ -39,6 +39,10 @@ class Reading(NamedTuple):
 
 
 AS_IT_COMES = Reading()
+SEEN_NS = 1_000_000_000  # of readings, before gauge and model are compared
+FAR = 0.01
+"""Of the reach: at a start a larger difference between gauge and model is an unknown place, and
+more than noise or the gauge's own zero."""
 NO_ROWS = np.zeros(0, records_in_memory.FOLLOW_T)
 
 
@@ -83,6 +87,7 @@ class LoopMonitor:
         self._control: Any = memoryview(stepper.control.view(np.int64))  # type: ignore[arg-type]
         self._rings, self._fill_status = rings, fill_status
         self._status, self._event = np.zeros(1, STATUS), np.zeros(1, EVENT)
+        self._placed = False
         self._status_ns, self._last_state, self._notes = 0, int(State.START), 0
         self._next: tuple[Any, ...] | None = None
         self._next_rows = NO_ROWS
@@ -196,6 +201,7 @@ class LoopMonitor:
     def publish_status(self, now_ns: int) -> None:
         """One STATUS record; the histograms start again."""
         stepper = self.stepper
+        self._placed = False
         self._status_ns, self._last_state = now_ns, self._control[_STATE]
         row = self._status[0]
         row["time_ns"], row["wall_ns"] = now_ns, clock.wall_ns()
@@ -224,8 +230,22 @@ class LoopMonitor:
         row["origin"], row["period_ns"] = stepper.origin, stepper.settings.period_ns
         row["pid"] = os.getpid()
         self._fill_status(self._status)
+        self._offer_zero(row)
         self._mend()
         self._rings["status"].push(row)
+
+    def _offer_zero(self, row: Any) -> None:
+        """Say once that the stage is elsewhere than the model has it: its past is unknown."""
+        if self._placed or row["state"] != State.READY or self.samples * row["period_ns"] < SEEN_NS:
+            return
+        self._placed = True
+        reach, differs = float(row["reach_max"] - row["reach_min"]), float(row["differs"])
+        if abs(differs) > FAR * reach:  # False where there is no reading
+            unit = bytes(row["unit"]).decode("utf-8", "replace")
+            self.stepper.events.append(
+                f"the gauge is {differs:+.3g} {unit} from the model: after a start the history of "
+                "the stage is unknown; `dehyst zero --exercise` erases it and finds the place"
+            )
 
     def _mend(self) -> None:
         """Look whether the rings are whole still: a reader that attaches later relies on them."""

@@ -2,6 +2,7 @@
 comment sign, so that the file shows all that can be said in it."""
 
 import json
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,6 +11,7 @@ from dehyst.daemon.config import SafeConfig
 from dehyst.daemon.tools.config_keys import ConfigSection, list_config
 from dehyst.drivers.registry import find_plugins, list_settings
 from dehyst.drivers.settings import SettingKey
+from dehyst.models.errors import BadInput
 
 WIDTH = 100
 SLEW_SPANS = 20.0
@@ -23,6 +25,16 @@ HEAD = """\
 """
 Given = Mapping[str, Mapping[str, Any]]
 """Values by section and key; "" is the top of the file, `settings` of a device a table."""
+
+
+def check_range(low: float, high: float, slew: float | None) -> None:
+    """BadInput where the limits that were given cannot be a stage's."""
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise BadInput(
+            f"--range {low:g} {high:g}: give the lowest voltage first, then the highest, in V"
+        )
+    if slew is not None and not 0.0 < slew < math.inf:
+        raise BadInput(f"--slew {slew:g}: a rate in V/s, greater than 0")
 
 
 def limits_within(low: float, high: float, slew: float) -> dict[str, dict[str, float]]:

@@ -24,8 +24,25 @@ def list_figures(played: Played) -> dict[str, Any]:
         "invalid_sensor_samples": tracking.invalid,
         "fallback_samples": tracking.dry,
         "missed_deadlines": tracking.missed,
+        "too_busy_to_judge": bool(about_the_machine(played)),
         "state": played.state,
     }
+
+
+MOST_MISSED = 0.01
+"""Share of missed deadlines above which the figures are those of the machine, not of the stage."""
+
+
+def about_the_machine(played: Played) -> str:
+    """Why the errors may not be the stage's; "": they are."""
+    tracking = played.tracking
+    if tracking.missed <= MOST_MISSED * max(tracking.samples, 1):
+        return ""
+    share = 100.0 * tracking.missed / max(tracking.samples, 1)
+    return (
+        f"{share:.2g} % of the deadlines were missed: this machine was too busy to judge the error "
+        "by; `dehyst latency` shows what is too slow"
+    )
 
 
 def describe_played(played: Played, axis: str) -> list[str]:
@@ -33,7 +50,8 @@ def describe_played(played: Played, axis: str) -> list[str]:
     tracking, unit, head = played.tracking, played.unit, f"{axis}: " if axis else ""
     end = "played to the end" if played.completed else f"ended early: {played.reason}"
     most = tracking.max_error if tracking.valid else float("nan")
-    return [
+    busy = about_the_machine(played)
+    lines = [
         f"{head}{end}; {tracking.samples} of {tracking.expected} samples, {played.lost} lost",
         f"{head}tracking error: rms {tracking.rms_error:.4g} {unit}, largest {most:.4g} {unit}",
         f"{head}unreachable {tracking.unreachable}, slew-limited {tracking.slew_limited}, outside "
@@ -41,3 +59,4 @@ def describe_played(played: Played, axis: str) -> list[str]:
         f"{tracking.invalid}, inverse fell back {tracking.dry}, missed deadlines "
         f"{tracking.missed}",
     ]
+    return [*lines, f"{head}{busy}"] if busy else lines

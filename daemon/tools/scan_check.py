@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dehyst.daemon.config import load_controller
+from dehyst.daemon.config import Config, load_controller
 from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files.models import load_model
 from dehyst.models.cascade.reach import displacement_range, set_point_origin
@@ -46,13 +46,15 @@ def axes_of(path: Path, names: tuple[str, ...]) -> tuple[dict[str, Reached], flo
             there = ", ".join(filter(None, known)) or "one axis without a name"
             raise BadInput(f"{path}: there is no axis {name}; it has {there}")
         config = known[name]
-        model = load_model(config.model.file)
-        drives = drive_range(config, model)
-        zero = set_point_origin(config.setpoint.origin, *displacement_range(model, *drives))
-        out[name] = Reached(
-            model, drives, config.limits.slew_v_per_s / abs(config.actuator.gain), zero
-        )
+        out[name] = axis_of_daemon(load_model(config.model.file), config)
     return out, controller.loop.rate_hz
+
+
+def axis_of_daemon(model: Model, config: Config) -> Reached:
+    """An axis with this model under this configuration."""
+    drives = drive_range(config, model)
+    zero = set_point_origin(config.setpoint.origin, *displacement_range(model, *drives))
+    return Reached(model, drives, config.limits.slew_v_per_s / abs(config.actuator.gain), zero)
 
 
 def axis_of_model(model: Model, slew: float) -> Reached:

@@ -34,4 +34,8 @@ if __name__ == "__main__":
     worker = Worker(Results(Loop(), sys.argv[1]))
     worker.start()
     worker.join(60)
-    raise SystemExit(0 if worker.procedure.status == Procedure.FINISHED else 1)
+    status = worker.procedure.status
+    if status != Procedure.FINISHED:
+        how = "is not done after 60 s" if worker.is_alive() else "failed; its log says why"
+        print(f"the procedure {how} (status {status})", file=sys.stderr)
+    raise SystemExit(0 if status == Procedure.FINISHED else 1)

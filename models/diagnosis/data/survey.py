@@ -45,8 +45,8 @@ def survey(
         said.append(f"{data.missing} readings are missing ({share:.1%}); none was filled in")
     if data.stalls:
         said.append(
-            f"the recorder stood still {data.stalls} times; what follows each stall was left out, "
-            "as the drive's way is not known"
+            f"the recorder stopped {data.stalls} time{'s' if data.stalls > 1 else ''}; the samples "
+            "after each stop were left out, because the drive in between is not known"
         )
     step = quantum(data.y)
     if step > COARSE * sigma:

@@ -1,0 +1,46 @@
+"""The emulated bench of a configuration: `dehyst setup --emulated` makes it, `dehyst run --config`
+starts it again. A note in the folder of its ports says which bench it is."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from dehyst.daemon.config import Controller
+from dehyst.daemon.files.models import write_text
+from dehyst.daemon.service.supervisor import BenchProcess
+from dehyst.models.errors import BadInput
+
+NOTE = "emulated.json"
+
+
+def note(folder: Path, arguments: list[str]) -> None:
+    """Write down which bench has its ports in `folder`: the options of `dehyst emulate`."""
+    write_text(folder / NOTE, json.dumps({"emulate": arguments}) + "\n")
+
+
+def command_of(folder: Path, arguments: list[str]) -> str:
+    """The command that starts it by itself."""
+    return " ".join(["dehyst emulate", *arguments, "--dir", str(folder)])
+
+
+@contextmanager
+def started_for(controller: Controller, say: Callable[[str], None]) -> Iterator[None]:
+    """The bench of a configuration while it is used; nothing where its ports are hardware, or where
+    the bench runs already. Raises BadInput where its note cannot be read."""
+    port = controller.axes[0].actuator.settings.get("port")
+    folder = Path(str(port)).parent if isinstance(port, str) else Path()
+    path = folder / NOTE
+    if not isinstance(port, str) or Path(port).exists() or not path.is_file():
+        yield
+        return
+    try:
+        arguments = [str(word) for word in json.loads(path.read_text())["emulate"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise BadInput(f"{path}: not the note of an emulated bench; delete it") from None
+    say(f"starting its emulated bench: {command_of(folder, arguments)}")
+    bench = BenchProcess(folder, arguments)
+    try:
+        yield
+    finally:
+        bench.close()
