@@ -27,7 +27,7 @@ export class Axes {
     this.said = null;
     this.number = [];
     this.way.clear();
-    for (const id of ["axes", "path"]) $(id).hidden = true;
+    for (const id of ["axes", "path", "axes-going"]) $(id).hidden = true;
     $("one").hidden = false;
     $("main").classList.remove("several");
   }
@@ -63,7 +63,7 @@ export class Axes {
       this.number.splice(0, drop);
       for (const way of this.way.values()) for (const values of way) values.splice(0, drop);
     }
-    for (const id of ["axes", "path"]) $(id).hidden = false;
+    for (const id of ["axes", "path", "axes-going"]) $(id).hidden = false;
     $("one").hidden = true;
     $("main").classList.add("several");
     if (fresh) { this.offer(names); this.fields(); }
@@ -89,7 +89,7 @@ export class Axes {
       const row = document.createElement("tr"), unit = unitName(a.unit || "");
       row.setAttribute("aria-current", String(a.name === this.page.name));
       const places = a.reach ? decimals(a.reach) : 3;
-      const size = (value) => `${fixed(value, places)} ${unit}`;
+      const size = (value) => (Number.isFinite(value ?? NaN) ? `${fixed(value, places)} ${unit}` : "–");
       const gap = Number.isFinite(a.target ?? NaN) && Number.isFinite(a.measured ?? NaN) ? a.measured - a.target : null;
       const words = [a.axis || a.name, size(a.measured), a.target === null ? "none" : size(a.target),
         size(gap), `${fixed(a.volts, 2)} V`, a.mismatch ? `${a.state}, mismatch` : a.state];
@@ -194,7 +194,7 @@ function grid(draw, { x0, y0, span, px, py, size }, right, up, unit) {
   draw.textAlign = "right";
   for (let y = step * Math.ceil(y0 / step); y <= y0 + span; y += step) {
     line(draw, px(x0), py(y), px(x0 + span), py(y));
-    draw.fillText(number(y, 3), px(x0) - 5, py(y) + 4);
+    if (py(y) > 1.4 * rem()) draw.fillText(number(y, 3), px(x0) - 5, py(y) + 4); // above is the name
   }
   draw.textAlign = "left";
   draw.fillText(`${up}, ${unitName(unit)}`, 4, 0.7 * rem());

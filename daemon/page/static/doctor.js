@@ -26,8 +26,9 @@ export class Doctor {
 
   show() {
     const r = this.report, offer = r && r.offer;
-    $("doctor-state").textContent = r ? STATES[r.state] || r.state : "no findings";
-    $("doctor-case").textContent = r ? `${clockTime(r.wall_ns * 1e-9, 0)} ${r.case}` : "no mismatch has been seen";
+    $("doctor").hidden = !r;
+    $("doctor-state").textContent = r ? STATES[r.state] || r.state : "";
+    $("doctor-case").textContent = r ? `${clockTime(r.wall_ns * 1e-9, 0)} ${r.case}` : "";
     $("doctor-says").textContent = r ? pretty(r.says) : "";
     $("doctor-effects").replaceChildren(...(r ? r.effects : []).map((effect) => {
       const item = document.createElement("li"), name = document.createElement("b");
@@ -48,7 +49,6 @@ export class Doctor {
     $("doctor-experiment").textContent = r ? `dehyst ${r.experiment.join(" ")}` : "";
     $("doctor-report").hidden = !(r && r.has_report);
     if (r) $("doctor-report").href = `doctor/${encodeURIComponent(this.page.controller())}/${encodeURIComponent(r.case)}`;
-    $("doctor-decide").hidden = !offer;
     $("accept").disabled = !(this.page.operator && offer && r.state === "found");
     $("reject").disabled = !(this.page.operator && offer && ["found", "trial", "accepted"].includes(r.state));
   }

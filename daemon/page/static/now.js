@@ -6,10 +6,10 @@ const $ = (id) => document.getElementById(id);
 const TEXT_MS = 200; // a figure that changes faster cannot be read
 const RECENT_MS = 1500; // steps that follow each other start from the step before
 
-// Places behind the decimal point that show a ten-thousandth of the reach.
+// Decimal places that show a few ten-thousandths of the reach.
 export function decimals(reach) {
   const span = Math.abs(reach[1] - reach[0]);
-  return span > 0 && Number.isFinite(span) ? Math.min(6, Math.max(0, 4 - Math.floor(Math.log10(span)))) : 3;
+  return span > 0 && Number.isFinite(span) ? Math.min(6, Math.max(0, 3 - Math.floor(Math.log10(span / 2)))) : 3;
 }
 
 export function fixed(value, places) {

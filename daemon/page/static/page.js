@@ -199,7 +199,7 @@ function showStatus(said) {
     const { target, measured } = said, both = target !== null && measured !== null;
     now.take(target, { target, measured, error: both ? measured - target : null, volts: s.volts });
   }
-  $("figures").textContent = `error, last second: ${fixed(said.error_rms, places)} ${unit} rms, ${fixed(said.error_max, places)} ${unit} at most`;
+  $("figures").textContent = said.error_rms === null ? "no error: there is no target" : `error, last second: ${fixed(said.error_rms, places)} ${unit} rms, ${fixed(said.error_max, places)} ${unit} at most`;
   const g = s.gateway, axis = g.axes.length > 1 ? said.name.replace(`${g.controller}-`, "") : "";
   $("command-axis").textContent = axis ? `axis ${axis}` : "";
   $("plots-of").textContent = axis ? `Axis ${axis}` : "";
@@ -243,7 +243,7 @@ function showHealth(said, s) {
   bar.classList.toggle("over", health > 1 || Boolean(wrong));
   const now = said.healths.length ? said.healths[said.healths.length - 1][0] : 0;
   if (said.healths.length > 1) {
-    drawStill($("plot-health"), 8 * rem(), said.healths.map(([t]) => t - now), [
+    drawStill($("plot-health"), 6.5 * rem(), said.healths.map(([t]) => t - now), [
       { label: "health", colour: "target", y: said.healths.map(([, h]) => Math.max(0, h)) },
       { label: "limit", colour: "warn", y: said.healths.map(() => 1), dash: [4, 4] },
     ], "", { y: { range: (u, low, high) => [0, Math.max(1.2, high || 0)] } });
@@ -251,6 +251,7 @@ function showHealth(said, s) {
   fillList($("positioning"), [
     ["trim", s.trimmed ? `${fixed(said.trim, places)} ${unit}${s.trim_frozen ? `, frozen: ${s.trim_frozen.replace(/_/g, " ")}` : ""}` : "open loop"],
     ["learned", s.learned ? `${fixed(said.learned, places)} ${unit}` : "nothing"],
+    ["findings", doctor.report ? "below" : "none"],
     ["gauge above model", `${fixed(s.differs, places)} ${unit}`],
   ]);
 }

@@ -217,7 +217,7 @@ export class Plots {
 
 // A range of values that spans at least so much, about its middle.
 export function atLeast(low, high, least) {
-  if (low === null || high === null) return [0, least || 1];
+  if (low === null || high === null) return [-(least || 1) / 2, (least || 1) / 2];
   const span = 1.1 * Math.max(high - low, least), middle = (low + high) / 2;
   return span > 0 ? [middle - span / 2, middle + span / 2] : [low - 1, high + 1];
 }
