@@ -228,7 +228,8 @@ class DoctorConfig(_Strict, frozen=True):
     """Seconds of motion within which the error must have fallen; else the old model comes back."""
     memory_gb: Annotated[float, Meta(ge=1, le=64)] = 4.0
     time_s: Annotated[float, Meta(ge=10, le=36000)] = 900.0
-    """A diagnosis that takes more memory or time is given up."""
+    """A diagnosis that takes more memory, or more seconds of a processor, is given up; so is one
+    that is not done after six times as long, because other work takes the processors."""
 
 
 class PageConfig(_Strict, frozen=True):

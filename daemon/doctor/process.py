@@ -8,6 +8,7 @@ twice. The process itself imports nothing that computes.
 
 import logging
 import multiprocessing
+import os
 import signal
 import threading
 from pathlib import Path
@@ -20,6 +21,9 @@ from dehyst.daemon.files.cases import Case, Examined
 
 log = logging.getLogger(__name__)
 LOOK_S = 0.5
+STARVED = 6.0
+"""An examination that other work keeps from the processors may take so many times its time: it has
+the lowest priority."""
 
 
 class Doctor:
@@ -53,7 +57,6 @@ class Doctor:
         begun_ns = clock.monotonic_ns()
         spawn = multiprocessing.get_context("spawn")
         child = spawn.Process(target=examine_case, args=(str(folder), limits.memory_gb))
-        end_ns = begun_ns + round(limits.time_s * clock.NS)
         child.start()
         why = ""
         try:
@@ -62,8 +65,8 @@ class Doctor:
                 notify.send("WATCHDOG=1", f"STATUS=examining {folder.name}")
                 if self._ending:
                     return  # it is examined anew after the next start
-                if clock.monotonic_ns() > end_ns:
-                    why = f"it was not done within {limits.time_s:g} s"
+                spent_s = (clock.monotonic_ns() - begun_ns) / clock.NS
+                if why := why_over(limits.time_s, spent_s, processor_s(child.pid or 0)):
                     break
         finally:
             child.kill()
@@ -93,6 +96,28 @@ def end_of(code: int | None) -> str:
     if -code == signal.SIGKILL:
         return f"its process was ended from outside ({name}), as a system does without memory"
     return f"its process was ended by {name}"
+
+
+def why_over(time_s: float, spent_s: float, worked_s: float) -> str:
+    """Why an examination has to end, in words; "": it may go on. spent_s: since it began; worked_s:
+    of a processor. One that waits for a processor is not slow."""
+    if worked_s > time_s:
+        return f"it was not done within {worked_s:.0f} s of a processor"
+    if spent_s > STARVED * time_s:
+        return (
+            f"other work left it {worked_s:.0f} s of a processor in {spent_s:.0f} s; it may take "
+            f"{time_s:g} s of one"
+        )
+    return ""
+
+
+def processor_s(pid: int) -> float:
+    """What a process has had of the processors [s]; 0 where it is gone."""
+    try:
+        words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _newest_open(config: Config) -> Path | None:

@@ -59,7 +59,7 @@ after_s = 20.0
 [doctor]
 test_s = 10.0
 trial_s = 10.0
-time_s = 3600.0
+time_s = 600.0
 """
 READY_S = 3.0 * LEARN_S + 60.0
 FLAG_S, WORD_S, TRIAL_S = 30.0, 240.0, 60.0

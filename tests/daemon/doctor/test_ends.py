@@ -1,6 +1,8 @@
 """How an examination ends, and that what is said of its end is what happened."""
 
+import os
 import signal
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.doctor.child import examined_or_why
 from dehyst.daemon.doctor.examination import examine
-from dehyst.daemon.doctor.process import end_of
+from dehyst.daemon.doctor.process import end_of, processor_s, why_over
 from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Examined
 from dehyst.daemon.files.models import save_model
@@ -107,3 +109,19 @@ def test_a_diagnosis_of_a_stage_at_rest_has_all_pictures(tmp_path: Path) -> None
     page = report_diagnosis(found, [flagged.name])
     assert page.count("<img") == 11
     assert "could not be drawn" not in page
+
+
+def test_an_examination_that_other_work_keeps_waiting_is_not_ended_as_a_slow_one() -> None:
+    assert why_over(900.0, 800.0, 700.0) == ""
+    assert why_over(900.0, 4000.0, 30.0) == ""
+    assert "901 s of a processor" in why_over(900.0, 902.0, 901.0)
+    starved = why_over(900.0, 6000.0, 30.0)
+    assert "left it 30 s of a processor in 6000 s" in starved
+
+
+def test_the_time_on_a_processor_is_that_of_the_process() -> None:
+    before_s = time.process_time()
+    while time.process_time() - before_s < 0.1:
+        pass
+    assert processor_s(os.getpid()) >= before_s + 0.05
+    assert processor_s(0) == 0.0

@@ -120,6 +120,11 @@ CHANGES = [
             "an examination that fails by a fault of its own is said to want more memory",
         ),
         Change(
+            "starved-is-slow", "daemon/doctor/process.py",
+            "if spent_s > STARVED * time_s:", "if spent_s > time_s:",
+            "on a busy machine the doctor gives every case up",
+        ),
+        Change(
             "report-loses-findings", "daemon/doctor/examination.py",
             "(ArithmeticError, LookupError, TypeError, ValueError, MemoryError)", "KeyError",
             "a report that cannot be written loses the findings",
