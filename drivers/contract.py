@@ -94,7 +94,7 @@ class _DriverContract:
     def test_spec_after_open(self) -> None:
         with self.opened() as device:
             self.check_spec(device.spec)
-            assert device.spec.identity, "no identity: the log could not tell two units apart"
+            assert device.spec.identity, "no identity: the log could not distinguish two units"
 
     def test_open_and_close_twice(self) -> None:
         with self.opened() as device:

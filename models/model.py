@@ -95,7 +95,7 @@ class Validity:
 @dataclass(frozen=True)
 class Fit:
     """Errors of the fit, rms in displacement units; band: half the width of the interval that holds
-    95 % of the displacements foretold on other drives of the range. None: not measured."""
+    95 % of the displacements predicted on other drives of the range. None: not measured."""
 
     rms: float | None = None
     holdout_rms: float | None = None

@@ -146,7 +146,7 @@ def diagnose(
 
 
 def validate(models: Any, *data: Any, units: tuple[str, str] = UNITS) -> Validated:
-    """How well models foretell recordings that they have not seen. models: one, or a sequence.
+    """How well models predict recordings that they have not seen. models: one, or a sequence.
 
     Raises BadInput on other units and on recordings without what a model reads.
     """

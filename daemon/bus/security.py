@@ -5,7 +5,7 @@ either user and password, or certificates (mutual TLS). Everything is denied but
 roles need. Observers: telemetry, status, events, model, configuration, history. Operators: the
 same, and commands. These rules hold in the daemon's process.
 
-Behind a router all clients come over one link, on which the daemon cannot tell them apart. Then
+Behind a router all clients come over one link, on which the daemon cannot distinguish them. Then
 the router asks for credentials and enforces the roles (docs/examples/router-secured.json5 by
 certificate, router-passwords.json5 by user name), and the daemon has credentials of its own and
 listens on nothing.
@@ -158,13 +158,13 @@ def check_routers(listen: Sequence[str], connect: Sequence[str], auth: Any) -> N
         raise BadInput("bus.auth.credentials: are for the routers in bus.connect; name them")
     if credentials and listen:
         raise BadInput(
-            "bus.auth.credentials: behind a router that enforces the roles the daemon itself "
+            "bus.auth.credentials: with a router that enforces the roles the daemon itself "
             "listens on nothing: set bus.listen = []"
         )
     roles = auth is not None and (auth.operators or auth.observers)
     if roles and connect:
         raise BadInput(
-            "bus.auth: the clients of a router cannot be told apart here: name operators and "
+            "bus.auth: the clients of a router cannot be distinguished here: name operators and "
             "observers in the router's configuration, and bus.auth.credentials here"
         )
     if not listen and not connect:

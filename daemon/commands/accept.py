@@ -23,7 +23,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EPILOG
     add_offer(parser)
     parser.add_argument(
-        "--wait", type=float, default=0.0, metavar="S", help="for the end of the trial, so long"
+        "--wait",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="wait at most S seconds for the end of the trial",
     )
     add_connection(parser)
 

@@ -17,9 +17,9 @@ from dehyst.daemon.tools.config_text import (
 from dehyst.models.errors import BadInput
 
 EPILOG = """\
-`dehyst config init` writes a configuration with every key: what you give as it is, everything else
-as its default behind a comment sign, with what it means and what is allowed. It touches no device.
-The limits are needed: no voltage is taken for granted. All keys: docs/reference-configuration.md.
+`dehyst config init` writes a configuration with every key: the values that you give, and all other
+keys as comments with their default, meaning and allowed values. It touches no device. The voltage
+limits are required. All keys: docs/reference-configuration.md.
 
 exit status: 0; 2 where something is wrong, or the file exists (--force replaces it).
 

@@ -24,8 +24,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "Locate what the model in use leaves unexplained, name the physics, model it, and show the "
         "fit improve. The model in use is that of --model, or the plain one identified from these "
         "recordings. Give all recordings of one stage together: several "
-        "waveforms, holds, and a rest tell more than one. Writes diagnosis.json, model.toml (the "
-        "augmented model) and report.html into DIR. Exit status 1: something was left out."
+        "waveforms, holds, and a rest show more than one. Writes diagnosis.json, model.toml (the "
+        "augmented model) and report.html into DIR. Exit status 1: the "
+        "model in use leaves something out."
     )
     parser.epilog = (
         "examples: dehyst diagnose sweep.csv holds.csv -o findings\n"

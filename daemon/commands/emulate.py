@@ -1,4 +1,4 @@
-"""an MDT693B and KSG101s on pseudo terminals, with a simulated stage behind"""
+"""an MDT693B and KSG101s on pseudo terminals, connected to a simulated stage"""
 
 import argparse
 import contextlib
@@ -57,7 +57,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=int,
         choices=(1, 2, 3),
         default=1,
-        help="a stage of so many axes (x, y, z) that move each other a little, each with its gauge",
+        help="number of axes (x, y, z), which move each other a little, each with its gauge",
     )
     parser.add_argument(
         "--limit-v",

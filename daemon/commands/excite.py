@@ -17,6 +17,7 @@ from dehyst.models.drive_design.waveforms import Limits
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
 from dehyst.models.recording import Recording
+from dehyst.models.units import spell_unit
 
 SECONDS, SPANS_PER_S = 20.0, 200.0  # of --separate, where the user says nothing
 
@@ -26,21 +27,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Design a drive of superimposed sines that covers the range and all rates evenly, with "
         "loops of all sizes, a gentle start and a safe end; or, with --check, say whether a "
-        "recording excites enough; or, with --separate, design the drive that tells two effects "
-        "apart. Exit status 1: --check found something missing."
+        "recording excites enough; or, with --separate, design the drive that distinguishes "
+        "two effects. Exit status 1: --check found something missing."
     )
     parser.epilog = (
         "examples: dehyst excite --range 0 75 --band 10 --duration 20 -o drive.csv\n"
         "          dehyst excite --config stage.toml --band 5 --duration 20 -o drive.csv\n"
         "          dehyst excite --check run.csv --picture coverage.png\n"
-        "          dehyst excite --separate delay lag --range 0 75 -o tell-apart.csv"
+        "          dehyst excite --separate delay lag --range 0 75 -o separate.csv"
     )
     parser.add_argument("--range", nargs=2, type=float, metavar=("MIN", "MAX"), help="drive range")
     parser.add_argument(
         "--config",
         type=Path,
         metavar="FILE",
-        help="range, sampling and slew of this stage; what is given beside it must lie within",
+        help="range, sampling and slew of this stage; other options must lie within these",
     )
     parser.add_argument(
         "--unit",
@@ -72,7 +73,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--separate",
         nargs=2,
         metavar=("A", "B"),
-        help=f"design the drive that tells effect A from B: {', '.join(EFFECTS)}",
+        help=f"design the drive that distinguishes effect A from B: {', '.join(EFFECTS)}",
     )
     parser.add_argument("--model", metavar="MODEL.toml", help="the stage's model, for --separate")
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="what is covered")
@@ -101,7 +102,8 @@ def _take_config(args: argparse.Namespace) -> None:
         args.sampling = args.sampling or config.loop.rate_hz
         if min(args.range) < low or max(args.range) > high or args.slew > slew:
             raise BadInput(
-                f"{args.config} allows {low:g} to {high:g} {args.unit} at {slew:g} {args.unit}/s; "
+                f"{args.config} allows {low:g} to {high:g} {spell_unit(args.unit)} at {slew:g} "
+                f"{spell_unit(args.unit)}/s; "
                 "--range and --slew must lie within"
             )
     args.sampling = 1000.0 if args.sampling is None else args.sampling
@@ -143,10 +145,13 @@ def _design(args: argparse.Namespace) -> int:
         return 0
     print(f"{args.output}: {drive.t_s.size} samples, {drive.t_s[-1]:.4g} s")
     for sine in sines:
-        print(f"  {sine['amplitude']:8.4g} {args.unit} at {sine['frequency_hz']:.4g} Hz")
+        print(
+            f"  {sine['amplitude']:8.4g} {spell_unit(args.unit)} at {sine['frequency_hz']:.4g} Hz"
+        )
     print(
-        f"rates up to {drive.rate_max:.4g} {args.unit}/s, {covered.covered:.0%} of drive and rate "
-        f"covered; starts and ends at rest at {drive.u[0]:g} {args.unit}"
+        f"rates up to {drive.rate_max:.4g} {spell_unit(args.unit)}/s, "
+        f"{covered.covered:.0%} of drive and rate covered; starts and ends at rest at "
+        f"{drive.u[0]:g} {spell_unit(args.unit)}"
     )
     return 0
 
@@ -170,9 +175,10 @@ def _check(args: argparse.Namespace) -> int:
         return 1 if missing else 0
     low, high = covered.drive_edges[0], covered.drive_edges[-1]
     print(
-        f"drive {low:.4g} to {high:.4g} {unit}, {covered.cycles:.1f} times through the range, "
-        f"rates up to {covered.rate_max:.4g} {unit}/s, {covered.covered:.0%} of drive and rate "
-        f"covered, {covered.rest_s:.3g} s at rest"
+        f"drive {low:.4g} to {high:.4g} {spell_unit(unit)}, "
+        f"{covered.cycles:.1f} times through the range, "
+        f"rates up to {covered.rate_max:.4g} {spell_unit(unit)}/s, "
+        f"{covered.covered:.0%} of drive and rate covered, {covered.rest_s:.3g} s at rest"
     )
     for text in [*missing, *defects]:
         print(f"missing: {text}" if text in missing else f"note: {text}")
@@ -242,7 +248,7 @@ def _separate(args: argparse.Namespace) -> int:
     print(experiment.says)
     print(
         f"{args.output}: {experiment.t_s.size} samples, {limits.seconds:g} s, {low:g} to {high:g} "
-        f"{unit}, at most {rate:g} {unit}/s"
+        f"{spell_unit(unit)}, at most {rate:g} {spell_unit(unit)}/s"
     )
     return 0
 

@@ -27,13 +27,13 @@ AMPLIFIER, GAUGE = "mdt693b", "ksg101"
 NAMES = {AMPLIFIER: "MDT693B", GAUGE: "KSG101"}
 
 EPILOG = f"""\
-Finds out whether an MDT693B (amplifier) or a KSG101 (gauge reader) is behind the port. Sends
+Finds out whether an MDT693B (amplifier) or a KSG101 (gauge reader) is connected to the port. Sends
 requests, to the amplifier also an empty line and two unknown words; changes no setting and moves
 no output. PORT is a path or "auto" (the MDT69xB on USB, with --unit ksg101 the gauge reader). Stop
 everything else that uses the unit first.
 
 --sets V times {TIMED} sets of axis x, all to V, and only if the unit reads back V within 1 V. The
-unit cannot tell its set-point, so give the one that it really has: otherwise the output moves
+unit does not report its set-point, so give the one that it really has: otherwise the output moves
 by the difference.
 
 exit status: 0; 1 when what answers is neither of the two, or nothing answers.

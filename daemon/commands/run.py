@@ -18,8 +18,8 @@ NAME, LISTEN = "bench", "tcp/127.0.0.1:7447"
 DESCRIPTION = """\
 The daemon in the foreground: the loop's process, the network's process, and their restarts.
 
-Without --config it runs on the simulated stage, behind an emulated MDT693B and KSG101 on pseudo
-terminals that the real serial drivers talk to.
+Without --config it runs on the simulated stage: an emulated MDT693B and KSG101 on pseudo
+terminals, which the real serial drivers talk to.
 
 SIGTERM or Ctrl-C ends it in the state that [safe] names; SIGHUP loads the model file again."""
 
@@ -50,7 +50,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--axes",
         type=int,
         choices=(1, 2, 3),
-        help="without --config: a simulated stage of so many axes (default: 1)",
+        help="without --config: number of axes of the simulated stage (default: 1)",
     )
     parser.add_argument("--name", help=f"without --config: the daemon's name (default: {NAME})")
     parser.epilog = (

@@ -18,19 +18,20 @@ measures the rate, writes the configuration, exercises the stage gently, excites
 identifies a model, validates it on a fresh drive, follows a sine without and with it, and says how
 to run it.
 
-Each step says what it will move, and how far, before it moves, and asks. What is done stands in
-FOLDER/setup.json: the same command goes on where it ended, --from STEP repeats from a step on, and
-an option of another value repeats the steps that heed it. Recordings are never replaced. A
-stage.toml of your own in FOLDER is used as it stands, with whatever drivers it names.
+Each step announces what it will move, and how far, before it moves, and asks. FOLDER/setup.json
+records what is done: the same command resumes where it stopped, --from STEP repeats from that step,
+and changing an option repeats the steps that depend on it. Recordings are never replaced. A
+stage.toml of your own in FOLDER is used as it is, with the drivers that it names.
 
-With --axes, several axes of one amplifier: the gentle loops show which gauge sits on which; all are
-recorded one after the other, then together; each gets a model that knows what the others bring."""
+With --axes, several axes of one amplifier: the gentle loops show which gauge is on which axis; the
+axes are recorded one after another, then together; each model includes coupling from the others."""
 
 EPILOG = """\
 steps: {steps}
 
-exit status: 0: all is done, the model keeps what it claims, and the error with it is smaller; 1: a
-step found something (it says what), or it was ended; 2: bad input, or a unit that cannot be used.
+exit status: 0: all steps are done, the model is as good as it claims, and it makes the error
+smaller; 1: a step found something (it says what), or was interrupted; 2: bad input, or a unit that
+cannot be used.
 
 examples: dehyst setup stage-1
           dehyst setup stage-1 --yes --ports /dev/ttyACM0 /dev/ttyUSB0 --range 0 100
@@ -44,18 +45,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst setup`."""
     parser.description = DESCRIPTION
     parser.epilog = EPILOG.format(steps=", ".join(NAMES))
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="where everything goes; made")
+    parser.add_argument(
+        "folder", type=Path, metavar="FOLDER", help="where everything is written; created if needed"
+    )
     parser.add_argument(
         "--yes",
         action="store_true",
-        help="ask nothing: go on after each announcement, with defaults; needs --range",
+        help="ask nothing: continue after each announcement, with defaults; needs --range",
     )
     parser.add_argument(
         "--ports",
         nargs="+",
         metavar="PORT",
         default=[],
-        help="these may be asked who they are (default: those whose USB numbers say it)",
+        help="ports that may be probed (default: those whose USB identity is known)",
     )
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--axis", choices=("x", "y", "z"), help="of the amplifier (asked; x)")
@@ -69,7 +72,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--range", nargs=2, type=float, metavar=("MIN", "MAX"), help="voltages the stage may see, V"
     )
-    parser.add_argument("--slew", type=float, metavar="V_PER_S", help="most; 20 ranges a second")
+    parser.add_argument(
+        "--slew",
+        type=float,
+        metavar="V_PER_S",
+        help="slew limit, V/s (default: 20 ranges a second)",
+    )
     parser.add_argument("--name", help="the controller's name (default: stage-1)")
     parser.add_argument("--rate", type=float, metavar="HZ", help="of the loop (default: measured)")
     parser.add_argument(
@@ -79,14 +87,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="fastest motion through the range (default: 1, less where rate or slew allow less)",
     )
     parser.add_argument(
-        "--duration", type=float, metavar="S", help="of each recording (default: 20)"
+        "--duration", type=float, metavar="S", help="length of each recording (default: 20)"
     )
     parser.add_argument("--from", dest="first", choices=NAMES, help="repeat from this step on")
-    parser.add_argument("--until", choices=NAMES, help="end after this step")
+    parser.add_argument("--until", choices=NAMES, help="stop after this step")
     parser.add_argument(
-        "--emulated", action="store_true", help="on an emulated bench that lives as long as this"
+        "--emulated", action="store_true", help="use an emulated bench, no hardware"
     )
-    parser.add_argument("--json", action="store_true", help="what came of each step, on stdout")
+    parser.add_argument(
+        "--json", action="store_true", help="print the result of each step, on stdout"
+    )
 
 
 def _axes(text: str) -> tuple[str, ...]:
@@ -107,9 +117,9 @@ def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.setup.workbench import Workbench
 
     if not args.yes and not sys.stdin.isatty():
-        raise BadInput("nobody is here to be asked: --yes with --range MIN MAX goes on by itself")
+        raise BadInput("stdin is not a terminal; --yes with --range MIN MAX asks nothing")
     if args.emulated and args.ports:
-        raise BadInput("--emulated brings its own ports; leave out --ports")
+        raise BadInput("--emulated has its own ports; leave out --ports")
     try:
         args.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""how well a model foretells recordings that it has not seen"""
+"""how well a model predicts recordings that it has not seen"""
 
 import argparse
 import json
@@ -16,10 +16,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst validate`."""
     parser.description = (
         "Run models on the drives of recordings and compare: error, its share of the span, whether "
-        "what is left is white and whether it goes with the drive. The start of a recording may be "
-        "anywhere in the stage's life; a new zero of the sensor is told apart as the offset. Ends "
-        f"with 1 where a model is worse than it claims (more than {CLAIM:g} times its held-out "
-        "error)."
+        "the residual is white and whether it follows the drive. A recording may begin anywhere in "
+        "the stage's history; a new zero of the sensor is reported as an offset. Exit status 1: a "
+        f"model is worse than it claims (more than {CLAIM:g} times its held-out error)."
     )
     parser.epilog = (
         "examples: dehyst validate stage.toml another-run.csv\n"

@@ -42,8 +42,8 @@ class LoopConfig(_Strict, frozen=True):
     engine: Literal["auto", "python", "compiled"] = "auto"
     """"compiled": without the interpreter, for drivers that C can call; "auto": where possible."""
     spin_us: Annotated[float, Meta(ge=0, le=1000)] | None = None
-    """The compiled loop waits awake for the last so many microseconds; left out: 0 up to 2 kHz,
-    50 above. At most half a period."""
+    """The compiled loop stays awake for this long before each deadline, in microseconds; left out:
+    0 up to 2 kHz, 50 above. At most half a period."""
 
 
 class DeviceConfig(_Strict, frozen=True):
@@ -123,7 +123,7 @@ class SetpointConfig(_Strict, frozen=True):
     lies in the reachable range or next to it, else "mid-range" (an arbitrary sensor offset).
     Telemetry uses the same origin."""
     stale_s: Positive = 2.0
-    """A single set-point older than this, or a trajectory that has run dry this long: holding."""
+    """After this time without a new set-point, or after a trajectory has run dry: holding."""
     hold_s: NotNegative = 5.0
     """How long holding lasts before the output ramps to the safe voltage."""
     stay: bool = False
@@ -173,10 +173,10 @@ class AuthConfig(_Strict, frozen=True):
     passwords: str = ""
     """File of name:password lines, readable by the daemon alone; relative to the configuration."""
     certificates: str = ""
-    """Or: directory with ca.pem, certificate.pem and key.pem (`dehyst keys` makes it)."""
+    """Or: directory with ca.pem, certificate.pem and key.pem (made by `dehyst keys`)."""
     credentials: str = ""
-    """Behind a router instead: what the daemon shows to it, such a directory or a file with one
-    line name:password. Needed for a router on the network."""
+    """With a router instead: the daemon's own credentials there, such a directory or a file with
+    one line name:password. Needed for a router on the network."""
 
 
 class BusConfig(_Strict, frozen=True):
@@ -206,26 +206,26 @@ class WatchConfig(_Strict, frozen=True):
     directory: str = ""
     """Where the recordings around a mismatch are kept; default: `mismatch` in the run directory."""
     before_s: Annotated[float, Meta(ge=1, le=3600)] = 30.0
-    """How much before the moment is kept, as far as telemetry.history_s goes."""
+    """How much is kept from before the event, up to telemetry.history_s."""
     after_s: Annotated[float, Meta(ge=0, le=600)] = 10.0
     keep: Annotated[int, Meta(ge=1, le=1000)] = 10
-    """How many recordings; the oldest make room."""
+    """Number of recordings; the oldest are deleted."""
     learn_s: Annotated[float, Meta(ge=30, le=36000)] = 400.0
-    """Seconds of motion that are learned from before the first flag. Fewer: sooner, and with more
-    false flags."""
+    """Seconds of motion that the watch learns from before its first flag. Fewer: sooner, and with
+    more false flags."""
 
 
 class DoctorConfig(_Strict, frozen=True):
-    """[doctor]: what a mismatch is, and the model that would be right. A process of its own."""
+    """[doctor]: diagnoses mismatches and offers a new model, in a process of its own."""
 
     enabled: bool = True
     """false: `dehyst run` does not start it."""
     accept: bool = False
-    """true: a model that is offered is put to work without being asked for, on trial like any."""
+    """true: a model that is offered is used without a question, on trial as usual."""
     test_s: Annotated[float, Meta(ge=2, le=600)] = 10.0
-    """Telemetry behind the recording, on which an offer is tested."""
+    """Telemetry after the recording, on which an offer is tested."""
     trial_s: Annotated[float, Meta(ge=2, le=3600)] = 10.0
-    """Seconds of motion within which the error must have fallen; else the old model comes back."""
+    """Seconds of motion within which the error must have fallen; else the old model returns."""
     memory_gb: Annotated[float, Meta(ge=1, le=64)] = 4.0
     time_s: Annotated[float, Meta(ge=10, le=36000)] = 900.0
     """A diagnosis that takes more memory, or more seconds of a processor, is given up; so is one

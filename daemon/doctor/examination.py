@@ -200,7 +200,7 @@ def _tell(
 def _tell_beside(findings: Sequence[Finding]) -> str:
     """What the report says that the one change does not need."""
     names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
-    return f"It is one change alone; the report, which fits the loop anew, tells it as {names}."
+    return f"It is a single change; the report, which fits the loop again, shows it as {names}."
 
 
 def _left(in_use: Model, all_found: Model, when_good: float, noise: float, seen: _Evidence) -> Left:

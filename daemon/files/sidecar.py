@@ -45,6 +45,6 @@ def read_notes(path: Path) -> dict[str, str]:
         return {}
     except (OSError, ValueError, RecursionError) as error:
         raise BadRecording(
-            f"{beside.name}: the notes of {path.name} cannot be read: {error}; mend or delete it"
+            f"{beside.name}: the notes of {path.name} cannot be read: {error}; correct or delete it"
         ) from None
     return {str(key): value for key, value in notes.items() if isinstance(value, str)}

@@ -254,7 +254,7 @@ class LoopMonitor:
                 if not ring.mend():
                     self.stepper.events.append(f"{name}.ring was damaged; it is whole again")
             except OSError as error:
-                self.stepper.events.append(f"{name}.ring cannot be mended: {error.strerror}")
+                self.stepper.events.append(f"{name}.ring cannot be repaired: {error.strerror}")
         self._rings["command"].taken(self.numbers[PLACE["tail"]])
 
     def _publish_events(self, now_ns: int) -> None:

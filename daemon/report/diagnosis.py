@@ -104,12 +104,12 @@ def _finding(out: Page, finding: Finding) -> None:
             out.add_share(finding.share)
             percent = 100 * min(max(finding.share, 0.0), 1.0)
             out.add_text(
-                f"takes {percent:.0f} % of the explainable misfit; acts on the {finding.place}",
+                f"explains {percent:.0f} % of the explainable misfit; acts on the {finding.place}",
                 "soft",
             )
         if finding.ambiguous_with:
             out.add_text(
-                f"These recordings cannot tell it from: {', '.join(finding.ambiguous_with)}."
+                f"These recordings cannot distinguish it from: {', '.join(finding.ambiguous_with)}."
             )
         if finding.parameters:
             out.add_table(

@@ -67,9 +67,9 @@ def report_identification(
     )
     out.add_heading("Structure")
     out.add_text(
-        "Chosen by what foretells stretches of the drive that were held out: the simplest "
-        "structure against which no richer one gains more than chance. Operators are many and "
-        "their slopes smooth, as far as held-out stretches say so.",
+        "Chosen by prediction of held-out stretches of the drive: the simplest structure that no "
+        "richer one beats by more than chance. The number of operators and the smoothness of "
+        "their slopes are chosen by the same held-out stretches.",
         "soft",
     )
     if result.orders:
@@ -81,8 +81,8 @@ def report_identification(
     _parameters(out, result)
     out.add_heading("What to do next")
     out.add_text(
-        "Record another waveform of the same stage, slower and faster, smaller and larger, and see "
-        f"whether it is foretold: dehyst validate {model_name} REC.csv"
+        "Record another waveform of the same stage, slower and faster, smaller and larger, and "
+        f"check that the model predicts it: dehyst validate {model_name} REC.csv"
     )
     return out.to_html()
 

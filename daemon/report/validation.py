@@ -20,7 +20,7 @@ from dehyst.models.recording import Recording
 
 
 def say_validation(model: str, v: Validation) -> str:
-    """One line on how well a model foretells a recording, and one where its validity is left."""
+    """One line on how well a model predicts a recording, and one where its validity is left."""
     claim = "it claims nothing" if v.claim is None else f"it claims {v.claim:.4g}"
     verdict = "WORSE than it claims" if v.worse else "as good as it claims"
     text = (
@@ -52,14 +52,16 @@ def report_validation(rows: Sequence[tuple[str, Recording, Validation]]) -> str:
 
 
 def draw_over_time(recording: Recording, result: Validation, axes: Axes) -> str:
-    """Measured and foretold."""
+    """Measured and predicted."""
     assert recording.displacement is not None
     t, y, m = thin_rows(recording.t_s, recording.displacement, result.predicted + result.offset)
     axes.plot(t, y, ".", color=MEASURED, ms=2.5, label="measured")
-    axes.plot(t, m, color=MODEL, lw=1.2, label="foretold")
+    axes.plot(t, m, color=MODEL, lw=1.2, label="predicted")
     add_legend(axes, 0.18)
-    axes.set(xlabel="time, s", ylabel=f"displacement, {result.unit}", title="measured and foretold")
-    return "Measured displacement and what the model foretells, over time."
+    axes.set(
+        xlabel="time, s", ylabel=f"displacement, {result.unit}", title="measured and predicted"
+    )
+    return "Measured displacement and what the model predicts, over time."
 
 
 def draw_left(recording: Recording, result: Validation, axes: Axes) -> str:

@@ -126,7 +126,7 @@ def identify_models(bench: Workbench) -> Result:
 
 
 def validate_models(bench: Workbench) -> Result:
-    """How well each foretells a recording with another drive, all axes together."""
+    """How well each predicts a recording with another drive, all axes together."""
     fresh = moving_axes.record_fresh(bench, FRESH)
     axes = {}
     for axis, kept in fresh.items():
@@ -134,7 +134,7 @@ def validate_models(bench: Workbench) -> Result:
         found = validate(bench.model_path_of(axis), bench.folder / kept["recording"])
         found.report(bench.in_folder("validation.html", axis))
         one = found.results[0]
-        words = f"foretold to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
+        words = f"predicted to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
         if one.worse:
             words += ", worse than the model claims: `dehyst diagnose` says what it lacks"
         axes[axis] = kept | {

@@ -60,10 +60,10 @@ def describe_gentle(bench: Workbench) -> str:
     small = limits.min_v + TUNING.gentle_shares[0] * (limits.max_v - limits.min_v)
     period_s = _gentle_period_s(config, 1.0)
     return (
-        f"moves: from the {now_v:.2f} V where {spec.identity or config.actuator.driver} stands, at "
-        f"{config.safe.ramp_v_per_s:g} V/s; {TUNING.loops} slow loops from {limits.min_v:g} to "
-        f"{small:g} V; where the gauge follows, {TUNING.loops} from {limits.min_v:g} to "
-        f"{limits.max_v:g} V of {period_s:.3g} s each; then back. {way:.4g} V away at most"
+        f"moves: from the present {now_v:.2f} V of {spec.identity or config.actuator.driver}, at "
+        f"{config.safe.ramp_v_per_s:g} V/s: {TUNING.loops} slow loops, {limits.min_v:g} to "
+        f"{small:g} V; if the gauge responds, {TUNING.loops} full loops, {limits.min_v:g} to "
+        f"{limits.max_v:g} V, {period_s:.3g} s each; then return (largest excursion {way:.4g} V)"
     )
 
 
@@ -104,9 +104,9 @@ def check_gauge_follows(recording: Recording, span_v: float) -> float:
         follows = abs(float(np.corrcoef(drive[good], y[good])[0, 1]))
     if follows < TUNING.follows:
         raise NotNow(
-            f"the gauge does not follow: over {moved:.3g} V ({moved / span_v:.0%} of the range) it "
-            f"goes with the voltage by {follows:.0%} only. Are gauge and amplifier those of the "
-            "same stage, on this axis? Mend it, and give the same command again"
+            f"the gauge does not follow: over {moved:.3g} V ({moved / span_v:.0%} of the range) "
+            f"its correlation with the voltage is only {follows:.0%}. Are gauge and amplifier "
+            "those of the same stage, on this axis? Correct that, and run the same command again"
         )
     return float(np.polyfit(drive[good], y[good], 1)[0])
 
@@ -156,7 +156,7 @@ def describe_drive(bench: Workbench, seed: int, exercise_s: float) -> str:
         f"moves: {exercise_s:g} s of full loops, then {drive.t_s[-1]:.3g} s of sines of {sines} Hz "
         f"together, from {drive.u.min():.4g} to {drive.u.max():.4g} V at up to "
         f"{drive.rate_max:.4g} V/s (limits: {limits.min_v:g} to {limits.max_v:g} V, "
-        f"{limits.slew_v_per_s:g} V/s); it ends where it was"
+        f"{limits.slew_v_per_s:g} V/s); then it returns to where it was"
     )
 
 

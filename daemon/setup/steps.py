@@ -215,13 +215,13 @@ def identify_model(bench: Workbench) -> Result:
 
 
 def validate_model(bench: Workbench) -> Result:
-    """How well it foretells a recording with another drive."""
+    """How well it predicts a recording with another drive."""
     fresh = moving.record_drive(bench, FRESH, moving.TUNING.exercise_s, "fresh")
     bench.say(f"   {fresh['words']}")
     found = validate(bench.model_path, bench.folder / fresh["recording"])
     found.report(bench.folder / "validation.html")
     one = found.results[0]
-    words = f"foretold to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
+    words = f"predicted to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
     if one.worse:
         words += ", worse than the model claims of itself: `dehyst diagnose` says what it lacks"
     return fresh | {

@@ -1,7 +1,7 @@
 """Open-loop recording of several axes: one after the other, then together.
 
 While one axis moves and the others rest, what it brings to them is plain; while all move, each at
-its own pace, a model shows whether it foretells all of it. Each axis gets a recording of its own,
+its own pace, a model shows whether it predicts all of it. Each axis gets a recording of its own,
 in which the displacements and drives of the others stand as channels.
 """
 

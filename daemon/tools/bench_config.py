@@ -24,7 +24,7 @@ AXES_RATE_HZ = 100.0  # with several axes on it
 FULL_SCALE_V = 150.0
 
 TEMPLATE = """\
-# The emulated bench: an MDT693B and a KSG101 on pseudo terminals, a simulated stage behind.
+# The emulated bench: an MDT693B and a KSG101 on pseudo terminals, connected to a simulated stage.
 name = "{name}"
 run_dir = "{directory}"
 
@@ -61,7 +61,7 @@ listen = ["{listen}"]
 
 AXES_TEMPLATE = """\
 # The emulated bench with several axes: an MDT693B and a KSG101 for each axis on pseudo terminals,
-# a simulated stage behind.
+# connected to a simulated stage.
 name = "{name}"
 run_dir = "{directory}"
 

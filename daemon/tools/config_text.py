@@ -20,8 +20,8 @@ DEFAULTS = SafeConfig()
 PLAIN = ("a number", "a text", "a text that is not empty", "a list of texts", "true or false")
 """What a default shows well enough."""
 HEAD = """\
-# The configuration of one controller. Lines behind # show the defaults, and what else there is.
-# `dehyst run --check FILE` says what it means; an unknown key is an error.
+# The configuration of one controller. Lines that begin with # show the defaults.
+# `dehyst run --check FILE` prints what the file means; an unknown key is an error.
 """
 Given = Mapping[str, Mapping[str, Any]]
 """Values by section and key; "" is the top of the file, `settings` of a device a table."""

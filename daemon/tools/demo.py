@@ -66,7 +66,7 @@ class Demo:
         self.late_share = 0.0  # of the samples of the worse run
         self.tracks: dict[str, Recording] = {}
         self._children: list[subprocess.Popen[bytes]] = []
-        say("1. an emulated MDT693B and KSG101, with a simulated stage behind")
+        say("1. an emulated MDT693B and KSG101 with a simulated stage")
         self._bench = BenchProcess(folder, [])
         ports = self._bench.ports  # what feed-forward alone does
         self._config = write_bench(folder, ports, "demo", self.endpoint, None, trim=False)

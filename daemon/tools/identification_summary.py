@@ -11,7 +11,10 @@ from dehyst.models.physics import KINDS
 from dehyst.models.units import spell_unit
 
 Z95 = 1.96  # standard deviations of a 95 % interval
-NEXT = "next: record another waveform, and see whether it is foretold: dehyst validate {} REC.csv"
+NEXT = (
+    "next: record another waveform, and check that the model predicts it: "
+    "dehyst validate {} REC.csv"
+)
 
 
 def _missing(result: Identification, covered: Coverage) -> list[str]:
@@ -133,8 +136,9 @@ def describe_result(
     lines += [
         f"{output}: {result.shape.name}, {n} operator{'s' if n > 1 else ''}"
         + "".join(f", {block_name(block)}" for block in result.model.blocks),
-        f"fit {fit.rms:.4g} {unit} rms, held out {fit.holdout_rms:.4g}, noise {fit.noise_rms:.4g}; "
-        f"95 % of what is foretold on other drives of this range within +-{fit.band:.4g} {unit}",
+        f"fit {fit.rms:.4g} {unit} rms, held-out data {fit.holdout_rms:.4g}, noise "
+        f"{fit.noise_rms:.4g}; "
+        f"95 % prediction interval on other drives in this range: +-{fit.band:.4g} {unit}",
         verdict(result),
         f"valid from {v.drive_min:.4g} to {v.drive_max:.4g} {drive}"
         + (f", up to {v.rate_max:.4g} {drive}/s" if v.rate_max else ""),

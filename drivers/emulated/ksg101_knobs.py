@@ -36,6 +36,6 @@ class Ksg101Faults(Settings, frozen=True):
     mute: Annotated[bool, Meta(description="no replies")] = False
     delay_s: Annotated[float, Meta(ge=0, description="replies come this much later")] = 0.0
     garbage: Annotated[
-        int, Meta(ge=0, description="so many replies have random bytes before them")
+        int, Meta(ge=0, description="this number of replies have random bytes before them")
     ] = 0
     stuck: Annotated[bool, Meta(description="always the same reading")] = False

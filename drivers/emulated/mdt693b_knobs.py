@@ -62,7 +62,7 @@ class Mdt693bFaults(Settings, frozen=True):
     hang: Annotated[
         bool, Meta(description="takes bytes and does nothing; what came in meanwhile is lost")
     ] = False
-    mute: Annotated[bool, Meta(description="does what it is told and answers nothing")] = False
+    mute: Annotated[bool, Meta(description="obeys and answers nothing")] = False
     lose_sets: Annotated[bool, Meta(description="acknowledges sets without carrying them out")] = (
         False
     )

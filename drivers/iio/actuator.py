@@ -96,8 +96,8 @@ class IioActuator:
         scale_mv = channel.attribute("scale")
         if scale_mv is None or not 0.0 < scale_mv < math.inf:
             raise DeviceNotFound(
-                f"iio: {channel.file} has no scale above 0 beside it; it would be no telling "
-                "what a count does"
+                f"iio: {channel.file} has no scale above 0 next to it: what a count means "
+                "is not known"
             )
         c["scale_mv"], c["offset"] = scale_mv, channel.attribute("offset") or 0.0
         low, high = range_of(settings.bits, settings.unsigned)

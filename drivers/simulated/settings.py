@@ -53,7 +53,7 @@ class StageSettings(Settings, frozen=True):
     ] = 0.12
     asymmetry: Annotated[
         float,
-        Meta(ge=-1, le=1, description="exponential bow of the static map behind the hysteresis"),
+        Meta(ge=-1, le=1, description="exponential bow of the static map after the hysteresis"),
     ] = 0.15
     rate_per_decade: Annotated[
         float,

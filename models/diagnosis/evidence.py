@@ -1,4 +1,4 @@
-"""What an effect is worth: what it foretells of held-out samples, and whether it is the same
+"""What an effect is worth: what it predicts of held-out samples, and whether it is the same
 everywhere.
 
 Held out is one group of short time blocks after the other, each predicted by weights that never saw
@@ -78,7 +78,7 @@ def constancy(problem: Problem, sigma: float, x: Floats, r: Floats) -> Constancy
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Of each group, foretold by a fit without it: sum of squares, and samples."""
+    """Of each group, predicted by a fit without it: sum of squares, and samples."""
 
     groups: Ints
     sse: Floats
@@ -92,7 +92,7 @@ class HeldOut:
 
 def by_blocks(problem: Problem, fitted: JointFit) -> HeldOut:
     """Leave out one group of short time blocks at a time. What is in no group (below 0) is always
-    fitted and never foretold."""
+    fitted and never predicted."""
     data, x = problem.data, fitted.design
     groups, left = problem.counted(data.fold), problem.counted(data.y - fitted.fixed)
     ids = np.unique(groups[groups >= 0])

@@ -1,5 +1,5 @@
 """Which base the search stands on, and at which noise: rich, or compact where little was recorded;
-on the identified model where that alone foretells better; half a sample earlier where the recorder
+on the identified model where that alone predicts better; half a sample earlier where the recorder
 holds each command."""
 
 from collections.abc import Callable, Sequence
@@ -109,11 +109,11 @@ def find_above_noise(
 
 
 def on_the_model(problem: Problem, null: JointFit) -> Problem:
-    """The problem with the model in use under the base, or without it, whichever foretells better.
+    """The problem with the model in use under the base, or without it, whichever predicts better.
 
-    An identified model comes under the base where it alone foretells better than the base does:
+    An identified model comes under the base where it alone predicts better than the base does:
     then no effect has distorted it, and the base need not find it again. A given one is taken away
-    where the base without it foretells much better: an effect has distorted it so that the base
+    where the base without it predicts much better: an effect has distorted it so that the base
     cannot mend it. (Creep makes a recording that begins at rest look as if the stage had been moved
     before.) Not where it has blocks: they would be found as if they were news.
     """
@@ -132,7 +132,7 @@ def on_the_model(problem: Problem, null: JointFit) -> Problem:
 
 def on_the_other(problem: Problem, found: SearchState) -> Problem:
     """The problem without the model in use where it was under the base, or with it where it was
-    not, if that foretells much better with what was found: an effect that is large beside what the
+    not, if that predicts much better with what was found: an effect that is large beside what the
     base does decides what `on_the_model` looks at."""
     subject = problem.subject
     if not found.accepted.effects or (subject.carries and subject.model.blocks):

@@ -40,7 +40,7 @@ def hand_out(
 ) -> Handed:
     """The model that is handed out: with all that was found, else with the effects alone, else the
     model in use; the first that is nowhere worse than that one by more than the noise, does not
-    go astray where nothing was recorded, and foretells most recordings from the others no worse
+    go astray where nothing was recorded, and predicts most recordings from the others no worse
     than that one leaves them. bare_left: (N,) what the model in use leaves."""
     problem, final, first = weighed.problem, weighed.final, weighed.held
     if problem.data.between is not None:  # a model runs along straight lines

@@ -49,7 +49,7 @@ class Screen:
 
     def leaving(self, residual: Floats) -> "Screen":
         """The same where another reading of the same drive leaves a residual (N,) a little
-        different; what the starts of both would add is reckoned once."""
+        different; what the starts of both would add is computed once."""
         self._kept = {} if self._kept is None else self._kept
         out = copy.copy(self)
         out._leave(residual)

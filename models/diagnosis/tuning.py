@@ -80,7 +80,7 @@ class Tuning(NamedTuple):
     beside_free: float = 0.3  # where it lies beside the drive, of this
     # near-ties
     echo: float = 0.2  # of a finding that it ties with: a smaller one is what that one leaves
-    rival_near: float = 0.02  # of the effect's gain: closer than this cannot be told apart
+    rival_near: float = 0.02  # of the effect's gain: closer than this cannot be distinguished
     rival_noise: float = 0.15  # a difference of a smaller size is none
     rival_most: float = 0.25  # of the effect's gain, that a rival may leave in any case
     rival_promises: float = 0.5  # of it, that the screen makes of one that no round has tried

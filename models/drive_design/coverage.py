@@ -2,7 +2,7 @@
 
 A model of hysteresis with rate-dependence needs every part of the drive range at slow and fast
 rates, up and down, and loops of several sizes. One sine ties the rate to the drive: then a
-rate-dependent loop and a loop of another shape cannot be told apart.
+rate-dependent loop and a loop of another shape cannot be distinguished.
 """
 
 from collections.abc import Sequence
@@ -186,6 +186,6 @@ def _find_missing(
         rate.append(
             f"only {covered:.0%} of drive and rate are covered (up to {rate_max:.3g} {unit}/s): "
             "rate and drive are tied together as in one sine or triangle, so rate-dependence "
-            "cannot be told from the shape of the loop"
+            "cannot be distinguished from the shape of the loop"
         )
     return tuple(static), tuple(rate)

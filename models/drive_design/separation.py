@@ -149,9 +149,9 @@ def _make_typical(limits: Limits) -> Model:
 def _explain(a: str, b: str, best: Separation, model: Model) -> str:
     k, unit = (1e3, "nm") if model.displacement_unit == "um" else (1.0, model.displacement_unit)
     text = (
-        f"To tell {a} from {b}: {best.waveform.says}. A typical {a} leaves {k * best.left_a:.3g} "
-        f"{unit} rms that no {b} explains, a typical {b} {k * best.left_b:.3g} {unit} that no "
-        f"{a} explains."
+        f"To distinguish {a} from {b}: {best.waveform.says}. A typical {a} leaves "
+        f"{k * best.left_a:.3g} {unit} rms that no {b} explains, a typical {b} "
+        f"{k * best.left_b:.3g} {unit} that no {a} explains."
     )
     hints = [hint for name in (a, b) if (hint := EFFECTS[name].hint)]
     return " ".join([text, *(f"{hint[0].upper()}{hint[1:]}." for hint in hints)])

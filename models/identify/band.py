@@ -1,6 +1,6 @@
 """How far a model may be off on a drive that it has not seen: one figure for the whole range.
 
-What the model foretells errs by what its parameters are not known to (their covariance, carried to
+What the model predicts errs by what its parameters are not known to (their covariance, carried to
 a drive of all kinds, models.identify.data.comparison_drive), by what structures differ there
 between which the recordings do not decide, by what is left of stretches that were held out, beyond
 the noise, and, where the data want what no invertible model gives, by what that leaves.
@@ -30,7 +30,7 @@ def estimate_band(
     covariance: Floats,
     known: tuple[float, float, float],
 ) -> float:
-    """Half the width of the interval that holds 95 % of the displacements that the model foretells.
+    """Half the width of the interval that holds 95 % of the displacements that the model predicts.
 
     covariance: (p, p) of the parameters; known: rms that the model leaves in the recordings, of
     what the structures differ, and of the noise.

@@ -58,13 +58,13 @@ class Dynamics:
     @property
     def doubt(self) -> str:
         """What is to be said where this recording does not tell it from one of the sensor."""
-        what = f"{self.name}: drive or sensor cannot be told apart in this recording"
-        taken = "it is taken for the drive's and made up for"
+        what = f"{self.name}: drive or sensor cannot be distinguished in this recording"
+        taken = "it is attributed to the drive and compensated"
         if self.kind == "delay":
-            return f"{what}, as a delay is the same before and behind the hysteresis; {taken}"
+            return f"{what}, as a delay is the same before and after the hysteresis; {taken}"
         return (
             f"{what}; {taken}. A drive over the full range, of changing size and at up to "
-            f"{0.05 / self.theta[0]:.2g} Hz, tells them apart"
+            f"{0.05 / self.theta[0]:.2g} Hz, distinguishes them"
         )
 
     @property

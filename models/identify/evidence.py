@@ -23,7 +23,7 @@ from dehyst.models.recording import Floats
 class Weighed:
     """A structure at the prior that makes the recording the most probable. evidence: its
     logarithm, but for a constant that structures of one kind share; noise: power of the noise that
-    it was reckoned with."""
+    it was computed with."""
 
     candidate: Candidate
     prior: Prior

@@ -38,7 +38,7 @@ from dehyst.models.recording import Bools, Floats
 @dataclass(frozen=True)
 class Fitted:
     """The model's numbers. setup: what they belong to; r: (n,) thresholds; free: unknowns off
-    their bounds; strength: of the prior; scored: the structure on these operators, as it foretells
+    their bounds; strength: of the prior; scored: the structure on these operators, as it predicts
     stretches; costly: the data want what no invertible model gives; unreachable: rms of that on a
     drive of all kinds; equations: what was fitted, the pull's last; normal: the normal equations
     at the end, the prior's with them."""
@@ -132,7 +132,7 @@ def _fit(
         wish = make_pull(setup, r, shape, offset, loose.params)
         each = loose.normal.count / wish.u.size
         pull = weigh_pull(setup, wish, r, offset, shape.rate, each * TUNING.pull_shares[-1])
-        # it moves the model far: what it costs is reckoned from where it would end
+        # it moves the model far: what it costs is computed from where it would end
         begin = run(equations + pull, begin, 0.0, 1e-3).params
         data = assemble(equations, shape, begin)
         whole = prior.add_to(data, shape.rate, strength)

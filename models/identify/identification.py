@@ -275,8 +275,8 @@ def _follow_drift(found: _Found) -> _Found:
     setup, fitted = found.setup, found.fitted
     c = fitted.params.c + setup.sign * end * (np.array(fitted.shape.powers) == 0)
     found.notes.append(
-        f"the displacement drifts, by {slope * means.size:+.3g} over the recording as far as a "
-        "straight line tells; the model's offset is that of the end"
+        f"the displacement drifts, by {slope * means.size:+.3g} over the recording, by a straight "
+        "line; the model's offset is that of the end"
     )
     return replace(found, fitted=replace(fitted, params=fitted.params._replace(c=c)))
 

@@ -45,14 +45,14 @@ class LagSearch:
     def find(self) -> Candidate | None:
         """What the recording needs; None: nothing.
 
-        A part of a sample is told by the fit alone; more must foretell what it has not seen, and
+        A part of a sample is told by the fit alone; more must predict what it has not seen, and
         clearly so: a little is also gained by a lag where the hysteresis is of another class than
         the model's. It is the drive's, which the inverse makes up for, unless one of the sensor
-        foretells better by more than chance.
+        predicts better by more than chance.
         """
         without = {loose: self._misfit(None, loose) for loose in (True, False)}
         delay = self._find_delay(without[True], without[True] * (1.0 - TUNING.worth_trying))
-        # bounded, it must fit better than the free operators foretell, and near to clearly so
+        # bounded, it must fit better than the free operators predict, and near to clearly so
         known = float(self.candidate.held.sum())
         near = 1.0 - (1.0 - TUNING.clear_lag) / 3.0
         enough = min(without[False] * (1.0 - TUNING.worth_trying), near * known)
@@ -96,12 +96,12 @@ class LagSearch:
         return float(np.sqrt(max(0.0, float(x @ y) / max(float(x @ x), 1e-300))))
 
     def _score(self, lag: Dynamics) -> Candidate:
-        """The structure with this lag, as it foretells."""
+        """The structure with this lag, as it predicts."""
         trial, shape = self._trial(lag, False), self.candidate.shape
         return trial.score(shape, TUNING.strengths[::2])
 
     def compare_sides(self, choose: Callable[[Dynamics], Candidate]) -> tuple[Candidate, bool]:
-        """The chosen candidate's lag on the side that foretells better, each with the structure and
+        """The chosen candidate's lag on the side that predicts better, each with the structure and
         the time constant that suit it; and whether it does so by more than chance.
 
         It is the drive's where the two are alike. choose: the structure beside some dynamics.

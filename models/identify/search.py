@@ -85,14 +85,14 @@ class Search:
         return [choose_structure(group) for group in groups if group]
 
     def choose(self, tried: Sequence[Candidate]) -> Candidate:
-        """The structure to take: rate-dependence only where it foretells ways of the drive that it
+        """The structure to take: rate-dependence only where it predicts ways of the drive that it
         has not seen, as a rate and a place on one loop go together."""
         bests = self._bests(tried)
         best = bests[0] if len(bests) == 1 else self._choose_rate(*bests)
         return self._drop_constant(self._choose_side(best))
 
     def _choose_side(self, best: Candidate) -> Candidate:
-        """The same with its lag on the side that foretells better."""
+        """The same with its lag on the side that predicts better."""
         if best.lag is None or best.lag.kind == "lead":
             return best
         same = [s for s in self.wanted if s.rate == best.shape.rate]
@@ -124,7 +124,7 @@ class Search:
         return rate if enough and self._is_no_place(static, rate) else static
 
     def _is_no_place(self, static: Candidate, rate: Candidate) -> bool:
-        """Whether the rate foretells more than as many unknowns of a static stage, whose slopes
+        """Whether the rate predicts more than as many unknowns of a static stage, whose slopes
         depend on the place; it need not where it takes most of what is left without it."""
         if rate.held.sum() < TUNING.clear * static.held.sum():
             return True
@@ -218,7 +218,7 @@ class PlaceTrial(Trial):
     """Slopes that depend on where an operator stands, and not on the rate.
 
     What a static hysteresis of another class leaves hangs together with place and with rate alike,
-    as a drive passes every place at a rate of its own. The rate has to foretell more than as many
+    as a drive passes every place at a rate of its own. The rate has to predict more than as many
     unknowns of a static stage do: a Preisach plane whose density changes along its diagonal.
     """
 

@@ -83,7 +83,7 @@ class FitSetup:
 
     def centre(self, offset: float) -> float:
         """Drive offset of the plays: the middle of the range where they are settled, so that z is
-        small and its powers are well told apart; else the offset itself."""
+        small and its powers are well distinguished; else the offset itself."""
         return offset if self.virgin or self.running is not None else self.middle
 
     def is_free(self, offset: float) -> bool:

@@ -1,7 +1,7 @@
 """Which structure the data support: static or rate-dependent, which saturation, how strong a prior.
 
 All candidates are scored from the same normal equations, linearised once, stretch by stretch
-(dehyst.models.identify.data.folds): each is fitted without a stretch and foretells it. A richer
+(dehyst.models.identify.data.folds): each is fitted without a stretch and predicts it. A richer
 structure is taken only where what it gains over the stretches is more than chance, paired.
 """
 
@@ -51,7 +51,7 @@ def list_shapes(rate: bool | None, saturation: int | None, bias: bool | None) ->
 
 @dataclass(frozen=True)
 class Candidate:
-    """One structure tried. held: (pieces,) misfit of each stretch foretold without it, over sizes:
+    """One structure tried. held: (pieces,) misfit of each stretch predicted without it, over sizes:
     (pieces,) its rows; fitted: the same fitted to all;
     strength: of the prior; params: fitted to all stretches; lag: linear dynamics; loose: narrow
     operators were free; superseded: the fit shows a shift in time that this one lacks;"""
@@ -82,7 +82,7 @@ class Candidate:
 
 
 def pays(simple: Candidate, rich: Candidate, clear: float = TUNING.clear) -> bool:
-    """Does the richer one foretell better, by more than chance over the stretches? clear: the share
+    """Does the richer one predict better, by more than chance over the stretches? clear: the share
     of the misfit below which chance is not asked."""
     if rich.held.sum() > simple.held.sum() * (1.0 - TUNING.tolerance):
         return False
@@ -92,7 +92,7 @@ def pays(simple: Candidate, rich: Candidate, clear: float = TUNING.clear) -> boo
 
 
 def foretells_better(one: Candidate, other: Candidate) -> bool:
-    """Does this one foretell better than the other by more than chance over the stretches?"""
+    """Does this one predict better than the other by more than chance over the stretches?"""
     used = (other.sizes > 0) & (other.held > 0.0) & (one.held > 0.0)
     if not used.any():
         return bool(one.held.sum() < other.held.sum())
@@ -197,9 +197,9 @@ class Trial:
         strengths: Sequence[float],
         judged: Sequence[Normal] | None = None,
     ) -> Candidate:
-        """A structure by what it foretells, at the best of these strengths of the prior.
+        """A structure by what it predicts, at the best of these strengths of the prior.
 
-        judged: normal equations of what is to be foretold of each stretch; None: all of it.
+        judged: normal equations of what is to be predicted of each stretch; None: all of it.
         """
         loose = self.loose
         at = self._find(shape)

@@ -69,7 +69,7 @@ class Prior:
     """Neighbouring slopes differ by chance, by about the mean slope over all thresholds on a scale
     of their cube root; and less so in what the rate adds, which is itself small by chance.
 
-    The strength is chosen by what foretells held-out rows; operators wider than half the range,
+    The strength is chosen by what predicts held-out rows; operators wider than half the range,
     which move once at most, are given little freedom in any case. r: (n,) thresholds; slope: mean
     slope; half: half the drive's range; rate_share: strength of the prior on what the rate does,
     against that on the slopes.

@@ -1,4 +1,4 @@
-"""The constants of identification, judged by two benchmarks: tests/benchmarks/models/foretell.py
+"""The constants of identification, judged by two benchmarks: tests/benchmarks/models/predict.py
 (structure, prior, comparison) and tests/benchmarks/models/identify.py (rows and outliers by its
 part `faults`, sizes by `speed` and `length`)."""
 
@@ -58,7 +58,7 @@ class Tuning(NamedTuple):
     clear: float = 0.6  # of the held-out power: a structure that leaves no more pays at once
     clear_lag: float = 0.85  # the same for a lag longer than a sampling period
     lag_operators: int = 24  # while a lag is sought, or the start judged
-    clear_rate: float = 0.1  # the same for rate-dependence, which else must foretell whole ways
+    clear_rate: float = 0.1  # the same for rate-dependence, which else must predict whole ways
     clear_ways: float = 0.667  # of the power of these, at most
     clear_beyond: float = 0.1  # of their power beyond the noise: then it is asked no more
     coarse: int = 32  # operators while structures are compared
@@ -80,7 +80,7 @@ class Tuning(NamedTuple):
     farthest: float = 5.0  # an offset may lie this many spans from the middle of the drive
     # linear dynamics
     worth_trying: float = 0.003  # of the misfit, that a first try must take away
-    strays: float = 2.0  # times the error that was foretold, that a fit to all rows may leave
+    strays: float = 2.0  # times the error that was predicted, that a fit to all rows may leave
     hopeless: float = 2.5  # times the best error: a static structure so far off needs no lag
     jitters: float = 5.0  # times the jitter of the readings in time, that a lag must be longer
     longest_lag: float = 0.5  # of the time in which the drive at its fastest crosses its range

@@ -1,8 +1,8 @@
-"""How well a model foretells a recording that it has not seen, and what is left.
+"""How well a model predicts a recording that it has not seen, and what is left.
 
 A recording may begin anywhere in a stage's life, and a sensor may have been zeroed since: of the
 histories that a stage can have (de-energised, come from above, come from below) the one that fits
-is taken, and the mean of what is left is told apart as the offset.
+is taken, and the mean of what is left is distinguished as the offset.
 """
 
 from dataclasses import dataclass

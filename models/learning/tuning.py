@@ -34,7 +34,7 @@ class Tuning(NamedTuple):
     seam: int = 16  # judged over so many samples at both ends, at the least
     seam_noises: float = 5.0
     late_back: int = 10  # steps of the output whose ringing a late gauge may show
-    late_passes: int = 4  # from which on it is reckoned
+    late_passes: int = 4  # from which on it is computed
     late_noises: float = 4.0  # its noise power, of which so much is taken off
     late_usual: float = 5.0  # of the median of what the times are off by: a longer one is none
     late_condition: float = 1e6

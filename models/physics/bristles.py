@@ -74,7 +74,7 @@ KIND = Kind(
         Param("length_{y}", "length", "", 1e-9, 1e9, "path before it slides"),
         Param("stribeck_{y}_per_s", "stribeck", "/s", 1e-9, 1e12, "speed at which it fades"),
         Param("excess", "excess", "", 0.0, 1e3, "more at rest, part of that at high speed"),
-        Param("sliding_{y}", "sliding", "", -1e9, 1e9, "holds back so much at high speed"),
+        Param("sliding_{y}", "sliding", "", -1e9, 1e9, "friction at high speed"),
         Param("gain_{y}_per_{u}", "gain", "", -1e9, 1e9, "path by the drive"),
         Param("viscous_s", "viscous", "s", -1e3, 1e3, "by the speed", default=(0.0,)),
     ),

@@ -174,7 +174,7 @@ class Drift(Candidate):
 class SlowDrift(Drift):
     """The same with the stage following the temperature late, by one thermal time constant."""
 
-    equation = "y(t) = f(u) (1 + a dT) + b dT, dT behind a thermal lag"
+    equation = "y(t) = f(u) (1 + a dT) + b dT, dT after a thermal lag"
     order = 51
 
     def __init__(self, data: Data, channel: str) -> None:

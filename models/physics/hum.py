@@ -128,7 +128,7 @@ class Hum(Candidate):
         rows = np.bincount(data.rec[data.rows], minlength=self._recordings)
         for f, line in zip(theta, self.per_recording(theta, amplitudes), strict=True):
             mean = complex(line @ rows / max(float(rows.sum()), 1.0))
-            # with phases that differ between recordings nothing can be foretold: amplitude of
+            # with phases that differ between recordings nothing can be predicted: amplitude of
             # the mean phasor, which is then small
             out.append(
                 Block(

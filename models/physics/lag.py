@@ -179,7 +179,7 @@ class Servo(Candidate):
         f, z = values["corner_hz"][0], values["damping"][0]
         return (
             f"The reading follows through a lag of second order (corner {f:.3g} Hz, damping "
-            f"{z:.2g}; {2e3 * z / (6.283185 * f):.3g} ms behind slow moves), as a position servo "
+            f"{z:.2g}; {2e3 * z / (6.283185 * f):.3g} ms after slow moves), as a position servo "
             "or a steep filter does."
         )
 

@@ -195,7 +195,9 @@ PHYSICS = Physics(
     candidates=lambda data: [Sensor(data)],
     specimens={
         "sensor": Specimen(
-            _variants, "only a calibrated second sensor tells it from the stage for certain", True
+            _variants,
+            "only a calibrated second sensor distinguishes it from the stage for certain",
+            True,
         )
     },
 )

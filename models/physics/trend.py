@@ -1,6 +1,6 @@
 """Drift without a channel: y = x + rate t + amount (1 - exp(-t / tau)), t since the first sample.
 
-A warm-up that nobody measured. It describes one recording and foretells nothing: forward only.
+A warm-up that nobody measured. It describes one recording and predicts nothing: forward only.
 """
 
 import math

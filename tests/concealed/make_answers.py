@@ -1,4 +1,4 @@
-"""Answers for a round of sealed cases: what each stage hides, and its held-out waveform foretold.
+"""Answers for a round of sealed cases: what each stage hides, and its held-out waveform predicted.
 
     python tests/concealed/make_answers.py ROUND_FOLDER [--all-rows] [--jobs 2]
 

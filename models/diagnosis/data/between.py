@@ -5,7 +5,7 @@ samples of a smooth drive cut its peaks off; with ten samples a period they miss
 its swing, with five a fifth, and a delay or a lag is then looked for in what they miss. A smooth
 drive is known between its samples: by a spline of the fifth degree, which is close to the
 band-limited interpolation (M. Unser, IEEE Signal Process. Mag. 16(6), 1999). Whether a drive is
-smooth tells every second of its samples, foretold by the others.
+smooth tells every second of its samples, predicted by the others.
 """
 
 from dataclasses import replace
@@ -53,7 +53,7 @@ def _missed_by_lines(data: Data, parts: list[Ints]) -> float:
 
 
 def _is_smooth(data: Data, parts: list[Ints]) -> bool:
-    """Whether a spline through every second sample foretells the others far better than straight
+    """Whether a spline through every second sample predicts the others far better than straight
     lines do."""
     lines = splines = 0.0
     for k in parts:

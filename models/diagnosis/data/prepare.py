@@ -214,7 +214,7 @@ def _cut_evenly(size: int, pieces: int) -> Ints:
 
 def _groups(u: Floats) -> Ints:
     """(n,) cross-validation group of each sample, -1 where it is in none: the first way over the
-    drive's range is shown once, and nothing else foretells it."""
+    drive's range is shown once, and nothing else predicts it."""
     out = _cut_evenly(u.size, TUNING.folds * TUNING.fold_pieces) % TUNING.folds
     swept = np.maximum.accumulate(u) - np.minimum.accumulate(u)
     head = int(np.searchsorted(swept, FIRST_WAY * float(swept[-1])))

@@ -21,7 +21,7 @@ BUTTERFLY = (
 )
 FEW_PLACES = (
     "the drive repeats itself and is read in so few places of its path that a hysteresis could "
-    "give each its own value: a delay, a lag or a slew limit cannot be told here; sample faster, "
+    "give each its own value: a delay, a lag or a slew limit cannot be found here; sample faster, "
     "or at a rate that is no multiple of the drive's frequency"
 )
 ONE_SIDE = "Drive it on one side of its turning points only, and diagnose again."
@@ -75,12 +75,13 @@ def survey(
     if _is_slow(data):
         said.append(
             "the sampling is slow for this drive: what happens within a sample or two cannot be "
-            "told from the loop"
+            "distinguished from the loop"
         )
     if hardly_turns(data):
         slow = "" if stands_still(data) else ", and no slow change,"
         said.append(
-            f"the drive hardly turns round: nothing that it causes{slow} can be told from the loop"
+            f"the drive hardly turns round: nothing that it causes{slow} can be distinguished from "
+            "the loop"
         )
     left_out = int(np.count_nonzero(~data.rows & (data.raw_index >= 0)))
     if left_out:

@@ -125,13 +125,13 @@ def _reservations(
     """What the sentence must add so that it does not promise too much."""
     c, text = effect.candidate, ""
     if any(r.name == c.name and r.place != c.place for r in near):
-        text += " These recordings cannot tell whether it is the amplifier or the sensor."
+        text += " These recordings cannot show whether it is the amplifier or the sensor."
     if others:
         text += f" It could as well be {' or '.join(others)}."
     if changed is not None:
         text += f" {changed.says}"
     elif steady.spread > 0.5:
-        text += " Its size is not the same everywhere: like it, unconfirmed."
+        text += " Its size is not the same everywhere, so treat it as unconfirmed."
     bounds = list(dict.fromkeys([*on_bound(effect), *wide]))
     if bounds and c.bounds_told:
         text += f" Not identified here: {', '.join(bounds)}."
@@ -176,12 +176,12 @@ def next_experiment(verdict: str, findings: Sequence[Finding], blind: Sequence[s
         for rival, drive in one.told_from.items()
     }
     for f in findings:
-        # a shape has no experiment of its own: what it may be is told apart
+        # a shape has no experiment of its own: what it may be is distinguished
         for one, other in combinations((f.name, *f.ambiguous_with), 2):
             text = apart.get(frozenset({one, other}))
             if text:
                 return (
-                    f"To tell {one} from {other}, record {text} "
+                    f"To distinguish {one} from {other}, record {text} "
                     f"(dehyst excite --separate {one} {other})."
                 )
     if verdict in ("unknown", "partly"):

@@ -1,6 +1,6 @@
 """Shape: what a hysteresis of any shape explains of the misfit of the model in use.
 
-The rich base, fitted jointly with the effects, corrects the model's hysteresis. Where it foretells
+The rich base, fitted jointly with the effects, corrects the model's hysteresis. Where it predicts
 held-out samples better than other numbers in the model's own class would, the loop is not the
 model's. What the correction looks like is measured by what explains it: a function of the
 displacement alone (centre line: a sensor or a stage that is not linear), one that differs between

@@ -21,8 +21,8 @@ def sightings(data: Data, sigma: float) -> list[tuple[Candidate, Sighting]]:
 
 
 def accept(found: SearchState, candidate: Candidate, sighting: Sighting) -> SearchState:
-    """The search's result with what was seen in its model, where held-out samples are then foretold
-    no worse; else as it was."""
+    """The search's result with what was seen in its model, where that predicts held-out samples no
+    worse; else as it was."""
     problem, final = found.problem, found.accepted
     if candidate.key in final.effect_names:
         return found

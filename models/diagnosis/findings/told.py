@@ -46,7 +46,7 @@ def worth_telling(found: SearchState) -> SearchState:
         final.effects
         and first - by_blocks(problem, final).mean_square < (TUNING.helps * sigma) ** 2
     ):
-        final = found.null  # each seems to need the others, and together they foretell nothing
+        final = found.null  # each seems to need the others, and together they predict nothing
     return replace(found, accepted=final)
 
 

@@ -1,6 +1,6 @@
 """Which rows are held out together: stretches of the drive that differ from each other.
 
-A drive that repeats itself tells nothing new in its second cycle: rows held out there are foretold
+A drive that repeats itself tells nothing new in its second cycle: rows held out there are predicted
 by any fit, however far it bends. So a recording is cut where the drive turns, each way between two
 turns into parts, and parts of ways that begin and end alike are one stretch wherever they come; a
 whole stretch is held out. What a model gains must show on stretches that it has not seen.

@@ -45,7 +45,7 @@ class Rows:
     came_from: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.piece.size != self.u.size:  # until stretches are told apart
+        if self.piece.size != self.u.size:  # until stretches are distinguished
             self.piece = np.zeros(self.u.size, dtype=np.int8)
 
 

@@ -1,6 +1,6 @@
-"""Does a model from one recording foretell the next one? Other waveforms, sizes and rates.
+"""Does a model from one recording predict the next one? Other waveforms, sizes and rates.
 
-    python -m tests.benchmarks.models.foretell [paper peer bias real static band turns public]
+    python -m tests.benchmarks.models.predict [paper peer bias real static band turns public]
 
 Prints a table for each part and, last, its bars; ends with 0, 1 or 77 as tests/benchmarks/bars.py
 says. Real recordings are looked for in $DEHYST_DATA.
@@ -37,7 +37,7 @@ TEN = cases.times(10.0)
 
 
 def predict(model: Model, u: Floats, period_s: float = cases.T_S) -> Floats:
-    """(N,) what the model foretells for a drive from rest."""
+    """(N,) what the model predicts for a drive from rest."""
     return simulate(model, period_s, u)
 
 
@@ -155,7 +155,7 @@ def bias(bars: Bars) -> None:
 
 
 def real(bars: Bars) -> None:
-    """4: first 60 % fitted, last 40 % foretold; % of the span."""
+    """4: first 60 % fitted, last 40 % predicted; % of the span."""
     most = {"stack-1hz": 0.45, "stack-am": 0.33, "lightsheet": 0.08, "afm-triangle-a": 4.5}
     folder = identify_faults.data_folder(ROOT)
     for name in (*most, "mirror-small", "mirror-large"):

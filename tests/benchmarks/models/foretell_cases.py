@@ -1,4 +1,4 @@
-"""Stages, drives and recordings for the benchmark of what a model foretells; none of them uses the
+"""Stages, drives and recordings for the benchmark of what a model predicts; none of them uses the
 product's forward model for the truth."""
 
 from collections.abc import Callable

@@ -1,5 +1,5 @@
 """Turns: drives with corners, which no recording of smooth drives has shown, and the stage itself
-tracked by the inverse; parts of tests.benchmarks.models.foretell."""
+tracked by the inverse; parts of tests.benchmarks.models.predict."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,7 @@ APPROACH = 200  # samples
 
 
 def measure_corners(seeds: Sequence[int], bars: Bars) -> None:
-    """Foretold with corners at up to the largest rate, which the recordings had in no turn."""
+    """Predicted with corners at up to the largest rate, which the recordings had in no turn."""
     run, models = cases.paper().run, _identify(seeds)
     for what, u in {
         "triangle, 75 V/s": cases.triangle(TEN, 0.0, 7.5, 5.0),

@@ -8,7 +8,7 @@ from dehyst.models.identify import identify
 
 def test_a_curve_that_does_not_settle_is_not_taken() -> None:
     """A lag of 20 ms hides behind a power of z, whose fit to all rows ends far from what the
-    comparison of structures foretold."""
+    comparison of structures predicted."""
     recording = whose_lag.record("smooth", "random", "sensor", 20e-3, 0.02, 95004)
     found = identify([recording])
     line = np.polyval(np.polyfit(recording.drive, recording.displacement, 1), recording.drive)

@@ -82,7 +82,7 @@ def record(
 @dataclass(frozen=True)
 class Told:
     """What an identification says: side: "drive", "sensor" or "none"; delay_s: by how much a slow
-    move comes late; doubt: it says that the sides cannot be told apart."""
+    move comes late; doubt: it says that the sides cannot be distinguished."""
 
     side: str
     delay_s: float
@@ -92,7 +92,7 @@ class Told:
 
 def read(found: Identification) -> Told:
     """The identification's word."""
-    doubt = any("drive or sensor cannot be told" in note for note in found.notes)
+    doubt = any("drive or sensor cannot be distinguished" in note for note in found.notes)
     blocks = [b for b in found.model.blocks if b.kind in ("lag", "delay", "resonance")]
     if not blocks:
         return Told("none", 0.0, doubt, found.shape.name)

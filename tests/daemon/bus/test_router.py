@@ -271,7 +271,7 @@ bus = {BUS}
         ('connect = ["tcp/router.lab:7447"]', "on the network"),
         ('connect = ["tls/10.0.0.1:7447"], auth = {credentials = "x"}', r"bus.listen = \[\]"),
         ('auth = {credentials = "x"}', "name them"),
-        ('connect = ["tcp/[::1]:1"], auth = {passwords = "p", operators = ["a"]}', "told apart"),
+        ('connect = ["tcp/[::1]:1"], auth = {passwords = "p", operators = ["a"]}', "distinguished"),
         ("listen = []", "nobody could reach"),
         ('listen = [], connect = ["tls/10.0.0.1:7447"], auth = {credentials = "x"}', ""),
         ('connect = ["tcp/127.0.0.1:7448"]', ""),

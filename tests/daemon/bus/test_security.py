@@ -206,7 +206,7 @@ def test_keys_are_private_and_never_overwritten(
         assert path.stat().st_mode & 0o777 == 0o600
     before = (folder / "alice" / "key.pem").read_bytes()
     assert main(["keys", str(folder), "--client", "alice"]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+    assert "has a key already" in capsys.readouterr().err
     assert (folder / "alice" / "key.pem").read_bytes() == before
     assert main(["keys", str(folder), "--client", "bob"]) == 0
     assert (folder / "bob" / "ca.pem").read_bytes() == (folder / "alice" / "ca.pem").read_bytes()

@@ -22,7 +22,7 @@ def test_writes_a_drive_within_range_and_slew(tmp_path, capsys):
     assert drive.drive.min() >= 0
     assert drive.drive.max() <= 75
     assert np.max(np.abs(np.diff(drive.drive))) <= 9.0
-    assert "tell slew from lag" in capsys.readouterr().out
+    assert "distinguish slew from lag" in capsys.readouterr().out
 
 
 def test_model_gives_range_and_units(tmp_path, capsys):

@@ -232,7 +232,7 @@ def test_notes_stand_beside_a_csv_and_go_with_it(tmp_path: Path) -> None:
     assert notes_path(path).name == "a.csv.meta.json"
     assert read_columns(path)[1] == {"stage": "P-885"}
     notes_path(path).write_text("[1, 2")
-    with pytest.raises(BadRecording, match=r"a.csv.meta.json.*mend or delete it"):
+    with pytest.raises(BadRecording, match=r"a.csv.meta.json.*correct or delete it"):
         read_columns(path)
     write_notes(path, {})
     assert read_notes(path) == {}

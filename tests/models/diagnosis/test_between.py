@@ -127,13 +127,13 @@ def test_one_recording_of_ten_places_says_that_it_cannot_tell_what_is_late() -> 
     which the stage moves against its drive is told."""
     t = fine_time(50.0)
     d = diagnose([recorded(sines(t), 50.0, 0, 0.006)])
-    assert any("cannot be told here" in said for said in d.data.says)
+    assert any("cannot be found here" in said for said in d.data.says)
     excluded = {x.name: x.value for x in d.would_have_seen}
     assert all(excluded.get(name) is None for name in ("delay", "lag", "slew"))
     assert not [f.name for f in d.findings if f.name not in ("shape", "unknown")]
     told = diagnose_without_limits([recorded(sines(t), 50.0, 0, 0.03)])
     assert told.findings[0].name == "delay"
-    assert not any("cannot be told here" in said for said in told.data.says)
+    assert not any("cannot be found here" in said for said in told.data.says)
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.012, 0.026])

@@ -56,7 +56,7 @@ def test_stalls_of_the_recorder_are_no_physics() -> None:
     d = diagnose_without_limits(given)
     assert names(d) <= PHYSICS - {"unknown"}
     assert 15 <= d.data.stalls <= 18
-    assert any("stood still" in s for s in d.data.says)
+    assert any("the recorder stopped" in s for s in d.data.says)
 
 
 def test_coarse_steps_of_the_reading_are_noise() -> None:

@@ -18,7 +18,7 @@ from dehyst.models.recording import Recording
 
 def check_rules(d: Diagnosis) -> None:
     """What holds of every answer: shares of at most one, intervals of at most a factor of ten,
-    nothing that foretells worse than the model in use."""
+    nothing that predicts worse than the model in use."""
     said = d.to_dict()
     assert sum(e["share"] for e in said["effects"]) <= 1.0 + 1e-9
     for effect in said["effects"]:

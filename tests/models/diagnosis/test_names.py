@@ -137,7 +137,7 @@ def test_hidden_effect_is_named_first_and_the_model_predicts(effect: str) -> Non
     for r, view in zip(given, d.views, strict=True):
         y = simulate(model, r.t_s, r.drive, r.channels)
         e = y - r.displacement
-        if effect == "hum":  # phases differ between recordings and cannot be foretold
+        if effect == "hum":  # phases differ between recordings and cannot be predicted
             continue
         assert np.std(e) < 1.2 * NOISE_UM
         assert view.base.shape == view.augmented.shape == r.t_s.shape

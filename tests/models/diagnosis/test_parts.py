@@ -118,7 +118,7 @@ def test_columns_add_what_their_blocks_add(
 def test_a_block_of_two_pasts_comes_as_near_to_both_as_one_amplitude_can(
     data: Data, key: str, theta: tuple[float, float], amplitudes: tuple[float, float]
 ) -> None:
-    """By trial of many amplitudes; levels aside, which a model does not foretell."""
+    """By trial of many amplitudes; levels aside, which a model does not predict."""
     c = next(c for c in library(data) if c.key == key)
     added = c.columns(data, Context(data.u, data.y), theta) @ np.array(amplitudes)
     (block,) = c.blocks(theta, np.array(amplitudes), data)

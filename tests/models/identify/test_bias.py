@@ -1,4 +1,4 @@
-"""Drives about a bias, and the band of what a model foretells."""
+"""Drives about a bias, and the band of what a model predicts."""
 
 import numpy as np
 import pytest
@@ -65,7 +65,7 @@ def run_curved_stage(u: Floats) -> Floats:
 @pytest.mark.parametrize("low", [20.0, 40.0])
 def test_two_sines_about_a_bias_foretell_a_slow_drive(low: float) -> None:
     """A curve and what the rate does are told nearly alike by two sines: only weighed against each
-    other do they foretell slower rates."""
+    other do they predict slower rates."""
     high, t = 100.0 - low, np.arange(N) * T
     lead = np.linspace(0.0, low, 500)
     x = 2 * (1 - np.cos(2 * np.pi * 10 * t)) + 3 * (1 - np.cos(2 * np.pi * 5 * t))

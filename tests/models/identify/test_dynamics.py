@@ -102,11 +102,11 @@ def test_the_side_of_a_long_lag_is_told(place: str) -> None:
     (one,) = found.model.blocks
     assert (one.kind, one.place) == ("lag", place)
     assert one.params["tau_s"] == pytest.approx(0.02, rel=0.03)
-    assert not any("told apart" in note for note in found.notes)
+    assert not any("distinguished" in note for note in found.notes)
 
 
 def test_a_side_that_cannot_be_told_is_said() -> None:
     """A lag of less than a sample, of which nobody can say where it is."""
     found = identify([record_slowly("sensor", 0.003, 1.0)])
     assert found.model.blocks[0].place == "drive"
-    assert any("cannot be told apart" in note for note in found.notes)
+    assert any("cannot be distinguished" in note for note in found.notes)

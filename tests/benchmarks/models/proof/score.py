@@ -116,7 +116,7 @@ def _in_it(h: Hidden) -> tuple[str, ...]:
 
 
 def _right(h: Hidden, first: str, ties: dict[str, list[str]]) -> bool:
-    """First by its own name; or its double, where the judge cannot tell them apart either and the
+    """First by its own name; or its double, where the judge cannot distinguish them either and the
     answer says that they tie."""
     return first == h.name or (first in h.ties and h.name in ties.get(first, []))
 
