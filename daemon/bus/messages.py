@@ -140,7 +140,7 @@ class Reply(Message, tag_field="schema", tag="dehyst.reply", frozen=True, kw_onl
     version: Version = 1
     ok: bool
     code: Name = "ok"
-    """Short reason: see dehyst.daemon.gateway.refusals.CODES."""
+    """Short reason: see dehyst.daemon.bus.refusal_codes.CODES."""
     text: Text = ""
     """The same in words."""
     lease: Id = 0

@@ -39,7 +39,7 @@ from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.bus.topics import SETPOINT, subject
 from dehyst.daemon.client.finding import TIMEOUT_S, chosen_of, find_daemons, not_chosen
-from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, play
+from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Report, ignore, play
 from dehyst.daemon.client.questions import Questions
 from dehyst.daemon.client.repeated import Repeated
 from dehyst.models.errors import DehystError
@@ -54,7 +54,7 @@ ADDRESS, CREDENTIALS = "DEHYST_CONNECT", "DEHYST_CREDENTIALS"
 
 
 class Refusal(DehystError):
-    """The daemon refused a command. code: see dehyst.daemon.gateway.refusals.CODES."""
+    """The daemon refused a command. code: see dehyst.daemon.bus.refusal_codes.CODES."""
 
     def __init__(self, code: str, text: str) -> None:
         how = "; take_over() or --take-over does" if code == "lease-taken" else ""
@@ -104,6 +104,7 @@ class Client(Questions):
         self._connected(bus, keys)
         self.client = number
         self.commanding = threading.RLock()
+        self.report: Report = ignore  # gets sentences worth knowing while a trajectory is played
         self.label = (label or f"client {os.getpid()} on {socket.gethostname()}")[:64]
         self.together: tuple[Client, ...] = (self,)
         self._lease = self._sequence = 0

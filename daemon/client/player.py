@@ -3,8 +3,9 @@
 Several axes of a controller are played together: each is sent its own chunks, the loop follows them
 on the same samples. They begin together or not at all, and where one ends early the others are
 stopped. About LEAD_S of trajectory are kept ahead, so that a gateway may be killed and started
-again in the midst without the stage noticing. When this program dies, the daemon runs out of
-points, holds, and ramps to its safe voltage.
+again in the midst without the stage noticing. A refusal that only asks for time is waited out; a
+model that changes meanwhile ends nothing. When this program dies, the daemon runs out of points,
+holds, and ramps to its safe voltage.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.bus.messages import MAX_POINTS, Event, Reply, Status, new_number
+from dehyst.daemon.bus.refusal_codes import CODES
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.repeated import Numbers, Repeated
 from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
@@ -32,8 +34,17 @@ LEAD_S = 3.0
 LEARNING_LEAD_S = 1.0
 """What was learned acts so much later."""
 PATIENCE_S = 10.0
+"""With a daemon that does not answer, whose loop says nothing, or that asks for time."""
 WORDS_NS = 500_000_000  # that the reason of an end may come after the end
 RENEW_S = 1.0
+
+
+Report = Callable[[str], None]
+"""Called with a sentence for the user, while it plays."""
+
+
+def ignore(text: str) -> None:
+    """A report that nobody reads."""
 
 
 @dataclass
@@ -49,12 +60,16 @@ class Played:
     tracking: Tracking
     lost: int
     state: str
+    notes: tuple[str, ...] = ()
+    """What the player reported on the way."""
 
 
 class Connection(Protocol):
-    """What the player needs of a Client; patience_s: how long a silent daemon is waited for."""
+    """What the player needs of a Client; patience_s: how long a silent daemon is waited for;
+    report: gets what is worth knowing on the way."""
 
     patience_s: float
+    report: Report
 
     def status(self) -> Status: ...
 
@@ -162,6 +177,12 @@ def _reasons(ended: Sequence[str | None]) -> list[str]:
     return [f"it was stopped with another axis: {why}" if e is None else e for e in ended]
 
 
+def model_reach(status: Status) -> tuple[float, float]:
+    """The reach in the model's own displacement, which neither origin nor trim moves."""
+    zero = status.origin + status.trim
+    return status.reach_min + zero, status.reach_max + zero
+
+
 class Player:
     """Plays one axis. together: names of all axes that play this trajectory, none where it is
     alone; number: of the trajectory, the same for all of them."""
@@ -185,12 +206,14 @@ class Player:
         self.due_ns = self.heard_ns = clock.monotonic_ns()
         self.silent_since_ns = 0
         self.refused = ""
+        self.asked_since_ns = self.gone_since_ns = 0  # for time by the daemon; without a loop
+        self.notes: list[str] = []
         self.ended_ns = 0
         self.stream, self.feed = client.stream(), client.feed()
         self.before = client.status()
         if not self.before.core_alive or self.before.period_ns <= 0:
             raise DehystError("the daemon's loop is not running yet; try again when it is ready")
-        self.period_s = self.before.period_ns * 1e-9
+        self.period_s, self.reach = self.before.period_ns * 1e-9, model_reach(self.before)
         self.tracking = Tracking(2**62, points.samples(self.period_s))
 
     def hear(self, timeout_s: float) -> NDArray[Any]:
@@ -199,7 +222,33 @@ class Player:
         if samples.size:
             self.tracking.add(samples)
             self.learn(samples)
+        self._see_model()
         return samples
+
+    def _see_model(self) -> None:
+        """Report, once for each model, which points that are still to be played it cannot reach."""
+        status = self.feed.status
+        if status is None or not self.index or np.allclose(model_reach(status), self.reach):
+            return
+        self.reach = model_reach(status)
+        targets, low, high = self.points.left(self.sent), status.reach_min, status.reach_max
+        far = np.maximum(low - targets, targets - high)
+        far = far[far > 0.0]
+        head = f"{status.name}: the model has changed, and the reach is now {low:.6g} to {high:.6g}"
+        head += f" {status.unit}"
+        if self.allow or not far.size:
+            self.report(f"{head}; the trajectory goes on")
+            return
+        whole = "points that are left" if self.points.total is not None else "points of each pass"
+        self.report(
+            f"{head}: {far.size} of the {targets.size} {whole} are beyond it, by up to "
+            f"{far.max():.3g} {status.unit}; the nearest place is taken, and flagged"
+        )
+
+    def report(self, text: str) -> None:
+        """Say it now, and keep it for the result."""
+        self.notes.append(text)
+        self.client.report(text)
 
     def learn(self, samples: NDArray[Any]) -> None:
         """Let the learning have the samples of this trajectory."""
@@ -237,13 +286,9 @@ class Player:
             self.due_ns = now_ns + 200_000_000
             return
         except DehystError as error:
-            if self.index == 0:
-                raise
-            self.due_ns = now_ns + 250_000_000
-            if getattr(error, "code", "") != "queue-full":
-                self.refused = str(error)
+            self._refuse(now_ns, error)
             return
-        self.silent_since_ns = 0
+        self.silent_since_ns = self.asked_since_ns = 0
         if self.index == 0:
             self.tracking.first_seq = reply.telemetry_seq + 1
         self.sent, self.index, self.piece = end, self.index + 1, None
@@ -251,14 +296,32 @@ class Player:
         wait_s = min(max(ahead_s, 0.0), RENEW_S)
         self.due_ns = now_ns + round(wait_s * 1e9)
 
+    def _refuse(self, now_ns: int, error: DehystError) -> None:
+        """Wait where the refusal asks for time, else end. Raises it where nothing has begun."""
+        code = getattr(error, "code", "")
+        waits = code in CODES and CODES[code].waits
+        self.due_ns, self.silent_since_ns = now_ns + 250_000_000, 0
+        # a queue that is full drains; whatever else asks for time may ask for ever
+        if waits and code != "queue-full":
+            self.asked_since_ns = self.asked_since_ns or now_ns
+            waits = now_ns - self.asked_since_ns <= PATIENCE_S * 1e9
+        if self.index == 0 and (not waits or self.together):
+            raise error
+        if not waits:
+            self.refused = str(error)
+
     def silent_too_long(self, now_ns: int) -> bool:
-        """Raises BusError when the daemon has not answered for PATIENCE_S."""
-        if self.silent_since_ns and now_ns - self.silent_since_ns > PATIENCE_S * 1e9:
-            raise BusError(
-                f"the daemon has not answered for {PATIENCE_S:g} s; the stage holds and ramps to "
-                "its safe voltage by itself"
-            )
-        return False
+        """True when the daemon has not answered for PATIENCE_S. Raises BusError where nothing has
+        begun."""
+        if not self.silent_since_ns or now_ns - self.silent_since_ns <= PATIENCE_S * 1e9:
+            return False
+        self.refused = (
+            f"the daemon has not answered for {PATIENCE_S:g} s; the stage holds and ramps to its "
+            "safe voltage by itself"
+        )
+        if self.index == 0:
+            raise BusError(self.refused)
+        return True
 
     def ended(self, now_ns: int) -> str | None:
         """None: it goes on; "": through to the end; else why it ended early."""
@@ -267,7 +330,12 @@ class Player:
             return self.refused
         if self.tracking.complete and self.points.over(self.sent):
             return ""
-        if status is None or self.index == 0 or status.time_ns <= self.before.time_ns:
+        if status is None or self.index == 0:
+            return None
+        self.gone_since_ns = 0 if status.core_alive else self.gone_since_ns or now_ns
+        if self.gone_since_ns and now_ns - self.gone_since_ns > PATIENCE_S * 1e9:
+            return f"the daemon's loop has said nothing for {PATIENCE_S:g} s"
+        if status.time_ns <= self.before.time_ns:
             return None
         if status.trajectory == self.number and status.trajectory_done:
             late = now_ns - self.feed.status_at_ns > 1e9  # the last samples are still on their way
@@ -306,4 +374,5 @@ class Player:
             tracking=self.tracking,
             lost=self.stream.lost,
             state=status.state,
+            notes=tuple(self.notes),
         )

@@ -47,6 +47,13 @@ class Repeated:
         """True when all points have been sent."""
         return self.total is not None and sent >= self.total
 
+    def left(self, sent: int) -> Floats:
+        """(m,) targets of the points from number `sent` on; of a whole pass where there is no
+        end."""
+        if self.total is None:
+            return self.targets
+        return self.targets[np.arange(sent, self.total) % self.n]
+
     @property
     def duration_s(self) -> float:
         """Of the whole; infinite where it has no end."""

@@ -133,6 +133,7 @@ def run(args: argparse.Namespace) -> int:
         targets = {}
         stage.wait_until_started(told=say)
         for axis, trajectory in trajectories.items():
+            clients[axis].report = say
             status = clients[axis].status()
             targets[axis] = trajectory.target + offsets[axis]
             check_units(args.trajectory, trajectory.unit, status)

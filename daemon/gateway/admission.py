@@ -2,7 +2,8 @@
 
 A command that is not admitted is answered with a code and the reason in words, and counted. The
 checks, in this order: is the loop there and in a state that follows commands; lease; order and
-age; unit; finite; within reach; room in the queue. Nothing is clipped or mended here.
+age; unit; finite; within reach; room in the queue. Nothing is clipped or mended here. What a
+trajectory may reach is decided when it begins (dehyst.daemon.gateway.in_play).
 """
 
 from collections import Counter, deque
@@ -15,6 +16,9 @@ from numpy.typing import NDArray
 
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.messages import Chunk, Command, Reply, Request, Setpoint
+from dehyst.daemon.bus.refusal_codes import CODES
+from dehyst.daemon.gateway.core_view import CoreView
+from dehyst.daemon.gateway.in_play import InPlay
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.gateway.loop_records import NOTHING, make_records
 from dehyst.daemon.gateway.refusals import NotAdmitted
@@ -25,25 +29,7 @@ DecideOffer = Callable[[str, int], str]
 """(action, number of the offer): why not, in words; "": it is being done."""
 Offsets: TypeAlias = NDArray[np.int64]
 Values: TypeAlias = NDArray[np.float64]
-REACH_SLACK = 1e-9
-RESERVED = 64
-"""Room in the command ring that trajectories leave for a stop."""
 LATEST_OFFSET_NS = 10**18
-
-
-@dataclass
-class CoreView:
-    """What the gateway knows of the loop."""
-
-    alive: bool = False
-    state: State = State.START
-    reachable: tuple[float, float] = (float("nan"), float("nan"))
-    queue_s: float = 0.0
-    status_ns: int = 0
-    trajectory: int = 0
-    trajectory_done: bool = True
-    period_ns: int = 1_000_000
-    telemetry_seq: int = -1
 
 
 @dataclass
@@ -53,6 +39,7 @@ class _Trajectory:
     next_index: int = -1  # -1: not known, this gateway started in its midst
     end_ns: int = -1  # offset of the newest point passed on
     over: str = ""  # why nothing further is taken
+    refused: bool = False  # a refusal that is final was reported
 
 
 class Admission:
@@ -69,6 +56,9 @@ class Admission:
         self.rejected: Counter[str] = Counter()
         self.commands = 0
         self.decide_offer: DecideOffer = lambda action, offer: "there is no doctor here"
+        self.tell: Callable[[int, str, str], None] = lambda level, code, text: None
+        self.keep: Callable[[InPlay], None] = lambda begun: None
+        self.begun = InPlay()
         self._trajectory = _Trajectory()
         self._passed: deque[tuple[int, float]] = deque()  # (when, seconds of trajectory)
         self._room = 0
@@ -92,8 +82,7 @@ class Admission:
             self._trajectory.over = self._trajectory.over or "the loop follows it no longer"
 
     def queue_ahead_s(self, now_ns: int) -> float:
-        """Trajectory ahead of the loop, an upper bound: its own last word plus what was passed
-        on since."""
+        """Trajectory ahead of the loop at most: its own last word and what was passed on since."""
         core = self.core
         while self._passed and self._passed[0][0] < core.status_ns - 2 * core.period_ns:
             self._passed.popleft()
@@ -104,23 +93,34 @@ class Admission:
         """(answer, COMMAND records for the loop). room: records that its ring can take."""
         self.commands += 1
         self._room = room
+        code, text = "ok", ""
         try:
-            if isinstance(command, Setpoint):
-                records, code = self._setpoint(now_ns, command), "ok"
-            elif isinstance(command, Chunk):
-                records, code = self._chunk(now_ns, command)
+            if isinstance(command, Chunk):
+                records, code, text = self._chunk(now_ns, command)
+            elif isinstance(command, Setpoint):
+                records = self._setpoint(now_ns, command)
             else:
-                records, code = self._request(now_ns, command), "ok"
+                records = self._request(now_ns, command)
         except NotAdmitted as refused:
+            self._report_final(command, refused)
             return self.refuse(now_ns, refused.code, str(refused)), NOTHING
-        return self.granted(now_ns, command, code), records
+        return self.granted(now_ns, command, code, text), records
 
-    def granted(self, now_ns: int, command: Command, code: str = "ok") -> Reply:
+    def _report_final(self, command: Command, refused: NotAdmitted) -> None:
+        """Report once that the trajectory in play is refused for good."""
+        now = self._trajectory
+        said = CODES[refused.code].waits or now.over or now.refused
+        if isinstance(command, Chunk) and self.plays(command) and not said:
+            now.refused = True
+            self.tell(2, "trajectory", f"the trajectory in play is refused: {refused}")
+
+    def granted(self, now_ns: int, command: Command, code: str = "ok", text: str = "") -> Reply:
         """The answer to a command that was admitted."""
         holder = self.lease.check(now_ns, command.client, self.lease.lease)
         return Reply(
             ok=True,
             code=code,
+            text=text,
             lease=self.lease.lease if holder and isinstance(command, Request) else 0,
             lease_s=self.lease.length_ns * 1e-9,
             queue_s=self.queue_ahead_s(now_ns),
@@ -131,24 +131,6 @@ class Admission:
         """Count a refusal and say why."""
         self.rejected[code] += 1
         return Reply(ok=False, code=code, text=text[:500], queue_s=self.queue_ahead_s(now_ns))
-
-    def _check_core(self, records: int = 1) -> None:
-        if not self.core.alive:
-            if self.core.status_ns == 0:
-                raise NotAdmitted("state", "the daemon is starting; it takes commands when ready")
-            raise NotAdmitted("no-core", "the loop's process does not run")
-        if records > self._room - RESERVED * (records > 1):
-            raise NotAdmitted("queue-full", "the loop does not take commands at present")
-
-    def _check_state(self, records: int = 1) -> None:
-        self._check_core(records)
-        if self.core.state in (State.START, State.FAULT, State.STOPPING):
-            raise NotAdmitted(
-                "state",
-                "the daemon is starting; it takes commands when ready"
-                if self.core.state is State.START
-                else f"in the state {self.core.state.name.lower()} the daemon follows no commands",
-            )
 
     def _check_lease(self, now_ns: int, client: int, lease: int) -> None:
         if self.lease.check(now_ns, client, lease):
@@ -176,7 +158,7 @@ class Admission:
             )
 
     def _check_values(
-        self, values: NDArray[np.float64], unit: str, allow_unreachable: bool
+        self, values: Values, unit: str, allow_unreachable: bool, begun: InPlay
     ) -> None:
         if unit != self.unit:
             raise NotAdmitted(
@@ -184,18 +166,16 @@ class Admission:
             )
         if not np.all(np.isfinite(values)):
             raise NotAdmitted("not-finite", "a target is NaN or infinite")
-        low, high = self.core.reachable
-        least, most = float(values.min()), float(values.max())
-        inside = low - REACH_SLACK <= least and most <= high + REACH_SLACK
-        if not inside and not allow_unreachable:
-            wrong = least if least < low - REACH_SLACK else most
+        wrong = None if allow_unreachable else begun.admits(values, self.core.reachable)
+        if wrong is not None:
+            low, high = self.core.reachable
             raise NotAdmitted(
                 "unreachable",
                 f"{wrong:g} {self.unit} cannot be reached: the range is {low:g} to {high:g}",
             )
 
     def _setpoint(self, now_ns: int, command: Setpoint) -> NDArray[np.void]:
-        self._check_state()
+        self.core.check_state(self._room)
         self._check_lease(now_ns, command.client, command.lease)
         if command.sequence <= self.lease.sequence:
             raise NotAdmitted(
@@ -203,7 +183,9 @@ class Admission:
             )
         self.lease.keep(now_ns)
         self._check_age(now_ns, command.sent_ns)
-        self._check_values(np.array([command.value]), command.unit, command.allow_unreachable)
+        self._check_values(
+            np.array([command.value]), command.unit, command.allow_unreachable, InPlay()
+        )
         self._check_stay(command.stay)
         self.lease.sequence = command.sequence
         self.lease.heard(now_ns, command.sent_ns)
@@ -218,21 +200,23 @@ class Admission:
         return (now.number, now.client) == (command.trajectory, command.client)
 
     def check_first(self, now_ns: int, command: Chunk, room: int) -> None:
-        """NotAdmitted where this first chunk of a trajectory would not be taken now; it is not
-        taken yet."""
+        """NotAdmitted where this first chunk of a trajectory would not be taken now."""
         self._room = room
         self._check_chunk(now_ns, command)
 
-    def _chunk(self, now_ns: int, command: Chunk) -> tuple[NDArray[np.void], str]:
+    def _chunk(self, now_ns: int, command: Chunk) -> tuple[NDArray[np.void], str, str]:
         checked = self._check_chunk(now_ns, command)
         if checked is None:
             self.lease.heard(now_ns, command.sent_ns)
-            return NOTHING, "duplicate"
+            return NOTHING, "duplicate", ""
         now, offsets, values, learned = checked
         span_ns = _span_ns(now, offsets)
         if command.index == 0:
             self._passed.clear()
             self.core.queue_s = 0.0
+        if not self._has_begun(now):
+            self.begun = InPlay.begin(now.number, now.client, self.core.reachable)
+            self.keep(self.begun)
         self._trajectory = now
         now.next_index, now.end_ns = command.index + 1, int(offsets[-1])
         now.over = "it is complete" if command.last else ""
@@ -243,16 +227,32 @@ class Admission:
         records["correction"] = learned
         if len(command.axes) > 1:
             records["group"], records["members"] = command.trajectory, len(command.axes)
-        return records, "ok"
+        return records, "ok", "" if command.allow_unreachable else self._beyond(command, values)
+
+    def _has_begun(self, now: _Trajectory) -> bool:
+        """Whether the reach at its beginning is known."""
+        return (self.begun.trajectory, self.begun.client) == (now.number, now.client)
+
+    def _beyond(self, command: Chunk, values: Values) -> str:
+        """Count what another model has left out of reach, and report it: when it begins, in words
+        for the client too, and at the end."""
+        begun, first = self.begun, not self.begun.beyond
+        if begun.count(values, self.core.reachable):
+            self.keep(begun)
+        if not begun.beyond or not (first or command.last):
+            return ""
+        text = begun.say_beyond(self.core.reachable, self.unit)
+        self.tell(2, "trajectory", text)
+        return text if first else ""
 
     def _check_chunk(
         self, now_ns: int, command: Chunk
     ) -> tuple[_Trajectory, Offsets, Values, Values] | None:
-        """The trajectory that it goes on with, and its times, targets and corrections that are new;
-        None: it was taken before. Raises NotAdmitted."""
+        """Its trajectory, and its new times, targets and corrections; None: it was taken before.
+        Raises NotAdmitted."""
         offsets, values = encoding.points(command)
         learned = encoding.corrections(command)
-        self._check_state(offsets.size + 1)
+        self.core.check_state(self._room, offsets.size + 1)
         self._check_lease(now_ns, command.client, command.lease)
         self._check_age(now_ns, command.sent_ns)
         now = self._continued(command)
@@ -274,7 +274,8 @@ class Admission:
                 return None
         elif now.end_ns >= 0 and offsets[0] <= now.end_ns:
             raise NotAdmitted("order", "the chunk begins before the one before it ended")
-        self._check_values(values, command.unit, command.allow_unreachable)
+        begun = self.begun if self._has_begun(now) else InPlay()
+        self._check_values(values, command.unit, command.allow_unreachable, begun)
         if not np.all(np.isfinite(learned)):
             raise NotAdmitted("not-finite", "a learned correction is NaN or infinite")
         span_ns, gaps = _span_ns(now, offsets), offsets.size - (now.end_ns < 0)
@@ -308,7 +309,7 @@ class Admission:
         )
 
     def _zero(self, command: Request) -> NDArray[np.void]:
-        self._check_state()
+        self.core.check_state(self._room)
         low, high = self.core.reachable
         if not np.isfinite(command.value):
             raise NotAdmitted("not-finite", "the shift of the gauge's zero is NaN or infinite")
@@ -329,7 +330,7 @@ class Admission:
             )
 
     def _hold(self, command: Request) -> NDArray[np.void]:
-        self._check_state()
+        self.core.check_state(self._room)
         self._check_stay(command.stay)
         self._end_trajectory("its stage is held where it is")
         records = make_records(Kind.HOLD, command.client)
@@ -337,7 +338,9 @@ class Admission:
         return records
 
     def _end_trajectory(self, why: str) -> None:
-        self._trajectory.over = self._trajectory.over or why
+        if (now := self._trajectory).number and not now.over:
+            now.over = why
+            self.tell(1, "trajectory", f"the trajectory ended early: {why}")
         self._passed.clear()
 
     def check_free(self, now_ns: int, command: Request) -> None:
@@ -367,7 +370,7 @@ class Admission:
             self.give_lease(now_ns, command)
             return NOTHING
         if action in ("stop", "release"):  # whoever may command at all may always stop
-            self._check_core()
+            self.core.check(self._room)
             self._end_trajectory("it was stopped")
             if lease.check(now_ns, client, command.lease):
                 lease.heard(now_ns, command.sent_ns)
@@ -385,7 +388,7 @@ class Admission:
         if action == "give-up":
             lease.give_up()
         elif action == "clear":
-            self._check_core()
+            self.core.check(self._room)
             if command.trajectory == self._trajectory.number:
                 self._end_trajectory("its client withdrew it")
             return make_records(Kind.CLEAR, client, command.trajectory)

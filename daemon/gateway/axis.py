@@ -1,5 +1,7 @@
 """One axis at the gateway: its keys, its rings, its gate, and what is published of it."""
 
+from functools import partial
+
 from dehyst.daemon import clock
 from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.session import Bus
@@ -7,6 +9,7 @@ from dehyst.daemon.config import Config
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.command_intake import AxisDoor
 from dehyst.daemon.gateway.core_rings import CoreRings
+from dehyst.daemon.gateway.in_play import read_in_play, write_in_play
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.gateway.publisher import Publisher, Served
 
@@ -22,4 +25,7 @@ class ServedAxis:
         admission = Admission("", setpoint.queue_s, setpoint.stale_s, lease, setpoint.stay)
         self.publisher = Publisher(config, bus, self.keys, rings, admission, served)
         admission.decide_offer = self.publisher.doctor_desk.decide
+        admission.tell = self.publisher.tell_later
+        admission.keep = partial(write_in_play, config.directory)
+        admission.begun = read_in_play(config.directory)
         self.door = AxisDoor(bus, self.keys, rings, admission)

@@ -87,10 +87,10 @@ class Publisher:
         if served.refused.starts:
             away = f"no client could reach this daemon for {served.unreachable_s:.1f} s"
             self._waiting.put((1, "gateway", f"{away}: {served.refused.because}"))
-        self.mismatch_watch = MismatchWatch(config, self.history, self._tell_later)
+        self.mismatch_watch = MismatchWatch(config, self.history, self.tell_later)
         found = bus.sender(keys.pubsub(subject(DOCTOR)), DOCTOR)
         trial = ModelTrial(config, self._core_now)
-        self.doctor_desk = DoctorDesk(config, found.put, self._tell_later, trial)
+        self.doctor_desk = DoctorDesk(config, found.put, self.tell_later, trial)
         self.mismatch_watch.seen = self.doctor_desk.see
 
     def tick(self, now_ns: int) -> None:
@@ -117,7 +117,7 @@ class Publisher:
         elif now_ns - self._said_ns >= 1.2 * clock.NS:
             self._say(now_ns)
 
-    def _tell_later(self, level: int, code: str, text: str) -> None:
+    def tell_later(self, level: int, code: str, text: str) -> None:
         """An event of another thread."""
         self._waiting.put((level, code, text))
 

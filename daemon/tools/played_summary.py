@@ -26,6 +26,7 @@ def list_figures(played: Played) -> dict[str, Any]:
         "missed_deadlines": tracking.missed,
         "too_busy_to_judge": bool(about_the_machine(played)),
         "state": played.state,
+        "notes": list(played.notes),
     }
 
 
@@ -48,15 +49,16 @@ def about_the_machine(played: Played) -> str:
 def describe_played(played: Played, axis: str) -> list[str]:
     """The same in words, as lines."""
     tracking, unit, head = played.tracking, played.unit, f"{axis}: " if axis else ""
-    end = "played to the end" if played.completed else f"ended early: {played.reason}"
     most = tracking.max_error if tracking.valid else float("nan")
     busy = about_the_machine(played)
+    seen = f"{tracking.samples} of {tracking.expected} samples, {played.lost} lost"
     lines = [
-        f"{head}{end}; {tracking.samples} of {tracking.expected} samples, {played.lost} lost",
+        f"{head}{f'played to the end; {seen}' if played.completed else seen}",
         f"{head}tracking error: rms {tracking.rms_error:.4g} {unit}, largest {most:.4g} {unit}",
         f"{head}unreachable {tracking.unreachable}, slew-limited {tracking.slew_limited}, outside "
         f"the model's validity {tracking.outside_validity}, without a reading "
         f"{tracking.invalid}, inverse fell back {tracking.dry}, missed deadlines "
         f"{tracking.missed}",
     ]
-    return [*lines, f"{head}{busy}"] if busy else lines
+    end = "" if played.completed else f"ended early: {played.reason}"
+    return lines + [f"{head}{one}" for one in (busy, end) if one]

@@ -3,9 +3,9 @@
 import numpy as np
 
 from dehyst.daemon.bus.messages import Chunk, Reply, Request, Setpoint
+from dehyst.daemon.bus.refusal_codes import CODES
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.lease import Lease
-from dehyst.daemon.gateway.refusals import CODES
 from dehyst.daemon.rings.records import COMMAND, State
 
 S = 1_000_000_000

@@ -3,9 +3,11 @@
 from tests.mutations.change import Change, room
 
 GATE, LEASE = "daemon/gateway/admission.py", "daemon/gateway/lease.py"
+VIEW, IN_PLAY = "daemon/gateway/core_view.py", "daemon/gateway/in_play.py"
 TESTS = (
     "tests/daemon/gateway/test_admission.py",
     "tests/daemon/gateway/test_what_ends_a_trajectory.py",
+    "tests/daemon/gateway/test_in_play.py",
 )
 
 CHANGES = room(
@@ -92,17 +94,35 @@ CHANGES = room(
         "a release waits for the hold time",
     ),
     Change(
-        "state-not-looked-at", GATE,
-        "if self.core.state in (State.START, State.FAULT, State.STOPPING):",
-        "if self.core.state in (State.START, State.STOPPING):",
+        "model-ends-a-scan", IN_PLAY, "float(np.fmin(self.low, reach[0]))", "reach[0]",
+        "a change of model ends the trajectory in play",
+    ),
+    Change(
+        "admission-forgotten", GATE, "            self.keep(self.begun)\n        self._trajectory",
+        "        self._trajectory",
+        "a gateway that is started again refuses what the one before had admitted",
+    ),
+    Change(
+        "reach-of-another", GATE, "return (self.begun.trajectory, self.begun.client) ==",
+        "return True or (self.begun.trajectory, self.begun.client) ==",
+        "a new trajectory is admitted by the reach of the one before",
+    ),
+    Change(
+        "beyond-not-reported", GATE, 'self.tell(2, "trajectory", text)', "pass",
+        "nobody is told that a scan is cut off at the new reach",
+    ),
+    Change(
+        "state-not-looked-at", VIEW,
+        "if self.state in (State.FAULT, State.STOPPING):",
+        "if self.state in (State.STOPPING,):",
         "set-points are accepted while a device has failed",
     ),
     Change(
-        "dead-loop-accepts", GATE, "if not self.core.alive:", "if False:",
+        "dead-loop-accepts", VIEW, "if not self.alive:", "if False:",
         "clients are told that commands were taken though no loop runs",
     ),
     Change(
-        "no-room-for-a-stop", GATE, "RESERVED * (records > 1)", "0",
+        "no-room-for-a-stop", VIEW, "RESERVED * (records > 1)", "0",
         "a full ring keeps a stop away from the loop",
     ),
     Change(
@@ -130,11 +150,11 @@ CHANGES = room(
         "nanometres are driven as micrometres",
     ),
     Change(
-        "low-end-open", GATE, "inside = low - REACH_SLACK <= least and most",
-        "inside = most", "targets below the range are accepted",
+        "low-end-open", IN_PLAY, "if not least >= low - REACH_SLACK:",
+        "if least != least:", "targets below the range are accepted",
     ),
     Change(
-        "high-end-open", GATE, "<= least and most <= high + REACH_SLACK", "<= least",
+        "high-end-open", IN_PLAY, "if most <= high + REACH_SLACK else most", "",
         "targets above the range are accepted",
     ),
     Change(

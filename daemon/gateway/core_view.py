@@ -1,0 +1,41 @@
+"""What the gateway knows of the loop, and whether the loop can be commanded now."""
+
+from dataclasses import dataclass
+
+from dehyst.daemon.gateway.refusals import NotAdmitted
+from dehyst.daemon.rings.records import State
+
+RESERVED = 64
+"""Room in the command ring that trajectories leave for a stop."""
+
+
+@dataclass
+class CoreView:
+    """What the gateway knows of the loop."""
+
+    alive: bool = False
+    state: State = State.START
+    reachable: tuple[float, float] = (float("nan"), float("nan"))
+    queue_s: float = 0.0
+    status_ns: int = 0
+    trajectory: int = 0
+    trajectory_done: bool = True
+    period_ns: int = 1_000_000
+    telemetry_seq: int = -1
+
+    def check(self, room: int, records: int = 1) -> None:
+        """NotAdmitted where the loop cannot take so many records. room: of its command ring."""
+        if not self.alive:
+            raise NotAdmitted("no-core", "the loop's process does not run")
+        if records > room - RESERVED * (records > 1):
+            raise NotAdmitted("queue-full", "the loop does not take commands at present")
+
+    def check_state(self, room: int, records: int = 1) -> None:
+        """The same, and where it follows no commands in its present state."""
+        self.check(room, records)
+        if self.state is State.START:
+            raise NotAdmitted("starting", "the loop is starting and follows no commands yet")
+        if self.state in (State.FAULT, State.STOPPING):
+            raise NotAdmitted(
+                "state", f"in the state {self.state.name.lower()} the daemon follows no commands"
+            )
