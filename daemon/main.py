@@ -3,6 +3,7 @@
 import argparse
 import importlib
 import os
+import signal
 import sys
 from contextlib import AbstractContextManager, nullcontext
 from typing import NoReturn
@@ -12,6 +13,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from dehyst import __version__
+from dehyst.daemon import log_lines
 from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.tools import kernel_cache
 from dehyst.daemon.tools.interrupts import INTERRUPTED, LightEnd, ended_at_once
@@ -64,6 +66,20 @@ COMPILING = {
 """Commands that may have to compile kernels first, and say so on a terminal; the daemon's own
 processes say it wherever they are read."""
 PROCESSES = {"core", "gateway", "emulate"}
+
+
+LASTING = {"run", "core", "gateway", "doctor", "page", "safe", "emulate"}
+SHORT = {"--check", "-h", "--help"}
+
+
+def _lasts(command: str | None, arguments: list[str]) -> bool:
+    """True for a process of the daemon: neither its log nor a signal that it has not asked for may
+    end it."""
+    if command not in LASTING or SHORT & set(arguments):
+        return False
+    if command == "doctor":  # without a configuration it prints what was found
+        return any(a.split("=")[0] == "--config" for a in arguments)
+    return command != "emulate" or "DEHYST_SUPERVISED" in os.environ
 
 
 class Parser(argparse.ArgumentParser):
@@ -125,6 +141,11 @@ def main(argv: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if argv is None else argv
     command = next((a for a in arguments if a in COMMANDS), None)
     said_by = f"dehyst {command}" if command else "dehyst"
+    if command and argv is None and _lasts(command, arguments):
+        # before a process that reloads has said how it takes it; others have nothing to reload
+        signal.signal(signal.SIGHUP, lambda *_: None)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGHUP})
+        log_lines.keep_going(command)
     try:
         for complaint in kernel_cache.protect():
             print(f"dehyst: {complaint}", file=sys.stderr)

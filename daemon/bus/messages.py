@@ -311,6 +311,8 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
     """Clients and routers that are connected now."""
     links_ended: int = 0
     """Connections that have ended: by the other side, its silence, or because it did not read."""
+    log_dropped: int = 0
+    """Lines that processes of this daemon could not write to their log since it was started."""
     starts_refused: int = 0
     """How often it tried in vain to begin before, its address being in use for example."""
     unreachable_s: float = 0.0

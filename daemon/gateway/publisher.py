@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst import __version__
-from dehyst.daemon import clock
+from dehyst.daemon import clock, log_lines
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.bus.messages import Event, GatewayStatus, Status
@@ -171,6 +171,7 @@ class Publisher:
             links=links,
             links_ended=links_ended,
             restarts_of_core=max(0, self._cores - 1),
+            log_dropped=log_lines.dropped(),
             starts_refused=served.refused.starts,
             unreachable_s=served.unreachable_s,
             refused_because=served.refused.because,

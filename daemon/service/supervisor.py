@@ -13,10 +13,11 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from dehyst.daemon import clock, notify
+from dehyst.daemon import clock, log_lines, notify
 from dehyst.daemon.config import Controller
 from dehyst.daemon.service.event_teller import EventTeller
 from dehyst.daemon.service.heartbeat import Heartbeats
@@ -29,6 +30,7 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
 SPARE_S = 20.0  # beyond a ramp's own time: devices that are slow to answer, a busy machine
 BENCH_READY_S = 240.0  # with a cold cache the kernels are compiled first
 LOOK_S = 0.25
+UNBORN = 126
 
 
 class Child:
@@ -38,19 +40,34 @@ class Child:
         self.name, self.arguments = name, arguments
         self.process: subprocess.Popen[bytes] | None = None
         self.pause_s, self.due_ns = FIRST_PAUSE_S, 0
+        self._unborn = False
 
     def start(self) -> None:
-        """Start it now."""
-        self.process = subprocess.Popen(
-            [*DEHYST, *self.arguments],
-            stdin=subprocess.DEVNULL,
-            env={**os.environ, "DEHYST_SUPERVISED": str(os.getpid())},
-            start_new_session=True,  # a Ctrl-C at the terminal reaches the supervisor alone
-        )
+        """Start it now. Where the machine has no process to give, it counts as one that died."""
+        # held back until the child says how it takes it
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
+        try:
+            self.process = subprocess.Popen(
+                [*DEHYST, *self.arguments],
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,  # a Ctrl-C at the terminal reaches the supervisor alone
+                **log_lines.for_child(),
+            )
+        except OSError:
+            self._unborn = True
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    @property
+    def pid(self) -> int:
+        """Of its process; 0: none."""
+        return 0 if self.process is None else self.process.pid
 
     def died(self, worked: bool) -> int | None:
         """Its exit code, once, when it is no longer running; worked: it was of use before."""
         code = None if self.process is None else self.process.poll()
+        if self._unborn:
+            code, self._unborn = UNBORN, False
         if code is not None:
             self.process = None
             self.pause_s = FIRST_PAUSE_S if worked else min(2 * self.pause_s, LONGEST_PAUSE_S)
@@ -71,7 +88,8 @@ class Child:
         """End it at once."""
         if self.process is not None:
             self.process.kill()
-            self.process.wait(5.0)
+            with suppress(subprocess.TimeoutExpired):  # it is within the kernel, and ends later
+                self.process.wait(5.0)
 
 
 class Supervisor:
@@ -194,8 +212,7 @@ class Supervisor:
         self.life, self._entered_ns = life, clock.monotonic_ns()
         if life is Life.STARTING:
             self.core.start()
-            assert self.core.process is not None
-            self._pid = self.core.process.pid
+            self._pid = self.core.pid
             self._heartbeat.core_started(self._pid)
             self._ready = False
         elif life is Life.ENDING:
@@ -307,9 +324,8 @@ class BenchProcess:
                 *arguments,
             ],
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            env={**os.environ, "DEHYST_SUPERVISED": str(os.getpid())},
             start_new_session=True,
+            **(log_lines.for_child() | {"stdout": subprocess.PIPE}),
         )
         try:
             self.ports = self._wait()

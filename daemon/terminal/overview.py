@@ -53,12 +53,21 @@ def find_troubles(status: Status) -> list[str]:
         found.append(f"the trim is frozen: {FROZEN[s.trim_frozen]}")
     if s.missed > MOST_MISSED * max(1, s.samples):
         found.append(
-            f"{100 * s.missed / max(1, s.samples):.2g} % of the deadlines were missed "
+            f"{percent(s.missed, s.samples)} of the deadlines were missed "
             f"({counts(s.missed_by)}): `dehyst latency` shows what is too slow"
         )
+    if gateway.log_dropped:
+        found.append(f"{gateway.log_dropped} lines of the log could not be written")
     if gateway.samples_lost:
         found.append(f"{gateway.samples_lost} samples were lost before they were published")
     return found
+
+
+def percent(part: int, whole: int) -> str:
+    """A share in words, two digits below 10 %. A start that is under way may have missed more
+    deadlines than it has samples."""
+    share = 100.0 * min(1.0, part / max(1, whole))
+    return f"{share:.2g} %" if share < 9.95 else f"{share:.0f} %"
 
 
 def describe_health(status: Status) -> str:

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from dehyst.daemon import log_lines
+
 INTERRUPTED = 130
 
 
@@ -43,6 +45,7 @@ class LightEnd:
         atexit.register(self._end)
 
     def _end(self) -> None:
+        log_lines.last_words()
         try:
             sys.stdout.flush()
             sys.stderr.flush()

@@ -11,6 +11,19 @@ TWO, BOUNDS = "tests/daemon/service/test_two_daemons.py", "tests/daemon/files/te
 
 CHANGES = [
     *room(
+        ("tests/daemon/test_log_lines.py",),
+        Change(
+            "log-waits", "daemon/log_lines.py", "if self._bytes + len(data) > MOST_BYTES:",
+            "while self._bytes + len(data) > MOST_BYTES:\n                self._change.wait()\n"
+            "            if False:",
+            "a log that nobody reads stops supervisor and safe state",
+        ),
+        Change(
+            "log-counts-nothing", "daemon/log_lines.py", "        self._unsaid += lines\n", "",
+            "lines are missing from the log and nobody knows",
+        ),
+    ),
+    *room(
         ("tests/daemon/loop/test_states.py",),
         Change(
             "end-taken-back", STATES,

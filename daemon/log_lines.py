@@ -1,0 +1,224 @@
+"""The log of a process that must go on, whatever becomes of what it is written to.
+
+A terminal that was stopped, a pipe that nobody empties, a full disk, a reader that has gone: a
+write to any of them may block for good or fail. Here a line is only put into a queue; a thread
+writes it to where the process' stdout or stderr leads. A line for which there is no room, or whose
+write fails, is dropped and counted, and the count is said with the next line that can be written.
+What compiled code writes to descriptors 1 and 2 takes the same way: they become pipes that never
+block.
+
+The counts of all processes of one supervisor lie in memory that they share (`dropped`).
+"""
+
+import fcntl
+import io
+import os
+import select
+import signal
+import sys
+import threading
+from collections import deque
+from contextlib import suppress
+from typing import Any
+
+MOST_BYTES = 1 << 18
+"""What may wait to be written: some thousand lines, beyond what a pipe of the kernel holds."""
+LAST_WORDS_S = 0.5
+"""How long the end of the process waits for what is still to be written."""
+COUNTS, SLOTS = "DEHYST_LOG_COUNTS", 16
+PLACES = {"run": 0, "core": 1, "gateway": 2, "doctor": 3, "page": 4, "safe": 5, "emulate": 6}
+"""Processes by their commands, and where their counts lie."""
+
+
+class _Outlet:
+    """Where one descriptor led when the process began, and the thread that writes there."""
+
+    def __init__(self, file: int, who: str) -> None:
+        self._file, self._who = file, who
+        self._waiting: deque[bytes] = deque()
+        self._bytes = self._unsaid = self.dropped = 0
+        self._busy = False
+        self._change = threading.Condition(threading.RLock())
+        threading.Thread(target=self._run, name="log", daemon=True).start()
+
+    def put(self, data: bytes) -> None:
+        """To be written; never waits for that."""
+        with self._change:
+            if self._bytes + len(data) > MOST_BYTES:
+                self._drop(data)
+                return
+            self._waiting.append(data)
+            self._bytes += len(data)
+            self._change.notify_all()
+
+    def flush(self, seconds: float) -> None:
+        """Wait until all is written, at most so long."""
+        with self._change:
+            self._change.wait_for(lambda: not self._waiting and not self._busy, seconds)
+
+    def _drop(self, data: bytes) -> None:
+        lines = max(1, data.count(b"\n"))
+        self.dropped += lines
+        self._unsaid += lines
+        _count(self._who, lines)
+
+    def _run(self) -> None:
+        while True:
+            with self._change:
+                self._busy = False
+                self._change.notify_all()
+                self._change.wait_for(lambda: bool(self._waiting))
+                data = self._waiting.popleft()
+                self._bytes -= len(data)
+                self._busy, unsaid = True, self._unsaid
+            said = f"dehyst {self._who}: {unsaid} lines of the log could not be written\n"
+            try:
+                self._write(said.encode() + data if unsaid else data)
+            except OSError:  # full, closed, gone
+                with self._change:
+                    self._drop(data)
+            else:
+                with self._change:
+                    self._unsaid -= unsaid
+
+    def _write(self, data: bytes) -> None:
+        while data:
+            try:
+                data = data[os.write(self._file, data) :]
+            except BlockingIOError:  # somebody who shares it does not want to wait
+                select.select([], [self._file], [])
+
+
+class _Words(io.TextIOBase):
+    """What print() writes to: whole lines go to the outlet."""
+
+    def __init__(self, outlet: _Outlet, number: int, terminal: bool) -> None:
+        self._outlet, self._number, self._terminal = outlet, number, terminal
+        self._line = threading.local()
+
+    encoding, errors = "utf-8", "backslashreplace"
+
+    def write(self, text: str) -> int:
+        begun = getattr(self._line, "text", "") + text
+        whole, mark, self._line.text = begun.rpartition("\n")
+        if mark:
+            self._outlet.put((whole + mark).encode("utf-8", "backslashreplace"))
+        return len(text)
+
+    def flush(self) -> None:
+        left, self._line.text = getattr(self._line, "text", ""), ""
+        if left:
+            self._outlet.put(left.encode("utf-8", "backslashreplace"))
+
+    def writable(self) -> bool:
+        return True
+
+    def isatty(self) -> bool:
+        return self._terminal
+
+    def fileno(self) -> int:
+        return self._number
+
+
+class Log:
+    """stdout and stderr of this process, from now on. who: the command, for the count's words.
+    file: where stderr led before, for the children: each has a log of its own."""
+
+    def __init__(self, who: str) -> None:
+        # the terminal may stop whoever writes from the background: not this process
+        signal.signal(signal.SIGTTOU, signal.SIG_IGN)
+        self.files = [_kept(number) for number in (1, 2)]
+        outlets = [_Outlet(file, who) for file in self.files]
+        if os.path.sameopenfile(*self.files):
+            outlets[0] = outlets[1]
+        self._outlets, sources = outlets, {}
+        for number, outlet in zip((1, 2), outlets, strict=True):
+            terminal = os.isatty(number)
+            read, write = os.pipe2(os.O_CLOEXEC)
+            os.set_blocking(write, False)
+            os.dup2(write, number)
+            os.close(write)
+            sources[read] = outlet
+            words = _Words(outlet, number, terminal)
+            setattr(sys, ("stdout", "stderr")[number - 1], words)
+        threading.Thread(target=_pass_on, args=(sources,), name="log-pipes", daemon=True).start()
+
+    def flush(self) -> None:
+        """The last words, as far as they can be written soon."""
+        for outlet in self._outlets:
+            outlet.flush(LAST_WORDS_S)
+
+
+def _kept(number: int) -> int:
+    """A descriptor of our own to where this one leads; to nowhere where it is closed."""
+    try:
+        return fcntl.fcntl(number, fcntl.F_DUPFD_CLOEXEC, 3)
+    except OSError:
+        nowhere = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
+        try:
+            return fcntl.fcntl(nowhere, fcntl.F_DUPFD_CLOEXEC, 3)
+        finally:
+            os.close(nowhere)
+
+
+def _pass_on(sources: dict[int, _Outlet]) -> None:
+    """What compiled code writes, to the outlets."""
+    while True:
+        for read in select.select(list(sources), [], [])[0]:
+            sources[read].put(os.read(read, 1 << 16))
+
+
+_log: Log | None = None
+_counts = -1
+
+
+def keep_going(who: str) -> None:
+    """From now on nothing that this process writes to stdout or stderr can stop it."""
+    global _log, _counts
+    if _log is not None:
+        return
+    given = os.environ.pop(COUNTS, "")
+    with suppress(ValueError, OSError):
+        if os.readlink(f"/proc/self/fd/{int(given)}").startswith(f"/memfd:{COUNTS}"):
+            _counts = int(given)
+            os.set_inheritable(_counts, False)
+    if _counts < 0:
+        _counts = os.memfd_create(COUNTS)
+        os.ftruncate(_counts, 8 * SLOTS)
+    _log = Log(who)
+
+
+def last_words() -> None:
+    """Before the process ends: wait a moment for what is still to be written."""
+    if _log is not None:
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        _log.flush()
+
+
+def for_child() -> dict[str, Any]:
+    """Arguments of subprocess.Popen. A child writes to where this process was started to write,
+    not through its parent, which may end before it; and counts where its parent counts."""
+    environment = {**os.environ, "DEHYST_SUPERVISED": str(os.getpid())}
+    if _log is None:
+        return {"env": environment}
+    stdout, stderr = _log.files
+    environment[COUNTS] = str(_counts)
+    return {"env": environment, "stdout": stdout, "stderr": stderr, "pass_fds": (_counts,)}
+
+
+def dropped() -> int:
+    """Lines that this process and those that share its counts could not write."""
+    try:
+        data = os.pread(_counts, 8 * SLOTS, 0)
+    except OSError:
+        return 0
+    return sum(int.from_bytes(data[i : i + 8], "little") for i in range(0, len(data), 8))
+
+
+def _count(who: str, lines: int) -> None:
+    place = 8 * PLACES.get(who, SLOTS - 1)
+    with suppress(OSError):
+        before = int.from_bytes(os.pread(_counts, 8, place), "little")
+        os.pwrite(_counts, (before + lines).to_bytes(8, "little"), place)

@@ -1,0 +1,52 @@
+"""Supervision depends on no log: loop killed and SIGTERM, whatever stdout and stderr lead to."""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.rigs.bad_logs import BAD_LOGS
+from tests.rigs.processes import dehyst, until
+from tests.rigs.service import SAFE_V, Service
+from tests.rigs.stage_model import kept_model
+
+from dehyst.daemon.files.models import save_model
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Service]:
+    save_model(kept_model(), tmp_path / "model.toml")
+    service = Service(tmp_path, tmp_path / "model.toml")
+    try:
+        yield service
+    finally:
+        service.close()
+
+
+@pytest.mark.parametrize("kind", BAD_LOGS)
+def test_the_loop_comes_back_and_the_end_is_heard(
+    service: Service, kind: str, tmp_path: Path
+) -> None:
+    try:
+        with BAD_LOGS[kind](tmp_path) as (file, spoil):
+            service.supervisor = dehyst(
+                "run", "--config", str(service.config), stdout=file, stderr=file
+            )
+            until(lambda: service.core_pid() and service.rings.last() is not None, 120.0, "samples")
+            service.high()
+            spoil()
+            first = service.core_pid()
+            os.kill(first, signal.SIGKILL)
+            until(lambda: service.output() < SAFE_V + 0.02, 30.0, "a safe output")
+            until(lambda: service.core_pid() not in (0, first), 60.0, "the next loop")
+            until(lambda: service.rings.last() is not None, 60.0, "its samples")
+            service.high()
+            service.supervisor.send_signal(signal.SIGHUP)  # as a terminal does that goes away
+            time.sleep(0.5)
+            assert service.supervisor.poll() is None
+            assert service.end() == 0
+    except PermissionError as error:
+        pytest.skip(str(error))
+    assert service.output() == pytest.approx(SAFE_V, abs=0.02)
