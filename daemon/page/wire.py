@@ -191,14 +191,14 @@ def _state(watch: Watch) -> str:
     status = watch.status
     if status is None or watch.silent_s > 3.0:
         return "silent"
-    if is_starting(status):
-        return "starting"
+    if is_starting(status) or (status.state == "start" and not status.samples):
+        return "starting"  # while kernels compile the loop's process says nothing
     return status.state if status.core_alive else "no loop"
 
 
 def _axis(watch: Watch) -> dict[str, Any]:
     status, newest = watch.status, watch.newest
-    if status is None or newest is None:
+    if status is None:
         return {"name": watch.name, "state": watch.problem}
     return {
         "name": watch.name,
@@ -206,10 +206,10 @@ def _axis(watch: Watch) -> dict[str, Any]:
         "unit": status.unit,
         "state": _state(watch),
         "reach": [status.reach_min, status.reach_max],
-        "target": float(newest["target"]),
-        "measured": float(newest["measured"]),
+        "target": None if newest is None else float(newest["target"]),
+        "measured": None if newest is None else float(newest["measured"]),
         "error": watch.error()[0],
-        "volts": float(newest["volts"]),
+        "volts": None if newest is None else float(newest["volts"]),
         "commander": status.gateway.lease_label,
         "mismatch": status.gateway.mismatch,
     }

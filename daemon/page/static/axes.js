@@ -91,8 +91,8 @@ export class Axes {
       const places = a.reach ? decimals(a.reach) : 3;
       const size = (value) => (Number.isFinite(value ?? NaN) ? `${fixed(value, places)} ${unit}` : "–");
       const gap = Number.isFinite(a.target ?? NaN) && Number.isFinite(a.measured ?? NaN) ? a.measured - a.target : null;
-      const words = [a.axis || a.name, size(a.measured), a.target === null ? "none" : size(a.target),
-        size(gap), `${fixed(a.volts, 2)} V`, a.mismatch ? `${a.state}, mismatch` : a.state];
+      const words = [a.axis || a.name, size(a.measured), a.target === null && a.measured !== null ? "none" : size(a.target),
+        size(gap), Number.isFinite(a.volts ?? NaN) ? `${fixed(a.volts, 2)} V` : "–", a.mismatch ? `${a.state}, mismatch` : a.state];
       row.append(...words.map((text) => {
         const cell = document.createElement("td");
         cell.textContent = text;

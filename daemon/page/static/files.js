@@ -111,7 +111,7 @@ export class Files {
     if (axes.length) {
       const colours = ["target", "measured", "good"];
       const curves = axes.map(([name, one], i) => ({ label: name, colour: colours[i % 3], y: one.target }));
-      drawStill($("plot-preview"), 14 * rem(), r.t_s, curves, this.page.unit());
+      drawStill($("plot-preview"), 19 * rem(), r.t_s, curves, this.page.unit());
       if (axes.length > 1) {
         const [[right, x], [up, y]] = axes;
         drawPath($("preview-plane"), [right, up], x.target, y.target, this.page.unit());

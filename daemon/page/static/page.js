@@ -204,9 +204,10 @@ function showStatus(said) {
   $("command-axis").textContent = axis ? `axis ${axis}` : "";
   $("plots-of").textContent = axis ? `Axis ${axis}` : "";
   $("commander").textContent = g.lease_label ? `commanded by ${g.lease_label}` : "nobody commands";
-  $("reach-least").textContent = fixed(s.reach_min, places);
-  $("reach-most").textContent = fixed(s.reach_max, places);
-  $("reach").textContent = starting ? "" : `reach${axis ? ` of ${axis}` : ""}, ${unit}`;
+  const known = s.reach_max > s.reach_min;
+  $("reach-least").textContent = known ? fixed(s.reach_min, places) : "";
+  $("reach-most").textContent = known ? fixed(s.reach_max, places) : "";
+  $("reach").textContent = !known ? "" : `reach${axis ? ` of ${axis}` : ""}, ${unit}`;
   const causes = Object.entries(s.missed_by).map(([cause, n]) => `${cause} ${n}`).join(", ");
   fillList($("deadlines"), [
     ["rate", `${number(1e9 / s.period_ns)} Hz, ${s.policy} ${s.priority}`],
@@ -235,6 +236,7 @@ function showWakeups(counts) {
 function showHealth(said, s) {
   const unit = unitName(s.unit), places = decimals([s.reach_min, s.reach_max]);
   const health = s.gateway.health, wrong = s.gateway.mismatch;
+  if (said.state === "starting") { $("health").textContent = "–"; $("health-words").textContent = ""; return; }
   $("health").textContent = health < 0 ? "learning" : number(health, 3);
   $("health-words").textContent = wrong ? `the stage no longer follows its model: ${pretty(wrong)}`
     : health < 0 ? `${number(100 + 100 * health, 2)} % of the required motion seen` : "below 1, the stage follows its model";

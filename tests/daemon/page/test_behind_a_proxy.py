@@ -146,6 +146,12 @@ def test_all_that_the_page_needs_is_below_its_path(proxy: Proxy) -> None:
         assert (me["name"], me["problem"]) == ("alice", "")
 
 
+def test_a_proxy_may_leave_the_path(proxy: Proxy) -> None:
+    assert proxy.page.http.get("/stage/static/page.js").status_code == 200
+    assert proxy.page.http.get("/stage/me").status_code == 401
+    assert proxy.page.http.get("/stages/me").status_code == 404
+
+
 def test_guesses_are_slowed_by_the_address_behind_the_proxy(proxy: Proxy) -> None:
     with proxy.http("127.0.0.2") as guesser, proxy.http("127.0.0.3") as bob:
         wrong = [

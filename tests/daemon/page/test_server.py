@@ -296,6 +296,46 @@ def test_one_page_for_two_controllers(shared: Bench, tmp_path: Path) -> None:
         second.close()
 
 
+def test_a_preview_is_played_where_it_was_made(shared: Bench, tmp_path: Path) -> None:
+    (tmp_path / "second").mkdir()
+    second = Bench(tmp_path / "second", **{'name = "bench"': 'name = "other"'})
+    page = PageProcess(f"{shared.address},{second.address}", log=tmp_path / "page.txt")
+    try:
+        second.start_gateway()
+        browser = looking(page)
+        browser.until("both", lambda: browser.said["controllers"]["names"] == ["bench", "other"])
+        rows = "".join(f"{t / 100},{4 + t / 100}\n" for t in range(100))
+        job: dict[str, str] = {}
+
+        def taken() -> bool:  # once the model is known
+            asked = page.post(
+                "/upload/trajectory?controller=bench&file=a.csv", content=f"t_s,target_um\n{rows}"
+            )
+            job.update(asked.json())
+            return asked.status_code == 200
+
+        wait_until("the model is known", taken)
+
+        def done() -> bool:
+            job.update(page.http.get(f"/job/{job['number']}").json())
+            return job["state"] in ("done", "failed")
+
+        browser.until("it is checked", done, 240.0)
+        assert job["controller"] == "bench"
+        browser.look("other")
+        browser.until("the other's status", lambda: browser.said["status"]["name"] == "other")
+        browser.ask("play", job=job["number"])
+        browser.until("refused", lambda: any("was checked for bench" in t for t in browser.texts()))
+        assert second.loop.state is State.READY
+        browser.look("bench")
+        browser.ask("play", job=job["number"])
+        browser.until("played", lambda: any("played to the end" in t for t in browser.texts()))
+        browser.close()
+    finally:
+        page.close()
+        second.close()
+
+
 def test_with_passwords_nothing_without_one_and_an_observer_cannot_command(
     shared: Bench, tmp_path: Path
 ) -> None:

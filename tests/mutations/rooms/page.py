@@ -5,6 +5,9 @@ from tests.mutations.change import Change, room
 DOORS, GUARD, GUESSES = "daemon/page/doors.py", "daemon/page/guard.py", "daemon/page/guesses.py"
 PEOPLE, SERVER, VISITS = "daemon/page/people.py", "daemon/page/server.py", "daemon/page/visits.py"
 WIRE = "daemon/page/wire.py"
+STATIC = "daemon/page/static"
+BROWSER, PICTURES = "tests/daemon/page/test_browser.py", "tests/daemon/page/test_pictures.py"
+PROXY = "tests/daemon/page/test_behind_a_proxy.py"
 STRANGERS = "tests/daemon/page/test_strangers.py"
 
 CHANGES = [
@@ -84,6 +87,73 @@ CHANGES = [
         Change(
             "busy-port-in-numbers", DOORS, "    if error.errno == errno.EADDRINUSE:\n",
             "    if False:\n", "a busy port is said as a number of the system",
+        ),
+    ),
+    *room(
+        (PROXY,),
+        Change(
+            "public-origin-refused", GUARD, "or public.called(headers)", "or False",
+            "the page behind a proxy loads and commands nothing",
+        ),
+        Change(
+            "path-kept-is-not-found", GUARD, 'if self._public.path and scope["path"]',
+            'if False and scope["path"]', "a proxy that leaves the path gets 404 for everything",
+        ),
+        Change(
+            "public-page-without-passwords", "daemon/bus/security.py",
+            "            if not passwords:\n", "            if False:\n",
+            "whoever reaches the proxy moves the stage",
+        ),
+    ),
+    *room(
+        (f"{BROWSER}::test_a_file_that_is_given_while_another_is_checked_shows_its_own_figures",),
+        Change(
+            "earlier-file-shown", f"{STATIC}/files.js",
+            "      if (turn === this.turn) this.show(job);", "      this.show(job);",
+            "the figures of an earlier file stand below the new one, and play plays it",
+        ),
+    ),
+    *room(
+        (f"{BROWSER}::test_arrows_step_and_space_stops_whatever_has_the_focus",),
+        Change(
+            "space-presses-the-button", f"{STATIC}/keys.js", '(e.key === " " && !choosing)',
+            '(e.key === " " && !choosing && !e.target.closest("button"))',
+            "space moves the stage where it should stop it",
+        ),
+        Change(
+            "arrows-the-wrong-way", f"{STATIC}/keys.js", "ArrowUp: [1, 1]", "ArrowUp: [1, -1]",
+            "an arrow moves the stage away from where it points",
+        ),
+    ),
+    *room(
+        (f"{BROWSER}::test_steps_end_at_the_reach",),
+        Change(
+            "steps-beyond-the-reach", f"{STATIC}/now.js",
+            "Math.min(reach[1], Math.max(reach[0], from + times * size))", "from + times * size",
+            "the last step before the end of the reach is refused",
+        ),
+    ),
+    *room(
+        (f"{PICTURES}::test_noise_at_rest_is_a_small_part_of_the_picture",),
+        Change(
+            "noise-fills-the-chart", f"{STATIC}/plot.js", "() => 0.05 * span()", "() => 0",
+            "a stage at rest looks as if it shook",
+        ),
+    ),
+    *room(
+        ("tests/daemon/page/test_server.py::"
+         "test_a_stage_that_stands_outside_its_reach_is_held_there",),
+        Change(
+            "hold-refused-at-rest", "daemon/page/commanding.py",
+            'if refused.code != "unreachable":', "if True:",
+            "hold is refused where it is wanted most",
+        ),
+    ),
+    *room(
+        ("tests/daemon/page/test_server.py::test_a_preview_is_played_where_it_was_made",),
+        Change(
+            "preview-of-another-controller-played", VISITS, "if job.controller not in names:",
+            "if False:", "a trajectory that was checked for one stage moves another",
         ),
     ),
 ]  # fmt: skip
