@@ -248,6 +248,7 @@ def _follow(table: Table, c: Any, p: Any, now_ns: int) -> tuple[float, int, int]
         _applied(c, result.drive)
     if c.glide != 0.0:
         _glide(c, p, result.predicted, window)
+        flags |= APPROACH
     # the voltage written now is judged by the next reading, one period on
     sample.step(inverse, window[1:], known - 1)
     c.pending = 1

@@ -91,7 +91,7 @@ class Flag(IntFlag):
     MISSED = 128  # this sample missed its deadline
     WRITE_FAILED = 256  # the actuator did not take the voltage
     FALLBACK = 512  # the inverse fell back (preview ran dry, or not monotone)
-    APPROACH = 1024  # moving to a trajectory's first point
+    APPROACH = 1024  # on the way: to a first point, after a standstill or another model
     MISMATCH = 2048  # the stage does not behave as its model
     TRIM_FROZEN = 4096  # the slow trim stands still: its reading is not to be believed
 

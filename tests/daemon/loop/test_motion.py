@@ -66,6 +66,24 @@ def test_after_a_stand_still_it_glides_to_where_the_target_has_gone() -> None:
     assert abs(error) < 0.05
 
 
+def test_samples_of_a_glide_are_flagged_so_that_nobody_judges_a_model_by_them() -> None:
+    """As long as the stage is more than its ordinary error from the target, it is on its way."""
+    bench = Bench()
+    bench.send(points(4, wave(3000), 0, True), n=700)
+    assert not bench.stepper.record[0]["flags"] & Flag.APPROACH
+    bench.now += 200 * PERIOD_NS
+    off, flagged = [], []
+    for _ in range(1500):
+        bench.tick()
+        record = bench.stepper.record[0]
+        off.append(abs(float(record["predicted"] - record["target"])))
+        flagged.append(bool(record["flags"] & Flag.APPROACH))
+    assert max(off) > 0.9
+    assert all(on_way for away, on_way in zip(off[1:], flagged[1:], strict=True) if away > 0.1)
+    assert not flagged[-1]
+    assert flagged == sorted(flagged, reverse=True)  # one stretch, and it ends
+
+
 def test_a_stand_still_of_half_a_tenth_of_a_second_is_no_reason_to_glide() -> None:
     bench = Bench()
     bench.send(points(4, wave(3000), 0, True), n=700)

@@ -10,6 +10,16 @@ STAYING = ("tests/daemon/loop/test_staying.py",)
 
 CHANGES = [
     *room(
+        MOTION,
+        Change(
+            "glide-unflagged",
+            STEP,
+            "        _glide(c, p, result.predicted, window)\n        flags |= APPROACH\n",
+            "        _glide(c, p, result.predicted, window)\n",
+            "a model is judged by the way back after the loop stood still, and taken away",
+        ),
+    ),
+    *room(
         STAYING,
         Change(
             "what-lasts-outlives-another-command",
