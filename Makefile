@@ -48,9 +48,10 @@ contracts: $(READY)
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
-# docs/reference-*.md, from the code
+# docs/reference-*.md and docs/schemas, from the code
 reference: $(READY)
 	$(BIN)/python -m dehyst.daemon.reference docs
+	$(BIN)/python -m dehyst.daemon.bus.contract docs/schemas
 
 # installs and runs with every Python of pyproject.toml that is here; two minutes each
 interpreters: $(READY)

@@ -6,13 +6,22 @@ tests/daemon/test_reference.py fails where the pages are not what this writes.
 """
 
 import argparse
+import inspect
 import json
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, get_args, get_origin
 
+import msgspec
+from msgspec import structs
+
+from dehyst.daemon.bus.contract import MESSAGES, meaning_of, name_of_message, schema_of
+from dehyst.daemon.bus.messages import FoundEffect, GatewayStatus, ModelOffer
+from dehyst.daemon.gateway.refusals import CODES
 from dehyst.daemon.main import COMMANDS, build_whole_parser
+from dehyst.daemon.rings.records import Flag, MissCause, Mode, State
+from dehyst.daemon.rings.status import Timing
 from dehyst.daemon.tools.config_keys import list_config
 from dehyst.drivers.registry import list_plugins, list_settings
 from dehyst.drivers.settings import SettingKey
@@ -38,7 +47,95 @@ def pages() -> dict[str, str]:
         "reference-commands.md": refer_commands(),
         "reference-configuration.md": refer_configuration(),
         "reference-drivers.md": refer_drivers(),
+        "reference-messages.md": refer_messages(),
     }
+
+
+def refer_messages() -> str:
+    """Every message of the bus: fields, columns, flags, states and codes by number."""
+    lines = [
+        "# Messages on the bus",
+        "",
+        MADE,
+        "How to use them, with worked bytes: [topics.md](topics.md). The same as JSON Schema: "
+        "`docs/schemas`, one file for each message. A field with a default may be left out. A "
+        "reader passes over fields that it does not know.",
+    ]
+    for kind in MESSAGES:
+        lines += ["", f"## {name_of_message(kind)}", "", *_fields_of(kind)]
+    for part in (GatewayStatus, Timing, FoundEffect, ModelOffer):
+        lines += ["", f"## {part.__name__} (inside others)", "", *_fields_of(part)]
+    for title, numbers in (
+        ("Flags (bits of `flags`)", Flag),
+        ("States", State),
+        ("Modes of the inverse", Mode),
+        ("Causes of a missed deadline", MissCause),
+    ):
+        lines += ["", f"## {title}", "", "| number | name | meaning |", "|---|---|---|"]
+        said = comments_of(numbers)
+        lines += [
+            _table_row([str(int(number)), name.lower(), said[name]])
+            for name, number in numbers.__members__.items()
+        ]
+    lines += ["", "## Codes of refusals", "", "| code | meaning |", "|---|---|"]
+    lines += [_table_row([f"`{code}`", text]) for code, text in CODES.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _fields_of(kind: type[msgspec.Struct]) -> list[str]:
+    schema = schema_of(kind) if kind in MESSAGES else {}
+    rows = [" ".join((kind.__doc__ or "").split()), "", "| field | type | default | meaning |"]
+    rows.append("|---|---|---|---|")
+    for field in structs.fields(kind):
+        told = schema.get("properties", {}).get(field.name, {})
+        form = told.get("$comment", "").removeprefix("msgpack ").partition(",")[0]
+        default = "(needed)" if field.required else _default(field.default)
+        rows.append(
+            _table_row(
+                [
+                    f"`{field.name}`",
+                    form or _type_words(field.type),
+                    default,
+                    meaning_of(kind, field.name),
+                ]
+            )
+        )
+    return rows
+
+
+def _default(value: Any) -> str:
+    if isinstance(value, float) and value != value:
+        return "NaN"
+    return "empty" if value in (b"", (), "") else _code(value)
+
+
+def _type_words(kind: Any) -> str:
+    """A field's type for people who do not write Python."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return f"map ({kind.__name__})"
+    origin, args = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        return _type_words(args[0])
+    if origin is tuple:
+        return f"list of {_type_words(args[0])}"
+    if origin is dict:
+        return "map of names to numbers"
+    if origin is Literal:
+        return ", ".join(map(str, args))
+    if type(None) in args:
+        return f"{_type_words(args[0])} or nil"
+    words = {bool: "bool", int: "int", float: "float", str: "string", bytes: "bin"}
+    return words.get(kind, str(kind))
+
+
+def comments_of(numbers: Any) -> dict[str, str]:
+    """The comment behind each value of an enumeration."""
+    found = {}
+    for line in inspect.getsource(numbers).splitlines():
+        name, _, rest = line.strip().partition(" = ")
+        if rest and name in numbers.__members__:
+            found[name] = rest.partition("# ")[2].strip()
+    return {name: found.get(name, "") for name in numbers.__members__}
 
 
 def refer_commands() -> str:

@@ -1,11 +1,11 @@
 """Key expressions on the bus: built and parsed here only.
 
-    {base}/@v0/{name}/pubsub/{subject}/{source}   published: telemetry, status, set-points ...
-    {base}/@v0/{name}/rpc/{method}                asked and answered: commands, model, history ...
-    {base}/@v0/{name}/alive                       liveliness token of a running gateway
+    {base}/@v1/{name}/pubsub/{subject}/{source}   published: telemetry, status, set-points ...
+    {base}/@v1/{name}/rpc/{method}                asked and answered: commands, model, history ...
+    {base}/@v1/{name}/alive                       liveliness token of a running gateway
 
 `name` is the controller; `source` is who publishes (the daemon, or a client's number). The
-grammar follows keelson's. `@v0` is the version of the grammar and of the messages: zenoh matches
+grammar follows keelson's. `@v1` is the version of the grammar and of the messages: zenoh matches
 a chunk that begins with @ only verbatim, so `dehyst/**` sees nothing of it and a subscriber has to
 name the version that it understands.
 """
@@ -15,7 +15,10 @@ from dataclasses import dataclass
 
 from dehyst.models.errors import BadInput
 
-VERSION = "@v0"
+VERSION = "@v1"
+OLDER = ("@v0",)
+"""Versions that are answered with words alone. @v0 is that of dehyst 0.1.0, whose readers refuse
+fields that they do not know."""
 DAEMON = "daemon"
 """Source of everything that the daemon itself publishes."""
 
@@ -69,6 +72,12 @@ class Keys:
     def alive(self) -> str:
         """Key of the liveliness token."""
         return f"{self.root}/alive"
+
+    def older(self) -> list[tuple[str, str]]:
+        """(liveliness token, key expression of every question) of this controller, by each older
+        version."""
+        roots = [f"{self.base}/{version}/{self.name}" for version in OLDER]
+        return [(f"{root}/alive", f"{root}/rpc/*") for root in roots]
 
     def parse(self, key: str) -> ParsedKey:
         """The parts of a key under the same base. Raises BadInput for anything else."""

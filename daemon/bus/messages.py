@@ -1,6 +1,8 @@
 """The messages on the bus, as classes. dehyst.daemon.bus.encoding turns them into bytes and back.
 
-Every message is one map whose `schema` names its class and whose `version` is 1. Displacements
+Every message is one map whose `schema` names its class and whose `version` counts the fields that
+were added to it since 1: a reader takes any version, and passes over what it does not know. What
+would break a reader gets another version in the key (dehyst.daemon.bus.keys). Displacements
 are in the model's unit (named in the message) and count from the set-point origin; voltages are
 the actuator's; times `_ns` are the controller's CLOCK_MONOTONIC unless said otherwise.
 """
@@ -33,14 +35,14 @@ def new_number() -> int:
     return secrets.randbits(62) | 1
 
 
-class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base of all messages."""
+class Message(msgspec.Struct, frozen=True, kw_only=True):
+    """Base of all messages. A reader passes over fields that it does not know."""
 
 
 class Setpoint(Message, tag_field="schema", tag="dehyst.setpoint", frozen=True, kw_only=True):
     """One set-point: go to `value` now and stay."""
 
-    version: Version = 1
+    version: Version = 2
     client: Id
     lease: Id
     """The number that the daemon gave out with the lease; proves that this is not a replay."""
@@ -104,7 +106,7 @@ class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw
     `value` to every reading from now on). Model: accept (put the doctor's offer to work, on
     trial), reject (decline this offer; if it is in use, return to the model before it)."""
 
-    version: Version = 1
+    version: Version = 2
     client: Id
     lease: Id = 0
     sent_ns: int
@@ -228,7 +230,7 @@ class DoctorReport(Message, tag_field="schema", tag="dehyst.doctor", frozen=True
     """Both of the mismatch."""
     changed_wall_ns: int
     """Of the state."""
-    state: DoctorState
+    state: Name
     verdict: Name = ""
     """clean, explained, partly, unknown; or gauge: the gauge fails, and nothing is offered."""
     says: LongText = ""
@@ -333,6 +335,7 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
 class Status(LoopStatus, tag_field="schema", tag="dehyst.status", frozen=True, kw_only=True):
     """State of the loop, 1 Hz and at every change: the rows of dehyst.daemon.rings.status."""
 
+    version: Version = 2
     gateway: GatewayStatus
 
 

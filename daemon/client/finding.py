@@ -41,12 +41,23 @@ def find_daemons(
         if enough(names) or clock.monotonic_ns() > deadline_ns or len(names) > 1:
             break
         clock.sleep_s(0.05)
+    if not names and (old := _older_daemons(bus, base)):
+        raise BusError(
+            f"{', '.join(old)} at {', '.join(addresses)} speaks an older version of the bus than "
+            "this client; update the daemon, or use a client of its version"
+        )
     if not names:
         raise BusError(
             f"something listens at {', '.join(addresses)}, but no daemon with keys below {base}/ "
             "answers; it may not let these credentials see it"
         )
     return names
+
+
+def _older_daemons(bus: Bus, base: str) -> list[str]:
+    """Names of daemons that are there by an older version of the keys alone."""
+    tokens = [key for alive, _ in Keys(base, "*").older() for key in bus.alive(alive)]
+    return sorted({key.split("/")[-2] for key in tokens})
 
 
 def chosen_of(names: list[str], name: str | None) -> str | None:

@@ -88,10 +88,10 @@ class DoctorDesk:
             self._wishes.put((action, found[0]))
         return ""
 
-    def _state(self, name: str) -> DoctorState:
+    def _state(self, name: str) -> str:
         return describe_report(*self._known[name], 0.0).state
 
-    def _why_not(self, name: str, state: DoctorState) -> str:
+    def _why_not(self, name: str, state: str) -> str:
         _, examined, _ = self._known[name]
         if examined is None or examined.tested is None:
             return "nothing is offered: the doctor has no model that is better"

@@ -16,12 +16,13 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
+from dehyst import __version__
 from dehyst.daemon import clock, notify
 from dehyst.daemon.bus import encoding
-from dehyst.daemon.bus.keys import Keys
+from dehyst.daemon.bus.keys import VERSION, Keys
 from dehyst.daemon.bus.messages import Status
 from dehyst.daemon.bus.security import client_settings, server_settings
-from dehyst.daemon.bus.session import Bus, BusError, Nobody
+from dehyst.daemon.bus.session import Asked, Bus, BusError, Nobody
 from dehyst.daemon.config import Config, Controller
 from dehyst.daemon.gateway import refused_starts
 from dehyst.daemon.gateway.answers import Answers
@@ -36,6 +37,15 @@ log = logging.getLogger(__name__)
 ROUTER_S = 1.0
 SWITCH_S = 0.0005
 """How long a Python thread keeps the others waiting: a tenth of the default."""
+
+
+def refuse_older(asked: Asked) -> None:
+    """Answer a client of an older version of the bus in words that it shows."""
+    asked.refuse(
+        f"this daemon (dehyst {__version__}) speaks {VERSION} of the bus; update the client: "
+        "pip install --upgrade dehyst"
+    )
+    asked.done()
 
 
 class Gateway:
@@ -71,6 +81,9 @@ class Gateway:
                 self._open(bus, axis, intake, answers, history)
             for axis in axes:  # who sees one of them finds them all
                 bus.announce(axis.keys.alive())
+                for alive, questions in axis.keys.older():
+                    bus.answer(questions, refuse_older)
+                    bus.announce(alive)
             threads = [
                 self._thread("intake", intake.run),
                 self._thread("answers", answers.run),

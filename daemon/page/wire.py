@@ -26,6 +26,8 @@ from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Model
 from dehyst.models.units import spell_unit
 
+PROTOCOL = 1
+"""Of this WebSocket, for programs (docs/websocket.md): it rises when a change breaks readers."""
 MAGIC_LIVE, MAGIC_PAST = 0x31504844, 0x32504844
 MOST_REPORTS, LOOP_POINTS = 10, 61
 Name = Annotated[str, Meta(max_length=64)]
@@ -128,6 +130,7 @@ def describe_controllers(controllers: Controllers) -> str:
     """Which controllers there are, and what keeps others away."""
     return encode_view(
         "controllers",
+        protocol=PROTOCOL,
         names=sorted(controllers.watches),
         problems=[text for text in controllers.problems.values() if text],
         silent=sorted(n for n, w in controllers.watches.items() if w.silent_s > 3.0),

@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import msgspec
 import numpy as np
@@ -26,13 +26,13 @@ from dehyst.models.learning.why import Why
 Id = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Name = Annotated[str, Meta(max_length=64)]
 Unit = Annotated[str, Meta(max_length=16)]
-Version = Literal[1]
+Version = Annotated[int, Meta(ge=1, le=2**31)]
 
 View = Callable[[Any], str]
 """Words for one cell of the live view, from the whole status."""
 
 
-class Timing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Timing(msgspec.Struct, frozen=True, kw_only=True):
     """Microseconds over the last window."""
 
     p50: float
@@ -138,7 +138,7 @@ def place(measured: float, target: float, volts: float, unit: str) -> str:
     return ", ".join([*words, f"output {volts:.3f} V"])
 
 
-class LoopStatus(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
     """The rows."""
 
     version: Version = 1

@@ -48,8 +48,8 @@ def plain() -> None:
     except zenoh.ZError as error:
         raise SystemExit(f"no daemon to be heard: {error}") from None
     with session:
-        # the chunk @v0 must be written out: wildcards do not match it
-        subscriber = session.declare_subscriber("dehyst/@v0/*/pubsub/telemetry/*")
+        # the chunk @v1 must be written out: wildcards do not match it
+        subscriber = session.declare_subscriber("dehyst/@v1/*/pubsub/telemetry/*")
         end = time.monotonic() + 5.0
         while time.monotonic() < end:
             sample = subscriber.try_recv()

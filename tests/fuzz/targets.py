@@ -332,7 +332,7 @@ def targets() -> dict[str, Target]:
         resources.files("dehyst.models").joinpath(f"{name}.toml").read_bytes()
         for name in modelfile.SHIPPED
     )
-    keys = (b"dehyst/@v0/a/pubsub/telemetry/daemon", b"dehyst/@v0/a/alive", b"dehyst/@v0/b/rpc/x")
+    keys = (b"dehyst/@v1/a/pubsub/telemetry/daemon", b"dehyst/@v1/a/alive", b"dehyst/@v1/b/rpc/x")
     binary = (b"\xc0", b"\xcb\x7f\xf8" + bytes(6), b"\xcf" + b"\xff" * 8, b"\xdd\xff\xff\xff\xff")
     return {
         "command": Target(command, plain[:8], binary),
@@ -342,7 +342,7 @@ def targets() -> dict[str, Target]:
             binary,
         ),
         "stream": Target(stream, (long,), binary),
-        "key": Target(key, keys, (b"/", b"*", b"**", b"@v0", b"$*", b"?", b"#")),
+        "key": Target(key, keys, (b"/", b"*", b"**", b"@v1", b"$*", b"?", b"#")),
         "mdt693b": Target(
             mdt693b, tuple(bytes([i, i, 9]) + r for i, r in enumerate(replies)), replies
         ),

@@ -93,7 +93,7 @@ def telemetry_cost(rate: float) -> str:
     samples = np.zeros(count, TELEMETRY)
     samples["seq"] = np.arange(count)
     samples["scheduled_ns"] = np.arange(count) * round(1e9 / rate)
-    address, key = f"tcp/127.0.0.1:{free_port()}", "dehyst/@v0/bench/pubsub/telemetry/core"
+    address, key = f"tcp/127.0.0.1:{free_port()}", "dehyst/@v1/bench/pubsub/telemetry/core"
     with Bus.serve((address,), ()) as bus, Bus.connect([address]) as other:
         other.listen(key, lambda _key, _payload: None)
         sender = bus.sender(key, TOPIC)

@@ -24,7 +24,7 @@ def test_built_keys_parse_back(base: str, name: str, subject: str, source: str) 
 @given(st.text(max_size=60))
 def test_anything_else_is_refused(text: str) -> None:
     keys = Keys("dehyst", "stage")
-    for key in (text, f"dehyst/@v0/{text}", f"dehyst/@v0/stage/pubsub/{text}"):
+    for key in (text, f"dehyst/@v1/{text}", f"dehyst/@v1/stage/pubsub/{text}"):
         try:
             parsed = keys.parse(key)
         except BadInput:

@@ -48,7 +48,7 @@ def test_setpoint_round_trip_and_plain_msgpack(message: messages.Setpoint) -> No
     assert encoding.encode(encoding.decode_command(payload)) == payload
     plain = msgpack.unpackb(payload)  # another library reads the same
     assert plain["schema"] == "dehyst.setpoint"
-    assert plain["version"] == 1
+    assert plain["version"] >= 1
     assert plain["sequence"] == message.sequence
     assert encoding.encode(encoding.decode_command(msgpack.packb(plain))) == payload
 
@@ -126,9 +126,8 @@ def test_damaged_bytes_are_a_message_or_refused(
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"version": 2}, "version"),
+        ({"version": 0}, "version"),
         ({"schema": "dehyst.telemetry"}, "schema"),
-        ({"extra": 1}, "extra"),
         ({"value": "1"}, "value"),
         ({"client": -1}, "client"),
         ({"client": 2**63}, "client"),
@@ -143,7 +142,7 @@ def test_what_is_wrong_is_named(change: dict, says: str) -> None:
         encoding.decode_command(payload)
 
 
-@pytest.mark.parametrize("version", [0, 2, 1.0, "1", None])
+@pytest.mark.parametrize("version", [0, -2, 1.0, "1", None])
 @pytest.mark.parametrize(
     "good",
     [
@@ -153,7 +152,7 @@ def test_what_is_wrong_is_named(change: dict, says: str) -> None:
     ],
     ids=["setpoint", "chunk", "request"],
 )
-def test_a_command_of_another_version_is_refused(good: msgspec.Struct, version: object) -> None:
+def test_a_command_whose_version_is_none_is_refused(good: msgspec.Struct, version: object) -> None:
     payload = msgpack.packb(msgpack.unpackb(encoding.encode(good)) | {"version": version})
     with pytest.raises(encoding.BadMessage, match="version"):
         encoding.decode_command(payload)

@@ -237,7 +237,7 @@ def test_a_router_that_asks_for_credentials_enforces_the_roles(lab: Lab) -> None
             for method in ("status", "command"):
                 with pytest.raises(BusError):
                     list(bus.ask(lab.keys.rpc(method), encoding.encode(forged), timeout_s=0.3))
-        neighbour.announce("dehyst/@v0/stage-03/alive")
+        neighbour.announce("dehyst/@v1/stage-03/alive")
         end = time.monotonic() + 0.5
         while time.monotonic() < end:
             targets.update(others.read(0.1)["target"].tolist())

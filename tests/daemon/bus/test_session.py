@@ -46,44 +46,44 @@ def test_publish_ask_and_see_who_is_there(address: str) -> None:
                 asked.reply(part)
             asked.done()
 
-        server.answer("lab/@v0/a/rpc/x", answer)
-        server.answer("lab/@v0/a/rpc/no", lambda asked: (asked.refuse("not today"), asked.done()))
-        server.listen("lab/@v0/a/pubsub/setpoint_$*/*", lambda k, p: got.append((k, p)))
-        server.announce("lab/@v0/a/alive")  # the last: who sees it may ask
+        server.answer("lab/@v1/a/rpc/x", answer)
+        server.answer("lab/@v1/a/rpc/no", lambda asked: (asked.refuse("not today"), asked.done()))
+        server.listen("lab/@v1/a/pubsub/setpoint_$*/*", lambda k, p: got.append((k, p)))
+        server.announce("lab/@v1/a/alive")  # the last: who sees it may ask
         with Bus.connect([address]) as client:
             wait_until(
-                "it is there", lambda: client.alive("lab/@v0/*/alive") == ["lab/@v0/a/alive"]
+                "it is there", lambda: client.alive("lab/@v1/*/alive") == ["lab/@v1/a/alive"]
             )
             # asked short, an answer may be dropped where the link's queue of two is full
-            told = list(client.ask("lab/@v0/a/rpc/x", b"three", long=True))
+            told = list(client.ask("lab/@v1/a/rpc/x", b"three", long=True))
             assert told == [b"one", b"two", b"three"]
             with pytest.raises(BusError, match="not today"):
-                list(client.ask("lab/@v0/a/rpc/no"))
+                list(client.ask("lab/@v1/a/rpc/no"))
             with pytest.raises(BusError, match="nobody answers"):
-                list(client.ask("lab/@v0/b/rpc/x"))
-            sender = client.sender("lab/@v0/a/pubsub/setpoint_um/7", topics.SETPOINT)
+                list(client.ask("lab/@v1/b/rpc/x"))
+            sender = client.sender("lab/@v1/a/pubsub/setpoint_um/7", topics.SETPOINT)
             wait_until("the subscriber is known", lambda: sender.put(b"x") or bool(got))
-            assert got[0] == ("lab/@v0/a/pubsub/setpoint_um/7", b"x")
+            assert got[0] == ("lab/@v1/a/pubsub/setpoint_um/7", b"x")
             server.close()
-            wait_until("the token is gone", lambda: client.alive("lab/@v0/*/alive") == [])
+            wait_until("the token is gone", lambda: client.alive("lab/@v1/*/alive") == [])
             with pytest.raises(BusError):
-                list(client.ask("lab/@v0/a/rpc/x"))
+                list(client.ask("lab/@v1/a/rpc/x"))
 
 
 def test_an_answer_that_never_comes(address: str) -> None:
     held: list[Asked] = []
     with Bus.serve([address], []) as server, Bus.connect([address]) as client:
-        server.answer("lab/@v0/a/rpc/x", held.append)
+        server.answer("lab/@v1/a/rpc/x", held.append)
         wait_until("the queryable is known", lambda: asks(client, held))
         with pytest.raises(NoAnswer, match=r"within 0\.2 s"):
-            list(client.ask("lab/@v0/a/rpc/x", timeout_s=0.2))
+            list(client.ask("lab/@v1/a/rpc/x", timeout_s=0.2))
         for asked in held:
             asked.done()
 
 
 def asks(client: Bus, held: list[Asked]) -> bool:
     try:
-        list(client.ask("lab/@v0/a/rpc/x", timeout_s=0.1))
+        list(client.ask("lab/@v1/a/rpc/x", timeout_s=0.1))
     except BusError:
         return bool(held)
     return True

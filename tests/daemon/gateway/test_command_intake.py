@@ -47,7 +47,7 @@ def test_of_a_flood_the_newest_of_each_sender_is_looked_at() -> None:
             client=client, lease=number, sequence=sequence, sent_ns=monotonic_ns(),
             value=float(sequence), unit="um",
         )  # fmt: skip
-        intake.put(door, f"dehyst/@v0/a/pubsub/setpoint_um/{client}", encoding.encode(message))
+        intake.put(door, f"dehyst/@v1/a/pubsub/setpoint_um/{client}", encoding.encode(message))
 
     for i in range(CROWD):  # few: each is looked at
         put(1, i + 1)

@@ -18,6 +18,33 @@ def _version(name: str, text: str) -> Change:
 
 CHANGES = [
     *room(
+        ("tests/daemon/bus/test_contract.py",),
+        Change(
+            "strict-readers",
+            "daemon/bus/messages.py",
+            "class Message(msgspec.Struct, frozen=True, kw_only=True):",
+            "class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):",
+            "a field that is added breaks every older client",
+        ),
+        Change(
+            "version-stands-still",
+            "daemon/bus/messages.py",
+            "    version: Version = 2\n    gateway: GatewayStatus\n",
+            "    gateway: GatewayStatus\n",
+            "a reader cannot see that fields were added",
+        ),
+    ),
+    *room(
+        ("tests/daemon/bus/test_versions.py",),
+        Change(
+            "silent-to-older-clients",
+            "daemon/gateway/process.py",
+            "                    bus.answer(questions, refuse_older)\n",
+            "",
+            "a client of an older version waits and is told nothing",
+        ),
+    ),
+    *room(
         MESSAGE_TESTS,
         _version("setpoint", '    client: Id\n    lease: Id\n    """The number'),
         _version("chunk", "    client: Id\n    lease: Id\n    trajectory"),
