@@ -18,7 +18,7 @@ from msgspec import structs
 
 from dehyst.daemon.bus.contract import MESSAGES, meaning_of, name_of_message, schema_of
 from dehyst.daemon.bus.messages import FoundEffect, GatewayStatus, ModelOffer
-from dehyst.daemon.gateway.refusals import CODES
+from dehyst.daemon.bus.refusal_codes import CODES
 from dehyst.daemon.main import COMMANDS, build_whole_parser
 from dehyst.daemon.rings.records import Flag, MissCause, Mode, State
 from dehyst.daemon.rings.status import Timing
@@ -77,8 +77,15 @@ def refer_messages() -> str:
             _table_row([str(int(number)), name.lower(), said[name]])
             for name, number in numbers.__members__.items()
         ]
-    lines += ["", "## Codes of refusals", "", "| code | meaning |", "|---|---|"]
-    lines += [_table_row([f"`{code}`", text]) for code, text in CODES.items()]
+    lines += [
+        "",
+        "## Codes of refusals",
+        "",
+        "| code | meaning | the same command may be admitted later |",
+    ]
+    lines += ["|---|---|---|"]
+    for name, code in CODES.items():
+        lines.append(_table_row([f"`{name}`", code.says, "yes: try again" if code.waits else ""]))
     return "\n".join(lines) + "\n"
 
 
