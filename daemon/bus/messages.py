@@ -211,6 +211,12 @@ class ModelOffer(Message, frozen=True, kw_only=True):
     """Accepted, it goes back by itself where the error has not fallen after so much motion."""
     blocks: tuple[Name, ...] = ()
     """Kinds of the blocks that it has beside the hysteresis."""
+    reach_in_use: tuple[float, float] | None = None
+    reach_offered: tuple[float, float] | None = None
+    """Displacements of both models within the axis' limits, not shifted by origin and trim."""
+    rate_in_use: float | None = None
+    rate_offered: float | None = None
+    """Largest rates that both models know [drive unit / s]; None: not known, without a bound."""
 
 
 DoctorState = Literal["working", "found", "failed", "trial", "accepted", "returned", "rejected"]

@@ -8,6 +8,7 @@ is on trial: where its error has not fallen after so much motion, the one before
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -18,10 +19,13 @@ from dehyst.daemon import clock
 from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.messages import DoctorReports, DoctorState
 from dehyst.daemon.config import Config
+from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Case, Decided, Examined
-from dehyst.daemon.gateway.doctor_report import describe_report
+from dehyst.daemon.files.models import load_model
+from dehyst.daemon.gateway.doctor_report import Scope, Scopes, describe_report, say_scopes
 from dehyst.daemon.gateway.model_trial import ModelTrial
+from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.errors import DehystError, NotNow
 
 SCAN_S = 0.25
@@ -48,6 +52,7 @@ class DoctorDesk:
         self._lock = threading.Lock()
         self._folders: dict[str, Path] = {}
         self._known: dict[str, tuple[Case, Examined | None, Decided | None]] = {}
+        self._scopes: dict[str, Scopes] = {}
         self._wishes: SimpleQueue[tuple[str, str]] = SimpleQueue()
 
     # -- asked by others ------------------------------------------------------------------------
@@ -55,9 +60,11 @@ class DoctorDesk:
     def reports(self) -> DoctorReports:
         """All that are kept, the newest last."""
         with self._lock:
-            known = list(self._known.values())
+            known = [(one, self._scopes.get(name)) for name, one in self._known.items()]
         trial_s = self._config.doctor.trial_s
-        return DoctorReports(reports=tuple(describe_report(*one, trial_s) for one in known))
+        return DoctorReports(
+            reports=tuple(describe_report(*one, trial_s, scopes) for one, scopes in known)
+        )
 
     def page(self, name: str) -> bytes:
         """The report of a case as HTML; "": the newest. Raises NotNow."""
@@ -129,6 +136,7 @@ class DoctorDesk:
         with self._lock:
             for name in self._known.keys() - there.keys():
                 del self._known[name], self._folders[name]
+                self._scopes.pop(name, None)
         for name, folder in there.items():
             before = self._known.get(name)
             if before is not None and before[1] is not None:
@@ -152,8 +160,20 @@ class DoctorDesk:
         examined = cases.get_record(folder, cases.EXAMINED, Examined)
         decided = cases.get_record(folder, cases.DECIDED, Decided)
         name = folder.name.removesuffix(cases.SUFFIX)
+        if examined is not None and examined.tested is not None and name not in self._scopes:
+            with suppress(DehystError):  # who accepts is then not told of the reach
+                self._scopes[name] = (
+                    self._scope_of(folder / cases.IN_USE),
+                    self._scope_of(folder / cases.OFFERED),
+                )
         with self._lock:
             self._folders[name], self._known[name] = folder, (case, examined, decided)
+
+    def _scope_of(self, file: Path) -> Scope:
+        """Of a model on this axis. Raises DehystError."""
+        model = load_model(file)
+        low, high = displacement_range(model, *drive_range(self._config, model))
+        return Scope((low, high), model.validity.rate_max)
 
     def _tell_found(self, case: Case, found: Examined) -> None:
         more = ""
@@ -161,9 +181,11 @@ class DoctorDesk:
             tested = found.tested
             more = (
                 f" A model is offered: {tested.in_use:.3g} becomes {tested.offered:.3g} "
-                f"{found.unit} on {tested.seconds:.0f} s of later telemetry; dehyst accept, or "
-                "dehyst reject."
+                f"{found.unit} on {tested.seconds:.0f} s of later telemetry"
             )
+            if case.name in self._scopes:
+                more += f", {say_scopes(self._scopes[case.name], found.unit)}"
+            more += "; dehyst accept, or dehyst reject."
         elif found.experiment:
             more = f" Next: dehyst {' '.join(found.experiment)}"
         text = f"{case.name}: {found.says}"
@@ -208,7 +230,8 @@ class DoctorDesk:
         self._tell(2 if state == "returned" else 1, "doctor", f"{name}: {text}"[:LONGEST_EVENT])
 
     def _say(self, name: str) -> None:
-        report = describe_report(*self._known[name], self._config.doctor.trial_s)
+        scopes = self._scopes.get(name)
+        report = describe_report(*self._known[name], self._config.doctor.trial_s, scopes)
         self._publish(encoding.encode(report))
 
     def see(self, samples: NDArray[Any]) -> None:

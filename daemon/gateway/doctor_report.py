@@ -1,13 +1,45 @@
 """One case as the message that clients get."""
 
+from typing import NamedTuple
+
+import msgspec
+
 from dehyst.daemon.bus.messages import DoctorReport, DoctorState, ModelOffer
 from dehyst.daemon.files.cases import Case, Decided, Examined
 
 
+class Scope(NamedTuple):
+    """What a model can do on an axis: reach [displacement unit], largest rate that it knows [drive
+    unit / s], None: not known."""
+
+    reach: tuple[float, float]
+    rate: float | None
+
+
+Scopes = tuple[Scope, Scope]
+"""Of the model in use, and of the one that is offered."""
+
+
+def say_scopes(scopes: Scopes, unit: str) -> str:
+    """What accepting changes of the reach and the rate, in words."""
+    (before, fast), (after, faster) = scopes
+    text = f"the reach of {before[0]:.4g} to {before[1]:.4g} {unit} becomes "
+    text += f"{after[0]:.4g} to {after[1]:.4g} {unit}"
+    if fast == faster:
+        return text
+    words = ["unlimited" if rate is None else f"{rate:.4g}" for rate in (fast, faster)]
+    return f"{text}, the largest drive rate of {words[0]} becomes {words[1]}"
+
+
 def describe_report(
-    case: Case, examined: Examined | None, decided: Decided | None, trial_s: float
+    case: Case,
+    examined: Examined | None,
+    decided: Decided | None,
+    trial_s: float,
+    scopes: Scopes | None = None,
 ) -> DoctorReport:
-    """examined: None: the doctor is at work; decided: None: nobody has decided yet."""
+    """examined: None: the doctor is at work; decided: None: nobody has decided yet; scopes: None:
+    not known."""
     if examined is None:
         return DoctorReport(
             case=case.name,
@@ -28,6 +60,15 @@ def describe_report(
             trial_s=trial_s,
             blocks=tested.blocks,
         )
+        if scopes is not None:
+            in_use, offered = scopes
+            offer = msgspec.structs.replace(
+                offer,
+                reach_in_use=in_use.reach,
+                reach_offered=offered.reach,
+                rate_in_use=in_use.rate,
+                rate_offered=offered.rate,
+            )
     state: DoctorState = "failed" if examined.failed else "found"
     says = examined.says
     if decided is not None:

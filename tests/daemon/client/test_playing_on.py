@@ -24,7 +24,7 @@ from dehyst.daemon.client.repeated import Repeated
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.rings.records import State
 
-PERIOD_S, SECONDS = 0.005, 9.0
+PERIOD_S, SECONDS = 0.005, 12.0
 SHARE = 0.9  # of the reach
 
 
@@ -45,13 +45,17 @@ def start_play(bench: Bench, seconds: float = SECONDS) -> "subprocess.Popen[str]
     target = middle - half * np.cos(np.pi * t_s)
     path = bench.path.parent / "scan.csv"
     rows = "\n".join(f"{a:.3f},{b:.6f}" for a, b in zip(t_s, target, strict=True))
-    path.write_text(f"time_s,target_um\n{rows}\n")
+    path.write_text(f"t_s,target_um\n{rows}\n")
     command = [sys.executable, "-m", "dehyst.daemon.main", "play", str(path)]
     process = subprocess.Popen(
         [*command, "--connect", bench.address, "--json"],
         env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    wait_until("it plays", lambda: bench.loop.seq > 0 and bench.loop.state is State.RUNNING)
+    wait_until(
+        "it plays or is refused",
+        lambda: bench.loop.state is State.RUNNING or process.poll() is not None,
+    )
+    assert process.poll() is None, process.communicate()
     return process
 
 
@@ -67,12 +71,15 @@ def use_model(bench: Bench, share: float) -> None:
         "the loop runs another model",
         lambda: bench.loop.ring("status").read(0)[0][-1]["model"] != before,
     )
+    # a scan goes on; what its player can know, it has to have heard
+    seen = bench.loop.seq
+    wait_until("a second of motion with it", lambda: bench.loop.seq > seen + round(1.5 / PERIOD_S))
 
 
 def test_a_scan_goes_on_through_models_and_a_killed_gateway(bench: Bench) -> None:
     process = start_play(bench)
     begun = bench.loop.seq
-    use_model(bench, 0.7)
+    use_model(bench, 0.45)
     bench.kill_gateway()
     bench.start_gateway()
     use_model(bench, 1.0)
