@@ -3,6 +3,7 @@
 from tests.mutations.change import Change, room
 
 GATE, LEASE = "daemon/gateway/admission.py", "daemon/gateway/lease.py"
+PLAYER, ACCEPT = "daemon/client/player.py", "daemon/commands/accept.py"
 VIEW, IN_PLAY = "daemon/gateway/core_view.py", "daemon/gateway/in_play.py"
 TESTS = (
     "tests/daemon/gateway/test_admission.py",
@@ -231,5 +232,22 @@ CHANGES = room(
     Change(
         "late-loses-lease", LEASE, "        self._seen_ns = now_ns\n\n    def age_ns",
         "        return\n\n    def age_ns", "on a slow link another client takes the lease",
+    ),
+    Change(
+        "player-takes-every-no-as-final", PLAYER, "waits = code in CODES and CODES[code].waits",
+        'waits = code == "queue-full"',
+        "a loop that starts, or a slow network, ends a night's scan",
+        tests=("tests/daemon/client/test_playing_on.py",),
+    ),
+    Change(
+        "player-waits-for-ever", PLAYER,
+        "            waits = now_ns - self.asked_since_ns <= PATIENCE_S * 1e9\n", "",
+        "a daemon that always asks for time is waited for without an end",
+        tests=("tests/daemon/client/test_playing_on.py",),
+    ),
+    Change(
+        "accept-without-asking", ACCEPT, "return reach[0] > status.reach_min + slack or",
+        "return False and", "a scan in play is cut by an accepted model, and nobody is asked",
+        tests=("tests/daemon/commands/test_accept_says.py",),
     ),
 )  # fmt: skip
