@@ -15,6 +15,7 @@ import math
 import os
 import queue
 import threading
+import weakref
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
@@ -105,6 +106,8 @@ class Positioner(Closing):
         make = connect if connect is not None else lambda: Client(label="positioner")
         self._thread = threading.Thread(target=self._live, args=(make, ready), daemon=True)
         self._thread.start()
+        # a program that ends without `close` would leave zenoh's threads to the interpreter's end
+        weakref.finalize(self, _end, self._stopping, self._jobs, self._thread, self._process)
         self.name, self.unit, self.reach, self.period_s, self._stale_s = ready.result()
         self.tolerance = tolerance or SHARE * (self.reach[1] - self.reach[0])
 
@@ -343,3 +346,16 @@ class Positioner(Closing):
         self._collecting = []
 
     _stream: TelemetryStream
+
+
+def _end(
+    stopping: threading.Event,
+    jobs: "queue.SimpleQueue[Any]",
+    thread: threading.Thread,
+    process: int,
+) -> None:
+    """What `close` does, for a positioner that nobody closed; nothing in a forked child."""
+    if os.getpid() == process and thread is not threading.current_thread():
+        stopping.set()
+        jobs.put(None)
+        thread.join()
