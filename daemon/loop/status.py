@@ -40,7 +40,7 @@ class Reading(NamedTuple):
 
 AS_IT_COMES = Reading()
 SEEN_NS = 1_000_000_000  # of readings, before gauge and model are compared
-FAR = 0.01
+FAR = 0.02
 """Of the reach: at a start a larger difference between gauge and model is an unknown place, and
 more than noise or the gauge's own zero."""
 NO_ROWS = np.zeros(0, records_in_memory.FOLLOW_T)
