@@ -66,7 +66,7 @@ COMMON = {
     "Request.value": "zero: added to every reading from now on.",
     "HistoryRequest.first_seq": "Sequence number of the first sample that is wanted.",
     "HistoryRequest.end_seq": "One above the last one.",
-    "HistoryRequest.seconds": "Above 0: the last so much instead of a range of numbers.",
+    "HistoryRequest.seconds": "Above 0: the last seconds, instead of a range of numbers.",
     "Reply.ok": "False: refused, nothing happened.",
     "Rejection.client": "Whose commands were refused.",
     "Rejection.count": "How many since the last such message.",

@@ -118,7 +118,7 @@ class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw
     offer: Id = 0
     """Number of the offer that is accepted or rejected."""
     label: Name = ""
-    """Who this is, for the other client that is told so."""
+    """Who this is, for other clients that are refused."""
     axes: Annotated[tuple[Name, ...], Meta(max_length=MAX_AXES)] = ()
     """Names of axes of this controller that are meant together, the asked one among them: a lease
     is for all of them, under one number, or for none; stop and release are for all. Empty: the
@@ -126,7 +126,7 @@ class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw
 
 
 class HistoryRequest(Message, tag_field="schema", tag="dehyst.history", frozen=True, kw_only=True):
-    """Samples first_seq <= seq < end_seq; or, with seconds > 0, the last so many seconds."""
+    """Samples first_seq <= seq < end_seq; or, with seconds > 0, the last seconds."""
 
     version: Version = 1
     first_seq: Seq = 0
@@ -148,7 +148,7 @@ class Reply(Message, tag_field="schema", tag="dehyst.reply", frozen=True, kw_onl
     lease: Id = 0
     """Number to put into every command; 0: the sender has no lease."""
     lease_s: float = 0.0
-    """The lease ends so long after the last command or renewal."""
+    """The lease ends this long after the last command or renewal."""
     queue_s: float = 0.0
     """Trajectory that is still ahead, an upper bound."""
     telemetry_seq: int = -1
@@ -156,7 +156,7 @@ class Reply(Message, tag_field="schema", tag="dehyst.reply", frozen=True, kw_onl
 
 
 class Rejection(Message, tag_field="schema", tag="dehyst.rejection", frozen=True, kw_only=True):
-    """Commands that were refused, told to everybody; `count` since the last such message."""
+    """Commands that were refused, reported to all clients; `count` since the last such message."""
 
     version: Version = 1
     time_ns: int
@@ -208,7 +208,7 @@ class ModelOffer(Message, frozen=True, kw_only=True):
     rms_offered: float
     noise: float
     trial_s: float
-    """Accepted, it goes back by itself where the error has not fallen after so much motion."""
+    """Once accepted, it is withdrawn if the error has not fallen after this time of motion."""
     blocks: tuple[Name, ...] = ()
     """Kinds of the blocks that it has beside the hysteresis."""
     reach_in_use: tuple[float, float] | None = None
@@ -251,7 +251,7 @@ class DoctorReport(Message, tag_field="schema", tag="dehyst.doctor", frozen=True
     has_report: bool = False
     offer: ModelOffer | None = None
     experiment: Annotated[tuple[Text, ...], Meta(max_length=64)] = ()
-    """Where the recording cannot tell: arguments of `dehyst`, ready to run."""
+    """Where the recording cannot decide: arguments of `dehyst`, ready to run."""
 
 
 class DoctorReports(
@@ -322,9 +322,9 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
     log_dropped: int = 0
     """Lines that processes of this daemon could not write to their log since it was started."""
     starts_refused: int = 0
-    """How often it tried in vain to begin before, its address being in use for example."""
+    """Number of earlier starts that failed, because its address was in use for example."""
     unreachable_s: float = 0.0
-    """From the first of these tries until it began: so long no client could reach the daemon."""
+    """Time from the first of these until it began, in which no client could reach the daemon."""
     refused_because: Text = ""
     """What the last of these tries said."""
     health: float = 0.0

@@ -21,9 +21,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=5.0,
         metavar="S",
-        help="full loops before the recording, so that it has crept already (default: 5 s)",
+        help="time of full loops before the recording, so that creep is over (default: 5 s)",
     )
-    parser.add_argument("--axis", default="", metavar="NAME", help="of several axes this one alone")
+    parser.add_argument(
+        "--axis", default="", metavar="NAME", help="serve only this axis of several"
+    )
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="result as JSON on stdout")
     parser.epilog = """Ctrl-C ends it: the output goes back to where it was, and what was recorded

@@ -48,20 +48,26 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="largest rate of the voltage (default: 20 ranges a second)",
     )
     parser.add_argument(
-        "--rate", type=float, default=200.0, metavar="HZ", help="of the loop (default: %(default)g)"
+        "--rate",
+        type=float,
+        default=200.0,
+        metavar="HZ",
+        help="rate of the loop (default: %(default)g)",
     )
-    parser.add_argument("--name", default="stage-1", help="the controller's (default: %(default)s)")
+    parser.add_argument(
+        "--name", default="stage-1", help="the controller's name (default: %(default)s)"
+    )
     parser.add_argument(
         "--model",
         default="stage.model.toml",
         metavar="MODEL.toml",
-        help="relative to the configuration (default: %(default)s)",
+        help="model file, relative to the configuration (default: %(default)s)",
     )
     parser.add_argument(
         "--actuator",
         default="mdt693b",
         metavar="DRIVER",
-        help="see `dehyst drivers` (default: %(default)s)",
+        help="actuator driver, see `dehyst drivers` (default: %(default)s)",
     )
     parser.add_argument(
         "--set",
@@ -71,7 +77,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="a setting of the actuator's driver; may be repeated",
     )
     parser.add_argument(
-        "--sensor", default="ksg101", metavar="DRIVER", help="(default: %(default)s)"
+        "--sensor", default="ksg101", metavar="DRIVER", help="sensor driver (default: %(default)s)"
     )
     parser.add_argument(
         "--sensor-set",
@@ -80,7 +86,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="a setting of the sensor's driver",
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="default: stdout")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="output file (default: stdout)"
+    )
     add_force(parser)
 
 

@@ -21,10 +21,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unfinished",
         action="store_true",
-        help="keep what is whole of an .mcap whose writer was killed or met a full disk",
+        help="keep the complete part of an .mcap whose writer was killed or met a full disk",
     )
     add_force(parser)
-    parser.add_argument("--json", action="store_true", help="what was done as JSON on stdout")
+    parser.add_argument("--json", action="store_true", help="print what was done as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:

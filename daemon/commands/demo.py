@@ -33,9 +33,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="where picture, recordings and model are saved (default: out)",
     )
-    parser.add_argument("--seed", type=int, metavar="N", help="of act two")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of act two")
     parser.add_argument(
-        "--first-act", action="store_true", help="about a minute: without the second"
+        "--first-act", action="store_true", help="run the first act only, about a minute"
     )
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="result as JSON on stdout")

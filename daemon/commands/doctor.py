@@ -29,12 +29,12 @@ examples: dehyst doctor
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst doctor`."""
     parser.epilog = EPILOG
-    parser.add_argument("--config", metavar="FILE", help="be the doctor of this configuration")
+    parser.add_argument("--config", metavar="FILE", help="run as the doctor of this configuration")
     parser.add_argument(
         "--report", type=Path, metavar="FILE", help="write the newest report (HTML)"
     )
     add_force(parser)
-    parser.add_argument("--json", action="store_true", help="print all that is kept as JSON")
+    parser.add_argument("--json", action="store_true", help="print everything that is kept as JSON")
     add_connection(parser)
 
 

@@ -51,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=knobs.dialect,
         help="firmware of the amplifier (default: %(default)s)",
     )
-    parser.add_argument("--axis", choices=AXES, default="x", help="default: x")
+    parser.add_argument("--axis", choices=AXES, default="x", help="axis (default: x)")
     parser.add_argument(
         "--axes",
         type=int,
@@ -71,7 +71,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar="V",
-        help="the output that the amplifier recalls at power-on (default: 0)",
+        help="output that the amplifier recalls at power-on (default: 0)",
     )
     parser.add_argument(
         "--latency-s",

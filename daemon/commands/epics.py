@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst epics`."""
     parser.epilog = EPILOG
     parser.add_argument(
-        "--prefix", help="of all names (default: dehyst:NAME:, the controller's name)"
+        "--prefix", help="prefix of all names (default: dehyst:NAME:, the controller's name)"
     )
     parser.add_argument(
         "--listen", default=DEFAULT, metavar="ADDRESS", help=f"interface (default: {DEFAULT})"
@@ -36,14 +36,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--without-passwords",
         action="store_true",
-        help="also beyond this machine, where everybody who reaches the address may command",
+        help="allow addresses beyond this machine; everybody who reaches them may command",
     )
     parser.add_argument(
-        "--on-target", choices=("model", "gauge"), default="model", help="whose word counts"
+        "--on-target",
+        choices=("model", "gauge"),
+        default="model",
+        help="what decides whether the stage is on target",
     )
     parser.add_argument(
         "--tolerance", type=float, default=0.0, metavar="UM",
-        help="how near is on target, in the stage's unit (default: 0.2 %% of the reach)",
+        help="how near counts as on target, in the stage's unit (default: 0.2 %% of the reach)",
     )  # fmt: skip
     add_connection(parser)
 

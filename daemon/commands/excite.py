@@ -67,7 +67,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=Path,
         metavar="REC",
-        help="judge these recordings together instead",
+        help="diagnose these recordings together instead",
     )
     parser.add_argument(
         "--separate",
@@ -76,7 +76,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help=f"design the drive that distinguishes effect A from B: {', '.join(EFFECTS)}",
     )
     parser.add_argument("--model", metavar="MODEL.toml", help="the stage's model, for --separate")
-    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="what is covered")
+    parser.add_argument(
+        "--picture", type=Path, metavar="FILE.png", help="draw what the drive covers"
+    )
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON on stdout")
 

@@ -30,8 +30,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recordings", nargs="+", type=Path, metavar="REC")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL.toml")
     kind = parser.add_mutually_exclusive_group()
-    kind.add_argument("--static", action="store_true", help="no rate-dependence")
-    kind.add_argument("--rate", action="store_true", help="rate-dependent weights")
+    kind.add_argument("--static", action="store_true", help="identify without rate-dependence")
+    kind.add_argument("--rate", action="store_true", help="identify with rate-dependent weights")
     parser.add_argument("--order", type=int, metavar="N", help="number of play operators")
     parser.add_argument("--saturation", type=int, metavar="M", help="degree of the saturation")
     parser.add_argument(

@@ -38,7 +38,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--client", action="append", default=[], metavar="NAME", help="make a client's certificate"
     )
-    parser.add_argument("--days", type=int, default=825, help="validity (default: 825)")
+    parser.add_argument(
+        "--days", type=int, default=825, help="validity of a certificate in days (default: 825)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--rate",
         type=float,
         metavar="HZ",
-        help="default: --config's, else what the devices allow, at most 1000",
+        help="sampling rate (default: that of --config, else what the devices allow, at most 1000)",
     )
     parser.add_argument(
         "--for",
@@ -44,14 +44,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=30.0,
         metavar="SECONDS",
-        help="how long; default: %(default)g",
+        help="duration (default: %(default)g)",
     )
     parser.add_argument("--config", metavar="FILE", type=Path, help="a daemon's configuration")
-    parser.add_argument("--engine", choices=("compiled", "python"), help="which loop")
+    parser.add_argument("--engine", choices=("compiled", "python"), help="engine of the loop")
     parser.add_argument("--priority", type=int, help="FIFO priority; 0: ordinary; default: 80")
     parser.add_argument("--cpu", type=int, help="pin the loop to this CPU; default: none")
     parser.add_argument("--spin", type=float, metavar="US", help="loop.spin_us")
-    parser.add_argument("--no-io", action="store_true", help="leave the device calls out")
+    parser.add_argument("--no-io", action="store_true", help="leave out the device calls")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 

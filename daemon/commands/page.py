@@ -35,13 +35,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--public-url", metavar="URL",
         help="the address that people type, where a reverse proxy on this machine serves the page",
     )  # fmt: skip
-    parser.add_argument("--observe", action="store_true", help="nobody may command from here")
-    parser.add_argument("--certificate", metavar="FILE", help="for TLS: the certificate (PEM)")
-    parser.add_argument("--key", metavar="FILE", help="for TLS: its private key (PEM)")
+    parser.add_argument("--observe", action="store_true", help="allow no commands from the page")
+    parser.add_argument("--certificate", metavar="FILE", help="certificate for TLS (PEM)")
+    parser.add_argument(
+        "--key", metavar="FILE", help="private key of the certificate, for TLS (PEM)"
+    )
     parser.add_argument("--passwords", metavar="FILE", help="name:password lines")
     for role in ("operators", "observers"):
-        parser.add_argument(f"--{role}", metavar="NAMES", help="names in it, with commas between")
-    parser.add_argument("--config", metavar="FILE", type=Path, help="the daemon's; uses its [page]")
+        parser.add_argument(
+            f"--{role}", metavar="NAMES", help="names in the password file, separated by commas"
+        )
+    parser.add_argument(
+        "--config", metavar="FILE", type=Path, help="the daemon's configuration; its [page] is used"
+    )
     add_connection(parser)
 
 

@@ -73,7 +73,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="play it N times; 0: until Ctrl-C",
     )
     parser.add_argument(
-        "--learn", action="store_true", help="correct each pass by what the ones before have shown"
+        "--learn", action="store_true", help="correct each pass by the errors of earlier passes"
     )
     parser.add_argument(
         "--learned",
@@ -94,7 +94,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--picture",
         type=Path,
         metavar="PNG",
-        help="error by pass, before and after (default with --learn: TRAJECTORY-learned.png)",
+        help="picture of the error by pass (default with --learn: TRAJECTORY-learned.png)",
     )
     parser.add_argument(
         "--allow-unreachable",

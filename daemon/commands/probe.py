@@ -58,7 +58,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Fill in the arguments."""
     parser.epilog = EPILOG
     parser.add_argument("port", metavar="PORT", help="serial port, or auto")
-    parser.add_argument("--unit", choices=(AMPLIFIER, GAUGE), help="ask as this one only")
+    parser.add_argument("--unit", choices=(AMPLIFIER, GAUGE), help="probe for this unit only")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the recording (JSON)")
     parser.add_argument("--baud", type=int, default=115200, help="default: %(default)s")
     parser.add_argument(

@@ -53,7 +53,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="zero of the displacements (default: setpoint)",
     )
     parser.add_argument("--rotate", metavar="TIME|SIZE", help="e.g. 10min, 1h, 500MB")
-    parser.add_argument("--keep", metavar="SIZE", help="with --rotate: most on the disk, e.g. 20GB")
+    parser.add_argument(
+        "--keep", metavar="SIZE", help="with --rotate: largest total size on the disk, e.g. 20GB"
+    )
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     add_connection(parser)

@@ -31,7 +31,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def add_offer(parser: argparse.ArgumentParser) -> None:
     """--offer."""
     parser.add_argument(
-        "--offer", type=int, metavar="NUMBER", help="which (default: the newest; `dehyst doctor`)"
+        "--offer",
+        type=int,
+        metavar="NUMBER",
+        help="number of the offer (default: the newest; see `dehyst doctor`)",
     )
 
 

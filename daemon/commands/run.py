@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--check",
         metavar="FILE",
         type=Path,
-        help="read a configuration and its model, say what they mean, move nothing",
+        help="read a configuration and its model and print what they mean; nothing moves",
     )
     parser.add_argument(
         "--listen",

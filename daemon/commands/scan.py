@@ -44,24 +44,40 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar=("W", "H"),
         help="width and height (raster, lissajous)",
     )
-    add("--lines", type=int, default=20, metavar="N", help="of a raster (default: 20)")
+    add(
+        "--lines",
+        type=int,
+        default=20,
+        metavar="N",
+        help="number of lines of a raster (default: 20)",
+    )
     add(
         "--line-s",
         type=float,
         default=0.5,
         metavar="S",
-        help="a line with its turn (default: 0.5 s)",
+        help="time of a line with its turn (default: 0.5 s)",
     )
-    add("--turn", type=float, default=0.2, help="share of it that the turn takes (default: 0.2)")
-    add("--radius", type=float, metavar="R", help="of a spiral")
-    add("--pitch", type=float, metavar="P", help="from turn to turn of a spiral (default: R / 10)")
-    add("--speed", type=float, metavar="V", help="along a spiral, a second (default: 4 R)")
+    add(
+        "--turn",
+        type=float,
+        default=0.2,
+        help="share of a line's time that the turn takes (default: 0.2)",
+    )
+    add("--radius", type=float, metavar="R", help="outer radius of a spiral")
+    add(
+        "--pitch",
+        type=float,
+        metavar="P",
+        help="distance between turns of a spiral (default: R / 10)",
+    )
+    add("--speed", type=float, metavar="V", help="speed along a spiral, per second (default: 4 R)")
     add(
         "--most-hz",
         type=float,
         default=2.0,
         metavar="HZ",
-        help="turns a second at its middle (default: 2)",
+        help="highest number of turns a second, near the middle (default: 2)",
     )
     add(
         "--ratio",
@@ -69,19 +85,32 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=(2, 3),
         metavar=("A", "B"),
-        help="of a figure (default: 2 3)",
+        help="frequency ratio of a figure (default: 2 3)",
     )
-    add("--figure-s", type=float, default=4.0, metavar="S", help="one figure (default: 4 s)")
-    add("--turns", type=int, default=2, metavar="N", help="how many figures (default: 2)")
+    add(
+        "--figure-s", type=float, default=4.0, metavar="S", help="time of one figure (default: 4 s)"
+    )
+    add("--turns", type=int, default=2, metavar="N", help="number of figures (default: 2)")
     add(
         "--center",
         nargs=2,
         type=float,
         metavar=("X", "Y"),
-        help="default: middle of what is reached, else 0 0",
+        help="center of the path (default: middle of the reach, else 0 0)",
     )
-    add("--axes", nargs=2, default=("x", "y"), metavar=("A", "B"), help="default: x y")
-    add("--unit", default="um", choices=("um", "nm", "mrad", "urad"), help="default: um")
+    add(
+        "--axes",
+        nargs=2,
+        default=("x", "y"),
+        metavar=("A", "B"),
+        help="the two axes (default: x y)",
+    )
+    add(
+        "--unit",
+        default="um",
+        choices=("um", "nm", "mrad", "urad"),
+        help="displacement unit (default: um)",
+    )
     add(
         "--sampling",
         type=float,
@@ -95,12 +124,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar=("AXIS", "MODEL.toml"),
-        help="without --config: reach of this axis; for each axis one",
+        help="without --config: the model of this axis, which gives its reach; one for each axis",
     )
     add("--slew", type=float, metavar="PER_S", help="with --model: largest rate of the drive")
-    add("--picture", type=Path, metavar="PNG", help="the path, and its targets over time")
+    add("--picture", type=Path, metavar="PNG", help="draw the path and its targets over time")
     add_force(parser)
-    add("--json", action="store_true", help="what was written, as JSON on stdout")
+    add("--json", action="store_true", help="print what was written as JSON on stdout")
     add_connection(parser)
 
 

@@ -33,14 +33,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--without-passwords",
         action="store_true",
-        help="also beyond this machine, where everybody who reaches the port may command",
+        help="allow addresses beyond this machine; everybody who reaches the port may command",
     )
     parser.add_argument(
-        "--on-target", choices=("model", "gauge"), default="model", help="whose word counts"
+        "--on-target",
+        choices=("model", "gauge"),
+        default="model",
+        help="what decides whether the stage is on target",
     )
     parser.add_argument(
         "--tolerance", type=float, default=0.0, metavar="UM",
-        help="how near is on target, in the stage's unit (default: 0.2 %% of the reach)",
+        help="how near counts as on target, in the stage's unit (default: 0.2 %% of the reach)",
     )  # fmt: skip
     add_connection(parser)
 

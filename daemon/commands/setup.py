@@ -61,13 +61,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="ports that may be probed (default: those whose USB identity is known)",
     )
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--axis", choices=("x", "y", "z"), help="of the amplifier (asked; x)")
+    which.add_argument(
+        "--axis", choices=("x", "y", "z"), help="axis of the amplifier (default: ask; x)"
+    )
     which.add_argument(
         "--axes",
         type=_axes,
         default=(),
         metavar="NAMES",
-        help="several of the amplifier, each with a gauge: x,y or x,y,z, or how many: 2, 3",
+        help="several axes, each with a gauge: x,y or x,y,z, or their number: 2, 3",
     )
     parser.add_argument(
         "--range", nargs=2, type=float, metavar=("MIN", "MAX"), help="voltages the stage may see, V"
@@ -79,7 +81,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="slew limit, V/s (default: 20 ranges a second)",
     )
     parser.add_argument("--name", help="the controller's name (default: stage-1)")
-    parser.add_argument("--rate", type=float, metavar="HZ", help="of the loop (default: measured)")
+    parser.add_argument(
+        "--rate", type=float, metavar="HZ", help="rate of the loop (default: measured)"
+    )
     parser.add_argument(
         "--band",
         type=float,

@@ -22,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, metavar="REC.csv")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv")
     add_force(parser)
-    parser.add_argument("--json", action="store_true", help="what was done as JSON on stdout")
+    parser.add_argument("--json", action="store_true", help="print what was done as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:

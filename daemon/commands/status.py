@@ -25,7 +25,7 @@ example: dehyst status || echo "look at the stage"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst status`."""
     parser.epilog = EPILOG
-    parser.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     add_connection(parser)
 
 

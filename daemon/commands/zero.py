@@ -37,12 +37,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=_share,
         default=0.9,
         metavar="X",
-        help="of the reach that --exercise goes through, about its middle (default: 0.9)",
+        help="share of the reach that --exercise goes through, about its middle (default: 0.9)",
     )
     parser.add_argument(
-        "--seconds", type=_seconds, default=10.0, metavar="S", help="of one way there and back"
+        "--seconds", type=_seconds, default=10.0, metavar="S", help="time of one way there and back"
     )
-    parser.add_argument("--look", action="store_true", help="say the difference, set nothing")
+    parser.add_argument("--look", action="store_true", help="print the difference, set nothing")
     parser.add_argument(
         "--take-over", action="store_true", help="take the command from another client"
     )

@@ -41,7 +41,7 @@ MEANS = {
     "ringing": "it rings, or something shakes it",
     "short": "its reading is noisier",
     "fit": "the model fits far worse than it states",
-    STUCK: "its reading stands still",
+    STUCK: "its reading is stuck",
     SILENT: "its gauge gives no valid reading",
 }
 
@@ -176,11 +176,11 @@ class MismatchWatch:
             self._tell(
                 2,
                 "mismatch",
-                f"the stage does not behave as its model: {MEANS[self.figure]} (health "
+                f"the stage does not behave like its model: {MEANS[self.figure]} (health "
                 f"{self.health:.2f}, above 1 is out of order, by the figure {self.figure!r})",
             )
         elif self.mismatch and not wrong:
-            self._tell(1, "mismatch", "the stage behaves as its model again")
+            self._tell(1, "mismatch", "the stage behaves like its model again")
         if wrong != self.mismatch:
             self.trust(not wrong)
         self.mismatch = wrong

@@ -109,9 +109,9 @@ class Publisher:
                 now_ns,
                 1 if alive else 2,
                 "core",
-                "the loop's process is there"
+                "the loop's process is running"
                 if alive
-                else "the loop's process says nothing: ended, killed or hanging",
+                else "the loop's process does not respond: it has ended, was killed, or hangs",
             )
             self._say(now_ns)
         elif now_ns - self._said_ns >= 1.2 * clock.NS:

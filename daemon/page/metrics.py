@@ -58,7 +58,7 @@ class ControllerMetrics(Collector):
             "Slow trim, in the displacement unit",
             labels=[*here, "unit"],
         )
-        frozen = GaugeMetricFamily("dehyst_trim_frozen", "1: the trim stands still", labels=here)
+        frozen = GaugeMetricFamily("dehyst_trim_frozen", "1: the trim is frozen", labels=here)
         device = GaugeMetricFamily("dehyst_device_ok", "1: works", labels=[*here, "device"])
         lost = CounterMetricFamily(
             "dehyst_page_lost_samples", "Telemetry that did not reach this page", labels=here

@@ -58,7 +58,7 @@ def write_configuration(bench: Workbench) -> Result:
             except BadInput as error:
                 raise BadInput(f"axis {axis}: {error}") from None
         rate_hz = next(iter(configs.values())).loop.rate_hz
-        return {"words": f"{CONFIG} as it stands", "rate_hz": rate_hz}
+        return {"words": f"{CONFIG} as it is", "rate_hz": rate_hz}
     rate_hz = chosen_rate(bench)
     replace_configuration(bench, _text_of(bench, rate_hz))
     for config in bench.configs().values():
@@ -136,7 +136,7 @@ def validate_models(bench: Workbench) -> Result:
         one = found.results[0]
         words = f"predicted to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
         if one.worse:
-            words += ", worse than the model claims: `dehyst diagnose` says what it lacks"
+            words += ", worse than the model claims: `dehyst diagnose` shows what it lacks"
         axes[axis] = kept | {
             "words": words,
             "rms": one.rms,

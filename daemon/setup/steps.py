@@ -41,7 +41,7 @@ class Step:
 def find_units(bench: Workbench) -> Result:
     """Which unit is where; nothing moves."""
     if bench.has_own_config():
-        return {"words": f"those of {CONFIG}, which is there already"}
+        return {"words": f"those of the existing {CONFIG}"}
     wishes, known = bench.wishes, known_ports()
     axes = wishes.axes or _axes_asked_for(bench)
     found: dict[str, list[FoundUnit]] = {"actuator": [], "sensor": []}
@@ -153,7 +153,7 @@ def write_configuration(bench: Workbench) -> Result:
     if bench.has_own_config():
         config = bench.config()
         check_unopened(config)
-        return {"words": f"{CONFIG} as it stands", "rate_hz": config.loop.rate_hz}
+        return {"words": f"{CONFIG} as it is", "rate_hz": config.loop.rate_hz}
     units, limits = bench.journal.result("units"), bench.journal.result("limits")
     rate_hz = chosen_rate(bench)
     text = write_commented(
@@ -193,7 +193,7 @@ def chosen_rate(bench: Workbench) -> float:
 def rate_found(bench: Workbench, rate_hz: float) -> Result:
     """What the step says of the rate."""
     sustained = bench.journal.result("units")["sustained_hz"]
-    words = f"{CONFIG}: {rate_hz:g} Hz; {sustained:g} and less leave room for late replies"
+    words = f"{CONFIG}: {rate_hz:g} Hz (up to {sustained:g} Hz leaves room for late replies)"
     return {"words": words, "rate_hz": rate_hz, "sustained_hz": sustained}
 
 
@@ -210,7 +210,9 @@ def identify_model(bench: Workbench) -> Result:
     found.save(bench.model_path)
     found.report(bench.folder / "report.html", MODEL)
     share = (found.rms or 0.0) / found.figures.stroke
-    words = f"{MODEL}: {found.model.hysteresis.n} play operators, {share:.2%} of the stroke left"
+    words = (
+        f"{MODEL}: {found.model.hysteresis.n} play operators, residual {share:.2%} of the stroke"
+    )
     return {"words": f"{words}; report.html", "rms": found.rms, "noise_rms": found.noise_rms}
 
 
@@ -223,7 +225,7 @@ def validate_model(bench: Workbench) -> Result:
     one = found.results[0]
     words = f"predicted to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
     if one.worse:
-        words += ", worse than the model claims of itself: `dehyst diagnose` says what it lacks"
+        words += ", worse than the model claims: `dehyst diagnose` shows what it lacks"
     return fresh | {
         "words": f"{words}; validation.html",
         "rms": one.rms,

@@ -162,7 +162,7 @@ def test_status_is_one_screen_and_its_exit_status_says_whether_to_look(bench: Be
     assert (code, err) == (0, ""), out
     assert out.startswith("bench: ready: no client commands")
     assert len(out.splitlines()) <= 24
-    assert "core: the loop's process is there" in out  # it happened before anybody listened
+    assert "core: the loop's process is running" in out  # it happened before anybody listened
     code, out, _ = run("status", "--json", bench=bench)
     told = json.loads(out)
     assert (code, told["ok"], told["attention"]) == (0, True, [])
