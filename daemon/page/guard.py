@@ -58,7 +58,7 @@ class Guard:
 
     def __init__(self, app: App, people: People, public: Public, tls: bool) -> None:
         self._app, self._people, self._public, self._tls = app, people, public, tls
-        self._at_once: Counter[str] = Counter()
+        self._at_once: Counter[tuple[str, bool]] = Counter()
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
         """Refuse, or pass on with the headers added."""
@@ -91,15 +91,17 @@ class Guard:
             await self._counted(scope, receive, sent)
 
     async def _counted(self, scope: Message, receive: Receive, send: Send) -> None:
+        """Looks and changes count apart: a body that does not come keeps nobody from looking."""
         address = origin_of((scope.get("client") or ("",))[0])
-        if self._at_once[address] >= MOST_AT_ONCE:
+        key = address, scope["method"] in LOOKS
+        if self._at_once[key] >= MOST_AT_ONCE:
             text = f"{MOST_AT_ONCE} requests of your address are being answered; try again\n"
             await PlainTextResponse(text, 503, {"retry-after": "1"})(scope, receive, send)
             return
-        self._at_once[address] += 1
+        self._at_once[key] += 1
         try:
             await self._app(scope, receive, send)
         finally:
-            self._at_once[address] -= 1
-            if not self._at_once[address]:
-                del self._at_once[address]
+            self._at_once[key] -= 1
+            if not self._at_once[key]:
+                del self._at_once[key]

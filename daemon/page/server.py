@@ -48,6 +48,8 @@ REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src
 MOST_VISITS, MOST_VISITS_OF_ONE = 256, 32
 """WebSockets of all, of one address: some tabs on each of some screens."""
 SMALL_BYTES, SMALL_S = 4096, 10.0
+STALLED_S = 10.0
+"""A body of which nothing comes for this long is given up."""
 UPLOAD_S = 600.0
 """A body that takes longer to come is given up: the largest file over 1 Mbit/s."""
 
@@ -306,10 +308,16 @@ def _address(asked: HTTPConnection) -> str:
 
 async def _body(request: Request, most: int, within_s: float) -> bytes:
     """The body, with bounds of size and time that are held while it comes."""
-    parts, size = [], 0
+    parts: list[bytes] = []
+    size = 0
+    stream = aiter(request.stream())
     try:
         async with asyncio.timeout(within_s):
-            async for part in request.stream():
+            while True:
+                async with asyncio.timeout(STALLED_S):
+                    part = await anext(stream, None)
+                if part is None:
+                    return b"".join(parts)
                 size += len(part)
                 if size > most:
                     raise HTTPException(413, f"more than {most} bytes")
@@ -317,9 +325,10 @@ async def _body(request: Request, most: int, within_s: float) -> bytes:
     except ClientDisconnect:
         raise HTTPException(400, "the rest did not come") from None
     except TimeoutError:
-        text = f"the rest did not come within {within_s:g} s"
-        raise HTTPException(408, text, {"connection": "close"}) from None
-    return b"".join(parts)
+        raise HTTPException(408, "the rest did not come in time", CLOSED) from None
+
+
+CLOSED = {"connection": "close"}
 
 
 async def _wait(_: Request, error: Exception) -> Response:

@@ -94,7 +94,11 @@ export class Now {
     const from = recent ? this.stepped.value : (target ?? measured);
     if (from === null || from === undefined) { this.page.say("there is neither a target nor a reading to step from", true); return; }
     const value = Math.min(reach[1], Math.max(reach[0], from + times * size));
-    if (value === from) { this.page.say(`${fixed(value, decimals(reach))} ${unitName(this.page.unit())} is the end of the reach`, true); return; }
+    const end = times > 0 ? reach[1] : reach[0], ahead = Math.sign(times) * (end - from);
+    if (ahead < 1e-6 * (reach[1] - reach[0])) { // telemetry is in single precision
+      this.page.say(`${fixed(end, decimals(reach))} ${unitName(this.page.unit())} is the end of the reach`, true);
+      return;
+    }
     this.stepped = { name, value, at: performance.now() };
     if (name === this.page.name) $("target").value = String(Number(value.toFixed(decimals(reach) + 1)));
     this.page.ask({ ask: "go", name, value, seconds: seconds > 0 ? seconds : 10, take_over: $("take-over").checked });

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.rigs.chromium import PATIENCE_S, Chromium, needs_chromium
-from tests.rigs.gateway_bench import free_port
+from tests.rigs.gateway_bench import Bench, free_port
 from tests.rigs.page import PageProcess
 from tests.rigs.processes import until
 from tests.rigs.service import SAFE_V, Service
@@ -320,6 +320,31 @@ def test_what_the_doctor_found_is_shown_and_markup_in_it_stays_text(
     window.until("refused", lambda: "no such offer" in window.text("said"))
     assert "owned" not in window.chrome.title
     assert window.complaints() == []
+
+
+def test_a_daemon_that_starts_is_shown_as_starting(window: Chromium, tmp_path: Path) -> None:
+    bench = Bench(tmp_path, start=False)
+    page = None
+    try:
+        bench.start_gateway()
+        page = PageProcess(bench.address, log=tmp_path / "page.txt")
+        window.chrome.switch_to.new_window("tab")
+        window.chrome.get(page.url)
+        window.until("it starts", lambda: window.text("state") == "starting")
+        assert "it takes commands when it is ready" in window.text("reason")
+        assert not window.chrome.find_element("id", "go").is_enabled()
+        assert window.chrome.find_element("id", "stop").is_enabled()
+        bench.start_loop()
+        bench.has_loop = True
+        window.until("it is ready", lambda: window.text("state") == "ready")
+        window.until("its reach", lambda: window.text("reach") == "reach, µm")
+        assert window.chrome.find_element("id", "go").is_enabled()
+    finally:
+        window.chrome.close()
+        window.chrome.switch_to.window(window.chrome.window_handles[0])
+        if page is not None:
+            page.close()
+        bench.close()
 
 
 def test_an_observer_sees_and_cannot_command(window: Chromium, service: Service) -> None:

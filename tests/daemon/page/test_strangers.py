@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from dehyst.daemon.main import main
 from dehyst.daemon.page.doors import HEAD_S, MOST_OF_ONE
 from dehyst.daemon.page.guesses import FREE
-from dehyst.daemon.page.server import MOST_VISITS_OF_ONE
+from dehyst.daemon.page.server import MOST_VISITS_OF_ONE, STALLED_S
 
 PATIENCE_S = 30.0
 RIGHT = ("alice", "correct horse")
@@ -185,10 +185,9 @@ def test_500_connections_that_say_nothing_cost_nobody_anything(
             one.connect(("127.0.0.1", page.port))
             one.sendall(HEADS[head])
             many.append(one)
-        if head != "body-never-comes" or source != "127.0.0.1":
-            with client(page, "127.0.0.1") as somebody:
-                assert [somebody.get("/me").status_code for _ in range(20)] == [200] * 20
-            Browser(page).close()
+        with client(page, "127.0.0.1") as somebody:
+            assert [somebody.get("/me").status_code for _ in range(20)] == [200] * 20
+        Browser(page).close()
         with client(page, "127.0.0.3") as another:
             assert another.get("/static/page.js").status_code == 200
         if head == "body-never-comes":
@@ -197,6 +196,34 @@ def test_500_connections_that_say_nothing_cost_nobody_anything(
         if head != "half" or source == "127.0.0.1":
             return
         until(lambda: not any(map(is_open, many)), 2 * HEAD_S + 10.0, "all are ended")
+
+
+def test_a_body_of_which_nothing_comes_is_given_up(page: PageProcess) -> None:
+    with socket.create_connection(("127.0.0.1", page.port)) as one:
+        one.sendall(HEADS["body-never-comes"] + b"half")
+        one.settimeout(STALLED_S + 10.0)
+        assert b" 408 " in one.recv(1 << 16)
+
+
+def test_silent_connections_before_tls_cost_nobody_anything(bench: Bench, tmp_path: Path) -> None:
+    made = [str(tmp_path / "keys"), "--controller", "stage", "--host", "127.0.0.1"]
+    assert main(["keys", *made, "--client", "alice"]) == 0
+    folder = tmp_path / "keys" / "stage"
+    given = "--certificate", str(folder / "certificate.pem"), "--key", str(folder / "key.pem")
+    page = PageProcess(bench.address, *given, log=tmp_path / "page.txt", scheme="https")
+    try:
+        with ExitStack() as held:
+            many = [
+                held.enter_context(socket.create_connection(("127.0.0.1", page.port)))
+                for _ in range(500)
+            ]
+            assert [page.http.get("/me").status_code for _ in range(5)] == [200] * 5
+            with httpx.Client(base_url=page.url, verify=False) as afresh:
+                assert afresh.get("/me").status_code == 200
+            until(lambda: not any(map(is_open, many)), 2 * HEAD_S + 10.0, "all are ended")
+    finally:
+        page.close()
+    assert "Traceback" not in page.log.read_text()
 
 
 def is_open(one: socket.socket) -> bool:
@@ -261,6 +288,18 @@ def test_a_wrong_frame_costs_its_sender_alone(page: PageProcess) -> None:
         browser.socket.send(frame)
         browser.until("words", browser.texts)
         browser.close()
+    asks = random.Random(3)
+    ends = (0.0, 1e-300, 1.0, 1e6, 1e12, time.monotonic(), time.monotonic() - 5.0)
+    browser = Browser(page)
+    browser.look()
+    for _ in range(200):
+        first_s, end_s = asks.choice(ends), asks.choice(ends)
+        browser.ask("past", first_s=first_s, end_s=end_s, width_px=asks.choice((50, 8192)))
+        window_s, width_px = asks.choice((0.1, 1.0, 3600.0)), asks.choice((50, 8192))
+        browser.ask("look", name="bench", window_s=window_s, width_px=width_px)
+    browser.ask("stop")
+    browser.until("it goes on", lambda: any("stopped" in text for text in browser.texts()))
+    browser.close()
     huge = Browser(page)
     huge.socket.send("y" * 200_000)
     with pytest.raises(ConnectionClosed):

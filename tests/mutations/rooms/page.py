@@ -56,6 +56,20 @@ CHANGES = [
         ),
     ),
     *room(
+        (f"{STRANGERS}::test_silent_connections_before_tls_cost_nobody_anything",),
+        Change(
+            "handshakes-wait-for-ever", DOORS, '"ssl_handshake_timeout": HEAD_S',
+            '"ssl_handshake_timeout": 600.0', "silent connections before TLS stay for ever",
+        ),
+    ),
+    *room(
+        (f"{STRANGERS}::test_a_body_of_which_nothing_comes_is_given_up",),
+        Change(
+            "body-waited-for", SERVER, "async with asyncio.timeout(STALLED_S):",
+            "async with asyncio.timeout(None):", "half-sent files keep the places of their address",
+        ),
+    ),
+    *room(
         (f"{STRANGERS}::test_pages_that_are_deaf_leave_room_for_another_address",),
         Change(
             "places-for-everybody-together", SERVER,
