@@ -15,6 +15,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 from dehyst import __version__
 from dehyst.daemon import log_lines
 from dehyst.daemon.bus.printable import printable
+from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.tools import kernel_cache
 from dehyst.daemon.tools.interrupts import INTERRUPTED, LightEnd, ended_at_once
 from dehyst.models.errors import DehystError, NotNow
@@ -145,6 +146,7 @@ def main(argv: list[str] | None = None) -> int:
         # before a process that reloads has said how it takes it; others have nothing to reload
         signal.signal(signal.SIGHUP, lambda *_: None)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGHUP})
+        realtime.take_place(command)
         log_lines.keep_going(command)
     try:
         for complaint in kernel_cache.protect():

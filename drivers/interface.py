@@ -3,6 +3,7 @@
 DriverError                     (a DehystError: the message is for the user)
 ├── DriverConfigError           a setting is wrong or missing: fix the configuration
 ├── DeviceNotFound              no such port or device: plug it in, check the path
+│   └── ForeignUnit             another unit answers than the one that is known here
 ├── DeviceTimeout               the device does not answer in time
 ├── DeviceGone                  it was there and is gone (unplugged): reconnect() may succeed
 ├── ProtocolError               it answered something that is not in its protocol
@@ -37,6 +38,10 @@ class DriverConfigError(DriverError):
 
 class DeviceNotFound(DriverError):
     """There is no such port or device."""
+
+
+class ForeignUnit(DeviceNotFound):
+    """Another unit answers than the one that is known here; nothing was set on it."""
 
 
 class DeviceTimeout(DriverError):
@@ -78,6 +83,51 @@ class DeviceSpec:
     def call_s(self) -> float:
         """What a loop has to leave for one call, a late one too."""
         return max(self.late_s, self.latency_s)
+
+
+@dataclass(frozen=True)
+class UnitIdentity:
+    """What tells a unit from its likes.
+
+    serial: "" where the unit has none; kind: model, and what else the unit says of itself; place:
+    where it is plugged in. A serial number decides alone. Without one, kind and place must agree,
+    and so must the output wherever it is known (see the drivers).
+    """
+
+    serial: str
+    kind: str = ""
+    place: str = ""
+
+    def __str__(self) -> str:
+        if self.serial:
+            return f"serial number {self.serial}"
+        return f"no serial number, {self.kind or 'unknown kind'}, at {self.place or '?'}"
+
+    def is_another(self, known: "UnitIdentity") -> bool:
+        """True where this is not the unit that is known."""
+        return self != known if not (self.serial and known.serial) else self.serial != known.serial
+
+
+def refuse_another(port: str, found: UnitIdentity, known: UnitIdentity | None) -> None:
+    """Raise ForeignUnit where another unit answers than the known one; None: none is known."""
+    if known is not None and found.is_another(known):
+        raise ForeignUnit(
+            f"{port}: another unit is plugged in ({found}; known here is the one with {known}), "
+            "nothing was set on it: put the known one back, or accept this one with "
+            "`dehyst config pin`"
+        )
+
+
+@runtime_checkable
+class Identifiable(Protocol):
+    """A device that can tell which unit it is."""
+
+    unit: UnitIdentity | None
+    """The unit that was found by open(); None before."""
+
+    def expect(self, unit: UnitIdentity) -> None:
+        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        ...
 
 
 @runtime_checkable

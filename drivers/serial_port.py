@@ -52,6 +52,20 @@ def find_usb_ports(ids: Iterable[tuple[int, int]]) -> list[PortInfo]:
     return [p for p in list_serial_ports() if (p.vendor, p.product) in wanted]
 
 
+BY_PATH = Path("/dev/serial/by-path")
+
+
+def place_of(path: str) -> str:
+    """Where a port's device is plugged in: its name by its way through hubs and sockets, which
+    stays when ports are numbered anew; the device file itself where there is no such name."""
+    real = os.path.realpath(path)
+    with contextlib.suppress(OSError):
+        for link in sorted(BY_PATH.iterdir()):
+            if os.path.realpath(link) == real:
+                return link.name
+    return real
+
+
 class SerialPort:
     """An open port; bytes only, no protocol. Used by one thread.
 

@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from dehyst.daemon.config import parse_config
+from dehyst.daemon.config import load_controller, parse_config
+from dehyst.daemon.files.known_units import ACTUATOR, SENSOR
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.loop.checks import check_unopened
@@ -14,16 +15,22 @@ from dehyst.daemon.tools.config_text import (
     limits_within,
     write_commented,
 )
+from dehyst.daemon.tools.pin import pin_units, with_serial
 from dehyst.models.errors import BadInput
 
 EPILOG = """\
 `dehyst config init` writes a configuration with every key: the values that you give, and all other
-keys as comments with their default, meaning and allowed values. It touches no device. The voltage
-limits are required. All keys: docs/reference-configuration.md.
+keys as comments with their default, meaning and allowed values. It moves nothing; where
+the units answer, it writes their serial numbers, too. The voltage limits are required. All keys:
+docs/reference-configuration.md.
+
+`dehyst config pin` accepts the units that are plugged in now as those of a configuration: the
+daemon sets a voltage on no other unit than the one that it knows, and names the other one.
 
 exit status: 0; 2 where something is wrong, or the file exists (--force replaces it).
 
 examples: dehyst config init --range 0 100 -o stage.toml
+          dehyst config pin --config stage.toml
           dehyst config init --range 0 10 --actuator nidaqmx --set channel=Dev1/ao0 \\
             --sensor nidaqmx --sensor-set channel=Dev1/ai0 --sensor-set um_per_v_per_v=1000
 """
@@ -32,14 +39,14 @@ examples: dehyst config init --range 0 100 -o stage.toml
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst config`."""
     parser.epilog = EPILOG
-    parser.add_argument("what", choices=("init",), help="init: write a new one")
+    parser.add_argument("what", choices=("init", "pin"), help="write one; accept its units")
+    parser.add_argument("--config", metavar="FILE", type=Path, help="pin: of this configuration")
     parser.add_argument(
         "--range",
         nargs=2,
         type=float,
         metavar=("MIN", "MAX"),
-        required=True,
-        help="voltages the stage may see, V",
+        help="init: voltages the stage may see, V",
     )
     parser.add_argument(
         "--slew",
@@ -94,18 +101,29 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write it; 0."""
+    if args.what == "pin":
+        if args.config is None:
+            raise BadInput("pin: name the configuration: --config FILE")
+        print("\n".join(pin_units(load_controller(args.config), args.config)))
+        return 0
+    if args.config is not None:
+        raise BadInput("--config goes with pin")
+    if args.range is None:
+        raise BadInput("init: give the voltages that the stage may see: --range MIN MAX")
     low, high = args.range
     check_range(low, high, args.slew)
     if not 0.0 < args.rate < float("inf"):
         raise BadInput(f"--rate {args.rate:g}: a sampling rate in Hz, greater than 0")
     slew = args.slew or SLEW_SPANS * (high - low)
+    actuator = with_serial(ACTUATOR, args.actuator, settings_of(args.set))
+    sensor = with_serial(SENSOR, args.sensor, settings_of(args.sensor_set))
     text = write_commented(
         {
             "": {"name": args.name},
             "model": {"file": args.model},
             "loop": {"rate_hz": args.rate},
-            "actuator": {"driver": args.actuator, "settings": settings_of(args.set)},
-            "sensor": {"driver": args.sensor, "settings": settings_of(args.sensor_set)},
+            "actuator": {"driver": args.actuator, "settings": actuator},
+            "sensor": {"driver": args.sensor, "settings": sensor},
             **limits_within(low, high, slew),
         }
     )

@@ -5,6 +5,7 @@ Nothing here needs the compiler: `dehyst safe` must run when nothing else does.
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,15 @@ from numpy.typing import NDArray
 from dehyst.daemon.config import Config
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.daemon.rings.ring_file import RingFile
-from dehyst.drivers.interface import Actuator, DeviceSpec, Joinable, Joint, Sensor
+from dehyst.drivers.interface import (
+    Actuator,
+    DeviceSpec,
+    ForeignUnit,
+    Identifiable,
+    Joinable,
+    Joint,
+    Sensor,
+)
 from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.models.errors import BadInput
 
@@ -188,12 +197,15 @@ def check_limits(config: Config, spec: DeviceSpec) -> tuple[float, float]:
     return limits.min_v, limits.max_v
 
 
-def past_output(config: Config, reported_v: float) -> tuple[NDArray[np.float64], list[str]]:
+def past_output(
+    config: Config, reported_v: float, actuator: Any = None
+) -> tuple[NDArray[np.float64], list[str]]:
     """Voltages written so far, oldest first, ending with what the output stands at now; and what
     is to be said of them.
 
     An earlier core's ring knows them better than the unit's own report, as long as the two agree;
-    otherwise the report alone is returned.
+    otherwise the report alone is returned. actuator: the open one; where its unit has no serial
+    number, a report that does not agree raises ForeignUnit: it may be another unit's.
     """
     reported, path = np.array([reported_v]), config.directory / "telemetry.ring"
     if not path.exists():
@@ -208,4 +220,14 @@ def past_output(config: Config, reported_v: float) -> tuple[NDArray[np.float64],
     inside = (volts >= config.limits.min_v) & (volts <= config.limits.max_v)
     if volts.size and inside.all() and abs(volts[-1] - reported_v) <= OUTPUT_AGREES_V:
         return volts, []
+    unit = actuator.unit if isinstance(actuator, Identifiable) else None
+    step_v = config.limits.slew_v_per_s * config.period_ns * 1e-9  # written, and not noted yet
+    if unit is None or unit.serial or not volts.size:
+        return reported, []
+    if abs(volts[-1] - reported_v) > OUTPUT_AGREES_V + step_v:
+        raise ForeignUnit(
+            f"a unit without a serial number stands at {reported_v:.2f} V where {volts[-1]:.2f} V "
+            "was left: it may be another one, or was moved by hand, and nothing was set on it. "
+            "`dehyst config pin` accepts it as it stands"
+        )
     return reported, []

@@ -17,6 +17,8 @@ MAGIC = 0x6465687973743032  # "dehyst02"
 HEADER_WORDS = 16
 MAGIC_AT, LAYOUT_AT, CAPACITY_AT, ITEM_AT, HEAD, TAIL, RUN, PID = range(8)
 MOST_RECORDS = 1 << 24
+MOST_WRITTEN = 1 << 62
+"""No writer gets so far (at 20 kHz it takes 7 million years): a count beyond is damage."""
 PRIME, BASIS = 1099511628211, 14695981039346656037  # FNV-1a (Fowler, Noll, Vo), 64 bits
 FARTHEST = 1 << 48
 """A head further from a reader than this is damage and not haste."""
@@ -28,6 +30,11 @@ def layout_of(dtype: np.dtype[Any]) -> int:
     for byte in repr(dtype.descr).encode():
         value = ((value ^ byte) * PRIME) & 0x7FFFFFFFFFFFFFFF
     return value
+
+
+def counted(word: int) -> int:
+    """A count of the header as it may be believed: 0 where no writer could have written it."""
+    return int(word) if 0 <= word <= MOST_WRITTEN else 0
 
 
 def size_of(dtype: np.dtype[Any], capacity: int) -> int:

@@ -36,6 +36,7 @@ from dehyst.daemon.rings.layout import (
     PRIME,
     RUN,
     TAIL,
+    counted,
     layout_of,
     size_of,
     what_is_wrong,
@@ -196,11 +197,12 @@ class Ring:
         return cls(path, mapping, dtype, file, int(header[CAPACITY_AT]))
 
     def stale(self) -> bool:
-        """True when the file at `path` is no longer the one that is mapped."""
+        """True when the file at `path` is another one than that which is mapped. One that was
+        removed goes on: both sides still have it."""
         try:
             return os.stat(self.path).st_ino != self._inode
         except OSError:
-            return True
+            return False
 
     def mend(self) -> bool:
         """The writer's look at its own ring: False where the file was cut short or its header
@@ -219,12 +221,12 @@ class Ring:
     @property
     def head(self) -> int:
         """Number of records written since the ring was made."""
-        return int(load(self.words, HEAD))
+        return counted(load(self.words, HEAD))
 
     @property
     def tail(self) -> int:
         """How far the reader has read (see `taken`); survives the reader."""
-        head, tail = self.head, int(load(self.words, TAIL))
+        head, tail = self.head, counted(load(self.words, TAIL))
         return tail if 0 <= head - tail < FARTHEST else head - self.capacity
 
     @property

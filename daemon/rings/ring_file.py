@@ -19,6 +19,7 @@ from dehyst.daemon.rings.layout import (
     PID,
     RUN,
     TAIL,
+    counted,
     digests,
     what_is_wrong,
 )
@@ -69,19 +70,20 @@ class RingFile(Closing):
     def place(self) -> tuple[int, int]:
         """(head, tail): records written, records that the reader on the other side has taken."""
         words = self._words()
-        return int(words[HEAD]), int(words[TAIL])
+        return counted(words[HEAD]), counted(words[TAIL])
 
     def stale(self) -> bool:
-        """True when the file at `path` is no longer this one."""
+        """True when the file at `path` is another one. One that was removed goes on: its writer
+        still has it, and what it writes is read here."""
         try:
             return os.stat(self.path, follow_symlinks=False).st_ino != self._inode
         except OSError:
-            return True
+            return False
 
     def read(self, first: int = 0) -> tuple[NDArray[Any], int]:
         """(the records from number `first` on that are there and whole, the head)."""
         head, _ = self.place()
-        numbers = np.arange(max(first, head - self.capacity), head)
+        numbers = np.arange(max(first, head - self.capacity, 0), head, dtype=np.int64)
         places = numbers % self.capacity
         start = 8 * HEADER_WORDS
         checks = np.frombuffer(self._bytes(8 * self.capacity, start), np.int64)[places]

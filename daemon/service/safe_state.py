@@ -1,14 +1,16 @@
 """Bring the outputs to their configured state without the loop: after the core's death."""
 
 import math
+import sys
 
 from dehyst.daemon import clock, notify
 from dehyst.daemon.config import Config, Controller
+from dehyst.daemon.files.known_units import ACTUATOR, expect_known
 from dehyst.daemon.loop.checks import check_limits, past_output
 from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.drivers.interface import DeviceGone, DeviceNotFound, DeviceTimeout, ProtocolError
 from dehyst.drivers.registry import load_actuator
-from dehyst.models.errors import DehystError
+from dehyst.models.errors import BadInput, DehystError
 
 SHORTEST_PERIOD_S = 0.005
 SPARE_S = 15.0
@@ -23,11 +25,15 @@ class _Output:
     def __init__(self, config: Config) -> None:
         self.config = config
         actuator = load_actuator(config.actuator.driver).from_settings(config.actuator.settings)
+        try:
+            expect_known(config, ACTUATOR, actuator)
+        except BadInput as error:  # a bad folder keeps no output from its safe state
+            print(f"dehyst safe: {error}", file=sys.stderr)
         actuator.open()
         self.link = DeviceLink("actuator", actuator)
         try:
             check_limits(config, actuator.spec)
-            past, _ = past_output(config, float(actuator.output()))
+            past, _ = past_output(config, float(actuator.output()), actuator)
         except BaseException:
             self.link.close()
             raise

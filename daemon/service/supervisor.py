@@ -112,7 +112,7 @@ class Supervisor:
         self._pid = 0
         self._entered_ns = 0
         self._began_ns: dict[str, int] = {}
-        self._ever = self._ready = False
+        self._ever = self._ready = self._folder_gone = False
 
     def run(self) -> int:
         """Until a signal; 0, 1 where the output had to be made safe by force, 2 where the core
@@ -142,6 +142,7 @@ class Supervisor:
         """See what has happened; each event leads to the state that the table says."""
         self._heartbeat.look(clock.monotonic_ns())
         self._tell_events()
+        self._look_for_folder()
         beats = self._heartbeat.core_moves
         if beats and self.core.process is not None:
             self._ever = True
@@ -283,6 +284,19 @@ class Supervisor:
             self.say(f"{child.name} does not end; killing it")
             child.kill()
             self.code = self.code or 1
+
+    def _look_for_folder(self) -> None:
+        """Say once that the rings have gone: what runs goes on with the files that it has open,
+        and what is started meanwhile finds none of them."""
+        rings = [axis.directory / "telemetry.ring" for axis in self.controller.axes]
+        gone = self.life is Life.BEATING and not all(os.path.lexists(ring) for ring in rings)
+        if gone and not self._folder_gone:
+            self.say(
+                f"the run folder {self.controller.directory} or its rings have gone; the loop goes "
+                "on without them. A gateway that is started now cannot reach the loop: end the "
+                "daemon and start it again"
+            )
+        self._folder_gone = gone
 
     def _tell_events(self) -> None:
         """Say what this run of the loop has to say, and when that was."""

@@ -4,6 +4,7 @@ One configuration with [axis.x], [axis.y], ...; a model, a report, a validation 
 each axis. A step's result has `axes`, with what came of each.
 """
 
+import json
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -23,6 +24,7 @@ from dehyst.daemon.setup.steps import (
     rate_found,
     replace_configuration,
     say_what_next,
+    settings_of,
 )
 from dehyst.daemon.setup.workbench import CONFIG, Workbench
 from dehyst.daemon.tools.config_text import limits_within, write_commented
@@ -73,7 +75,7 @@ def _text_of(bench: Workbench, rate_hz: float) -> str:
         {
             "": {"name": bench.wishes.name or NAME},
             "loop": {"rate_hz": rate_hz},
-            "actuator": {"driver": actuator["driver"], "settings": {"port": actuator["port"]}},
+            "actuator": {"driver": actuator["driver"], "settings": settings_of(actuator)},
             **limits_within(limits["min_v"], limits["max_v"], limits["slew_v_per_s"]),
         }
     )
@@ -83,8 +85,10 @@ def _text_of(bench: Workbench, rate_hz: float) -> str:
             f'\n[axis.{axis}.model]\nfile = "{bench.model_path_of(axis).name}"\n'
             f'[axis.{axis}.actuator.settings]\naxis = "{axis}"\n'
             f'[axis.{axis}.sensor]\ndriver = "{gauge["driver"]}"\n'
-            f'[axis.{axis}.sensor.settings]\nport = "{gauge["port"]}"\n'
+            f"[axis.{axis}.sensor.settings]\n"
         )
+        # texts of TOML are those of JSON
+        text += "".join(f"{k} = {json.dumps(v)}\n" for k, v in settings_of(gauge).items())
     return text
 
 

@@ -101,9 +101,15 @@ def _described(unit: FoundUnit) -> dict[str, Any]:
     return {
         "driver": unit.driver,
         "port": unit.port,
+        "settings": unit.settings,
         "minimum": unit.spec.minimum,
         "maximum": unit.spec.maximum,
     }
+
+
+def settings_of(unit: dict[str, Any]) -> dict[str, Any]:
+    """Of the driver of a unit that was found; an older journal has the port alone."""
+    return dict(unit.get("settings") or {"port": unit["port"]})
 
 
 def _one_of(bench: Workbench, units: list[FoundUnit], what: str) -> FoundUnit:
@@ -163,11 +169,11 @@ def write_configuration(bench: Workbench) -> Result:
             "loop": {"rate_hz": rate_hz},
             "actuator": {
                 "driver": units["actuator"]["driver"],
-                "settings": {"port": units["actuator"]["port"], "axis": units["axis"]},
+                "settings": settings_of(units["actuator"]) | {"axis": units["axis"]},
             },
             "sensor": {
                 "driver": units["sensor"]["driver"],
-                "settings": {"port": units["sensor"]["port"]},
+                "settings": settings_of(units["sensor"]),
             },
             **limits_within(limits["min_v"], limits["max_v"], limits["slew_v_per_s"]),
         }

@@ -5,7 +5,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from dehyst.daemon.loop.checks import highest_rate, joined
-from dehyst.drivers.interface import Actuator, DeviceSpec, DeviceTimeout, ProtocolError, Sensor
+from dehyst.drivers.interface import (
+    Actuator,
+    DeviceSpec,
+    DeviceTimeout,
+    Identifiable,
+    ProtocolError,
+    Sensor,
+)
 from dehyst.drivers.ksg101.driver import USB_IDS as GAUGES
 from dehyst.drivers.mdt693b.settings import USB_IDS as AMPLIFIERS
 from dehyst.drivers.registry import load_actuator, load_sensor
@@ -24,6 +31,17 @@ class FoundUnit:
     driver: str
     port: str
     spec: DeviceSpec
+    serial: str = ""
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Of its driver: the port, and the serial number where it has one."""
+        return settings_for(self.port, self.serial)
+
+
+def settings_for(port: str, serial: str) -> dict[str, Any]:
+    """Settings that find a unit and accept no other, as far as it has a serial number."""
+    return {"port": port} | ({"serial_number": serial} if serial else {})
 
 
 def known_ports() -> dict[str, tuple[tuple[str, str], ...]]:
@@ -52,7 +70,8 @@ def ask_port(
             continue
         finally:
             device.close()
-        return FoundUnit(kind, driver, path, device.spec)
+        unit = device.unit if isinstance(device, Identifiable) else None
+        return FoundUnit(kind, driver, path, device.spec, unit.serial if unit else "")
     return None
 
 
@@ -60,7 +79,7 @@ def measure_rate(unit: FoundUnit, axes: Sequence[str], gauges: Sequence[FoundUni
     """The highest loop rate [Hz] with these axes of an amplifier driven and a gauge for each read,
     as measured just now. Raises DriverError."""
     driver = load_actuator(unit.driver)
-    outputs = [driver.from_settings({"port": unit.port, "axis": axis}) for axis in axes]
+    outputs = [driver.from_settings(unit.settings | {"axis": axis}) for axis in axes]
     try:
         for output in outputs:
             output.open()

@@ -8,6 +8,7 @@ from typing import Any
 
 from dehyst.daemon.config import Config, load_config, load_controller
 from dehyst.daemon.files.axis_columns import to_columns
+from dehyst.daemon.files.known_units import ACTUATOR, open_known
 from dehyst.daemon.files.outputs import file_of_axis
 from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.setup.journal import Journal
@@ -102,7 +103,7 @@ class Workbench:
         """Where the output stands as far as the unit tells, and what it can do. Moves nothing."""
         actuator = load_actuator(config.actuator.driver).from_settings(config.actuator.settings)
         try:
-            actuator.open()
+            open_known(config, ACTUATOR, actuator)
             return float(actuator.output()), actuator.spec
         finally:
             actuator.close()

@@ -12,6 +12,7 @@ import numpy as np
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config
+from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, open_known
 from dehyst.daemon.loop.checks import check_limits, check_rates_together, joined, past_output
 from dehyst.daemon.loop.devices import DeviceLink, ramp
 from dehyst.daemon.loop.systemcalls import sleeper
@@ -165,10 +166,10 @@ def _run(
     configs = player.configs
     links = _link(configs)
     try:
-        for link in links.actuators:
-            link.device.open()
-        for link in links.sensors:
-            link.device.open()
+        for config, link in zip(configs, links.actuators, strict=True):
+            open_known(config, ACTUATOR, link.device)
+        for config, link in zip(configs, links.sensors, strict=True):
+            open_known(config, SENSOR, link.device)
         specs = [
             (actuator.device.spec, sensor.device.spec)
             for actuator, sensor in zip(links.actuators, links.sensors, strict=True)
@@ -177,7 +178,7 @@ def _run(
             check_limits(config, spec)
         check_rates_together(configs, specs, joined([link.device for link in links.actuators]))
         starts = [
-            float(past_output(config, float(link.device.output()))[0][-1])
+            float(past_output(config, float(link.device.output()), link.device)[0][-1])
             for config, link in zip(configs, links.actuators, strict=True)
         ]
         try:

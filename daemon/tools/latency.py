@@ -15,6 +15,7 @@ import numpy as np
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config, parse_config
+from dehyst.daemon.files.known_units import SENSOR, expect_known
 from dehyst.daemon.loop.checks import SPARE
 from dehyst.daemon.loop.compiled_loop import CompiledLoop, spin_ns, warm_up
 from dehyst.daemon.loop.devices import DeviceLink
@@ -236,6 +237,7 @@ def time_devices(config: Config | None) -> dict[str, Histogram]:
     if config is not None:
         sensor = load_sensor(config.sensor.driver).from_settings(config.sensor.settings)
         with closing(sensor):
+            expect_known(config, SENSOR, sensor)
             sensor.open()
             return {f"read {config.sensor.driver}": time_sensor(sensor, IO_S)}
     with tempfile.TemporaryDirectory(prefix="dehyst-") as folder:

@@ -16,11 +16,14 @@ from dehyst.drivers.interface import (
     DeviceSpec,
     DeviceTimeout,
     DriverConfigError,
+    ForeignUnit,
     ProtocolError,
+    UnitIdentity,
+    refuse_another,
 )
 from dehyst.drivers.ksg101.codec import AptMessage, Decoder, encode_apt
 from dehyst.drivers.ksg101.settings import Ksg101Settings
-from dehyst.drivers.serial_port import SerialPort, find_usb_ports
+from dehyst.drivers.serial_port import SerialPort, find_usb_ports, place_of
 from dehyst.drivers.settings import read_settings
 
 USB_IDS = ((0x0403, 0xFAF0),)  # FTDI with Thorlabs' product number
@@ -42,12 +45,18 @@ class Ksg101:
         self._decoder = Decoder()
         self._late = False  # a request timed out: its reply may still come
         self._travel_um = settings.max_travel_um
+        self.unit: UnitIdentity | None = None
+        self._known: UnitIdentity | None = None
         self.spec = self._spec()
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
         """Make a driver; DriverConfigError names a wrong key."""
         return cls(read_settings(cls.settings_type, settings))
+
+    def expect(self, unit: UnitIdentity) -> None:
+        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        self._known = unit
 
     def open(self) -> None:
         """Connect, identify, learn the travel, and time a few readings. Moves nothing."""
@@ -83,15 +92,10 @@ class Ksg101:
         self.close()
         self._connect()
         try:
-            identity = self._identify()
+            self._identify()
         except BaseException:
             self.close()
             raise
-        if self.spec.identity and identity != self.spec.identity:
-            self.close()
-            raise DeviceNotFound(
-                f"{self.settings.port}: {identity} answers where {self.spec.identity} was"
-            )
 
     def close(self) -> None:
         """Give the port back. Safe to call twice."""
@@ -138,6 +142,16 @@ class Ksg101:
         info = self._ask("hw_req_info", "hw_get_info").values
         model = bytes(info["model"]).split(b"\0")[0].decode("ascii", "replace").strip()
         minor, interim, major, _ = bytes(info["firmware"])
+        path = self._require_port().path
+        number = str(info["serial_number"] or "")
+        wanted = self.settings.serial_number
+        if wanted is not None and number != wanted:
+            raise ForeignUnit(
+                f"{path}: the unit has serial number {number!r}, wanted is {wanted!r}"
+            )
+        found = UnitIdentity(number, model, place_of(path))
+        refuse_another(path, found, self._known)
+        self.unit = self._known = found
         return f"{model} serial {info['serial_number']} firmware {major}.{interim}.{minor}"
 
     def _ask_travel(self) -> float:

@@ -27,6 +27,8 @@ class Ksg101Settings(Settings, frozen=True):
     timeout_s: Annotated[float, Meta(gt=0, le=10, description="longest wait for a reply")] = 0.1
     rtscts: Annotated[bool, Meta(description="RTS/CTS flow control on the serial line")] = False
 
+    serial_number: Annotated[str, Meta(description="accept only this unit")] | None = None
+
     def check(self) -> None:
         """A factor of 0 would hide every motion."""
         if self.calibration == 0:

@@ -25,8 +25,11 @@ from dehyst.drivers.interface import (
     DeviceSpec,
     DeviceTimeout,
     DriverConfigError,
+    ForeignUnit,
     OutOfRange,
     ProtocolError,
+    UnitIdentity,
+    refuse_another,
 )
 from dehyst.drivers.mdt693b.codec import Dialect
 from dehyst.drivers.mdt693b.link import CommandRefused, Mdt693bLink
@@ -35,7 +38,7 @@ from dehyst.drivers.mdt693b.together import JointOutputs
 from dehyst.drivers.mdt693b.tuning import TUNING
 from dehyst.drivers.mdt693b.unit import SharedUnit, unit_of
 from dehyst.drivers.mdt693b.unit_facts import NATIVE, check_serial, learn
-from dehyst.drivers.serial_port import SerialPort
+from dehyst.drivers.serial_port import SerialPort, place_of
 from dehyst.drivers.settings import read_settings
 
 T = TypeVar("T")
@@ -72,7 +75,8 @@ class Mdt693b:
             max_rate_hz=config.rate_hz or TUNING.expected_rate_hz,
             latency_s=1.0 / (config.rate_hz or TUNING.expected_rate_hz),
         )
-        self.serial_number: str | None = None
+        self.unit: UnitIdentity | None = None
+        self._known: UnitIdentity | None = None
         self._clock = clock
         self._sleep = sleep
         self._link: Mdt693bLink | None = None
@@ -87,6 +91,15 @@ class Mdt693b:
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
         """Make a driver from its configuration table; DriverConfigError names a wrong key."""
         return cls(read_settings(cls.settings_type, settings))
+
+    @property
+    def serial_number(self) -> str | None:
+        """The unit's; "" where it is blank, None before open()."""
+        return None if self.unit is None else self.unit.serial
+
+    def expect(self, unit: UnitIdentity) -> None:
+        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        self._known = unit
 
     @property
     def stray_bytes(self) -> int:
@@ -152,8 +165,8 @@ class Mdt693b:
 
     def reconnect(self) -> None:
         """Restore the link after DeviceGone or DeviceTimeout. The dialect is detected anew and
-        the limits are read again; the output does not move. Raises DeviceNotFound when the port
-        now holds a unit with another serial number.
+        the limits are read again; the output does not move. Raises ForeignUnit when another
+        unit answers, or may: one without a serial number whose output is not where it was left.
 
         The set-point stays the last acknowledged one. If a set was under way when the link was
         lost, the readback decides whether it was carried out; a readback far from both (the unit
@@ -164,12 +177,19 @@ class Mdt693b:
         if not was_open:
             return self.open()
         self._connect()
-        self._tried_v = None
         candidates = [self._set_v] if tried_v is None else [self._set_v, tried_v]
         readback_v = self._or_close(lambda: self._settled_readback(*candidates))
         nearest_v = min(candidates, key=lambda volts: abs(volts - readback_v))
         near = abs(nearest_v - readback_v) <= TUNING.readback_tolerance_v
+        if not near and self.unit is not None and not self.unit.serial:
+            self.close()
+            raise ForeignUnit(
+                f"{self.config.port}: a unit without a serial number is back at {readback_v:.2f} V "
+                f"where {nearest_v:.2f} V was left: it may be another one, and nothing was set on "
+                "it. Put the known one back, or accept this one with `dehyst config pin`"
+            )
         self._set_v = nearest_v if near else self._inside(readback_v)
+        self._tried_v = None
         return None
 
     def close(self) -> None:
@@ -228,7 +248,7 @@ class Mdt693b:
 
     def _new_link(self) -> Mdt693bLink:
         config = self.config
-        path = find_port(config, self.serial_number)
+        path = find_port(config, self._known.serial if self._known else None)
         port = SerialPort(path, config.baud, config.write_timeout_s, clock=self._clock)
         link = Mdt693bLink(port, config.timeout_s, config.idle_s, self._clock)
         try:
@@ -242,8 +262,12 @@ class Mdt693b:
         config = self.config
         with self.conversation() as link:
             facts = learn(link, config.axis, config.max_v)
-        check_serial(link.port.path, facts.serial_number, config.serial_number, self.serial_number)
-        self.serial_number, self._words = facts.serial_number, facts.words
+        path = link.port.path
+        check_serial(path, facts.serial_number, config.serial_number)
+        found = UnitIdentity(facts.serial_number, facts.kind, place_of(path))
+        refuse_another(path, found, self._known)
+        self.unit = self._known = found
+        self._words = facts.words
         self.spec = replace(
             self.spec, minimum=facts.minimum_v, maximum=facts.maximum_v, identity=facts.identity
         )

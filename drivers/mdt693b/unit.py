@@ -37,6 +37,8 @@ class SharedUnit:
         """Drive an output. Raises DeviceNotFound where another driver does, DriverConfigError
         where the settings of the link differ."""
         with self.lock:
+            if not self._outputs:
+                self.config = config  # nobody is left whose settings count
             if self._outputs.setdefault(config.axis, output) is not output:
                 raise DeviceNotFound(
                     f"{config.port}: output {config.axis} is in use in this process already"

@@ -4,7 +4,7 @@ moves an output."""
 import re
 from dataclasses import dataclass
 
-from dehyst.drivers.interface import DeviceNotFound, DriverConfigError
+from dehyst.drivers.interface import DriverConfigError, ForeignUnit
 from dehyst.drivers.mdt693b.link import CommandRefused, Mdt693bLink
 
 NATIVE = {"set": "{axis}voltage={volts:.3f}", "read": "{axis}voltage?", "limit": "vlimit?"}
@@ -23,6 +23,7 @@ class UnitFacts:
     minimum_v: float
     maximum_v: float
     serial_number: str
+    kind: str
     identity: str
 
 
@@ -59,6 +60,7 @@ def learn(link: Mdt693bLink, axis: str, max_v: float | None) -> UnitFacts:
     lines = (_ask_if_known(link, "id?") or "MDT693B").split("\r")
     model = next((x.split()[1] for x in lines if x.startswith("Model ")), lines[0].strip())
     firmware = next((x.split()[-1] for x in lines if x.startswith("Firmware ")), "unknown")
+    friendly = next((x[14:].strip() for x in lines if x.startswith("Friendly Name:")), "")
     dialect = link.dialect.framing.name
     identity = (
         f"{model} firmware {firmware} ({dialect} dialect) serial {serial or 'blank'} axis {axis}"
@@ -66,19 +68,15 @@ def learn(link: Mdt693bLink, axis: str, max_v: float | None) -> UnitFacts:
     # The answers so far say what the unit is; this one proves that none is outstanding.
     link.in_step = False
     link.get_in_step()
-    return UnitFacts(words, minimum_v, maximum_v, serial, identity)
+    kind = f"{model} firmware {firmware}" + (f" named {friendly}" if friendly else "")
+    return UnitFacts(words, minimum_v, maximum_v, serial, kind, identity)
 
 
-def check_serial(path: str, serial: str, wanted: str | None, known: str | None) -> None:
-    """Raise DeviceNotFound unless the unit is the one that the configuration wants and that was
-    there before. None: any will do; "" is a unit whose serial number is blank."""
+def check_serial(path: str, serial: str, wanted: str | None) -> None:
+    """Raise ForeignUnit unless the unit is the one that the configuration wants. None: any will do;
+    "" is a unit whose serial number is blank."""
     if wanted is not None and serial != wanted:
-        raise DeviceNotFound(f"{path}: the unit has serial number {serial!r}, wanted is {wanted!r}")
-    if known is not None and serial != known:
-        raise DeviceNotFound(
-            f"{path}: another unit is plugged in (serial number {serial!r}, it was {known!r}); put "
-            "the first one back or start anew"
-        )
+        raise ForeignUnit(f"{path}: the unit has serial number {serial!r}, wanted is {wanted!r}")
 
 
 def _master_scan_v(link: Mdt693bLink) -> float:

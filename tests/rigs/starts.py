@@ -21,7 +21,8 @@ import zenoh
 TOOLS = (
     "subprocess", "multiprocessing", "zenoh.open", "pty", "tests.rigs.processes",
     "tests.rigs.gateway_bench", "tests.rigs.axes_bench", "tests.rigs.controllers",
-    "tests.rigs.chaos", "tests.rigs.service", "tests.benchmarks.late_wakeups.LateWakeups",
+    "tests.rigs.chaos", "tests.rigs.exchange", "tests.rigs.service",
+    "tests.benchmarks.late_wakeups.LateWakeups",
     "dehyst.daemon.bus.session.Bus", "dehyst.drivers.emulated.bench",
     "dehyst.drivers.emulated.mdt693b_port", "dehyst.drivers.emulated.pty_device", "nbclient",
 )  # fmt: skip

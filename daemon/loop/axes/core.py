@@ -12,6 +12,7 @@ from dehyst.daemon import clock
 from dehyst.daemon.config import Config
 from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files.chosen import choose_model
+from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, open_known
 from dehyst.daemon.files.models import load_model, write_text
 from dehyst.daemon.loop.checks import REPLAY_SAMPLES, check_limits, devices_of, past_output
 from dehyst.daemon.loop.devices import DeviceLink
@@ -87,9 +88,9 @@ class AxisCore:
 
     def open(self) -> None:
         """Open the devices; none stays open where one cannot be."""
-        self.actuator.device.open()
+        open_known(self.config, ACTUATOR, self.actuator.device)
         try:
-            self.sensor.device.open()
+            open_known(self.config, SENSOR, self.sensor.device)
         except BaseException:
             self.actuator.device.close()
             raise
@@ -112,7 +113,7 @@ class AxisCore:
         config, actuator = self.config, self.actuator.device
         self.min_v, self.max_v = check_limits(config, actuator.spec)
         self._settings, self._first = self._begin_model()
-        past, self._doubt = past_output(config, float(actuator.output()))
+        past, self._doubt = past_output(config, float(actuator.output()), actuator)
         self.stepper = Stepper(self._settings, self._first, float(past[-1]), self._trim(self.model))
         self._past = past
 

@@ -7,7 +7,9 @@ The digest is compared with FNV-1a written out here.
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,12 +17,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dehyst.daemon.rings.layout import digests
+from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY
 from dehyst.daemon.rings.ring import Ring, digest
 from dehyst.daemon.rings.ring_file import RingFile
+from dehyst.daemon.rings.status import STATUS
+from dehyst.daemon.service.event_teller import EventTeller
+from dehyst.daemon.service.heartbeat import Heartbeat
 from dehyst.models.errors import BadInput
 
 PAIR = np.dtype([("a", "<i8"), ("b", "<f8")])
 HEADER = 128
+KINDS = {"telemetry": TELEMETRY, "status": STATUS, "event": EVENT, "command": COMMAND}
 
 
 def filled(path: Path, count: int = 6, capacity: int = 8) -> Ring:
@@ -145,3 +152,52 @@ def test_the_supervisor_and_safe_read_without_the_compiler() -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
     )
     assert done.stdout.strip() == "False"
+
+
+ANY_64_BITS = st.one_of(
+    st.integers(-(2**63), 2**63 - 1),
+    st.sampled_from([-(2**63), -1, 2**31, 2**48, 2**62, 2**62 + 1, 2**63 - 9, 2**63 - 1]),
+)
+
+
+@pytest.mark.parametrize("ring", KINDS)
+@given(words=st.dictionaries(st.integers(0, 15), ANY_64_BITS, min_size=1))
+@settings(max_examples=60)
+def test_no_header_whatever_is_in_it_ends_a_reader_or_a_writer(
+    tmp_path_factory: pytest.TempPathFactory, ring: str, words: dict[int, int]
+) -> None:
+    """Each of the rings; both ways to read it, the writer, and what the supervisor makes of it."""
+    folder = tmp_path_factory.mktemp("header")
+    path, dtype = folder / f"{ring}.ring", KINDS[ring]
+    writer = Ring.create(path, dtype, 8, 77)
+    for _ in range(3):
+        writer.push(np.zeros(1, dtype)[0])
+    reader, file = Ring.attach(path, dtype), RingFile(path, dtype)
+    with open(path, "r+b") as raw:
+        for place, value in words.items():
+            raw.seek(8 * place)
+            raw.write(value.to_bytes(8, "little", signed=True))
+    for first in (0, 3, 2**62, 2**63 - 1):
+        with suppress(BadInput):
+            file.read(first)
+        with suppress(BadInput), RingFile(path, dtype) as fresh:
+            assert fresh.read(first)[0].size <= 8
+        records, after, lost = reader.read(first)
+        assert records.size <= 8
+        assert after >= 0
+        assert lost >= 0
+    assert reader.free >= 0
+    assert reader.tail <= reader.head
+    with suppress(BadInput):
+        Ring.attach(path, dtype).close()
+    heartbeat, config = Heartbeat(folder), SimpleNamespace(directory=folder, axis="")
+    heartbeat.core_started(os.getpid())
+    heartbeat.look(10**9)
+    teller = EventTeller(config, lambda text: None)  # type: ignore[arg-type]
+    teller.tell(os.getpid())
+    writer.mend()
+    writer.push(np.zeros(1, dtype)[0])
+    assert reader.head == 4
+    writer.close()
+    reader.close()
+    file.close()

@@ -11,6 +11,41 @@ TWO, BOUNDS = "tests/daemon/service/test_two_daemons.py", "tests/daemon/files/te
 
 CHANGES = [
     *room(
+        ("tests/daemon/service/test_exchanged_units.py",),
+        Change(
+            "safe-moves-anyone", "daemon/service/safe_state.py",
+            "            expect_known(config, ACTUATOR, actuator)\n", "            pass\n",
+            "`dehyst safe` ramps somebody else's stage",
+        ),
+        Change(
+            "start-takes-anyone", "daemon/files/known_units.py",
+            "        device.expect(known)\n", "        pass\n",
+            "a fresh start drives whatever unit is behind the port",
+        ),
+        Change(
+            "blank-is-anyone", "drivers/interface.py",
+            "return self != known if not (self.serial and known.serial) else ",
+            "return ", "a unit without a serial number is taken for any other without one",
+        ),
+    ),
+    *room(
+        ("tests/daemon/rings/test_damage.py",),
+        Change(
+            "any-count-believed", "daemon/rings/layout.py",
+            "return int(word) if 0 <= word <= MOST_WRITTEN else 0", "return int(word)",
+            "a head of 2^63 - 1 ends the supervisor",
+        ),
+    ),
+    *room(
+        ("tests/daemon/service/test_lost_folder.py",),
+        Change(
+            "lost-folder-kills", "daemon/rings/ring_file.py",
+            "        except OSError:\n            return False",
+            "        except OSError:\n            return True",
+            "a healthy loop is killed because its run folder was removed",
+        ),
+    ),
+    *room(
         ("tests/daemon/test_log_lines.py",),
         Change(
             "log-waits", "daemon/log_lines.py", "if self._bytes + len(data) > MOST_BYTES:",
