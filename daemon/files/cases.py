@@ -15,6 +15,9 @@ All JSON is written whole or not at all, and read strictly: a file of another ve
 one, is as if it were not there.
 """
 
+import functools
+import logging
+import os
 import shutil
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -25,6 +28,9 @@ from dehyst.daemon.bus.messages import DoctorState, FoundEffect, LongText, Text
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.files.sidecar import notes_path
 from dehyst.daemon.input_file import NotReadable, read_text
+from dehyst.daemon.rings.run_folder import why_not_trusted
+
+log = logging.getLogger(__name__)
 
 SUFFIX = ".case"
 CASE, EXAMINED, DECIDED = "case.json", "examined.json", "decided.json"
@@ -111,12 +117,24 @@ def case_folder(recording: Path) -> Path:
     return recording.with_suffix(SUFFIX)
 
 
+@functools.cache
+def _say_once(directory: Path, reason: str) -> None:
+    log.warning("%s: its cases are not read: %s", directory, reason)
+
+
 def case_folders(directory: Path) -> list[Path]:
-    """All whose case is complete, the oldest first."""
+    """All whose case is complete, the oldest first; none where others may write: a model that is
+    put to work comes from here."""
     try:
-        return sorted(p.parent for p in directory.glob(f"mismatch-*{SUFFIX}/{CASE}"))
+        found = sorted(p.parent for p in directory.glob(f"mismatch-*{SUFFIX}/{CASE}"))
     except OSError:
         return []
+    if not found:
+        return []
+    if reason := why_not_trusted(directory):
+        _say_once(directory, reason)
+        return []
+    return [folder for folder in found if folder.lstat().st_uid == os.geteuid()]
 
 
 def drop_case(recording: Path) -> None:

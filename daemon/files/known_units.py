@@ -56,7 +56,7 @@ def write_units(config: Config, units: dict[str, UnitIdentity]) -> None:
     try:
         if path.parent == config.directory:
             make_run_folder(path.parent)
-        path.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         write_text(path, msgspec.json.format(msgspec.json.encode(units)).decode() + "\n")
     except OSError as error:
         raise NotNow(f"{path}: cannot be written: {error.strerror or error}") from None

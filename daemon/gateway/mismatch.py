@@ -199,7 +199,7 @@ class MismatchWatch:
         name, directory = f"mismatch-{now:%Y%m%d-%H%M%S}", config.watch_directory
         path = directory / f"{name}.csv"
         try:
-            directory.mkdir(parents=True, exist_ok=True)
+            directory.mkdir(mode=0o700, parents=True, exist_ok=True)
             old = sorted(directory.glob("mismatch-*.csv"))
             for file in old[: max(0, len(old) + 1 - chosen.keep)]:
                 drop_case(file)

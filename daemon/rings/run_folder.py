@@ -43,6 +43,15 @@ def make_run_folder(folder: Path) -> None:
         )
 
 
+def why_not_trusted(folder: Path) -> str:
+    """Why what lies in this folder is not to be believed: others may write there; "": it may be."""
+    try:
+        real = folder.resolve()
+        return _why_not(os.lstat(real)) or _why_not_in(os.stat(real.parent))
+    except OSError as error:
+        return error.strerror or str(error)
+
+
 def _why_not(found: os.stat_result) -> str:
     """Why this folder is not to be used; "": it may be."""
     if not stat.S_ISDIR(found.st_mode):
