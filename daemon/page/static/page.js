@@ -84,7 +84,7 @@ function later() {
 
 function showLogin(shown) {
   $("login").hidden = !shown;
-  $("main").hidden = shown;
+  for (const id of ["main", "controller", "state", "stop"]) $(id).hidden = shown;
   if (shown) { pill("link", "not logged in", false); $("login-name").focus(); }
 }
 
