@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from dehyst.daemon.gateway.refusals import NotAdmitted
 from dehyst.daemon.rings.records import State
 
+STARTING = "the loop is starting and follows no commands yet"
 RESERVED = 64
 """Room in the command ring that trajectories leave for a stop."""
 
@@ -25,6 +26,8 @@ class CoreView:
 
     def check(self, room: int, records: int = 1) -> None:
         """NotAdmitted where the loop cannot take so many records. room: of its command ring."""
+        if not self.alive and self.status_ns == 0:
+            raise NotAdmitted("starting", STARTING)
         if not self.alive:
             raise NotAdmitted("no-core", "the loop's process does not run")
         if records > room - RESERVED * (records > 1):
@@ -34,7 +37,7 @@ class CoreView:
         """The same, and where it follows no commands in its present state."""
         self.check(room, records)
         if self.state is State.START:
-            raise NotAdmitted("starting", "the loop is starting and follows no commands yet")
+            raise NotAdmitted("starting", STARTING)
         if self.state in (State.FAULT, State.STOPPING):
             raise NotAdmitted(
                 "state", f"in the state {self.state.name.lower()} the daemon follows no commands"

@@ -44,7 +44,7 @@ def _pin(config: Config, path: Path) -> list[str]:
     for which, device in ((ACTUATOR, config.actuator), (SENSOR, config.sensor)):
         unit = look_at_unit(which, device.driver, device.settings)
         if unit is None:
-            said.append(f"{whose}{which}: {device.driver} cannot tell one unit from another")
+            said.append(f"{whose}{which}: {device.driver} cannot distinguish one unit from another")
             continue
         units[which] = unit
         said.append(f"{whose}{which}: the unit with {unit}")

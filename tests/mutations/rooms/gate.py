@@ -22,8 +22,8 @@ CHANGES = room(
     ),
     Change(
         "late-setpoint-taken", GATE,
-        "        self._check_age(now_ns, command.sent_ns)\n        self._check_values(np",
-        "        self._check_values(np",
+        "        self._check_age(now_ns, command.sent_ns)\n        self._check_values(",
+        "        self._check_values(",
         "a set-point that was seconds on its way moves the stage",
     ),
     Change(

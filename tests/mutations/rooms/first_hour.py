@@ -1,0 +1,60 @@
+"""What somebody new meets: a start, a place, one late reply, a file from another editor."""
+
+from tests.mutations.change import Change, room
+
+CHANGES = [
+    *room(
+        ("tests/daemon/terminal/test_view.py",),
+        Change(
+            "a-start-is-no-state",
+            "daemon/rings/status.py",
+            '    return s.period_ns <= 0 or (s.core_alive and s.state == "start")\n',
+            "    return False\n",
+            "status and watch divide by a period of 0 while the daemon starts",
+        ),
+    ),
+    *room(
+        ("tests/daemon/commands/test_starting.py",),
+        Change(
+            "the-place-is-not-in-the-status",
+            "daemon/gateway/publisher.py",
+            'measured=mean_reading(newest["measured"]),',
+            "measured=math.nan,",
+            "nobody sees where the stage is",
+        ),
+        Change(
+            "a-start-is-not-waited-for",
+            "daemon/commands/send.py",
+            "        stage.wait_until_started(told=say)\n",
+            "",
+            "send is refused while the daemon starts",
+        ),
+    ),
+    *room(
+        ("tests/daemon/commands/test_first_hour.py",),
+        Change(
+            "one-late-reply-ends-the-start",
+            "daemon/loop/process.py",
+            "        for _ in range(ATTEMPTS - 1):\n",
+            "        for _ in range(0):\n",
+            "one reply that comes late at the start ends the daemon",
+        ),
+        Change(
+            "a-byte-order-mark-is-an-error",
+            "daemon/input_file.py",
+            'path.read_text("utf-8-sig")',
+            'path.read_text("utf-8")',
+            "a configuration saved by an editor of Windows is refused at line 1",
+        ),
+    ),
+    *room(
+        ("tests/daemon/test_native_words.py",),
+        Change(
+            "a-message-tells",
+            "daemon/client/what_follows.py",
+            'STAYS = "stays there until',
+            'STAYS = "is told to stay there for so long until',
+            "messages are in words that nobody of the field uses",
+        ),
+    ),
+]
