@@ -121,6 +121,15 @@ def _interval(value: float, error: float, on_bound: bool = False) -> dict[str, A
     return {"value": value, "low": low, "high": high}
 
 
+def _interval_words(band: float | None, unit: str) -> str:
+    if band is None:
+        return (
+            "a prediction interval on other drives cannot be stated from this recording: drive "
+            "loops of several sizes at several rates (dehyst excite designs such a drive)"
+        )
+    return f"95 % prediction interval on other drives in this range: +-{band:.4g} {unit}"
+
+
 def describe_result(
     result: Identification, covered: Coverage, output: Path, report: Path | None
 ) -> str:
@@ -137,8 +146,7 @@ def describe_result(
         f"{output}: {result.shape.name}, {n} operator{'s' if n > 1 else ''}"
         + "".join(f", {block_name(block)}" for block in result.model.blocks),
         f"fit {fit.rms:.4g} {unit} rms, held-out data {fit.holdout_rms:.4g}, noise "
-        f"{fit.noise_rms:.4g}; "
-        f"95 % prediction interval on other drives in this range: +-{fit.band:.4g} {unit}",
+        f"{fit.noise_rms:.4g}; " + _interval_words(fit.band, unit),
         verdict(result),
         f"valid from {v.drive_min:.4g} to {v.drive_max:.4g} {drive}"
         + (f", up to {v.rate_max:.4g} {drive}/s" if v.rate_max else ""),

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from dehyst.models.errors import BadInput, NotInvertible
+from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
 from dehyst.models.identify.coupling import Coupled
@@ -20,10 +20,13 @@ from dehyst.models.identify.data.rows import Rows, read_rows
 from dehyst.models.identify.data.stretches import take_stretches
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
+from dehyst.models.identify.figures import describe
 from dehyst.models.identify.final import Fitted, fit_all
 from dehyst.models.identify.fit import make_start
+from dehyst.models.identify.own_input import require_one_direction, require_own_input
 from dehyst.models.identify.search import Search
 from dehyst.models.identify.sense import (
+    note_slow_times,
     require_better_than_a_line,
     require_different,
     require_drive_first,
@@ -31,7 +34,6 @@ from dehyst.models.identify.sense import (
     require_one_sense,
     require_one_stage,
     require_same_units,
-    require_times_in_seconds,
     rms,
 )
 from dehyst.models.identify.setup import FitSetup, set_up
@@ -46,6 +48,7 @@ from dehyst.models.identify.uncertainty import (
 )
 from dehyst.models.model import Fit, Model, Provenance, Validity
 from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.signals.ways import repeats_one_loop, ways_of
 from dehyst.models.units import spell_unit
 
 
@@ -124,7 +127,12 @@ def identify_alone(
     require_different(recordings)
     progress("reading the drive")
     taken = [take_stretches(one) for one in recordings]
-    found = _identify([one.recording for one in taken], options, progress)
+    own = [one.recording for one in taken]
+    try:
+        found = _identify(own, options, progress)
+    except BadRecording:
+        require_one_direction(own)  # says more of it than that nothing follows
+        raise
     return replace(
         found,
         residuals=tuple(x.spread(e, np.nan) for x, e in zip(taken, found.residuals, strict=True)),
@@ -138,7 +146,6 @@ def _identify(
 ) -> Identification:
     spans = [float(np.nanmax(r.drive) - np.nanmin(r.drive)) for r in recordings if _has_drive(r)]
     rows = [read_rows(r, max(spans, default=0.0)) for r in recordings]
-    require_times_in_seconds(rows)
     require_drive_first(rows)
     first = recordings[0]
     require_one_sense(rows, f"{first.displacement_unit}/{spell_unit(first.drive_unit)}")
@@ -159,7 +166,11 @@ def _identify(
         found.notes.append(doubt)
     require_better_than_a_line(found.setup, residuals, picks)
     progress("intervals")
-    return _result(found, residuals, recordings)
+    result = _result(found, residuals, recordings)
+    progress("simulating its own input")
+    noises = [one.noise for one in result.recordings]
+    said = require_own_input(result.model, found.setup.rows, result.used, noises)
+    return replace(result, notes=(*result.notes, *said))
 
 
 def _leave_start(rows: Sequence[Rows], options: Options) -> FitSetup:
@@ -198,9 +209,16 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     """Structure, outliers, and the fit of all rows."""
     notes = list(setup.notes)
     wanted = list_shapes(options.rate, options.saturation, options.bias)
-    if setup.rate_max <= 0.0:
+    one_rate = _is_one_loop(setup.rows, setup.span)
+    if setup.rate_max <= 0.0 or (one_rate and options.rate is None):
         wanted = [s for s in wanted if not s.rate]
-    search = Search(setup, wanted, progress)
+    if one_rate:
+        notes.append(
+            "one loop at one rate: lag, delay, resonance and rate-dependence cannot be "
+            "distinguished from the hysteresis, and the model is static; a second "
+            "recording at another rate, or one with an edge, identifies it"
+        )
+    search = Search(setup, wanted, progress, with_lags=not one_rate)
     tried = search.run()
     best = search.choose(tried)
     for _ in range(3):
@@ -211,7 +229,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         notes.append(f"{count} lone displacement values far off their neighbours were left out")
         if count <= 1e-3 * errors[0].size:
             break
-        search = Search(setup, wanted, progress)
+        search = Search(setup, wanted, progress, with_lags=not one_rate)
         tried = search.run()
         best = search.choose(tried)
     require_following(setup, best.held_rms)
@@ -234,7 +252,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
             if c.shape.rate == shape.rate and len(c.shape.powers) < len(shape.powers)
         ]
         if not fewer:  # the user fixed the saturation: a straight line takes its place
-            fewer = Search(setup, [Shape(shape.rate, (0,))], progress).run()
+            fewer = Search(setup, [Shape(shape.rate, (0,))], progress, not one_rate).run()
         best = choose_structure(fewer)
     if fitted.costly:
         notes.append(
@@ -246,6 +264,16 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     if best.lag is not None and best.lag in search.untold:
         notes.append(best.lag.doubt)
     return _Found(setup, best, search.r, fitted, tried, notes)
+
+
+def _is_one_loop(rows: Sequence[Rows], span: float) -> bool:
+    """Whether all recordings together repeat one loop at one rate."""
+    ways = []
+    for one in rows:
+        known = ~np.isnan(one.u)
+        ways.append(ways_of(one.t_s[known], one.u[known], span))
+    durations, sizes = (np.concatenate(parts) for parts in zip(*ways, strict=True))
+    return repeats_one_loop(durations, sizes)
 
 
 def _left(best: Candidate, fitted: Fitted, picks: Sequence[Bools]) -> float:
@@ -329,12 +357,18 @@ def _result(
             f"{setup.rows[0].name}: no invertible model was found; fix a simpler one with "
             "--static --saturation 1"
         )
+    stroke = describe(replace(model, validity=_find_validity(setup, setup.rows))).stroke
     model = replace(
         model,
         validity=_find_validity(setup, setup.rows),
         drive_unit=recordings[0].drive_unit,
         displacement_unit=recordings[0].displacement_unit,
-        fit=Fit(left, fitted.scored.held_rms, noise, band),
+        fit=Fit(
+            left,
+            fitted.scored.held_rms,
+            noise,
+            band if band <= TUNING.widest_band * stroke else None,
+        ),
         provenance=Provenance(
             source="dehyst identify",
             recordings=tuple((one.name, one.sha256) for one in recordings),
@@ -361,7 +395,11 @@ def _result(
             Left(one.name, rms(e[p]), estimate_noise(e))
             for one, e, p in zip(setup.rows, residuals, picks, strict=True)
         ),
-        notes=(*(n for one in setup.rows for n in one.notes), *found.notes),
+        notes=(
+            *note_slow_times(setup.rows),
+            *(n for one in setup.rows for n in one.notes),
+            *found.notes,
+        ),
     )
 
 

@@ -39,7 +39,8 @@ class LagSearch:
         finest = trial.score(candidate.shape, TUNING.strengths[:1]).params
         self.begin = {True: (self.fine, finest), False: (r, candidate.params)}
         self.noise = float(candidate.fitted.sum() / candidate.sizes.sum())
-        self.longest = TUNING.longest_lag * setup.span / max(setup.rate_max, 1e-300)
+        longest = TUNING.longest_lag * setup.span / max(setup.rate_max, 1e-300)
+        self.longest = min(longest, TUNING.longest_lag_s)
         self.period = float(np.median([one.period_s for one in setup.rows]))
 
     def find(self) -> Candidate | None:
@@ -81,15 +82,16 @@ class LagSearch:
 
     def _measure_jitter(self, scored: Candidate) -> float:
         """How far readings lie from their times, as far as the fit tells [s]: the part of the
-        error that grows with the speed. Readings late by chance are late on average, too."""
+        error from row to row that grows with the speed (what a wrong structure leaves is smooth).
+        Readings late by chance are late on average, too."""
         setup, (r, _) = self.setup, self.begin[False]
         error = setup.residuals(r, scored.shape, scored.params, scored.offset, scored.lag)
         powers, speeds = [], []
         for one, e, pick in zip(setup.rows, error, self.picks, strict=True):
             at = np.flatnonzero(~np.isnan(e))
-            speed = np.gradient(one.y[at] - e[at], one.t_s[at])
-            keep = pick[at]
-            powers.append(e[at][keep] ** 2)
+            speed = np.gradient(one.y[at] - e[at], one.t_s[at])[1:]
+            keep = (pick[at][1:] & pick[at][:-1]) & (np.diff(at) == 1)
+            powers.append(0.5 * np.diff(e[at])[keep] ** 2)
             speeds.append(speed[keep] ** 2)
         x, y = np.concatenate(speeds), np.concatenate(powers)
         x = x - x.mean()

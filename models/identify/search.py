@@ -21,12 +21,17 @@ from dehyst.models.recording import Bools
 
 
 class Search:
-    """Candidates for one setting."""
+    """Candidates for one setting; with_lags: linear dynamics are sought as well."""
 
     def __init__(
-        self, setup: FitSetup, wanted: Sequence[Shape], progress: Callable[[str], None]
+        self,
+        setup: FitSetup,
+        wanted: Sequence[Shape],
+        progress: Callable[[str], None],
+        with_lags: bool = True,
     ) -> None:
         self.setup, self.wanted, self.progress = setup, list(wanted), progress
+        self.with_lags = with_lags
         self.r = space_thresholds(TUNING.coarse, setup.span, setup.wide)
         self.picks: list[Bools] = thin(setup.picks, TUNING.rows_compared)
         self.untold: list[Dynamics] = []  # lags of the drive that may as well be the sensor's
@@ -40,7 +45,7 @@ class Search:
                 shapes = [s for s in shapes if s.rate or 2 not in s.powers]
                 shapes = [s for s in shapes if s.rate or self.setup.running is not None]
             tried += self._try(shapes, offset, None)
-        found = self._find_lags(tried)
+        found = self._find_lags(tried) if self.with_lags else []
         shifted = {c.shape.rate for c in found if c.lag is not None and c.lag.short}
         kept = [replace(c, superseded=c.shape.rate in shifted) for c in tried]
         return kept + found

@@ -39,21 +39,22 @@ def require_different(recordings: Sequence[Recording]) -> None:
         seen[one.sha256] = one.name
 
 
-def require_times_in_seconds(rows: Sequence[Rows]) -> None:
-    """Raise BadRecording where the time stamps are those of another unit: sampled every second or
-    slower, and smooth from row to row."""
+def note_slow_times(rows: Sequence[Rows]) -> tuple[str, ...]:
+    """What is to be said of recordings whose rows lie so far apart that their times may be
+    milliseconds: they are taken as seconds, as quasi-static recordings of hours are ordinary."""
+    said = []
     for one in rows:
-        if one.period_s < TUNING.slow_period_s:
-            continue
         known = one.u[~np.isnan(one.u)]
-        step = np.abs(np.diff(known))
-        if float(np.quantile(step, 0.99)) < TUNING.smooth_step * float(np.ptp(known)):
-            raise BadRecording(
-                f"{one.name}: t_s counts seconds, and these rows lie {one.period_s:.4g} s apart "
-                f"over {one.t_s[-1] - one.t_s[0]:.4g} s; are the times in milliseconds? divide "
-                "them by 1000 (or name what makes the stage so slow: sample faster than once in "
-                f"{TUNING.slow_period_s:g} s)"
+        if one.period_s < TUNING.slow_period_s or known.size < 2:
+            continue
+        smooth = float(np.quantile(np.abs(np.diff(known)), 0.99))
+        if smooth < TUNING.smooth_step * float(np.ptp(known)):
+            said.append(
+                f"{one.name}: its rows lie {one.period_s:.4g} s apart over "
+                f"{one.t_s[-1] - one.t_s[0]:.4g} s; if these are milliseconds, say so: "
+                "--time-unit ms"
             )
+    return tuple(said)
 
 
 def require_drive_first(rows: Sequence[Rows]) -> None:

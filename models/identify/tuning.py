@@ -23,6 +23,12 @@ class Tuning(NamedTuple):
     no_worse: float = 1.0  # times the rms that a straight line leaves
     one_stage: float = 4.0  # times the rms of a model of its own, that the common one may leave
     less_alike: float = 2.0  # the same, from which on it is said
+    most_excess: float = 0.1  # of the displacement's range, that a model may leave beyond the noise
+    # in all rows of its own input: ordinary recordings leave 0.03 at most, those of another class
+    # 0.2 and more (tests/benchmarks/models/outside.py)
+    widest_band: float = 0.25  # of the stroke: a wider interval of prediction says nothing
+    widest_loop: float = 0.5  # of the stroke; a piezo below its coercive field has 0.35 at most
+    worse_left_out: float = 2.0  # times the rms of the fitted rows, from which on it is said
     # outliers
     lone: float = 8.0  # a lone drive value this many robust standard deviations off is a glitch
     glitch_steps: float = 4.0  # and this many steps around it; where a drive turns it is below 2
@@ -84,6 +90,7 @@ class Tuning(NamedTuple):
     hopeless: float = 2.5  # times the best error: a static structure so far off needs no lag
     jitters: float = 5.0  # times the jitter of the readings in time, that a lag must be longer
     longest_lag: float = 0.5  # of the time in which the drive at its fastest crosses its range
+    longest_lag_s: float = 10.0  # of any lag or delay: longer ones are creep or drift
     lag_rounds: int = 3  # of a lag and the structure beside it, in turn
     lag_nearby: tuple[float, ...] = (0.7, 1.0, 1.4)  # times the lag, where it is sought anew
     lag_settled: float = 0.02  # of the lag: a smaller change is none

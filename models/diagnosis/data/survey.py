@@ -7,13 +7,10 @@ from dehyst.models.diagnosis.data.way import hardly_turns, stands_still
 from dehyst.models.diagnosis.result import DataQuality
 from dehyst.models.physics.candidate import small
 from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.ways import turns_within_ways
 
 COARSE = 1.5  # noise rms that a step of the reading must reach to be told
 FOLLOWS = 0.2  # part of the displacement's power that a memory of the drive must explain
-BACK = 0.25  # part of the displacement's range that it must come back by in one way of the drive
-ENDS = 0.6  # of the way's own range: its ends lie no further apart
-WAY = 0.5  # of the drive's range, that such a way is long
-INSIDE = 0.15  # of the way, that lies to either side of where it turns: friction gives way at once
 BUTTERFLY = (
     "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
     "ferroelectric that is driven through its coercive field): no model with one direction fits, "
@@ -138,26 +135,9 @@ def _variance(data: Data) -> float:
 def comes_back(data: Data) -> bool:
     """Whether the displacement turns round within ways of the drive, on most of them."""
     reach = float(np.ptp(data.y))
-    ways = backs = 0
-    for p in np.unique(data.part):
-        k = data.part == p
-        u, y = data.u[k], data.y[k]
-        each = max(1, u.size // 2000)
-        u, y = u[::each], y[: u.size // each * each].reshape(-1, each).mean(axis=1)
-        u = u[: y.size]
-        turn = np.flatnonzero(np.diff(np.sign(np.diff(u)[np.diff(u) != 0])) != 0)
-        at = np.flatnonzero(np.diff(u) != 0)[turn] + 1 if turn.size else np.zeros(0, int)
-        for a, b in zip(np.r_[0, at], np.r_[at, u.size - 1], strict=True):
-            if abs(u[b] - u[a]) < WAY * data.span or b - a < 8:
-                continue
-            way = y[a : b + 1]
-            net = abs(float(way[-1] - way[0]))
-            ways += 1
-            size = float(np.ptp(way))
-            done = (u[a : b + 1] - u[a]) / (u[b] - u[a])
-            off_line = way - way[0] - done * (way[-1] - way[0])
-            inside = INSIDE < done[np.argmax(np.abs(off_line))] < 1.0 - INSIDE
-            backs += bool(inside) and size - net > BACK * reach and net < ENDS * size
+    parts = [data.part == p for p in np.unique(data.part)]
+    counts = [turns_within_ways(data.u[k], data.y[k], data.span, reach) for k in parts]
+    ways, backs = (sum(column) for column in zip(*counts, strict=True))
     return ways > 0 and backs > 0.5 * ways
 
 

@@ -19,17 +19,16 @@ u = 5 - 2 * np.cos(2 * np.pi * 10 * t) - 3 * np.cos(2 * np.pi * 5 * t)
 y = simulate_hysteresis(STAGE, u, T) + 0.01 * np.random.default_rng(0).standard_normal(t.size)
 
 
-@pytest.mark.parametrize(
-    ("recording", "says"),
-    [
-        (Recording(t, y, u), "columns swapped"),
-        (Recording(1000 * t, u, y), "milliseconds"),
-    ],
-)
-def test_swapped_columns_and_milliseconds(recording: Recording, says: str) -> None:
-    with pytest.raises(BadRecording, match=says) as error:
-        identify([recording])
+def test_swapped_columns_are_refused() -> None:
+    with pytest.raises(BadRecording, match="columns swapped") as error:
+        identify([Recording(t, y, u)])
     assert "\n" not in str(error.value)
+
+
+def test_rows_far_apart_are_taken_as_seconds_and_the_option_is_named() -> None:
+    found = identify([Recording(1000 * t, u, y)])
+    assert any("--time-unit ms" in note for note in found.notes)
+    assert not any("--time-unit" in note for note in identify([Recording(t, u, y)]).notes)
 
 
 def test_a_loop_that_leads_is_no_swap_where_the_reading_has_the_noise() -> None:

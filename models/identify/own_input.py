@@ -1,0 +1,131 @@
+"""The model on its own input: every row of every recording, in the file's order, before anything is
+claimed of it. What no model of this class can follow is refused with its reason."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dehyst.models.cascade.simulate import simulate
+from dehyst.models.errors import BadRecording
+from dehyst.models.identify.data.rows import Rows
+from dehyst.models.identify.figures import describe
+from dehyst.models.identify.tuning import TUNING
+from dehyst.models.model import Model
+from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.signals.ways import turns_within_ways
+
+BUTTERFLY = (
+    "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
+    "ferroelectric that is driven through its coercive field); drive it on one side of that only"
+)
+
+
+@dataclass(frozen=True)
+class OwnInput:
+    """What the model leaves in one recording [displacement unit]: rms of all its rows, of those
+    that were fitted, and of the others (NaN: there are none); span: range of its displacement."""
+
+    name: str
+    rows: int
+    fitted_rows: int
+    rms: float
+    fitted_rms: float
+    other_rms: float
+    span: float
+
+
+def simulate_own_input(
+    model: Model, rows: Sequence[Rows], used: Sequence[Bools]
+) -> tuple[OwnInput, ...]:
+    """Simulate each recording whole, but for lone glitches of its drive. used: (N,) rows of each
+    that were fitted. Each recording but the first has an offset of its own, the mean over its
+    fitted rows."""
+    found = []
+    for place, (one, fitted) in enumerate(zip(rows, used, strict=True)):
+        driven = ~np.isnan(one.u)
+        error = np.full(one.u.size, np.nan)
+        error[driven] = one.y[driven] - simulate(model, one.t_s[driven], one.u[driven])
+        known = ~np.isnan(error)
+        fit, others = known & fitted, known & ~fitted
+        if place and fit.any():
+            error = error - float(error[fit].mean())
+        found.append(
+            OwnInput(
+                one.name,
+                int(known.sum()),
+                int(fit.sum()),
+                _rms(error[known]),
+                _rms(error[fit]),
+                _rms(error[others]),
+                float(np.ptp(one.y[known])) if known.any() else 0.0,
+            )
+        )
+    return tuple(found)
+
+
+def require_own_input(
+    model: Model, rows: Sequence[Rows], used: Sequence[Bools], noise: Sequence[float]
+) -> tuple[str, ...]:
+    """What is to be said of the rows that were left out. noise: rms of each recording. Raises
+    BadRecording where the model cannot follow its own input, or the loop is none of this class."""
+    said = []
+    unit = model.displacement_unit
+    for one, its, sigma in zip(simulate_own_input(model, rows, used), rows, noise, strict=True):
+        excess = float(np.sqrt(max(one.rms**2 - sigma**2, 0.0)))
+        if excess > TUNING.most_excess * one.span:
+            raise BadRecording(
+                f"{one.name}: {_why_outside(model, its)}; over all of its {one.rows} rows "
+                f"the best model leaves {one.rms:.4g} {unit} rms, {one.rms / one.span:.0%} of the "
+                "displacement's range"
+            )
+        left_out = one.rows - one.fitted_rows
+        if left_out and one.other_rms > TUNING.worse_left_out * max(one.fitted_rms, sigma):
+            said.append(
+                f"{one.name}: {left_out} of {one.rows} rows were left out (start, steps, gaps, "
+                f"outliers); the model leaves {one.other_rms:.3g} {unit} rms there and "
+                f"{one.fitted_rms:.3g} in the others"
+            )
+    if (width := describe(model).hysteresis) > TUNING.widest_loop:
+        raise BadRecording(
+            f"{rows[0].name}: the loop is {width:.0%} of the stroke wide; a piezo below its "
+            "coercive field stays below a third. It is driven through its coercive field, rubs "
+            "against something, or is read late: reduce the drive, or look for friction and lag"
+        )
+    return tuple(said)
+
+
+def require_one_direction(recordings: Sequence[Recording]) -> None:
+    """Raise BadRecording where the displacement comes back within the ways of the drive."""
+    for one in recordings:
+        if one.displacement is not None and is_butterfly(one.drive, one.displacement):
+            raise BadRecording(f"{one.name}: {BUTTERFLY}")
+
+
+def _why_outside(model: Model, rows: Rows) -> str:
+    """Why no model of this class follows a recording, as far as its ways show it."""
+    if is_butterfly(rows.u, rows.y):
+        return BUTTERFLY
+    if describe(model).hysteresis > TUNING.widest_loop:
+        return (
+            "the displacement jumps and stays, as with dry friction or a ferroelectric that "
+            "switches: no hysteresis that can be inverted looks like this"
+        )
+    return (
+        "the displacement is not what a hysteresis of the drive can give: another input moves the "
+        "stage, its clock or its columns are wrong, or it is a different stage on the way"
+    )
+
+
+def is_butterfly(u: Floats, y: Floats) -> bool:
+    """Whether the displacement (N,) turns round within most long ways of the drive (N,)."""
+    known = ~np.isnan(u) & ~np.isnan(y)
+    u, y = u[known], y[known]
+    if u.size < 2 or not np.ptp(u) or not np.ptp(y):
+        return False
+    ways, backs = turns_within_ways(u, y, float(np.ptp(u)), float(np.ptp(y)))
+    return ways > 0 and backs > 0.5 * ways
+
+
+def _rms(x: Floats) -> float:
+    return float(np.sqrt(np.mean(x**2))) if x.size else float("nan")

@@ -1,0 +1,57 @@
+"""What is outside of the model's class is refused with its reason; what is ordinary is not; and
+dynamics are claimed only where the recordings show two rates."""
+
+import pytest
+from tests.rigs.outside import lagged, ordinary, outside
+
+from dehyst.models.errors import BadRecording
+from dehyst.models.identify import identify
+
+OUTSIDE = outside()
+REASONS = {
+    "butterfly": "butterfly", "square": "butterfly", "switching": "loop is|switches",
+    "dry": "loop is|switches|straight line", "one way": "only runs", "nothing": "follow",
+    "another": "follow|another input", "twice": "butterfly|follow",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", OUTSIDE)
+def test_outside_of_the_class_is_refused_with_its_reason(kind: str) -> None:
+    words = next(words for begin, words in REASONS.items() if kind.startswith(begin))
+    with pytest.raises(BadRecording, match=words) as error:
+        identify([OUTSIDE[kind]])
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 500
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_an_ordinary_recording_is_not_refused(seed: int) -> None:
+    found = identify([ordinary(seed)])
+    assert found.model.fit.rms is not None
+    if found.model.fit.band is not None:
+        v = found.model.validity
+        assert found.model.fit.band < 0.13 * (v.drive_max - v.drive_min) * 1.3
+
+
+@pytest.mark.parametrize("tau_s", [0.0, 0.02])
+def test_one_slow_loop_gives_a_static_model_and_says_so(tau_s: float) -> None:
+    found = identify(lagged(1, (1.0,), tau_s))
+    assert not found.shape.rate
+    assert found.model.blocks == ()
+    assert any("one loop at one rate" in note for note in found.notes)
+
+
+def test_two_rates_give_the_lag() -> None:
+    found = identify(lagged(1, (0.5, 4.0), 0.02))
+    (block,) = found.model.blocks
+    assert block.kind == "lag"
+    assert block.params["tau_s"] == pytest.approx(0.02, rel=0.15)
+    assert not any("one loop at one rate" in note for note in found.notes)
+
+
+def test_rows_that_were_left_out_are_simulated_and_reported() -> None:
+    one = ordinary(0)
+    y = one.displacement.copy()  # type: ignore[union-attr]
+    y[:250] += 0.3 * (y.max() - y.min())  # the stage was touched while it began
+    found = identify([type(one)(one.t_s, one.drive, y, name="touched.csv")])
+    assert any("rows were left out" in note for note in found.notes) or not found.used[0].all()

@@ -1,0 +1,110 @@
+"""Recordings outside of the model's class, and ordinary ones, from equations of their own."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dehyst.models.recording import Floats, Recording
+
+RATE_HZ = 500.0
+
+
+def times(seconds: float, rate_hz: float = RATE_HZ) -> Floats:
+    return np.arange(round(seconds * rate_hz)) / rate_hz
+
+
+def noisy(y: Floats, seed: int, share: float = 0.002) -> Floats:
+    """With white noise of a share of its range."""
+    return y + share * np.ptp(y) * np.random.default_rng(seed).standard_normal(y.size)
+
+
+def plays(u: Floats, thresholds: Floats, weights: Floats) -> Floats:
+    """A sum of play operators, by the definition, row by row."""
+    held, out = np.zeros(thresholds.size), np.empty(u.size)
+    for i, x in enumerate(u):
+        held = np.clip(held, x - thresholds, x + thresholds)
+        out[i] = weights @ held
+    return out
+
+
+def polarisation(u: Floats, coercive: float, width: float) -> Floats:
+    """A ferroelectric that switches: tanh branches about +-coercive, by the way that it goes."""
+    up = np.gradient(u) >= 0
+    return np.where(up, np.tanh((u - coercive) / width), np.tanh((u + coercive) / width))
+
+
+def dry(u: Floats, force: float) -> Floats:
+    """One wide play: it stands until the drive has come back by 2 * force."""
+    return plays(u, np.array([force]), np.array([1.0]))
+
+
+def outside(seed: int = 0) -> dict[str, Recording]:
+    """By kind: none of them has a hysteresis that can be inverted."""
+    t = times(8.0)
+    sine = 100.0 * np.sin(2 * np.pi * 0.5 * t)
+    triangle = 100.0 * (2 * np.abs(2 * ((0.5 * t) % 1.0) - 1) - 1)
+    short = times(2.005, 200.0)
+    once = 100.0 * np.sin(2 * np.pi * 0.5 * short)
+    rng = np.random.default_rng(seed)
+    walk = np.cumsum(rng.standard_normal(t.size))
+    made: dict[str, tuple[Floats, Floats, Floats]] = {
+        "butterfly": (t, sine, np.abs(polarisation(sine, 30.0, 20.0)) * 5 + 0.01 * np.abs(sine)),
+        "butterfly of 401 rows": (short, once, np.abs(polarisation(once, 30.0, 20.0)) * 5),
+        "square butterfly": (t, triangle, polarisation(triangle, 40.0, 15.0) ** 2),
+        "switching loop": (t, sine, polarisation(sine, 45.0, 10.0)),
+        "switching loop, triangle": (t, triangle, polarisation(triangle, 60.0, 25.0)),
+        "dry friction": (t, sine, dry(sine, 70.0)),
+        "dry friction, triangle": (t, triangle, dry(triangle, 60.0)),
+        "one way up": (t, t * 10.0, t * 3.0),
+        "one way down": (t, -(t**1.5), -t),
+        "nothing that follows": (t, sine, rng.standard_normal(t.size)),
+        "another input": (t, sine, walk / np.ptp(walk) * 8.0 + 0.002 * sine),
+        "twice the frequency": (t, sine, np.cos(2 * np.pi * 1.0 * t)),
+    }
+    return {
+        kind: Recording(t_s, u, noisy(y, seed), name=f"{kind}.csv")
+        for kind, (t_s, u, y) in made.items()
+    }
+
+
+def ordinary(seed: int) -> Recording:
+    """A stage with 8 to 25 % hysteresis under one of six kinds of drive."""
+    rng = np.random.default_rng(seed)
+    t = times(6.0)
+    f = rng.uniform(0.4, 3.0)
+    drives: list[Callable[[], Floats]] = [
+        lambda: 50 - 50 * np.cos(2 * np.pi * f * t),
+        lambda: 50 - 30 * np.cos(2 * np.pi * f * t) - 20 * np.cos(2 * np.pi * 2.7 * f * t),
+        lambda: 100 * np.abs(2 * ((f * t) % 1.0) - 1),
+        lambda: 50 - 50 * np.cos(2 * np.pi * f * t) * (0.3 + 0.7 * np.sin(np.pi * t / 6.0)),
+        lambda: 50 - 50 * np.cos(2 * np.pi * (0.4 + 0.3 * t) * t),
+        lambda: 50 + 20 * sum(np.sin(2 * np.pi * k * 0.5 * t + k * k) for k in (1, 2, 3)),
+    ]
+    u = np.clip(drives[seed % len(drives)](), 0.0, 100.0)
+    r = np.linspace(0.0, 40.0, 12)
+    w = np.exp(-r / rng.uniform(10, 25))
+    w[0] *= rng.uniform(2.0, 6.0)
+    y = plays(u, r, w * 0.12 / w.sum() * rng.choice([1.0, 10.0])) + rng.uniform(-20, 20)
+    return Recording(t, u, noisy(y, seed), name=f"ordinary-{seed}.csv")
+
+
+def lagged(seed: int, rates: tuple[float, ...], tau_s: float) -> list[Recording]:
+    """One stage, read through a first-order lag (0: none), a recording for each rate [Hz]."""
+    rng = np.random.default_rng(seed)
+    r = np.linspace(0.0, 40.0, 12)
+    w = np.exp(-r / rng.uniform(10, 20))
+    w[0] *= 4.0
+    out = []
+    for place, f in enumerate(rates):
+        t = times(6.0 / f if f < 1 else 6.0)
+        u = 50 - 50 * np.cos(2 * np.pi * f * t)
+        y = plays(u, r, w * 0.12 / w.sum())
+        if tau_s:
+            x, late = y[0], np.empty(y.size)
+            share = 1.0 - np.exp(-1.0 / (RATE_HZ * tau_s))
+            for i, target in enumerate(y):
+                x += share * (target - x)
+                late[i] = x
+            y = late
+        out.append(Recording(t, u, noisy(y, 10 * seed + place), name=f"at-{f:g}-hz.csv"))
+    return out
