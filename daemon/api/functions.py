@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.api.inputs import take_model, take_recordings, take_trajectory
+from dehyst.daemon.api.prediction import misfit, predict
 from dehyst.daemon.api.results import Diagnosed, Drive, Identified, Simulated, Validated
+from dehyst.daemon.api.trajectories import channels_along, spaced_evenly, target_in_unit
 from dehyst.daemon.files.recordings import read_recording
-from dehyst.daemon.tools.prediction import misfit, predict
-from dehyst.daemon.tools.trajectories import channels_along, spaced_evenly, target_in_unit
 from dehyst.models import diagnosis
 from dehyst.models import identify as identification
 from dehyst.models.cascade.reach import displacement_range

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst import __version__
+from dehyst.daemon.api.diagnosis_summary import describe_diagnosis
+from dehyst.daemon.api.identification_summary import describe_result
+from dehyst.daemon.api.prediction import Misfit, describe_misfit, outside_validity
 from dehyst.daemon.files.axis_columns import to_columns
 from dehyst.daemon.files.models import save_model, write_text
 from dehyst.daemon.files.outputs import check_outputs
 from dehyst.daemon.files.recordings import write_recording
-from dehyst.daemon.tools.diagnosis_summary import describe_diagnosis
-from dehyst.daemon.tools.identification_summary import describe_result
-from dehyst.daemon.tools.prediction import Misfit, describe_misfit, outside_validity
 from dehyst.models.diagnosis import Diagnosis, Finding
 from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.errors import BadInput

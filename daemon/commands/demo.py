@@ -12,7 +12,7 @@ from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.models.errors import DehystError
 
 if TYPE_CHECKING:
-    from dehyst.daemon.tools.second_act import Story
+    from dehyst.daemon.demo.second_act import Story
 
 DESCRIPTION = """\
 The whole story on the simulated stage in some minutes: excite and record it through the serial
@@ -54,8 +54,8 @@ def say(text: str) -> None:
 
 def run(args: argparse.Namespace) -> int:
     say("dehyst demo: a stage, an amplifier and a gauge reader are simulated; nothing real moves")
-    from dehyst.daemon.tools.busy import TOO_BUSY, busy_between, read_spent
-    from dehyst.daemon.tools.demo import OUTPUTS
+    from dehyst.daemon.demo.busy import TOO_BUSY, busy_between, read_spent
+    from dehyst.daemon.demo.demo import OUTPUTS
 
     check_outputs([args.output / name for name in OUTPUTS], [], args.force)
     args.output.mkdir(parents=True, exist_ok=True)
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _tell(args: argparse.Namespace) -> int:
     """Both acts; the exit status."""
-    from dehyst.daemon.tools.demo import Demo, compare_errors, draw, join_acts
+    from dehyst.daemon.demo.demo import Demo, compare_errors, draw, join_acts
 
     story = None
     with tempfile.TemporaryDirectory(prefix="dehyst-demo-") as folder:
@@ -115,7 +115,7 @@ def _tell(args: argparse.Namespace) -> int:
 
 def _tell_story(story: "Story", picture: Path, facts: dict[str, Any], quiet: bool) -> int:
     """Draw and print the second act, add it to the facts; its exit status."""
-    from dehyst.daemon.tools.second_act import describe_facts, save_story, tell_end
+    from dehyst.daemon.demo.second_act import describe_facts, save_story, tell_end
 
     save_story(story, picture)
     facts["second_act"] = describe_facts(story)

@@ -10,9 +10,9 @@ from rich.console import Console
 
 from dehyst.daemon import clock
 from dehyst.daemon.api.functions import identify
+from dehyst.daemon.api.identification_summary import describe_result, summary
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.files.recordings import read_recording
-from dehyst.daemon.tools.identification_summary import describe_result, summary
 from dehyst.models.errors import BadInput
 
 

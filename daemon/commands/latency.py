@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.config import Config, load_config
+from dehyst.daemon.latency import machine
+from dehyst.daemon.latency.latency import Setup, measure, time_devices
+from dehyst.daemon.latency.latency_report import lines, table
 from dehyst.daemon.loop.checks import SPARE
 from dehyst.daemon.loop.timing.histogram import Histogram
-from dehyst.daemon.tools import machine
-from dehyst.daemon.tools.latency import Setup, measure, time_devices
-from dehyst.daemon.tools.latency_report import lines, table
 from dehyst.models.errors import BadInput
 
 EPILOG = """\

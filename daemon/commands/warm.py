@@ -20,9 +20,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run everything that is compiled, briefly, on the simulated stage."""
     print("dehyst warm: looking for kernels that are not compiled yet", file=sys.stderr, flush=True)
+    from dehyst.daemon.latency.latency import Setup, compile_step, measure
     from dehyst.daemon.terminal.compiling import compiling_shown
     from dehyst.daemon.tools.bench_config import simulated_model
-    from dehyst.daemon.tools.latency import Setup, compile_step, measure
     from dehyst.models.mismatch.monitor import compile_monitor
     from dehyst.models.physics import KINDS
 

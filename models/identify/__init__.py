@@ -1,6 +1,6 @@
 """Identification: recordings in, an invertible model out, with what it is worth."""
 
-from dehyst.models.identify.figures import Figures, describe
+from dehyst.models.cascade.figures import Figures, describe
 from dehyst.models.identify.identification import Identification, Options, identify_alone
 from dehyst.models.identify.several_axes import identify
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from dehyst.models.cascade.figures import describe
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
@@ -20,7 +21,6 @@ from dehyst.models.identify.data.rows import Rows, read_rows
 from dehyst.models.identify.data.stretches import take_stretches
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
-from dehyst.models.identify.figures import describe
 from dehyst.models.identify.final import Fitted, fit_all
 from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.own_input import require_one_direction, require_own_input

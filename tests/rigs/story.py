@@ -19,6 +19,7 @@ from tests.rigs.trimmed_stage import HIGH_V, LOW_V, SLEW, Tamper, TrimmedStage
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import parse_config
+from dehyst.daemon.demo.second_act import SETTINGS, pattern
 from dehyst.daemon.doctor.examination import examine
 from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Case, Examined
@@ -29,7 +30,6 @@ from dehyst.daemon.gateway.mismatch import MismatchWatch
 from dehyst.daemon.gateway.model_trial import ModelTrial
 from dehyst.daemon.rings.records import COMMAND, TELEMETRY, Command, Flag, model_digest
 from dehyst.daemon.tools.bench_config import RATE_HZ
-from dehyst.daemon.tools.second_act import SETTINGS, pattern
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.models.model import Model
 from dehyst.models.modelfile import dumps

@@ -25,10 +25,10 @@ from typing import Any
 
 from tests.benchmarks.bars import Bars, too_busy
 
-from dehyst.daemon.tools.busy import IT_WAS_NOT, SO_IT_WAS, TOO_BUSY
-from dehyst.daemon.tools.chance import EFFECTS, Chance
-from dehyst.daemon.tools.demo import Demo
-from dehyst.daemon.tools.second_act import Story, describe_facts
+from dehyst.daemon.demo.busy import IT_WAS_NOT, SO_IT_WAS, TOO_BUSY
+from dehyst.daemon.demo.chance import EFFECTS, Chance
+from dehyst.daemon.demo.demo import Demo
+from dehyst.daemon.demo.second_act import Story, describe_facts
 from dehyst.models.errors import DehystError
 
 FLAGGED, NAMED, BETTER = 28 / 30, 26 / 30, 24 / 30

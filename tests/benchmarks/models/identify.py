@@ -20,8 +20,8 @@ from tests.benchmarks.bars import Bars  # noqa: E402
 from tests.benchmarks.models import identify_cases as cases  # noqa: E402
 from tests.benchmarks.models import identify_faults  # noqa: E402
 
+from dehyst.daemon.api.prediction import outside_validity  # noqa: E402
 from dehyst.daemon.files.recordings import read_recording  # noqa: E402
-from dehyst.daemon.tools.prediction import outside_validity  # noqa: E402
 from dehyst.drivers.simulated.settings import StageSettings  # noqa: E402
 from dehyst.drivers.simulated.stage import Stage  # noqa: E402
 from dehyst.models.errors import DehystError  # noqa: E402

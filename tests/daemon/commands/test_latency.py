@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from dehyst.daemon.commands.latency import _default_hz
+from dehyst.daemon.latency.latency import LatencyOutcome, Setup
+from dehyst.daemon.latency.machine import advice
 from dehyst.daemon.loop.timing.histogram import Histogram
 from dehyst.daemon.loop.timing.realtime import IDLE_LATENCY, Obtained
 from dehyst.daemon.main import main
-from dehyst.daemon.tools.latency import LatencyOutcome, Setup
-from dehyst.daemon.tools.machine import advice
 
 
 def dehyst(*arguments: str) -> "subprocess.CompletedProcess[str]":

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from tests.rigs.gateway_bench import environment
 
+from dehyst.daemon.demo.demo import compare_errors
 from dehyst.daemon.main import main
-from dehyst.daemon.tools.demo import compare_errors
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from tests.rigs.processes import dehyst, simulated_config
 from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.config import load_config
+from dehyst.daemon.demo.second_act import pattern
 from dehyst.daemon.doctor.examination import examine
 from dehyst.daemon.doctor.next_step import excite_arguments
 from dehyst.daemon.files import cases
@@ -18,7 +19,6 @@ from dehyst.daemon.files.cases import Case, Examined
 from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.main import main
-from dehyst.daemon.tools.second_act import pattern
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
 

@@ -131,20 +131,20 @@ CHANGES = [
         ),
     ),
     *room(
-        ("tests/daemon/tools/test_busy.py",),
+        ("tests/daemon/demo/test_busy.py",),
         Change(
-            "busy-is-failure", "daemon/tools/second_act.py",
+            "busy-is-failure", "daemon/demo/second_act.py",
             "        if self.too_busy:\n", "        if False:\n",
             "a doctor without a processor looks like one that finds nothing",
         ),
         Change(
-            "failure-is-busy", "daemon/tools/busy.py",
+            "failure-is-busy", "daemon/demo/busy.py",
             "own = max(0, last.own - first.own) / total",
             "own = 0.0",
             "the demo's own work makes the machine too busy to judge it",
         ),
         Change(
-            "no-patience", "daemon/tools/busy.py",
+            "no-patience", "daemon/demo/busy.py",
             "self._left_s -= seconds / busy.stretch", "self._left_s -= seconds",
             "a doctor on a busy machine is given up early",
         ),

@@ -17,19 +17,19 @@ from numpy.typing import NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.config import load_config
+from dehyst.daemon.demo.busy import IT_WAS_NOT, MOST_LATE, SO_IT_WAS, TOO_BUSY, Patience
 from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.outputs import whole_file
 from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.service.supervisor import DEHYST, BenchProcess
 from dehyst.daemon.tools.acquire import acquire
 from dehyst.daemon.tools.bench_config import FULL_SCALE_V, RATE_HZ, exploring_drive, write_bench
-from dehyst.daemon.tools.busy import IT_WAS_NOT, MOST_LATE, SO_IT_WAS, TOO_BUSY, Patience
 from dehyst.models.errors import DehystError
 from dehyst.models.model import Hysteresis, Model, Validity
 from dehyst.models.recording import Recording
 
 if TYPE_CHECKING:
-    from dehyst.daemon.tools.second_act import Story
+    from dehyst.daemon.demo.second_act import Story
 
 CYCLES = 6
 STROKE_SHARE = 0.94  # of the reachable range; the rest is margin at both ends
@@ -129,8 +129,8 @@ class Demo:
         """Something changes while the stage runs; the service finds out. A daemon of its own, with
         the identified model and a doctor."""
         from dehyst.daemon.config.drives import drive_range
-        from dehyst.daemon.tools.chance import Chance
-        from dehyst.daemon.tools.second_act import LEARN_S, SETTINGS, SecondAct, pattern
+        from dehyst.daemon.demo.chance import Chance
+        from dehyst.daemon.demo.second_act import LEARN_S, SETTINGS, SecondAct, pattern
         from dehyst.models.cascade.reach import displacement_range
 
         self._end_children()

@@ -2,9 +2,9 @@
 
 from typing import Any
 
+from dehyst.daemon.latency.latency import LatencyOutcome
 from dehyst.daemon.loop.timing.histogram import Histogram
 from dehyst.daemon.rings.records import MissCause
-from dehyst.daemon.tools.latency import LatencyOutcome
 
 BAR = 46  # characters of the longest bar
 
@@ -15,7 +15,7 @@ def _figures(histogram: Histogram) -> dict[str, float]:
 
 
 def table(outcome: LatencyOutcome, found: dict[str, str], hints: list[str]) -> dict[str, Any]:
-    """The figures for machines. found, hints: dehyst.daemon.tools.machine.facts and advice."""
+    """The figures for machines. found, hints: dehyst.daemon.latency.machine.facts and advice."""
     setup, obtained = outcome.setup, outcome.obtained
     return {
         "held": outcome.held,

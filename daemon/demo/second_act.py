@@ -1,7 +1,7 @@
 """The demo's second act: something changes in the stage while it runs, and the service finds out.
 
 The daemon follows a trajectory with the model of the first act. An effect drawn by chance
-(dehyst.daemon.tools.chance) appears; the mismatch watch flags it, the doctor names it and offers a
+(dehyst.daemon.demo.chance) appears; the mismatch watch flags it, the doctor names it and offers a
 model, the model is accepted, the error falls. This file knows nothing of what was drawn.
 """
 
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.bus.messages import DoctorReport, FoundEffect
 from dehyst.daemon.client.client import Client
-from dehyst.daemon.rings.records import Flag
-from dehyst.daemon.tools.busy import (
+from dehyst.daemon.demo.busy import (
     IT_WAS_NOT,
     SO_IT_WAS,
     TOO_BUSY,
@@ -26,7 +25,8 @@ from dehyst.daemon.tools.busy import (
     busy_between,
     read_spent,
 )
-from dehyst.daemon.tools.chance import Chance
+from dehyst.daemon.demo.chance import Chance
+from dehyst.daemon.rings.records import Flag
 from dehyst.models.errors import DehystError
 from dehyst.models.recording import Floats
 

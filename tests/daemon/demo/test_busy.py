@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dehyst.daemon.bus.messages import DoctorReport, FoundEffect
-from dehyst.daemon.tools.busy import (
+from dehyst.daemon.demo.busy import (
     MOST_STRETCH,
     Busy,
     Patience,
@@ -19,8 +19,8 @@ from dehyst.daemon.tools.busy import (
     busy_between,
     read_spent,
 )
-from dehyst.daemon.tools.demo import join_acts
-from dehyst.daemon.tools.second_act import Story
+from dehyst.daemon.demo.demo import join_acts
+from dehyst.daemon.demo.second_act import Story
 
 QUIET = Busy()
 LOADED = Busy(others=0.5)

@@ -1,0 +1,1 @@
+"""The self-test of a machine: does it hold the deadlines of the loop?"""
