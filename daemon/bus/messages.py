@@ -209,25 +209,32 @@ class ModelOffer(Message, frozen=True, kw_only=True):
     noise: float
     trial_s: float
     """Once accepted, it is withdrawn if the error has not fallen after this time of motion."""
+    trial_limit_s: float = 0.0
+    """Whether the stage moves or not, the trial is settled after this time; 0: not known."""
     blocks: tuple[Name, ...] = ()
     """Kinds of the blocks that it has beside the hysteresis."""
     reach_in_use: tuple[float, float] | None = None
+    """Displacements of the model in use within the axis' limits, not shifted by origin and trim."""
     reach_offered: tuple[float, float] | None = None
-    """Displacements of both models within the axis' limits, not shifted by origin and trim."""
+    """Those of the offered one."""
     rate_in_use: float | None = None
+    """Largest rate that the model in use knows [drive unit / s]; None: not known, no bound."""
     rate_offered: float | None = None
-    """Largest rates that both models know [drive unit / s]; None: not known, without a bound."""
+    """The offered one's."""
 
 
-DoctorState = Literal["working", "found", "failed", "trial", "accepted", "returned", "rejected"]
+DoctorState = Literal[
+    "working", "found", "failed", "waiting", "trial", "accepted", "returned", "rejected"
+]
 
 
 class DoctorReport(Message, tag_field="schema", tag="dehyst.doctor", frozen=True, kw_only=True):
     """What the doctor found about one mismatch. Published when it changes, kept, and answered to
     who asks (`rpc/doctor`); the report itself, HTML, by `rpc/report`.
 
-    state: working; found; failed (`says` why); then of its offer: trial (at work, not proven),
-    accepted (proven), returned (went back by itself), rejected."""
+    state: working; found; failed (`says` why); then of its offer: waiting (until another one's
+    trial is over), trial (at work, not proven), accepted (proven), returned (went back by itself),
+    rejected."""
 
     version: Version = 1
     case: Name

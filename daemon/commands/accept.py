@@ -15,7 +15,8 @@ SAME = 1e-6  # of the reach: a smaller change is rounding
 
 EPILOG = """The loop takes the model without a jump, within range and slew; the configured file is
 not touched. The model is on trial: where its error has not fallen after `doctor.trial_s` of motion,
-the model before comes back by itself, in words.
+the model before comes back by itself, in words; after `doctor.trial_limit_s` the trial is settled
+on what was seen. An offer that is accepted while another is on trial waits until that is over.
 Before it acts the command says what changes: reach, error, rate. Where a trajectory is in play and
 the reach shrinks, it asks first; --yes answers. Of several axes: that of the one axis that has an
 offer, or of --name.
@@ -101,10 +102,12 @@ def run(args: argparse.Namespace) -> int:
         say(f"{report.case}: {describe_change(report.offer, status)}")
         if cuts_trajectory(report.offer, status) and not args.yes:
             require_consent()
+        others = [r.case for r in client.doctor() if r.state == "trial"]
         client.decide_offer("accept", report.offer.number)
+        waits = f"it waits until the trial of {others[-1]} is over; then it is " if others else ""
         say(
-            f"{report.case}: accepted; on trial for {report.offer.trial_s:g} s of motion, then it "
-            "stays or goes back by itself"
+            f"{report.case}: accepted; {waits}on trial for {report.offer.trial_s:g} s of motion, "
+            f"at most {report.offer.trial_limit_s:g} s in all; then it stays or goes back by itself"
         )
         end_ns = clock.monotonic_ns() + round(args.wait * clock.NS)
         while clock.monotonic_ns() < end_ns:

@@ -99,7 +99,13 @@ def describe_doctor(report: "DoctorReport") -> list[str]:
     if report.offer is not None:
         o, unit = report.offer, report.unit
         trial = f"on trial for {o.trial_s:g} s of motion"
-        then = {"found": f"; `dehyst accept` puts it {trial}", "trial": f"; {trial}"}
+        if o.trial_limit_s:
+            trial += f", at most {o.trial_limit_s:g} s in all"
+        then = {
+            "found": f"; `dehyst accept` puts it {trial}",
+            "waiting": f"; then it is {trial}",
+            "trial": f"; {trial}",
+        }
         lines.append(
             f"  offer {o.number}: {o.rms_in_use:.3g} {unit} becomes {o.rms_offered:.3g} on "
             f"{o.seconds:.0f} s of later telemetry (noise {o.noise:.3g})"

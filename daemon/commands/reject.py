@@ -71,9 +71,10 @@ def offer_of_axes(
 def run(args: argparse.Namespace) -> int:
     """Reject."""
     with connect_axes(args, "reject") as stage:
-        client, report = offer_of_axes(stage, args.offer, ("found", "trial", "accepted"))
+        client, report = offer_of_axes(stage, args.offer, ("found", "waiting", "trial", "accepted"))
         assert report.offer is not None
         client.decide_offer("reject", report.offer.number)
-        stays = "the model in use stays" if report.state == "found" else "the one before comes back"
+        waits = report.state in ("found", "waiting")
+        stays = "the model in use stays" if waits else "the one before comes back"
         say(f"{report.case}: rejected; {stays}")
     return 0

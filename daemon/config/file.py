@@ -88,6 +88,12 @@ def _check(config: Config, where: str) -> None:
             check_page(page.listen, page.certificate, page.key, page.passwords, page.public_url)
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
+    doctor = config.doctor
+    if doctor.trial_limit_s is not None and doctor.trial_limit_s < doctor.trial_s:
+        raise BadInput(
+            f"{where}: doctor.trial_limit_s ({doctor.trial_limit_s:g}) is shorter than "
+            f"doctor.trial_s ({doctor.trial_s:g}): no trial could see enough motion"
+        )
     if config.sensor.scale == 0:
         raise BadInput(f"{where}: sensor.scale must not be 0")
     for name, channel in config.channels.items():

@@ -226,6 +226,9 @@ class DoctorConfig(_Strict, frozen=True):
     """Telemetry after the recording, on which an offer is tested."""
     trial_s: Annotated[float, Meta(ge=2, le=3600)] = 10.0
     """Seconds of motion within which the error must have fallen; else the old model returns."""
+    trial_limit_s: Annotated[float, Meta(ge=2, le=864000)] | None = None
+    """A trial ends after this time [s], whether the stage has moved or not: it is settled on what
+    was seen. Left out: 30 times trial_s, at the least 300 s."""
     memory_gb: Annotated[float, Meta(ge=1, le=64)] = 4.0
     time_s: Annotated[float, Meta(ge=10, le=36000)] = 900.0
     """A diagnosis that takes more memory, or more seconds of a processor, is given up; so is one

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 
 from dehyst.daemon.config import Config
+from dehyst.daemon.files.cases import OfferTest
 from dehyst.daemon.files.models import load_model, write_text
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.daemon.rings.records import model_digest
@@ -24,7 +25,8 @@ LARGEST_BYTES = 4 << 20
 class Accepted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """offer: its number; instead_of: digest of the configured model; model: TOML; before: the
     accepted model that it took the place of, "" where that was the configured one; trial: not
-    proven yet; model_error, tracking_error: rms before, None where nothing moved."""
+    proven yet; model_error, tracking_error: rms before, None where nothing moved; begun_wall_ns:
+    when the trial began, 0: not known; tested: what the test promised."""
 
     offer: int
     case: str
@@ -34,6 +36,8 @@ class Accepted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     trial: bool = True
     model_error: float | None = None
     tracking_error: float | None = None
+    begun_wall_ns: int = 0
+    tested: OfferTest | None = None
 
 
 def read_accepted(directory: Path) -> Accepted | None:

@@ -3,7 +3,8 @@
 The doctor itself (dehyst.daemon.doctor) is a process without network; the two meet in the folder
 of a case (dehyst.daemon.files.cases). An accepted model is laid into the run folder, and the loop
 is asked to reload: it glides, within range and slew, as with every reload. From then on the model
-is on trial: where its error has not fallen after so much motion, the one before comes back.
+is on trial: where its error has not fallen after so much motion, the one before comes back. An
+offer that is accepted meanwhile waits until the trial is over; of several, the newest.
 """
 
 import threading
@@ -24,7 +25,7 @@ from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Case, Decided, Examined
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.gateway.doctor_report import Scope, Scopes, describe_report, say_scopes
-from dehyst.daemon.gateway.model_trial import ModelTrial
+from dehyst.daemon.gateway.model_trial import TAKEN_S, ModelTrial
 from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.errors import DehystError, NotNow
 
@@ -32,7 +33,7 @@ SCAN_S = 0.25
 LONGEST_REPORT, LONGEST_EVENT = 6 << 20, 500
 Tell = Callable[[int, str, str], None]
 """(level, code, text): an event."""
-OPEN: tuple[DoctorState, ...] = ("found",)
+OPEN: tuple[DoctorState, ...] = ("found", "waiting")
 AT_WORK: tuple[DoctorState, ...] = ("trial", "accepted")
 
 
@@ -54,6 +55,7 @@ class DoctorDesk:
         self._known: dict[str, tuple[Case, Examined | None, Decided | None]] = {}
         self._scopes: dict[str, Scopes] = {}
         self._wishes: SimpleQueue[tuple[str, str]] = SimpleQueue()
+        self._waiting, self._over_ns = "", 0
 
     # -- asked by others ------------------------------------------------------------------------
 
@@ -61,10 +63,14 @@ class DoctorDesk:
         """All that are kept, the newest last."""
         with self._lock:
             known = [(one, self._scopes.get(name)) for name, one in self._known.items()]
-        trial_s = self._config.doctor.trial_s
+        times = self._times
         return DoctorReports(
-            reports=tuple(describe_report(*one, trial_s, scopes) for one, scopes in known)
+            reports=tuple(describe_report(*one, times, scopes) for one, scopes in known)
         )
+
+    @property
+    def _times(self) -> tuple[float, float]:
+        return self._config.doctor.trial_s, self._trial.limit_s
 
     def page(self, name: str) -> bytes:
         """The report of a case as HTML; "": the newest. Raises NotNow."""
@@ -96,7 +102,7 @@ class DoctorDesk:
         return ""
 
     def _state(self, name: str) -> str:
-        return describe_report(*self._known[name], 0.0).state
+        return describe_report(*self._known[name], self._times).state
 
     def _why_not(self, name: str, state: str) -> str:
         _, examined, _ = self._known[name]
@@ -104,6 +110,8 @@ class DoctorDesk:
             return "nothing is offered: the doctor has no model that is better"
         if state not in OPEN:
             return f"this offer is {state} already"
+        if self._trial.on_trial:
+            return ""  # it waits, and is asked again
         return self._trial.why_not(self._folders[name] / cases.IN_USE)
 
     # -- the thread -----------------------------------------------------------------------------
@@ -120,14 +128,42 @@ class DoctorDesk:
                 pass
             over = self._trial.look(clock.monotonic_ns())
             if over is not None:
-                name, state, text = over
-                self._decided(name, state, text)
+                self._decided(*over)
+            self._let_in(clock.monotonic_ns())
 
     def _resume(self) -> None:
         """Findings of before, and a trial that a gateway before this one has begun."""
         for folder in cases.case_folders(self._config.watch_directory):
             self._read(folder)
         self._trial.resume()
+        for name in self._known:
+            if self._state(name) == "waiting":
+                self._wait(name)
+
+    def _wait(self, name: str) -> None:
+        """Until the trial is over; the newest takes the place of one that waits already."""
+        before, self._waiting = self._waiting, name
+        if before and before != name and before in self._known:
+            self._decided(before, "found", f"it does not wait any more: {name} waits in its place")
+        self._decided(
+            name,
+            "waiting",
+            f"it waits until the trial of {self._trial.on_trial or 'another model'} is over",
+        )
+
+    def _let_in(self, now_ns: int) -> None:
+        """The offer that waits, once no trial is on."""
+        if self._trial.on_trial:
+            self._over_ns = now_ns
+        elif name := self._waiting:
+            why = self._why_not(name, self._state(name)) if name in self._known else ""
+            if why and now_ns - self._over_ns < TAKEN_S * clock.NS:
+                return  # the loop may be taking the model before back
+            self._waiting = ""
+            if why:
+                self._decided(name, "found", f"it was not put to work after waiting: {why}")
+            elif name in self._known:
+                self._carry_out("accept", name)
 
     def _scan(self) -> None:
         """New cases, new findings."""
@@ -193,7 +229,11 @@ class DoctorDesk:
 
     def _carry_out(self, action: str, name: str) -> None:
         folder, state = self._folders[name], self._state(name)
-        if action == "accept":
+        if name == self._waiting and action == "reject":
+            self._waiting = ""
+        if action == "accept" and self._trial.on_trial:
+            self._wait(name)
+        elif action == "accept":
             try:
                 if why := self._why_not(name, state):  # two may have asked at once
                     raise NotNow(why)
@@ -208,7 +248,8 @@ class DoctorDesk:
                 name,
                 "trial",
                 "accepted: the offered model goes to work; the one before is kept, and comes back "
-                f"where the error has not fallen after {self._config.doctor.trial_s:g} s of motion",
+                f"if the error has not fallen after {self._config.doctor.trial_s:g} s of motion; "
+                f"the trial is settled after {self._trial.limit_s:g} s at the latest",
             )
         elif state in AT_WORK:
             self._decided(name, "rejected", self._trial.go_back(name, "it was rejected"))
@@ -219,19 +260,21 @@ class DoctorDesk:
         """Keep, publish and tell what became of an offer."""
         decided = Decided(state=state, wall_ns=clock.wall_ns(), because=text)
         try:
-            cases.put_record(self._folders[name], cases.DECIDED, decided)
+            if name in self._folders:
+                cases.put_record(self._folders[name], cases.DECIDED, decided)
         except OSError as error:
             text += f" (not kept: {error.strerror})"
         with self._lock:
             if name in self._known:
                 case, examined, _ = self._known[name]
                 self._known[name] = case, examined, decided
-        self._say(name)
+        if name in self._known:  # else the case was deleted meanwhile: too many newer ones
+            self._say(name)
         self._tell(2 if state == "returned" else 1, "doctor", f"{name}: {text}"[:LONGEST_EVENT])
 
     def _say(self, name: str) -> None:
         scopes = self._scopes.get(name)
-        report = describe_report(*self._known[name], self._config.doctor.trial_s, scopes)
+        report = describe_report(*self._known[name], self._times, scopes)
         self._publish(encoding.encode(report))
 
     def see(self, samples: NDArray[Any]) -> None:

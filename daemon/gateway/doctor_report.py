@@ -35,11 +35,11 @@ def describe_report(
     case: Case,
     examined: Examined | None,
     decided: Decided | None,
-    trial_s: float,
+    times: tuple[float, float],
     scopes: Scopes | None = None,
 ) -> DoctorReport:
-    """examined: None: the doctor is at work; decided: None: nobody has decided yet; scopes: None:
-    not known."""
+    """examined: None: the doctor is at work; decided: None: nobody has decided yet; times: of a
+    trial [s], the motion that it wants and its limit; scopes: None: not known."""
     if examined is None:
         return DoctorReport(
             case=case.name,
@@ -57,7 +57,8 @@ def describe_report(
             rms_in_use=tested.in_use,
             rms_offered=tested.offered,
             noise=tested.noise,
-            trial_s=trial_s,
+            trial_s=times[0],
+            trial_limit_s=times[1],
             blocks=tested.blocks,
         )
         if scopes is not None:

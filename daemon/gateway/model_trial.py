@@ -1,8 +1,9 @@
 """Puts an accepted model to work and takes it back where its error does not fall.
 
 The loop loads the model by its own reload: led along the past drive, glided in, within range and
-slew. What counts as fallen: dehyst.models.mismatch.trial. A gateway that begins in the midst of a
-trial goes on with it from what the run folder says.
+slew. What counts as fallen: dehyst.models.mismatch.trial. A trial has a bound on its time, after
+which it is settled on what was seen. A gateway that begins in the midst of a trial goes on with it
+from what the run folder says, with the same bound.
 """
 
 import math
@@ -20,7 +21,7 @@ from dehyst.daemon import clock
 from dehyst.daemon.bus.messages import DoctorState
 from dehyst.daemon.config import Config
 from dehyst.daemon.files import cases
-from dehyst.daemon.files.cases import Examined, OfferTest
+from dehyst.daemon.files.cases import OfferTest
 from dehyst.daemon.files.chosen import (
     Accepted,
     forget_accepted,
@@ -30,16 +31,25 @@ from dehyst.daemon.files.chosen import (
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.rings.records import Flag, State, model_digest
 from dehyst.models.errors import DehystError, NotNow
-from dehyst.models.mismatch.trial import TRIAL, ErrorMeter, Errors, say_proven, why_back
+from dehyst.models.mismatch.trial import (
+    TRIAL,
+    ErrorMeter,
+    Errors,
+    longest_trial_s,
+    say_proven,
+    say_unproven,
+    why_back,
+    why_worse,
+)
 from dehyst.models.modelfile import dumps, loads
 
 TAKEN_S = 20.0
 """A loop that does not run the model by then has refused it."""
 MOVED_S = 1.0
-NOT_JUDGED = (
-    Flag.UNREACHABLE | Flag.SLEW | Flag.RANGE | Flag.SENSOR_INVALID | Flag.SENSOR_HELD
-    | Flag.APPROACH | Flag.FALLBACK | Flag.WRITE_FAILED
-)  # fmt: skip
+NOT_JUDGED = Flag.SENSOR_INVALID | Flag.SENSOR_HELD | Flag.APPROACH | Flag.WRITE_FAILED
+"""Nothing is known of the model's error: no new reading, or a state that is on its way."""
+NOT_FOLLOWED = Flag.UNREACHABLE | Flag.SLEW | Flag.RANGE | Flag.FALLBACK
+"""The model's error counts; a target that is not met is not the model's fault."""
 Over = tuple[str, DoctorState, str]
 """(case, what became of it, in words)."""
 
@@ -57,6 +67,13 @@ class ModelTrial:
         self._on_trial: Accepted | None = None
         self._tested: OfferTest | None = None
         self._digest, self._begun_ns, self._taken, self._unit = "", 0, False, ""
+        self._end_ns, self._doubt = 0, ""
+        self.limit_s = longest_trial_s(config.doctor.trial_s, config.doctor.trial_limit_s)
+
+    @property
+    def on_trial(self) -> str:
+        """The case whose model is on trial; "": none is."""
+        return "" if self._on_trial is None else self._on_trial.case
 
     def why_not(self, made_for: Path) -> str:
         """Why no model can be put to work now; "": it can. made_for: file of the model that the
@@ -64,8 +81,6 @@ class ModelTrial:
         _, running = self._core()
         if running is None:
             return "the loop does not run"
-        if self._on_trial is not None:
-            return f"the model offered for {self._on_trial.case} is still on trial"
         if self._digest_of(made_for) != running.stem.removeprefix("model-"):
             return "the loop runs another model by now; this offer was about the one before"
         return ""
@@ -83,9 +98,11 @@ class ModelTrial:
             before=before.model if before is not None else "",
             model_error=errors.model if math.isfinite(errors.model) else None,
             tracking_error=errors.tracking if math.isfinite(errors.tracking) else None,
+            begun_wall_ns=clock.wall_ns(),
+            tested=tested,
         )
         write_accepted(config.directory, accepted)
-        self._follow(accepted, tested)
+        self._follow(accepted, tested, self.limit_s)
         self._reload()
 
     def _errors_now(self) -> Errors:
@@ -95,15 +112,16 @@ class ModelTrial:
     def resume(self) -> None:
         """Go on with the trial that a gateway before this one has begun."""
         accepted = read_accepted(self._config.directory)
-        if accepted is None or not accepted.trial:
+        if accepted is None or not accepted.trial or accepted.tested is None:
             return
-        folder = self._config.watch_directory / f"{accepted.case}{cases.SUFFIX}"
-        examined = cases.get_record(folder, cases.EXAMINED, Examined)
-        if examined is not None and examined.tested is not None:
-            self._follow(accepted, examined.tested)
+        left_s = self.limit_s
+        if accepted.begun_wall_ns:  # a wall clock set back gives it no more than a new one
+            left_s -= max(0.0, (clock.wall_ns() - accepted.begun_wall_ns) / clock.NS)
+        self._follow(accepted, accepted.tested, left_s)
 
-    def _follow(self, accepted: Accepted, tested: OfferTest) -> None:
+    def _follow(self, accepted: Accepted, tested: OfferTest, left_s: float) -> None:
         self._digest, self._begun_ns = model_digest(accepted.model), clock.monotonic_ns()
+        self._end_ns, self._doubt = self._begun_ns + round(left_s * clock.NS), ""
         self._unit = loads(accepted.model).displacement_unit
         self._taken, self._tested, self._on_trial = False, tested, accepted
 
@@ -113,33 +131,47 @@ class ModelTrial:
         if trial is None or tested is None:
             return None
         _, running = self._core()
+        late = now_ns >= self._end_ns
         if not self._taken:
             if running is not None and running.stem == f"model-{self._digest}":
-                with self._lock:
-                    self._meter.clear()
-                    self._skip_s = TRIAL.settle_s
+                self._begin_meter()
                 self._taken = True
-            elif running is not None and now_ns - self._begun_ns > TAKEN_S * clock.NS:
-                return trial.case, "returned", self.go_back(trial.case, "the loop did not take it")
+            elif late or (running is not None and now_ns - self._begun_ns > TAKEN_S * clock.NS):
+                why = "the loop did not take it" if running is not None else "no loop has run it"
+                return trial.case, "returned", self.go_back(trial.case, why)
             return None
         with self._lock:
             full, after = self._meter.full, self._meter.errors
-        if not full:
+        if not full and not late:
             return None
         before = Errors(_number(trial.model_error), _number(trial.tracking_error), 0.0)
-        promised = tested.in_use, tested.offered
-        why = why_back(before, after, promised, tested.noise, self._unit)
+        judged = before, after, (tested.in_use, tested.offered), tested.noise, self._unit
+        wanted_s = self._config.doctor.trial_s
+        proven = full or after.seconds >= TRIAL.enough * wanted_s
+        why = why_back(*judged) if proven else self._doubt or why_worse(*judged)
+        if why and not late and not self._doubt:
+            self._doubt = why  # once more: what the state did not know of the past passes
+            self._begin_meter()
+            return None
         if why:
             return trial.case, "returned", self.go_back(trial.case, why)
         self._on_trial = None
         write_accepted(self._config.directory, _proven(trial))
-        text = say_proven(before, after, self._unit)
-        return trial.case, "accepted", text
+        if proven:
+            return trial.case, "accepted", say_proven(before, after, self._unit)
+        return trial.case, "accepted", say_unproven(after, wanted_s, self.limit_s, self._unit)
+
+    def _begin_meter(self) -> None:
+        """Count anew, once the glide to another model is over."""
+        with self._lock:
+            self._meter.clear()
+            self._skip_s = TRIAL.settle_s
 
     def go_back(self, name: str, why: str) -> str:
         """The model before comes back; in words."""
         accepted = read_accepted(self._config.directory)
         self._on_trial = None
+        self._begin_meter()
         if accepted is None or accepted.case != name:
             return f"the model is not at work any more: {why}"
         try:
@@ -172,7 +204,9 @@ class ModelTrial:
                 self._skip_s -= seconds
                 return
             measured = samples["measured"]
-            self._meter.add(measured - samples["predicted"], measured - samples["target"], good)
+            follows = (samples["flags"] & int(NOT_FOLLOWED)) == 0
+            model, tracking = measured - samples["predicted"], measured - samples["target"]
+            self._meter.add(model, tracking, good, follows)
 
     def _reload(self) -> None:
         """Ask the loop. Raises NotNow."""

@@ -3,8 +3,13 @@
 Samples count while the stage follows moving targets with a valid reading. Two figures over so many
 seconds of motion, before and after: the model's own error (measured minus predicted, without its
 mean: a zero that has moved is no error of the model) and the tracking error (measured minus
-target). The model stays where its own error has come down by half of what its replay promised, and
-the tracking error has not grown, and has fallen where it was the model's. Pure: no clock.
+target). The model is led by the voltage that was written, whoever made it; its own error counts
+even where a limit or an inverse without preview kept the stage from its target, and the tracking
+error does not. The model stays where its own error has come down by half of what its replay
+promised, and the tracking error has not grown, and has fallen where it was the model's. A first
+window that speaks against it is judged once more: the state in which the model begins is led along
+a bounded past, and what is older (creep, a turning point) shows as an error that passes. Pure: no
+clock.
 """
 
 import math
@@ -25,6 +30,9 @@ class TrialTuning(NamedTuple):
     grown: float = 1.1  # times the tracking error before
     mostly: float = 0.8  # of the model's error: a tracking error that large was mostly its own,
     fallen: float = 0.8  # and must be at most so much of what it was
+    enough: float = 0.5  # of the seconds of motion wanted: with as much, judged by the same rule
+    limit: float = 30.0  # times the seconds of motion: the bound on the time of a trial,
+    limit_s: float = 300.0  # at the least: one slow line of a scan, or a coffee
     motion: float = 0.002  # of the reach, between batches: the stage is moved
 
 
@@ -39,11 +47,16 @@ class Errors(NamedTuple):
     seconds: float
 
 
+def longest_trial_s(motion_s: float, limit_s: float | None) -> float:
+    """Bound on the time of a trial that wants this much motion; limit_s: as configured."""
+    return max(TRIAL.limit_s, TRIAL.limit * motion_s) if limit_s is None else limit_s
+
+
 class ErrorMeter:
     """The figures of the newest `seconds` of motion."""
 
     def __init__(self, seconds: float, period_s: float) -> None:
-        self._parts: deque[tuple[int, float, float, float]] = deque()
+        self._parts: deque[tuple[int, float, float, int, float]] = deque()
         self._wanted, self._period_s = round(seconds / period_s), period_s
         self._count = 0
 
@@ -52,12 +65,13 @@ class ErrorMeter:
         self._parts.clear()
         self._count = 0
 
-    def add(self, residual: Floats, error: Floats, good: Bools) -> None:
-        """A batch (n,): measured minus predicted, measured minus target, which samples count."""
-        r, e = residual[good], error[good]
+    def add(self, residual: Floats, error: Floats, good: Bools, tracked: Bools) -> None:
+        """A batch (n,): measured minus predicted, measured minus target, which samples count for
+        the model's error, and which of them for the tracking error."""
+        r, e = residual[good], error[good & tracked]
         if not r.size:
             return
-        self._parts.append((r.size, float(r.sum()), float(r @ r), float(e @ e)))
+        self._parts.append((r.size, float(r.sum()), float(r @ r), e.size, float(e @ e)))
         self._count += r.size
         while self._parts and self._count - self._parts[0][0] >= self._wanted:
             self._count -= self._parts.popleft()[0]
@@ -72,16 +86,18 @@ class ErrorMeter:
         """NaN where nothing was seen."""
         if not self._count:
             return Errors(math.nan, math.nan, 0.0)
-        first, square, tracking = np.sum([p[1:] for p in self._parts], axis=0) / self._count
+        first, square, tracked, tracking = np.sum([p[1:] for p in self._parts], axis=0)
+        first, square = first / self._count, square / self._count
         model = math.sqrt(max(0.0, float(square - first**2)))
-        return Errors(model, math.sqrt(float(tracking)), self._count * self._period_s)
+        follows = math.sqrt(float(tracking / tracked)) if tracked else math.nan
+        return Errors(model, follows, self._count * self._period_s)
 
 
 def why_back(
     before: Errors, after: Errors, promised: tuple[float, float], noise: float, unit: str
 ) -> str:
     """Why the model on trial has to go, in words; "": it stays. promised: what its replay left of
-    the model before and of itself; before: NaN where nothing moved before the switch."""
+    the model before and of itself; NaN: nothing that counts was seen."""
     in_use, offered = promised
     known = before.model if math.isfinite(before.model) else in_use
     enough = offered + (1.0 - TRIAL.promised) * max(0.0, min(known, in_use) - offered)
@@ -91,6 +107,8 @@ def why_back(
             f"{after.seconds:.0f} s of motion: it is {after.model:.3g} {unit}, the model before "
             f"had {known:.3g}, and the test promised {offered:.3g}"
         )
+    if math.isnan(after.tracking):
+        return ""
     most = TRIAL.grown * before.tracking + noise
     if math.isfinite(before.tracking) and not after.tracking <= most:
         return (
@@ -106,12 +124,42 @@ def why_back(
     return ""
 
 
+def why_worse(
+    before: Errors, after: Errors, promised: tuple[float, float], noise: float, unit: str
+) -> str:
+    """Why the model on trial has to go although little was seen of it, in words; "": what was seen
+    does not speak against it. As above."""
+    known = before.model if math.isfinite(before.model) else promised[0]
+    for name, was, now in (
+        ("error of the offered model", known, after.model),
+        ("tracking error", before.tracking, after.tracking),
+    ):
+        if now > TRIAL.grown * was + noise:
+            return (
+                f"the {name} was seen to be larger, {now:.3g} {unit} within {after.seconds:.1f} s "
+                f"of motion, before {was:.3g}"
+            )
+    return ""
+
+
+def say_unproven(after: Errors, wanted_s: float, limit_s: float, unit: str) -> str:
+    """In words, that the model stays although its time is over before enough was seen of it."""
+    says = f"the trial is over after its limit of {limit_s:.0f} s: the offered model stays, "
+    if not after.seconds:
+        return f"{says}unproven: the stage did not move with a reading that counts"
+    return (
+        f"{says}unproven: only {after.seconds:.1f} s of {wanted_s:g} s of motion were seen; its "
+        f"error there is {after.model:.3g} {unit}, and nothing speaks against it"
+    )
+
+
 def say_proven(before: Errors, after: Errors, unit: str) -> str:
     """In words, that the model on trial stays. before: as above."""
     says = f"the offered model is proven over {after.seconds:.0f} s of motion"
-    if not math.isfinite(before.model):
-        return f"{says}: its error is {after.model:.3g} {unit}, tracking {after.tracking:.3g}"
-    return (
-        f"{says}: its error is {after.model:.3g} {unit}, the model before had {before.model:.3g}; "
-        f"tracking error {after.tracking:.3g}, before {before.tracking:.3g}"
-    )
+    says += f": its error is {after.model:.3g} {unit}"
+    if math.isfinite(before.model):
+        says += f", the model before had {before.model:.3g}"
+    if math.isnan(after.tracking):
+        return f"{says}; the tracking error was not judged: a limit or a missing preview made it"
+    says += f"; tracking error {after.tracking:.3g}"
+    return f"{says}, before {before.tracking:.3g}" if math.isfinite(before.tracking) else says

@@ -6,7 +6,7 @@ import { clockTime, number, pretty, unitName } from "./plot.js";
 const $ = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg";
 const STATES = {
-  working: "examining", found: "found", failed: "inconclusive", trial: "the offered model is on trial",
+  working: "examining", found: "found", failed: "inconclusive", waiting: "the offer waits for another trial's end", trial: "the offered model is on trial",
   accepted: "the offered model is in use", returned: "the previous model is in use again", rejected: "rejected",
 };
 
@@ -43,14 +43,14 @@ export class Doctor {
       ["noise", `${number(r.noise, 3)} ${unitName(r.unit)} rms`],
       ...(r.rms_when_good >= 0 ? [["before the change", `${number(r.rms_when_good, 3)} ${unitName(r.unit)} rms`]] : []),
       ...(offer ? [["offered model, on later telemetry", `${number(offer.rms_in_use, 3)} becomes ${number(offer.rms_offered, 3)} ${unitName(r.unit)}`],
-        ["on trial for", `${number(offer.trial_s)} s of motion`]] : []),
+        ["on trial for", `${number(offer.trial_s)} s of motion, at most ${number(offer.trial_limit_s)} s in all`]] : []),
     ] : []);
     $("doctor-next").hidden = !(r && r.experiment.length);
     $("doctor-experiment").textContent = r ? `dehyst ${r.experiment.join(" ")}` : "";
     $("doctor-report").hidden = !(r && r.has_report);
     if (r) $("doctor-report").href = `doctor/${encodeURIComponent(this.page.controller())}/${encodeURIComponent(r.case)}`;
     $("accept").disabled = !(this.page.operator && offer && r.state === "found");
-    $("reject").disabled = !(this.page.operator && offer && ["found", "trial", "accepted"].includes(r.state));
+    $("reject").disabled = !(this.page.operator && offer && ["found", "waiting", "trial", "accepted"].includes(r.state));
   }
 }
 

@@ -46,6 +46,8 @@ def is_within(wanted: Any, found: Any) -> bool:
         return isinstance(found, dict) and all(
             key in found and is_within(value, found[key]) for key, value in wanted.items()
         )
+    if isinstance(wanted, list):
+        return len(wanted) == len(found) and all(map(is_within, wanted, found))
     return bool(wanted == found)
 
 

@@ -106,7 +106,17 @@ def test_an_offer_is_put_to_work_on_trial_and_goes_back_or_stays(bench: Bench) -
     assert move_until(client, 11, ("trial",)) == "trial"
     with pytest.raises(Refusal, match="trial already"):
         hears.decide_offer("accept", 11)
+    for number in (12, 13):  # meanwhile the newest waits; it is about the model before
+        lay_case(bench, str(number), number, scaled(1.0), promise=0.05)
+        wait_until("another offer", lambda n=number: state(client, n) == "found")
+        hears.decide_offer("accept", number)
+        wait_until("it waits", lambda n=number: state(client, n) == "waiting")
+    assert state(client, 12) == "found"
     assert move_until(client, 11, ("accepted", "returned")) == "returned"
+    wait_until("what waited goes to work", lambda: state(client, 13) == "trial")
+    wait_until("the loop has it", lambda: dumps(client.model()) == dumps(scaled(1.0)))
+    hears.decide_offer("reject", 13)
+    wait_until("it makes way", lambda: state(client, 13) == "rejected")
     wait_until("the model before is back", lambda: dumps(client.model()) == before)
     assert read_accepted(bench.config.directory) is None
 
@@ -122,7 +132,7 @@ def test_an_offer_is_put_to_work_on_trial_and_goes_back_or_stays(bench: Bench) -
     assert samples["volts"].max() <= 95.0
     assert samples["volts"].min() >= 0.0
     assert not np.any(samples["flags"] & int(Flag.WRITE_FAILED))
-    assert [e.text for e in feed.events if "proven" in e.text]
+    wait_until("it is said", lambda: bool([e for e in feed.events if "proven" in e.text]))
     assert [e.text for e in feed.events if "comes back" in e.text]
 
     client.send(6.5)
@@ -133,6 +143,7 @@ def test_an_offer_is_put_to_work_on_trial_and_goes_back_or_stays(bench: Bench) -
     bench.kill_gateway()
     bench.start_gateway()
     again = bench.client()
-    assert [r.state for r in again.doctor()] == ["returned", "rejected"]
+    wait_until("all are read", lambda: len(again.doctor()) == 4)
+    assert [r.state for r in again.doctor()] == ["returned", "found", "rejected", "rejected"]
     with pytest.raises(Refusal, match="rejected already"):
         again.decide_offer("accept", 22)

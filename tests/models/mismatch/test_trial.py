@@ -39,18 +39,18 @@ def test_a_meter_gives_the_figures_of_the_newest_seconds_by_a_closed_form() -> N
     """0.3 and -0.3 in turn about a mean of 0.5: rms about the mean 0.3, about zero 0.583."""
     meter = ErrorMeter(2.0, 0.01)
     for _ in range(10):
-        meter.add(np.full(100, 9.0), np.full(100, 9.0), np.ones(100, bool))
+        meter.add(np.full(100, 9.0), np.full(100, 9.0), np.ones(100, bool), np.ones(100, bool))
     assert meter.full
     for _ in range(4):
         e = 0.5 + 0.3 * np.resize([1.0, -1.0], 50)
         good = np.ones(50, bool)
-        meter.add(e, e, good)
+        meter.add(e, e, good, good)
     found = meter.errors
     assert found.model == pytest.approx(0.3)
     assert found.tracking == pytest.approx(math.sqrt(0.34))
     assert found.seconds == pytest.approx(2.0)
     meter.clear()
-    meter.add(np.ones(10), np.ones(10), np.zeros(10, bool))
+    meter.add(np.ones(10), np.ones(10), np.zeros(10, bool), np.ones(10, bool))
     assert not meter.full
     assert math.isnan(meter.errors.model)
 

@@ -189,7 +189,42 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/daemon/gateway/test_trial_ends.py",),
+        Change(
+            "trial-without-preview", WORK,
+            "Flag.SENSOR_HELD | Flag.APPROACH | Flag.WRITE_FAILED",
+            "Flag.SENSOR_HELD | Flag.APPROACH | Flag.WRITE_FAILED | Flag.FALLBACK",
+            "a trial under set-points without preview sees nothing until its time is over",
+        ),
+        Change(
+            "trial-without-end", WORK, "late = now_ns >= self._end_ns", "late = False",
+            "a stage at rest keeps a trial open for ever",
+        ),
+        Change(
+            "trial-begins-anew", WORK,
+            "        if accepted.begun_wall_ns:", "        if False:",
+            "a gateway that restarts prolongs the trial",
+        ),
+        Change(
+            "trial-judged-early", WORK, "if why and not late and not self._doubt:", "if False:",
+            "a good model goes back for an error that passes after the switch",
+        ),
+        Change(
+            "trial-blind-end", WORK, "else self._doubt or why_worse(*judged)", 'else ""',
+            "a model that was seen to be worse stays because little was seen",
+        ),
+    ),
+    *room(
         ("tests/daemon/gateway/test_doctor_desk.py",),
+        Change(
+            "waits-for-ever", DESK, "        elif name := self._waiting:",
+            "        elif name := str():",
+            "an offer that waits for a trial's end is never put to work",
+        ),
+        Change(
+            "all-wait", DESK, "        if before and before != name and before in self._known:",
+            "        if False:", "an offer that a newer one replaced seems to wait for ever",
+        ),
         Change(
             "no-way-back", WORK, "        if why:\n            return trial.case",
             "        if False:\n            return trial.case",
