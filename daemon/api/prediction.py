@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dehyst.models.cascade.history import DE_ENERGISED, replay
-from dehyst.models.cascade.simulate import channels_of, simulate
+from dehyst.models.cascade.history import replay_recording
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
@@ -31,24 +30,7 @@ def predict(model: Model, recording: Recording) -> Prediction:
             f"{recording.name}: the drive is in {recording.drive_unit}, the model's in "
             f"{model.drive_unit}"
         )
-    needed = channels_of(model)
-    absent = [name for name in needed if name not in recording.channels]
-    if absent:
-        raise BadInput(
-            f"{recording.name}: the model reads the channel {absent[0]}, which is absent"
-        )
-    known = ~recording.missing_drive
-    for name in needed:
-        known &= ~np.isnan(recording.channels[name])
-    if not known.any():
-        raise BadInput(f"{recording.name}: no row has all that the model reads")
-    channels = {name: recording.channels[name][known] for name in needed}
-    t, u, out = recording.t_s[known], recording.drive[known], np.full(recording.size, np.nan)
-    y, same_unit = recording.displacement, recording.displacement_unit == model.displacement_unit
-    if y is None or not same_unit:
-        out[known] = simulate(model, t, u, channels)
-        return Prediction(out, DE_ENERGISED)
-    start, out[known] = replay(model, t, u, channels, y[known])
+    start, out = replay_recording(model, recording)
     return Prediction(out, start)
 
 

@@ -10,8 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dehyst.models.cascade.simulate import Parts, simulate_parts
+from dehyst.models.cascade.simulate import Parts, channels_of, simulate_parts
+from dehyst.models.errors import BadInput
 from dehyst.models.model import Floats, Model
+from dehyst.models.recording import Recording
 
 DE_ENERGISED, FROM_ABOVE, FROM_BELOW = "de-energised", "from above", "from below"
 HISTORIES = (DE_ENERGISED, FROM_ABOVE, FROM_BELOW)
@@ -41,6 +43,31 @@ def replay(
             best, least = Replay(start, predicted), left
     assert best is not None
     return best
+
+
+def replay_recording(model: Model, recording: Recording) -> Replay:
+    """The model on a recording as it is, behind the history that fits its displacement; without one
+    in the model's unit, de-energised. Rows that lack the drive or a channel are passed over and are
+    NaN. Raises BadInput where no row has all that the model reads, or a channel is absent."""
+    needed = channels_of(model)
+    absent = [name for name in needed if name not in recording.channels]
+    if absent:
+        raise BadInput(
+            f"{recording.name}: the model reads the channel {absent[0]}, which is absent"
+        )
+    known = ~recording.missing_drive
+    for name in needed:
+        known &= ~np.isnan(recording.channels[name])
+    if not known.any():
+        raise BadInput(f"{recording.name}: no row has all that the model reads")
+    channels = {name: recording.channels[name][known] for name in needed}
+    t, u, out = recording.t_s[known], recording.drive[known], np.full(recording.size, np.nan)
+    y = recording.displacement
+    if y is None or recording.displacement_unit != model.displacement_unit:
+        out[known] = simulate_parts(model, t, u, channels).reading
+        return Replay(DE_ENERGISED, out)
+    start, out[known] = replay(model, t, u, channels, y[known])
+    return Replay(start, out)
 
 
 def simulate_behind(

@@ -30,9 +30,9 @@ from dehyst.models.diagnosis.joint_fit import JointFit, solve_ridged
 from dehyst.models.diagnosis.subject import NO_MODEL, Subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Context
-from dehyst.models.signals.joined import Data, Floats, Ints
+from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 
-Array = TypeVar("Array", Floats, Ints)
+Array = TypeVar("Array", Floats, Ints, Bools)
 
 
 @dataclass
@@ -50,6 +50,7 @@ class Problem:
     subject: Subject = NO_MODEL
     several: Callable[..., Iterable[Any]] = map
     leaning: Leaning = NO_LEANING  # rows beside the recorded ones
+    stiffness: float = 1.0  # times the base's prior
     around: JointFit | None = None
 
     def __post_init__(self) -> None:
@@ -111,7 +112,7 @@ class Problem:
         out = np.full(size, TUNING.ridge)
         k = len(self.data.names)
         out[:k] = 1e-13
-        out[k : k + self.base.width] = self.base.priors
+        out[k : k + self.base.width] = self.stiffness * self.base.priors
         return out
 
     def counted(self, x: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The augmented model that is handed out: with all that was found, and nowhere astray.
+"""Which model is written: the one that predicts what it was not fitted to.
 
 A shape is known where the recordings went. Beyond, on the way up from rest that no recording shows,
 powers of its operators may go anywhere. There the base is held to the model in use, by rows that
@@ -6,18 +6,19 @@ were not recorded and weigh a millionth: what the recordings tell stays as it is
 not hold it, they weigh more.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dehyst.models.cascade.simulate import simulate
-from dehyst.models.diagnosis.augment import REACH_S, augmented, slow_ways, stays_in_reach
+from dehyst.models.diagnosis.augment import REACH_S, slow_ways, stays_in_reach
 from dehyst.models.diagnosis.base import Leaning, rich_base
 from dehyst.models.diagnosis.data.survey import left_of
-from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.findings.weigh import Weighed
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.joint_fit import JointFit, solve_ridged
+from dehyst.models.diagnosis.joint_fit import JointFit
+from dehyst.models.diagnosis.left_out import Choice, Left, Refitted, leave_out
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.signals.joined import Data, Floats
@@ -26,76 +27,76 @@ from dehyst.models.signals.pasts import FRESH
 
 @dataclass(frozen=True)
 class Handed:
-    """The augmented model; left: (N,) what it leaves of all samples; held: mean square that it
-    leaves of held-out ones."""
+    """The model that is written; contains: keys of the effects in it, and whether the shape is.
+
+    held: what it leaves of rows that it was not fitted to; held_in_use: what the model in use
+    leaves of the same rows, as it is, also where it was identified from them; gained: whether it is
+    another than the model in use.
+    """
 
     model: Model
-    left: Floats
-    held: float
-    contains_shape: bool = True
+    held: Left
+    held_in_use: Left
+    contains: tuple[str, ...] = ()
+    contains_shape: bool = False
+    gained: bool = False
+
+    def explains(self, noise: float) -> bool:
+        """Whether something was gained, and what is left is near the noise [rms]."""
+        return self.gained and self.held.known <= (TUNING.near_noise * noise) ** 2
 
 
 def hand_out(
     data: Data, bare: Problem, weighed: Weighed, bare_left: Floats, sigma: float
 ) -> Handed:
-    """The model that is handed out: with all that was found, else with the effects alone, else the
-    model in use; the first that is nowhere worse than that one by more than the noise, does not
-    go astray where nothing was recorded, and predicts most recordings from the others no worse
-    than that one leaves them. bare_left: (N,) what the model in use leaves."""
-    problem, final, first = weighed.problem, weighed.final, weighed.held
+    """Of the models with what was found, the plainest that predicts what it was not fitted to as
+    well as the best does; the model in use, where none predicts better than it or all would go
+    astray. bare_left: (N,) what the model in use leaves."""
+    problem, final = weighed.problem, weighed.final
     if problem.data.between is not None:  # a model runs along straight lines
         problem = replace(problem, data=replace(problem.data, between=None))
         final = problem.refit(final.effects)
-        first = by_blocks(problem, final).mean_square
     if problem.data.stepped:
         problem, final = as_blocks(problem, final)
         bare = bare.with_steps(False, led=problem.data.led)
-        first = by_blocks(problem, final).mean_square
-
-    def tried(problem: Problem, fit: JointFit, held: float, whole: bool) -> Handed:
-        model = augmented(problem, fit)
-        left = left_of(data, replace(bare.subject, model=model).whole(data))
-        return Handed(model, left, held, whole)
-
-    def is_good(problem: Problem, fit: JointFit, out: Handed) -> bool:
-        return (
-            not _knows_each_alone(problem)
-            and stays_in_reach(out.model, data)
-            and not _is_worse(data, out.left, bare_left, sigma)
-            and not foretells_worse(problem, fit, bare)
-        )
-
-    def effects_alone(most: float) -> Handed | None:
-        fit = bare.refit(final.effects)
-        out = tried(bare, fit, by_blocks(bare, fit).mean_square, False)
-        return None if out.held > most or _is_worse(data, out.left, bare_left, sigma) else out
-
-    if final.effects and not any(f.name == "shape" for f in weighed.findings):
-        # no shape is told, and none is handed out that other drives would meet
-        plainer = effects_alone(min(weighed.bare, first + (TUNING.shape_size * sigma) ** 2))
-        if plainer is not None:
-            return plainer
-    best: Handed | None = None
-    for weight in TUNING.leanings if problem.base.width else (0.0,):
-        held_to, fit, held = problem, final, first
-        if weight:
-            held_to = lean_on_the_model(problem, weight)
-            fit = held_to.solve(final.effects, problem.output_of(final))
-            held = by_blocks(held_to, fit).mean_square
-        out = tried(held_to, fit, held, True)
-        if not is_good(held_to, fit, out):
+    bare = replace(bare, data=replace(bare.data, between=None))
+    left_out = leave_out(problem, final)
+    in_use = left_out.left_by(lambda here: bare.subject.model)
+    best = Handed(bare.subject.model, in_use, in_use)
+    noise = (TUNING.helps * sigma) ** 2
+    if not final.effects and not problem.base.width:
+        return best
+    for choice in _choices(problem, bare, final):
+        held = left_out.left_by(choice.write_without)
+        if held.mean_square > best.held.mean_square - noise:
             continue
-        if best is None or np.std(out.left[data.rows]) < np.std(best.left[data.rows]):
-            best = out
-        if _does_as_fitted(out.left[data.rows], fit.residual(held_to.data)[held_to.data.rows]):
-            break  # else a past that the model cannot begin with stands in its way
-    plainer = effects_alone(weighed.bare) if final.effects and best is None else None
-    return best or plainer or Handed(bare.subject.model, bare_left, weighed.bare, False)
+        model = choice.write()
+        left = left_of(data, replace(bare.subject, model=model).whole(data))
+        if not _is_worse(data, left, bare_left, sigma) and stays_in_reach(model, data):
+            names = choice.fit.effect_names
+            best = Handed(model, held, in_use, names, choice.shape, gained=True)
+    return best
 
 
-def _does_as_fitted(left: Floats, fitted: Floats) -> bool:
-    """Whether a written model leaves no more than the fit that it was made of."""
-    return bool(np.std(left) < TUNING.as_fitted * np.std(fitted))
+def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Choice]:
+    """What may be written, the plainest first: the effects around the model in use, without each
+    of them, around a hysteresis that was fitted again beside them, and with the shape of the base,
+    the stiffer held the earlier."""
+    effects = final.effects
+    subsets = [effects, *([e for e in effects if e is not one] for one in effects)]
+    for some in subsets[: 1 if len(effects) < 2 else None]:
+        yield Choice(bare, bare.refit(some) if some else bare.solve([]), False)
+    if not problem.base.width or _knows_each_alone(problem):
+        return
+    output = problem.output_of(final)
+    if effects and not problem.subject.given:
+        yield Refitted(problem, final, False)
+    for stiffness in TUNING.stiffnesses:
+        held_to = replace(problem, stiffness=stiffness)
+        yield Choice(held_to, held_to.solve(effects, output), True)
+    for weight in TUNING.leanings:
+        held_to = lean_on_the_model(problem, weight)
+        yield Choice(held_to, held_to.solve(effects, output), True)
 
 
 def as_blocks(problem: Problem, fit: JointFit) -> tuple[Problem, JointFit]:
@@ -121,31 +122,6 @@ def lean_on_the_model(problem: Problem, weight: float) -> Problem:
     size = np.sqrt(weight * int(data.rows.sum()) / u.size)
     columns, target = columns - columns.mean(axis=0), target - target.mean()
     return replace(problem, leaning=Leaning(size * columns, size * target))
-
-
-def foretells_worse(problem: Problem, fit: JointFit, bare: Problem) -> bool:
-    """Whether most recordings are left with more by weights that the others gave than by the model
-    in use: what the base has learned then is not the stage's. Levels aside, and what is a
-    recording's own, as what its past has left; not for one alone."""
-    data, x = problem.data, fit.design
-    count = len(data.names)
-    if count < 2 or not problem.base.width:
-        return False
-    target, rec = problem.counted(data.y - fit.fixed), problem.counted(data.rec)
-    before = replace(bare, data=replace(bare.data, y=data.y)).solve([]).residual(data)
-    penalty = problem.penalty(x.shape[1])
-    worse = 0
-    for i in range(count):
-        here = rec == i
-        gram, moment = x[~here].T @ x[~here], x[~here].T @ target[~here]
-        problem.leaning.add_to(gram, moment, count)
-        w, _ = solve_ridged(gram, moment, penalty)
-        if not here.any():
-            continue
-        left, own = target[here] - x[here] @ w, x[here][:, ~x[~here].any(axis=0)]
-        left -= own @ np.linalg.lstsq(own, left)[0]
-        worse += bool(np.std(left) > TUNING.foretold * np.std(problem.counted(before)[here]))
-    return bool(2 * worse > count)
 
 
 def _knows_each_alone(problem: Problem) -> bool:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from dehyst.models.cascade.history import replay_recording
 from dehyst.models.diagnosis.base import no_base, rich_base
 from dehyst.models.diagnosis.data.between import with_path_between
 from dehyst.models.diagnosis.data.colour import is_coloured
@@ -40,7 +41,7 @@ from dehyst.models.diagnosis.findings.decide import (
 )
 from dehyst.models.diagnosis.findings.episodes import Episode, find_episodes, tell_time
 from dehyst.models.diagnosis.findings.limits import limits
-from dehyst.models.diagnosis.findings.shape import not_contained
+from dehyst.models.diagnosis.findings.shape import not_contained, not_written
 from dehyst.models.diagnosis.findings.sightings import accept, retell, sightings
 from dehyst.models.diagnosis.findings.told import without_kind
 from dehyst.models.diagnosis.findings.weigh import weigh, with_episode
@@ -53,13 +54,14 @@ from dehyst.models.diagnosis.judge import (
     excess,
     tells_what_is_late,
 )
+from dehyst.models.diagnosis.left_out import Left
 from dehyst.models.diagnosis.pasts import begin_as_found, explained_heads, rows_with_heads
 from dehyst.models.diagnosis.result import Diagnosis, View
 from dehyst.models.diagnosis.subject import identify_plain, take_subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.recording import Recording
-from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.joined import Bools, Data, Floats
 
 
 def diagnose(
@@ -147,7 +149,9 @@ def diagnose(
     shown = {c.key for c, _ in seen} & set(found.search.accepted.effect_names)
     few = "" if tells_what_is_late(problem, sigma) else FEW_PLACES
     warnings = [text for text in (foreign, BUTTERFLY if butterfly else "", few) if text]
-    diagnosis = _conclude(whole, bare, found.search, episode, warnings, shown, with_limits, say)
+    diagnosis = _conclude(
+        recordings, whole, bare, found.search, episode, warnings, shown, with_limits, say
+    )
     for candidate, sighting in seen:
         findings = retell(diagnosis.findings, candidate, sighting)
         diagnosis = replace(diagnosis, findings=findings)
@@ -155,6 +159,7 @@ def diagnose(
 
 
 def _conclude(
+    recordings: Sequence[Recording],
     recorded: Data,
     bare: Problem,
     found: SearchState,
@@ -195,33 +200,41 @@ def _conclude(
     if verdict == "partly":
         fewer = _without_the_doubtful(found, left)
         if fewer is not found:
-            return _conclude(recorded, bare, fewer, episode, warnings, shown, with_limits, say)
+            return _conclude(
+                recordings, recorded, bare, fewer, episode, warnings, shown, with_limits, say
+            )
     unexplained = min(unexplained, by_blocks(found.problem, found.accepted).mean_square)
     if not follows(data, unexplained) and not shown:
         findings, verdict = [f for f in findings if f.name != "shape"], "unknown"
+    bare_left = left_of(recorded, subject.whole(recorded))
+    in_use = Left(weighed.bare, weighed.bare)
+    if BUTTERFLY in warnings:  # nothing that follows it can be inverted
+        handed = Handed(subject.model, in_use, in_use)
+    else:
+        handed = hand_out(recorded, bare, weighed, bare_left, sigma)
+    findings = [
+        f if f.name == "shape" or f.key in handed.contains else not_written(f) for f in findings
+    ]
     if verdict in ("unknown", "partly"):
         where: dict[str, Any] = dict(hot_spots(locate(data, residual, sigma)))
         when, times = tell_time(data, residual, sigma)
         share = max(0.0, 1.0 - sum(f.share for f in findings))
         rest = unknown(left, min(share, 1.0), where, data.unit, when)
         findings = [*findings, replace(rest, where={**where, **times})]
+    if verdict == "explained" and not handed.explains(floor):
+        verdict = "partly"
     say("limits", 0.96)
     untold = {n for f in findings for n in (f.name, *f.ambiguous_with)}
     wanted = with_limits and verdict in ("clean", "explained")
     limited = tuple(limits(found, untold, AskedAgain(found).names)) if wanted else ()
-    bare_left = left_of(recorded, subject.whole(recorded))
-    if BUTTERFLY in warnings:  # nothing that follows it can be inverted
-        handed = Handed(subject.model, bare_left, weighed.bare, False)
-    else:
-        handed = hand_out(recorded, bare, weighed, bare_left, sigma)
     if not handed.contains_shape:
         findings = [not_contained(f) for f in findings]
-    views = tuple(_views(recorded, bare_left, handed.left))
+    views = tuple(_views(recorded, recordings, (subject.model, handed.model)))
     rms: dict[str, Any] = {
         "model": {v.name: _rms((v.displacement - v.base)[v.held_out]) for v in views},
         "augmented": {v.name: _rms((v.displacement - v.augmented)[v.held_out]) for v in views},
-        "heldout_model": float(np.sqrt(weighed.bare)),
-        "heldout_augmented": float(np.sqrt(max(handed.held, 0.0))),
+        "heldout_model": float(np.sqrt(handed.held_in_use.mean_square)),
+        "heldout_augmented": float(np.sqrt(handed.held.mean_square)),
     }
     quality = survey(recorded, data, (sigma, whole_noise), unexplained, warnings)
     say("done", 1.0)
@@ -270,16 +283,24 @@ def _told(t: CandidateTrial, n: int) -> str:
     return text + (f" ({t.refused})" if t.refused else "")
 
 
-def _views(data: Data, left: Floats, left_by_all: Floats) -> list[View]:
-    """Each recording with what both models, simulated, say of it; (N,) what the model in use
-    leaves, and the augmented one."""
-    base, full = data.y - left, data.y - left_by_all
+def _views(data: Data, recordings: Sequence[Recording], models: Sequence[Model]) -> list[View]:
+    """Each recording with what the model in use and the written one, simulated on it as it is, say
+    of it; data: all samples."""
     out = []
-    for i, name in enumerate(data.names):
+    for i, one in enumerate(recordings):
         k = (data.rec == i) & (data.raw_index >= 0)
-        out.append(View(name, data.t[k], data.u[k], data.y[k], base[k], full[k], data.rows[k]))
+        said = [replay_recording(m, one).predicted[data.raw_index[k]] for m in models]
+        y, counted = data.y[k], data.rows[k]
+        base, full = (x + _level(y - x, counted) for x in said)
+        out.append(View(one.name, data.t[k], data.u[k], y, base, full, counted))
     return out
 
 
+def _level(error: Floats, counted: Bools) -> float:
+    """Mean over the rows that count; 0 where there is none."""
+    return float(np.nanmean(error[counted])) if counted.any() else 0.0
+
+
 def _rms(x: Floats) -> float:
+    x = x[np.isfinite(x)]
     return float(np.sqrt(np.mean(x**2))) if x.size else 0.0

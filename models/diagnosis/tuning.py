@@ -91,6 +91,8 @@ class Tuning(NamedTuple):
     explained_left: float = 0.15  # share of the first that may be left when things are explained,
     explained_small: float = 0.5  # and where what is left is below structure
     explained_best: float = 0.01  # of what the model in use leaves: less is always explained
+    recordings_enough: int = 3  # to leave out whole ones: one of two may be alone of its kind
+    near_noise: float = 1.5  # times its rms, that held-out rows may be left with when explained
     # limits
     limit_rows: int = 6_000  # counted where it is asked again with an effect put in,
     limit_shortlist: int = 3  # and candidates that get the full refit then; where it takes all of
@@ -107,11 +109,9 @@ class Tuning(NamedTuple):
     foreign_share: float = 0.03  # of the stroke: a given model that leaves more, and
     foreign_times: float = 4.0  # times what a model of its class would, is of another stage
     no_worse: float = 0.5  # of the noise, that an augmented model may leave more of a recording
-    foretold: float = 1.03  # times what the model in use leaves of a recording, that weights from
-    # the others may leave
     leanings: tuple[float, ...] = (1e-6, 1e-3, 1e-2, 0.1)  # weights by which a base is held to the
     # model in use where nothing was recorded, of the recorded rows; the first that holds it
-    as_fitted: float = 1.1  # times what its fit leaves, that a written model may leave
+    stiffnesses: tuple[float, ...] = (1e4, 1e2, 1.0)  # times the prior of the base, tried in turn
     # intervals
     widest: float = 10.0  # factor that an interval may span
     interval_width: float = 1.96  # standard deviations of white noise; blocks: Student's t

@@ -75,9 +75,20 @@ NOT_CONTAINED = (
 )
 
 
+NOT_WRITTEN = (
+    "The written model does not contain it: recordings that were left out are not predicted better "
+    "with it."
+)
+
+
 def not_contained(finding: Finding) -> Finding:
     """The finding where the augmented model is handed out without the shape."""
     return replace(finding, says=finding.says.replace(CONTAINED, NOT_CONTAINED))
+
+
+def not_written(finding: Finding) -> Finding:
+    """The finding of an effect that the written model does not contain."""
+    return replace(finding, says=f"{finding.says} {NOT_WRITTEN}")
 
 
 def measure_correction(

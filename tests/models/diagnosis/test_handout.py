@@ -8,15 +8,20 @@ from scipy import signal
 from tests.rigs.plants.drives import small_scan
 from tests.rigs.plants.hysteresis import preisach
 
+from dehyst.daemon.tools.prediction import predict
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.diagnosis.augment import REACH_S, augmented, slow_ways
 from dehyst.models.diagnosis.base import no_base, rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
+from dehyst.models.diagnosis.data.survey import left_of
 from dehyst.models.diagnosis.effects import Effect
+from dehyst.models.diagnosis.findings.weigh import Weighed
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.handout import as_blocks, foretells_worse, lean_on_the_model
+from dehyst.models.diagnosis.handout import as_blocks, hand_out, lean_on_the_model
+from dehyst.models.diagnosis.left_out import Choice
 from dehyst.models.diagnosis.subject import THRESHOLDS, Subject, fit_plain
+from dehyst.models.modelfile import dumps, loads
 from dehyst.models.physics import library
 from dehyst.models.recording import Recording
 
@@ -33,9 +38,19 @@ def scan(seed: int) -> Recording:
     return Recording(t, u, y + noise, name=f"scan {seed}")
 
 
+def recorded() -> list[Recording]:
+    """Two scans; the second by a recorder whose stamps jitter and that misses readings."""
+    one, other = scan(1), scan(2)
+    rng = np.random.default_rng(3)
+    y = np.array(other.displacement)
+    y[rng.permutation(y.size)[:5]] = np.nan
+    stamps = other.t_s + 0.2 * DT * rng.uniform(-1.0, 1.0, y.size)
+    return [one, replace(other, t_s=stamps, displacement=y)]
+
+
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
-    return diagnose([scan(1), scan(2)])
+    return diagnose(recorded())
 
 
 def test_the_shape_is_in_the_augmented_model(found: Diagnosis) -> None:
@@ -77,7 +92,7 @@ def test_rows_that_were_not_recorded_cost_the_recorded_ones_next_to_nothing() ->
 
 
 @pytest.mark.parametrize("changes", [False, True])
-def test_what_the_others_do_not_foretell_is_not_learned(changes: bool) -> None:
+def test_a_model_that_predicts_no_other_recording_is_not_written(changes: bool) -> None:
     """The gain steps within each recording, at another time and by another amount: the base makes a
     loop of it that is no other recording's."""
     given = []
@@ -90,7 +105,37 @@ def test_what_the_others_do_not_foretell_is_not_learned(changes: bool) -> None:
     subject = Subject(fit_plain(data, THRESHOLDS * data.span))
     problem = Problem(data, rich_base(data), subject)
     bare = Problem(data, no_base(data), replace(subject, carries=True))
-    assert foretells_worse(problem, problem.solve([]), bare) is changes
+    fit = problem.solve([])
+    weighed = Weighed((), problem, fit, 0.0, 0.0)
+    handed = hand_out(data, bare, weighed, left_of(data, subject.whole(data)), NOISE)
+    assert handed.gained is not changes
+    assert (handed.model is subject.model) is changes
+    assert handed.held.mean_square <= handed.held_in_use.mean_square
+
+
+def test_a_model_is_written_from_the_other_rows_alone() -> None:
+    """Its weights are those of a fit that never had the rows that are left out."""
+    data = prepare([scan(1), scan(2), scan(3)])
+    subject = Subject(fit_plain(data, THRESHOLDS * data.span))
+    problem = Problem(data, rich_base(data), subject)
+    here = data.rec == 1
+    fit = problem.solve([])
+    without = Problem(replace(data, rows=data.rows & ~here), rich_base(data), subject)
+    u = np.linspace(LEVEL - SWING, LEVEL + SWING, 200)
+    ours = simulate(Choice(problem, fit, True).write_without(here), DT, u)
+    theirs = simulate(augmented(without, without.solve([])), DT, u)
+    assert np.std(ours - theirs) < 1e-3 * NOISE
+    assert np.std(ours - simulate(augmented(problem, fit), DT, u)) > 0.03 * NOISE
+
+
+def test_the_stated_errors_are_those_of_the_written_file(found: Diagnosis) -> None:
+    """Read back and run on the recordings as they are, with their jitter and missing readings."""
+    for kind, model in (("model", found.base_model), ("augmented", found.model)):
+        for view, one in zip(found.views, recorded(), strict=True):
+            assert one.displacement is not None
+            left = one.displacement - predict(loads(dumps(model)), one).displacement
+            error = float(np.std(left[view.held_out]))
+            assert found.rms[kind][one.name] == pytest.approx(error, rel=1e-6)
 
 
 @pytest.mark.parametrize(("share", "leads", "most"), [(1.0, True, 0.1), (0.1, False, 1.01)])

@@ -314,7 +314,24 @@ CHANGES = [
             TUNING,
             "leanings: tuple[float, ...] = (1e-6, 1e-3, 1e-2, 0.1)",
             "leanings: tuple[float, ...] = (1e-15, 1e-3, 1e-2, 0.1)",
-            "an augmented model foretells other drives worse than the model in use",
+            "an augmented model predicts other drives worse than the model in use",
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_handout.py",),
+        Change(
+            "left-out-rows-are-fitted",
+            "models/diagnosis/left_out.py",
+            "    others = ~problem.counted(here)\n",
+            "    others = np.ones(problem.row_index.size, dtype=bool)\n",
+            "a model is judged on the rows that it was fitted to",
+        ),
+        Change(
+            "any-gain-is-written",
+            HANDOUT,
+            "if held.mean_square > best.held.mean_square - noise:",
+            "if held.mean_square > 4.0 * best.held.mean_square:",
+            "a model is written that predicts worse than the model in use",
         ),
     ),
     *room(

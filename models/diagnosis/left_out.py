@@ -1,0 +1,130 @@
+"""How well a written model predicts what it was not fitted to.
+
+Each recording is left out in turn, with its own places, levels and rates; where there are so few
+that each may be the only one of its kind, each of their time blocks. The linear weights follow from
+the other rows, the model is written from them as it is written at the end, and simulated on the
+rows that were left out. Nonlinear parameters stay: a handful against thousands of rows.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from dehyst.models.diagnosis.augment import augmented
+from dehyst.models.diagnosis.base import no_base
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit, solve_ridged
+from dehyst.models.diagnosis.subject import Subject, fit_plain
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.model import Model
+from dehyst.models.signals.joined import Bools, Data, Floats, alone
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A fit that can be written as a model. shape: whether the base's shape is written with it."""
+
+    problem: Problem
+    fit: JointFit
+    shape: bool
+
+    def write(self) -> Model:
+        """The model of all rows."""
+        return augmented(self.problem, self.fit)
+
+    def write_without(self, here: Bools) -> Model:
+        """The model with the linear weights that the rows outside `here` (N,) give."""
+        return augmented(self.problem, _fit_without(self.problem, self.fit, here))
+
+
+@dataclass(frozen=True)
+class Refitted(Choice):
+    """The effects around a hysteresis of the plain class, fitted to what the base found behind the
+    effects: what the model in use had learned in an effect's place gives way to it."""
+
+    def write(self) -> Model:
+        """The model of all rows."""
+        return self._around(self.fit, np.zeros(self.problem.data.n, dtype=bool))
+
+    def write_without(self, here: Bools) -> Model:
+        """The model with the weights that the rows outside `here` (N,) give."""
+        return self._around(_fit_without(self.problem, self.fit, here), here)
+
+    def _around(self, fit: JointFit, here: Bools) -> Model:
+        problem, data = self.problem, self.problem.data
+        v = problem.drive_at_hysteresis(fit.effects)
+        y = problem.base.combine(v, data.forgets, fit.weights)
+        rows = data.rows & ~here
+        plain = fit_plain(replace(data, u=v, y=y, rows=rows), problem.subject.model.hysteresis.r)
+        subject = Subject(plain, carries=True)
+        over = Problem(replace(data, rows=rows), no_base(data), subject)
+        return augmented(over, over.solve(fit.effects))
+
+
+class Left(NamedTuple):
+    """Mean squares on rows that were left out. known: without what belongs to one recording alone,
+    as the phase of a line, which no model can know of another recording."""
+
+    mean_square: float
+    known: float
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Rows that are left out together, and what belongs to that recording alone."""
+
+    data: Data
+    groups: tuple[Bools, ...]  # (N,) each
+    own: tuple[Floats, ...]  # columns on the counted rows of each group
+
+    def left_by(self, write: Callable[[Bools], Model]) -> Left:
+        """What the models leave, each written without its group; levels aside."""
+        sums = np.zeros(2)
+        for group, own in zip(self.groups, self.own, strict=True):
+            left = self._error(write(group), group)
+            rest = left - own @ np.linalg.lstsq(own, left, rcond=None)[0] if own.size else left
+            sums += left @ left, rest @ rest
+        count = sum(int((g & self.data.rows).sum()) for g in self.groups)
+        sums = np.where(np.isfinite(sums), sums, np.inf) / max(count, 1)
+        return Left(*sums.tolist())
+
+    def _error(self, model: Model, group: Bools) -> Floats:
+        """Of the group's counted rows, about the level of the recording's other rows, or, where
+        there are none, about their own."""
+        whole = self.data
+        one = alone(whole, int(whole.rec[np.argmax(group)]))
+        here = group[whole.rec == whole.rec[np.argmax(group)]]
+        error = one.y - Subject(model, carries=True).whole(one)
+        rest = error[one.rows & ~here]
+        left = error[one.rows & here]
+        return np.asarray(left - (rest.mean() if rest.size else left.mean()))
+
+
+def leave_out(problem: Problem, fit: JointFit) -> LeftOut:
+    """The groups of a problem. fit: with all effects, for what belongs to one recording alone."""
+    data = problem.data
+    count = len(data.names)
+    of = data.rec if count >= TUNING.recordings_enough else data.block
+    groups, owns = [], []
+    for g in np.unique(of[data.rows]):
+        here = of == g
+        beside = problem.counted(data.rec != data.rec[np.argmax(here)])
+        own = fit.design[problem.counted(here)]
+        groups.append(here)
+        owns.append(own[:, ~fit.design[beside].any(axis=0)] if count > 1 else own[:, :0])
+    return LeftOut(data, tuple(groups), tuple(owns))
+
+
+def _fit_without(problem: Problem, fit: JointFit, here: Bools) -> JointFit:
+    """A fit with the linear weights of the rows that are not here."""
+    data, k, width = problem.data, len(problem.data.names), problem.base.width
+    others = ~problem.counted(here)
+    x = fit.design[others]
+    gram, moment = x.T @ x, x.T @ problem.counted(data.y - fit.fixed)[others]
+    problem.leaning.add_to(gram, moment, k)
+    w, _ = solve_ridged(gram, moment, problem.penalty(x.shape[1]))
+    at = np.cumsum([k + width, *(a.size for a in fit.amplitudes)])
+    amplitudes = tuple(np.split(w, at)[1:-1]) if fit.amplitudes else ()
+    return replace(fit, weights=w[k : k + width], offsets=w[:k], amplitudes=amplitudes)
