@@ -86,15 +86,16 @@ def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Choic
     subsets = [effects, *([e for e in effects if e is not one] for one in effects)]
     for some in subsets[: 1 if len(effects) < 2 else None]:
         yield Choice(bare, bare.refit(some) if some else bare.solve([]), False)
-    if not problem.base.width or _knows_each_alone(problem):
-        return
+    if not problem.base.width or _knows_each_alone(problem) or problem.one_loop_alone:
+        return  # one loop says nothing of another's shape, whichever of its rows are left out
     output = problem.output_of(final)
     if effects and not problem.subject.given:
         yield Refitted(problem, final, False)
+    lightly = lean_on_the_model(problem, TUNING.leanings[0])
     for stiffness in TUNING.stiffnesses:
-        held_to = replace(problem, stiffness=stiffness)
+        held_to = replace(lightly, stiffness=stiffness)
         yield Choice(held_to, held_to.solve(effects, output), True)
-    for weight in TUNING.leanings:
+    for weight in TUNING.leanings[1:]:
         held_to = lean_on_the_model(problem, weight)
         yield Choice(held_to, held_to.solve(effects, output), True)
 

@@ -36,8 +36,10 @@ def test_creep_of_an_earlier_move_is_named_as_creep() -> None:
     first = d.findings[0]
     assert first.name == "creep"
     assert "before the recording" in first.says
-    assert d.verdict == "explained"
-    assert d.rms["heldout_augmented"] < 1.1 * NOISE_UM
+    # the two moves went opposite ways: no model predicts the next recording's
+    assert d.verdict == "partly"
+    assert "The written model does not contain it" in first.says
+    assert d.rms["augmented"] == d.rms["model"]
 
 
 def test_hum_for_a_third_of_the_time_is_named_with_its_time() -> None:
