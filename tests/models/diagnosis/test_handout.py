@@ -8,7 +8,7 @@ from scipy import signal
 from tests.rigs.plants.drives import small_scan
 from tests.rigs.plants.hysteresis import preisach
 
-from dehyst.daemon.tools.prediction import predict
+from dehyst.daemon.api.prediction import predict
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.diagnosis.augment import REACH_S, augmented, slow_ways
