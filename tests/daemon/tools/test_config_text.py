@@ -72,7 +72,7 @@ def test_config_init_writes_it_and_refuses_what_run_would(
         (["--range", "0", "1000"], "wider than the unit's own"),
         (["--range", "0", "100", "--actuator", "nidaqmx"], "channel is missing"),
         (["--range", "0", "100", "--sensor", "thermo"], "no driver 'thermo'"),
-        (["--range", "100", "0"], "limits"),
+        (["--range", "100", "0"], "give the lowest voltage first"),
         (["--range", "0", "100", "--set", "axis=w"], "axis"),
     ):
         assert main(["config", "init", *more]) == 2
