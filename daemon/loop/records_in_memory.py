@@ -186,6 +186,7 @@ class Note(IntEnum):
     GROUP_WAITS = 22
     GROUP_BROKEN = 23
     HELD = 24
+    TRIM_SETTLING = 25
 
 
 TEXTS = {
@@ -206,8 +207,10 @@ TEXTS = {
     Note.TRIM_GOES_ON: "the trim goes on, gauge and model differ by {:.4g}",
     Note.TRIM_NO_READING: "trim frozen: no valid reading",
     Note.TRIM_STUCK: "trim frozen: the reading has not changed while the stage was moved",
-    Note.TRIM_JUMPED: "trim frozen: the reading has jumped against the model, by {:.4g}; it goes "
-    "on when the reading is back, or after `dehyst zero`",
+    Note.TRIM_JUMPED: "trim frozen: the reading has jumped, gauge and model differ by {:.4g}; it "
+    "goes on when the reading is back and settled, or after `dehyst zero`",
+    Note.TRIM_SETTLING: "trim frozen: the reading has jumped, but is plausible, {:.4g} from the "
+    "model; it goes on once the reading is settled",
     Note.TRIM_BEYOND: "trim frozen: gauge and model differ by {:.4g}, which is beyond belief; "
     "`dehyst zero` sets the gauge's zero",
     Note.TRIM_DISTRUSTED: "trim frozen: the mismatch watch does not trust the stage or its gauge",

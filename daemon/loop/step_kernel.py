@@ -63,6 +63,7 @@ NOTES_OF_TRIM = np.array(
         Note.TRIM_JUMPED,
         Note.TRIM_BEYOND,
         Note.TRIM_DISTRUSTED,
+        Note.TRIM_SETTLING,
     ]
 )
 """By Why; 0: nothing is said."""

@@ -98,8 +98,9 @@ def counts(by_name: dict[str, int]) -> str:
 FROZEN = {
     "no_reading": "no valid reading",
     "stuck": "the gauge is stuck",
-    "jumped": "the reading has jumped",
-    "beyond": "gauge and model differ beyond belief",
+    "jumped": "the reading has jumped; waiting until it is back, or for dehyst zero",
+    "settling": "the reading has jumped and is plausible again; waiting until it is settled",
+    "beyond": "gauge and model differ beyond belief; waiting until they do not, or for dehyst zero",
     "distrusted": "the mismatch watch does not trust it",
 }
 

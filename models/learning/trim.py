@@ -14,6 +14,11 @@ frequency is amplified. A lag or delay L of the sensor that the model does not h
 stable for L / T < pi / 2 (`least_time_constant_s` keeps a margin).
 
 Readings are judged before they count (`Why`). A frozen trim keeps its value, and goes on from it.
+A reading that has jumped is judged anew once it has kept its difference from the model for a while,
+at rest or in motion, and is plausible: close to the model itself, or to what the difference usually
+was. Either may be off by less than a jump, which would have been followed anyway, so a gauge that
+stays wrong moves nothing. Soon after the model's state has begun a difference up to the limit is
+plausible: then the state is in doubt, not the gauge.
 """
 
 import math
@@ -42,6 +47,10 @@ class Tuning(NamedTuple):
     jump_samples: int = 4  # at the least: slow loops
     jump_noises: float = 6.0
     back_s: float = 0.1  # a reading that is back for so long is believed again
+    settled_s: float = 2.0  # creep's and sensors' ringing is over, and a loose contact shows again
+    settled: float = 0.5  # jumps: a reading that keeps its difference so well is settled
+    usual_s: float = 300.0  # a drift that a gauge has taken back within a minute leaves no trace
+    young_s: float = 2.0  # of commanded motion: the model's state may lack what was before it
     new_s: float = 0.2  # a model that is new finds its state along the drive: no jump is seen
     stuck_noises: float = 10.0  # the model's way under a reading that stays the same
     told_s: float = 0.1  # what lasts shorter is not told
@@ -81,6 +90,11 @@ STATE = np.dtype(
         ("new_s", "<f8"),  # how long readings have been compared with this model
         ("out_s", "<f8"),  # how long readings have been outside, or inside again
         ("in_s", "<f8"),
+        ("usual", "<f8"),  # the difference over usual_s, of readings that are believed; NaN: none
+        ("anew", "<f8"),  # the difference since the jump, for so long; NaN: none yet
+        ("anew_s", "<f8"),
+        ("age_s", "<f8"),  # how long the stage was commanded with this state of the model,
+        ("jumped_s", "<f8"),  # and how long it had been when the reading jumped
         ("jumped", "<i8"),
         ("stuck", "<i8"),
         ("distrusted", "<i8"),
@@ -92,7 +106,7 @@ STATE = np.dtype(
 
 NOTHING, OFF, NOT_RUNNING = int(Why.NOTHING), int(Why.OFF), int(Why.NOT_RUNNING)
 NO_READING, STUCK, JUMPED = int(Why.NO_READING), int(Why.STUCK), int(Why.JUMPED)
-BEYOND, DISTRUSTED = int(Why.BEYOND), int(Why.DISTRUSTED)
+BEYOND, DISTRUSTED, SETTLING = int(Why.BEYOND), int(Why.DISTRUSTED), int(Why.SETTLING)
 
 
 def setting_of(
@@ -152,7 +166,8 @@ def forget_trim(s: Any) -> None:
     """Begin anew with readings and correction, as for another model; the gauge's zero stays."""
     s.trim = s.aim = s.moved = s.since_s = s.new_s = s.out_s = s.in_s = s.why_s = 0.0
     s.difference = s.seen = s.predicted = s.reading = s.predicted_then = math.nan
-    s.aim_then = 0.0
+    s.aim_then = s.age_s = s.jumped_s = s.anew_s = 0.0
+    s.usual = s.anew = math.nan
     s.jumped = s.stuck = s.why = s.lasting = 0
 
 
@@ -161,8 +176,9 @@ def move_zero(s: Any, shift: float) -> None:
     """The gauge's zero is taken to be `shift` further: readings are believed from here on."""
     s.zero += shift
     s.difference = s.seen = s.reading = s.predicted_then = math.nan
+    s.usual = s.anew = math.nan
     s.jumped = s.stuck = 0
-    s.out_s = s.in_s = 0.0
+    s.out_s = s.in_s = s.anew_s = 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -181,6 +197,8 @@ def take(p: Any, s: Any, reading: float, predicted: float, held: bool, running: 
     dt = min(s.since_s, 0.25 * p.time_constant_s)
     if why != NO_READING:
         s.since_s = 0.0
+    if running:
+        s.age_s += period
     if p.on == 0:
         why = OFF
     elif s.distrusted != 0 and why == NOTHING:
@@ -247,6 +265,7 @@ def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
         s.out_s, s.in_s = s.out_s + dt, 0.0
         if s.out_s >= p.jump_s and s.jumped == 0:
             s.jumped = 1
+            s.jumped_s, s.anew, s.anew_s = s.age_s, math.nan, 0.0
             s.aim = s.trim
     else:
         s.in_s, s.out_s = s.in_s + dt, 0.0
@@ -254,5 +273,29 @@ def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
         if s.in_s >= TUNING.back_s:
             s.jumped = 0
     if beyond:
+        s.anew = math.nan
         return BEYOND
-    return JUMPED if s.jumped != 0 else NOTHING
+    if s.jumped != 0:
+        return _judge_anew(p, s, dt)
+    if math.isnan(s.usual):
+        s.usual = difference
+    if s.out_s == 0.0:
+        s.usual += dt / (TUNING.usual_s + dt) * (difference - s.usual)
+    return NOTHING
+
+
+@njit(cache=True, nogil=True)
+def _judge_anew(p: Any, s: Any, dt: float) -> int:
+    """Whether a reading that has jumped is settled and plausible."""
+    unsettled = TUNING.settled * p.jump + TUNING.jump_share * s.moved
+    if math.isnan(s.anew) or abs(s.seen - s.anew) > unsettled:
+        s.anew, s.anew_s = s.seen, 0.0
+    s.anew += dt / (TUNING.told_s + dt) * (s.seen - s.anew)
+    s.anew_s += dt
+    most = p.limit if s.jumped_s < TUNING.young_s else p.jump
+    if abs(s.anew) > most and not abs(s.anew - s.usual) <= p.jump:
+        return JUMPED
+    if s.anew_s < TUNING.settled_s:
+        return SETTLING
+    s.difference, s.jumped, s.out_s, s.in_s = s.anew, 0, 0.0, 0.0
+    return NOTHING

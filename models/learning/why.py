@@ -14,3 +14,4 @@ class Why(IntEnum):
     JUMPED = 5  # the reading moved at once, the model did not
     BEYOND = 6  # further from the model than is believed
     DISTRUSTED = 7  # by the mismatch watch
+    SETTLING = 8  # it jumped, is plausible again, and has to keep its place for a while

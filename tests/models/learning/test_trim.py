@@ -159,6 +159,77 @@ def test_a_jump_is_followed_once_the_zero_was_moved() -> None:
     assert loop.trim == pytest.approx(-0.25, abs=1e-3)
 
 
+def test_a_gauge_that_drifts_and_jumps_back_is_trimmed_again() -> None:
+    """3 um in 30 s: the trim follows to its limit; back at the truth it is judged anew."""
+    loop = Loop()
+    loop.go(5.0, 0.2)
+    for i in range(300):
+        loop.go(0.1, 0.2 + 3.0 * i / 300)
+    assert loop.trim == pytest.approx(-1.7, abs=0.01)
+    loop.told.clear()
+    loop.go(1.0, 0.2)
+    assert loop.trim == pytest.approx(-1.7, abs=0.01)  # not at once
+    loop.go(9.0, 0.2)
+    assert loop.told[-2:] == [Why.SETTLING, Why.NOTHING]
+    assert loop.trim == pytest.approx(-0.2, abs=0.01)
+    assert np.abs(np.diff(loop.trims)).max() <= float(loop.setting["rate"][0]) * PERIOD_S * 1.000001
+
+
+@pytest.mark.parametrize("off", [0.2, 1.2])
+def test_what_the_difference_usually_is_is_plausible(off: float) -> None:
+    """A stage that stands 1.2 um off by itself is no less healthy than one that is right."""
+    loop = Loop()
+    loop.go(60.0, off)
+    for i in range(200):
+        loop.go(0.1, off + 1.0 * i / 200)
+    loop.go(10.0, off)
+    assert loop.trim == pytest.approx(-off, abs=0.01)
+
+
+@pytest.mark.parametrize("off", [0.34, 0.6, 1.5])
+def test_a_state_of_the_model_that_is_in_doubt_is_judged_anew(off: float) -> None:
+    """A new loop's state lacks what was long before: it shows after the first readings."""
+    loop = Loop()
+    loop.go(0.5, 0.0)
+    loop.go(12.0, off)
+    assert loop.trim == pytest.approx(-off, abs=0.01)
+
+
+@given(
+    st.floats(0.7, 3.3),
+    st.booleans(),
+    st.sampled_from(["stays", "jumps", "moves"]),
+)
+@settings(max_examples=30)
+def test_a_gauge_that_stays_wrong_moves_nothing(wrong: float, up: bool, how: str) -> None:
+    """It jumps by more than a jump, and does not come back: at rest, in motion, to and fro."""
+    loop = Loop()
+    loop.go(5.0, 0.0)
+    before, sign = loop.trim, 1.0 if up else -1.0
+    for k in range(60):
+        # to and fro faster than what is settled, and not by steps that would be back
+        here = wrong + (0.6 * (k % 2) if how == "jumps" else 0.0)
+        target = 5.0 + (2.0 * math.sin(0.3 * k) if how == "moves" else 0.0)
+        loop.go(0.5, sign * here, target=target)
+    assert abs(loop.trim - before) < 5e-3
+    assert loop.told[-1] in (Why.JUMPED, Why.BEYOND)
+
+
+@settings(max_examples=10)
+@given(st.floats(0.0, 0.1), st.floats(0.2, 2.0))
+def test_a_noisy_or_moving_reading_that_is_back_settles(noise: float, hertz: float) -> None:
+    """With noise up to five times what the trim was set for, and a stage of another gain."""
+    loop = Loop()
+    loop.go(3.0, 0.0)
+    loop.go(3.0, 1.0)
+    rng = np.random.default_rng(5)
+    for i in range(8000):
+        target = 4.0 * math.sin(2 * np.pi * hertz * i * PERIOD_S)
+        loop.go(PERIOD_S, 0.25 + 0.02 * target + float(rng.normal(0.0, noise)), target=target)
+    assert loop.told[-1] is Why.NOTHING
+    assert loop.trim == pytest.approx(-0.25, abs=0.1)
+
+
 def test_a_single_glitch_moves_nothing() -> None:
     loop, quiet = Loop(), Loop()
     for one, value in ((loop, 3.0), (quiet, 0.2)):

@@ -1,0 +1,103 @@
+"""The trim on the simulated stage, after a loop that died and after a gauge that was wrong."""
+
+import math
+
+import numpy as np
+import pytest
+from tests.rigs.stage_model import kept_model
+from tests.rigs.trimmed_stage import TrimmedStage
+
+from dehyst.daemon.rings.records import Flag
+from dehyst.drivers.simulated.settings import StageSettings
+from dehyst.models.learning.why import Why
+
+RATE_HZ = 200.0
+ON_TARGET_UM = 0.03  # a noise and a half: what the loop attains without a fault
+
+
+def rig(seed: int = 1) -> TrimmedStage:
+    plain = StageSettings(rc_tau_s=0.0, mode_hz=0.0, sensor_tau_s=0.0, seed=seed)
+    return TrimmedStage(kept_model(), plain, rate_hz=RATE_HZ)
+
+
+def wander(one: TrimmedStage, seconds: float, seed: int) -> None:
+    """Places anywhere in the reach."""
+    rng = np.random.default_rng(seed)
+    low, high = one.reach
+    for _ in range(round(seconds / 0.5)):
+        one.go(float(rng.uniform(low + 0.1 * (high - low), high - 0.1 * (high - low))), 0.5)
+
+
+def die(one: TrimmedStage) -> None:
+    """The loop's process dies; the next one knows the newest past alone, but for 0.2 s."""
+    one.reload(kept_model(), unseen=40)
+
+
+def error_um(one: TrimmedStage, off: float = 0.0) -> float:
+    """Mean distance from the target in the last second; off: of the gauge."""
+    n = round(RATE_HZ)
+    return float(np.mean(one.true_um[-n:] + off - one.telemetry["target"][-n:]))
+
+
+def frozen(one: TrimmedStage) -> bool:
+    return bool(one.records[-1]["flags"] & int(Flag.TRIM_FROZEN))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, -0.02])
+@pytest.mark.parametrize("after_s", [0.1, 0.5, 1.5])
+def test_on_target_again_after_a_loop_that_died(share: float, after_s: float) -> None:
+    """The reading is off by a share of the reach, from some time after the restart on."""
+    one = rig()
+    low, high = one.reach
+    for death in range(4):
+        wander(one, 4.0, death)
+        die(one)
+        begun, off = one.now_ns, share * (high - low)
+
+        def late(rig: TrimmedStage, reading: float, begun: int = begun, off: float = off) -> float:
+            return reading + (off if rig.now_ns - begun > after_s * 1e9 else 0.0)
+
+        one.go(0.5 * (low + high), 15.0, late)
+        assert not frozen(one)
+        assert abs(error_um(one, off)) < ON_TARGET_UM
+
+
+def test_on_target_again_after_a_gauge_that_drifted_and_jumped_back() -> None:
+    one = rig()
+    low, high = one.reach
+    place = 0.5 * (low + high)
+    one.go(place, 5.0)
+    begun = one.now_ns
+
+    def drifting(rig: TrimmedStage, reading: float) -> float:
+        return reading + 3.0 * (rig.now_ns - begun) / 30e9
+
+    one.go(place, 30.0, drifting)
+    assert abs(error_um(one)) > 0.5  # nothing can tell it from a stage that drifts
+    one.go(place, 12.0)
+    assert not frozen(one)
+    assert abs(error_um(one)) < ON_TARGET_UM
+    said = [text for text in one.stepper.events if "trim" in text]
+    assert "plausible" in said[-2]
+    assert "goes on once the reading is settled" in said[-2]
+    assert "the trim goes on" in said[-1]
+    trim = one.telemetry["trim"]
+    most = float(one.stepper.trim_setting["rate"][0]) * one.period_ns * 1e-9
+    assert np.abs(np.diff(trim)).max() <= most * (1 + 1e-9)
+    assert np.abs(trim).max() <= float(one.stepper.trim_setting["limit"][0])
+
+
+@pytest.mark.parametrize("wrong", [1.0, -1.5, 3.0, 8.0, math.nan])
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_gauge_that_stays_wrong_does_not_move_the_stage(wrong: float, moves: bool) -> None:
+    one = rig()
+    low, high = one.reach
+    one.go(0.5 * (low + high), 5.0)
+    before = one.records[-1]["trim"]
+    for k in range(10):
+        place = 0.5 * (low + high) + (3.0 * math.sin(k) if moves else 0.0)
+        one.go(place, 3.0, lambda _, reading: reading + wrong)
+    assert frozen(one)
+    assert abs(one.records[-1]["trim"] - before) < 0.02
+    said = int(one.stepper.trim["lasting"][0])
+    assert said in (Why.JUMPED, Why.BEYOND, Why.NO_READING)
