@@ -11,10 +11,10 @@ from dehyst import __version__
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.terminal.progress import progress_bar
+from dehyst.drivers.apt.link import USB_IDS as GAUGES
 from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import DeviceNotFound
 from dehyst.drivers.ksg101 import probe as gauges
-from dehyst.drivers.ksg101.driver import USB_IDS as GAUGES
 from dehyst.drivers.mdt693b import probe as amplifiers
 from dehyst.drivers.mdt693b.codec import Dialect
 from dehyst.drivers.mdt693b.settings import Mdt693bConfig, find_port

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dehyst.daemon.loop.checks import highest_rate, joined
+from dehyst.drivers.apt.link import USB_IDS as GAUGES
 from dehyst.drivers.interface import (
     Actuator,
     DeviceSpec,
@@ -13,7 +14,6 @@ from dehyst.drivers.interface import (
     ProtocolError,
     Sensor,
 )
-from dehyst.drivers.ksg101.driver import USB_IDS as GAUGES
 from dehyst.drivers.mdt693b.settings import USB_IDS as AMPLIFIERS
 from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.drivers.serial_port import find_usb_ports

@@ -4,10 +4,10 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from dehyst.drivers.settings import Settings
+from dehyst.drivers.emulated.apt_unit import AptFaults, AptKnobs
 
 
-class Ksg101Knobs(Settings, frozen=True):
+class Ksg101Knobs(AptKnobs, frozen=True):
     """The unit; the defaults are a plausible one."""
 
     driver = "emulated ksg101"
@@ -20,22 +20,14 @@ class Ksg101Knobs(Settings, frozen=True):
     scale_error: Annotated[
         float, Meta(description="readings are this much too large, as on some units")
     ] = 1.0
-    latency_s: Annotated[float, Meta(ge=0, description="from a request to its reply")] = 0.0002
     smoothing_s: Annotated[
         float, Meta(gt=0, description="time constant of the smoothed reading")
     ] = 0.05
-    chunk_size: Annotated[int, Meta(ge=0, description="bytes per write; 0: whole")] = 0
-    seed: Annotated[int, Meta(description="of the garbage")] = 0
 
 
-class Ksg101Faults(Settings, frozen=True):
+class Ksg101Faults(AptFaults, frozen=True):
     """Faults while the unit runs."""
 
     driver = "emulated ksg101's faults"
 
-    mute: Annotated[bool, Meta(description="no replies")] = False
-    delay_s: Annotated[float, Meta(ge=0, description="replies come this much later")] = 0.0
-    garbage: Annotated[
-        int, Meta(ge=0, description="this number of replies have random bytes before them")
-    ] = 0
     stuck: Annotated[bool, Meta(description="always the same reading")] = False

@@ -8,22 +8,23 @@ is a little ago when this process is late.
 """
 
 import math
-import random
 import time
-from collections import deque
 from collections.abc import Callable
 
-from msgspec import structs
-
+from dehyst.drivers.apt import codec
+from dehyst.drivers.apt.codec import AptMessage
+from dehyst.drivers.emulated.apt_unit import AptUnit
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Faults, Ksg101Knobs
-from dehyst.drivers.ksg101 import codec
-from dehyst.drivers.ksg101.codec import AptMessage, Decoder, encode_apt
 
 FULL_SCALE = 32767
 
 
-class Ksg101Unit:
+class Ksg101Unit(AptUnit):
     """See the module; fulfils pty_device.PtyUnit."""
+
+    knobs: Ksg101Knobs
+    faults: Ksg101Faults
+    notes = b"emulated strain gauge reader"
 
     def __init__(
         self,
@@ -31,15 +32,9 @@ class Ksg101Unit:
         position: Callable[[float], float] = lambda time_s: 0.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.knobs = knobs or Ksg101Knobs()
-        self.faults = Ksg101Faults()
+        super().__init__(knobs or Ksg101Knobs(), Ksg101Faults(), clock)
         self.readings_done = 0
         self._position = position
-        self._clock = clock
-        self._decoder = Decoder(receiver=codec.UNIT, sender=codec.HOST)
-        self._random = random.Random(self.knobs.seed)
-        self._requests: deque[tuple[float, AptMessage]] = deque()
-        self._outgoing: deque[tuple[float, bytes]] = deque()
         self._zero_um = 0.0
         self._zeroed = False
         self._smooth_um: tuple[float, float] | None = None  # value, time
@@ -52,57 +47,8 @@ class Ksg101Unit:
             "reserved": 0,
         }
 
-    def feed(self, data: bytes) -> None:
-        """Bytes from the host arrive now."""
-        due = self._clock() + self.knobs.latency_s
-        self._requests.extend((due, message) for message in self._decoder.feed(data))
-
-    def take(self) -> bytes:
-        """The next bytes that leave by now; requests that are due by now are carried out."""
-        now = self._clock()
-        while self._requests and self._requests[0][0] <= now:
-            due, message = self._requests.popleft()
-            reply = self._answer(message, due)
-            if reply and not self.faults.mute:
-                self._send(reply, due + self.faults.delay_s)
-        if self._outgoing and self._outgoing[0][0] <= now:
-            return self._outgoing.popleft()[1]
-        return b""
-
-    def next_due_s(self) -> float | None:
-        """Clock time at which take() has something next."""
-        due = [queue[0][0] for queue in (self._requests,) if queue]
-        due += [queue[0][0] for queue in (self._outgoing,) if queue]
-        return min(due, default=None)
-
-    def link_lost(self) -> None:
-        """The cable was pulled; the zero stays."""
-        self._decoder.reset()
-        self._requests.clear()
-        self._outgoing.clear()
-
-    def _send(self, reply: bytes, due_s: float) -> None:
-        if self.faults.garbage > 0:
-            self.faults = structs.replace(self.faults, garbage=self.faults.garbage - 1)
-            reply = self._random.randbytes(7) + reply
-        size = self.knobs.chunk_size or len(reply)
-        for start in range(0, len(reply), size):
-            self._outgoing.append((due_s, reply[start : start + size]))
-
     def _answer(self, message: AptMessage, now: float) -> bytes:
         name = message.name
-        if name == "hw_req_info":
-            return self._reply(
-                "hw_get_info",
-                serial_number=self.knobs.serial_number,
-                model=self.knobs.model.encode()[:8],
-                type=3,
-                firmware=bytes([3, 0, 1, 0]),  # minor, interim, major
-                notes=b"emulated strain gauge reader",
-                hardware_version=1,
-                modification=0,
-                channels=1,
-            )
         if name == "pz_req_maxtravel":
             steps = round(self.knobs.max_travel_um * 10)
             return self._reply("pz_get_maxtravel", chan=1, travel_100nm=steps)
@@ -129,10 +75,6 @@ class Ksg101Unit:
                 "pz_get_pzstatusupdate", chan=1, output=0, position=counts, status=status
             )
         return b""
-
-    @staticmethod
-    def _reply(name: str, **values: object) -> bytes:
-        return encode_apt(name, source=codec.UNIT, destination=codec.HOST, **values)
 
     def _measure(self, now: float) -> float:
         if not self.faults.stuck:

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from dehyst.drivers.apt.codec import GAUGE_CONNECTED, ZEROED, Decoder, encode_apt
 from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import DeviceTimeout
-from dehyst.drivers.ksg101.codec import GAUGE_CONNECTED, ZEROED, Decoder, encode_apt
 from dehyst.drivers.ksg101.driver import FULL_SCALE
 from dehyst.drivers.recorded import RecordedExchange, record_exchange
 from dehyst.drivers.serial_port import SerialPort

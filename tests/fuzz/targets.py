@@ -24,7 +24,7 @@ from dehyst.daemon.files.models import load_model
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.rings.records import TELEMETRY, Command, State
-from dehyst.drivers.ksg101.codec import Decoder, encode_apt
+from dehyst.drivers.apt.codec import Decoder, encode_apt
 from dehyst.drivers.mdt693b.codec import (
     Ack,
     Dialect,

@@ -1,9 +1,9 @@
 """The emulated KSG101 alone: bytes in, bytes out, on a clock of its own."""
 
+from dehyst.drivers.apt import codec
+from dehyst.drivers.apt.codec import Decoder, encode_apt
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Knobs
 from dehyst.drivers.emulated.ksg101_unit import Ksg101Unit
-from dehyst.drivers.ksg101 import codec
-from dehyst.drivers.ksg101.codec import Decoder, encode_apt
 
 
 def test_a_unit_that_is_served_late_reads_the_moment_at_which_the_reading_was_due() -> None:

@@ -5,7 +5,7 @@ from tests.mutations.change import Change, room
 DRIVER, LINK = "drivers/mdt693b/driver.py", "drivers/mdt693b/link.py"
 FACTS, EXCHANGE = "drivers/mdt693b/unit_facts.py", "drivers/mdt693b/exchange.py"
 REPLIES, CODEC = "drivers/mdt693b/replies.py", "drivers/mdt693b/codec.py"
-KSG, KSG_CODEC = "drivers/ksg101/driver.py", "drivers/ksg101/codec.py"
+APT_CODEC, APT_LINK, KPZ = "drivers/apt/codec.py", "drivers/apt/link.py", "drivers/kpz101/driver.py"
 
 CHANGES = [
     *room(
@@ -182,48 +182,131 @@ CHANGES = [
         ),
     ),
     *room(
-        ("tests/drivers/ksg101/test_codec.py",),
+        ("tests/drivers/apt/test_codec.py",),
         Change(
             "gauge-sign",
-            KSG_CODEC,
+            APT_CODEC,
             '("chan", "reading", "smoothed"), "HhH"',
             '("chan", "reading", "smoothed"), "HHH"',
             "negative readings become full scale",
         ),
         Change(
             "gauge-order",
-            KSG_CODEC,
+            APT_CODEC,
             'struct.unpack_from("<" + layout.data, data)',
             'struct.unpack_from(">" + layout.data, data)',
             "readings have their bytes swapped",
         ),
         Change(
             "gauge-others-messages",
-            KSG_CODEC,
+            APT_CODEC,
             "destination & ~HAS_DATA != self.receiver or source != self.sender:",
             "destination & ~HAS_DATA != self.receiver:",
             "another unit's reading is taken",
         ),
         Change(
             "gauge-garbage",
-            KSG_CODEC,
+            APT_CODEC,
             "if length > LONGEST or",
             "if",
             "garbage holds the gauge up until it has sent 65 kB",
         ),
         Change(
             "gauge-half-message",
-            KSG_CODEC,
+            APT_CODEC,
             "            elif len(self._buffer) < size:\n                break\n",
             "",
             "half a message is decoded",
         ),
         Change(
             "gauge-skipped-not-counted",
-            KSG_CODEC,
+            APT_CODEC,
             "                self.skipped += 1\n",
             "",
             "a bad line is not told",
+        ),
+    ),
+    *room(
+        ("tests/drivers/kpz101/test_driver.py",),
+        Change(
+            "piezo-beyond-the-range",
+            KPZ,
+            "if not minimum <= volts <= maximum:  # NaN included",
+            "if volts > maximum:",
+            "a negative voltage, or NaN, is sent to the piezo driver",
+        ),
+        Change(
+            "piezo-limit-of-another-unit",
+            KPZ,
+            "self._link, self._limit_v, self._set_v = link, limit_v, set_v",
+            "self._link, self._set_v = link, set_v",
+            "counts are worth the driver's default limit, not the unit's: wrong voltages",
+        ),
+        Change(
+            "piezo-max-beyond-the-limit",
+            KPZ,
+            "if max_v is not None and max_v > limit_v:",
+            "if False:",
+            "a range that the unit does not have is accepted",
+        ),
+        Change(
+            "piezo-other-limit",
+            KPZ,
+            "if wanted_v is not None and limit_v != wanted_v:",
+            "if wanted_v is not None and limit_v < wanted_v:",
+            "a unit that is set to 150 V drives a stage of 75 V",
+        ),
+        Change(
+            "piezo-closed-loop",
+            KPZ,
+            "if mode != codec.OPEN_LOOP:",
+            "if mode == codec.CLOSED_LOOP:",
+            "a unit that smooths its output or closes its own loop is driven",
+        ),
+        Change(
+            "piezo-inputs-added",
+            KPZ,
+            "if source != codec.SOFTWARE_ONLY:",
+            "if source == codec.EXTERNAL_SIGNAL:",
+            "the potentiometer adds to every set-point unnoticed",
+        ),
+        Change(
+            "piezo-enabled-with-a-jump",
+            KPZ,
+            'zero = encode_apt("pz_set_outputvolts", chan=1, voltage=0)',
+            'zero = b""',
+            "the output cannot be enabled where a set-point is stored",
+        ),
+        Change(
+            "piezo-enabled-unchecked",
+            KPZ,
+            "    if counts != 0:\n",
+            "    if counts < 0:\n",
+            "the output is enabled and jumps to a stored set-point",
+        ),
+        Change(
+            "piezo-report-not-compared",
+            KPZ,
+            "if abs(found - counts) > READBACK_COUNTS:",
+            "if False:",
+            "a set that the unit ignores is taken as carried out",
+        ),
+        Change(
+            "piezo-other-model",
+            APT_LINK,
+            "if not model.startswith(kind.models):",
+            "if False:",
+            "any unit that speaks APT is driven as a piezo driver",
+        ),
+    ),
+    *room(
+        ("tests/drivers/ksg101/test_driver.py",),
+        Change(
+            "apt-late-reply",
+            APT_LINK,
+            'if self._late and wanted != "hw_get_info":',
+            "if False:",
+            "a late reading is taken for the next one",
         ),
     ),
 ]

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dehyst.drivers.apt import codec
+from dehyst.drivers.apt.codec import HOST, MESSAGES, UNIT, Decoder, encode_apt
 from dehyst.drivers.interface import ProtocolError
-from dehyst.drivers.ksg101 import codec
-from dehyst.drivers.ksg101.codec import HOST, MESSAGES, UNIT, Decoder, encode_apt
 
 # request or reply, its bytes written out by hand from the protocol document's layouts
 GOLDEN = [
@@ -42,6 +42,36 @@ GOLDEN = [
     ),
     (("pz_req_pzstatusupdate", {"chan": 1}, HOST, UNIT), "60 06 01 00 50 01"),
     (("pz_ack_pzstatusupdate", {}, HOST, UNIT), "62 06 00 00 50 01"),
+    (("mod_set_chanenablestate", {"chan": 1, "state": 1}, HOST, UNIT), "10 02 01 01 50 01"),
+    (("mod_req_chanenablestate", {"chan": 1}, HOST, UNIT), "11 02 01 00 50 01"),
+    (("mod_get_chanenablestate", {"chan": 1, "state": 2}, UNIT, HOST), "12 02 01 02 01 50"),
+    (("pz_set_poscontrolmode", {"chan": 1, "mode": 1}, HOST, UNIT), "40 06 01 01 50 01"),
+    (("pz_req_poscontrolmode", {"chan": 1}, HOST, UNIT), "41 06 01 00 50 01"),
+    (("pz_get_poscontrolmode", {"chan": 1, "mode": 2}, UNIT, HOST), "42 06 01 02 01 50"),
+    (
+        ("pz_set_outputvolts", {"chan": 1, "voltage": 0x1234}, HOST, UNIT),
+        "43 06 04 00 d0 01 01 00 34 12",
+    ),
+    (("pz_req_outputvolts", {"chan": 1}, HOST, UNIT), "44 06 01 00 50 01"),
+    (
+        ("pz_get_outputvolts", {"chan": 1, "voltage": -2}, UNIT, HOST),
+        "45 06 04 00 81 50 01 00 fe ff",
+    ),
+    (("pz_req_inputvoltssrc", {"chan": 1}, HOST, UNIT), "53 06 01 00 50 01"),
+    (
+        ("pz_get_inputvoltssrc", {"chan": 1, "inputs": 2}, UNIT, HOST),
+        "54 06 04 00 81 50 01 00 02 00",
+    ),
+    (("pz_req_tpz_iosettings", {"chan": 1}, HOST, UNIT), "d5 07 01 00 50 01"),
+    (
+        (
+            "pz_get_tpz_iosettings",
+            {"chan": 1, "voltage_limit": 3, "hub_analog_input": 2, "future_1": 0, "future_2": 0},
+            UNIT,
+            HOST,
+        ),
+        "d6 07 0a 00 81 50 01 00 03 00 02 00 00 00 00 00",
+    ),
 ]
 
 

@@ -5,9 +5,9 @@ A header of six bytes, little-endian, with data behind it or two parameters in i
     <HBBBB   id, parameter 1, parameter 2, destination, source
     <HHBB    id, length of the data, destination | 0x80, source         then the data
 
-All messages that a KSG101 / TSG001 strain gauge reader knows here are in MESSAGES. The layouts
-are those of Thorlabs' "APT Communications Protocol"; packages on the net have other ids for the
-TSG messages, which the units do not answer.
+All messages that a KSG101 / TSG001 strain gauge reader or a KPZ101 / TPZ001 piezo driver knows
+here are in MESSAGES. The layouts are those of Thorlabs' "APT Communications Protocol"; packages on
+the net have other ids for the TSG messages, which the units do not answer.
 """
 
 import struct
@@ -50,6 +50,7 @@ class AptMessage:
 
 
 _IO = ("chan", "analog_out", "display_mode", "force_calibration", "reserved")
+_TPZ_IO = ("chan", "voltage_limit", "hub_analog_input", "future_1", "future_2")
 _INFO = (
     "serial_number",
     "model",
@@ -68,13 +69,28 @@ MESSAGES = (
     Layout(0x0012, "hw_stop_updatemsgs", ()),
     Layout(0x0080, "hw_response", ()),
     Layout(0x0081, "hw_richresponse", ("message", "code", "text"), "HH64s"),
+    Layout(0x0210, "mod_set_chanenablestate", ("chan", "state")),
+    Layout(0x0211, "mod_req_chanenablestate", ("chan",)),
+    Layout(0x0212, "mod_get_chanenablestate", ("chan", "state")),
     Layout(0x0223, "mod_identify", ("chan",)),
+    Layout(0x0640, "pz_set_poscontrolmode", ("chan", "mode")),
+    Layout(0x0641, "pz_req_poscontrolmode", ("chan",)),
+    Layout(0x0642, "pz_get_poscontrolmode", ("chan", "mode")),
+    Layout(0x0643, "pz_set_outputvolts", ("chan", "voltage"), "Hh"),
+    Layout(0x0644, "pz_req_outputvolts", ("chan",)),
+    Layout(0x0645, "pz_get_outputvolts", ("chan", "voltage"), "Hh"),
     Layout(0x0650, "pz_req_maxtravel", ("chan",)),
     Layout(0x0651, "pz_get_maxtravel", ("chan", "travel_100nm"), "HH"),
+    Layout(0x0652, "pz_set_inputvoltssrc", ("chan", "inputs"), "HH"),
+    Layout(0x0653, "pz_req_inputvoltssrc", ("chan",)),
+    Layout(0x0654, "pz_get_inputvoltssrc", ("chan", "inputs"), "HH"),
     Layout(0x0658, "pz_set_zero", ("chan",)),
     Layout(0x0660, "pz_req_pzstatusupdate", ("chan",)),
     Layout(0x0661, "pz_get_pzstatusupdate", ("chan", "output", "position", "status"), "HhhI"),
     Layout(0x0662, "pz_ack_pzstatusupdate", ()),
+    Layout(0x07D4, "pz_set_tpz_iosettings", _TPZ_IO, "HHHHH"),
+    Layout(0x07D5, "pz_req_tpz_iosettings", ("chan",)),
+    Layout(0x07D6, "pz_get_tpz_iosettings", _TPZ_IO, "HHHHH"),
     Layout(0x07DA, "tsg_set_iosettings", _IO, "HHHII"),
     Layout(0x07DB, "tsg_req_iosettings", ("chan",)),
     Layout(0x07DC, "tsg_get_iosettings", _IO, "HHHII"),
@@ -83,6 +99,21 @@ MESSAGES = (
 )
 BY_NAME = {layout.name: layout for layout in MESSAGES}
 BY_ID = {layout.id: layout for layout in MESSAGES}
+
+CHANNEL_ENABLED, CHANNEL_DISABLED = 1, 2
+"""States of mod_*_chanenablestate."""
+
+OPEN_LOOP, CLOSED_LOOP = 1, 2
+"""Modes of pz_*_poscontrolmode; 3 and 4 are the same with smooth transitions."""
+
+SOFTWARE_ONLY, EXTERNAL_SIGNAL, POTENTIOMETER = 0, 1, 2
+"""Sources of pz_*_inputvoltssrc: bits, which add to the voltage that software sets."""
+
+VOLTAGE_LIMITS_V = {1: 75.0, 2: 100.0, 3: 150.0}
+"""What voltage_limit of pz_*_tpz_iosettings says: the output at a voltage of FULL_OUTPUT."""
+
+FULL_OUTPUT = 32767
+"""voltage of pz_*_outputvolts at the unit's voltage limit."""
 
 # status bits of pz_get_pzstatusupdate
 ZEROED = 0x10

@@ -1,0 +1,142 @@
+"""The link to one APT unit on its USB serial port: requests, replies, and which unit it is.
+
+The FTDI chip holds bytes back for 16 ms unless its latency timer is set to 1 ms (the port does
+that where it may; see also the udev rule).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from dehyst.drivers.apt.codec import AptMessage, Decoder, encode_apt
+from dehyst.drivers.interface import (
+    DeviceNotFound,
+    DeviceTimeout,
+    ForeignUnit,
+    ProtocolError,
+    UnitIdentity,
+    refuse_another,
+)
+from dehyst.drivers.serial_port import SerialPort, find_usb_ports, place_of
+
+USB_IDS = ((0x0403, 0xFAF0),)  # FTDI with Thorlabs' product number
+
+
+@dataclass(frozen=True)
+class AptKind:
+    """One kind of unit. driver: its name here; models: what such units call themselves; prefixes:
+    the first digits of their serial numbers, which USB reports as well."""
+
+    driver: str
+    models: tuple[str, ...]
+    prefixes: tuple[str, ...]
+
+    def find_port(self, path: str, serial_number: str | None) -> str:
+        """The path to open; "auto": that of the one such unit on USB. serial_number: that of the
+        unit to find, if it is known. Raises DeviceNotFound."""
+        if path != "auto":
+            return path
+        # a port whose serial number the system does not report may be any unit's
+        ports = [
+            port
+            for port in find_usb_ports(USB_IDS)
+            if not port.serial_number or port.serial_number.startswith(self.prefixes)
+        ]
+        if len(ports) > 1 and serial_number:
+            ports = [port for port in ports if port.serial_number == serial_number]
+        if len(ports) != 1:
+            seen = ", ".join(port.path for port in ports) or "none"
+            raise DeviceNotFound(
+                f"{self.driver}: port = 'auto' needs one unit on USB, found {seen}"
+            )
+        return ports[0].path
+
+
+class AptLink:
+    """An open port with a unit behind it; used by one thread. Its calls raise DeviceTimeout,
+    DeviceGone or ProtocolError."""
+
+    def __init__(
+        self, path: str, timeout_s: float, rtscts: bool, clock: Callable[[], float]
+    ) -> None:
+        """Open the port and end updates that nobody asked for. Raises DeviceNotFound."""
+        self._timeout_s = timeout_s
+        self._clock = clock
+        self._decoder = Decoder()
+        self._late = False  # a request timed out: its reply may still come
+        self._port = SerialPort(path, write_timeout_s=timeout_s, rtscts=rtscts, clock=clock)
+        try:
+            self.send("hw_stop_updatemsgs")
+            self._port.read_available()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def path(self) -> str:
+        """Of the port."""
+        return self._port.path
+
+    def close(self) -> None:
+        """Give the port back. Safe to call twice."""
+        self._port.close()
+
+    def send(self, name: str, **values: int) -> None:
+        """Send a message that has no reply."""
+        self._port.write(encode_apt(name, **values))
+
+    def identify(
+        self, kind: AptKind, serial_number: str | None, known: UnitIdentity | None
+    ) -> tuple[UnitIdentity, str]:
+        """Which unit answers, and the same in words. Raises ForeignUnit where it is of another
+        kind, has another serial number than the wanted one, or is not the one that is known."""
+        info = self.ask("hw_req_info", "hw_get_info").values
+        model = bytes(info["model"]).split(b"\0")[0].decode("ascii", "replace").strip()
+        minor, interim, major, _ = bytes(info["firmware"])
+        if not model.startswith(kind.models):
+            raise ForeignUnit(
+                f"{self.path}: the unit is a {model!r}, wanted is a {' or '.join(kind.models)}; "
+                "nothing was set on it"
+            )
+        number = str(info["serial_number"] or "")
+        if serial_number is not None and number != serial_number:
+            raise ForeignUnit(
+                f"{self.path}: the unit has serial number {number!r}, wanted is {serial_number!r}"
+            )
+        found = UnitIdentity(number, model, place_of(self.path))
+        refuse_another(self.path, found, known)
+        return found, f"{model} serial {number or 'blank'} firmware {major}.{interim}.{minor}"
+
+    def ask(self, request: str, wanted: str, first: bytes = b"", **values: int) -> AptMessage:
+        """Send a request and wait for its reply, past anything else, for timeout_s at most.
+        first: messages without a reply that go out ahead of it, in the same write."""
+        deadline_s = self._clock() + self._timeout_s
+        if self._late and wanted != "hw_get_info":
+            # replies carry no number: ask for something else first, so that a late reply is
+            # not mistaken for the answer to this request
+            self._exchange("hw_req_info", "hw_get_info", deadline_s)
+        return self._exchange(request, wanted, deadline_s, first, **values)
+
+    def _exchange(
+        self, request: str, wanted: str, deadline_s: float, first: bytes = b"", **values: int
+    ) -> AptMessage:
+        port = self._port
+        port.write(first + encode_apt(request, **values))
+        skipped = self._decoder.skipped
+        while True:
+            data = port.read_until_deadline(deadline_s)
+            for message in self._decoder.feed(data):
+                if message.name == wanted:
+                    self._late = False
+                    return message
+                if message.name in ("hw_response", "hw_richresponse"):
+                    raise ProtocolError(
+                        f"{port.path}: the unit refuses {request}: {message.values}"
+                    )
+            if not data:
+                self._decoder.reset()
+                self._late = True
+                strange = self._decoder.skipped - skipped
+                raise DeviceTimeout(
+                    f"{port.path}: no answer to {request} within {self._timeout_s:g} s"
+                    + (f" ({strange} bytes that are no APT message came)" if strange else "")
+                )

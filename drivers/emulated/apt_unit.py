@@ -1,0 +1,111 @@
+"""What the emulated APT units have in common: requests and replies with their times and faults."""
+
+import random
+from collections import deque
+from collections.abc import Callable
+from typing import Annotated
+
+from msgspec import Meta, structs
+
+from dehyst.drivers.apt import codec
+from dehyst.drivers.apt.codec import AptMessage, Decoder, encode_apt
+from dehyst.drivers.settings import Settings
+
+
+class AptKnobs(Settings, frozen=True):
+    """How any such unit is built."""
+
+    driver = "emulated APT unit"
+
+    serial_number: Annotated[int, Meta(ge=0, description="what the unit calls itself")] = 0
+    model: Annotated[str, Meta(max_length=8, description="what the unit is")] = ""
+    latency_s: Annotated[float, Meta(ge=0, description="from a request to its reply")] = 0.0002
+    chunk_size: Annotated[int, Meta(ge=0, description="bytes per write; 0: whole")] = 0
+    seed: Annotated[int, Meta(description="of the garbage")] = 0
+
+
+class AptFaults(Settings, frozen=True):
+    """Faults of any such unit while it runs."""
+
+    driver = "emulated APT unit's faults"
+
+    mute: Annotated[bool, Meta(description="no replies")] = False
+    delay_s: Annotated[float, Meta(ge=0, description="replies come this much later")] = 0.0
+    garbage: Annotated[
+        int, Meta(ge=0, description="this number of replies have random bytes before them")
+    ] = 0
+
+
+class AptUnit:
+    """Fulfils pty_device.PtyUnit; a subclass answers the messages of its kind."""
+
+    knobs: AptKnobs
+    faults: AptFaults
+    notes = b"emulated unit"
+
+    def __init__(self, knobs: AptKnobs, faults: AptFaults, clock: Callable[[], float]) -> None:
+        self.knobs = knobs
+        self.faults = faults
+        self._clock = clock
+        self._decoder = Decoder(receiver=codec.UNIT, sender=codec.HOST)
+        self._random = random.Random(knobs.seed)
+        self._requests: deque[tuple[float, AptMessage]] = deque()
+        self._outgoing: deque[tuple[float, bytes]] = deque()
+
+    def feed(self, data: bytes) -> None:
+        """Bytes from the host arrive now."""
+        due = self._clock() + self.knobs.latency_s
+        self._requests.extend((due, message) for message in self._decoder.feed(data))
+
+    def take(self) -> bytes:
+        """The next bytes that leave by now; requests that are due by now are carried out."""
+        now = self._clock()
+        while self._requests and self._requests[0][0] <= now:
+            due, message = self._requests.popleft()
+            reply = self._info() if message.name == "hw_req_info" else self._answer(message, due)
+            if reply and not self.faults.mute:
+                self._send(reply, due + self.faults.delay_s)
+        if self._outgoing and self._outgoing[0][0] <= now:
+            return self._outgoing.popleft()[1]
+        return b""
+
+    def next_due_s(self) -> float | None:
+        """Clock time at which take() has something next."""
+        due = [queue[0][0] for queue in (self._requests,) if queue]
+        due += [queue[0][0] for queue in (self._outgoing,) if queue]
+        return min(due, default=None)
+
+    def link_lost(self) -> None:
+        """The cable was pulled; what the unit was set to stays."""
+        self._decoder.reset()
+        self._requests.clear()
+        self._outgoing.clear()
+
+    def _answer(self, message: AptMessage, now: float) -> bytes:
+        """Carry out a message that was due at `now`; its reply, if it has one."""
+        raise NotImplementedError
+
+    def _send(self, reply: bytes, due_s: float) -> None:
+        if self.faults.garbage > 0:
+            self.faults = structs.replace(self.faults, garbage=self.faults.garbage - 1)
+            reply = self._random.randbytes(7) + reply
+        size = self.knobs.chunk_size or len(reply)
+        for start in range(0, len(reply), size):
+            self._outgoing.append((due_s, reply[start : start + size]))
+
+    def _info(self) -> bytes:
+        return self._reply(
+            "hw_get_info",
+            serial_number=self.knobs.serial_number,
+            model=self.knobs.model.encode()[:8],
+            type=3,
+            firmware=bytes([3, 0, 1, 0]),  # minor, interim, major
+            notes=self.notes,
+            hardware_version=1,
+            modification=0,
+            channels=1,
+        )
+
+    @staticmethod
+    def _reply(name: str, **values: object) -> bytes:
+        return encode_apt(name, source=codec.UNIT, destination=codec.HOST, **values)

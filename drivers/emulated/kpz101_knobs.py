@@ -1,0 +1,36 @@
+"""How the emulated KPZ101 is built, and the faults that can be switched while it runs."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from dehyst.drivers.emulated.apt_unit import AptFaults, AptKnobs
+
+
+class Kpz101Knobs(AptKnobs, frozen=True):
+    """The unit; the defaults are a plausible one."""
+
+    driver = "emulated kpz101"
+
+    serial_number: Annotated[int, Meta(ge=0, description="what the unit calls itself")] = 29000123
+    model: Annotated[str, Meta(max_length=8, description="what the unit is")] = "KPZ101"
+    limit_v: Annotated[Literal[75, 100, 150], Meta(description="the unit's voltage limit [V]")] = (
+        150
+    )
+    start_v: Annotated[float, Meta(ge=0, le=150, description="set-point at power-on [V]")] = 0.0
+    enabled: Annotated[bool, Meta(description="the output is enabled at power-on")] = False
+    mode: Annotated[int, Meta(ge=1, le=4, description="position control mode; 1: open loop")] = 1
+    source: Annotated[int, Meta(ge=0, le=3, description="voltage source; 0: software only")] = 0
+
+    def check(self) -> None:
+        """The set-point must be within the limit."""
+        if self.start_v > self.limit_v:
+            raise self.wrong("start_v", f"at most limit_v = {self.limit_v}")
+
+
+class Kpz101Faults(AptFaults, frozen=True):
+    """Faults while the unit runs."""
+
+    driver = "emulated kpz101's faults"
+
+    stuck: Annotated[bool, Meta(description="sets are not carried out")] = False

@@ -1,0 +1,5 @@
+"""Thorlabs KPZ101 and TPZ001 piezo drivers over serial: driver and settings."""
+
+from dehyst.drivers.kpz101.driver import Kpz101
+
+__all__ = ["Kpz101"]
