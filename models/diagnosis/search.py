@@ -132,11 +132,11 @@ def refit_each(
     problem, sigma, current = state.problem, state.sigma, state.accepted
 
     def attempt(one: Promise) -> CandidateTrial:
-        trials = [
-            tried(problem, sigma, current, one.candidate, theta)
-            for theta in (one.theta, *one.further, *_from_afar(problem, current, one.candidate))
-        ]
-        return max(trials, key=lambda t: t.gain)
+        c = one.candidate
+        starts = [one.theta, *one.further, *_from_afar(problem, current, c)]
+        starts += [double for theta in starts for double in c.doubles(theta)]
+        trials = [tried(problem, sigma, current, c, theta) for theta in starts]
+        return max(trials, key=_likely_gain)
 
     trials = []
     for k, trial in enumerate(problem.several(attempt, short)):
@@ -144,6 +144,11 @@ def refit_each(
         say(f"tried {trial.candidate.key}", min(0.85, 0.1 + share))
         trials.append(trial)
     return sorted(trials, key=lambda t: -t.worth)
+
+
+def _likely_gain(trial: CandidateTrial) -> float:
+    candidate = trial.candidate
+    return trial.gain * candidate.likely(effect_of(trial.fit, candidate.key).theta)
 
 
 def _from_afar(problem: Problem, current: JointFit, c: Candidate) -> list[tuple[float, ...]]:

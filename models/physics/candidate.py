@@ -121,6 +121,10 @@ class Candidate:
         """Values from which the search begins (one tuple for each trial)."""
         return [self.refined(())] if self.refines else [()]
 
+    def doubles(self, theta: Sequence[float]) -> list[tuple[float, ...]]:
+        """Likelier values that make nearly the same of the samples: they are refitted too."""
+        return []
+
     def likely(self, theta: Sequence[float]) -> float:
         """Weight of a start's screened gain: below 1 where a plainer one should go first."""
         return 1.0

@@ -190,6 +190,15 @@ class Resonance(Candidate):
             out += [(f, 0.1, 1.0), (rate - f, 0.01, 1.0), (rate + f, 0.01, 1.0)]
         return out
 
+    def doubles(self, theta: Sequence[float]) -> list[tuple[float, ...]]:
+        f, z, share = theta
+        mirrored = abs(f - self._rate * round(f / self._rate))
+        low, damping, _ = self.parameters
+        if f < 0.5 * self._rate or mirrored < low.low:
+            return []
+        # it rings as long: damping times frequency is the same
+        return [(mirrored, min(z * f / mirrored, damping.high), share)]
+
     def likely(self, theta: Sequence[float]) -> float:
         # the mirror of a mode rings at the same samples: only where it does clearly better
         return 1.0 if theta[0] < 0.5 * self._rate else MIRRORED

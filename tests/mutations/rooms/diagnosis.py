@@ -318,6 +318,16 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/models/diagnosis/test_mirror.py",),
+        Change(
+            "mirror-goes-alone",
+            SEARCH,
+            "        starts += [double for theta in starts for double in c.doubles(theta)]\n",
+            "",
+            "a mode is named at its mirror above half the sampling rate",
+        ),
+    ),
+    *room(
         ("tests/models/diagnosis/test_handout.py",),
         Change(
             "left-out-rows-are-fitted",
