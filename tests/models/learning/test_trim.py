@@ -186,11 +186,11 @@ def test_what_the_difference_usually_is_is_plausible(off: float) -> None:
     assert loop.trim == pytest.approx(-off, abs=0.01)
 
 
-@pytest.mark.parametrize("off", [0.34, 0.6, 1.5])
-def test_a_state_of_the_model_that_is_in_doubt_is_judged_anew(off: float) -> None:
+@pytest.mark.parametrize(("first", "off"), [(0.0, 0.34), (0.0, 0.6), (0.0, 1.5), (-0.8, 0.024)])
+def test_a_state_of_the_model_that_is_in_doubt_is_judged_anew(first: float, off: float) -> None:
     """A new loop's state lacks what was long before: it shows after the first readings."""
     loop = Loop()
-    loop.go(0.5, 0.0)
+    loop.go(0.5, first)
     loop.go(12.0, off)
     assert loop.trim == pytest.approx(-off, abs=0.01)
 

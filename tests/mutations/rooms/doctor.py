@@ -217,7 +217,7 @@ CHANGES = [
     *room(
         ("tests/daemon/gateway/test_doctor_desk.py",),
         Change(
-            "waits-for-ever", DESK, "        elif name := self._waiting:",
+            "offer-waits-for-ever", DESK, "        elif name := self._waiting:",
             "        elif name := str():",
             "an offer that waits for a trial's end is never put to work",
         ),
