@@ -53,6 +53,7 @@ COMMON = {
     "time_ns": "The controller's monotonic clock.",
     "wall_ns": "The same moment, ns since 1970.",
     "code": "Short reason, for programs: see the table of codes.",
+    "Event.code": "A short name of what happened, for programs that look for one; may grow.",
     "text": "The same in words, for people.",
     "name": "Name of the controller or axis, as in the keys.",
     "pid": "Process number.",
@@ -74,7 +75,7 @@ COMMON = {
     "RecentEvents.events": "Oldest first.",
     "DoctorReport.case": "Name of the mismatch: the folder of its recordings.",
     "DoctorReport.time_ns": "Of the mismatch, the controller's monotonic clock.",
-    "DoctorReport.state": "working, found, failed, trial, accepted, returned or rejected.",
+    "DoctorReport.state": "See the description of the message.",
     "DoctorReport.says": "The findings in words.",
     "DoctorReport.effects": "What was named, strongest first.",
     "DoctorReport.rms_augmented": "What the augmented model leaves of the recording, rms.",
@@ -195,7 +196,7 @@ def _explain(schema: dict[str, Any], kind: type[msgspec.Struct]) -> None:
                 f"msgpack bin: {number}, little-endian, one for each sample or point"
             )
         elif field.get("default") != field.get("default"):
-            field["default"] = None  # NaN, which JSON does not have
+            del field["default"]  # NaN, which JSON does not have
         if text := meaning_of(kind, name):
             field["description"] = text
 

@@ -142,11 +142,12 @@ class Reply(Message, tag_field="schema", tag="dehyst.reply", frozen=True, kw_onl
     version: Version = 1
     ok: bool
     code: Name = "ok"
-    """Short reason: see dehyst.daemon.bus.refusal_codes.CODES."""
+    """Short reason: see the table of codes."""
     text: Text = ""
     """The same in words."""
     lease: Id = 0
-    """Number to put into every command; 0: the sender has no lease."""
+    """In the answer to a request by the holder of the lease: the number to put into every command;
+    0 in every other answer."""
     lease_s: float = 0.0
     """The lease ends this long after the last command or renewal."""
     queue_s: float = 0.0
@@ -274,7 +275,7 @@ class TelemetryBatch(
     Message, tag_field="schema", tag="dehyst.telemetry", frozen=True, kw_only=True
 ):
     """`count` samples with the sequence numbers first_seq, first_seq + 1 ... Columns as in
-    dehyst.daemon.rings.records.TELEMETRY; displacements in `unit`, voltages in V."""
+    docs/topics.md; displacements in `unit`, voltages in V."""
 
     version: Version = 1
     run: Id
@@ -338,7 +339,8 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
     """Misfit over what is expected at most: below 1 the stage behaves as its model; below 0 the
     watch is still learning, -0.4: 40 % of the first motion is still to be seen."""
     mismatch: Name = ""
-    """Why it does not: a figure of dehyst.models.mismatch.monitor, or "stuck"; "" while it does."""
+    """Why it does not, "" while it does: the figure that is too large (gain, offset, whole, all,
+    ringing, short or fit), or stuck: the gauge repeats one value."""
     target: float = math.nan
     """Of the newest sample, from the set-point origin; NaN: none."""
     measured: float = math.nan
@@ -346,7 +348,7 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
 
 
 class Status(LoopStatus, tag_field="schema", tag="dehyst.status", frozen=True, kw_only=True):
-    """State of the loop, 1 Hz and at every change: the rows of dehyst.daemon.rings.status."""
+    """State of the loop, as it was written last: once a second, and when the state changes."""
 
     version: Version = 2
     gateway: GatewayStatus

@@ -13,7 +13,7 @@ class Code(NamedTuple):
 
 CODES = {
     "ok": Code("done"),
-    "duplicate": Code("this chunk was taken before; nothing happened"),
+    "duplicate": Code("this chunk was taken before; nothing happened (the answer has ok: true)"),
     "bad-message": Code("not a message of this version"),
     "no-core": Code("the loop does not run", waits=True),
     "starting": Code("the loop is starting and follows no commands yet", waits=True),
@@ -27,6 +27,7 @@ CODES = {
     "unreachable": Code("outside the reachable range"),
     "order": Code("a chunk or time stamp out of order"),
     "dense": Code("points closer than the loop's period"),
+    "span": Code("one chunk spans more than the daemon accepts ahead"),
     "over": Code("this trajectory has ended or was withdrawn"),
     "queue-full": Code("more trajectory ahead than the daemon accepts", waits=True),
     "stay": Code("the configuration does not allow a place to be kept without a client"),

@@ -286,6 +286,12 @@ class Admission:
                 f"is {self.core.period_ns * 1e-6:.3g} ms; send at most "
                 f"{1e9 / self.core.period_ns:g} points a second",
             )
+        if span_ns * 1e-9 > self.queue_s:
+            raise NotAdmitted(
+                "span",
+                f"the chunk spans {span_ns * 1e-9:.3g} s; at most {self.queue_s:g} s are accepted "
+                "in one",
+            )
         ahead_s = 0.0 if command.index == 0 else self.queue_ahead_s(now_ns)
         if ahead_s + span_ns * 1e-9 > self.queue_s:
             raise NotAdmitted(

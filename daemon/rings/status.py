@@ -216,7 +216,8 @@ class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
     trim: Annotated[float, Column("<f8", float)]
     """What it adds to the target."""
     trim_frozen: Annotated[Name, Column("u1", _why)]
-    """Why it stands still: a name of dehyst.models.learning.why.Why; "": it does not."""
+    """Why it stands still, in one word (off, not_running, no_reading, stuck, jumped, beyond,
+    distrusted or settling); "": it does not."""
     stays: Annotated[bool, Column("u1", bool)] = False
     """The set-point or hold lasts until another command, with its client gone."""
     learned: Annotated[bool, Column("u1", bool)]
