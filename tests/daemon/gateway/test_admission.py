@@ -180,7 +180,7 @@ def test_chunks_in_order_pass_and_repeated_ones_do_nothing(gate: Gate) -> None:
         ([0.0, 0.1], [0, float("nan")], "not-finite"),
         ([0.0, 0.1], [0, 6], "unreachable"),
         ([0.0, 1e-5], [0, 0], "dense"),
-        ([0.0, 10.5], [0, 0], "queue-full"),
+        ([0.0, 10.5], [0, 0], "span"),
         ([0.0, 1.1e9], [0, 0], "order"),
     ],
 )
