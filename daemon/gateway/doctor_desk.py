@@ -136,6 +136,7 @@ class DoctorDesk:
         for folder in cases.case_folders(self._config.watch_directory):
             self._read(folder)
         self._trial.resume()
+        self._over_ns = clock.monotonic_ns()  # the loop may not have been heard yet
         for name in self._known:
             if self._state(name) == "waiting":
                 self._wait(name)
