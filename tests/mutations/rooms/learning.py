@@ -120,13 +120,6 @@ CHANGES = [
             "after a restart of the loop the trim stands still with a healthy gauge",
         ),
         Change(
-            "noise-unsettles",
-            TRIM,
-            "abs(s.seen - s.anew) > unsettled",
-            "abs(s.reading - s.predicted - s.anew) > 0.2 * unsettled",
-            "a noisy gauge is never settled",
-        ),
-        Change(
             "glitches-count",
             TRIM,
             "if why == NOTHING and s.out_s == 0.0:",
