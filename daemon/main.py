@@ -50,7 +50,7 @@ COMMANDS = {
     "drivers": "list the driver plugins, the broken ones with their error",
     "latency": "test whether this machine meets the loop's deadlines",
     "probe": "record a unit's raw bytes and timings into a fixture file",
-    "emulate": "an MDT693B and KSG101s on pseudo terminals, connected to a simulated stage",
+    "emulate": "an MDT693B or KPZ101 and KSG101s on pseudo terminals, with a simulated stage",
     "warm": "compile all kernels now, so that the next start is quick",
     "completion": "print a script for tab completion",
     "keys": "make certificates for a controller and its clients",

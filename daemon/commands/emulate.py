@@ -1,4 +1,4 @@
-"""an MDT693B and KSG101s on pseudo terminals, connected to a simulated stage"""
+"""an MDT693B or KPZ101 and KSG101s on pseudo terminals, with a simulated stage"""
 
 import argparse
 import contextlib
@@ -14,6 +14,7 @@ from typing import Any
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.loop.timing import realtime
 from dehyst.drivers.emulated.bench import Bench, BenchSettings
+from dehyst.drivers.emulated.kpz101_knobs import Kpz101Knobs
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Knobs
 from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
@@ -35,6 +36,7 @@ several axes "axis": "y" says whose.
 
 examples: dehyst emulate --dir /tmp/bench --dialect 1.05 --stage creep_gain_per_decade=0.02
           dehyst emulate --axes 3 --stage x.from_y=0.03
+          dehyst emulate --amplifier kpz101 --limit-v 75
 """
 
 
@@ -46,10 +48,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--dir", metavar="DIR", help="where the ports appear (default: a new temporary folder)"
     )
     parser.add_argument(
+        "--amplifier",
+        choices=("mdt693b", "kpz101"),
+        default="mdt693b",
+        help="the amplifier; a KPZ101 has one axis (default: %(default)s)",
+    )
+    parser.add_argument(
         "--dialect",
         choices=sorted(DIALECTS),
         default=knobs.dialect,
-        help="firmware of the amplifier (default: %(default)s)",
+        help="firmware of the MDT693B (default: %(default)s)",
     )
     parser.add_argument("--axis", choices=AXES, default="x", help="axis (default: x)")
     parser.add_argument(
@@ -124,6 +132,30 @@ def stage_settings(pairs: list[str], axes: Sequence[str]) -> dict[str, StageSett
     return settings_of(axes, tables)
 
 
+def amplifier_knobs(args: argparse.Namespace) -> Mdt693bKnobs | Kpz101Knobs:
+    """How the amplifier is built. Raises BadInput for what a KPZ101 does not have."""
+    plain = Mdt693bKnobs()
+    if args.amplifier == "mdt693b":
+        return Mdt693bKnobs(
+            dialect=args.dialect,
+            limit_v=args.limit_v,
+            latency_s=args.latency_s,
+            jitter_s=args.jitter_s,
+            start_v=args.start_v,
+        )
+    for option, value in (("dialect", plain.dialect), ("jitter_s", plain.jitter_s), ("axes", 1)):
+        if getattr(args, option) != value:
+            name = option.replace("_", "-")
+            raise BadInput(f"--{name}: not for a KPZ101; leave it out, or use an MDT693B")
+    # one that stands at a voltage is enabled
+    return Kpz101Knobs(
+        limit_v=args.limit_v,
+        latency_s=args.latency_s,
+        start_v=args.start_v,
+        enabled=args.start_v > 0,
+    )
+
+
 def run(args: argparse.Namespace) -> int:
     """Serve until SIGTERM or SIGINT."""
     check_outputs([args.log], [], args.force)
@@ -144,13 +176,7 @@ def run(args: argparse.Namespace) -> int:
         if not 0 < args.max_travel_um <= 6500:
             raise BadInput("--max-travel-um must be above 0 and at most 6500")
         gauge = Ksg101Knobs(max_travel_um=args.max_travel_um)
-    amplifier = Mdt693bKnobs(
-        dialect=args.dialect,
-        limit_v=args.limit_v,
-        latency_s=args.latency_s,
-        jitter_s=args.jitter_s,
-        start_v=args.start_v,
-    )
+    amplifier = amplifier_knobs(args)
     first = stages.pop(axes[0])
     settings = BenchSettings(first, amplifier, gauge, axes[0], stages)
     # hardware answers in time whatever else the machine does; below the loop's own priority

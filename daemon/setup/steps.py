@@ -48,7 +48,7 @@ def find_units(bench: Workbench) -> Result:
     for path in wishes.ports or tuple(known):
         unit = ask_port(path, axes[0], known[path]) if path in known else ask_port(path, axes[0])
         if unit is None:
-            bench.say(f"   {path}: neither an MDT693B nor a KSG101 answers")
+            bench.say(f"   {path}: no MDT693B, KPZ101 or KSG101 answers")
         else:
             bench.say(f"   {path}: {unit.spec.identity or unit.driver}")
             found[unit.kind].append(unit)

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from dehyst.daemon.loop.checks import highest_rate, joined
-from dehyst.drivers.apt.link import USB_IDS as GAUGES
+from dehyst.drivers.apt.link import USB_IDS
 from dehyst.drivers.interface import (
     Actuator,
     DeviceSpec,
     DeviceTimeout,
+    ForeignUnit,
     Identifiable,
     ProtocolError,
     Sensor,
@@ -18,9 +19,10 @@ from dehyst.drivers.mdt693b.settings import USB_IDS as AMPLIFIERS
 from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.drivers.serial_port import find_usb_ports
 
-ACTUATOR, SENSOR = ("actuator", "mdt693b"), ("sensor", "ksg101")
-"""What may be behind a serial port. The gauge reader is asked first: its question has no line end,
-so an amplifier takes it for half a command, which its own driver then spoils."""
+ACTUATOR, PIEZO, SENSOR = ("actuator", "mdt693b"), ("actuator", "kpz101"), ("sensor", "ksg101")
+"""What may be behind a serial port. The units that speak APT are asked first: their question has no
+line end, so an MDT693B takes it for half a command, which its own driver then spoils."""
+APT_UNITS = (SENSOR, PIEZO)
 
 
 @dataclass(frozen=True)
@@ -47,13 +49,13 @@ def settings_for(port: str, serial: str) -> dict[str, Any]:
 def known_ports() -> dict[str, tuple[tuple[str, str], ...]]:
     """Ports whose USB numbers are those of such a unit, and what is behind each."""
     found: dict[str, tuple[tuple[str, str], ...]] = {}
-    for ids, unit in ((AMPLIFIERS, ACTUATOR), (GAUGES, SENSOR)):
-        found |= {port.path: (unit,) for port in find_usb_ports(ids)}
+    for ids, units in ((AMPLIFIERS, (ACTUATOR,)), (USB_IDS, APT_UNITS)):
+        found |= {port.path: units for port in find_usb_ports(ids)}
     return found
 
 
 def ask_port(
-    path: str, axis: str, expected: tuple[tuple[str, str], ...] = (SENSOR, ACTUATOR)
+    path: str, axis: str, expected: tuple[tuple[str, str], ...] = (*APT_UNITS, ACTUATOR)
 ) -> FoundUnit | None:
     """Who is at this port; None: none of the expected. Raises DriverError where the port cannot be
     opened, or the unit is there and cannot be used as it stands."""
@@ -61,12 +63,13 @@ def ask_port(
         settings: dict[str, Any] = {"port": path}
         device: Actuator | Sensor
         if kind == "actuator":
-            device = load_actuator(driver).from_settings(settings | {"axis": axis})
+            own = {"axis": axis} if (kind, driver) == ACTUATOR else {}
+            device = load_actuator(driver).from_settings(settings | own)
         else:
             device = load_sensor(driver).from_settings(settings)
         try:
             device.open()
-        except (DeviceTimeout, ProtocolError):
+        except (DeviceTimeout, ProtocolError, ForeignUnit):  # nobody, or a unit of another kind
             continue
         finally:
             device.close()

@@ -1,6 +1,7 @@
-"""The emulated bench: an MDT693B and a gauge reader for each axis, a simulated stage between them.
+"""The emulated bench: an amplifier, a gauge reader for each axis, a simulated stage between them.
 
     directory/mdt693b   port of the amplifier        directory/ksg101   port of the strain gauge
+    directory/kpz101    the same where it is a KPZ101, which has one axis
     directory/control   Unix datagram socket that takes faults and changes (control.py)
 
 With several axes each has its KSG101: directory/ksg101-x, ksg101-y, ksg101-z.
@@ -23,6 +24,8 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
+from dehyst.drivers.emulated.kpz101_knobs import Kpz101Knobs
+from dehyst.drivers.emulated.kpz101_port import Kpz101Emulator
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Knobs
 from dehyst.drivers.emulated.ksg101_unit import Ksg101Unit
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
@@ -43,7 +46,7 @@ class BenchSettings:
     coupling_um_per_v. gauge: None: a KSG101 whose travel covers the stage."""
 
     stage: StageSettings = field(default_factory=StageSettings)
-    amplifier: Mdt693bKnobs = field(default_factory=Mdt693bKnobs)
+    amplifier: Mdt693bKnobs | Kpz101Knobs = field(default_factory=Mdt693bKnobs)
     gauge: Ksg101Knobs | None = None
     axis: str = "x"
     more: Mapping[str, StageSettings] = field(default_factory=dict)
@@ -125,9 +128,13 @@ class Bench:
         self._clock = clock
         knobs = self.settings.amplifier
         stages = self.settings.stages
-        for axis in stages:
-            if axis not in knobs.axes:
-                raise DriverConfigError(f"the amplifier has axes {knobs.axes}, no {axis}")
+        if isinstance(knobs, Kpz101Knobs):
+            if len(stages) > 1:
+                raise DriverConfigError(f"a KPZ101 has one axis, the stage has {', '.join(stages)}")
+        else:
+            for axis in stages:
+                if axis not in knobs.axes:
+                    raise DriverConfigError(f"the amplifier has axes {knobs.axes}, no {axis}")
         # what the amplifier unit does already, the stage must not do again
         units = {
             "dac_step_v": 0.0,
@@ -140,7 +147,12 @@ class Bench:
         if knobs.start_v:
             for stage in self.stages.values():
                 stage.settle(knobs.start_v)
-        self.amplifier = Mdt693bEmulator(self.directory / "mdt693b", knobs, self._output, clock)
+        self.amplifier: Mdt693bEmulator | Kpz101Emulator
+        if isinstance(knobs, Kpz101Knobs):
+            drive = functools.partial(self._output, self.settings.axis)
+            self.amplifier = Kpz101Emulator(self.directory / "kpz101", knobs, drive, clock)
+        else:
+            self.amplifier = Mdt693bEmulator(self.directory / "mdt693b", knobs, self._output, clock)
         self.gauges: dict[str, PtyServer] = {}
         self.gauge_units: dict[str, Ksg101Unit] = {}
         for place, (axis, one) in enumerate(stages.items()):
@@ -168,7 +180,7 @@ class Bench:
         """The paths that drivers open, by the driver's name, and the control socket."""
         gauges = {server.link_path.name: server.port for server in self.gauges.values()}
         return {
-            "mdt693b": self.amplifier.port,
+            self.amplifier.link_path.name: self.amplifier.port,
             **gauges,
             "control": str(self.directory / "control"),
         }

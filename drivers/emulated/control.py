@@ -3,9 +3,10 @@
 Each datagram is one object with one or more of these keys:
 
     {"fault": "unplug", "device": "mdt693b" | "ksg101" | "both", "for_s": 2, "dialect": "1.05"}
+                     ("kpz101" where that is the amplifier; left out: the amplifier)
     {"fault": "stall", "device": ..., "for_s": 2}       the host's writes block
     {"fault": "stuck" | "nan" | "range" | "late", "for_s": 2, "late_s": 0.02}   the gauge's readings
-    {"amplifier": {"hang": true}, "for_s": 2}           fields of Mdt693bFaults
+    {"amplifier": {"hang": true}, "for_s": 2}           fields of Mdt693bFaults, or Kpz101Faults
     {"gauge": {"mute": true}, "for_s": 2}               fields of Ksg101Faults
     {"stage": {"creep_gain_per_decade": 0.05}, "jump": false}    settings of the stage
     {"inputs": {"temperature_k": 3.0, "ext_v": 0.5, "other_v": 40.0}}
@@ -36,12 +37,10 @@ from msgspec import Meta, structs
 from dehyst.drivers.emulated.bench import Bench
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Faults
 from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
-from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bFaults
+from dehyst.drivers.emulated.mdt693b_unit import Mdt693bUnit
 from dehyst.drivers.interface import DeviceTimeout, DriverConfigError, DriverError
 from dehyst.drivers.settings import Settings, read_settings, read_values
 from dehyst.drivers.simulated.stage import FAULTS as READING_FAULTS
-
-DEVICES = ("mdt693b", "ksg101")
 
 
 class Inputs(Settings, frozen=True):
@@ -67,15 +66,21 @@ class Order(Settings, frozen=True):
         | None
     ) = None
     axis: Annotated[str, Meta(description="whose gauge and stage; left out: the first")] = ""
-    device: Annotated[Literal["mdt693b", "ksg101", "both"], Meta(description="whose port")] = (
-        "mdt693b"
-    )
+    device: (
+        Annotated[
+            Literal["mdt693b", "kpz101", "ksg101", "both"],
+            Meta(description="whose port; left out: the amplifier's"),
+        ]
+        | None
+    ) = None
     for_s: (
         Annotated[float, Meta(ge=0, description="how long; left out: until it is cleared")] | None
     ) = None
     dialect: Annotated[str, Meta(description="firmware after an unplug")] | None = None
     late_s: Annotated[float, Meta(ge=0, description="delay of the fault late")] = 0.02
-    amplifier: Annotated[dict[str, Any], Meta(description="fields of Mdt693bFaults")] | None = None
+    amplifier: (
+        Annotated[dict[str, Any], Meta(description="fields of the amplifier's faults")] | None
+    ) = None
     gauge: Annotated[dict[str, Any], Meta(description="fields of Ksg101Faults")] | None = None
     stage: Annotated[dict[str, Any], Meta(description="settings of the stage")] | None = None
     jump: Annotated[bool, Meta(description="a new gain moves the stage at once")] = False
@@ -149,7 +154,10 @@ class Control:
         bench = self._bench
         unit, stage = bench.amplifier.unit, bench.stages[axis]
         return {
-            "plugged": {"mdt693b": bench.amplifier.plugged, "ksg101": bench.gauges[axis].plugged},
+            "plugged": {
+                bench.amplifier.link_path.name: bench.amplifier.plugged,
+                "ksg101": bench.gauges[axis].plugged,
+            },
             "output_v": unit.output_v(axis),
             "drive_v": stage.drive_v,
             "displacement_um": stage.displacement_um,
@@ -172,9 +180,10 @@ class Control:
             for name in ("before_reply", "after_reply"):
                 if name in table:
                     table[name] = str(table[name]).encode("latin-1")
-            changes = read_values(Mdt693bFaults, table)
+            kind = type(bench.amplifier.unit.faults)
+            changes = read_values(kind, table)
             bench.amplifier.fault(**changes)
-            back = {name: getattr(Mdt693bFaults(), name) for name in changes}
+            back = {name: getattr(kind(), name) for name in changes}
             self._later(order.for_s, lambda: bench.amplifier.fault(**back))
         if order.gauge:
             self._gauge_fault(axis, read_values(Ksg101Faults, order.gauge), order.for_s)
@@ -194,13 +203,18 @@ class Control:
             bench.follow()
             bench.stages[axis].fault(kind, math.inf if for_s is None else for_s)
             return
-        for name, server in zip(DEVICES, (bench.amplifier, bench.gauges[axis]), strict=True):
-            if order.device not in (name, "both"):
+        amplifier = bench.amplifier.link_path.name
+        device = order.device or amplifier
+        if device not in (amplifier, "ksg101", "both"):
+            raise order.wrong("device", f"{amplifier}, ksg101 or both")
+        servers = {amplifier: bench.amplifier, "ksg101": bench.gauges[axis]}
+        for name, server in servers.items():
+            if device not in (name, "both"):
                 continue
             if kind == "unplug":
                 server.unplug()
                 if order.dialect is not None and server is bench.amplifier:
-                    bench.amplifier.unit.set_dialect(order.dialect)
+                    self._mdt693b().set_dialect(order.dialect)
                 self._later(for_s, server.plug)
             else:
                 server.stall_writes(True)
@@ -220,9 +234,16 @@ class Control:
         values = read_values(Inputs, inputs)
         bench = self._bench
         if "ext_v" in values:  # the amplifier sums and clips it
-            bench.amplifier.unit.set_ext(axis, values.pop("ext_v"))
+            self._mdt693b().set_ext(axis, values.pop("ext_v"))
         bench.follow()
         bench.stages[axis].set_inputs(**values)
+
+    def _mdt693b(self) -> Mdt693bUnit:
+        """The amplifier's unit, for what a KPZ101 does not have."""
+        unit = self._bench.amplifier.unit
+        if not isinstance(unit, Mdt693bUnit):
+            raise DriverConfigError("the emulated KPZ101 has no dialect and no external input")
+        return unit
 
     def _clear(self) -> None:
         for timer in self._timers:

@@ -32,6 +32,7 @@ class Kpz101Unit(AptUnit):
         super().__init__(knobs or Kpz101Knobs(), Kpz101Faults(), clock)
         knobs = self.knobs
         self.sets_done = 0
+        self.sets_of_all = 0  # a command that this unit does not have
         self._on_output = on_output
         self._counts = round(knobs.start_v / knobs.limit_v * FULL_OUTPUT)
         self._state = codec.CHANNEL_ENABLED if knobs.enabled else codec.CHANNEL_DISABLED
@@ -46,9 +47,8 @@ class Kpz101Unit(AptUnit):
             "future_2": 0,
         }
 
-    @property
-    def output_v(self) -> float:
-        """The voltage at the output."""
+    def output_v(self, axis: str = "x") -> float:
+        """The voltage at the output, whatever its axis is called."""
         if self._state != codec.CHANNEL_ENABLED:
             return 0.0
         limit_v = VOLTAGE_LIMITS_V[self._io["voltage_limit"]]
@@ -69,10 +69,10 @@ class Kpz101Unit(AptUnit):
                 return self._reply("pz_get_tpz_iosettings", **self._io)
             case "mod_req_chanenablestate":
                 return self._reply("mod_get_chanenablestate", chan=1, state=self._state)
-        before_v = self.output_v
+        before_v = self.output_v()
         self._change(message)
-        if self.output_v != before_v:
-            self._on_output(self.output_v, now)
+        if self.output_v() != before_v:
+            self._on_output(self.output_v(), now)
         return b""
 
     def _change(self, message: AptMessage) -> None:

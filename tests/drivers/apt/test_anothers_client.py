@@ -43,7 +43,7 @@ def test_its_requests_are_answered_in_what_it_understands() -> None:
     while raw := unit.take():
         unpacker.feed(raw)
     volts, limit, info = list(unpacker)
-    assert unit.output_v == pytest.approx(50.0, abs=0.01)
+    assert unit.output_v() == pytest.approx(50.0, abs=0.01)
     assert (volts.msg, volts.voltage) == ("pz_get_outputvolts", 16384)
     assert (limit.msg, limit.voltage_limit) == ("pz_get_tpz_iosettings", 2)
     assert (info.serial_number, info.model_number.rstrip(b"\0")) == (29000123, b"KPZ101")

@@ -81,7 +81,7 @@ class TestKpz101Contract(ActuatorContract):
         return self.rig.driver(**self.settings)
 
     def true_output(self, device: Kpz101) -> float:
-        return self.rig.server.call(lambda: self.rig.unit.output_v)
+        return self.rig.server.call(lambda: self.rig.unit.output_v())
 
     def unplug(self, device: Kpz101) -> None:
         self.rig.server.unplug()
@@ -116,8 +116,8 @@ def test_the_same_voltage_at_every_limit(make: Make, limit_v: int) -> None:
     device.open()
     for volts in (0.0, 12.345, 70.0):
         device.write(volts)
-        assert rig.unit.output_v == pytest.approx(volts, abs=device.spec.resolution)
-        assert rig.unit.output_v <= 70.0
+        assert rig.unit.output_v() == pytest.approx(volts, abs=device.spec.resolution)
+        assert rig.unit.output_v() <= 70.0
     device.close()
 
 
@@ -209,7 +209,7 @@ def test_a_foreign_unit_gets_no_voltage(make: Make) -> None:
         device.reconnect()
     with pytest.raises(DriverError):
         device.write(21.0)
-    assert (other.output_v, other.sets_done) == (pytest.approx(50.0, abs=0.01), 0)
+    assert (other.output_v(), other.sets_done) == (pytest.approx(50.0, abs=0.01), 0)
 
 
 def test_a_unit_that_lost_power_starts_from_zero(make: Make) -> None:
@@ -224,7 +224,7 @@ def test_a_unit_that_lost_power_starts_from_zero(make: Make) -> None:
     rig.server.call(lambda: setattr(rig.server, "unit", fresh))
     rig.server.plug()
     device.reconnect()
-    assert (device.output(), fresh.output_v) == (0.0, 0.0)
+    assert (device.output(), fresh.output_v()) == (0.0, 0.0)
     device.close()
 
 
@@ -258,7 +258,7 @@ def test_replies_in_pieces_and_after_garbage(make: Make, size: int) -> None:
     rig.fault(garbage=10)
     for n in range(10):
         device.write(float(n))
-        assert rig.unit.output_v == pytest.approx(float(n), abs=device.spec.resolution)
+        assert rig.unit.output_v() == pytest.approx(float(n), abs=device.spec.resolution)
     device.close()
 
 
@@ -294,8 +294,8 @@ def test_after_a_lost_reply_reconnect_asks_where_the_output_stands(make: Make) -
         device.write(2.0)
     rig.fault()
     device.reconnect()
-    assert device.output() == pytest.approx(rig.unit.output_v, abs=1e-9)
-    assert rig.unit.output_v == pytest.approx(2.0, abs=device.spec.resolution)
+    assert device.output() == pytest.approx(rig.unit.output_v(), abs=1e-9)
+    assert rig.unit.output_v() == pytest.approx(2.0, abs=device.spec.resolution)
     device.close()
 
 
