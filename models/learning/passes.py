@@ -23,7 +23,9 @@ rings.
 Contraction is checked where the correction has changed enough to be seen: P in each third of an
 octave, by regression of the change of the error on that of the correction. Where |1 - a P| is not
 below `contracts` and the error grows, nothing more is learned. When the error of whole passes has
-grown, the best correction comes back and the gain is halved.
+grown, the best correction comes back and the gain is halved. Where the error of the whole pass
+follows the correction by a factor far from 1 (a gauge of the wrong sign or scale), the measured
+error may fall while the true one grows: the correction of the beginning comes back for good.
 """
 
 import math
@@ -117,6 +119,9 @@ class Learner:
         self._best: tuple[float, Spectrum] | None = None
         self._grown = 0
         self._given_up: Spectrum | None = None
+        self._first: tuple[Spectrum, Spectrum] | None = None  # error, correction
+        self._strange = 0  # passes in a row
+        self._stopped = ""  # why nothing is learned any more
 
     # -- one pass ---------------------------------------------------------------------------------
 
@@ -128,7 +133,7 @@ class Learner:
         mean = float(known.mean()) if known.size else math.nan
         spread = float(known.std()) if known.size else math.nan
         rms = math.sqrt(max(spread**2 - self.noise**2, 0.0)) if known.size else math.nan
-        wrong = say_missing(valid)
+        wrong = self._stopped or say_missing(valid)
         error = bridge(one.error) if not wrong else one.error
         repeats = error - one.used
         if not wrong and one.trimmed:
@@ -139,6 +144,8 @@ class Learner:
             wrong = self._unsettled(repeats) or self._knock(repeats)
         if wrong:
             return self._tell(rms, mean, False, f"not learned from: {wrong}")
+        if self._does_not_follow(self._spectrum(error), self._spectrum(one.used)):
+            return self._tell(rms, mean, False, f"not learned from: {self._stopped}")
         says = self._learn(error, one.used, repeats)
         return self._tell(rms, mean, True, says)
 
@@ -212,6 +219,29 @@ class Learner:
         if not stopped:
             return ""
         return f"no longer learned at {', '.join(stopped)}: the error does not follow there"
+
+    def _does_not_follow(self, e: Spectrum, u: Spectrum) -> bool:
+        """Go back for good where the error of the whole pass does not follow the correction."""
+        if self._first is None:
+            self._first = e, u
+            return False
+        de, du = (x[1:] - x0[1:] for x, x0 in zip((e, u), self._first, strict=True))
+        lines = np.abs(du) ** 2 > TUNING.seen * self._noise_power[1:]
+        power = _power(du[lines])
+        if power == 0.0:
+            return False
+        factor = complex(np.vdot(du[lines], de[lines])) / power
+        strange = not abs(factor - 1.0) < TUNING.follows
+        self._strange = self._strange + 1 if strange else 0
+        if self._strange < TUNING.strange_passes:
+            return False
+        self._repeats = -self._first[1]
+        self.correction = self._bounded(self._back(self._first[1]))
+        self._stopped = (
+            f"the gauge follows the correction by a factor of {factor.real:.2g}, not 1 "
+            "(check its sign, scale and delay); the correction of the beginning is back"
+        )
+        return True
 
     def _growth(self, e: Spectrum, u: Spectrum) -> str:
         """Go back to the best correction where the error has grown."""
@@ -287,7 +317,8 @@ class Learner:
     def _begin_anew(self) -> None:
         """What was told of the error before counts no more; what repeats is kept."""
         self.learned, self._best, self._grown = min(self.learned, 1), None, 0
-        self._before = self._doubted = None
+        self._before = self._doubted = self._first = None
+        self._strange = 0
 
     # -- spectrum ---------------------------------------------------------------------------------
 

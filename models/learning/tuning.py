@@ -18,6 +18,8 @@ class Tuning(NamedTuple):
     least_noise: float = 0.5  # of the model's noise power
     contracts: float = 0.9
     seen: float = 10.0  # noise powers by which a correction must change for P to be told
+    follows: float = 0.5  # from 1: factor between error and correction of a gauge that is right,
+    strange_passes: int = 2  # which so many passes in a row contradict, before all is taken back
     grown: float = 1.25  # times the best error, twice in a row,
     grown_at_once: float = 2.5  # or once by so much,
     grown_noises: float = 5.0  # and by so many standard deviations of the noise's power

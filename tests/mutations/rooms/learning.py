@@ -13,6 +13,23 @@ PLAYED = ("tests/daemon/client/test_repeated.py",)
 
 CHANGES = [
     *room(
+        ("tests/models/learning/test_wrong_gauge.py",),
+        Change(
+            "learning-believes-any-gauge",
+            PASSES,
+            "if self._strange < TUNING.strange_passes:",
+            "if True:",
+            "a gauge of another sign or scale makes the stage worse from pass to pass",
+        ),
+        Change(
+            "learning-stops-where-it-is",
+            PASSES,
+            "        self._repeats = -self._first[1]\n",
+            "        return False\n",
+            "a wrong gauge is noticed, and its correction stays in force",
+        ),
+    ),
+    *room(
         ALONE,
         Change(
             "trim-without-limit",
