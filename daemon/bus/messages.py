@@ -341,6 +341,8 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
     mismatch: Name = ""
     """Why it does not, "" while it does: the figure that is too large (gain, offset, whole, all,
     ringing, short or fit), or stuck: the gauge repeats one value."""
+    trial: Text = ""
+    """How far the trial of an accepted model is, in words; "": none is on trial."""
     target: float = math.nan
     """Of the newest sample, from the set-point origin; NaN: none."""
     measured: float = math.nan

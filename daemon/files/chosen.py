@@ -25,8 +25,8 @@ LARGEST_BYTES = 4 << 20
 class Accepted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """offer: its number; instead_of: digest of the configured model; model: TOML; before: the
     accepted model that it took the place of, "" where that was the configured one; trial: not
-    proven yet; model_error, tracking_error: rms before, None where nothing moved; begun_wall_ns:
-    when the trial began, 0: not known; tested: what the test promised."""
+    proven yet; model_error, tracking_error, target_steps: rms before, None where nothing moved;
+    begun_wall_ns: when the trial began, 0: not known; tested: what the test promised."""
 
     offer: int
     case: str
@@ -36,6 +36,7 @@ class Accepted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     trial: bool = True
     model_error: float | None = None
     tracking_error: float | None = None
+    target_steps: float | None = None
     begun_wall_ns: int = 0
     tested: OfferTest | None = None
 

@@ -114,6 +114,10 @@ class DoctorDesk:
             return ""  # it waits, and is asked again
         return self._trial.why_not(self._folders[name] / cases.IN_USE)
 
+    def progress(self, now_ns: int) -> str:
+        """How far the trial is, in words; "": none is on."""
+        return self._trial.progress(now_ns)
+
     # -- the thread -----------------------------------------------------------------------------
 
     def run(self, stop: threading.Event) -> None:

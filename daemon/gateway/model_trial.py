@@ -11,6 +11,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.bus.messages import DoctorState
 from dehyst.daemon.config import Config
+from dehyst.daemon.config.drives import drive_range
 from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import OfferTest
 from dehyst.daemon.files.chosen import (
@@ -29,44 +31,55 @@ from dehyst.daemon.files.chosen import (
     write_accepted,
 )
 from dehyst.daemon.files.models import load_model
+from dehyst.daemon.gateway.model_before import ModelBefore, Past
 from dehyst.daemon.rings.records import Flag, State, model_digest
+from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.errors import DehystError, NotNow
 from dehyst.models.mismatch.trial import (
     TRIAL,
     ErrorMeter,
     Errors,
+    Promise,
+    Samples,
+    Verdict,
+    judge_trial,
     longest_trial_s,
-    say_proven,
-    say_unproven,
-    why_back,
-    why_worse,
+    settle_trial,
 )
 from dehyst.models.modelfile import dumps, loads
 
 TAKEN_S = 20.0
 """A loop that does not run the model by then has refused it."""
 MOVED_S = 1.0
-NOT_JUDGED = Flag.SENSOR_INVALID | Flag.SENSOR_HELD | Flag.APPROACH | Flag.WRITE_FAILED
-"""Nothing is known of the model's error: no new reading, or a state that is on its way."""
-NOT_FOLLOWED = Flag.UNREACHABLE | Flag.SLEW | Flag.RANGE | Flag.FALLBACK
+USELESS = Flag.SENSOR_INVALID | Flag.SENSOR_HELD | Flag.WRITE_FAILED
+"""No reading that a model can be compared with."""
+NOT_FOLLOWED = Flag.UNREACHABLE | Flag.SLEW | Flag.RANGE | Flag.APPROACH
 """The model's error counts; a target that is not met is not the model's fault."""
 Over = tuple[str, DoctorState, str]
 """(case, what became of it, in words)."""
 
 
 class ModelTrial:
-    """core: (process of the loop, file of the model that it runs); (0, None): it does not run."""
+    """core: (process of the loop, file of the model that it runs); (0, None): it does not run.
+    past: the samples that are kept."""
 
-    def __init__(self, config: Config, core: Callable[[], tuple[int, Path | None]]) -> None:
-        self._config, self._core = config, core
+    def __init__(
+        self, config: Config, core: Callable[[], tuple[int, Path | None]], past: Past
+    ) -> None:
+        self._config, self._core, self._past = config, core, past
         period_s = config.period_ns * 1e-9
         self._meter = ErrorMeter(config.doctor.trial_s, period_s)
         self._period_s, self._lock = period_s, threading.Lock()
         self._place, self._still_s = math.nan, MOVED_S
+        self._target = math.nan  # of the newest sample
+        self._least = 0.0  # way that counts as motion; 0: not known yet
         self._skip_s = 0.0
+        self._before: ModelBefore | None = None
         self._on_trial: Accepted | None = None
         self._tested: OfferTest | None = None
-        self._digest, self._begun_ns, self._taken, self._unit = "", 0, False, ""
+        self._digest, self._unit = "", ""
+        self._taken = self._was_taken = False  # the loop runs it now, has run it
+        self._other_ns = 0  # since when the loop has run another model; 0: it does not
         self._end_ns, self._doubt = 0, ""
         self.limit_s = longest_trial_s(config.doctor.trial_s, config.doctor.trial_limit_s)
 
@@ -96,8 +109,9 @@ class ModelTrial:
             instead_of=model_digest(dumps(load_model(config.model.file))),
             model=text,
             before=before.model if before is not None else "",
-            model_error=errors.model if math.isfinite(errors.model) else None,
-            tracking_error=errors.tracking if math.isfinite(errors.tracking) else None,
+            model_error=_kept(errors.model),
+            tracking_error=_kept(errors.tracking),
+            target_steps=_kept(errors.steps),
             begun_wall_ns=clock.wall_ns(),
             tested=tested,
         )
@@ -120,46 +134,89 @@ class ModelTrial:
         self._follow(accepted, accepted.tested, left_s)
 
     def _follow(self, accepted: Accepted, tested: OfferTest, left_s: float) -> None:
-        self._digest, self._begun_ns = model_digest(accepted.model), clock.monotonic_ns()
-        self._end_ns, self._doubt = self._begun_ns + round(left_s * clock.NS), ""
+        with suppress(DehystError):
+            model = loads(accepted.before) if accepted.before else None
+            before = model or load_model(self._config.model.file)
+            self._before = ModelBefore(self._config, before, self._past)
+        self._digest, self._other_ns = model_digest(accepted.model), clock.monotonic_ns()
+        self._end_ns, self._doubt = clock.monotonic_ns() + round(left_s * clock.NS), ""
         self._unit = loads(accepted.model).displacement_unit
-        self._taken, self._tested, self._on_trial = False, tested, accepted
+        self._taken = self._was_taken = False
+        self._tested, self._on_trial = tested, accepted
 
     def look(self, now_ns: int) -> Over | None:
         """Whether the trial is over; what became of it."""
         trial, tested = self._on_trial, self._tested
         if trial is None or tested is None:
             return None
-        _, running = self._core()
         late = now_ns >= self._end_ns
+        if why := self._not_running(now_ns, late):
+            return trial.case, "returned", self.go_back(trial.case, why)
         if not self._taken:
-            if running is not None and running.stem == f"model-{self._digest}":
-                self._begin_meter()
-                self._taken = True
-            elif late or (running is not None and now_ns - self._begun_ns > TAKEN_S * clock.NS):
-                why = "the loop did not take it" if running is not None else "no loop has run it"
-                return trial.case, "returned", self.go_back(trial.case, why)
             return None
         with self._lock:
             full, after = self._meter.full, self._meter.errors
-        if not full and not late:
-            return None
-        before = Errors(_number(trial.model_error), _number(trial.tracking_error), 0.0)
-        judged = before, after, (tested.in_use, tested.offered), tested.noise, self._unit
-        wanted_s = self._config.doctor.trial_s
-        proven = full or after.seconds >= TRIAL.enough * wanted_s
-        why = why_back(*judged) if proven else self._doubt or why_worse(*judged)
-        if why and not late and not self._doubt:
-            self._doubt = why  # once more: what the state did not know of the past passes
+        promise = Promise(tested.in_use, tested.offered, tested.noise)
+        judged = _errors_before(trial), after, promise, self._unit
+        verdict = judge_trial(*judged) if full else Verdict("open", "")
+        if verdict.outcome == "goes" and not late and not self._doubt:
+            self._doubt = verdict.why  # once more: what the state did not know of the past passes
             self._begin_meter()
             return None
-        if why:
-            return trial.case, "returned", self.go_back(trial.case, why)
-        self._on_trial = None
-        write_accepted(self._config.directory, _proven(trial))
-        if proven:
-            return trial.case, "accepted", say_proven(before, after, self._unit)
-        return trial.case, "accepted", say_unproven(after, wanted_s, self.limit_s, self._unit)
+        if verdict.outcome == "open" and late:
+            verdict = settle_trial(*judged, self.limit_s)
+            if self._doubt and after.seconds < TRIAL.least_s:
+                verdict = Verdict("goes", self._doubt)
+        if verdict.outcome == "open":
+            return None
+        if verdict.outcome == "goes":
+            return trial.case, "returned", self.go_back(trial.case, verdict.why)
+        self._on_trial = self._before = None
+        why = verdict.why
+        try:
+            write_accepted(self._config.directory, _proven(trial))
+        except OSError as error:
+            why += f" (not kept: {error.strerror}; another gateway tries it again)"
+        return trial.case, "accepted", why
+
+    def _not_running(self, now_ns: int, late: bool) -> str:
+        """Why the loop does not run the model on trial, where it has had the time to; "" else."""
+        _, running = self._core()
+        if running is not None and running.stem == f"model-{self._digest}":
+            self._other_ns = 0
+            if not self._taken:
+                self._begin_meter()
+                self._taken = self._was_taken = True
+            return ""
+        self._taken = False  # what it runs now is not judged
+        if running is None:
+            self._other_ns = 0
+            return "no loop runs it" if late else ""  # it takes it when it starts
+        self._other_ns = self._other_ns or now_ns
+        if not late and now_ns - self._other_ns <= TAKEN_S * clock.NS:
+            return ""
+        return "the loop runs another model" if self._was_taken else "the loop did not take it"
+
+    def progress(self, now_ns: int) -> str:
+        """How far the trial is, in words; "": none is on."""
+        trial = self._on_trial
+        if trial is None:
+            return ""
+        with self._lock:
+            seconds, full, still_s = self._meter.errors.seconds, self._meter.full, self._still_s
+        wanted_s, left_s = self._config.doctor.trial_s, max(0.0, (self._end_ns - now_ns) / clock.NS)
+        if not self._taken:
+            seen = "the loop does not run it now"
+        elif full:
+            seen = "the motion so far does not distinguish it from the model before"
+        else:
+            seen = f"{seconds:.1f} of {wanted_s:g} s of motion seen"
+            seen += ", once more after a first window against it" if self._doubt else ""
+            seen += ", waiting for the stage to move" if still_s > MOVED_S else ""
+        return (
+            f"the model offered for {trial.case} is on trial: {seen}; it ends in {left_s:.0f} s at "
+            "the latest"
+        )
 
     def _begin_meter(self) -> None:
         """Count anew, once the glide to another model is over."""
@@ -170,7 +227,7 @@ class ModelTrial:
     def go_back(self, name: str, why: str) -> str:
         """The model before comes back; in words."""
         accepted = read_accepted(self._config.directory)
-        self._on_trial = None
+        self._on_trial = self._before = None
         self._begin_meter()
         if accepted is None or accepted.case != name:
             return f"the model is not at work any more: {why}"
@@ -186,27 +243,54 @@ class ModelTrial:
 
     def see(self, samples: NDArray[Any]) -> None:
         """Samples (n,) of the loop, in their order."""
-        good = (samples["flags"] & int(NOT_JUDGED)) == 0
-        good &= np.isfinite(samples["measured"]) & np.isfinite(samples["target"])
-        good &= (samples["state"] == State.RUNNING) & np.isfinite(samples["predicted"])
+        before = self._before
+        other = before.expect(samples) if before is not None else np.full(samples.size, np.nan)
+        target = np.where(samples["state"] == State.RUNNING, samples["target"], np.nan)
+        steps = np.diff(target, prepend=self._target)
+        self._target = float(target[-1])
+        good = (samples["flags"] & int(USELESS)) == 0
+        good &= np.isfinite(samples["measured"]) & np.isfinite(samples["predicted"])
+        good &= (samples["state"] == State.RUNNING) & np.isfinite(samples["target"])
         if not good.any():
             return
         seconds = samples.size * self._period_s
-        place = float(samples["target"][good][-1])
-        least = TRIAL.motion * max(float(np.ptp(samples["target"][good])), abs(place), 1e-9)
-        self._still_s = 0.0 if abs(place - self._place) > least else self._still_s + seconds
-        if self._still_s == 0.0 or not math.isfinite(self._place):
-            self._place = place
-        if self._still_s > MOVED_S:
+        if not self._moves(samples["predicted"][good], seconds):
             return
+        measured, flags = samples["measured"], samples["flags"]
+        batch = Samples(
+            own=measured - samples["predicted"],
+            other=measured - other,
+            error=measured - samples["target"],
+            steps=steps,
+            good=good,
+            tracked=good & ((flags & int(NOT_FOLLOWED)) == 0),
+            without=(flags & int(Flag.FALLBACK)) != 0,
+            held=(flags & int(Flag.SENSOR_HELD)) != 0,
+        )
         with self._lock:
             if self._skip_s > 0.0:
                 self._skip_s -= seconds
                 return
-            measured = samples["measured"]
-            follows = (samples["flags"] & int(NOT_FOLLOWED)) == 0
-            model, tracking = measured - samples["predicted"], measured - samples["target"]
-            self._meter.add(model, tracking, good, follows)
+            self._meter.add(batch)
+
+    def _moves(self, predicted: NDArray[np.float64], seconds: float) -> bool:
+        """Whether the stage has moved within MOVED_S, by where the model sees it."""
+        place, way = float(predicted[-1]), float(np.ptp(predicted))
+        least = self._least_way()
+        if way > least or not abs(place - self._place) <= least:
+            self._still_s, self._place = 0.0, place
+        else:
+            self._still_s += seconds
+        return self._still_s <= MOVED_S
+
+    def _least_way(self) -> float:
+        """Of the reach; of the configured model, which is near enough."""
+        if not self._least:
+            with suppress(DehystError):
+                model = load_model(self._config.model.file)
+                low, high = displacement_range(model, *drive_range(self._config, model))
+                self._least = TRIAL.motion * (high - low)
+        return self._least
 
     def _reload(self) -> None:
         """Ask the loop. Raises NotNow."""
@@ -230,6 +314,20 @@ class ModelTrial:
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else value
+
+
+def _kept(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _errors_before(trial: Accepted) -> Errors:
+    """Of the model before, as they were when the one on trial went to work."""
+    return Errors(
+        _number(trial.model_error),
+        _number(trial.tracking_error),
+        0.0,
+        steps=_number(trial.target_steps),
+    )
 
 
 def _proven(accepted: Accepted) -> Accepted:

@@ -89,7 +89,7 @@ class Publisher:
             self._waiting.put((1, "gateway", f"{away}: {served.refused.because}"))
         self.mismatch_watch = MismatchWatch(config, self.history, self.tell_later)
         found = bus.sender(keys.pubsub(subject(DOCTOR)), DOCTOR)
-        trial = ModelTrial(config, self._core_now)
+        trial = ModelTrial(config, self._core_now, self.history.get)
         self.doctor_desk = DoctorDesk(config, found.put, self.tell_later, trial)
         self.mismatch_watch.seen = self.doctor_desk.see
 
@@ -179,6 +179,7 @@ class Publisher:
             axes=served.axes,
             health=self.mismatch_watch.health,
             mismatch=self.mismatch_watch.figure,
+            trial=self.doctor_desk.progress(now_ns),
             target=float(newest["target"][-1]) if newest.size else math.nan,
             measured=mean_reading(newest["measured"]),
         )

@@ -117,6 +117,7 @@ def overview(
         "devices": f"actuator {_device(s.actuator_ok, s.actuator_errors)}, sensor "
         f"{_device(s.sensor_ok, s.sensor_errors)}",
         "model": "not known" if model is None else describe_kind(model),
+        **({"trial": g.trial} if g.trial else {}),
         "inverse": s.mode + (f", latency {s.latency_s:.3g} s" if s.latency_s else ""),
         "deadline": f"{rate(s)}, {s.missed} of {s.samples} missed; wake-up p99 "
         f"{s.wake_us.p99:.0f} us, I/O p99 {s.io_us.p99:.0f} us; {s.policy} {s.priority}",

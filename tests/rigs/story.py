@@ -86,7 +86,9 @@ class OfflineStory:
         self._sent = 0
         self.history = TelemetryHistory(round(self.config.telemetry.history_s * RATE_HZ) + 1)
         self.watch = MismatchWatch(self.config, self.history, self._tell)
-        self.trial = ModelTrial(self.config, lambda: (os.getpid(), self.watch.model_path))
+        self.trial = ModelTrial(
+            self.config, lambda: (os.getpid(), self.watch.model_path), self.history.get
+        )
         self.watch.seen = self.trial.see
         self._reload_asked = False
         self._use(self.model)

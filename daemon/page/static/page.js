@@ -218,6 +218,7 @@ function showStatus(said) {
     ["actuator", `${s.actuator_ok ? "ok" : "FAILED"}, ${s.actuator_errors} errors`],
     ["sensor", `${s.sensor_ok ? "ok" : "FAILED"}, ${s.sensor_errors} errors`],
     ["telemetry lost", String(said.lost)],
+    ...(s.gateway.trial ? [["model on trial", s.gateway.trial]] : []),
   ]);
   showWakeups(said.wakeups);
   showHealth(said, s);

@@ -7,7 +7,14 @@ import pytest
 
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.mismatch.gauge import find_gauge_fault
-from dehyst.models.mismatch.trial import ErrorMeter, Errors, say_proven, why_back
+from dehyst.models.mismatch.trial import (
+    ErrorMeter,
+    Errors,
+    Promise,
+    Samples,
+    judge_trial,
+    settle_trial,
+)
 from dehyst.models.model import Fit, Hysteresis, Model, Validity
 from dehyst.models.recording import Recording
 
@@ -35,60 +42,124 @@ def changed(y: np.ndarray) -> Recording:
     return Recording(whole.t_s, whole.drive, y, name="x")
 
 
+def batch(
+    own: np.ndarray, other: np.ndarray | None = None, good: np.ndarray | None = None, **more: object
+) -> Samples:
+    yes, no = np.ones(own.size, bool), np.zeros(own.size, bool)
+    good = yes if good is None else good
+    nothing = np.full(own.size, math.nan)
+    given = {
+        "own": own, "other": nothing if other is None else other, "error": own, "good": good,
+        "steps": np.zeros(own.size), "tracked": good, "without": no, "held": no,
+    } | more  # fmt: skip
+    return Samples(**given)  # type: ignore[arg-type]
+
+
 def test_a_meter_gives_the_figures_of_the_newest_seconds_by_a_closed_form() -> None:
     """0.3 and -0.3 in turn about a mean of 0.5: rms about the mean 0.3, about zero 0.583."""
     meter = ErrorMeter(2.0, 0.01)
     for _ in range(10):
-        meter.add(np.full(100, 9.0), np.full(100, 9.0), np.ones(100, bool), np.ones(100, bool))
+        meter.add(batch(np.full(100, 9.0)))
     assert meter.full
     for _ in range(4):
         e = 0.5 + 0.3 * np.resize([1.0, -1.0], 50)
-        good = np.ones(50, bool)
-        meter.add(e, e, good, good)
+        meter.add(batch(e, 2.0 * e, steps=np.ones(50), without=np.arange(50) < 25))
     found = meter.errors
     assert found.model == pytest.approx(0.3)
+    assert found.other == pytest.approx(0.6)
     assert found.tracking == pytest.approx(math.sqrt(0.34))
     assert found.seconds == pytest.approx(2.0)
+    assert (found.steps, found.without) == pytest.approx((1.0, 0.5))
     meter.clear()
-    meter.add(np.ones(10), np.ones(10), np.zeros(10, bool), np.ones(10, bool))
+    meter.add(batch(np.ones(10), good=np.zeros(10, bool)))
     assert not meter.full
     assert math.isnan(meter.errors.model)
 
 
+def test_a_slow_gauge_counts_the_time_between_its_readings() -> None:
+    meter = ErrorMeter(2.0, 0.01)
+    held = np.arange(200) % 5 != 0
+    meter.add(batch(np.zeros(200), good=~held, held=held))
+    assert meter.full
+    assert meter.errors.seconds == pytest.approx(2.0)
+
+
+def test_the_model_before_counts_where_it_is_known_of_all_samples_alone() -> None:
+    meter = ErrorMeter(2.0, 0.01)
+    meter.add(batch(np.ones(50), np.ones(50)))
+    assert math.isfinite(meter.errors.other)
+    meter.add(batch(np.ones(50)))
+    assert math.isnan(meter.errors.other)
+
+
+PROMISE = Promise(0.3, 0.03, NOISE)
+NAN = math.nan
+
+
 @pytest.mark.parametrize(
-    ("before", "after", "stays"),
+    ("before", "after", "outcome"),
     [
-        (Errors(0.3, 0.3, 10), Errors(0.03, 0.04, 10), True),
-        (Errors(0.3, 0.3, 10), Errors(0.15, 0.2, 10), True),  # half of what was promised
-        (Errors(0.3, 0.3, 10), Errors(0.2, 0.2, 10), False),  # less than half
-        (Errors(0.3, 0.3, 10), Errors(0.4, 0.2, 10), False),
-        (Errors(0.3, 0.3, 10), Errors(0.03, 0.5, 10), False),  # the stage follows worse
-        (Errors(0.3, 0.3, 10), Errors(0.03, 0.28, 10), False),  # and no better is no help
-        (Errors(0.3, 0.1, 10), Errors(0.03, 0.1, 10), True),  # the trim has made up for it before
-        (Errors(0.3, 0.1, 10), Errors(0.03, 0.2, 10), False),  # and now follows worse
-        (Errors(math.nan, math.nan, 0), Errors(0.03, 0.5, 10), True),  # nothing moved before
-        (Errors(math.nan, math.nan, 0), Errors(0.29, 0.5, 10), False),
-        (Errors(0.3, 0.3, 10), Errors(math.nan, 0.1, 10), False),
+        (Errors(0.3, 0.3, 10), Errors(0.03, 0.04, 10), "stays"),
+        (Errors(0.3, 0.3, 10), Errors(0.15, 0.2, 10), "stays"),  # half of what was promised
+        (Errors(0.3, 0.3, 10), Errors(0.2, 0.2, 10), "goes"),  # less than half
+        (Errors(0.3, 0.3, 10), Errors(0.4, 0.2, 10), "goes"),
+        (Errors(0.3, 0.3, 10), Errors(0.03, 0.5, 10), "goes"),  # the stage follows worse
+        (Errors(0.3, 0.3, 10), Errors(0.03, 0.28, 10), "goes"),  # and no better is no help
+        (Errors(0.3, 0.1, 10), Errors(0.03, 0.1, 10), "stays"),  # the trim has made up for it
+        (Errors(0.3, 0.1, 10), Errors(0.03, 0.2, 10), "goes"),  # and now follows worse
+        (Errors(NAN, NAN, 0), Errors(0.03, 0.5, 10), "stays"),  # nothing moved before
+        (Errors(NAN, NAN, 0), Errors(0.29, 0.5, 10), "goes"),
+        (Errors(0.3, 0.3, 10), Errors(NAN, 0.1, 10), "open"),
+        # on the same samples: what the model before leaves of them decides
+        (Errors(0.3, 0.3, 10), Errors(0.2, 0.2, 10, other=0.9), "stays"),
+        (Errors(0.3, 0.3, 10), Errors(0.05, 0.05, 10, other=0.06), "goes"),
+        (Errors(0.3, 0.3, 10), Errors(0.02, 0.02, 10, other=0.025), "open"),
+        (Errors(0.3, 0.3, 10), Errors(0.05, 0.02, 10, other=0.025), "goes"),
+        # another kind of motion says nothing of tracking; without preview it need not fall
+        (Errors(0.3, 0.3, 10, steps=0.01), Errors(0.03, 0.9, 10, steps=0.1), "stays"),
+        (Errors(0.3, 0.3, 10, steps=0.06), Errors(0.03, 0.9, 10, steps=0.1), "goes"),
+        (Errors(0.3, 0.3, 10), Errors(0.03, 0.28, 10, without=1.0), "stays"),
+        (Errors(0.3, 0.3, 10), Errors(0.03, 0.5, 10, without=1.0), "goes"),
+        (Errors(0.3, 0.9, 10), Errors(0.03, 0.85, 10), "stays"),  # most of it is of the steps
     ],
 )
 def test_it_stays_where_its_error_fell_by_half_of_the_promise(
-    before: Errors, after: Errors, stays: bool
+    before: Errors, after: Errors, outcome: str
 ) -> None:
-    assert (why_back(before, after, (0.3, 0.03), NOISE, "um") == "") is stays
+    assert judge_trial(before, after, PROMISE, "um").outcome == outcome
+
+
+@pytest.mark.parametrize(
+    ("after", "outcome"),
+    [
+        (Errors(NAN, NAN, 0), "stays"),  # nothing was seen against it
+        (Errors(0.4, 0.4, 0.5, other=0.3), "stays"),  # nor in so short a time
+        (Errors(0.4, 0.4, 2.0, other=0.3), "goes"),
+        (Errors(0.02, 0.02, 10, other=0.025), "stays"),
+        (Errors(0.03, 0.03, 2.0, other=0.3), "stays"),
+    ],
+)
+def test_when_the_time_is_up_the_model_stays_unless_something_was_seen_against_it(
+    after: Errors, outcome: str
+) -> None:
+    found = settle_trial(Errors(0.3, 0.3, 10), after, PROMISE, "um", 90.0)
+    assert found.outcome == outcome
+    assert found.why.startswith("the trial is over after its limit of 90 s")
+    assert "nan" not in found.why
 
 
 def test_what_became_of_it_is_said_with_figures_and_unit() -> None:
     before, worse = Errors(0.3, 0.3, 10), Errors(0.2, 0.2, 10)
-    assert why_back(before, worse, (0.3, 0.03), NOISE, "um") == (
-        "the offered one's error has not come down to 0.165 um within 10 s of motion: it is 0.2 "
+    assert judge_trial(before, worse, PROMISE, "um").why == (
+        "the offered one's error has not come down to 0.166 um within 10 s of motion: it is 0.2 "
         "um, the model before had 0.3, and the test promised 0.03"
     )
-    better, nothing = Errors(0.03, 0.04, 10), Errors(math.nan, math.nan, 0)
-    assert say_proven(before, better, "um") == (
+    better, nothing = Errors(0.03, 0.04, 10, other=0.25), Errors(NAN, NAN, 0)
+    assert judge_trial(before, better, PROMISE, "um").why == (
         "the offered model is proven over 10 s of motion: its error is 0.03 um, the model before "
-        "had 0.3; tracking error 0.04, before 0.3"
+        "leaves 0.25; tracking error 0.04, before 0.3"
     )
-    assert "nan" not in say_proven(nothing, better, "um")
+    assert "nan" not in judge_trial(nothing, better, PROMISE, "um").why
 
 
 def stuck(y: np.ndarray) -> np.ndarray:

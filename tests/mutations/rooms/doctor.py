@@ -28,23 +28,39 @@ CHANGES = [
             "a lag of the amplifier is compensated as one behind the stage",
         ),
         Change(
-            "trial-any-error", TRIAL, "if not after.model <= enough:", "if False:",
+            "trial-any-error", TRIAL, "if not after.model <= most:", "if False:",
             "a model whose error has not fallen stays at work",
         ),
         Change(
-            "trial-nan-stays", TRIAL, "if not after.model <= enough:",
-            "if after.model > enough:",
-            "a model of which nothing is known stays at work",
+            "trial-nan-stays", TRIAL, "    if not math.isfinite(after.model):\n",
+            "    if False:\n", "a model of which nothing is known is judged",
         ),
         Change(
             "trial-any-tracking", TRIAL,
-            "if math.isfinite(before.tracking) and not after.tracking <= most:", "if False:",
+            "after.tracking > TRIAL.grown * other * before.tracking + noise:", "False:",
             "a model that makes the stage follow worse stays at work",
         ),
         Change(
             "trial-no-help", TRIAL,
-            "if own and not after.tracking <= TRIAL.fallen * before.tracking:", "if False:",
+            "after.tracking > TRIAL.fallen * other * before.tracking:", "False:",
             "a model that does not help stays at work",
+        ),
+        Change(
+            "trial-little-motion", TRIAL, "    if known < least:\n", "    if False:\n",
+            "a motion that shows nothing decides a trial",
+        ),
+        Change(
+            "trial-other-motion", TRIAL,
+            "or other > TRIAL.alike:", "or False:",
+            "a good model goes because the stage is moved in steps since",
+        ),
+        Change(
+            "trial-settled-against", TRIAL, "if after.seconds >= TRIAL.least_s:", "if False:",
+            "a model against which something was seen stays when the time is up",
+        ),
+        Change(
+            "trial-held-readings", TRIAL, "np.count_nonzero(s.good | s.held)",
+            "np.count_nonzero(s.good)", "with a slow gauge a trial takes many times its motion",
         ),
         Change(
             "zero-jumps", REPLAY, "        c[0] += shift / gain\n", "        c[0] += 0.0\n",
@@ -192,8 +208,8 @@ CHANGES = [
         ("tests/daemon/gateway/test_trial_ends.py",),
         Change(
             "trial-without-preview", WORK,
-            "Flag.SENSOR_HELD | Flag.APPROACH | Flag.WRITE_FAILED",
-            "Flag.SENSOR_HELD | Flag.APPROACH | Flag.WRITE_FAILED | Flag.FALLBACK",
+            "USELESS = Flag.SENSOR_INVALID | Flag.SENSOR_HELD | Flag.WRITE_FAILED",
+            "USELESS = Flag.SENSOR_INVALID | Flag.SENSOR_HELD | Flag.WRITE_FAILED | Flag.FALLBACK",
             "a trial under set-points without preview sees nothing until its time is over",
         ),
         Change(
@@ -206,12 +222,33 @@ CHANGES = [
             "a gateway that restarts prolongs the trial",
         ),
         Change(
-            "trial-judged-early", WORK, "if why and not late and not self._doubt:", "if False:",
+            "trial-judged-early", WORK,
+            'if verdict.outcome == "goes" and not late and not self._doubt:', "if False:",
             "a good model goes back for an error that passes after the switch",
         ),
         Change(
-            "trial-blind-end", WORK, "else self._doubt or why_worse(*judged)", 'else ""',
+            "trial-blind-end", WORK, "verdict = settle_trial(*judged, self.limit_s)",
+            'verdict = Verdict("stays", "unproven")',
             "a model that was seen to be worse stays because little was seen",
+        ),
+    ),
+    *room(
+        ("tests/daemon/gateway/test_trial_motion.py",),
+        Change(
+            "trial-other-samples", WORK,
+            "other = before.expect(samples) if before is not None else",
+            "other = before.expect(samples) if False else",
+            "a good model goes because the stage moves less than before the switch",
+        ),
+        Change(
+            "trial-other-model", WORK,
+            "        self._taken = False  # what it runs now is not judged\n", "",
+            "a model is judged by the errors of another one",
+        ),
+        Change(
+            "before-not-led", "daemon/gateway/model_before.py",
+            "self._past(end - LED_SAMPLES, end)", "self._past(end - 1, end)",
+            "the model before is compared in a state that it never had",
         ),
     ),
     *room(
@@ -226,8 +263,8 @@ CHANGES = [
             "        if False:", "an offer that a newer one replaced seems to wait for ever",
         ),
         Change(
-            "no-way-back", WORK, "        if why:\n            return trial.case",
-            "        if False:\n            return trial.case",
+            "no-way-back", WORK, 'if verdict.outcome == "goes":\n            return',
+            "if False:\n            return",
             "a wrong model that was accepted stays at work",
         ),
         Change(

@@ -1,0 +1,66 @@
+"""What a model that is not at work would have expected of the readings: led along the voltages that
+were written, sample by sample, as the loop leads the one that it runs."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon.config import Config
+from dehyst.daemon.config.drives import drive_range
+from dehyst.models.errors import DehystError
+from dehyst.models.inverse.compensator import Compensator, CompensatorState
+from dehyst.models.model import Floats, Model
+
+LED_SAMPLES = 20_000
+"""Of the past, as many as the loop leads a model along that it takes."""
+Past = Callable[[int, int], NDArray[Any]]
+"""(first, end): the TELEMETRY samples with these numbers that are still kept."""
+
+
+class ModelBefore:
+    """The model before the one on trial. Models that follow further channels are not led: what
+    these were is not in the telemetry."""
+
+    def __init__(self, config: Config, model: Model, past: Past) -> None:
+        self._gain, self._past = config.actuator.gain, past
+        self._compensator: Compensator | None = None
+        try:
+            low, high = drive_range(config, model)
+            slew = config.limits.slew_v_per_s / self._gain
+            made = Compensator(model, config.period_ns * 1e-9, low, high, slew, "static")
+        except (DehystError, ValueError, ArithmeticError):
+            return
+        if not made.channels:
+            self._compensator = made
+        self._state: CompensatorState | None = None
+        self._next = -1
+
+    def expect(self, samples: NDArray[Any]) -> Floats:
+        """(n,) readings that it expects, from its own origin; NaN where it cannot be led."""
+        out = np.full(samples.size, np.nan)
+        compensator = self._compensator
+        if compensator is None or not samples.size:
+            return out
+        for k, (seq, volts) in enumerate(zip(samples["seq"], samples["volts"], strict=True)):
+            state = self._state
+            if state is None or seq != self._next:
+                state = self._state = self._begin(compensator, int(seq))
+            if state is not None:
+                out[k] = state.reading
+                if np.isfinite(volts):
+                    compensator.applied(state, float(volts) / self._gain)
+            self._next = int(seq) + 1
+        return out
+
+    def _begin(self, compensator: Compensator, end: int) -> CompensatorState | None:
+        """Led along the samples before number `end`."""
+        past = self._past(end - LED_SAMPLES, end)["volts"]
+        drives = past[np.isfinite(past)] / self._gain
+        if not drives.size:
+            return None
+        state = compensator.init(float(drives[0]))
+        for drive in drives.tolist():
+            compensator.applied(state, drive)
+        return state
