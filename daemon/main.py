@@ -124,6 +124,19 @@ def build_whole_parser() -> Parser:
     return build_parser(*COMMANDS)
 
 
+def _in_hertz(command: str | None, arguments: list[str]) -> list[str]:
+    """`identify --rate 1000`, which counts rows, apart from its `--rate`, which asks for a model
+    that depends on the rate."""
+    out = list(arguments)
+    for i, word in enumerate(out):
+        after = out[i + 1] if i + 1 < len(out) else ""
+        if command == "identify" and word == "--rate" and after.replace(".", "", 1).isdigit():
+            out[i] = "--rate-hz"
+        elif command == "identify" and word.startswith("--rate="):
+            out[i] = word.replace("--rate=", "--rate-hz=", 1)
+    return out
+
+
 def _compiling_told(command: str | None, said_by: str) -> AbstractContextManager[None]:
     if command not in COMPILING | PROCESSES:
         return nullcontext()
@@ -153,7 +166,7 @@ def main(argv: list[str] | None = None) -> int:
             print(f"dehyst: {complaint}", file=sys.stderr)
         with ended_at_once(said_by):
             kernel_cache.drop_stale()
-            args = build_parser(command).parse_args(arguments)
+            args = build_parser(command).parse_args(_in_hertz(command, arguments))
             told = _compiling_told(command, said_by)
         with told:
             return int(args.run(args) or 0)

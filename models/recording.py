@@ -40,7 +40,8 @@ class Recording:
 
     t_s: (N,) time stamps [s], finite and strictly increasing; drive: (N,) [drive_unit], NaN where
     missing; displacement: (N,) [displacement_unit] or None; channels: further columns by name,
-    each (N,); metadata: the file's own notes; name, sha256: where it came from.
+    each (N,); metadata: the file's own notes; name, sha256: where it came from; read: how a file
+    of another program was understood, in one line.
     Raises BadRecording on unequal lengths and on time that does not increase.
     """
 
@@ -53,6 +54,7 @@ class Recording:
     metadata: Mapping[str, str] = field(default_factory=dict)
     name: str = "recording"
     sha256: str = ""
+    read: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t_s", _column(self.t_s, -1, f"{self.name}: t_s"))
@@ -121,7 +123,7 @@ class Recording:
 @dataclass(frozen=True)
 class Trajectory:
     """Where a stage should be and when. t_s, target: (N,), finite, time strictly increasing;
-    channels: further columns by name, each (N,)."""
+    channels: further columns by name, each (N,); read: how its file was understood."""
 
     t_s: Floats
     target: Floats
@@ -129,6 +131,7 @@ class Trajectory:
     name: str = "trajectory"
     sha256: str = ""
     channels: Mapping[str, Floats] = field(default_factory=dict)
+    read: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t_s", _column(self.t_s, -1, f"{self.name}: t_s"))

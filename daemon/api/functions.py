@@ -2,7 +2,7 @@
 ({"t_s": ..., "u_v": ..., "y_um": ...}, a pandas.DataFrame too) or as the arrays t_s, drive,
 displacement; models as `Model`s, paths, shipped names, or results that hold one."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +12,12 @@ from dehyst.daemon.api.inputs import take_model, take_recordings, take_trajector
 from dehyst.daemon.api.prediction import misfit, predict
 from dehyst.daemon.api.results import Diagnosed, Drive, Identified, Simulated, Validated
 from dehyst.daemon.api.trajectories import channels_along, spaced_evenly, target_in_unit
+from dehyst.daemon.files.foreign.reading import Reading, parse_columns
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.models import diagnosis
 from dehyst.models import identify as identification
 from dehyst.models.cascade.reach import displacement_range
+from dehyst.models.errors import BadInput
 from dehyst.models.identify.validation import validate as run_validation
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_streamed, invert_trajectory
@@ -32,9 +34,27 @@ def _keep_quiet(text: str, share: float = 0.0) -> None:
     """No progress wanted."""
 
 
-def load_recording(path: str | Path) -> Recording:
-    """The recording in a .csv, .csv.gz, .npz, .mcap or .mat. Raises BadRecording, one line."""
-    return read_recording(path, min_rows=1)
+def load_recording(
+    path: str | Path,
+    *,
+    columns: Mapping[str, str | int] | str | None = None,
+    rate_hz: float | None = None,
+    time_unit: str = "",
+    drive_unit: str = "",
+    unit: str = "",
+) -> Recording:
+    """The recording in a file of any kind that is read; how a file of another program was
+    understood is in its `read`.
+
+    columns: which is which, by heading or number (from 0): {"t": 0, "u": "Voltage", "y": 2};
+    rate_hz: rows a second, where there are no times; time_unit: s, ms or us; drive_unit, unit: of
+    drive and displacement, where no heading gives them. Raises BadRecording, one line.
+    """
+    named = parse_columns(columns) if isinstance(columns, str) else dict(columns or {})
+    if rate_hz is not None and not rate_hz > 0.0:
+        raise BadInput(f"rate_hz={rate_hz:g}: a number of rows a second above 0 is needed")
+    reading = Reading(named, rate_hz or 0.0, time_unit, drive_unit, unit)
+    return read_recording(path, min_rows=1, reading=reading)
 
 
 def load_model(path: str | Path) -> Model:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from dehyst.daemon.files.models import load_model as read_model
 from dehyst.daemon.files.recordings import (
-    read_recording,
+    read_recordings,
     read_trajectory,
     recording_of,
     trajectory_of,
@@ -45,21 +45,25 @@ def take_recordings(
         data = tuple(data[0])
     if not data:
         raise BadInput(f"no recording was given; {FORMS}")
-    return [_take_recording(one, need_displacement, i) for i, one in enumerate(data, 1)]
+    return [
+        recording
+        for i, one in enumerate(data, 1)
+        for recording in _take_recordings(one, need_displacement, i)
+    ]
 
 
-def _take_recording(source: Any, need_displacement: bool, number: int) -> Recording:
+def _take_recordings(source: Any, need_displacement: bool, number: int) -> list[Recording]:
+    """One source; several recordings of a file whose clock went back."""
     if isinstance(source, Recording):
         if need_displacement and source.displacement is None:
             raise BadInput(f"{source.name}: no displacement")
-        return source
+        return [source]
     if isinstance(source, str | Path):
-        return read_recording(source, need_displacement=need_displacement, min_rows=1)
+        return read_recordings(source, need_displacement=need_displacement, min_rows=1)
     if _has_columns(source):
         columns = {str(key): source[key] for key in source.keys()}  # noqa: SIM118
-        return recording_of(
-            columns, f"recording {number}", need_displacement=need_displacement, min_rows=1
-        )
+        name = f"recording {number}"
+        return [recording_of(columns, name, need_displacement=need_displacement, min_rows=1)]
     raise BadInput(f"{type(source).__name__} is not a recording; {FORMS}")
 
 

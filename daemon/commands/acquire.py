@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from dehyst.daemon.config import Config, load_config, load_controller
+from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.models.recording import Recording
@@ -26,6 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--axis", default="", metavar="NAME", help="serve only this axis of several"
     )
+    add_reading(parser)
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="result as JSON on stdout")
     parser.epilog = """Ctrl-C ends it: the output goes back to where it was, and what was recorded
@@ -39,9 +41,9 @@ example: dehyst acquire drive.csv --config stage.toml -o recording.csv"""
 
 
 def run(args: argparse.Namespace) -> int:
-    from dehyst.daemon.files.recordings import read_recording
     from dehyst.daemon.tools.acquire import acquire
     from dehyst.daemon.tools.acquire_axes import acquire_axes
+    from dehyst.daemon.tools.given_recordings import read_one_given
 
     controller = load_controller(args.config)
     several = len(controller.axes) > 1 and not args.axis
@@ -50,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     files = {c.axis: file_of_axis(output, c.axis) if several else output for c in configs}
     inputs = [args.drive, args.config, *(c.model.file for c in configs)]
     check_outputs(list(files.values()), inputs, args.force)
-    drive = read_recording(args.drive)
+    drive = read_one_given(Path(args.drive), args, 2)
     stopped: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: stopped.append(number))

@@ -4,8 +4,10 @@ import argparse
 import json
 from pathlib import Path
 
-from dehyst.daemon.files.outputs import add_force, check_outputs
-from dehyst.daemon.files.recordings import SUFFIXES, WRITTEN, read_columns, write_recording
+from dehyst.daemon.files.foreign.reading import add_reading, reading_of
+from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
+from dehyst.daemon.files.recordings import READ, SUFFIXES, WRITTEN, read_parts, write_recording
+from dehyst.daemon.tools.given_recordings import say_read
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -13,7 +15,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Write a recording or a trajectory in another kind of file; the suffix says which. Every "
         f"column is kept, to the last bit. Read: {', '.join(SUFFIXES)}; written: "
-        f"{', '.join(WRITTEN)}. MCAP opens in Foxglove and PlotJuggler."
+        f"{', '.join(WRITTEN)}. MCAP opens in Foxglove and PlotJuggler. Where the clock went back "
+        "in the file it is cut there: OUT-part1.csv, OUT-part2.csv, ..."
     )
     parser.epilog = "example: dehyst convert run.csv run.mcap"
     parser.add_argument("input", type=Path, metavar="IN")
@@ -23,19 +26,29 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="keep the complete part of an .mcap whose writer was killed or met a full disk",
     )
+    add_reading(parser)
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="print what was done as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
     """Read and write; 0."""
-    check_outputs([args.output], [args.input], args.force)
-    columns, notes = read_columns(args.input, args.unfinished)
-    t_s = columns.pop("t_s")
-    write_recording(args.output, t_s, columns, notes)
-    names = ["t_s", *columns]
+    reading = reading_of(args)
+    parts = read_parts(args.input, args.unfinished, reading)
+    outputs = [args.output]
+    if len(parts) > 1:
+        outputs = [file_of_axis(args.output, f"part{i}") for i in range(1, len(parts) + 1)]
+    check_outputs(outputs, [args.input], args.force)
+    say_read(parts[0][1].get(READ, ""))
+    told = []
+    for output, (columns, notes) in zip(outputs, parts, strict=True):
+        t_s = columns["t_s"]
+        others = {name: values for name, values in columns.items() if name != "t_s"}
+        write_recording(output, t_s, others, notes)
+        names = ["t_s", *others]
+        told.append({"output": str(output), "rows": int(t_s.size), "columns": names})
+        if not args.json:
+            print(f"{output}: {t_s.size} rows of {', '.join(names)}")
     if args.json:
-        print(json.dumps({"output": str(args.output), "rows": int(t_s.size), "columns": names}))
-    else:
-        print(f"{args.output}: {t_s.size} rows of {', '.join(names)}")
+        print(json.dumps(told[0] if len(told) == 1 else {"parts": told}))
     return 0

@@ -5,15 +5,15 @@ import json
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from dehyst.daemon.api.functions import diagnose, load_model
+from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.outputs import check_outputs
-from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.tools.given_recordings import read_given
 from dehyst.models.errors import BadInput
 from dehyst.models.recording import Recording
 
@@ -37,6 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--model", metavar="MODEL.toml", help="the model in use (default: identified here)"
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    add_reading(parser)
     parser.add_argument("--json", action="store_true", help="diagnosis.json on stdout")
 
 
@@ -44,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     """Diagnose and write the three files; 1 when something was left out."""
     results = [args.output / name for name in ("diagnosis.json", "model.toml", "report.html")]
     check_outputs(results, [*args.recordings, args.model], force=False)
-    recordings = _read(args.recordings)
+    recordings = _read(args)
     model = load_model(args.model) if args.model else None
     try:
         args.output.mkdir(parents=True, exist_ok=True)
@@ -60,17 +61,11 @@ def run(args: argparse.Namespace) -> int:
     return 1 if found.details.found_something else 0
 
 
-def _read(paths: list[Path]) -> list[Recording]:
-    """Recordings with names of their own, also when two folders hold the same file name."""
-    out: list[Recording] = []
-    for i, path in enumerate(paths):
-        if any(path.resolve() == other.resolve() for other in paths[:i]):
+def _read(args: argparse.Namespace) -> list[Recording]:
+    for i, path in enumerate(args.recordings):
+        if any(path.resolve() == other.resolve() for other in args.recordings[:i]):
             raise BadInput(f"{path}: given twice")
-        one = read_recording(path, need_displacement=True)
-        if any(one.name == other.name for other in out):
-            one = replace(one, name=str(path))
-        out.append(one)
-    return out
+    return read_given(args.recordings, args)
 
 
 class _Bar:

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.config import load_config
+from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.files.outputs import add_force, check_outputs, whole_file
-from dehyst.daemon.files.recordings import read_recording, write_recording
+from dehyst.daemon.files.recordings import write_recording
+from dehyst.daemon.tools.given_recordings import read_given
 from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.drive_design.excitation import SINES, Excitation, design
 from dehyst.models.drive_design.separation import EFFECTS, Experiment, separate
@@ -79,6 +81,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--picture", type=Path, metavar="FILE.png", help="draw what the drive covers"
     )
+    add_reading(parser)
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON on stdout")
 
@@ -166,7 +169,7 @@ def _notes(drive: Excitation, unit: str) -> dict[str, str]:
 
 
 def _check(args: argparse.Namespace) -> int:
-    recordings = [read_recording(path) for path in args.check]
+    recordings = read_given(args.check, args, need_displacement=False)
     covered = measure_coverage(recordings)
     unit = recordings[0].drive_unit
     _picture(covered, unit, args.picture)

@@ -11,8 +11,9 @@ from rich.console import Console
 from dehyst.daemon import clock
 from dehyst.daemon.api.functions import identify
 from dehyst.daemon.api.identification_summary import describe_result, summary
+from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.outputs import add_force, check_outputs
-from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.tools.given_recordings import read_given
 from dehyst.models.errors import BadInput
 
 
@@ -40,6 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with or without even powers in the saturation (a loop that is not symmetric)",
     )
     parser.add_argument("--report", type=Path, metavar="DIR", help="write DIR/report.html")
+    add_reading(parser)
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON on stdout")
 
@@ -49,11 +51,8 @@ def run(args: argparse.Namespace) -> int:
     rate = True if args.rate else False if args.static else None
     _check_places(args)
     started_ns = clock.monotonic_ns()
+    recordings = read_given(args.recordings, args, doubt=False)
     with working() as say:
-        recordings = []
-        for path in args.recordings:
-            say(f"reading {path.name}")
-            recordings.append(read_recording(path, need_displacement=True))
         found = identify(
             recordings,
             rate=rate,

@@ -10,7 +10,10 @@ import numpy as np
 
 from dehyst.daemon.api.functions import invert
 from dehyst.daemon.api.results import Drive
+from dehyst.daemon.files.foreign.reading import add_reading, reading_of
 from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.files.recordings import read_trajectory
+from dehyst.daemon.tools.given_recordings import say_read
 
 EPILOG = """\
 Writes t_s, target, the drive, what the model predicts, and flags (a sum of:
@@ -54,6 +57,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="resample the trajectory to this period (default: its own, which must be even)",
     )
+    add_reading(parser)
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
 
@@ -61,9 +65,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Invert and write the drive."""
     check_outputs([args.output], [args.model, args.trajectory], args.force)
+    trajectory = read_trajectory(args.trajectory, reading=reading_of(args))
+    say_read(trajectory.read)
     made = invert(
         args.model,
-        args.trajectory,
+        trajectory,
         preview=args.preview,
         mode=args.mode,
         low=args.min,

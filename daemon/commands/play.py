@@ -19,6 +19,7 @@ from dehyst.daemon.client.connection import (
     say,
 )
 from dehyst.daemon.client.group import Group
+from dehyst.daemon.files.foreign.reading import add_reading, reading_of
 from dehyst.daemon.files.outputs import check_outputs, file_of_axis
 from dehyst.models.errors import BadInput
 
@@ -111,16 +112,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--take-over", action="store_true", help="take the command from another client"
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    add_reading(parser)
     add_connection(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Check, stream, wait for the end, report."""
     from dehyst.daemon.files.trajectories import read_trajectories
+    from dehyst.daemon.tools.given_recordings import say_read
 
     learn = args.learn or args.learned is not None
     picture = args.picture or Path(f"{Path(args.trajectory).name.partition('.')[0]}-learned.png")
-    trajectories = read_trajectories(args.trajectory, min_rows=2, column=args.column)
+    trajectories = read_trajectories(
+        args.trajectory, min_rows=2, column=args.column, reading=reading_of(args)
+    )
+    say_read(next(iter(trajectories.values())).read)
     offsets = offsets_of(args.offset_um, trajectories)
     pictures = {axis: file_of_axis(picture, axis) for axis in trajectories}
     learned = {axis: args.learned and file_of_axis(args.learned, axis) for axis in trajectories}

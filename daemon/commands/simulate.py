@@ -4,8 +4,10 @@ import argparse
 import json
 from pathlib import Path
 
-from dehyst.daemon.api.functions import load_model, load_recording, simulate
+from dehyst.daemon.api.functions import load_model, simulate
+from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.tools.given_recordings import read_one_given
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -21,6 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL.toml", help="a file, or a shipped model by name")
     parser.add_argument("recording", type=Path, metavar="REC.csv")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv")
+    add_reading(parser)
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="print what was done as JSON on stdout")
 
@@ -28,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate and write; 0."""
     check_outputs([args.output], [args.model, args.recording], args.force)
-    found = simulate(load_model(args.model), load_recording(args.recording))
+    found = simulate(load_model(args.model), read_one_given(args.recording, args))
     found.save(args.output, force=args.force)
     error, unit, rows = found.error, found.unit, found.recording.size
     settled = error if error and error.rows_settled else None

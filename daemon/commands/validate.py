@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.api.functions import validate
+from dehyst.daemon.files.foreign.reading import add_reading
 from dehyst.daemon.files.outputs import add_force, check_outputs
-from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.tools.given_recordings import read_given
 from dehyst.models.errors import BadInput
 from dehyst.models.identify.validation import CLAIM, Validation
 
@@ -28,6 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "inputs", nargs="+", metavar="MODEL.toml... REC...", help="models first, then recordings"
     )
     parser.add_argument("--report", type=Path, metavar="DIR", help="write DIR/validation.html")
+    add_reading(parser)
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="the result as JSON on stdout")
 
@@ -40,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput("one model (.toml, or a shipped one) and one recording at least are needed")
     page = args.report / "validation.html" if args.report else None
     check_outputs([page], [*map(Path, models), *paths], args.force)
-    recordings = [read_recording(path, need_displacement=True) for path in paths]
+    recordings = read_given(paths, args)
     found = validate(models, recordings)
     if page is not None:
         found.report(page)

@@ -48,6 +48,11 @@ def read_table(path: Path) -> Table:
         raise BadRecording(f"{path}: cannot be read: {reason}") from None
 
 
+def read_lines(name: str, handle: BinaryIO) -> Table:
+    """All columns of a CSV that is in memory. Raises BadRecording naming line and remedy."""
+    return _read(name, handle, 0)
+
+
 def _require_plausible_size(name: str, handle: BinaryIO, packed: int) -> None:
     """Unpacking is counted before anything is parsed, which takes far longer."""
     left = max(TRUSTED_BYTES, MOST_PACKED * packed)
@@ -190,6 +195,7 @@ def _field(name: str, line: int, key: str, field: str) -> float:
         value = float(text)
     except ValueError:
         short = text if len(text) <= 20 else text[:20] + "..."
+        key = key if len(key) <= 40 else key[:40] + "..."
         raise BadRecording(f"{name}: line {line}: {key} is {short!r}, not a number") from None
     if abs(value) > LARGEST:
         raise BadRecording(f"{name}: line {line}: {key} is {value:g}, beyond any measurement")

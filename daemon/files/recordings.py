@@ -1,18 +1,18 @@
-"""Recordings and trajectories on disk: .csv, .csv.gz, .npz, .mcap, .mat; and from arrays by name.
+"""Recordings and trajectories on disk, of any kind that is read; written as .csv, .csv.gz, .npz and
+.mcap; and from arrays by name.
 
 Column names carry the units: `t_s`, the drive `u_v` (or `u_um`, ...), the displacement `y_um`
 (or `y_nm`, `y_v`, `y_counts`, ...), anything else is kept as a further channel, other axes of the
 stage (`axis_y_um`, see axis_columns.py) as `axis.y`. Empty fields and
-NaN are missing samples; they stay missing. Every damaged file ends in one BadRecording line.
+NaN are missing samples; they stay missing. Files of other programs are understood first (see
+loading.py); what was understood is in the recording's `read`, and in the notes of what `dehyst
+convert` writes. Every damaged file ends in one BadRecording line.
 """
 
 import gzip
 import hashlib
 import itertools
-import struct
-import zipfile
-import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,104 +20,210 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files.axis_columns import targets_as_channels, to_channels
-from dehyst.daemon.files.csv_table import LARGEST, MOST_BYTES, Table, line_of_row, read_table
-from dehyst.daemon.files.mat_file import read_mat
-from dehyst.daemon.files.mcap_file import read_mcap, write_mcap
+from dehyst.daemon.files.foreign.reading import AS_IT_IS, Reading
+from dehyst.daemon.files.loading import SUFFIXES, Loaded, load, understand_columns
+from dehyst.daemon.files.mcap_file import write_mcap
 from dehyst.daemon.files.number_text import number_texts
 from dehyst.daemon.files.outputs import whole_file
-from dehyst.daemon.files.sidecar import read_notes, write_notes
+from dehyst.daemon.files.sidecar import write_notes
+from dehyst.daemon.files.times import Times, doubt_seconds, settle
 from dehyst.models.errors import BadRecording
 from dehyst.models.modelfile import UNIT_NAMES
-from dehyst.models.recording import Floats, Recording, Trajectory, first_not_increasing
+from dehyst.models.recording import Floats, Recording, Trajectory
 
-SUFFIXES = (".csv", ".csv.gz", ".npz", ".mcap", ".mat")
 WRITTEN = (".csv", ".csv.gz", ".npz", ".mcap")
+READ = "read"
+"""The note that says how a file of another program was understood."""
+__all__ = ["SUFFIXES", "WRITTEN"]
 
 
 def read_recording(
-    path: str | Path, *, need_displacement: bool = False, min_rows: int = 2
+    path: str | Path,
+    *,
+    need_displacement: bool = False,
+    min_rows: int = 2,
+    reading: Reading = AS_IT_IS,
 ) -> Recording:
     """The recording in a file.
 
     need_displacement: a file without a `y_...` column is refused. min_rows: fewer are refused.
-    Raises BadRecording, one line that names the file, the line or column, and the remedy.
+    reading: how to understand a file of another program.
+    Raises BadRecording, one line that names the file, the line or column, and the remedy; also
+    where the clock went back, so that there are several recordings in it.
     """
+    parts = read_recordings(
+        path, need_displacement=need_displacement, min_rows=min_rows, reading=reading
+    )
+    if len(parts) > 1:
+        raise BadRecording(_several(Path(path), len(parts)))
+    return parts[0]
+
+
+def read_recordings(
+    path: str | Path,
+    *,
+    need_displacement: bool = False,
+    min_rows: int = 2,
+    reading: Reading = AS_IT_IS,
+) -> list[Recording]:
+    """As read_recording, and several where the clock went back in the file: it is cut there."""
     path = Path(path)
-    recording = _recording(path, _load(path), need_displacement, min_rows)
-    return replace(recording, sha256=_sha256(path))
+    wants = ("t", "u", "y") if need_displacement else ("t", "u")
+    loaded = load(path, reading, wants=wants)
+    parts = _recordings(path.name, loaded, need_displacement, min_rows, reading)
+    digest = _sha256(path)
+    if len(parts) == 1:
+        return [replace(parts[0], sha256=digest)]
+    return [
+        replace(one, sha256=hashlib.sha256(f"{digest} {i}".encode()).hexdigest())
+        for i, one in enumerate(parts, 1)
+    ]
 
 
 def recording_of(
-    columns: Mapping[str, Any], name: str, *, need_displacement: bool = False, min_rows: int = 2
+    columns: Mapping[str, Any],
+    name: str,
+    *,
+    need_displacement: bool = False,
+    min_rows: int = 2,
+    reading: Reading = AS_IT_IS,
 ) -> Recording:
     """The recording in arrays (N,) by column name, as `read_recording` has it from a file."""
-    table = Table(_columns(Path(name), columns), {})
-    return _recording(Path(name), table, need_displacement, min_rows)
+    wants = ("t", "u", "y") if need_displacement else ("t", "u")
+    loaded = understand_columns(name, columns, reading, wants)
+    parts = _recordings(name, loaded, need_displacement, min_rows, reading)
+    if len(parts) > 1:
+        raise BadRecording(_several(Path(name), len(parts)))
+    return parts[0]
 
 
-def _recording(path: Path, table: Table, need_displacement: bool, min_rows: int) -> Recording:
-    columns = table.columns
-    t_s = _time(path, columns, min_rows)
-    drive = _unit_column(path, columns, "u", "drive", required=True)
-    disp = _unit_column(path, columns, "y", "displacement", required=need_displacement)
-    further = {k: v for k, v in columns.items() if k not in ("t_s", drive, disp)}
-    channels = to_channels(further, disp[2:] if disp else "um", drive[2:])
-    return Recording(
-        t_s=t_s,
-        drive=columns[drive],
-        displacement=columns[disp] if disp else None,
-        drive_unit=drive[2:],
-        displacement_unit=disp[2:] if disp else "um",
-        channels=channels,
-        metadata=table.metadata,
-        name=path.name,
+def _several(path: Path, parts: int) -> str:
+    return (
+        f"{path.name}: the clock goes back, so that there are {parts} recordings in it; dehyst "
+        f"convert {path.name} part.csv writes each to a file of its own"
     )
 
 
-def read_trajectory(path: str | Path, *, min_rows: int = 1, column: str = "") -> Trajectory:
+def _recordings(
+    name: str, loaded: Loaded, need_displacement: bool, min_rows: int, reading: Reading
+) -> list[Recording]:
+    columns = loaded.columns
+    times = _time(name, loaded, min_rows)
+    drive = _unit_column(name, loaded, "u", "drive", required=True)
+    disp = _unit_column(name, loaded, "y", "displacement", required=need_displacement)
+    longest = max(times.parts, key=lambda part: part[1] - part[0])
+    doubt_seconds(name, times.t_s[slice(*longest)], loaded.seconds or bool(reading.time_unit))
+    said = _say(name, loaded, times, "")
+    further = {k: v for k, v in columns.items() if k not in ("t_s", drive, disp)}
+    channels = to_channels(further, disp[2:] if disp else "um", drive[2:])
+    out = []
+    for i, (begin, end) in enumerate(times.parts, 1):
+        if end - begin < min_rows and len(times.parts) > 1:
+            continue
+
+        def cut(values: Floats, begin: int = begin, end: int = end) -> Floats:
+            return (values if times.keep is None else values[times.keep])[begin:end]
+
+        out.append(
+            Recording(
+                t_s=times.t_s[begin:end],
+                drive=cut(columns[drive]),
+                displacement=cut(columns[disp]) if disp else None,
+                drive_unit=drive[2:],
+                displacement_unit=disp[2:] if disp else "um",
+                channels={key: cut(values) for key, values in channels.items()},
+                metadata=loaded.notes,
+                name=name if len(times.parts) == 1 else f"{name} (part {i})",
+                read=said,
+            )
+        )
+    if not out:
+        raise BadRecording(f"{name}: no part of it has {min_rows} rows")
+    return out
+
+
+def _say(name: str, loaded: Loaded, times: Times, doubt: str) -> str:
+    said = [text for text in (loaded.said, *times.said, doubt) if text]
+    return f"{name}: read {times.t_s.size} rows: {'; '.join(said)}" if said else ""
+
+
+def read_trajectory(
+    path: str | Path, *, min_rows: int = 1, column: str = "", reading: Reading = AS_IT_IS
+) -> Trajectory:
     """The trajectory in a file with the columns `t_s` and `target_um` (or another unit).
 
     column: take this one instead, its name ends in the unit (`y_um`).
     Raises BadRecording as read_recording does, and when a target is missing somewhere.
     """
     path = Path(path)
-    trajectory = _trajectory(path, _load(path).columns, min_rows, column)
-    return replace(trajectory, sha256=_sha256(path))
+    loaded = load(path, reading, wants=("t",) if column else ("t", "target"))
+    return replace(_trajectory(path.name, loaded, min_rows, column), sha256=_sha256(path))
 
 
 def trajectory_of(columns: Mapping[str, Any], name: str, *, min_rows: int = 1) -> Trajectory:
     """The trajectory in arrays (N,) by column name, as `read_trajectory` has it from a file."""
-    return _trajectory(Path(name), _columns(Path(name), columns), min_rows, "")
+    loaded = understand_columns(name, columns, AS_IT_IS, ("t", "target"))
+    return _trajectory(name, loaded, min_rows, "")
 
 
-def _trajectory(
-    path: Path, columns: Mapping[str, Floats], min_rows: int, column: str
-) -> Trajectory:
-    t_s = _time(path, columns, min_rows)
+def _trajectory(name: str, loaded: Loaded, min_rows: int, column: str) -> Trajectory:
+    times = _time(name, loaded, min_rows)
+    if len(times.parts) > 1:
+        raise BadRecording(f"{name}: {times.said[-1]}; a trajectory has one course of time")
+    columns = loaded.columns
+    if times.keep is not None:
+        columns = {key: values[times.keep] for key, values in columns.items()}
     _, _, unit = column.rpartition("_")
     if column and (column not in columns or unit not in UNIT_NAMES):
         raise BadRecording(
-            f"{path.name}: no column {column} with a unit ({', '.join(UNIT_NAMES)}) at its end; "
+            f"{name}: no column {column} with a unit ({', '.join(UNIT_NAMES)}) at its end; "
             f"there are {_listed(columns)}"
         )
-    key = column or _unit_column(path, columns, "target", "target", required=True)
+    key = column or _unit_column(name, loaded, "target", "target", required=True)
     row = np.flatnonzero(~np.isfinite(columns[key]))
     if row.size:
-        raise BadRecording(f"{path.name}: {_where(path, int(row[0]))}: {key} is missing")
-    further = {name: values for name, values in columns.items() if name not in ("t_s", key)}
+        raise BadRecording(f"{name}: {loaded.where(int(row[0]))}: {key} is missing")
+    further = {k: values for k, values in columns.items() if k not in ("t_s", key)}
     unit = key.rpartition("_")[2]
     channels = targets_as_channels(further, unit)
-    return Trajectory(t_s, columns[key], unit, path.name, channels=channels)
+    said = _say(name, loaded, times, "")
+    return Trajectory(times.t_s, columns[key], unit, name, channels=channels, read=said)
 
 
 def read_columns(
-    path: str | Path, unfinished: bool = False
+    path: str | Path, unfinished: bool = False, reading: Reading = AS_IT_IS
 ) -> tuple[dict[str, Floats], dict[str, str]]:
     """(columns by name, `t_s` among them; notes) of a file, whatever they mean. unfinished: what
-    is whole of an .mcap whose writer was killed. Raises BadRecording."""
-    table = _load(Path(path), unfinished)
-    _time(Path(path), table.columns, 1)
-    return dict(table.columns), dict(table.metadata)
+    is whole of a file whose writer was killed. Raises BadRecording."""
+    parts = read_parts(path, unfinished, reading)
+    if len(parts) > 1:
+        raise BadRecording(_several(Path(path), len(parts)))
+    return parts[0]
+
+
+def read_parts(
+    path: str | Path, unfinished: bool = False, reading: Reading = AS_IT_IS
+) -> list[tuple[dict[str, Floats], dict[str, str]]]:
+    """As read_columns, and several where the clock went back in the file: it is cut there."""
+    path = Path(path)
+    loaded = load(path, reading, unfinished, wants=("t",))
+    times = _time(path.name, loaded, 1)
+    doubt = ""
+    if any(key.startswith("u_") for key in loaded.columns):
+        longest = max(times.parts, key=lambda part: part[1] - part[0])
+        known = loaded.seconds or bool(reading.time_unit)
+        doubt = doubt_seconds(path.name, times.t_s[slice(*longest)], known)
+    said = _say(path.name, loaded, times, doubt)
+    notes = {key: text for key, text in loaded.notes.items() if key != READ}
+    notes |= {READ: said} if said else {}
+    columns = loaded.columns
+    if times.keep is not None:
+        columns = {key: values[times.keep] for key, values in columns.items()}
+    columns = {**columns, "t_s": times.t_s}
+    return [
+        ({key: values[begin:end] for key, values in columns.items()}, notes)
+        for begin, end in times.parts
+    ]
 
 
 def write_recording(
@@ -169,133 +275,49 @@ def _csv_lines(table: Mapping[str, Any]) -> Iterable[str]:
         yield from (",".join(row) + "\n" for row in zip(*block, strict=True))
 
 
-def _load(path: Path, unfinished: bool = False) -> Table:
-    name = path.name
-    if path.is_dir():
-        raise BadRecording(f"{path}: is a directory, not a recording")
-    if not path.exists():
-        raise BadRecording(f"{path}: no such file")
-    if not path.is_file():
-        raise BadRecording(f"{path}: is not an ordinary file")
-    readers: dict[str, Callable[[Path], Table]] = {
-        ".npz": _read_npz,
-        ".mat": _read_mat,
-        ".mcap": lambda path: _read_mcap(path, unfinished),
-    }
-    if not name.endswith(SUFFIXES):
-        raise BadRecording(f"{name}: unknown kind of file; {', '.join(SUFFIXES)} are read")
-    if unfinished and path.suffix != ".mcap":
-        raise BadRecording(f"{name}: only an .mcap file can be unfinished; read it as it is")
-    table = readers.get(path.suffix, _read_csv)(path)
-    if not table.columns:
-        raise BadRecording(f"{name}: the file holds no columns")
-    return table
-
-
-def _read_csv(path: Path) -> Table:
-    table = read_table(path)
-    return replace(table, metadata={**table.metadata, **read_notes(path)})
-
-
-def _read_npz(path: Path) -> Table:
-    if not zipfile.is_zipfile(path):
-        raise BadRecording(f"{path.name}: not an .npz file")
-    try:
-        with zipfile.ZipFile(path) as members:
-            size = sum(member.file_size for member in members.infolist())
-        if size > MOST_BYTES:
-            raise BadRecording(
-                f"{path}: unpacks to {size >> 20} MB; at most {MOST_BYTES >> 20} MB "
-                "are read; cut it into several files"
-            )
-        with np.load(path, allow_pickle=False) as data:
-            arrays = {key: data[key] for key in data.files}
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        EOFError,
-        RuntimeError,
-        OverflowError,
-        MemoryError,
-        struct.error,
-        zlib.error,
-        zipfile.BadZipFile,
-    ) as error:
-        raise BadRecording(f"{path}: not an .npz file that can be read: {error}") from None
-    notes = {k[1:]: str(v) for k, v in arrays.items() if k.startswith("#")}
-    return Table(_columns(path, {k: v for k, v in arrays.items() if k[:1] != "#"}), notes)
-
-
-def _read_mat(path: Path) -> Table:
-    return Table(_columns(path, read_mat(path)), {})
-
-
-def _read_mcap(path: Path, unfinished: bool) -> Table:
-    columns, notes = read_mcap(path, unfinished)
-    return Table(_columns(path, columns), notes)
-
-
-def _columns(path: Path, arrays: Mapping[str, Any]) -> dict[str, Floats]:
-    columns = {}
-    for key, values in arrays.items():
-        try:
-            columns[key] = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
-        except (TypeError, ValueError, MemoryError):
-            raise BadRecording(f"{path.name}: {key} does not hold numbers") from None
-        if np.any(np.abs(columns[key][np.isfinite(columns[key])]) > LARGEST):
-            raise BadRecording(f"{path.name}: {key} holds numbers beyond any measurement")
-    sizes = {key: values.size for key, values in columns.items()}
-    if len(set(sizes.values())) > 1:
-        raise BadRecording(f"{path.name}: columns of unequal length: {sizes}")
-    return columns
-
-
-def _time(path: Path, columns: Mapping[str, Floats], min_rows: int) -> Floats:
+def _time(name: str, loaded: Loaded, min_rows: int) -> Times:
+    columns = loaded.columns
     if "t_s" not in columns:
         raise BadRecording(
-            f"{path.name}: no column t_s (time in seconds); there are {_listed(columns)}"
+            f"{name}: no column t_s (time in seconds); there are {_listed(columns)}; --columns "
+            "t=... names it, --rate HZ counts the rows"
         )
     t_s = columns["t_s"]
     if t_s.size < min_rows:
-        raise BadRecording(
-            f"{path.name}: {t_s.size} rows of data; at least {min_rows} are needed here"
+        raise BadRecording(f"{name}: {t_s.size} rows of data; at least {min_rows} are needed here")
+
+    def same_row(row: int) -> bool:
+        return all(
+            v[row] == v[row - 1] or (np.isnan(v[row]) and np.isnan(v[row - 1]))
+            for v in columns.values()
         )
-    row = first_not_increasing(t_s)
-    if row >= 0:
-        before = f" ({t_s[row]:.9g} after {t_s[row - 1]:.9g})" if row else ""
-        raise BadRecording(
-            f"{path.name}: {_where(path, row)}: t_s does not increase{before}; "
-            "sort the rows and remove duplicates"
-        )
-    return t_s
+
+    return settle(name, t_s, same_row, loaded.where)
 
 
-def _unit_column(
-    path: Path, columns: Mapping[str, Floats], letter: str, what: str, required: bool
-) -> str:
+def _unit_column(name: str, loaded: Loaded, letter: str, what: str, required: bool) -> str:
     """The column of that kind: the first known unit wins, so u_v comes before u_um."""
+    columns = loaded.columns
     for unit in UNIT_NAMES:
         if f"{letter}_{unit}" in columns:
             key = f"{letter}_{unit}"
             if np.any(np.isinf(columns[key])):
                 row = int(np.flatnonzero(np.isinf(columns[key]))[0])
-                raise BadRecording(f"{path.name}: {_where(path, row)}: {key} is infinite")
+                raise BadRecording(f"{name}: {loaded.where(row)}: {key} is infinite")
             return key
     near = [key for key in columns if key == letter or key.rpartition("_")[0] == letter]
     units = ", ".join(f"{letter}_{unit}" for unit in UNIT_NAMES)
     if near and (required or letter == "y"):
         raise BadRecording(
-            f"{path.name}: {near[0]} is not a {what} in a unit that is known; rename it to one of "
-            f"{units} and convert the numbers"
+            f"{name}: {near[0]} is not a {what} in a unit that is known; --columns "
+            f"{letter}={near[0]} and its unit read it, or rename it to one of {units}"
         )
     if required:
-        raise BadRecording(f"{path.name}: no {what} column ({units}); there are {_listed(columns)}")
+        raise BadRecording(
+            f"{name}: no {what} column ({units}); there are {_listed(columns)}; --columns "
+            f"{letter}=... names it"
+        )
     return ""
-
-
-def _where(path: Path, row: int) -> str:
-    return f"line {line_of_row(path, row)}" if path.suffix in (".csv", ".gz") else f"sample {row}"
 
 
 def _listed(columns: Mapping[str, Floats]) -> str:

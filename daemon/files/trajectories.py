@@ -4,6 +4,7 @@
 import re
 from pathlib import Path
 
+from dehyst.daemon.files.foreign.reading import AS_IT_IS, Reading
 from dehyst.daemon.files.recordings import read_columns, read_trajectory
 from dehyst.models.errors import BadRecording
 from dehyst.models.modelfile import UNIT_NAMES
@@ -13,17 +14,17 @@ OF_AXIS = re.compile(rf"target_([a-z0-9]{{1,8}})_({'|'.join(UNIT_NAMES)})")
 
 
 def read_trajectories(
-    path: str | Path, *, min_rows: int = 1, column: str = ""
+    path: str | Path, *, min_rows: int = 1, column: str = "", reading: Reading = AS_IT_IS
 ) -> dict[str, Trajectory]:
     """What each axis is to do, by its short name, in the file's order; "" for the only one of a
     file with `target_um`, or where `column` says which. Raises BadRecording as read_trajectory."""
     path = Path(path)
     if column:
-        return {"": read_trajectory(path, min_rows=min_rows, column=column)}
-    columns, _ = read_columns(path)
+        return {"": read_trajectory(path, min_rows=min_rows, column=column, reading=reading)}
+    columns, _ = read_columns(path, reading=reading)
     found = [match for name in columns if (match := OF_AXIS.fullmatch(name))]
     if not found or any(name.removeprefix("target_") in UNIT_NAMES for name in columns):
-        return {"": read_trajectory(path, min_rows=min_rows)}
+        return {"": read_trajectory(path, min_rows=min_rows, reading=reading)}
     axes = [match[1] for match in found]
     if len(set(axes)) < len(axes):
         raise BadRecording(f"{path.name}: an axis has two columns of targets: {', '.join(axes)}")

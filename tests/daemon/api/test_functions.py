@@ -142,7 +142,7 @@ def test_nothing_is_printed_and_what_is_given_stays_as_it_is(
         (lambda: dehyst.identify(5), "int is not a recording"),
         (lambda: dehyst.identify([1.0, 2.0]), "t_s, drive, displacement"),
         (lambda: dehyst.identify({"t_s": [0, 1], "u_v": [0, 1]}), "no displacement column"),
-        (lambda: dehyst.identify({"u_v": [0, 1], "y_um": [0, 1]}), "no column t_s"),
+        (lambda: dehyst.identify({"u_v": [0, 1], "y_um": [0, 1]}), "no column of times"),
         (lambda: dehyst.simulate("paper-eq12", {"t_s": [0, 1], "u_nm": [0, 1]}), "drive is in nm"),
         (lambda: dehyst.simulate("paper-eq12", [0, 1], [0, 1, 2]), "unequal length"),
         (lambda: dehyst.simulate("paper-eq12", [0, 0], [0, 1]), "t_s does not increase"),

@@ -1,0 +1,124 @@
+"""Named arrays of any shape as columns: structures are flattened, texts become notes."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from dehyst.daemon.files.csv_table import MOST_COLUMNS
+from dehyst.daemon.files.foreign.found import Column, Found
+
+MOST_WIDE = 64  # columns of one array with two dimensions
+MOST_DEEP = 16
+MOST_NOTE = 200
+
+
+def found_in(arrays: Iterable[tuple[str, str, Any]], notes: Mapping[str, str]) -> Found:
+    """Columns of arrays: (name, unit, values). Those of the length that most have are columns;
+    others, and single numbers, go into the notes or are left out, which is said."""
+    columns: list[Column] = []
+    kept = dict(notes)
+    left: list[str] = []
+    for name, unit, values in arrays:
+        array = np.asarray(values)
+        if array.dtype.names:
+            for key in array.dtype.names:
+                columns += _columns(f"{name}.{key}".strip("."), unit, np.asarray(array[key]))
+        elif array.dtype.kind in "US" or (array.dtype.kind == "O" and array.size == 1):
+            if array.size == 1:
+                kept[name] = str(array.reshape(-1)[0])[:MOST_NOTE]
+            else:
+                left.append(name)
+        elif array.size == 1 and array.dtype.kind in "biuf":
+            kept[name] = repr(float(array.reshape(-1)[0]))
+        elif more := _columns(name, unit, array):
+            columns += more
+        elif array.size:
+            left.append(name)
+        if len(columns) > 4 * MOST_COLUMNS:
+            break
+    found = Found(columns, kept)
+    if left:
+        found.said.append(f"without numbers and left out: {', '.join(left[:5])}")
+    return found
+
+
+def of_one_length(found: Found, wanted: Iterable[str] = ()) -> Found:
+    """Those columns that belong to each other: of the length of the wanted ones, or of most."""
+    sizes = [column.values.size for column in found.columns]
+    named = {str(text).lower() for text in wanted}
+    of_wanted = [c.values.size for c in found.columns if c.heading.lower() in named]
+    counted = Counter(of_wanted or sizes)
+    if len(set(sizes)) < 2:
+        return found
+    size = max(counted, key=lambda n: (counted[n] if not of_wanted else 1, n))
+    left = [c.heading for c in found.columns if c.values.size != size]
+    found.columns = [c for c in found.columns if c.values.size == size]
+    found.said.append(
+        f"of another length and left out: {', '.join(left[:5])}{', ...' * (len(left) > 5)}"
+    )
+    return found
+
+
+def _columns(name: str, unit: str, array: Any) -> list[Column]:
+    clock = array.dtype.kind in "Mm"
+    if clock:
+        array = _seconds(array)
+    elif array.dtype.kind == "O":
+        try:
+            array = array.astype(np.float64)
+        except (TypeError, ValueError):
+            return []
+    if array.dtype.kind not in "biuf":
+        return []
+    array = array.squeeze() if array.ndim > 1 else array
+    if array.ndim == 1 and array.size > 1:
+        return [Column(name, np.ascontiguousarray(array, dtype=np.float64), unit, clock)]
+    if array.ndim != 2:
+        return []
+    tall = array if array.shape[0] >= array.shape[1] else array.T
+    if tall.shape[1] > MOST_WIDE:
+        return []
+    return [
+        Column(
+            f"{name}.{j}" if name else "", np.ascontiguousarray(tall[:, j], dtype=np.float64),
+            unit, clock,
+        )
+        for j in range(tall.shape[1])
+    ]  # fmt: skip
+
+
+def _seconds(moments: Any) -> Any:
+    """Moments or durations as seconds, NaN where there is none; moments from the first one."""
+    missing = np.isnat(moments)
+    out = np.full(moments.shape, math.nan)
+    known = moments[~missing]
+    if known.size:
+        whole = known.astype("m8[ns]" if moments.dtype.kind == "m" else "M8[ns]")
+        zero = np.timedelta64(0, "ns") if moments.dtype.kind == "m" else whole.reshape(-1)[0]
+        out[~missing] = (whole - zero) / np.timedelta64(1, "ns") / 1e9
+    return out
+
+
+def flattened(value: Any, name: str = "", deep: int = 0) -> Iterator[tuple[str, Any]]:
+    """(name with its path, array) of nested maps and lists."""
+    if deep > MOST_DEEP:
+        return
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from flattened(inner, f"{name}.{key}".strip("."), deep + 1)
+    elif isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
+        for i, inner in enumerate(value[:MOST_WIDE]):
+            yield from flattened(inner, f"{name}.{i}", deep + 1)
+    elif (
+        isinstance(value, np.ndarray)
+        and value.dtype.kind == "O"
+        and 0 < value.size <= MOST_WIDE
+        and isinstance(value.reshape(-1)[0], Mapping)
+    ):
+        for i, inner in enumerate(value.reshape(-1)):
+            yield from flattened(inner, f"{name}.{i}", deep + 1)
+    else:
+        yield name, value

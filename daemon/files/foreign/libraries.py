@@ -1,0 +1,176 @@
+"""The files that a library reads, by the library that is made for them. Runs in a process of its
+own (dehyst.daemon.files.foreign.apart); each is imported where it is used."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dehyst.daemon.files.csv_table import MOST_BYTES
+from dehyst.daemon.files.foreign.arrays import flattened, found_in
+from dehyst.daemon.files.foreign.found import Column, Found
+from dehyst.daemon.files.foreign.grid import LOOKED_AT, fill, lay_out
+from dehyst.models.errors import BadRecording
+
+MOST_ROWS = 4_000_000
+
+
+def read_mat(path: Path) -> Found:
+    """A MATLAB file: to version 7 by scipy, of 7.3 by h5py."""
+    from scipy.io import loadmat
+
+    with path.open("rb") as file:
+        head = file.read(1024)
+    if head.startswith(b"\x89HDF") or b"MATLAB 7.3" in head:
+        return read_hdf5(path)
+    read = loadmat(path, simplify_cells=True)
+    flat = flattened({k: v for k, v in read.items() if k[:2] != "__"})
+    return found_in(((name, "", value) for name, value in flat), {})
+
+
+def read_hdf5(path: Path) -> Found:
+    """An HDF5 file, MATLAB's own among them."""
+    import h5py
+
+    notes: dict[str, str] = {}
+    arrays: list[tuple[str, str, Any]] = []
+    size = 0
+
+    def visit(name: str, item: Any) -> None:
+        nonlocal size
+        if not isinstance(item, h5py.Dataset) or "#refs#" in name or "#subsystem#" in name:
+            return
+        kind = item.attrs.get("MATLAB_class", b"")
+        if item.attrs.get("MATLAB_empty", 0) or kind in (b"cell", b"function_handle"):
+            return
+        size += item.size * max(item.dtype.itemsize, 1)
+        if size > MOST_BYTES:
+            raise BadRecording(f"holds more than {MOST_BYTES >> 20} MB; cut it into several files")
+        if kind == b"char":
+            notes[name] = "".join(chr(c) for c in np.asarray(item[()]).reshape(-1)[:200])
+        elif h5py.check_string_dtype(item.dtype):
+            if item.size == 1:
+                text = np.asarray(item.asstr()[()]).reshape(-1)[0]
+                notes[name] = str(text)[:200]
+        elif item.dtype.kind in "biuf" or item.dtype.names:
+            arrays.append((name, _unit_in(item.attrs), item[()]))
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+        for key, value in file.attrs.items():
+            if isinstance(value, str | int | float | np.number):
+                notes[str(key)] = str(value)[:200]
+    return found_in(arrays, notes)
+
+
+def _unit_in(attributes: Any) -> str:
+    for key in ("unit", "units", "Unit", "Units", "unit_string", "UNIT"):
+        value = attributes.get(key)
+        if value is not None:
+            value = value.decode(errors="replace") if isinstance(value, bytes) else value
+            return str(value)[:40]
+    return ""
+
+
+def read_xlsx(path: Path) -> Found:
+    """The sheets of a spreadsheet; headings are `Sheet/Heading` where several hold numbers."""
+    from openpyxl import load_workbook
+
+    book = load_workbook(path, read_only=True, data_only=True)
+    sheets: list[tuple[str, Found]] = []
+    formulas = False
+    for sheet in book.worksheets:
+        rows = []
+        for row in sheet.iter_rows(values_only=True, max_col=512):
+            rows.append(row)
+            if len(rows) > MOST_ROWS:
+                raise BadRecording(f"{sheet.title}: more than {MOST_ROWS} rows")
+        looked = [row for row in rows if any(cell is not None for cell in row)][:LOOKED_AT]
+        if not looked:
+            continue
+        begins = next(i for i, row in enumerate(rows) if row is looked[0])
+        try:
+            layout = lay_out(sheet.title, looked, ".")
+        except BadRecording:
+            formulas = True
+            continue
+        first = next(i for i in range(begins, len(rows)) if rows[i] is looked[layout.first])
+        places = ((i, rows[i]) for i in range(first, len(rows)))
+        here = fill(sheet.title, layout, places, ".", lambda place: f"row {place + 1}")
+        if len(here.columns) > 1 and here.columns[0].values.size > 1:
+            sheets.append((sheet.title, here))
+    if not sheets:
+        raise BadRecording(
+            "no sheet holds columns of numbers"
+            + (" (formulas that were never reckoned count as empty)" if formulas else "")
+        )
+    if len(sheets) == 1:
+        found = sheets[0][1]
+        if len(book.sheetnames) > 1:
+            found.said.append(f"from the sheet '{sheets[0][0]}'")
+    else:
+        found = Found([Column(f"{title}/{c.heading}", c.values, c.unit, c.clock)
+                       for title, one in sheets for c in one.columns])  # fmt: skip
+        for title, one in sheets:
+            found.notes |= {f"{title}/{key}": text for key, text in one.notes.items()}
+    found.where = lambda row: f"row {row + 1}"
+    return found
+
+
+def read_tdms(path: Path) -> Found:
+    """A TDMS file of LabVIEW; headings are `Group/Channel` where there are several groups."""
+    from nptdms import TdmsFile
+
+    notes: dict[str, str] = {}
+    steps: set[float] = set()
+    starts: set[float] = set()
+    with TdmsFile.open(path) as file:
+        groups = file.groups()
+        notes |= {str(k): str(v)[:200] for k, v in file.properties.items() if str(v)}
+
+        def channels() -> Iterator[tuple[str, str, Any]]:
+            size = 0
+            for group in groups:
+                for channel in group.channels():
+                    size += 8 * len(channel)
+                    if size > MOST_BYTES:
+                        raise BadRecording(f"holds more than {MOST_BYTES >> 20} MB")
+                    name = f"{group.name}/{channel.name}" if len(groups) > 1 else channel.name
+                    step = channel.properties.get("wf_increment", 0.0)
+                    if isinstance(step, float | int) and 0 < step < 1e6:
+                        steps.add(float(step))
+                        starts.add(float(channel.properties.get("wf_start_offset", 0.0)))
+                    yield name, _unit_in(channel.properties), channel[:]
+
+        found = found_in(channels(), notes)
+    if len(steps) == 1 and len(starts) == 1:
+        found.step_s, found.start_s = steps.pop(), starts.pop()
+    return found
+
+
+def read_parquet(path: Path) -> Found:
+    """A Parquet file; nested columns by their path."""
+    import pyarrow.parquet
+
+    file = pyarrow.parquet.ParquetFile(path)
+    if 8 * file.metadata.num_rows * file.metadata.num_columns > MOST_BYTES:
+        raise BadRecording(f"holds more than {MOST_BYTES >> 20} MB; cut it into several files")
+    table = file.read()
+    while any(pyarrow.types.is_struct(field.type) for field in table.schema):
+        table = table.flatten()
+    plain = (
+        (name, "", column.to_numpy())
+        for name, column in zip(table.column_names, table.columns, strict=True)
+    )
+    return found_in(plain, {})
+
+
+READERS: dict[str, Callable[[Path], Found]] = {
+    ".mat": read_mat,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+    ".xlsx": read_xlsx,
+    ".tdms": read_tdms,
+    ".parquet": read_parquet,
+}

@@ -1,0 +1,92 @@
+"""What a column's heading says that it is."""
+
+import re
+
+from dehyst.daemon.files.foreign.units import (
+    ANGLE,
+    COUNTS,
+    LENGTH,
+    OTHER,
+    TIME,
+    UNITS,
+    VOLTAGE,
+    split_heading,
+)
+from dehyst.models.modelfile import UNIT_NAMES
+
+NAMES = {"t": "time", "u": "drive", "y": "displacement", "target": "target"}
+PLAIN, BY_WORD, BY_UNIT = 3, 2, 1
+"""How sure a heading makes it: a name of dehyst's own, a word, the unit alone."""
+
+_TIME = {
+    "t",
+    "time",
+    "times",
+    "timestamp",
+    "zeit",
+    "temps",
+    "tempo",
+    "tiempo",
+    "elapsed",
+    "seconds",
+}
+_TARGET = {
+    "target", "setpoint", "soll", "sollwert", "reference", "desired", "commanded", "ref", "setpos",
+}  # fmt: skip
+_DRIVE = {
+    "u", "drive", "input", "driving", "applied", "excitation", "actuation", "ansteuerung", "hv",
+    "command", "control", "vin", "uin", "actuator", "amplifier", "eingang", "stimulus",
+}  # fmt: skip
+_VOLTAGE = {"voltage", "volt", "volts", "spannung", "tension", "v"}
+_DISPLACEMENT = {
+    "y", "displacement", "displ", "disp", "position", "pos", "weg", "auslenkung", "verschiebung",
+    "stellweg", "sensor", "gauge", "elongation", "extension", "deflection", "stroke", "measured",
+    "interferometer", "strain", "sgs", "capacitive", "vibrometer", "lvdt", "encoder", "deformation",
+    "tilt", "angle", "output", "response", "ausgang", "dehnung", "position_measured", "travel",
+}  # fmt: skip
+_ROW = {"", "index", "idx", "no", "nr", "n", "row", "sample", "samples", "point", "sequence", "seq"}
+_PLAIN = re.compile(rf"(?:(t)_s|(u|y|target)_(?:{'|'.join(UNIT_NAMES)}))")
+
+
+def words_of(name: str) -> set[str]:
+    """The words of a heading, in lower case: "driveVoltage" is "drive", "voltage"."""
+    apart = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", name.rpartition("/")[2] or name)
+    words = set(re.findall(r"[^\W\d_]+", apart.lower()))
+    return words | {"spannung" for w in words if w.endswith("spannung")}
+
+
+def role_of(heading: str, unit: str) -> tuple[str, int]:
+    """(t, u, y, target or "", how sure). unit: its key in UNITS where the file gives one beside the
+    heading."""
+    last = heading.rpartition("/")[2]
+    if plain := _PLAIN.fullmatch(last.rpartition(".")[2]):
+        return plain[1] or plain[2], PLAIN
+    name, own = split_heading(heading)
+    words, kind = words_of(name), UNITS[own or unit][0] if own or unit else ""
+    sensed = bool(words & _DISPLACEMENT)
+    driven = bool(words & _DRIVE)
+    if kind == OTHER:
+        return "", 0
+    if words & _TARGET and kind in (LENGTH, ANGLE, ""):
+        return "target", BY_WORD
+    if (words & _TIME and kind in (TIME, "")) or {"x", "value"} <= words or {"x", "axis"} <= words:
+        return "t", BY_WORD
+    if kind == TIME:
+        return "t", BY_UNIT
+    if sensed and not driven:
+        return "y", BY_WORD
+    if driven and not sensed:
+        return "u", BY_WORD
+    if driven and sensed:
+        return {VOLTAGE: "u", LENGTH: "y", ANGLE: "y"}.get(kind, ""), BY_UNIT
+    if words & _VOLTAGE and kind in (VOLTAGE, ""):
+        return "u", BY_WORD if name else BY_UNIT
+    by_unit = {VOLTAGE: "u", LENGTH: "y", ANGLE: "y", COUNTS: ""}.get(kind, "")
+    return by_unit, BY_UNIT if by_unit else 0
+
+
+def counts_rows(heading: str) -> bool:
+    """Whether a heading is that of row numbers: "", "Unnamed: 0", "index", "Sample"."""
+    name, unit = split_heading(heading)
+    plain = re.sub(r"unnamed:?|\d|[^\w]", "", name.lower()).strip("_ ")
+    return not unit and plain in _ROW

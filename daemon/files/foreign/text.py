@@ -1,0 +1,196 @@
+"""Numbers as text, however they are written: encoding, separator, decimal mark, preamble."""
+
+import csv
+import gzip
+import re
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dehyst.daemon.files.csv_table import LARGEST, LONGEST_LINE, MOST_PACKED, TRUSTED_BYTES
+from dehyst.daemon.files.foreign.found import Column, Found
+from dehyst.daemon.files.foreign.grid import LOOKED_AT, Layout, fill, lay_out, score, tell
+from dehyst.models.errors import BadRecording
+
+MOST_TEXT = 256 << 20
+SEPARATORS = (("\t", "tabs"), (";", "semicolons"), (",", "commas"), ("", "blanks"))
+MARKS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
+
+
+def read_bytes(path: Path) -> bytes:
+    """All bytes of a text, unpacked. Raises BadRecording."""
+    try:
+        packed = path.stat().st_size
+        if path.suffix.lower() == ".gz":
+            most = min(MOST_TEXT, max(TRUSTED_BYTES, MOST_PACKED * packed))
+            with gzip.open(path, "rb") as handle:
+                data = handle.read(most + 1)
+        else:
+            most = MOST_TEXT
+            with path.open("rb") as plain:
+                data = plain.read(most + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BadRecording(f"{path}: cannot be read: {reason}") from None
+    if len(data) > most:
+        raise BadRecording(f"{path.name}: more than {most >> 20} MB of text; cut it into pieces")
+    return data
+
+
+def decode(name: str, data: bytes) -> str:
+    """Text of the usual encodings. Raises BadRecording where it is no text."""
+    for mark, encoding in MARKS:
+        if data.startswith(mark):
+            try:
+                return data.decode(encoding)
+            except UnicodeDecodeError:
+                raise BadRecording(f"{name}: is not whole {encoding} text") from None
+    head = data[:4096]
+    if b"\0" in head:
+        for encoding, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):
+            if len(zeros) > 8 and zeros.count(0) > 0.9 * len(zeros):
+                return data.decode(encoding, errors="replace")
+    if b"\0" in data:
+        line = data[: data.index(b"\0")].count(b"\n") + 1
+        raise BadRecording(
+            f"{name}: line {line} holds a zero byte: not a text file (or one whose writer was "
+            "stopped: --unfinished keeps what is before)"
+        )
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
+
+
+def read_text_table(path: Path) -> Found:
+    """Columns of a text. Raises BadRecording naming the line."""
+    return understand_text(path.name, decode(path.name, read_bytes(path)))
+
+
+def understand_text(name: str, text: str) -> Found:
+    """Columns of a text that is in memory."""
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    places = [i for i, line in enumerate(lines[: 3 * LOOKED_AT]) if line.strip()][:LOOKED_AT]
+    if not places:
+        raise BadRecording(f"{name}: the file is empty")
+    if max(len(lines[i]) for i in places) > LONGEST_LINE:
+        raise BadRecording(f"{name}: a line is too long for a recording")
+    if max(len(lines[i]) for i in places) > 8192:
+        places = places[:50]
+    sample = [lines[i] for i in places]
+    best: tuple[int, str, str, str] = (0, "", "", "")
+    for separator, word in SEPARATORS:
+        split = splitter(separator)
+        rows = [split(line) for line in sample]
+        if max(map(len, rows)) < 2:
+            continue
+        for decimal in (".", ","):
+            if decimal == separator:
+                continue
+            gain = score(rows, decimal)[0]
+            if gain > best[0]:
+                best = gain, separator, decimal, word
+    gain, separator, decimal, word = best
+    if not gain:
+        raise BadRecording(
+            f"{name}: holds no rows of numbers separated by commas, semicolons, tabs or blanks"
+        )
+    split = splitter(separator)
+    layout = lay_out(name, [split(line) for line in sample], decimal)
+    _refuse_two_commas(name, layout, [split(line) for line in sample], separator)
+    if not separator:
+        _join_headings(layout, sample)
+    first = places[layout.first]
+    found = _quickly(lines, first, layout, separator, decimal, split)
+    if found is None:
+        rows_of = ((i, split(lines[i])) for i in range(first, len(lines)) if not _note(lines[i]))
+        found = fill(name, layout, rows_of, decimal, lambda place: f"line {place + 1}")
+    if separator != ",":
+        found.said.append(f"separated by {word}")
+    if decimal == ",":
+        found.said.append("decimal commas")
+    return found
+
+
+def splitter(separator: str) -> Callable[[str], list[str]]:
+    """What cuts a line into its fields."""
+    if not separator:
+        return lambda line: line.split()
+
+    def split(line: str) -> list[str]:
+        if '"' in line:
+            try:
+                return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+            except csv.Error:
+                return line.split(separator)
+        return line.split(separator)
+
+    return split
+
+
+def _note(line: str) -> bool:
+    return line.lstrip()[:1] in ("#", "%", "!")
+
+
+def _quickly(
+    lines: Sequence[str],
+    first: int,
+    layout: Layout,
+    separator: str,
+    decimal: str,
+    split: Callable[[str], list[str]],
+) -> Found | None:
+    """By numpy's own reader; None where a row is not as plain as that takes."""
+    kept = [j for j in range(layout.width) if layout.numeric[j]]
+    if any(":" in cell for cell in split(lines[first])):
+        return None
+    body: Iterator[str] = iter(lines[first:])
+    if decimal == ",":
+        body = (line.replace(",", ".") for line in body)
+    try:
+        table = np.loadtxt(body, delimiter=separator or None, usecols=kept, comments=None, ndmin=2)
+    except (ValueError, OverflowError, IndexError):
+        return None
+    if np.any(np.abs(table[np.isfinite(table)]) > LARGEST):
+        return None
+    full = all(line.strip() for line in lines[first : first + table.shape[0]])
+    found = Found(
+        [
+            Column(layout.headings[j], np.ascontiguousarray(table[:, i]), layout.units[j])
+            for i, j in enumerate(kept)
+        ],
+        layout.notes,
+        layout.step_s,
+        layout.start_s,
+        where=lambda row: f"line {first + row + 1}" if full else f"row {row + 1}",
+    )
+    tell(found, layout, 0)
+    return found
+
+
+def _refuse_two_commas(
+    name: str, layout: Layout, rows: Sequence[Sequence[Any]], separator: str
+) -> None:
+    """A comma that separates and is the decimal mark too: twice as many fields as headings."""
+    if separator == "," and layout.first and not any(layout.headings):
+        above = len(rows[layout.first - 1])
+        if above > 1 and layout.width == 2 * above:
+            raise BadRecording(
+                f"{name}: {above} headings over {layout.width} fields: commas are decimal marks "
+                "and separators at once; write it with semicolons, or with decimal points"
+            )
+
+
+def _join_headings(layout: Layout, sample: Sequence[str]) -> None:
+    """Headings that have blanks of their own: cut at two blanks or more, or behind a bracket."""
+    if layout.first == 0 or any(layout.headings):
+        return
+    line = re.sub(r"^\s*[#%!]+\s*", "", sample[layout.first - 1]).strip()
+    for form in (r"\s{2,}", r"(?<=[\])])\s+"):
+        cells = re.split(form, line)
+        if len(cells) == layout.width:
+            layout.headings = cells
+            return

@@ -1,0 +1,292 @@
+"""From columns as somebody else named them to those of a recording, and the line that says how.
+
+What cannot be known is asked for, all at once, by naming the option; nothing is guessed but what
+the line then says.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dehyst.daemon.files.foreign.found import Column, Found
+from dehyst.daemon.files.foreign.reading import Reading
+from dehyst.daemon.files.foreign.roles import BY_UNIT, NAMES, PLAIN, counts_rows, role_of
+from dehyst.daemon.files.foreign.units import LENGTH, TIME, UNITS, VOLTAGE, split_heading, unit_of
+from dehyst.models.errors import BadRecording
+from dehyst.models.modelfile import UNIT_NAMES
+from dehyst.models.recording import Floats
+
+SURELY_SECONDS = 0.02
+"""Times without a unit that step by less [s] are seconds: as milliseconds they would be those of
+more than 50 kHz, which no recording of a stage needs."""
+
+
+@dataclass
+class Understood:
+    """columns: as a recording names them; said: what was understood, "" where nothing was but
+    names of dehyst's own; seconds: whether the times can be nothing else."""
+
+    columns: dict[str, Floats]
+    said: str
+    seconds: bool
+
+
+def understand(name: str, found: Found, reading: Reading, wants: Sequence[str]) -> Understood:
+    """The recording in a file. wants: what has to be there, of t, u, y, target; the rest may be.
+    Raises BadRecording: what is not known, and the options that say it."""
+    columns = _without_row_numbers(found.columns, reading)
+    if not columns:
+        raise BadRecording(f"{name}: holds no column of numbers")
+    asked: list[str] = []
+    chosen = _choose(name, columns, reading, wants, asked)
+    out: dict[str, Floats] = {}
+    said: list[str] = []
+    _take_time(chosen.get("t"), columns, found, reading, out, said, asked)
+    for role in ("u", "y", "target"):
+        if role in chosen:
+            given = reading.drive_unit if role == "u" else reading.unit
+            _take(role, columns[chosen[role]], given, out, said, asked)
+    if asked:
+        raise BadRecording(f"{name}: {'; '.join(asked)}")
+    for i, column in enumerate(columns):
+        if i not in chosen.values():
+            _keep(column, reading, out)
+    own = not reading and all(_is_own(columns[i]) for i in chosen.values()) and "t" in chosen
+    time = columns[chosen["t"]] if "t" in chosen and not reading.rate_hz else None
+    return Understood(
+        out,
+        "; ".join([*([] if own else [", ".join(said)]), *found.said]),
+        time is None or bool(reading.time_unit) or time.clock or _unit(time) not in ("", "s"),
+    )
+
+
+def _is_own(column: Column) -> bool:
+    return role_of(column.heading, "")[1] == PLAIN and not column.unit
+
+
+def _without_row_numbers(columns: Sequence[Column], reading: Reading) -> list[Column]:
+    """All but a column that counts the rows; none goes where columns are given by number."""
+    if any(isinstance(c, int) for c in reading.columns.values()):
+        return list(columns)
+    out = []
+    for column in columns:
+        v = np.asarray(column.values)
+        counting = v.size > 1 and bool(np.all(np.diff(v) == 1.0)) and float(v[0]) in (0.0, 1.0)
+        named = any(c.heading for c in columns)
+        if not (named and counting and counts_rows(column.heading) and len(columns) > 2):
+            out.append(column)
+    return out
+
+
+def _label(column: Column, number: int) -> str:
+    text = f"'{column.heading[:40]}'" if column.heading else f"column {number}"
+    return text + (f" ({column.unit})" if column.unit else "")
+
+
+def _choose(
+    name: str,
+    columns: Sequence[Column],
+    reading: Reading,
+    wants: Sequence[str],
+    asked: list[str],
+) -> dict[str, int]:
+    """Number of the column by role."""
+    chosen: dict[str, int] = {}
+    for role, wanted in reading.columns.items():
+        chosen[role] = _named(name, columns, role, wanted)
+    if len(set(chosen.values())) < len(chosen):
+        raise BadRecording(f"{name}: --columns names a column twice")
+    free = [i for i in range(len(columns)) if i not in chosen.values()]
+    if not any(columns[i].heading or columns[i].unit or columns[i].clock for i in free):
+        _ask_by_number(columns, free, chosen, reading, wants, asked)
+        return chosen
+    roles = {i: role_of(columns[i].heading, unit_of(columns[i].unit)) for i in free}
+    roles |= {i: ("t", BY_UNIT) for i in free if columns[i].clock and roles[i][0] != "t"}
+    if "target" in wants and not any(role == "target" for role, _ in roles.values()):
+        roles = {i: ("target", sure) if r == "y" else (r, sure) for i, (r, sure) in roles.items()}
+    for role in NAMES:
+        if role in chosen or (role == "t" and reading.rate_hz):
+            continue
+        best = max((sure for r, sure in roles.values() if r == role), default=0)
+        found = [i for i, (r, sure) in roles.items() if r == role and sure == best]
+        if len(found) > 1 and _all_the_same(columns, found):
+            found = found[:1]
+        if len(found) == 1:
+            chosen[role] = found[0]
+        elif found and (role in wants or role in "tuy"):
+            names = ", ".join(_label(columns[i], i) for i in found[:4])
+            option = _option(role, columns, found)
+            if role == "u" and not any(r == "y" for r, _ in roles.values()) and "y" not in chosen:
+                option += "," + _option("y", columns, found).removeprefix("--columns ")
+            asked.append(f"{names}: which is the {NAMES[role]}? add {option}")
+        elif role in wants and role != "t":
+            left = [i for i in free if i not in chosen.values()]
+            names = ", ".join(_label(columns[i], i) for i in left[:6])
+            asked.append(
+                f"no heading names the {NAMES[role]}"
+                + (f" ({names}): add {_option(role, columns, left)}" if names else "")
+            )
+    return chosen
+
+
+def _option(role: str, columns: Sequence[Column], of: Sequence[int]) -> str:
+    one = of[0] if role != "y" else of[-1]
+    heading = columns[one].heading
+    plain = bool(re.fullmatch(r"[\w.]+", heading)) and not heading.isdecimal()
+    return f"--columns {role}=" + (
+        heading if plain else str(one) if not heading else f'"{heading}"'
+    )
+
+
+def _all_the_same(columns: Sequence[Column], which: Sequence[int]) -> bool:
+    first = columns[which[0]].values
+    return all(np.array_equal(first, columns[i].values, equal_nan=True) for i in which[1:])
+
+
+def _ask_by_number(
+    columns: Sequence[Column],
+    free: Sequence[int],
+    chosen: Mapping[str, int],
+    reading: Reading,
+    wants: Sequence[str],
+    asked: list[str],
+) -> None:
+    """No column has a heading: say which are needed."""
+    roles = [r for r in wants if r not in chosen and not (r == "t" and reading.rate_hz)]
+    if roles:
+        first = ", ".join(f"{columns[i].values[0]:.6g}" for i in free[:6])
+        numbers = ",".join(f"{role}={i}" for i, role in zip(free, roles, strict=False))
+        asked.append(
+            f"{len(columns)} columns of numbers without headings (the first row is {first}): say "
+            f"which is which: --columns {numbers}"
+        )
+
+
+def _named(name: str, columns: Sequence[Column], role: str, wanted: str | int) -> int:
+    """The column that --columns names."""
+    text = str(wanted)
+    for same in (
+        lambda c: c.heading == text,
+        lambda c: c.heading.lower() == text.lower(),
+        lambda c: split_heading(c.heading)[0].lower() == text.lower(),
+        lambda c: c.heading.rpartition("/")[2].lower() == text.lower(),
+    ):
+        found = [i for i, column in enumerate(columns) if same(column)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise BadRecording(
+                f"{name}: --columns {role}={text}: {len(found)} columns have this heading; give "
+                f"the number: {role}={found[0]}"
+            )
+    if isinstance(wanted, int) and 0 <= wanted < len(columns):
+        return wanted
+    there = ", ".join(_label(c, i) for i, c in enumerate(columns[:8]))
+    raise BadRecording(
+        f"{name}: --columns {role}={text}: there is no such column; there are {there}"
+    )
+
+
+def _unit(column: Column) -> str:
+    """Key of the unit that the file gives, "" where it gives none."""
+    return unit_of(column.unit) or split_heading(column.heading)[1]
+
+
+def _take_time(
+    number: int | None,
+    columns: Sequence[Column],
+    found: Found,
+    reading: Reading,
+    out: dict[str, Floats],
+    said: list[str],
+    asked: list[str],
+) -> None:
+    rows = len(columns[0].values)
+    if reading.rate_hz or number is None:
+        step_s = 1.0 / reading.rate_hz if reading.rate_hz else found.step_s
+        if step_s > 0.0:
+            out["t_s"] = np.asarray(found.start_s + step_s * np.arange(rows), dtype=np.float64)
+            source = "--rate" if reading.rate_hz else "the file's own period"
+            said.append(f"t from {source} ({step_s:.6g} s a row)")
+        elif not any("columns t=" in text for text in asked):
+            asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")
+        return
+    column = columns[number]
+    label, unit = _label(column, number), unit_of(reading.time_unit) or _unit(column)
+    values = np.asarray(column.values, dtype=np.float64)
+    if column.clock and not unit:
+        unit = "s"
+    if not unit:
+        known = np.diff(values[np.isfinite(values)])
+        step = float(np.median(known[known > 0.0])) if np.any(known > 0.0) else 0.0
+        if not 0.0 < step < SURELY_SECONDS:
+            asked.append(
+                f"{label} steps by {step:.4g}, and gives no unit: add --time-unit s, ms or us"
+            )
+            return
+        unit, label = "s", f"{label}, taken as seconds"
+    kind, _, factor = UNITS[unit]
+    if kind != TIME:
+        asked.append(f"{label} is no time; add --columns t=... or --rate HZ")
+        return
+    if factor == 1.0:
+        out["t_s"] = values
+    else:  # divided, so that 5 ms are 0.005 s to the last bit
+        out["t_s"] = values / (1.0 / factor) if factor < 1.0 else values * factor
+        label += f" (in {unit})"
+    said.append(f"t from {label}")
+
+
+def _take(
+    role: str,
+    column: Column,
+    given: str,
+    out: dict[str, Floats],
+    said: list[str],
+    asked: list[str],
+) -> None:
+    """Drive, displacement or target into a unit that recordings have."""
+    unit, label = unit_of(given) or _unit(column), _label(column, 0)
+    if not column.heading:
+        label = "the column given" + (f" ({column.unit})" if column.unit else "")
+    if not unit and role == "u":
+        unit, label = "v", f"{label}, taken as volts"
+    if not unit:
+        asked.append(
+            f"the unit of {label} is not given: add --unit um, nm, v, counts, mrad or urad"
+        )
+        return
+    _, kept, factor = UNITS[unit]
+    if kept not in UNIT_NAMES:
+        option = "--drive-unit" if role == "u" else "--unit"
+        asked.append(f"{label} is in {unit}, which is no {NAMES[role]}; add {option} or --columns")
+        return
+    values = np.asarray(column.values, dtype=np.float64)
+    if factor != 1.0:
+        values = values / (1.0 / factor) if factor < 1.0 else values * factor
+        label += f" ({unit}, as {kept})"
+    elif given or kept != split_heading(column.heading)[1]:
+        label += f" in {kept}" if "taken as" not in label else ""
+    out[f"{role}_{kept}"] = values
+    said.append(f"{NAMES[role]} from {label}")
+
+
+def _keep(column: Column, reading: Reading, out: dict[str, Floats]) -> None:
+    """A further channel, under a name that a recording may have."""
+    name, own = split_heading(column.heading.rpartition("/")[2])
+    unit = unit_of(column.unit) or own
+    plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "channel"
+    if unit and UNITS[unit][0] in (TIME, VOLTAGE, LENGTH) and UNITS[unit][2] != 1.0:
+        plain = f"{plain}_{unit}"
+    elif unit:
+        plain = f"{plain}_{UNITS[unit][1]}"
+    if re.fullmatch(r"(t|u|y|target)(_.*)?", plain):  # not what it was found not to be
+        plain = f"other_{plain}"
+    if plain.startswith("temperatur") and unit == "c":
+        plain = "temp_c"
+    key, number = plain, 2
+    while key in out:
+        key, number = f"{plain}_{number}", number + 1
+    out[key] = np.asarray(column.values, dtype=np.float64)

@@ -1,0 +1,236 @@
+"""The columns in a file, whatever its kind, by the names that recordings have.
+
+A file of dehyst's own is read as it is; one of another program is understood first (see
+dehyst.daemon.files.foreign), and what was understood is said.
+"""
+
+import gzip
+import warnings
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+
+from dehyst.daemon.files.csv_table import (
+    LARGEST,
+    LONGEST_LINE,
+    MOST_BYTES,
+    line_of_row,
+    read_table,
+)
+from dehyst.daemon.files.foreign.apart import NEEDS, read_apart
+from dehyst.daemon.files.foreign.arrays import found_in, of_one_length
+from dehyst.daemon.files.foreign.found import Column, Found
+from dehyst.daemon.files.foreign.reading import AS_IT_IS, Reading
+from dehyst.daemon.files.foreign.text import read_text_table
+from dehyst.daemon.files.foreign.understand import understand
+from dehyst.daemon.files.mcap_file import read_mcap
+from dehyst.daemon.files.sidecar import read_notes
+from dehyst.daemon.files.unfinished import is_unfinished_npz, read_whole_part
+from dehyst.models.errors import BadRecording
+from dehyst.models.recording import Floats
+
+TEXTS = (".csv", ".csv.gz", ".txt", ".dat", ".tsv", ".lvm")
+SUFFIXES = (*TEXTS, ".npz", ".npy", ".mcap", *NEEDS)
+UNDERSTOOD = ("t", "u")
+
+
+@dataclass
+class Loaded:
+    """columns: by name, each (N,); notes: the file's own; said: what was understood, "": it is a
+    file of dehyst's own; seconds: whether `t_s` was surely seconds; where: a row's place."""
+
+    columns: dict[str, Floats]
+    notes: dict[str, str]
+    said: str = ""
+    seconds: bool = False
+    where: Callable[[int], str] = field(default=lambda row: f"sample {row}")
+
+
+def load(
+    path: Path,
+    reading: Reading = AS_IT_IS,
+    unfinished: bool = False,
+    wants: Sequence[str] = UNDERSTOOD,
+) -> Loaded:
+    """All columns of a file. unfinished: what is whole of one whose writer was killed or met a full
+    disk; wants: of t, u, y, target, what has to be found in a file of another program. Raises
+    BadRecording, one line."""
+    name = path.name
+    if len(name) > 255 or len(str(path)) > 4095:
+        raise BadRecording(f"{name[:60]}...: the name is too long for a file")
+    if path.is_dir():
+        raise BadRecording(f"{path}: is a directory, not a recording")
+    if not path.exists():
+        raise BadRecording(f"{path}: no such file")
+    if not path.is_file():
+        raise BadRecording(f"{path}: is not an ordinary file")
+    if not name.lower().endswith(SUFFIXES):
+        raise BadRecording(f"{name}: unknown kind of file; {', '.join(SUFFIXES)} are read")
+    kind = path.suffix.lower()
+    if unfinished:
+        read = read_whole_part(path) if kind != ".mcap" else None
+        loaded = Loaded(*read) if read is not None else _load_mcap(path, reading, True, wants)
+    elif kind == ".mcap":
+        loaded = _load_mcap(path, reading, False, wants)
+    elif kind in NEEDS:
+        loaded = _understood(path, read_apart(path), reading, wants)
+    elif kind == ".npz":
+        loaded = _load_npz(path, reading, wants)
+    elif kind == ".npy":
+        loaded = _understood(path, _read_npy(path), reading, wants)
+    elif not reading and name.lower().endswith((".csv", ".csv.gz")) and is_own(path):
+        table = read_table(path)
+        loaded = Loaded(table.columns, {**table.metadata, **read_notes(path)})
+        loaded.where = lambda row: f"line {line_of_row(path, row)}"
+    else:
+        loaded = _understood(path, read_text_table(path), reading, wants)
+        loaded.notes |= read_notes(path)
+    if not loaded.columns:
+        raise BadRecording(f"{name}: the file holds no columns")
+    return loaded
+
+
+def is_own(path: Path) -> bool:
+    """Whether a CSV begins as dehyst writes it: a header with `t_s` between commas, and numbers in
+    the next line. Anything that cannot be read counts as such: read_table says why."""
+    try:
+        opener = gzip.open if path.suffix.lower() == ".gz" else open
+        with opener(path, "rb") as file:
+            lines = _first_lines(cast(BinaryIO, file))
+    except (OSError, EOFError, ValueError):
+        return True
+    if not lines:
+        return True
+    header = lines[0].split(",")
+    own = "t_s" in [cell.strip().strip('"') for cell in header] and all(map(str.strip, header))
+    if not own or "\r" in lines[0].rstrip("\r"):
+        return False
+    return len(lines) < 2 or any(c.isdigit() for c in lines[1]) or not any(map(str.strip, lines[1]))
+
+
+def _first_lines(file: BinaryIO) -> list[str]:
+    """The header and the line after it."""
+    out: list[str] = []
+    for _ in range(1000):
+        raw = file.readline(LONGEST_LINE)
+        text = raw.decode("latin-1").removeprefix("ï»¿").strip("\n")
+        if not raw:
+            break
+        if text.strip() and not text.lstrip().startswith("#"):
+            out.append(text)
+            if len(out) == 2:
+                break
+    return out
+
+
+def understand_columns(
+    name: str, arrays: Mapping[str, Any], reading: Reading, wants: Sequence[str]
+) -> Loaded:
+    """Columns that are in memory already, by name."""
+    if "t_s" in arrays and not reading:
+        return Loaded(plain_columns(name, arrays), {})
+    found = found_in(((key, "", _numbers(values)) for key, values in arrays.items()), {})
+    return _understood(Path(name), found, reading, wants)
+
+
+def _numbers(values: Any) -> Any:
+    return values.to_numpy() if hasattr(values, "to_numpy") else values
+
+
+def _understood(path: Path, found: Found, reading: Reading, wants: Sequence[str]) -> Loaded:
+    found = of_one_length(found, [str(v) for v in reading.columns.values()])
+    _refuse_absurd(path.name, {c.heading: c.values for c in found.columns})
+    read = understand(path.name, found, reading, wants)
+    return Loaded(read.columns, found.notes, read.said, read.seconds, found.where)
+
+
+def _load_npz(path: Path, reading: Reading, wants: Sequence[str]) -> Loaded:
+    arrays = _read_npz(path)
+    notes = {k[1:]: str(v) for k, v in arrays.items() if k.startswith("#")}
+    arrays = {k: v for k, v in arrays.items() if k[:1] != "#"}
+    numbers = all(v.dtype.kind in "biuf" for v in arrays.values())
+    if not reading and "t_s" in arrays and numbers and len({v.size for v in arrays.values()}) == 1:
+        return Loaded(plain_columns(path.name, arrays), notes)
+    found = found_in(((key, "", values) for key, values in arrays.items()), notes)
+    return _understood(path, found, reading, wants)
+
+
+def _load_mcap(path: Path, reading: Reading, unfinished: bool, wants: Sequence[str]) -> Loaded:
+    columns, notes = read_mcap(path, unfinished)
+    if not reading and any(name[:2] in ("u_", "y_") or name[:7] == "target_" for name in columns):
+        return Loaded(plain_columns(path.name, columns), notes)
+    found = Found([Column(name, values) for name, values in columns.items()], notes)
+    return _understood(path, found, reading, wants) if columns else Loaded({}, notes)
+
+
+def _read_npy(path: Path) -> Found:
+    if path.stat().st_size > MOST_BYTES:
+        raise BadRecording(f"{path.name}: more than {MOST_BYTES >> 20} MB; cut it into pieces")
+    array = _carefully(path, ".npy", lambda: np.load(path, allow_pickle=False, mmap_mode="r"))
+    if 8 * array.size > MOST_BYTES:
+        raise BadRecording(f"{path.name}: more than {MOST_BYTES >> 20} MB; cut it into pieces")
+    return found_in([("", "", np.array(array))], {})
+
+
+def _read_npz(path: Path) -> dict[str, Any]:
+    if is_unfinished_npz(path):
+        raise BadRecording(
+            f"{path.name}: its writer did not come to the end (killed, or the disk was full); "
+            f"dehyst convert --unfinished {path.name} whole.npz keeps what is whole"
+        )
+    if not zipfile.is_zipfile(path):
+        raise BadRecording(f"{path.name}: not an .npz file")
+
+    def read() -> dict[str, Any]:
+        with zipfile.ZipFile(path) as members:
+            size = sum(member.file_size for member in members.infolist())
+        if size > MOST_BYTES:
+            raise BadRecording(
+                f"{path}: unpacks to {size >> 20} MB; at most {MOST_BYTES >> 20} MB "
+                "are read; cut it into several files"
+            )
+        with np.load(path, allow_pickle=False) as data:
+            return {key: data[key] for key in data.files if isinstance(data[key], np.ndarray)}
+
+    return cast(dict[str, Any], _carefully(path, ".npz", read))
+
+
+def _carefully(path: Path, kind: str, read: Callable[[], Any]) -> Any:
+    """What numpy reads: a damaged file breaks it, zipfile, zlib, ast and tokenize in ways of their
+    own, and makes them warn."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return read()
+    except BadRecording:
+        raise
+    except Exception as error:
+        why = " ".join(str(error).split())[:200] or type(error).__name__
+        raise BadRecording(f"{path}: not an {kind} file that can be read: {why}") from None
+
+
+def plain_columns(name: str, arrays: Mapping[str, Any]) -> dict[str, Floats]:
+    """Arrays of numbers as columns of one length. Raises BadRecording."""
+    columns = {}
+    for key, values in arrays.items():
+        try:
+            columns[key] = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError, MemoryError):
+            raise BadRecording(f"{name}: {key} does not hold numbers") from None
+    _refuse_absurd(name, columns)
+    sizes = {key: values.size for key, values in columns.items()}
+    if len(set(sizes.values())) > 1:
+        raise BadRecording(f"{name}: columns of unequal length: {sizes}")
+    return columns
+
+
+def _refuse_absurd(name: str, columns: Mapping[str, Floats]) -> None:
+    for key, values in columns.items():
+        if values.size and float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values))) > (
+            LARGEST
+        ):
+            raise BadRecording(f"{name}: {key[:60]} holds numbers beyond any measurement")

@@ -1,0 +1,131 @@
+"""Times as a file has them: cut where the clock went back, rebuilt where they are only rounded.
+
+Rows are never sorted: where the clock goes back, something new begins (a recorder started anew, two
+files were joined), and what came before has no known time to what follows.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from dehyst.models.errors import BadRecording
+from dehyst.models.recording import Bools, Floats
+
+ROUNDED_SHARE = 0.002
+"""Rows that repeat the time before: with more, the times are rounded, not a row written twice."""
+LEAST_DIGITS, OFF_THE_LINE = 50, 0.75
+"""Of the last digit of rounded times: what they have to span, so that their mean step is good to
+about a percent, and by how much they may be off a straight line: rounding moves each by half of it,
+cutting off by half about its mean."""
+MOST_PARTS = 64
+SLOW_STEP_S = 1.0
+"""Steps above this are asked about: as seconds they are less than one row a second, as milliseconds
+less than 1000. Recordings over hours at 1 or 2 Hz are ordinary."""
+NOTED_STEP_S = 0.4
+
+
+@dataclass
+class Times:
+    """t_s: (N,), increasing in each part; parts: [from, to) of rows; keep: rows that stay, None:
+    all; said: what was done."""
+
+    t_s: Floats
+    parts: list[tuple[int, int]]
+    keep: Bools | None
+    said: list[str]
+
+
+def settle(
+    name: str, t_s: Floats, same_row: Callable[[int], bool], where: Callable[[int], str]
+) -> Times:
+    """same_row(i): whether row i holds the same numbers as the one before, in all columns; where:
+    the place of a row in words. Raises BadRecording where the times cannot be used."""
+    said: list[str] = []
+    if not np.all(np.isfinite(t_s)):
+        row = int(np.flatnonzero(~np.isfinite(t_s))[0])
+        raise BadRecording(f"{name}: {where(row)}: the time is missing; --rate HZ counts the rows")
+    steps = np.diff(t_s)
+    if steps.size == 0 or bool(np.all(steps > 0.0)):
+        return Times(t_s, [(0, t_s.size)], None, said)
+    back = np.flatnonzero(steps < 0.0) + 1
+    cuts = [0, *back.tolist(), t_s.size]
+    if len(cuts) - 1 > MOST_PARTS:
+        raise BadRecording(
+            f"{name}: {where(int(back[0]))}: the time goes back, and {back.size} times in all; is "
+            "this the column of the time? --columns t=... names another, --rate HZ counts the rows"
+        )
+    out = t_s.copy()
+    keep = np.ones(t_s.size, dtype=bool)
+    for begin, end in pairwise(cuts):
+        _settle_part(name, out, begin, end, keep, same_row, where, said)
+    if back.size:
+        places = ", ".join(where(int(row)) for row in back[:3]) + (", ..." if back.size > 3 else "")
+        said.append(f"the clock went back at {places}: cut there into {len(cuts) - 1} parts")
+    parts = list(pairwise(cuts))
+    if bool(np.all(keep)):
+        return Times(out, parts, None, said)
+    before = np.concatenate([[0], np.cumsum(keep)])
+    parts = [(int(before[a]), int(before[b])) for a, b in parts]
+    return Times(out[keep], [(a, b) for a, b in parts if b > a], keep, said)
+
+
+def _settle_part(
+    name: str,
+    t_s: Floats,
+    begin: int,
+    end: int,
+    keep: Bools,
+    same_row: Callable[[int], bool],
+    where: Callable[[int], str],
+    said: list[str],
+) -> None:
+    """One stretch whose times do not go back: repeated ones are rounded, or rows written twice."""
+    part = t_s[begin:end]
+    repeated = np.flatnonzero(np.diff(part) == 0.0) + 1
+    if not repeated.size:
+        return
+    if all(same_row(begin + int(row)) for row in repeated[:1000]) and repeated.size <= max(
+        1000, ROUNDED_SHARE * part.size
+    ):
+        keep[begin + repeated] = False
+        rows = "1 row that is" if repeated.size == 1 else f"{repeated.size} rows that are"
+        said.append(f"{rows} written twice left out")
+        return
+    rising = np.diff(part)
+    quantum = float(rising[rising > 0.0].min()) if np.any(rising > 0.0) else 0.0
+    even = np.linspace(0.0, 1.0, part.size)
+    line = np.polynomial.Polynomial.fit(even, part, 1)
+    straight = np.asarray(line(even))
+    step = float(straight[-1] - straight[0]) / max(part.size - 1, 1)
+    off = float(np.max(np.abs(part - straight)))
+    if float(np.ptp(part)) >= LEAST_DIGITS * quantum and 0.0 < off <= OFF_THE_LINE * quantum:
+        t_s[begin:end] = straight[0] + step * np.arange(part.size)
+        said.append(f"the times are rounded to {quantum:.2g} s: rebuilt from their even step of "
+                    f"{step:.6g} s")  # fmt: skip
+        return
+    row = begin + int(repeated[0])
+    raise BadRecording(
+        f"{name}: {where(row)}: t_s does not increase ({t_s[row]:.9g} twice), and the rows are not "
+        "evenly spaced; --rate HZ counts the rows instead"
+    )
+
+
+def doubt_seconds(name: str, t_s: Floats, said_by_user: bool) -> str:
+    """A remark where the times may be milliseconds, "" where not. Raises BadRecording where they
+    are hardly seconds; said_by_user: --time-unit was given."""
+    if said_by_user or t_s.size < 20:
+        return ""
+    step, whole = float(np.median(np.diff(t_s))), float(t_s[-1] - t_s[0])
+    if step > SLOW_STEP_S * (1.0 + 1e-6):
+        raise BadRecording(
+            f"{name}: the rows lie {step:.4g} s apart, {whole:.4g} s in all; are the times in "
+            "milliseconds? say --time-unit ms, or --time-unit s where they are seconds"
+        )
+    if step >= NOTED_STEP_S:
+        return (
+            f"the rows lie {step:.4g} s apart, {whole:.4g} s in all (--time-unit ms where these "
+            "are milliseconds)"
+        )
+    return ""

@@ -1,0 +1,108 @@
+"""What is whole of a recording whose writer was killed or met a full disk.
+
+.csv     to the end of the last complete line, before the first zero byte
+.csv.gz  what can be unpacked, to the end of its last complete line
+.npz     the complete blocks of one that was never finished (see rows.NpzRows); of a damaged
+         archive, nothing
+.mcap    the complete chunks: see mcap_file
+"""
+
+import io
+import zlib
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from dehyst.daemon.files.csv_table import MOST_BYTES, read_lines
+from dehyst.daemon.files.sidecar import read_notes
+from dehyst.models.errors import BadRecording
+from dehyst.models.recording import Floats
+
+BLOCK = 1 << 20
+NPZ_BLOCK = b"\x93NUMPY"
+
+
+def is_unfinished_npz(path: Path) -> bool:
+    """Whether a file is the blocks of an .npz that is not finished."""
+    with path.open("rb") as file:
+        return file.read(len(NPZ_BLOCK)) == NPZ_BLOCK
+
+
+def read_whole_part(path: Path) -> tuple[dict[str, Floats], dict[str, str]]:
+    """(columns, notes) of the whole part. Raises BadRecording where there is none."""
+    kind = path.suffix.lower()
+    try:
+        if kind == ".npz":
+            return _of_npz(path)
+        if kind in (".gz", ".csv"):
+            text = _unpack(path) if kind == ".gz" else path.read_bytes()
+            return _of_text(path, text)
+    except OSError as error:
+        raise BadRecording(f"{path}: cannot be read: {error.strerror or error}") from None
+    raise BadRecording(
+        f"{path.name}: dehyst writes no {kind}, so that it cannot be one of its unfinished "
+        "recordings; read it as it is"
+    )
+
+
+def _of_text(path: Path, data: bytes) -> tuple[dict[str, Floats], dict[str, str]]:
+    data = data.partition(b"\0")[0]
+    data = data[: data.rfind(b"\n") + 1]
+    if data.count(b"\n") < 2:
+        raise BadRecording(f"{path.name}: no row was written whole")
+    table = read_lines(path.name, io.BytesIO(data))
+    return dict(table.columns), {**table.metadata, **read_notes(path)}
+
+
+def _unpack(path: Path) -> bytes:
+    """All that can be unpacked, member after member."""
+    parts: list[bytes] = []
+    size = 0
+    with path.open("rb") as file:
+        unpacker, fed = zlib.decompressobj(31), b""
+        while True:
+            fed = fed or file.read(BLOCK)
+            if not fed:
+                return b"".join(parts)
+            try:
+                parts.append(unpacker.decompress(fed))
+            except zlib.error:
+                return b"".join(parts)
+            size += len(parts[-1])
+            if size > MOST_BYTES:
+                raise BadRecording(f"{path.name}: unpacks to more than {MOST_BYTES >> 20} MB")
+            fed = unpacker.unused_data
+            if unpacker.eof:
+                unpacker = zlib.decompressobj(31)
+
+
+def read_blocks(file: BinaryIO) -> tuple[list[str], dict[str, str], list[Any]]:
+    """(names, notes, complete blocks (n, k)) of an .npz that is not finished."""
+    names = [str(name) for name in np.lib.format.read_array(file, allow_pickle=False)]
+    pairs = np.lib.format.read_array(file, allow_pickle=False).reshape(-1, 2)
+    notes = {str(key): str(value) for key, value in pairs}
+    blocks: list[Any] = []
+    while True:
+        try:
+            block = np.lib.format.read_array(file, allow_pickle=False)
+        except (ValueError, EOFError, OSError):
+            return names, notes, blocks
+        if block.ndim != 2 or block.shape[1] != len(names) or block.dtype != np.float64:
+            return names, notes, blocks
+        blocks.append(block)
+
+
+def _of_npz(path: Path) -> tuple[dict[str, Floats], dict[str, str]]:
+    if not is_unfinished_npz(path):
+        raise BadRecording(f"{path.name}: was finished, or is none; read it as it is")
+    try:
+        with path.open("rb") as file:
+            names, notes, blocks = read_blocks(file)
+    except Exception as error:  # numpy's header breaks in ways of its own
+        why = " ".join(str(error).split())[:200]
+        raise BadRecording(f"{path.name}: not an .npz file that can be read: {why}") from None
+    if not blocks:
+        raise BadRecording(f"{path.name}: no row was written whole")
+    whole = np.concatenate(blocks)
+    return {name: np.ascontiguousarray(whole[:, j]) for j, name in enumerate(names)}, notes

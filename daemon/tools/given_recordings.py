@@ -1,0 +1,55 @@
+"""Recordings that a command line names, read as it says; what was understood goes to
+stderr."""
+
+import argparse
+import sys
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from dehyst.daemon.bus.printable import printable
+from dehyst.daemon.files.foreign.reading import reading_of
+from dehyst.daemon.files.recordings import read_recording, read_recordings
+from dehyst.daemon.files.times import doubt_seconds
+from dehyst.models.recording import Recording
+
+
+def read_given(
+    paths: Iterable[Path],
+    args: argparse.Namespace,
+    need_displacement: bool = True,
+    doubt: bool = True,
+) -> list[Recording]:
+    """The recordings of these files, also with one name in two folders; several of a file whose
+    clock went back. args: with the options of add_reading; doubt: say where the times may be
+    milliseconds. Raises BadInput."""
+    reading = reading_of(args)
+    out: list[Recording] = []
+    for path in paths:
+        parts = read_recordings(path, need_displacement=need_displacement, reading=reading)
+        say_read(parts[0].read)
+        if doubt and not (reading.time_unit or reading.rate_hz):
+            say_read(_doubt(parts[0]))
+        for one in parts:
+            taken = any(one.name == other.name for other in out)
+            out.append(replace(one, name=one.name.replace(path.name, str(path))) if taken else one)
+    return out
+
+
+def read_one_given(path: Path, args: argparse.Namespace, min_rows: int = 1) -> Recording:
+    """The one recording of a file; its displacement may be missing. Raises BadInput, also where its
+    clock went back."""
+    recording = read_recording(path, min_rows=min_rows, reading=reading_of(args))
+    say_read(recording.read)
+    return recording
+
+
+def _doubt(recording: Recording) -> str:
+    remark = doubt_seconds(recording.name, recording.t_s, False)
+    return f"{recording.name}: {remark}" if remark else ""
+
+
+def say_read(text: str) -> None:
+    """One line on stderr, none where there is nothing to say."""
+    if text:
+        print(printable(text), file=sys.stderr)
