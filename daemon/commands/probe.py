@@ -4,7 +4,7 @@ import argparse
 import json
 import math
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from dehyst import __version__
@@ -14,6 +14,8 @@ from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.drivers.apt.link import USB_IDS as GAUGES
 from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import DeviceNotFound
+from dehyst.drivers.kpz101 import probe as piezos
+from dehyst.drivers.kpz101.driver import KIND as PIEZOS
 from dehyst.drivers.ksg101 import probe as gauges
 from dehyst.drivers.mdt693b import probe as amplifiers
 from dehyst.drivers.mdt693b.codec import Dialect
@@ -23,20 +25,20 @@ from dehyst.drivers.serial_port import SerialPort, find_usb_ports
 from dehyst.models.errors import BadInput
 
 TIMED = 100
-AMPLIFIER, GAUGE = "mdt693b", "ksg101"
-NAMES = {AMPLIFIER: "MDT693B", GAUGE: "KSG101"}
+AMPLIFIER, GAUGE, PIEZO = "mdt693b", "ksg101", "kpz101"
+NAMES = {AMPLIFIER: "MDT693B", GAUGE: "KSG101", PIEZO: "KPZ101"}
 
 EPILOG = f"""\
-Finds out whether an MDT693B (amplifier) or a KSG101 (gauge reader) is connected to the port. Sends
-requests, to the amplifier also an empty line and two unknown words; changes no setting and moves
-no output. PORT is a path or "auto" (the MDT69xB on USB, with --unit ksg101 the gauge reader). Stop
-everything else that uses the unit first.
+Finds out whether an MDT693B or a KPZ101 (amplifiers) or a KSG101 (gauge reader) is connected to the
+port. Sends requests, to the MDT693B also an empty line and two unknown words; changes no setting
+and moves no output. PORT is a path or "auto" (the MDT69xB on USB, with --unit ksg101 or kpz101
+the one APT unit). Stop everything else that uses the unit first.
 
 --sets V times {TIMED} sets of axis x, all to V, and only if the unit reads back V within 1 V. The
 unit does not report its set-point, so give the one that it really has: otherwise the output moves
 by the difference.
 
-exit status: 0; 1 when what answers is neither of the two, or nothing answers.
+exit status: 0; 1 when what answers is none of the three, or nothing answers.
 
 examples: dehyst probe /dev/ttyACM0 -o my-amplifier.json
           dehyst probe /dev/ttyUSB0 -o my-gauge.json
@@ -58,7 +60,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Fill in the arguments."""
     parser.epilog = EPILOG
     parser.add_argument("port", metavar="PORT", help="serial port, or auto")
-    parser.add_argument("--unit", choices=(AMPLIFIER, GAUGE), help="probe for this unit only")
+    parser.add_argument(
+        "--unit", choices=(AMPLIFIER, GAUGE, PIEZO), help="probe for this unit only"
+    )
     parser.add_argument("-o", "--output", metavar="FILE", help="write the recording (JSON)")
     parser.add_argument("--baud", type=int, default=115200, help="default: %(default)s")
     parser.add_argument(
@@ -101,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
 def _path(args: argparse.Namespace) -> str:
     if args.port != "auto":
         return str(args.port)
-    if args.unit != GAUGE:
+    if args.unit not in (GAUGE, PIEZO):
         return find_port(Mdt693bConfig(baud=args.baud))
     ports = find_usb_ports(GAUGES)
     if len(ports) != 1:
@@ -114,24 +118,44 @@ def _probe(port: SerialPort, args: argparse.Namespace) -> _Probed:
     half a command, and the amplifier's probe spoils that one before it asks."""
     asked = args.unit or (AMPLIFIER if args.sets is not None else "")
     heard: list[RecordedExchange] = []
-    for unit, probe in ((GAUGE, _probe_gauge), (AMPLIFIER, _probe_amplifier)):
-        if asked in ("", unit):
+    for units, probe in (((GAUGE, PIEZO), _probe_apt), ((AMPLIFIER,), _probe_amplifier)):
+        if asked in ("", *units):
             found = probe(port, args.sets)
             if found.unit:
                 return found
             heard += found.exchanges
     raw = b"".join(exchange.reply for exchange in heard)
-    what = NAMES[asked] if asked else "MDT693B and no KSG101"
+    what = NAMES[asked] if asked else "MDT693B, KPZ101 or KSG101"
     says = f"answers {raw[:60]!r}, which is no {what}" if raw else "does not answer"
     return _Probed("", heard, {}, {}, [f"{says}; check port, power and baud rate"])
 
 
-def _probe_gauge(port: SerialPort, sets: float | None) -> _Probed:
+def _probe_piezo(port: SerialPort, unit: gauges.ProbedGauge) -> _Probed:
+    with progress_bar("requests") as progress:
+        exchanges = gauges.record_requests(port, progress, requests=piezos.REQUESTS)
+    piezo = piezos.interpret_requests(exchanges)
+    facts = {"model": unit.model, "serial": unit.serial_number, "firmware": unit.firmware}
+    facts |= asdict(piezo)
+    lines = [
+        f"{unit.model}, firmware {unit.firmware}, serial number {unit.serial_number}",
+        f"voltage limit {piezo.limit_v:g} V; set-point {piezo.output_v:.3f} V; output "
+        f"{'enabled' if piezo.enabled else 'disabled'}",
+    ]
+    if not piezo.open_loop:
+        lines.append("it is not in open loop: the driver refuses it")
+    if not piezo.software_only:
+        lines.append("its voltage source is not software only: the driver refuses it")
+    return _Probed(PIEZO, exchanges, facts, {}, lines)
+
+
+def _probe_apt(port: SerialPort, sets: float | None) -> _Probed:
     with progress_bar("requests") as progress:
         exchanges = gauges.record_requests(port, progress)
     unit = gauges.interpret_requests(exchanges)
     if not unit.model:
         return _Probed("", exchanges, {}, {}, [])
+    if unit.model.startswith(PIEZOS.models):
+        return _probe_piezo(port, unit)
     facts = {
         "model": unit.model,
         "serial": unit.serial_number,

@@ -6,7 +6,7 @@ zero stays. A recording of a real unit becomes a test fixture.
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -61,15 +61,16 @@ def record_requests(
     port: SerialPort,
     progress: Callable[[float], None] = lambda share: None,
     clock: Callable[[], float] = time.monotonic,
+    requests: Sequence[tuple[str, dict[str, int]]] = REQUESTS,
 ) -> list[RecordedExchange]:
     """Send every request and record everything, until each reply has been quiet; no more than the
-    first two where nothing answers."""
+    first two where nothing answers. requests: of another APT unit, the first two the same."""
     start_s, exchanges = clock(), []
     waits_s = TUNING.first_byte_s, TUNING.quiet_s
-    for number, (name, values) in enumerate(REQUESTS):
+    for number, (name, values) in enumerate(requests):
         sent = encode_apt(name, **values)
         exchanges.append(record_exchange(port, sent, waits_s, clock, start_s))
-        progress((number + 1) / len(REQUESTS))
+        progress((number + 1) / len(requests))
         if number == 1 and not interpret_requests(exchanges).model:
             break
     return exchanges

@@ -7,6 +7,8 @@ import sys
 import pytest
 
 from dehyst.daemon.main import main
+from dehyst.drivers.emulated.kpz101_knobs import Kpz101Knobs
+from dehyst.drivers.emulated.kpz101_port import Kpz101Emulator
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Knobs
 from dehyst.drivers.emulated.ksg101_unit import Ksg101Unit
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
@@ -136,3 +138,15 @@ def test_the_emulator_as_a_process_takes_commands(tmp_path):
     assert (out["plugged"], back["plugged"]) == (False, True)
     assert not maybe["ok"]
     assert "commands:" in bad["error"]
+
+
+@pytest.mark.parametrize("unit", [[], ["--unit", "kpz101"]])
+def test_a_piezo_driver_is_recognised_and_not_touched(tmp_path, capsys, unit):
+    knobs = Kpz101Knobs(limit_v=75, start_v=30.0, mode=2)
+    with Kpz101Emulator(tmp_path / "port", knobs) as emulator:
+        assert main(["probe", emulator.port, *unit, "--json"]) == 0
+        assert (emulator.unit.sets_done, emulator.unit.output_v()) == (0, 0.0)
+    found = json.loads(capsys.readouterr().out)
+    assert (found["unit"], found["model"], found["serial"]) == ("kpz101", "KPZ101", "29000123")
+    assert (found["limit_v"], found["enabled"], found["open_loop"]) == (75.0, False, False)
+    assert found["output_v"] == pytest.approx(30.0, abs=0.01)
