@@ -1,0 +1,53 @@
+"""the source paper's experiments again, their errors and figures beside the paper's"""
+
+import argparse
+import json
+from pathlib import Path
+
+from dehyst.daemon.api.results import write_page
+from dehyst.daemon.files.outputs import check_outputs, whole_file
+from dehyst.daemon.paper.experiments import NOISE_NM, run_all
+from dehyst.daemon.terminal.progress import progress_bar
+from dehyst.models.errors import BadInput
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst paper`."""
+    parser.description = (
+        "Repeat the experiments of the paper's section 3 on stages that are its Eq. 11 and "
+        "Eq. 12 and on a Bouc-Wen stage: identify, predict, draw Figures 3 to 7, and track each "
+        "signal with the inverse. Writes DIR/paper.html, DIR/paper.json and pictures. Exit "
+        "status 0: every error of the paper is reached: the standard deviation is at most the "
+        "paper's and the mean at most the paper's mean with its standard deviation; of the sweep "
+        "the maximum of the last second. 1: one is not. Static models count on the stage of "
+        "Eq. 11, rate-dependent ones on that of Eq. 12."
+    )
+    parser.epilog = "example: dehyst paper -o paper-again"
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    parser.add_argument(
+        "--noise",
+        type=float,
+        default=NOISE_NM,
+        metavar="NM",
+        help=f"sensor noise, nm rms (default: {NOISE_NM:g}, the paper's 100 nm peak to peak)",
+    )
+    parser.add_argument("--json", action="store_true", help="the result as JSON on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Repeat the experiments; 0, or 1 where an error of the paper is not reached."""
+    from dehyst.daemon.paper.report import page, pictures, table
+
+    if not 0 < args.noise <= 1000:
+        raise BadInput(f"--noise: more than 0 and at most 1000 nm rms, not {args.noise:g}")
+    check_outputs([args.output / "paper.html", args.output / "paper.json"], [], force=True)
+    with progress_bar("experiments of the paper") as progress:
+        results = run_all(progress, args.noise)
+    text = json.dumps([r.to_json() for r in results], indent=2)
+    write_page(args.output / "paper.html", page(results))
+    write_page(args.output / "paper.json", text + "\n")
+    for name, png in pictures(results).items():
+        with whole_file(args.output / name) as file:
+            file.write(png)
+    print(text if args.json else f"{table(results)}\nreport: {args.output / 'paper.html'}")
+    return 0 if all(r.reached for r in results if r.counts) else 1

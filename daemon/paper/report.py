@@ -1,0 +1,82 @@
+"""What `dehyst paper` shows: a table, a page, pictures."""
+
+from collections.abc import Sequence
+from functools import partial
+
+from dehyst.daemon.paper.experiments import Result
+from dehyst.daemon.paper.pictures import draw_tracking, figures
+from dehyst.daemon.report.page import Page
+from dehyst.daemon.report.plotting import draw_side_by_side
+
+HEAD = ("stage", "experiment", "paper, nm", "here, nm", "reached", "inverse, nm rms")
+RULE = (
+    "Reached: the standard deviation is at most the paper's, and the mean at most the paper's "
+    "mean with its standard deviation; of the sweep, the maximum of the last second. Static "
+    "models count on the stage of Eq. 11, rate-dependent ones on that of Eq. 12; the other rows "
+    "(in brackets) are shown and do not count."
+)
+
+
+def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
+    """The table's cells, as in HEAD."""
+    return [
+        (r.stage, r.experiment.name, _paper(r), _here(r), _verdict(r), f"{r.tracking_rms:.1f}")
+        for r in results
+    ]
+
+
+def table(results: Sequence[Result]) -> str:
+    """The table for a terminal, and its rule."""
+    lines = [HEAD, *rows(results)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(HEAD))]
+    cells = ["  ".join(c.ljust(w) for c, w in zip(x, widths, strict=True)).rstrip() for x in lines]
+    return "\n".join([*cells, "", RULE])
+
+
+def by_stage(results: Sequence[Result]) -> dict[str, list[Result]]:
+    """The results of each stage."""
+    out: dict[str, list[Result]] = {}
+    for one in results:
+        out.setdefault(one.stage, []).append(one)
+    return out
+
+
+def page(results: Sequence[Result]) -> str:
+    """The whole page as HTML text."""
+    out = Page("The paper's experiments again")
+    out.add_text(RULE)
+    out.add_table(HEAD, rows(results))
+    for stage, of in by_stage(results).items():
+        out.add_heading(f"The stage of {stage}" if stage.startswith("Eq") else f"A {stage} stage")
+        for number, draws in figures(of).items():
+            out.add_subheading(f"Figure {number}")
+            out.add_pictures(*draws)
+        out.add_subheading("Tracking with the inverse")
+        out.add_pictures(partial(draw_tracking, of))
+    return out.to_html()
+
+
+def pictures(results: Sequence[Result]) -> dict[str, bytes]:
+    """PNG by file name: Figures 3 to 7 and the tracking of each stage."""
+    out = {}
+    for stage, of in by_stage(results).items():
+        name = stage.lower().replace(". ", "")
+        for number, draws in figures(of).items():
+            out[f"{name}-figure-{number}.png"] = draw_side_by_side(draws, [1.0] * len(draws))
+        out[f"{name}-tracking.png"] = draw_side_by_side([partial(draw_tracking, of)], [1.0])
+    return out
+
+
+def _paper(r: Result) -> str:
+    paper = r.experiment.paper
+    return f"{paper[0]:.2f} max" if len(paper) == 1 else f"{paper[0]:.2f} +- {paper[1]:.2f}"
+
+
+def _here(r: Result) -> str:
+    single = len(r.experiment.paper) == 1
+    return f"{r.maximum:.2f} max" if single else f"{r.mean:.2f} +- {r.std:.2f}"
+
+
+def _verdict(r: Result) -> str:
+    word = "yes" if r.reached else "no"
+    return word if r.counts else f"({word})"
