@@ -50,13 +50,6 @@ CHANGES = [
         _version("chunk", "    client: Id\n    lease: Id\n    trajectory"),
         _version("request", "    client: Id\n    lease: Id = 0\n    sent_ns"),
         Change(
-            "unknown-fields",
-            MESSAGES,
-            "frozen=True, forbid_unknown_fields=True",
-            "frozen=True",
-            "a misspelt field is left out in silence",
-        ),
-        Change(
             "loose-types",
             ENCODING,
             "kind, strict=True,",
