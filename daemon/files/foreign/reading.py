@@ -3,6 +3,7 @@
 import argparse
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -50,11 +51,13 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "Text (comma, semicolon, tab, blanks; decimal commas; any preamble), .xlsx, .npy, .npz, "
         ".h5, .mat, .tdms, .parquet. What was understood is said in one line.",
     )
-    taken = parser._option_string_actions
 
     def add(*options: str, **more: Any) -> None:
-        if free := [option for option in options if option not in taken]:
-            group.add_argument(*free, **more)
+        for names in (options, options[1:]):  # without the first where the command uses it
+            with suppress(argparse.ArgumentError):
+                if names:
+                    group.add_argument(*names, **more)
+                return
 
     add(
         "--columns",

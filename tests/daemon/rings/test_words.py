@@ -27,7 +27,7 @@ def said(**given: Any) -> str:
         ({"trimmed": False, "trim": 0.0}, "open loop; the gauge is +0.215 um from the model"),
         (
             {"trim_frozen": "jumped"},
-            "open loop (trim frozen at -0.213 um: the reading has jumped); the gauge",
+            "open loop (trim frozen at -0.213 um: the reading has jumped; waiting until it is back",
         ),
         ({"trim_frozen": "stuck", "learned": True}, "learned (trim frozen at -0.213 um: the gauge"),
         ({"differs": math.nan}, "trimmed by -0.213 um; the gauge gives no reading"),
