@@ -70,7 +70,7 @@ def test_a_silent_or_strange_port_is_a_finding(tmp_path, capsys):
         assert "does not answer" in capsys.readouterr().out
         emulator.fault(mute=False, garbage=True, count=1000)
         assert main(["probe", emulator.port]) == 1
-        assert "which is no MDT693B and no KSG101" in capsys.readouterr().out
+        assert "which is no MDT693B, KPZ101 or KSG101" in capsys.readouterr().out
     assert main(["probe", emulator.port]) == 2
     assert "there is no port" in capsys.readouterr().err
 
