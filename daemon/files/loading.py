@@ -24,7 +24,9 @@ from dehyst.daemon.files.csv_table import (
 from dehyst.daemon.files.foreign.apart import NEEDS, read_apart
 from dehyst.daemon.files.foreign.arrays import found_in, of_one_length
 from dehyst.daemon.files.foreign.found import Column, Found
+from dehyst.daemon.files.foreign.grid import number_of
 from dehyst.daemon.files.foreign.reading import AS_IT_IS, Reading
+from dehyst.daemon.files.foreign.roles import PLAIN, role_of
 from dehyst.daemon.files.foreign.text import read_text_table
 from dehyst.daemon.files.foreign.understand import understand
 from dehyst.daemon.files.mcap_file import read_mcap
@@ -82,7 +84,7 @@ def load(
         loaded = _load_npz(path, reading, wants)
     elif kind == ".npy":
         loaded = _understood(path, _read_npy(path), reading, wants)
-    elif not reading and name.lower().endswith((".csv", ".csv.gz")) and is_own(path):
+    elif not reading and name.lower().endswith((".csv", ".csv.gz")) and is_own(path, wants):
         table = read_table(path)
         loaded = Loaded(table.columns, {**table.metadata, **read_notes(path)})
         loaded.where = lambda row: f"line {line_of_row(path, row)}"
@@ -94,9 +96,10 @@ def load(
     return loaded
 
 
-def is_own(path: Path) -> bool:
-    """Whether a CSV begins as dehyst writes it: a header with `t_s` between commas, and numbers in
-    the next line. Anything that cannot be read counts as such: read_table says why."""
+def is_own(path: Path, wants: Sequence[str] = ("t",)) -> bool:
+    """Whether a CSV begins as dehyst writes it: a header with the wanted columns by their own names
+    between commas, and as many numbers in the next line. Anything that cannot be read counts as
+    such: read_table says why."""
     try:
         opener = gzip.open if path.suffix.lower() == ".gz" else open
         with opener(path, "rb") as file:
@@ -105,11 +108,14 @@ def is_own(path: Path) -> bool:
         return True
     if not lines:
         return True
-    header = lines[0].split(",")
-    own = "t_s" in [cell.strip().strip('"') for cell in header] and all(map(str.strip, header))
-    if not own or "\r" in lines[0].rstrip("\r"):
+    header = [cell.strip().strip('"') for cell in lines[0].split(",")]
+    found = {role for role, sure in (role_of(name, "") for name in header) if sure == PLAIN}
+    if not found.issuperset(wants) or not all(header) or "\r" in lines[0].rstrip("\r"):
         return False
-    return len(lines) < 2 or any(c.isdigit() for c in lines[1]) or not any(map(str.strip, lines[1]))
+    if len(lines) < 2:
+        return True
+    fields = lines[1].partition("#")[0].split(",")
+    return len(fields) == len(header) and all(number_of(field) is not None for field in fields)
 
 
 def _first_lines(file: BinaryIO) -> list[str]:

@@ -28,6 +28,8 @@ TOPIC, NOTES, NAME = "/dehyst/recording", "dehyst", "dehyst.Recording"
 NS = 1_000_000_000
 MOST_ROWS, MOST_RECORD_BYTES = 20_000_000, 256 << 20
 CHUNK_BYTES, BLOCK_ROWS = 256 << 10, 65_536
+HELD_S = 2.0
+"""Of a recording's time, at most, in rows that are not in the file yet."""
 MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -49,6 +51,7 @@ class McapRows:
 
         self.rows = self._in_file = 0
         self._file, self._failed = file, False
+        self._held_from_s = 0.0
         self._begun_ns = _start_ns(notes)
         self._names = [json.dumps(name) + ":" for name in names]
         self._writer = Writer(cast("IO[Any]", file), chunk_size=CHUNK_BYTES)
@@ -73,6 +76,9 @@ class McapRows:
             for name, column in zip(self._names, columns, strict=True)
         ]
         size, add = self._file.tell(), self._writer.add_message
+        times = columns[0]
+        if len(times) and self.rows == self._in_file:
+            self._held_from_s = float(times[0])
         try:
             for time_ns, row in zip(at_ns.tolist(), zip(*fields, strict=True), strict=True):
                 message = "{" + ",".join(filter(None, row)) + "}"
@@ -80,9 +86,13 @@ class McapRows:
                 self.rows += 1
                 if self._file.tell() != size:  # a chunk was completed with this row
                     size, self._in_file = self._file.tell(), self.rows
-        except RecordingFailed:
+                    self._held_from_s = time_ns / NS - self._begun_ns / NS
+            if len(times) and float(times[-1]) - self._held_from_s >= HELD_S:
+                self._writer.flush()
+                self._in_file = self.rows
+        except RecordingFailed as failed:
             self._failed, self.rows = True, self._in_file
-            raise
+            raise failed.after(self.rows, "convert --unfinished") from None
 
     def finish(self) -> None:
         """Write the last chunk and the index; the file stays open. Raises RecordingFailed."""
@@ -90,14 +100,16 @@ class McapRows:
             self._failed = True  # whatever happens, not twice
             try:
                 self._writer.finish()
-            except RecordingFailed:
+            except RecordingFailed as failed:
                 self.rows = self._in_file
-                raise
+                raise failed.after(self.rows, "convert --unfinished") from None
 
     def close(self) -> None:
         """Finish and close."""
         try:
             self.finish()
+            if isinstance(self._file, AppendedFile):
+                self._file.require_there(self.rows)
         finally:
             self._file.close()
 

@@ -1,12 +1,17 @@
 """Recordings that grow row by row, one class for each kind of file.
 
-.csv     line by line; the file is whole at every moment
-.csv.gz  in blocks, each a gzip member of its own: what is there can be unpacked at every moment
-.mcap    in chunks; a file whose writer was killed is read by `dehyst convert --unfinished`
-.npz     written when it is closed: until then the rows are in memory
+.csv     line by line
+.csv.gz  in blocks, each a gzip member of its own
+.mcap    in chunks
+.npz     in blocks of numbers, from which the archive is made when it is closed
+
+A block holds at most HELD_S of the recording's own time, so that a kill or a full disk costs no
+more. What was written whole is read by `dehyst convert --unfinished`, whatever the kind. A file
+that was deleted while it grows is an error.
 """
 
 import gzip
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,10 +25,13 @@ from dehyst.daemon.files.mcap_file import McapRows
 from dehyst.daemon.files.number_text import number_texts
 from dehyst.daemon.files.recordings import WRITTEN, write_recording
 from dehyst.daemon.files.sidecar import write_notes
+from dehyst.daemon.files.unfinished import read_blocks
 from dehyst.models.errors import BadInput
 
 Columns = Sequence[NDArray[Any]]
 PACKED_BLOCK, PACKED_LEVEL = 256 << 10, 4
+HELD_S = 2.0
+"""Of a recording's time, at most, in rows that are not in the file yet."""
 
 
 class Rows(Protocol):
@@ -63,8 +71,7 @@ def open_rows(path: Path, names: Sequence[str], notes: Mapping[str, str], replac
         if path.suffix == ".mcap":
             return McapRows(file, names, notes)
         if path.suffix == ".npz":
-            file.close()
-            return NpzRows(path, names, notes)
+            return NpzRows(file, path, names, notes)
         rows = CsvRows(file, names, path.suffix == ".gz")
         write_notes(path, notes)
         return rows
@@ -82,6 +89,7 @@ class CsvRows:
         self._file, self._packed = file, packed
         self._waiting: list[str] = []
         self._waiting_rows = self._waiting_size = 0
+        self._waiting_from_s = 0.0
         self._failed = False
         self._take(",".join(names) + "\n", 0)
 
@@ -94,14 +102,20 @@ class CsvRows:
         """See Rows."""
         texts = [number_texts(column, "") for column in columns]
         lines = [",".join(row) for row in zip(*texts, strict=True)]
-        if lines:
-            self._take("\n".join(lines) + "\n", len(lines))
+        if not lines:
+            return
+        if not self._waiting_rows:
+            self._waiting_from_s = float(columns[0][0])
+        self._take("\n".join(lines) + "\n", len(lines))
+        if self._waiting_rows and float(columns[0][-1]) - self._waiting_from_s >= HELD_S:
+            self._pack()
 
     def close(self) -> None:
         """See Rows."""
         try:
             if not self._failed:
                 self._pack()
+                self._file.require_there(self.rows)
         finally:
             self._file.close()
 
@@ -116,11 +130,11 @@ class CsvRows:
             return
         data, before = text.encode(), self._file.size
         try:
-            self._file.write(data, b"\n")
-        except RecordingFailed:
+            self._file.write(data, b"\n", self.rows)
+        except RecordingFailed as failed:
             self._failed = True
             self.rows += data[: self._file.size - before].count(b"\n") if rows else 0
-            raise
+            raise failed.after(self.rows) from None
         self.rows += rows
 
     def _pack(self) -> None:
@@ -130,20 +144,28 @@ class CsvRows:
         self._waiting, self._waiting_rows, self._waiting_size = [], 0, 0
         try:
             self._file.write(gzip.compress(block, PACKED_LEVEL, mtime=0))
-        except RecordingFailed:
+        except RecordingFailed as failed:
             self._failed = True
             self.rows -= rows
-            raise
+            raise failed.after(self.rows) from None
 
 
 class NpzRows:
-    """See the module."""
+    """See the module. file: what the blocks go to; it takes the finished archive's place."""
 
-    def __init__(self, path: Path, names: Sequence[str], notes: Mapping[str, str]) -> None:
-        self.rows = self.size = 0  # size: at most, until it is written
-        self._path, self._names, self._notes = path, names, notes
-        self._parts: list[Columns] = []
-        self._closed = False
+    def __init__(
+        self, file: AppendedFile, path: Path, names: Sequence[str], notes: Mapping[str, str]
+    ) -> None:
+        self.rows = 0
+        self._file, self._path, self._names, self._notes = file, path, names, notes
+        self._closed = self._failed = False
+        self._write(np.array(names))
+        self._write(np.array([[key, str(text)] for key, text in notes.items()] or [["", ""]]))
+
+    @property
+    def size(self) -> int:
+        """Bytes that have been written."""
+        return self._file.size
 
     @property
     def full(self) -> bool:
@@ -157,18 +179,32 @@ class NpzRows:
                 f"{self._path}: an .npz file takes no more than {self.rows} rows; begin another "
                 "one, or record with --rotate"
             )
-        self._parts.append([np.array(column) for column in columns])
+        self._write(np.stack([np.asarray(column, np.float64) for column in columns], axis=1))
         self.rows += len(columns[0])
-        self.size = 8 * self.rows * len(self._names)
+
+    def _write(self, block: NDArray[Any]) -> None:
+        packed = io.BytesIO()
+        np.lib.format.write_array(packed, block, allow_pickle=False)
+        try:
+            self._file.write(packed.getvalue())
+        except RecordingFailed as failed:
+            self._failed = True
+            raise failed.after(self.rows, "convert --unfinished") from None
 
     def close(self) -> None:
         """See Rows."""
         if self._closed:
             return
         self._closed = True
-        empty: list[Columns] = [[np.empty(0) for _ in self._names]]
-        whole = [np.concatenate(parts) for parts in zip(*(self._parts or empty), strict=True)]
-        self._parts = []
-        columns = dict(zip(self._names[1:], whole[1:], strict=True))
-        write_recording(self._path, whole[0], columns, self._notes)
-        self.size = self._path.stat().st_size
+        try:
+            if self._failed:
+                return
+            self._file.require_there(self.rows)
+        finally:
+            self._file.close()
+        with self._path.open("rb") as file:
+            names, notes, blocks = read_blocks(file)
+        whole = np.concatenate(blocks) if blocks else np.empty((0, len(names)))
+        columns = {name: whole[:, j] for j, name in enumerate(names)}
+        notes.pop("", None)
+        write_recording(self._path, columns.pop(names[0]), columns, notes)

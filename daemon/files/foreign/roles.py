@@ -65,7 +65,7 @@ def role_of(heading: str, unit: str) -> tuple[str, int]:
     words, kind = words_of(name), UNITS[own or unit][0] if own or unit else ""
     sensed = bool(words & _DISPLACEMENT)
     driven = bool(words & _DRIVE)
-    if kind == OTHER:
+    if kind == OTHER or "model" in words:  # what a model predicts was not measured
         return "", 0
     if words & _TARGET and kind in (LENGTH, ANGLE, ""):
         return "target", BY_WORD

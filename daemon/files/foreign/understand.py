@@ -122,11 +122,11 @@ def _choose(
                 option += "," + _option("y", columns, found).removeprefix("--columns ")
             asked.append(f"{names}: which is the {NAMES[role]}? add {option}")
         elif role in wants and role != "t":
-            left = [i for i in free if i not in chosen.values()]
-            names = ", ".join(_label(columns[i], i) for i in left[:6])
+            left = [i for i in free if not roles[i][0]]
+            names = ", ".join(_label(columns[i], i) for i in range(min(len(columns), 6)))
             asked.append(
-                f"no heading names the {NAMES[role]}"
-                + (f" ({names}): add {_option(role, columns, left)}" if names else "")
+                f"no heading names the {NAMES[role]} (there are {names}): add "
+                + (_option(role, columns, left) if left else f"--columns {role}=...")
             )
     return chosen
 

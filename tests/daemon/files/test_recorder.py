@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,11 +13,12 @@ import pytest
 from mcap.reader import make_reader
 from tests.rigs.gateway_bench import ROOT, environment
 
+from dehyst.daemon.files.appended import RecordingFailed
 from dehyst.daemon.files.mcap_file import TOPIC
 from dehyst.daemon.files.pieces import parse_rotation
 from dehyst.daemon.files.recorder import Recorder
 from dehyst.daemon.files.recordings import read_columns
-from dehyst.daemon.files.rows import open_rows
+from dehyst.daemon.files.rows import HELD_S, open_rows
 from dehyst.daemon.files.sidecar import notes_path, read_notes, write_notes
 from dehyst.daemon.main import main
 from dehyst.daemon.rings.records import TELEMETRY
@@ -174,7 +176,7 @@ import resource, sys
 from pathlib import Path
 import numpy as np
 from dehyst.daemon.files.appended import RecordingFailed
-from dehyst.daemon.files.rows import open_rows
+from dehyst.daemon.files.rows import HELD_S, open_rows
 path = Path(sys.argv[1])
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_500_000, 1_500_000))
 rows = open_rows(path, ["t_s", "u_v", "y_um"], {}, False)
@@ -189,38 +191,116 @@ except RecordingFailed as error:
     sys.exit(str(error))
 """
 
+KILLED = """
+import os, sys
+from pathlib import Path
+import numpy as np
+from dehyst.daemon.files.rows import HELD_S, open_rows
+rows = open_rows(Path(sys.argv[1]), ["t_s", "u_v", "y_um"], {"stage": "P-885"}, False)
+rng, step_s = np.random.default_rng(1), float(sys.argv[2])
+done = 0
+while True:
+    rows.add([step_s * (done + np.arange(100)), *rng.normal(size=(2, 100))])
+    done += 100
+    print(done, flush=True)
+"""
+
+
+def whole_part(path: Path) -> np.ndarray:
+    """The times of what `dehyst convert --unfinished` keeps."""
+    whole = path.with_name(f"whole-{path.name}")
+    assert main(["convert", "--unfinished", str(path), str(whole), "--force"]) == 0
+    return read_columns(whole)[0]["t_s"]
+
 
 @pytest.mark.processes
-@pytest.mark.parametrize("kind", ["csv", "csv.gz", "mcap"])
-def test_what_was_written_before_the_disk_was_full_is_whole(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_said_of_a_full_disk_is_true(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"run.{kind}"
     done = subprocess.run(
         [sys.executable, "-c", FILL, str(path)],
         env=environment(), capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
-    assert "what was written before is whole" in done.stderr
-    if kind == "mcap":
-        with pytest.raises(BadRecording, match=r"convert --unfinished run.mcap whole.mcap keeps"):
+    said = re.search(r"ends here; (\d+) rows of it can be read", done.stderr)
+    assert said, done.stderr
+    if kind in ("npz", "mcap"):
+        assert "by dehyst convert --unfinished" in done.stderr
+        with pytest.raises(BadRecording, match=rf"convert --unfinished run.{kind} whole.{kind}"):
             read_columns(path)
-        whole = tmp_path / "whole.mcap"
-        assert main(["convert", "--unfinished", str(path), str(whole)]) == 0
-        path = whole
-    t_s = read_columns(path)[0]["t_s"]
-    assert t_s.size == int(done.stdout)
+    t_s = whole_part(path)
+    assert t_s.size == int(done.stdout) == int(said[1])
     assert t_s.size > 10_000
     assert np.array_equal(t_s, 0.001 * np.arange(t_s.size))
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("rate_hz", [100, 10_000])
+def test_a_kill_costs_no_more_than_what_was_held(tmp_path: Path, kind: str, rate_hz: int) -> None:
+    path = tmp_path / f"run.{kind}"
+    with subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(path), str(1 / rate_hz)],
+        env=environment(), stdout=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        done = 0
+        while done < 20_000:
+            done = int(process.stdout.readline())
+        process.kill()
+    t_s = whole_part(path)
+    assert t_s.size >= done - HELD_S * rate_hz - 100
+    assert np.allclose(t_s, np.arange(t_s.size) / rate_hz)
+    if kind in ("npz", "mcap"):  # the others have it beside them
+        assert read_columns(path.with_name(f"whole-{path.name}"))[1]["stage"] == "P-885"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_file_that_is_deleted_while_it_grows_is_an_error(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"run.{kind}"
+    rows = open_rows(path, ["t_s", "u_v"], {}, False)
+    rows.add([np.arange(5.0), np.arange(5.0)])
+    path.unlink()
+    with pytest.raises(RecordingFailed, match=r"run.*was deleted"):
+        rows.add([5.0 + np.arange(500.0), np.arange(500.0)])
+    late = tmp_path / f"late.{kind}"
+    rows = open_rows(late, ["t_s", "u_v"], {}, False)
+    rows.add([np.arange(5.0), np.arange(5.0)])
+    late.unlink()
+    with pytest.raises(RecordingFailed, match=r"late.*was deleted"):
+        rows.close()
+    assert not late.exists()
+
+
+@pytest.mark.parametrize("end", [b"", b"0.3,1", b"0.3,1,2", bytes(4096), b"0.3,1,2\n" + bytes(9)])
+def test_an_unfinished_csv_is_read_to_its_last_whole_line(tmp_path: Path, end: bytes) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes(b"t_s,u_v,y_um\n0.1,1,2\n0.2,1,2\n" + end)
+    assert whole_part(path).tolist() == [0.1, 0.2, 0.3][: 3 if b"\n" in end else 2]
+
+
+@pytest.mark.parametrize("lost", [1, 9, 200])
+def test_an_unfinished_packed_csv_is_read_to_where_it_was_cut(tmp_path: Path, lost: int) -> None:
+    path = tmp_path / "run.csv.gz"
+    rows = open_rows(path, ["t_s", "u_v"], {}, False)
+    for start in range(0, 10, 2):
+        rows.add([start + 0.01 * np.arange(200), np.ones(200)])
+    rows.close()
+    path.write_bytes(path.read_bytes()[:-lost])
+    t_s = whole_part(path)
+    assert t_s.size >= 700
+    np.testing.assert_allclose(np.diff(t_s), 0.01)
 
 
 def test_a_packed_csv_can_be_unpacked_while_it_grows(tmp_path: Path) -> None:
     path = tmp_path / "run.csv.gz"
     rows = open_rows(path, ["t_s", "u_v"], {}, False)
     for start in range(0, 40_000, 1000):
-        t_s = 0.1 * (start + np.arange(1000))
+        t_s = 1e-5 * (start + np.arange(1000))
         rows.add([t_s, np.sin(t_s)])
     with gzip.open(path, "rt") as file:
         lines = file.read().splitlines()
     assert lines[0] == "t_s,u_v"
-    assert 20_000 < len(lines) <= 40_000
+    assert 20_000 < len(lines) <= 40_001
     rows.close()
     assert read_columns(path)[0]["t_s"].size == 40_000
 

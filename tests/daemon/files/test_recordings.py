@@ -21,10 +21,10 @@ DAMAGED = {
     "empty.csv": (b"", "is empty"),
     "notes.csv": (b"# stage: a\n", "no header line"),
     "binary.csv": (bytes(range(256)) * 20, "zero byte"),
-    "latin.csv": (b"t_s,u_v\n0,\xe9\n", "line 2 is not UTF-8"),
+    "latin.csv": (b"t_s,u_v\n0,\xe9\n", "no rows of numbers"),
     "headless.csv": (b"0,1,2\n1,2,3\n", "--columns t=0,u=1"),
     "notime.csv": (b"temp_c,u_v\n20,1\n20,3\n", "--rate HZ"),
-    "nodrive.csv": (b"t_s,y_um\n0,1\n1,2\n", "no drive column"),
+    "nodrive.csv": (b"t_s,y_um\n0,1\n1,2\n", "no heading names the drive"),
     "twice.csv": (b"t_s,u_v,u_v\n0,1,2\n1,2,3\n", "twice"),
     "ragged.csv": (b"t_s,u_v,y_um\n0,1,2\n1,2\n", "line 3 has 2 fields"),
     "letters.csv": (b"# a: 1\nt_s,u_v,y_um\n0,1,2\n1,abc,2\n", "line 4: u_v is 'abc'"),
@@ -34,7 +34,7 @@ DAMAGED = {
     ),
     "timegap.csv": (b"t_s,u_v,y_um\n0,1,2\n,1,2\n", "line 3: the time is missing"),
     "short.csv": (b"t_s,u_v,y_um\n0,1,2\n", "1 rows of data"),
-    "unit.csv": (b"t_s,u_mv,y_um\n0,1,2\n1,2,3\n", "u_mv is not a drive"),
+    "unit.csv": (b"t_s,u_hz,y_um\n0,1,2\n1,2,3\n", "no heading names the drive"),
     "unity.csv": (b"t_s,u_v,y_mm\n0,1,2\n1,2,3\n", "y_mm is not a displacement"),
     "huge.csv": (b"t_s,u_v,y_um\n0,1,1e300\n1,2,3\n", "line 2: y_um is 1e+300"),
     "infinite.csv": (b"t_s,u_v,y_um\n0,1,3\n1,inf,3\n", "line 3: u_v is inf"),
@@ -96,7 +96,7 @@ def test_displacement_can_be_demanded(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(b"t_s,u_v,y_model_um\n0,1,2\n1,2,3\n")
     assert read_recording(path).displacement is None
-    with pytest.raises(BadRecording, match="no displacement column"):
+    with pytest.raises(BadRecording, match="no heading names the displacement"):
         read_recording(path, need_displacement=True)
 
 
