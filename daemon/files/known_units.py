@@ -62,6 +62,13 @@ def write_units(config: Config, units: dict[str, UnitIdentity]) -> None:
         raise NotNow(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
+def forget_unit(config: Config, which: str) -> None:
+    """The next one that is opened is learned. which: ACTUATOR or SENSOR."""
+    known = read_units(config)
+    if known.pop(which, None) is not None:
+        write_units(config, known)
+
+
 def expect_known(config: Config, which: str, device: Any) -> None:
     """Before the device is opened: none but the known unit. which: ACTUATOR or SENSOR."""
     known = read_units(config).get(which)
