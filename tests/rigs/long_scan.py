@@ -94,24 +94,26 @@ class LongScan(Rig):
         """Since the scan began."""
         return (time.monotonic_ns() - self.begun_ns) * 1e-9
 
-    def wait_for(self, at_s: float) -> None:
-        """Until this time of the scan."""
+    def wait_for(self, at_s: float) -> bool:
+        """Until this time of the scan; False: it has ended before."""
         while self.now_s < at_s:
             if self.play.poll() is not None:
-                raise AssertionError(f"the scan ended after {self.now_s:.0f} s: {self.end()}")
+                return False
             time.sleep(0.1)
+        return True
 
     def end(self) -> dict[str, Any]:
         """What `dehyst play` says of its end."""
         out, _ = self.play.communicate(timeout=self.seconds + 120.0)
         result: dict[str, Any] = json.loads(out)
-        return result | {"exit": self.play.returncode}
+        return result | {"exit": self.play.returncode, "after_s": self.now_s}
 
     # -- what is done to it -----------------------------------------------------------------------
 
     def do(self, at_s: float, what: str, how: Callable[[], str]) -> None:
-        """One change, at this time of the scan."""
-        self.wait_for(at_s)
+        """One change, at this time of the scan; none after its end."""
+        if not self.wait_for(at_s):
+            return
         change = Change(self.now_s, what)
         self.changes.append(change)
         change.came = how()
