@@ -1,10 +1,12 @@
 """The command line: `dehyst COMMAND ...`, one module of dehyst.daemon.commands a command."""
 
 import argparse
+import errno
 import importlib
 import os
 import signal
 import sys
+import warnings
 from contextlib import AbstractContextManager, nullcontext
 from typing import NoReturn
 
@@ -84,6 +86,9 @@ def _lasts(command: str | None, arguments: list[str]) -> bool:
     return command != "emulate" or "DEHYST_SUPERVISED" in os.environ
 
 
+LONGEST_LINE = 900
+
+
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line. commands: the parsers of the commands."""
 
@@ -150,6 +155,12 @@ def _compiling_told(command: str | None, said_by: str) -> AbstractContextManager
     return compiling_told(said_by, in_pipes=process, ends=not process)
 
 
+def _one_line(error: Exception) -> str:
+    """An error as it goes to the screen: escaped, and without the middle of what nobody reads."""
+    text = printable(" ".join(str(error).split()))
+    return text if len(text) <= LONGEST_LINE else f"{text[:300]} ... {text[-300:]}"
+
+
 def main(argv: list[str] | None = None) -> int:
     """Run one command; 0 success, 1 a finding or not possible now, 2 bad usage or input, said in
     one line on stderr."""
@@ -172,11 +183,16 @@ def main(argv: list[str] | None = None) -> int:
         with told:
             return int(args.run(args) or 0)
     except DehystError as error:
-        print(f"{said_by}: {printable(' '.join(str(error).split()))}", file=sys.stderr)
+        print(f"{said_by}: {_one_line(error)}", file=sys.stderr)
         return 1 if isinstance(error, NotNow) else 2
     except BrokenPipeError:  # the reader of our output has gone, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        print(f"{said_by}: {_one_line(error)}", file=sys.stderr)
+        return 2
     except (KeyboardInterrupt, SystemError) as error:
         # within a callback from compiled code it is the cause of a SystemError
         if not isinstance(error.__cause__ or error, KeyboardInterrupt):
@@ -186,7 +202,9 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def run_process() -> NoReturn:
-    """`main` as a process of its own."""
+    """`main` as a process of its own. What a library warns of is not for the user's screen."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
     end = LightEnd()
     try:
         end.code = main()

@@ -6,6 +6,7 @@ refuses is read again line by line, which either fills empty fields with NaN or 
 
 import gzip
 import io
+import warnings
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -159,7 +160,9 @@ def _parse(name: str, header: list[str], text: str, first_line: int) -> Floats:
     if not text.strip():
         return np.empty((0, len(header)))
     try:
-        block = np.loadtxt(io.StringIO(text), delimiter=",", comments="#", ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a block that holds nothing but notes
+            block = np.loadtxt(io.StringIO(text), delimiter=",", comments="#", ndmin=2)
     except (ValueError, OverflowError):
         return _parse_slowly(name, header, text, first_line)
     if block.shape[1] != len(header) or not _plausible(block):

@@ -7,6 +7,7 @@ dehyst.daemon.files.foreign), and what was understood is said.
 import gzip
 import warnings
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -104,7 +105,7 @@ def is_own(path: Path, wants: Sequence[str] = ("t",)) -> bool:
         opener = gzip.open if path.suffix.lower() == ".gz" else open
         with opener(path, "rb") as file:
             lines = _first_lines(cast(BinaryIO, file))
-    except (OSError, EOFError, ValueError):
+    except (OSError, EOFError, ValueError, zlib.error):
         return True
     if not lines:
         return True

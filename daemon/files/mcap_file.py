@@ -196,15 +196,15 @@ def _read_messages(
         topic = ""
         for schema, channel, message in messages:
             if topic not in ("", channel.topic):
-                both = ", ".join(sorted((topic, channel.topic)))
+                both = ", ".join(repr(one[:80]) for one in sorted((topic, channel.topic)))
                 raise BadRecording(
                     f"{path.name}: holds several topics ({both}); one with the columns of a "
                     "recording is needed"
                 )
             if channel.message_encoding != "json":
                 raise BadRecording(
-                    f"{path.name}: {channel.topic} is encoded as {channel.message_encoding}; "
-                    "JSON is read"
+                    f"{path.name}: {channel.topic[:80]!r} is encoded as "
+                    f"{channel.message_encoding[:40]!r}; JSON is read"
                 )
             if not topic and schema is not None and schema.name == NAME:
                 for name in json.loads(schema.data)["properties"]:

@@ -1,5 +1,6 @@
 """Model files on disk: read with the file named in every error, written whole or not at all."""
 
+import os
 from pathlib import Path
 
 from dehyst.daemon.files.outputs import whole_file
@@ -22,7 +23,7 @@ def load_model(path: str | Path) -> Model:
     try:
         text = read_text(path, LARGEST_BYTES)
     except NotReadable as error:
-        hint = f"; shipped models: {', '.join(SHIPPED)}" if not path.exists() else ""
+        hint = f"; shipped models: {', '.join(SHIPPED)}" if not os.path.exists(path) else ""
         raise BadModel(f"{path}: cannot be read: {error}{hint}") from None
     try:
         return loads(text)

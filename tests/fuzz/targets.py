@@ -2,17 +2,14 @@
 unexpected error. A documented refusal is caught here; an input that is accepted is checked.
 """
 
-import os
-import tempfile
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.fuzz import files
 
 from dehyst.daemon.bus import encoding, messages, security
 from dehyst.daemon.bus.keys import Keys
@@ -39,7 +36,7 @@ from dehyst.models.inverse.compensator import Compensator
 
 NOW_NS = 1_000_000_000_000
 REACH = (-5.0, 5.0)
-FOLDER = Path(tempfile.mkdtemp(prefix="dehyst-fuzz-", dir="/dev/shm"))
+FOLDER = files.FOLDER
 COMMANDS = [*FORMS, "xvoltage=1.000", "xvoltage?", "ymin?", "XV10.0", "xr?", "XL?", "restore"]
 
 
@@ -151,25 +148,7 @@ def apt(data: bytes) -> bool:
     return bool(found)
 
 
-def _file(name: str, data: bytes) -> Path:
-    path = FOLDER / name
-    path.write_bytes(data)
-    return path
-
-
-def _tables(path: Path) -> bool:
-    read = 0
-    for reader in (recordings.read_recording, recordings.read_trajectory):
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                table = reader(path)
-        except BadInput:
-            continue
-        assert np.all(np.isfinite(table.t_s))
-        assert np.all(np.diff(table.t_s) > 0)
-        read += 1
-    return read > 0
+_file, _tables = files.file, files.tables
 
 
 def csv(data: bytes) -> bool:
@@ -266,6 +245,13 @@ TEXT = (
     b"t_s,target_um\n0,1\n1e-3,2\n",
     b"\xef\xbb\xbft_s,u_v\r\n0,1\r\n1,2\r\n",
 )
+CASES = (
+    b'{"number": 1, "name": "a", "time_ns": 1, "wall_ns": 2, "figure": "x", "low": 0.0, '
+    b'"high": 1.0, "slew": 1.0, "rate_hz": 1000.0, "later_s": 1.0, "leads": {"a": 1.0}}',
+    b'{"failed": true, "verdict": "unknown", "says": "x", "unit": "um", "noise": 0.1}',
+    b'{"state": "offered", "wall_ns": 1}',
+    b'{"stage": "P-885"}',
+)
 CONFIG = b"""name = "stage-1"
 run_dir = "/tmp/x"
 model = {file = "m.toml"}
@@ -354,6 +340,15 @@ def targets() -> dict[str, Target]:
         "mat": Target(
             mat, (_matlab(), _matlab(do_compression=True), _matlab(format="4")), (b"\x0e\0\0\0",)
         ),
+        "text": Target(
+            files.text,
+            files.TEXTS,
+            (*numbers, b";", b"\t", b",", b"\n", b"\r", b" ", b"(s)", b"ms"),
+        ),
+        "npy": Target(files.npy, files.npy_seeds(), (b"'<f8'", b"'|O'", b"(30, 3)", b"\n")),
+        "library": Target(files.library, files.library_seeds()),
+        "unfinished": Target(files.unfinished, files.grown_seeds(), (b"\0" * 64, b"\x93NUMPY")),
+        "case": Target(files.case, CASES, (*numbers, b"null", b"{}", b"[]", b'"')),
         "model": Target(model, models, toml),
         "config": Target(config, (CONFIG,), toml),
         "passwords": Target(
@@ -364,6 +359,4 @@ def targets() -> dict[str, Target]:
 
 def clean_up() -> None:
     """Remove the files of this process."""
-    for path in FOLDER.iterdir():
-        path.unlink()
-    os.rmdir(FOLDER)
+    files.clean_up()

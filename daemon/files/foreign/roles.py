@@ -6,6 +6,7 @@ from dehyst.daemon.files.foreign.units import (
     ANGLE,
     COUNTS,
     LENGTH,
+    LONGEST_HEADING,
     OTHER,
     TIME,
     UNITS,
@@ -58,10 +59,10 @@ def words_of(name: str) -> set[str]:
 def role_of(heading: str, unit: str) -> tuple[str, int]:
     """(t, u, y, target or "", how sure). unit: its key in UNITS where the file gives one beside the
     heading."""
-    last = heading.rpartition("/")[2]
+    last = heading.rpartition("/")[2][:LONGEST_HEADING]
     if plain := _PLAIN.fullmatch(last.rpartition(".")[2]):
         return plain[1] or plain[2], PLAIN
-    name, own = split_heading(heading)
+    name, own = split_heading(heading[: LONGEST_HEADING + 1])
     words, kind = words_of(name), UNITS[own or unit][0] if own or unit else ""
     sensed = bool(words & _DISPLACEMENT)
     driven = bool(words & _DRIVE)

@@ -36,9 +36,9 @@ class Understood:
 def understand(name: str, found: Found, reading: Reading, wants: Sequence[str]) -> Understood:
     """The recording in a file. wants: what has to be there, of t, u, y, target; the rest may be.
     Raises BadRecording: what is not known, and the options that say it."""
-    columns = _without_row_numbers(found.columns, reading)
-    if not columns:
+    if not found.columns or not len(found.columns[0].values):
         raise BadRecording(f"{name}: holds no column of numbers")
+    columns = _without_row_numbers(found.columns, reading)
     asked: list[str] = []
     chosen = _choose(name, columns, reading, wants, asked)
     out: dict[str, Floats] = {}
@@ -73,7 +73,8 @@ def _without_row_numbers(columns: Sequence[Column], reading: Reading) -> list[Co
     out = []
     for column in columns:
         v = np.asarray(column.values)
-        counting = v.size > 1 and bool(np.all(np.diff(v) == 1.0)) and float(v[0]) in (0.0, 1.0)
+        first = float(v[0])
+        counting = first in (0.0, 1.0) and bool(np.all(v == first + np.arange(v.size)))
         named = any(c.heading for c in columns)
         if not (named and counting and counts_rows(column.heading) and len(columns) > 2):
             out.append(column)
@@ -135,9 +136,9 @@ def _option(role: str, columns: Sequence[Column], of: Sequence[int]) -> str:
     one = of[0] if role != "y" else of[-1]
     heading = columns[one].heading
     plain = bool(re.fullmatch(r"[\w.]+", heading)) and not heading.isdecimal()
-    return f"--columns {role}=" + (
-        heading if plain else str(one) if not heading else f'"{heading}"'
-    )
+    if not heading or len(heading) > 40 or not heading.isprintable():
+        return f"--columns {role}={one}"
+    return f"--columns {role}=" + (heading if plain else f'"{heading}"')
 
 
 def _all_the_same(columns: Sequence[Column], which: Sequence[int]) -> bool:

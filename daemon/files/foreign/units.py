@@ -86,10 +86,15 @@ _BEHIND_A_MARK = re.compile(r"(.*?\S)\s*(?:/|,|;|:|\bin\b)\s*(\S+)\s*")
 _LAST_WORD = re.compile(r"(.*[^\W_].*?|.*[^\W_])[_\s.-]+([^\W\d_]+|°C?|%)\s*")
 
 
+LONGEST_HEADING = 120
+
+
 def split_heading(text: str) -> tuple[str, str]:
     """(name, unit's key) of a heading: "Time (s)", "U / V", "t_ms", "Displacement [um]"; unit "":
     none is given."""
     text = text.strip().strip("\"'").strip()
+    if len(text) > LONGEST_HEADING:  # patterns take time that grows with its square
+        return text, ""
     if unit := unit_of(text):
         return ("", unit) if len(text) > 1 or unit in ("v", "s") else (text, "")
     for form in (_IN_BRACKETS, _BEHIND_A_MARK, _LAST_WORD):

@@ -98,6 +98,37 @@ def test_recordings(capsys: pytest.CaptureFixture[str]) -> None:
     assert not Path("u.csv").exists()
 
 
+def test_absurd_names_end_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    long = "m" * 70_000
+    refused(capsys, "simulate", long + ".toml", "rec.csv", "-o", "out.csv")
+    refused(capsys, "simulate", "model.toml", long + ".csv", "-o", "out.csv")
+    refused(capsys, "convert", "rec.csv", long + ".csv")
+    refused(capsys, "convert", long + ".npz", "out.csv")
+    Path("red.csv").write_text("t_s,\x1b[31mu_v,u_v,y_um\n0,\x1b[2J,1,2\n1,2,3,4\n")
+    said = refused(capsys, "simulate", "model.toml", "red.csv", "-o", "out.csv")
+    assert "\x1b" not in said
+
+
+@pytest.mark.parametrize("name", ["token", "type", "key", "attribute"])
+def test_an_array_header_that_is_no_python_ends_in_one_line(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """numpy reads the header of an array as a Python literal, and lets its tokenizer's errors
+    out."""
+    header = {
+        "token": b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,",
+        "type": b"{'descr': [1, 2], 'fortran_order': False, 'shape': (3,), }",
+        "key": b"{'descr': '<f8', [1]: 3, 'fortran_order': False, 'shape': (3,), }",
+        "attribute": b"{'descr': ('<f8', {}), 'fortran_order': 1, 'shape': '3', }",
+    }[name].ljust(117) + b"\n"
+    array = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(24)
+    with zipfile.ZipFile("bad.npz", "w") as members:
+        members.writestr("t_s.npy", array)
+    Path("bad.npy").write_bytes(array)
+    for kind in ("npz", "npy"):
+        refused(capsys, "convert", f"bad.{kind}", "out.csv")
+
+
 def test_keys(capsys: pytest.CaptureFixture[str]) -> None:
     make = ("keys", "made", "--controller", "stage", "--host")
     assert "--host" in refused(capsys, *make, "é.com")

@@ -57,3 +57,73 @@ CHANGES = room(
         "np.asarray(columns[0], float) * 1e6", "the time axis in Foxglove is a thousandth",
     ),
 )  # fmt: skip
+
+OTHERS = "tests/daemon/files/test_other_programs.py"
+TIMES, FOREIGN = "daemon/files/times.py", "daemon/files/foreign"
+UNFINISHED = "daemon/files/unfinished.py"
+CHANGES += room(
+    ("tests/daemon/files/test_recorder.py",),
+    Change(
+        "packed-rows-held", ROWS,
+        "- self._waiting_from_s >= HELD_S", "- self._waiting_from_s >= 1e9",
+        "a kill costs a slow recording all of its rows",
+    ),
+    Change(
+        "chunk-held", MCAP, "- self._held_from_s >= HELD_S", "- self._held_from_s >= 1e9",
+        "a kill costs a slow recording all of its rows",
+    ),
+    Change(
+        "deletion-unnoticed", APPENDED, "os.fstat(self._file).st_nlink == 0", "False",
+        "a recording that was deleted while it grew ends as if it were complete",
+    ),
+    Change(
+        "zero-bytes-refuse-all", UNFINISHED, 'data = data.partition(b"\\0")[0]',
+        "data = data[:]", "zero bytes at its end make a whole recording unreadable",
+    ),
+    Change(
+        "cut-line-taken", UNFINISHED, 'data = data[: data.rfind(b"\\n") + 1]', "data = data[:]",
+        "a number that a kill cut short is taken for a reading",
+    ),
+)  # fmt: skip
+CHANGES += room(
+    ("tests/daemon/files/test_times.py",),
+    Change(
+        "clock-not-cut", TIMES, "back = np.flatnonzero(steps < 0.0) + 1",
+        "back = np.flatnonzero(steps < -1e9) + 1", "two stretches of a recording are taken as one",
+    ),
+    Change(
+        "rounded-with-a-pause", TIMES, "0.0 < off <= OFF_THE_LINE * quantum", "0.0 < off",
+        "times with a pause are spread evenly over it",
+    ),
+    Change(
+        "milliseconds-taken", TIMES, "if step > SLOW_STEP_S * (1.0 + 1e-6):", "if False:",
+        "milliseconds pass for seconds, and every rate of the model is wrong by a thousand",
+    ),
+)  # fmt: skip
+CHANGES += room(
+    (OTHERS,),
+    Change(
+        "unit-of-heading-lost", f"{FOREIGN}/understand.py",
+        "return unit_of(column.unit) or split_heading(column.heading)[1]",
+        "return unit_of(column.unit)", "millivolts and micrometres of a heading are not understood",
+    ),
+    Change(
+        "first-of-two-drives", f"{FOREIGN}/understand.py",
+        "if len(found) > 1 and _all_the_same(columns, found):", "if len(found) > 1:",
+        "of two columns that may be the drive one is guessed",
+    ),
+    Change(
+        "displacement-unit-guessed", f"{FOREIGN}/understand.py",
+        'if not unit and role == "u":', "if not unit:", "micrometres are taken for volts",
+    ),
+    Change(
+        "time-unit-guessed", f"{FOREIGN}/understand.py",
+        "if not 0.0 < step < SURELY_SECONDS:", "if False:", "milliseconds are taken for seconds",
+    ),
+    Change(
+        "decimal-comma-cut", f"{FOREIGN}/text.py",
+        'body = (line.replace(",", ".") for line in body)',
+        'body = (line.replace(",", "") for line in body)',
+        "a spreadsheet's numbers are read a thousandfold",
+    ),
+)  # fmt: skip

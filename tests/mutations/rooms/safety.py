@@ -5,7 +5,7 @@ from tests.mutations.change import Change, room
 LIFE, STATES = "daemon/service/life.py", "daemon/loop/states.py"
 HEARTBEAT, SUPERVISOR = "daemon/service/heartbeat.py", "daemon/service/supervisor.py"
 FOLDER, SAMPLE = "daemon/rings/run_folder.py", "daemon/loop/sample.py"
-SESSION, RECORDINGS = "daemon/bus/session.py", "daemon/files/recordings.py"
+SESSION, RECORDINGS = "daemon/bus/session.py", "daemon/files/loading.py"
 RUNS, HOSTILE = "tests/daemon/service/test_supervisor.py", "tests/daemon/bus/test_hostile.py"
 TWO, BOUNDS = "tests/daemon/service/test_two_daemons.py", "tests/daemon/files/test_bounds.py"
 

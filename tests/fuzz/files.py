@@ -1,0 +1,177 @@
+"""Files from outside as functions of bytes: recordings of every kind, cut ones, kept cases."""
+
+import os
+import tempfile
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dehyst.daemon.files import cases, recordings
+from dehyst.daemon.files.foreign.reading import Reading
+from dehyst.daemon.files.rows import open_rows
+from dehyst.daemon.files.sidecar import read_notes
+from dehyst.models.errors import BadInput
+
+FOLDER = Path(tempfile.mkdtemp(prefix="dehyst-fuzz-", dir="/dev/shm"))
+READINGS = (
+    Reading(),
+    Reading(unit="um"),
+    Reading({"t": 0, "u": 1, "y": 2}, unit="nm"),
+    Reading({"u": "u", "y": "y"}, rate_hz=1000.0, unit="um"),
+    Reading(time_unit="ms"),
+)
+READERS: tuple[Callable[..., Any], ...] = (recordings.read_recording, recordings.read_trajectory)
+LIBRARY = ("a.h5", "a.xlsx", "a.tdms", "a.parquet", "a.mat")
+GROWN = ("a.csv", "a.csv.gz", "a.npz", "a.mcap")
+
+
+def file(name: str, data: bytes) -> Path:
+    """A file with these bytes."""
+    path = FOLDER / name
+    path.write_bytes(data)
+    return path
+
+
+def require_one_line(error: BadInput) -> None:
+    """What is said of a file that is refused fits into a line."""
+    assert "\n" not in str(error)
+    assert len(str(error)) < 1000
+
+
+def tables(path: Path, reading: Reading = READINGS[0]) -> bool:
+    """Read it as a recording and as a trajectory: nothing but BadInput, no warning either."""
+    read = 0
+    readers: tuple[Callable[..., Any], ...] = (
+        recordings.read_recording,
+        recordings.read_trajectory,
+    )
+    for reader in readers:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                table = reader(path, reading=reading)
+        except BadInput as error:
+            require_one_line(error)
+            continue
+        assert np.all(np.isfinite(table.t_s))
+        assert np.all(np.diff(table.t_s) > 0)
+        read += 1
+    return read > 0
+
+
+def text(data: bytes) -> bool:
+    """Text of another program; the first byte says what the user says of it."""
+    return bool(data) and tables(file("a.txt", data[1:]), READINGS[data[0] % len(READINGS)])
+
+
+def npy(data: bytes) -> bool:
+    """numpy's array."""
+    return bool(data) and tables(file("a.npy", data[1:]), READINGS[data[0] % len(READINGS)])
+
+
+def library(data: bytes) -> bool:
+    """What a library reads in a process of its own; the first byte says which."""
+    return bool(data) and tables(file(LIBRARY[data[0] % len(LIBRARY)], data[1:]))
+
+
+def unfinished(data: bytes) -> bool:
+    """A recording whose writer was killed; the first byte says of which kind."""
+    if not data:
+        return False
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            columns, _ = recordings.read_columns(
+                file(GROWN[data[0] % len(GROWN)], data[1:]), unfinished=True
+            )
+    except BadInput as error:
+        require_one_line(error)
+        return False
+    assert np.all(np.diff(columns["t_s"]) > 0)
+    return True
+
+
+def case(data: bytes) -> bool:
+    """What is kept of a mismatch, and the notes beside a recording."""
+    kinds = {cases.CASE: cases.Case, cases.EXAMINED: cases.Examined, cases.DECIDED: cases.Decided}
+    found = 0
+    for name, kind in kinds.items():
+        file(name, data)
+        found += cases.get_record(FOLDER, name, kind) is not None
+    file("b.csv.meta.json", data)
+    try:
+        read_notes(FOLDER / "b.csv")
+    except BadInput as error:
+        require_one_line(error)
+    return found > 0
+
+
+T, U, Y = np.arange(30) / 1000, np.arange(30) % 7.0, np.arange(30) % 5.0
+TEXTS = (
+    b"\0Time (s);Voltage (V);Weg (um)\n0,000;1,5;2\n0,001;1,6;2,1\n0,002;1,7;2,2\n",
+    b"\1X,CH1,CH2,Start,Increment\nSequence,VOLT,VOLT,0,1e-3\n0,1,2,\n1,2,3,\n2,3,4,\n",
+    b"\2" + "0 1 2\n1 2 3\n".encode("utf-16"),
+    b"\3LabVIEW Measurement\t\n***End_of_Header***\nX_Value\tu\ty\n0\t1\t2\n1\t2\t3\n",
+    b"\4time,u,y_um\n12:00:01,1,2\n12:00:02,2,3\n",
+    b"\4t_s,u_v,y_um\n0,1,2\n0,1,2\n5,3,4\n2,3,4\n",
+)
+
+
+def npy_seeds() -> tuple[bytes, ...]:
+    """Arrays with and without names."""
+    path = FOLDER / "seed.npy"
+    np.save(path, np.stack([T, U, Y], axis=1))
+    plain = path.read_bytes()
+    named = np.zeros(30, [("t_s", "f8"), ("u_v", "f4"), ("y_um", "i2")])
+    named["t_s"] = T
+    np.save(path, named)
+    return b"\2" + plain, b"\0" + path.read_bytes()
+
+
+def library_seeds() -> tuple[bytes, ...]:
+    """A file of each library that is installed."""
+    out: list[bytes] = []
+    import h5py
+    import nptdms
+    import openpyxl
+    import pandas
+
+    columns = {"t_s": T, "u_v": U, "y_um": Y}
+    with h5py.File(FOLDER / "a.h5", "w") as one:
+        for name, values in columns.items():
+            one[f"run/{name}"] = values
+    book = openpyxl.Workbook()
+    book.active.append(list(columns))
+    for row in zip(T, U, Y, strict=True):
+        book.active.append([float(x) for x in row])
+    book.save(FOLDER / "a.xlsx")
+    with nptdms.TdmsWriter(FOLDER / "a.tdms") as writer:
+        writer.write_segment([nptdms.ChannelObject("g", n, v) for n, v in columns.items()])
+    pandas.DataFrame(columns).to_parquet(FOLDER / "a.parquet")
+    for i, name in enumerate(LIBRARY[:4]):
+        out.append(bytes([i]) + (FOLDER / name).read_bytes())
+    return tuple(out)
+
+
+def grown_seeds() -> tuple[bytes, ...]:
+    """Each kind as it is before it is closed."""
+    out: list[bytes] = []
+    for i, name in enumerate(GROWN):
+        path = FOLDER / name
+        path.unlink(missing_ok=True)
+        rows = open_rows(path, ["t_s", "u_v", "y_um"], {"stage": "P-885"}, False)
+        rows.add([100 * T, U, Y])
+        rows.add([100 * T + 3.0, U, Y])
+        out.append(bytes([i]) + path.read_bytes())
+        rows.close()
+    return tuple(out)
+
+
+def clean_up() -> None:
+    """Remove the files of this process."""
+    for path in FOLDER.iterdir():
+        path.unlink()
+    os.rmdir(FOLDER)
