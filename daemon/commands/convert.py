@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dehyst.daemon.files.foreign.reading import add_reading, reading_of
 from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
-from dehyst.daemon.files.recordings import READ, SUFFIXES, WRITTEN, read_parts, write_recording
+from dehyst.daemon.files.recordings import SUFFIXES, WRITTEN, read_parts, write_recording
 from dehyst.daemon.tools.given_recordings import say_read
 
 
@@ -34,12 +34,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read and write; 0."""
     reading = reading_of(args)
-    parts = read_parts(args.input, args.unfinished, reading)
+    parts, understood = read_parts(args.input, args.unfinished, reading)
     outputs = [args.output]
     if len(parts) > 1:
         outputs = [file_of_axis(args.output, f"part{i}") for i in range(1, len(parts) + 1)]
     check_outputs(outputs, [args.input], args.force)
-    say_read(parts[0][1].get(READ, ""))
+    say_read(understood)
     told = []
     for output, (columns, notes) in zip(outputs, parts, strict=True):
         t_s = columns["t_s"]

@@ -195,7 +195,7 @@ def read_columns(
 ) -> tuple[dict[str, Floats], dict[str, str]]:
     """(columns by name, `t_s` among them; notes) of a file, whatever they mean. unfinished: what
     is whole of a file whose writer was killed. Raises BadRecording."""
-    parts = read_parts(path, unfinished, reading)
+    parts, _ = read_parts(path, unfinished, reading)
     if len(parts) > 1:
         raise BadRecording(_several(Path(path), len(parts)))
     return parts[0]
@@ -203,8 +203,9 @@ def read_columns(
 
 def read_parts(
     path: str | Path, unfinished: bool = False, reading: Reading = AS_IT_IS
-) -> list[tuple[dict[str, Floats], dict[str, str]]]:
-    """As read_columns, and several where the clock went back in the file: it is cut there."""
+) -> tuple[list[tuple[dict[str, Floats], dict[str, str]]], str]:
+    """As read_columns, and several where the clock went back in the file: it is cut there; and how
+    a file of another program was understood, which stands in the notes too."""
     path = Path(path)
     loaded = load(path, reading, unfinished, wants=("t",))
     times = _time(path.name, loaded, 1)
@@ -214,16 +215,16 @@ def read_parts(
         known = loaded.seconds or bool(reading.time_unit)
         doubt = doubt_seconds(path.name, times.t_s[slice(*longest)], known)
     said = _say(path.name, loaded, times, doubt)
-    notes = {key: text for key, text in loaded.notes.items() if key != READ}
-    notes |= {READ: said} if said else {}
+    notes = {**loaded.notes, **({READ: said} if said else {})}
     columns = loaded.columns
     if times.keep is not None:
         columns = {key: values[times.keep] for key, values in columns.items()}
     columns = {**columns, "t_s": times.t_s}
-    return [
+    cut = [
         ({key: values[begin:end] for key, values in columns.items()}, notes)
         for begin, end in times.parts
     ]
+    return cut, said
 
 
 def write_recording(
@@ -321,7 +322,10 @@ def _unit_column(name: str, loaded: Loaded, letter: str, what: str, required: bo
 
 
 def _listed(columns: Mapping[str, Floats]) -> str:
-    names = [key[:30] for key in itertools.islice(columns, 8)]
+    names = [
+        "".join(c if c.isprintable() else "?" for c in key[:30])
+        for key in itertools.islice(columns, 8)
+    ]
     return ", ".join(names) + (", ..." if len(columns) > 8 else "")
 
 

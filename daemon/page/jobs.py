@@ -11,7 +11,7 @@ import secrets
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from dehyst.daemon import clock
 from dehyst.daemon.tools.bounded import take_bounds
 from dehyst.models.errors import BadInput, DehystError, NotNow
-from dehyst.models.recording import Trajectory
+from dehyst.models.recording import Recording, Trajectory
 from dehyst.models.units import spell_unit
 
 Kind = Literal["trajectory", "identify", "diagnose"]
@@ -223,9 +223,22 @@ def work(
         result = tasks[kind](Path(folder), Path(folder) / file, settings, say)
         say("done", 1.0, "done", **result)
     except DehystError as error:
-        say(str(error).replace(f"{folder}/", ""), state="failed")
+        say(say_refusal(error).replace(f"{folder}/", ""), state="failed")
     except MemoryError:
         say(f"{file}: takes more than {MEMORY_BYTES >> 30} GB", state="failed")
+
+
+def with_reading(said: str, recordings: Sequence[Recording]) -> str:
+    """What was found, after how the file of another program was understood."""
+    return "\n".join([*filter(None, [recordings[0].read]), said])
+
+
+def say_refusal(error: DehystError) -> str:
+    """A refusal in words; where it asks for options, the page has none."""
+    text = str(error)
+    asks = any(option in text for option in ("--columns", "--rate", "--unit", "--time-unit"))
+    more = "; dehyst convert with these options writes a file that needs none" if asks else ""
+    return text + (more if "dehyst convert" not in text else "")
 
 
 def identify_file(folder: Path, path: Path, _: Mapping[str, Setting], say: Any) -> dict[str, Any]:
@@ -236,7 +249,7 @@ def identify_file(folder: Path, path: Path, _: Mapping[str, Setting], say: Any) 
     found.save(folder / "model.toml")
     say("writing the report", 0.95)
     found.report(folder / "report.html", "model.toml")
-    return {"said": str(found)}
+    return {"said": with_reading(str(found), found.recordings)}
 
 
 def diagnose_file(
@@ -249,7 +262,7 @@ def diagnose_file(
     model = loads(settings[""].model) if "" in settings else None
     found = diagnose(path, model=model, progress=say)
     found.save(folder)
-    return {"said": str(found)}
+    return {"said": with_reading(str(found), found.recordings)}
 
 
 def look_at_trajectory(

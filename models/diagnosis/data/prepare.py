@@ -95,7 +95,7 @@ def lay_on_grid(one: Recording) -> Laid:
         cut=cut,
         known=known & ~held_up,
         dt=dt,
-        missing=int(np.count_nonzero(~known)) + int(np.sum(steps[long] - 1.0)),
+        missing=int(np.count_nonzero(~known)),  # a pause lacks no readings
         stalls=int(np.count_nonzero(steps > TUNING.stall)),
     )
 

@@ -40,6 +40,16 @@ def test_rows_that_are_missing_stand_on_the_grid() -> None:
     assert not np.any(data.rows & (data.raw_index < 0))
 
 
+@pytest.mark.parametrize("pause_s", [20.0, 2000.0])
+def test_a_pause_lacks_no_readings(pause_s: float) -> None:
+    one = recordings(plain)[0]
+    later = one.t_s + np.where(np.arange(N) >= N // 2, pause_s, 0.0)
+    data = prepare([Recording(later, one.drive, one.displacement)])
+    assert data.missing == 0
+    assert data.stalls == 1
+    assert np.count_nonzero(data.starts) == 2
+
+
 def test_stalls_of_the_recorder_are_no_physics() -> None:
     """The drive is held for up to 32 ms, nine times, and no row is written."""
     rng, t = np.random.default_rng(3), np.arange(N) * DT
