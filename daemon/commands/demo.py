@@ -53,11 +53,12 @@ def say(text: str) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    say("dehyst demo: a stage, an amplifier and a gauge reader are simulated; nothing real moves")
-    from dehyst.daemon.demo.busy import TOO_BUSY, busy_between, read_spent
-    from dehyst.daemon.demo.demo import OUTPUTS
+    from dehyst.daemon.demo.outputs import OUTPUTS
 
     check_outputs([args.output / name for name in OUTPUTS], [], args.force)
+    say("dehyst demo: a stage, an amplifier and a gauge reader are simulated; nothing real moves")
+    from dehyst.daemon.demo.busy import TOO_BUSY, busy_between, read_spent
+
     args.output.mkdir(parents=True, exist_ok=True)
     first = read_spent()
     try:

@@ -77,11 +77,12 @@ def run(args: argparse.Namespace) -> int:
     check_kind(args.output)
     check_outputs([args.output], [args.credentials], args.force)
     ending: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: ending.append(number))
     until_s = args.seconds if args.seconds is not None else float("inf")
     with connect_axes(args, "record") as stage, ExitStack() as opened:
         stage.wait_until_started(told=say)
+        # from here on what was recorded is closed first; while it waits there is nothing to close
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda number, _: ending.append(number))
         axes = {axis: Recorded(client, ending) for axis, client in stage.clients.items()}
         alone = len(axes) == 1
         recorders = {

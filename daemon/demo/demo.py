@@ -34,15 +34,6 @@ if TYPE_CHECKING:
 CYCLES = 6
 STROKE_SHARE = 0.94  # of the reachable range; the rest is margin at both ends
 SECOND_SHARE = 0.9  # the same of the second act
-OUTPUTS = (
-    "recording.csv",
-    "trajectory.csv",
-    "track-linear.csv",
-    "track-compensated.csv",
-    "model.toml",
-    "demo.png",
-    "story.png",
-)
 START_S, COMMAND_S, END_S = 240.0, 240.0, 60.0
 """The daemon's start (with a cold cache the kernels are compiled first), a command, and the end of
 one that is asked to end are waited for on a quiet machine."""

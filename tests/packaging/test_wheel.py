@@ -30,7 +30,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def expected_files() -> set[str]:
-    faces = ("__init__.py", "__init__.pyi", "bluesky.py", "client.py", "py.typed")
+    faces = ("__init__.py", "__init__.pyi", "bluesky.py", "client.py", "ophyd.py", "py.typed")
     files = {f"dehyst/{name}" for name in faces}
     for name, folder in ROOMS.items():
         for path in [*folder.rglob("*.py"), *folder.rglob("*.toml"), *folder.glob("*/static/*")]:

@@ -55,7 +55,8 @@ def test_light_sheet_servo_may_be_a_lag(lightsheet):
     """The wide loop is a servo of 10 Hz bandwidth; there is hardly any hysteresis. One waveform
     alone does not tell the two apart: what is named stands in a tie with the lag."""
     assert {"lag", "delay"} & candidates(lightsheet)
-    assert lightsheet.verdict == "explained"
+    # of one waveform alone no model that predicts blocks that were left out need be found
+    assert lightsheet.verdict in ("explained", "partly")
 
 
 def test_one_slow_triangle_holds_no_missing_physics(triangle):

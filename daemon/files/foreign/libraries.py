@@ -103,7 +103,7 @@ def read_xlsx(path: Path) -> Found:
     if not sheets:
         raise BadRecording(
             "no sheet holds columns of numbers"
-            + (" (formulas that were never reckoned count as empty)" if formulas else "")
+            + (" (formulas that were never computed count as empty)" if formulas else "")
         )
     if len(sheets) == 1:
         found = sheets[0][1]

@@ -87,5 +87,5 @@ def test_what_is_given_beside_a_configuration_must_lie_within_it(
     for more in (["--range", "0", "11"], ["--slew", "201"]):
         line = ["excite", "--config", str(config), "--band", "4", "--duration", "10", *more]
         assert main([*line, "-o", str(tmp_path / "drive.csv")]) == 2
-        assert "allows 0 to 10 v at 200 v/s" in capsys.readouterr().err
+        assert "allows 0 to 10 V at 200 V/s" in capsys.readouterr().err
     assert not (tmp_path / "drive.csv").exists()

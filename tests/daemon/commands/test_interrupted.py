@@ -133,8 +133,9 @@ def test_record_beside_a_gateway_that_knows_no_loop_yet(tmp_path: Path, model: P
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=30.0)
-        assert process.returncode == 1
-        assert "the daemon's loop is not running yet" in said
+        assert process.returncode == 130
+        assert "is starting; waiting until it is ready" in said
+        assert said.rstrip().endswith("interrupted")
         assert not path.exists()
         process = dehyst(*record, "--for", "1")
         with core(service.config):
