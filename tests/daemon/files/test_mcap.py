@@ -89,8 +89,8 @@ def test_a_damaged_file_is_refused_in_one_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("topics", "encoding", "data", "says"),
     [
-        (("/a", "/b"), "json", b'{"t_s": 0, "u_v": 1}', "several topics (/a, /b)"),
-        (("/a",), "cdr", b"\0\0", "encoded as cdr"),
+        (("/a", "/b"), "json", b'{"t_s": 0, "u_v": 1}', "several topics ('/a', '/b')"),
+        (("/a",), "cdr", b"\0\0", "encoded as 'cdr'"),
         (("/a",), "json", b"[1, 2]", "message 0 is not a row"),
         (("/a",), "json", b'{"t_s": 0, "u_v": "high"}', "u_v is not a number"),
         (("/a",), "json", b'{"t_s": 0, "u_v": ', "can be read"),
