@@ -53,6 +53,7 @@ class Loaded:
     where: Callable[[int], str] = field(default=lambda row: f"sample {row}")
 
 
+@np.errstate(all="ignore")  # damaged numbers overflow; none of it is for the screen
 def load(
     path: Path,
     reading: Reading = AS_IT_IS,
