@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 
 from dehyst.daemon.api.functions import identify, validate
-from dehyst.daemon.files.known_units import SENSOR, forget_unit
 from dehyst.daemon.loop.checks import check_unopened
 from dehyst.daemon.setup import moving_axes
 from dehyst.daemon.setup.steps import (
@@ -109,8 +108,6 @@ def exercise_gently(bench: Workbench) -> Result:
         bench.journal.keep("units", options, units)
         bench.say(f"   the gauge readers stand in another order: {words}")
         write_configuration(bench)
-        for config in bench.configs().values():
-            forget_unit(config, SENSOR)  # what was learned in the order before
     return together(moving_axes.exercise_fully(bench), "each gauge follows its axis")
 
 

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from dehyst.daemon.api.functions import identify, validate
+from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, forget_unit
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.loop.checks import check_unopened, devices_of, highest_rate
 from dehyst.daemon.setup import comparison, moving
@@ -204,10 +205,14 @@ def rate_found(bench: Workbench, rate_hz: float) -> Result:
 
 
 def replace_configuration(bench: Workbench, text: str) -> None:
-    """Write the file; what it said before is put aside."""
+    """Write the file; what it said before is put aside. It names the units that were found, so what
+    an earlier set-up of this name has learned of its units is forgotten."""
     if aside := bench.put_aside(bench.config_path, MADE + text):
         bench.say(f"   the configuration that was there is {aside.name} now")
     write_text(bench.config_path, MADE + text)
+    for config in bench.configs().values():
+        for which in (ACTUATOR, SENSOR):
+            forget_unit(config, which)
 
 
 def identify_model(bench: Workbench) -> Result:
