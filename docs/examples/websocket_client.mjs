@@ -1,9 +1,9 @@
 // Go to the middle of the reach over the page's WebSocket, and print what is measured.
 //
 // Start `dehyst run` and `dehyst page`, then with Node 22 or later (20: --experimental-websocket), or in
-// a browser: node docs/examples/websocket_client.mjs [ws://127.0.0.1:8750/stream]
+// a browser: node docs/examples/websocket_client.mjs [ws://127.0.0.1:8080/stream]
 
-const address = process.argv[2] ?? "ws://127.0.0.1:8750/stream";
+const address = process.argv[2] ?? "ws://127.0.0.1:8080/stream";
 const socket = new WebSocket(address);
 socket.binaryType = "arraybuffer";
 let chosen = null;
