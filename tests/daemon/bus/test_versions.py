@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgpack
 import pytest
-from tests.rigs.gateway_bench import ROOT, Bench, environment, free_port
+from tests.rigs.gateway_bench import ROOT, Bench, environment, free_port, started_bench
 
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.client.client import Client
@@ -18,13 +18,8 @@ pytestmark = pytest.mark.processes
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    bench = Bench(tmp_path_factory.mktemp("bench"))
-    try:
-        bench.start_gateway()
-        bench.client().close()
+    with started_bench(tmp_path_factory.mktemp("bench")) as bench:
         yield bench
-    finally:
-        bench.close()
 
 
 def test_a_client_of_the_older_keys_is_told_in_words(bench: Bench) -> None:
