@@ -8,10 +8,12 @@ import subprocess
 from collections.abc import Iterator
 
 import pytest
-from tests.rigs.gateway_bench import ROOT, Bench, started_bench
+from tests.rigs.gateway_bench import ROOT, Bench, started_bench, wait_until
 from tests.rigs.page import PageProcess
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
+
+from dehyst.daemon.rings.records import State
 
 pytestmark = pytest.mark.processes
 EXAMPLE = ROOT / "docs" / "examples" / "websocket_client.mjs"
@@ -85,3 +87,30 @@ def test_the_node_example_commands_and_reads(bench: Bench, page: PageProcess) ->
     targets = bench.loop.samples(begun)["target"]
     assert (abs(targets - float(place)) < 1e-3).any()
     assert abs(float(measured) - float(place)) < 0.5
+
+
+MOVES = """
+const socket = new WebSocket(process.argv[1]);
+socket.onopen = () => {
+  socket.send(JSON.stringify({ask: "look", name: "bench", window_s: 10, width_px: 100}));
+  socket.send(JSON.stringify({ask: "go", value: 6.5, seconds: 600}));
+};
+socket.onmessage = () => {};
+"""
+
+
+def test_a_program_that_is_killed_in_motion_leaves_the_stage_as_any_client_does(
+    bench: Bench, page: PageProcess
+) -> None:
+    address = page.url.replace("http", "ws") + "/stream"
+    program = subprocess.Popen(
+        [*node(), "-e", MOVES, address], stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        newest = lambda: bench.loop.samples(bench.loop.seq - 1)[-1]  # noqa: E731
+        wait_until("it moves", lambda: abs(newest()["target"] - 6.5) < 1e-6)
+    finally:
+        program.kill()
+        program.wait()
+    wait_until("it lets go", lambda: bench.loop.state == State.READY)
+    assert newest()["volts"] == pytest.approx(0.0, abs=0.1)
