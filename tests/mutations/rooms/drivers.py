@@ -6,6 +6,7 @@ DRIVER, LINK = "drivers/mdt693b/driver.py", "drivers/mdt693b/link.py"
 FACTS, EXCHANGE = "drivers/mdt693b/unit_facts.py", "drivers/mdt693b/exchange.py"
 REPLIES, CODEC = "drivers/mdt693b/replies.py", "drivers/mdt693b/codec.py"
 APT_CODEC, APT_LINK, KPZ = "drivers/apt/codec.py", "drivers/apt/link.py", "drivers/kpz101/driver.py"
+OBJECT, ENDPOINT = "drivers/python_object/devices.py", "drivers/python_object/endpoint.py"
 
 CHANGES = [
     *room(
@@ -297,6 +298,44 @@ CHANGES = [
             "if not model.startswith(kind.models):",
             "if False:",
             "any unit that speaks APT is driven as a piezo driver",
+        ),
+    ),
+    *room(
+        ("tests/drivers/python_object/test_devices.py",),
+        Change(
+            "object-beyond-its-range",
+            OBJECT,
+            "if not settings.min_v <= volts <= settings.max_v:  # NaN included",
+            "if False:",
+            "a voltage outside the limits reaches somebody else's object",
+        ),
+        Change(
+            "object-gain-turned-round",
+            OBJECT,
+            "self._call(self._set, volts / settings.gain)",
+            "self._call(self._set, volts * settings.gain)",
+            "an amplifier of gain 15 is given 225 times the voltage",
+        ),
+        Change(
+            "object-rate-believed",
+            OBJECT,
+            "if declared_hz is not None and declared_hz > sustained_hz:",
+            "if False:",
+            "a rate that no call sustains is accepted",
+        ),
+        Change(
+            "object-asynchronous",
+            ENDPOINT,
+            "if inspect.iscoroutinefunction(method):",
+            "if False:",
+            "every write is accepted and none is carried out",
+        ),
+        Change(
+            "object-of-a-lost-unit",
+            OBJECT,
+            "self._shared.drop(self._object)",
+            "pass",
+            "after a fault the sensor goes on with the object that failed",
         ),
     ),
     *room(
