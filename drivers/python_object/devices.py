@@ -177,6 +177,7 @@ class PythonActuator(_PythonDevice):
             minimum=settings.min_v,
             maximum=settings.max_v,
             resolution=settings.step_v,
+            output_known=bool(settings.output),
         )
 
     def write(self, volts: float) -> None:

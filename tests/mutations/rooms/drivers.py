@@ -339,6 +339,40 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/drivers/nidaqmx/test_clocked.py",),
+        Change(
+            "newest-samples-not-read",
+            "drivers/nidaqmx/sensor.py",
+            "task.in_stream.offset = -settings.average",
+            "task.in_stream.offset = 0",
+            "a reading is what was sampled a second ago",
+        ),
+        Change(
+            "input-range-not-compiled",
+            "drivers/nidaqmx/direct_calls.py",
+            "        if not c.minimum <= sample <= c.maximum:\n            shown[0]",
+            "        if False:\n            shown[0]",
+            "compiled code takes an input that is out of its range for a reading",
+        ),
+        Change(
+            "output-at-once",
+            "drivers/nidaqmx/actuator.py",
+            "        if self.settings.clock_hz is None:\n",
+            "        if self.settings.clock_hz is not None:\n",
+            "the output changes whenever the loop wakes, not at the clock's edges",
+        ),
+    ),
+    *room(
+        ("tests/daemon/loop/test_past_output.py",),
+        Change(
+            "output-that-nobody-asked",
+            "daemon/loop/checks.py",
+            "asked = actuator is None or actuator.spec.output_known",
+            "asked = True",
+            "after a restart an output that cannot be asked jumps to where the settings begin",
+        ),
+    ),
+    *room(
         ("tests/drivers/ksg101/test_driver.py",),
         Change(
             "apt-late-reply",
