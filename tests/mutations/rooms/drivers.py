@@ -363,6 +363,30 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/drivers/labjack/test_devices.py",),
+        Change(
+            "labjack-handle-kept",
+            "drivers/labjack/channel.py",
+            "self._shared.drop(self._handle)",
+            "pass",
+            "after a fault the unit is asked over a connection that is lost",
+        ),
+        Change(
+            "labjack-not-asked",
+            "drivers/labjack/actuator.py",
+            "        if not settings.reports:\n            return\n",
+            "        return\n",
+            "where the output stands at the start is not known, and is taken for known",
+        ),
+        Change(
+            "labjack-without-its-zero",
+            "drivers/labjack/direct_calls.py",
+            "volts / c.gain + c.zero)",
+            "volts / c.gain)",
+            "compiled code drives an amplifier with an offset to another voltage than Python",
+        ),
+    ),
+    *room(
         ("tests/daemon/loop/test_past_output.py",),
         Change(
             "output-that-nobody-asked",
