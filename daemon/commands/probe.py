@@ -26,19 +26,19 @@ from dehyst.models.errors import BadInput
 
 TIMED = 100
 AMPLIFIER, GAUGE, PIEZO = "mdt693b", "ksg101", "kpz101"
-NAMES = {AMPLIFIER: "MDT693B", GAUGE: "KSG101", PIEZO: "KPZ101"}
+NAMES = {AMPLIFIER: "MDT693B or MDT694B", GAUGE: "KSG101", PIEZO: "KPZ101"}
 
 EPILOG = f"""\
-Finds out whether an MDT693B or a KPZ101 (amplifiers) or a KSG101 (gauge reader) is connected to the
-port. Sends requests, to the MDT693B also an empty line and two unknown words; changes no setting
-and moves no output. PORT is a path or "auto" (the MDT69xB on USB, with --unit ksg101 or kpz101
-the one APT unit). Stop everything else that uses the unit first.
+Finds out whether an MDT693B, MDT694B or KPZ101 (amplifiers) or a KSG101 (gauge reader) is connected
+to the port. Sends requests, to the MDT69xB also an empty line and two unknown words; changes no
+setting and moves no output. PORT is a path or "auto" (the MDT69xB on USB, with --unit ksg101 or
+kpz101 the one APT unit). Stop everything else that uses the unit first.
 
 --sets V times {TIMED} sets of axis x, all to V, and only if the unit reads back V within 1 V. The
 unit does not report its set-point, so give the one that it really has: otherwise the output moves
 by the difference.
 
-exit status: 0; 1 when what answers is none of the three, or nothing answers.
+exit status: 0; 1 when what answers is none of them, or nothing answers.
 
 examples: dehyst probe /dev/ttyACM0 -o my-amplifier.json
           dehyst probe /dev/ttyUSB0 -o my-gauge.json
@@ -125,7 +125,7 @@ def _probe(port: SerialPort, args: argparse.Namespace) -> _Probed:
                 return found
             heard += found.exchanges
     raw = b"".join(exchange.reply for exchange in heard)
-    what = NAMES[asked] if asked else "MDT693B, KPZ101 or KSG101"
+    what = NAMES[asked] if asked else "MDT693B, MDT694B, KPZ101 or KSG101"
     says = f"answers {raw[:60]!r}, which is no {what}" if raw else "does not answer"
     return _Probed("", heard, {}, {}, [f"{says}; check port, power and baud rate"])
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Self
 
 from dehyst.drivers.interface import DeviceSpec, DriverConfigError, OutOfRange
-from dehyst.drivers.labjack.channel import EXPECTED_RATE_HZ, Channel
+from dehyst.drivers.labjack.channel import EXPECTED_S, MOST_HZ, Channel
 from dehyst.drivers.labjack.settings import LabjackActuatorSettings
 from dehyst.drivers.settings import read_settings
 
@@ -34,14 +34,13 @@ class LabjackActuator(Channel):
         c["minimum"], c["maximum"] = settings.min_v, settings.max_v
         c["output_v"] = math.nan if settings.initial_v is None else settings.initial_v
         span_v = settings.device_max_v - settings.device_min_v
-        rate_hz = settings.max_rate_hz or EXPECTED_RATE_HZ
         self.spec = DeviceSpec(
             unit="v",
             minimum=settings.min_v,
             maximum=settings.max_v,
             resolution=span_v / 2**settings.resolution_bits * abs(settings.gain),
-            max_rate_hz=rate_hz,
-            latency_s=1.0 / rate_hz,
+            max_rate_hz=settings.max_rate_hz or MOST_HZ,
+            latency_s=EXPECTED_S,
             output_known=settings.reports,
         )
 

@@ -27,8 +27,8 @@ TIMED_OUT = (1206, 1263, 1306)
 """Error codes of LJM for what did not happen in time: the unit is busy, no byte of a reply came, no
 synchronisation in time. Every other error means that the unit cannot be used."""
 
-EXPECTED_RATE_HZ = 1000.0
-"""Before the unit has been timed: a command takes 0.6 ms on USB by its data sheet."""
+EXPECTED_S, MOST_HZ = 6e-4, 5000.0
+"""A call before the unit has been timed, 0.6 ms on USB by its data sheet, and what none exceeds."""
 
 BATCHES = Batches()
 

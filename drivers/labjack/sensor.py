@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from dehyst.drivers.interface import DeviceSpec
-from dehyst.drivers.labjack.channel import EXPECTED_RATE_HZ, Channel
+from dehyst.drivers.labjack.channel import EXPECTED_S, MOST_HZ, Channel
 from dehyst.drivers.labjack.settings import LabjackSensorSettings
 from dehyst.drivers.settings import read_settings
 
@@ -43,15 +43,14 @@ class LabjackSensor(Channel):
             (volts - settings.zero_v) * settings.um_per_v
             for volts in (settings.min_v, settings.max_v)
         )
-        rate_hz = settings.max_rate_hz or EXPECTED_RATE_HZ
         step_v = 2.0 * settings.range_v / 2**settings.resolution_bits
         self.spec = DeviceSpec(
             unit="um",
             minimum=ends[0],
             maximum=ends[1],
             resolution=step_v * abs(settings.um_per_v),
-            max_rate_hz=rate_hz,
-            latency_s=1.0 / rate_hz,
+            max_rate_hz=settings.max_rate_hz or MOST_HZ,
+            latency_s=EXPECTED_S,
         )
 
     @classmethod

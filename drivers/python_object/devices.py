@@ -35,8 +35,8 @@ from dehyst.drivers.settings import read_settings
 
 BATCHES = Batches()
 
-EXPECTED_RATE_HZ = 100.0
-"""Before the object has been timed, where no rate is declared."""
+EXPECTED_S, MOST_HZ = 0.01, 10_000.0
+"""A call before the object has been timed, and what none exceeds, as Python calls it."""
 
 
 class _PythonDevice:
@@ -56,8 +56,9 @@ class _PythonDevice:
         self._timed = False
         self._known: UnitIdentity | None = None
         self.unit: UnitIdentity | None = None
-        rate_hz = settings.max_rate_hz or EXPECTED_RATE_HZ
-        self.spec = DeviceSpec("v", 0.0, 1.0, 0.0, rate_hz, 1.0 / rate_hz)
+        declared_hz = settings.max_rate_hz
+        latency_s = 0.5 / declared_hz if declared_hz else EXPECTED_S
+        self.spec = DeviceSpec("v", 0.0, 1.0, 0.0, declared_hz or MOST_HZ, latency_s)
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:

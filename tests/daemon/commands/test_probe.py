@@ -50,6 +50,13 @@ def test_a_unit_is_recorded_and_understood(tmp_path, capsys, dialect):
     assert interpret(exchanges).answers == printed["answers"]
 
 
+def test_an_mdt694b_is_named(tmp_path, capsys):
+    knobs = Mdt693bKnobs(axes="x", latency_s=0.0, jitter_s=0.0)
+    with Mdt693bEmulator(tmp_path / "port", knobs) as emulator:
+        assert main(["probe", emulator.port]) == 0
+        assert "MDT694B, firmware 1.10" in capsys.readouterr().out
+
+
 def test_sets_are_timed_only_where_the_output_stands(tmp_path, capsys):
     knobs = Mdt693bKnobs(latency_s=0.0, jitter_s=0.0, start_v=20.0)
     with Mdt693bEmulator(tmp_path / "port", knobs) as emulator:
@@ -70,7 +77,7 @@ def test_a_silent_or_strange_port_is_a_finding(tmp_path, capsys):
         assert "does not answer" in capsys.readouterr().out
         emulator.fault(mute=False, garbage=True, count=1000)
         assert main(["probe", emulator.port]) == 1
-        assert "which is no MDT693B, KPZ101 or KSG101" in capsys.readouterr().out
+        assert "which is no MDT693B, MDT694B, KPZ101 or KSG101" in capsys.readouterr().out
     assert main(["probe", emulator.port]) == 2
     assert "there is no port" in capsys.readouterr().err
 
@@ -112,10 +119,11 @@ def test_drivers_with_a_name_lists_the_settings_of_both_kinds(capsys):
     assert main(["drivers", "nidaqmx", "--json"]) == 0
     listed = {entry["kind"]: entry["settings"] for entry in json.loads(capsys.readouterr().out)}
     scale = next(key for key in listed["sensor"] if key["name"] == "um_per_v_per_v")
-    assert (scale["required"], scale["unit"]) == (True, "um per V per V")
+    assert (scale["required"], scale["unit"]) == (False, "um per V per V")
+    assert next(key for key in listed["sensor"] if key["name"] == "channel")["required"]
     assert "displacement per bridge ratio" in scale["meaning"]
     gain = next(key for key in listed["actuator"] if key["name"] == "gain")
-    assert (gain["default"], gain["type"]) == (15.0, "a number, above 0")
+    assert (gain["default"], gain["type"]) == (15.0, "a number")
     assert main(["drivers", "mdt693b"]) == 0
     assert "longest wait for a reply" in capsys.readouterr().out
     assert main(["drivers", "mdt694b"]) == 2

@@ -207,6 +207,18 @@ def test_compiled_code_reads_and_writes_what_python_does(unit: Unit) -> None:
         assert math.isnan(direct_calls.read(read))  # type: ignore[arg-type]
 
 
+def test_an_inverting_amplifier_with_an_offset_is_the_same_in_both(unit: Unit) -> None:
+    settings = {**TICK, "gain": -20.0, "zero_v": 5.0}
+    actuator = used(LabjackActuator.from_settings(settings))
+    direct = direct_of(actuator)
+    for volts, device_v in ((0.0, 5.0), (100.0, 0.0), (150.0, -2.5)):
+        actuator.write(volts)
+        assert unit.register("TDAC0") == device_v
+        unit.values[0] = 9.0
+        assert direct_calls.write(direct, volts) is None
+        assert unit.register("TDAC0") == device_v
+
+
 def test_both_loops_give_the_same_records(library: str, monkeypatch: pytest.MonkeyPatch) -> None:
     records = []
     for compiled in (False, True):

@@ -144,6 +144,18 @@ def test_the_mean_is_the_same_in_compiled_code_and_takes_the_noise_away(
         assert by_python == pytest.approx(0.0, abs=1e-12)  # the noise has a period of 7 samples
 
 
+def test_an_inverting_amplifier_with_an_offset_is_the_same_in_both(standin: Standin) -> None:
+    settings = {"channel": "Dev1/ao0", "gain": -20.0, "zero_v": 5.0}
+    actuator = opened(NidaqmxActuator, settings)
+    direct = direct_of(actuator)
+    for volts, device_v in ((0.0, 5.0), (100.0, 0.0), (150.0, -2.5)):
+        actuator.write(volts)
+        assert standin.device.output_v == device_v
+        standin.device.output_v = 9.0
+        assert direct_calls.write(direct, volts) is None
+        assert standin.device.output_v == device_v
+
+
 @pytest.mark.parametrize("volts", [-1.001, 10.001, math.inf, math.nan])
 def test_a_sample_out_of_range_is_nan(standin: Standin, volts: float) -> None:
     sensor = opened(NidaqmxSensor, SENSOR)

@@ -293,6 +293,13 @@ CHANGES = [
             "a set that the unit ignores is taken as carried out",
         ),
         Change(
+            "piezo-timed-without-its-set",
+            KPZ,
+            "reported_counts(link, again), self._clock)",
+            "reported_counts(link), self._clock)",
+            "the declared rate is about twice the one that writes achieve",
+        ),
+        Change(
             "piezo-other-model",
             APT_LINK,
             "if not model.startswith(kind.models):",
