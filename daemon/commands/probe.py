@@ -1,16 +1,19 @@
-"""record a unit's raw bytes and timings into a fixture file"""
+"""what a unit answers, its raw bytes and timings; or what the devices of a configuration are"""
 
 import argparse
 import json
 import math
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 from dehyst import __version__
+from dehyst.daemon.config import load_controller
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.terminal.progress import progress_bar
+from dehyst.daemon.tools.device_report import lines_of, report_devices
 from dehyst.drivers.apt.link import USB_IDS as GAUGES
 from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import DeviceNotFound
@@ -38,10 +41,15 @@ kpz101 the one APT unit). Stop everything else that uses the unit first.
 unit does not report its set-point, so give the one that it really has: otherwise the output moves
 by the difference.
 
+--config opens the devices of a configuration, of any driver, as the daemon does: identity, range,
+resolution, time of a call, rate that they sustain. Nothing moves; a disabled KPZ101 is enabled, at
+0 V.
+
 exit status: 0; 1 when what answers is none of them, or nothing answers.
 
 examples: dehyst probe /dev/ttyACM0 -o my-amplifier.json
           dehyst probe /dev/ttyUSB0 -o my-gauge.json
+          dehyst probe --config stage.toml
 """
 
 
@@ -59,7 +67,10 @@ class _Probed:
 def configure(parser: argparse.ArgumentParser) -> None:
     """Fill in the arguments."""
     parser.epilog = EPILOG
-    parser.add_argument("port", metavar="PORT", help="serial port, or auto")
+    parser.add_argument("port", nargs="?", metavar="PORT", help="serial port, or auto")
+    parser.add_argument(
+        "--config", metavar="FILE", type=Path, help="open the devices of this configuration"
+    )
     parser.add_argument(
         "--unit", choices=(AMPLIFIER, GAUGE, PIEZO), help="probe for this unit only"
     )
@@ -74,6 +85,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record, interpret, time, report."""
+    if (args.port is None) is (args.config is None):
+        raise BadInput("give a PORT, or --config FILE")
+    if args.config is not None:
+        return _report(args)
     check_outputs([args.output], [], args.force)
     with closing(SerialPort(_path(args), args.baud)) as port:
         found = _probe(port, args)
@@ -100,6 +115,22 @@ def run(args: argparse.Namespace) -> int:
     else:
         print("\n".join([f"{path}: {found.lines[0]}", *found.lines[1:], *_times(found.timings)]))
     return 0 if found.unit else 1
+
+
+def _report(args: argparse.Namespace) -> int:
+    for option in ("unit", "output", "sets"):
+        if getattr(args, option) is not None:
+            raise BadInput(f"--{option} goes with a PORT, not with --config")
+    configs = load_controller(args.config).axes
+    reports = {config.axis: report_devices(config) for config in configs}
+    if args.json:
+        print(json.dumps(reports if len(configs) > 1 else reports[configs[0].axis], indent=2))
+        return 0
+    for axis, devices in reports.items():
+        for which, device in devices.items():
+            named = f"axis {axis} {which}" if len(configs) > 1 else which
+            print("\n".join(lines_of(named, device)))
+    return 0
 
 
 def _path(args: argparse.Namespace) -> str:

@@ -158,3 +158,50 @@ def test_a_piezo_driver_is_recognised_and_not_touched(tmp_path, capsys, unit):
     assert (found["unit"], found["model"], found["serial"]) == ("kpz101", "KPZ101", "29000123")
     assert (found["limit_v"], found["enabled"], found["open_loop"]) == (75.0, False, False)
     assert found["output_v"] == pytest.approx(30.0, abs=0.01)
+
+
+CONFIG = """
+name = "probed"
+run_dir = "{folder}"
+model = {{file = "none"}}
+limits = {{min_v = 0.0, max_v = 100.0, slew_v_per_s = 4000.0}}
+[actuator]
+driver = "{actuator}"
+settings = {{{settings}}}
+[sensor]
+driver = "simulated"
+settings = {{stage = "probed", sensor_noise_um = 0.0}}
+"""
+
+
+def test_the_devices_of_a_configuration_of_any_driver(tmp_path, capsys):
+    (tmp_path / "bought.py").write_text("class Amplifier:\n    volts = 12.5\n")
+    settings = 'object = "bought:Amplifier", write = "volts", output = "volts", max_v = 120.0, '
+    settings += f'folder = "{tmp_path}"'
+    path = tmp_path / "stage.toml"
+    path.write_text(CONFIG.format(folder=tmp_path, actuator="python", settings=settings))
+    assert main(["probe", "--config", str(path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    actuator, sensor = found["actuator"], found["sensor"]
+    assert (actuator["identity"], actuator["stands_at"]) == ("Amplifier of bought:Amplifier", 12.5)
+    assert (actuator["minimum"], actuator["maximum"], actuator["compiled"]) == (0.0, 120.0, False)
+    assert 0.0 < 1.0 / actuator["max_rate_hz"] < 1.0
+    assert (sensor["driver"], sensor["unit"], sensor["compiled"]) == ("simulated", "um", True)
+    assert main(["probe", "--config", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "actuator: python: Amplifier of bought:Amplifier" in said
+    assert "0 to 120 V in steps of 0 V; stands at 12.5 V" in said
+    assert "Hz sustained; Python loop" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ([], "give a PORT, or --config FILE"),
+        (["/dev/ttyACM0", "--config", "stage.toml"], "give a PORT, or --config FILE"),
+        (["--config", "stage.toml", "--sets", "3"], "--sets goes with a PORT"),
+    ],
+)
+def test_a_port_or_a_configuration(words, says, capsys):
+    assert main(["probe", *words]) == 2
+    assert says in capsys.readouterr().err
