@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -66,19 +66,21 @@ def compile_library(folder: Path) -> str:
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler here to make the stand-in for NI's library with")
-    path = folder / "libnidaqmx-standin.so"
+    path = folder / "libnidaqmx.so"
     command = [compiler, "-shared", "-fPIC", "-O1", "-Wall", "-Werror", "-o", path, SOURCE, "-lm"]
+    command.append("-Wl,-soname,libnidaqmx.so")  # what a process finds it by
     subprocess.run(command, check=True)
     return str(path)
 
 
 class Standin:
-    """A fresh device behind the library at `path`, and the package in front of it.
+    """A fresh device behind the library at `path`, and the package in front of it: in place of the
+    vendor's while a test runs; monkeypatch: None: the caller places it.
 
     `plugged = False` takes it away: every call fails, no task can be made.
     """
 
-    def __init__(self, path: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, path: str, monkeypatch: pytest.MonkeyPatch | None = None) -> None:
         self.library = ctypes.CDLL(path)
         self.device = Device.in_dll(self.library, "device")
         task = self.device.task
@@ -86,7 +88,7 @@ class Standin:
         self.device.task, self.device.fail_in = task, -1
         self.plugged, self.has_output_clock, self.serial = True, True, SERIAL
         self.asked: list[tuple[str, dict[str, Any]]] = []
-        package: Any = ModuleType("nidaqmx")
+        self.package = package = cast(Any, ModuleType("nidaqmx"))
         package.Task = lambda: Task(self)
         package.errors = SimpleNamespace(Error=DaqError, DaqError=DaqError)
         package.constants = SimpleNamespace(
@@ -100,8 +102,10 @@ class Standin:
             OverwriteMode=SimpleNamespace(OVERWRITE_UNREAD_SAMPLES="overwrite"),
             ReadRelativeTo=SimpleNamespace(MOST_RECENT_SAMPLE="newest"),
         )
-        monkeypatch.setitem(sys.modules, "nidaqmx", package)
-        monkeypatch.setattr("dehyst.drivers.nidaqmx.direct_calls.find_library", lambda name: path)
+        if monkeypatch is not None:
+            monkeypatch.setitem(sys.modules, "nidaqmx", package)
+            where = "dehyst.drivers.nidaqmx.direct_calls.find_library"
+            monkeypatch.setattr(where, lambda name: path)
 
     def fail(self, status: int, in_calls: int = 0) -> None:
         """Calls return `status` from the one after `in_calls` on."""
