@@ -1,5 +1,6 @@
 """A register of a LabJack over the vendor's package, and what its errors mean."""
 
+import ctypes
 import importlib
 import time
 from collections.abc import Callable
@@ -22,6 +23,8 @@ from dehyst.drivers.interface import (
 )
 from dehyst.drivers.labjack.settings import LabjackSettings
 from dehyst.drivers.shared import shared_by
+
+LIBRARY = "libLabJackM.so"
 
 TIMED_OUT = (1206, 1263, 1306)
 """Error codes of LJM for what did not happen in time: the unit is busy, no byte of a reply came, no
@@ -58,9 +61,18 @@ def vendor() -> Any:
             "the LabJack package is not installed: pip install dehyst[labjack], and the LJM "
             f"library from LabJack ({error})"
         ) from None
-    if ljm.ljm._staticLib is None:  # the package loads it when it is imported, and prints why not
-        raise DeviceNotFound("LabJack's LJM library is not installed: get it from LabJack")
+    library()  # the package only prints that it is absent
     return ljm
+
+
+def library() -> ctypes.CDLL:
+    """LJM itself, as the package finds it; DeviceNotFound where it is not installed."""
+    try:
+        return ctypes.CDLL(LIBRARY)
+    except OSError as error:
+        raise DeviceNotFound(
+            f"LabJack's LJM library is not installed: get it from LabJack ({error})"
+        ) from None
 
 
 def fault_of(channel: str, code: int | None, text: str) -> DriverError:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from dehyst.drivers.direct_calls import SIGNATURE, Direct, pointer
 from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange
-from dehyst.drivers.labjack.channel import CONTEXT_T, fault_of
+from dehyst.drivers.labjack.channel import CONTEXT_T, fault_of, library
 
 CLOSED, NOT_IN_RANGE = 1, 2
 
@@ -112,9 +112,9 @@ def sensor(channel: str, context: NDArray[Any], ljm: Any) -> Direct | None:
 def _direct(channel: str, context: NDArray[Any], ljm: Any, ours: int, theirs: str) -> Direct | None:
     if context["handle"][0] == 0:
         return None
-    library = ljm.ljm._staticLib  # the package keeps it to itself
-    context["function"] = ctypes.cast(getattr(library, theirs), ctypes.c_void_p).value
-    return Direct(ours, context.ctypes.data, _explain(channel, ljm), (context, library))
+    vendors = library()
+    context["function"] = ctypes.cast(getattr(vendors, theirs), ctypes.c_void_p).value
+    return Direct(ours, context.ctypes.data, _explain(channel, ljm), (context, vendors))
 
 
 def _explain(channel: str, ljm: Any) -> Callable[[int], DriverError]:

@@ -121,7 +121,7 @@ class LabjackSensorSettings(LabjackSettings, frozen=True, kw_only=True):
     ] = 0.0
     average: Annotated[
         int,
-        Meta(ge=1, le=MOST_AVERAGED, description="a reading is the mean of so many samples"),
+        Meta(ge=1, le=MOST_AVERAGED, description="how many samples a reading is the mean of"),
     ] = 1
     resolution_bits: Annotated[
         int, Meta(gt=0, le=64, description="of the converter, over range_v")

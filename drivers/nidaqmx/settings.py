@@ -145,7 +145,7 @@ class NidaqmxSensorSettings(ClockedSettings, frozen=True, kw_only=True):
         int, Meta(gt=0, le=64, description="of the converter, over the input range")
     ] = 24
     average: Annotated[
-        int, Meta(ge=1, le=10_000, description="a reading is the mean of so many samples")
+        int, Meta(ge=1, le=10_000, description="how many samples a reading is the mean of")
     ] = 1
     sample_hz: (
         Annotated[

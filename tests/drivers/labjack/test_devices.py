@@ -253,10 +253,8 @@ def test_a_unit_that_is_not_there_is_named(unit: Unit) -> None:
 def test_without_package_or_library_the_error_names_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    import labjack.ljm
-
     sensor = LabjackSensor.from_settings(SENSOR)
-    monkeypatch.setattr(labjack.ljm.ljm, "_staticLib", None)
+    monkeypatch.setattr("dehyst.drivers.labjack.channel.LIBRARY", "libAbsent.so")
     with pytest.raises(DeviceNotFound, match="LJM library is not installed"):
         sensor.open()
     monkeypatch.setitem(sys.modules, "labjack.ljm", None)

@@ -61,6 +61,7 @@ def plug(path: str, monkeypatch: pytest.MonkeyPatch) -> Unit:
         package = pytest.importorskip("labjack.ljm", reason="labjack-ljm is not installed")
     library = ctypes.CDLL(path)
     monkeypatch.setattr(package.ljm, "_staticLib", library)
+    monkeypatch.setattr("dehyst.drivers.labjack.channel.LIBRARY", path)
     unit = Unit.in_dll(library, "unit")
     handle = unit.handle
     ctypes.memset(ctypes.addressof(unit), 0, ctypes.sizeof(unit))
