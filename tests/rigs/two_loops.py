@@ -1,7 +1,6 @@
 """A controller in virtual time, run by either engine in this process; on the simulated stage
 unless a test gives it other devices."""
 
-import os
 from collections.abc import Iterable
 from typing import Any
 
@@ -148,15 +147,7 @@ class Rig:
             self.rings["command"].push_many(batch)
             total += samples_each
             runner.run(total)
-        self._close_schedstat()
         return self.rings["telemetry"].read(0)[0]
-
-    def _close_schedstat(self) -> None:
-        """A loop opens it once in its life; here there is a loop for each play."""
-        opened = int(self.monitor.meter["schedstat"][0])
-        if opened >= 0:
-            os.close(opened)
-            self.monitor.meter["schedstat"] = -1
 
     @property
     def scheduled_ns(self) -> int:
