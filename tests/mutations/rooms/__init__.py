@@ -15,6 +15,7 @@ from tests.mutations.rooms import (
     gcs,
     hysteresis,
     identify,
+    imaging,
     inverse,
     learning,
     mismatch,
@@ -49,5 +50,6 @@ ROOMS = {
     "diagnosis": diagnosis.CHANGES,
     "doctor": doctor.CHANGES,
     "mismatch": mismatch.CHANGES,
+    "imaging": imaging.CHANGES,
     "learning": learning.CHANGES,
 }
