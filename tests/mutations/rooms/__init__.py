@@ -2,6 +2,7 @@
 
 from tests.mutations.rooms import (
     axes,
+    benchmark,
     bus,
     checks,
     clients,
@@ -50,6 +51,7 @@ ROOMS = {
     "diagnosis": diagnosis.CHANGES,
     "doctor": doctor.CHANGES,
     "mismatch": mismatch.CHANGES,
+    "benchmark": benchmark.CHANGES,
     "imaging": imaging.CHANGES,
     "learning": learning.CHANGES,
 }
