@@ -22,6 +22,7 @@ from tests.mutations.rooms import (
     mismatch,
     motion,
     page,
+    paper,
     rings,
     safety,
     setup,
@@ -52,6 +53,7 @@ ROOMS = {
     "doctor": doctor.CHANGES,
     "mismatch": mismatch.CHANGES,
     "benchmark": benchmark.CHANGES,
+    "paper": paper.CHANGES,
     "imaging": imaging.CHANGES,
     "learning": learning.CHANGES,
 }
