@@ -1,4 +1,4 @@
-"""The paper's experiments: what would make a figure look reached, or an inverse better than it is."""
+"""The paper's experiments: what would make a figure look reached, or flatter the inverse."""
 
 from tests.mutations.change import Change, room
 
