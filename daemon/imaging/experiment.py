@@ -4,8 +4,9 @@ Each is the same raster on the same simulated stage from rest. The first frame c
 and is not shown. Everything is computed from seeds: two runs give the same pictures.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.models.drive_design.excitation import design
 from dehyst.models.drive_design.scans import Scan, scan_raster
 from dehyst.models.identify import identify
-from dehyst.models.learning.passes import Learner, Outcome, Pass, fade_share
+from dehyst.models.learning.passes import Learner, Pass, fade_share
 from dehyst.models.learning.reading import expected_reading
 from dehyst.models.learning.tuning import TUNING
 from dehyst.models.model import Model
@@ -41,14 +42,12 @@ COMPENSATED_LEAST, LEARNED_LEAST = 10.0, 30.0
 
 @dataclass(frozen=True)
 class Picture:
-    """One of the pictures. name, says: what made it; frame; followed: all rows of its frame;
-    lessons: outcomes of the axis x where it was learned."""
+    """One of the pictures. name, says: what made it; frame; followed: all rows of its frame."""
 
     name: str
     says: str
     frame: Frame
     followed: Followed
-    lessons: tuple[Outcome, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -80,45 +79,55 @@ def image(
     of a picture, an even number. Raises BadInput on less than 2 lines."""
     models = identify_axes()
     scan = scan_raster(SIZE_UM, SIZE_UM, lines, LINE_S, PERIOD_S)
-    total, done = 2 * SHOWN + LESSONS + 1, 0
-
-    def follow(run: PlatformRun, targets: Mapping[str, Floats]) -> Followed:
-        nonlocal done
-        followed = run.follow(targets)
-        done += 1
-        progress(done / total)
-        return followed
-
     targets = {"x": scan.x + CENTRE_UM[0], "y": scan.y + CENTRE_UM[1]}
-    pictures = []
-    for name, linear, says in (
-        ("raw", True, "volts proportional to the wanted place"),
-        ("compensated", False, "volts from the inverse model, open loop"),
-    ):
-        run = _approached(models, targets, linear)
-        for _ in range(SHOWN):
-            followed = follow(run, targets)
-        pictures.append(Picture(name, says, _frame(scan, followed, lines), followed))
-    learners, expected = {}, {}  # the compensated stage goes on, its gauges' zeros set anew
+    raw, compensated = (_approached(models, targets, linear) for linear in (True, False))
+    frames = (
+        *(partial(raw.follow, targets) for _ in range(SHOWN)),
+        *(partial(compensated.follow, targets) for _ in range(SHOWN)),
+    )
+    followed = []
+    for frame in frames:
+        followed.append(frame())
+        progress(len(followed) / (len(frames) + LESSONS + 1))
+    before = followed[-1]
+    for one in _learn(compensated, models, targets, before):
+        followed.append(one)
+        progress(len(followed) / (len(frames) + LESSONS + 1))
+    shown = {
+        "raw": (followed[SHOWN - 1], "volts proportional to the wanted place"),
+        "compensated": (before, "volts from the inverse model, open loop"),
+        "learned": (followed[-1], f"the same, after {LESSONS} frames of learning from its gauges"),
+    }
+    pictures = (
+        Picture(name, says, _frame(scan, one, lines), one) for name, (one, says) in shown.items()
+    )
+    return Imaged(tuple(pictures), models)
+
+
+def _learn(
+    run: PlatformRun,
+    models: Mapping[str, Model],
+    targets: Mapping[str, Floats],
+    before: Followed,
+) -> Iterator[Followed]:
+    """LESSONS frames that are learned from, and one that is not. before: the frame before them, by
+    which the gauges' zeros are set."""
+    learners, expected = {}, {}
     for axis, target in targets.items():
         noise_um = models[axis].fit.noise_rms or NOISE_UM
         learners[axis] = Learner(target, PERIOD_S, noise_um, BOUND_UM)
         reading = expected_reading(models[axis], target, PERIOD_S)
-        expected[axis] = reading + np.mean(followed.shown[axis] - reading)
+        expected[axis] = reading + np.mean(before.shown[axis] - reading)
     used = {axis: np.zeros(target.size) for axis, target in targets.items()}
-    fade = fade_share(np.arange(scan.t_s.size), round(TUNING.fade_s * RATE_HZ))
+    fade = fade_share(np.arange(used["x"].size), round(TUNING.fade_s * RATE_HZ))
     for number in range(LESSONS + 1):
         for axis, learner in learners.items():  # faded in as `dehyst play --learn` does it
             used[axis] = used[axis] + fade * (learner.correction - used[axis])
-        followed = follow(run, {axis: targets[axis] + used[axis] for axis in targets})
+        followed = run.follow({axis: targets[axis] + used[axis] for axis in targets})
         for axis, learner in learners.items():
             if number < LESSONS:
                 learner.take(Pass(followed.shown[axis] - expected[axis], used[axis]))
-    says = f"the same, after {LESSONS} frames of learning from its gauges"
-    frame = _frame(scan, followed, lines)
-    outcomes = tuple(learners["x"].outcomes)
-    pictures.append(Picture("learned", says, frame, followed, outcomes))
-    return Imaged(tuple(pictures), models)
+        yield followed
 
 
 def identify_axes() -> dict[str, Model]:

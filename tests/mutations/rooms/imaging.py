@@ -29,8 +29,8 @@ CHANGES = [
         Change(
             "learned-picture-without-its-correction",
             EXPERIMENT,
-            "followed = follow(run, {axis: targets[axis] + used[axis] for axis in targets})",
-            "followed = follow(run, targets)",
+            "followed = run.follow({axis: targets[axis] + used[axis] for axis in targets})",
+            "followed = run.follow(targets)",
             "what was learned is not sent to the stage, and the picture calls itself learned",
         ),
     ),
