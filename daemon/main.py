@@ -36,6 +36,8 @@ COMMANDS = {
     "invert": "turn a trajectory in micrometres into a drive in volts",
     "diagnose": "name the physics that a model lacks, and add it to the model",
     "paper": "repeat the source paper's experiments, errors and figures beside the paper's",
+    "bench": "compare models of hysteresis on the same recordings",
+    "image": "a virtual microscope images a grid: raw, compensated, learned",
     "scan": "write the path of a scan in the plane: raster, spiral or Lissajous figure",
     "send": "send a set-point to a running daemon, or stop or hold the stage",
     "play": "stream a trajectory to a running daemon",
@@ -65,7 +67,7 @@ COMMANDS = {
 
 COMPILING = {
     *("demo", "setup", "acquire", "identify", "excite", "simulate", "validate", "invert"),
-    *("diagnose", "latency", "scan", "paper"),
+    *("diagnose", "latency", "scan", "paper", "image", "bench"),
 }
 """Commands that may have to compile kernels first, and say so on a terminal; the daemon's own
 processes say it wherever they are read."""

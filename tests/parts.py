@@ -46,6 +46,7 @@ THOROUGH = (
     "daemon/commands/test_excite.py", "daemon/commands/test_validate.py",
     "daemon/loop/test_random_life.py", "daemon/doctor/test_examination.py",
     "daemon/setup/test_moving.py", "daemon/report/test_every_picture.py", "daemon/paper",
+    "daemon/imaging", "daemon/benchmark/test_bench.py",
     "models/cascade/test_reach.py",
 )  # fmt: skip
 """Folders and files of tests."""

@@ -13,9 +13,9 @@ from dehyst.daemon.paper.stages import STAGES, Stage
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.identify import Options, identify_alone
 from dehyst.models.inverse.compensator import Compensator
-from dehyst.models.inverse.offline import invert_trajectory
+from dehyst.models.inverse.offline import UNREACHABLE, invert_trajectory
 from dehyst.models.model import Floats, Model
-from dehyst.models.recording import Recording
+from dehyst.models.recording import Bools, Recording
 
 PERIOD_S = 1e-3
 NOISE_NM = 25.0
@@ -97,8 +97,11 @@ EXPERIMENTS = (
 @dataclass(frozen=True)
 class Result:
     """One experiment on one stage. Columns (N,) [V, um]; mean, std, maximum: model - measured
-    [nm], the sweep's of its last second; true_std: against the displacement without noise;
-    tracking_rms, tracking_max: target - displacement under the inverse's drive [nm]."""
+    [nm], the sweep's of its last second; true_std, true_maximum: against the displacement without
+    noise; noise_maximum: of the noise alone on the same rows; plain_maximum: as true_maximum, of a
+    plain least-squares fit as the paper's, which cannot be inverted; reachable: (N,) rows whose
+    target the inverse can reach; tracking_rms, tracking_max: target - displacement under the
+    inverse's drive on those rows [nm], whole_rms: on all."""
 
     experiment: Experiment
     stage: str
@@ -108,12 +111,17 @@ class Result:
     predicted: Floats
     target: Floats
     tracked: Floats
+    reachable: Bools
     mean: float
     std: float
     maximum: float
     true_std: float
+    true_maximum: float
+    noise_maximum: float
+    plain_maximum: float
     tracking_rms: float
     tracking_max: float
+    whole_rms: float
 
     @property
     def reached(self) -> bool:
@@ -142,10 +150,15 @@ class Result:
             "std_nm": self.std,
             "max_nm": self.maximum,
             "std_without_noise_nm": self.true_std,
+            "max_without_noise_nm": self.true_maximum,
+            "max_of_noise_alone_nm": self.noise_maximum,
+            "max_of_plain_fit_without_noise_nm": self.plain_maximum,
             "reached": self.reached,
             "counts": self.counts,
             "tracking_rms_nm": self.tracking_rms,
             "tracking_max_nm": self.tracking_max,
+            "tracking_rms_of_all_rows_nm": self.whole_rms,
+            "reachable_share": float(self.reachable.mean()),
         }
 
 
@@ -160,7 +173,7 @@ def run_all(
     rng = np.random.default_rng(SEED)
     total = len(stages) * len(EXPERIMENTS)
     for name in stages:
-        models: dict[bool, Model] = {}
+        models: dict[tuple[bool, bool], Model] = {}
         for experiment in EXPERIMENTS:
             out.append(_run(experiment, name, models, rng, noise_nm, shorten))
             progress(len(out) / total)
@@ -170,12 +183,12 @@ def run_all(
 def _run(
     experiment: Experiment,
     name: str,
-    models: dict[bool, Model],
+    models: dict[tuple[bool, bool], Model],
     rng: np.random.Generator,
     noise_nm: float,
     shorten: float,
 ) -> Result:
-    """models: those identified so far by their rate-dependence; a fit adds its own."""
+    """models: those identified so far, by (rate-dependent, invertible); a fit adds its own."""
     stage = STAGES[name]
     t = times(experiment.seconds * shorten)
     drive = experiment.drive(t)
@@ -183,24 +196,39 @@ def _run(
     measured = true + 1e-3 * noise_nm * rng.standard_normal(t.size)
     if experiment.fitted:
         recording = Recording(t, drive, measured, name=experiment.name)
-        models[experiment.rate] = identify_alone([recording], Options(rate=experiment.rate)).model
-    model = models[experiment.rate]
+        for monotone in (True, False):
+            options = Options(rate=experiment.rate, monotone=monotone)
+            models[experiment.rate, monotone] = identify_alone([recording], options).model
+    model, plain = models[experiment.rate, True], models[experiment.rate, False]
     predicted = simulate(model, PERIOD_S, drive)
     target = TARGET_UM_PER_V * drive
-    tracked = track(model, stage, target)
-    left = 1e3 * (predicted - measured)
-    judged = left[t >= t[-1] - 1.0] if len(experiment.paper) == 1 else left
+    tracked, reachable = track(model, stage, target)
+    judged = t >= t[-1] - 1.0 if len(experiment.paper) == 1 else np.ones(t.size, np.bool_)
+    left, off, noise, apart = (
+        1e3 * one[judged]
+        for one in (
+            predicted - measured,
+            predicted - true,
+            measured - true,
+            simulate(plain, PERIOD_S, drive) - true,
+        )
+    )
     error = 1e3 * (target - tracked)
+    inside = error[reachable]
     return Result(
-        experiment, name, t, drive, measured, predicted, target, tracked,
-        float(judged.mean()), float(judged.std()), float(np.abs(judged).max()),
-        float(np.std(1e3 * (predicted - true))),
-        float(np.sqrt(np.mean(error**2))), float(np.abs(error).max()),
+        experiment, name, t, drive, measured, predicted, target, tracked, reachable,
+        float(left.mean()), float(left.std()), float(np.abs(left).max()),
+        float(off.std()), float(np.abs(off).max()), float(np.abs(noise).max()),
+        float(np.abs(apart).max()),
+        float(np.sqrt(np.mean(inside**2))), float(np.abs(inside).max()),
+        float(np.sqrt(np.mean(error**2))),
     )  # fmt: skip
 
 
-def track(model: Model, stage: Stage, target: Floats) -> Floats:
-    """Displacement (N,) [um] of the stage under the inverse's drive for a target (N,) [um]."""
+def track(model: Model, stage: Stage, target: Floats) -> tuple[Floats, Bools]:
+    """Displacement (N,) [um] of the stage under the inverse's drive for a target (N,) [um], and
+    where (N,) the model says that the target can be reached."""
     v = model.validity
     compensator = Compensator(model, PERIOD_S, v.drive_min, v.drive_max, NO_SLEW, "auto", WINDOW_S)
-    return stage(invert_trajectory(compensator, target, None, None).drive, PERIOD_S)
+    found = invert_trajectory(compensator, target, None, None)
+    return stage(found.drive, PERIOD_S), (found.flags & UNREACHABLE) == 0

@@ -17,6 +17,8 @@ from dehyst.daemon.report.plotting import (
     thin_rows,
 )
 
+END_S = 0.15  # three periods of 20 Hz
+
 
 def figures(results: Sequence[Result]) -> dict[str, list[Draw]]:
     """The panels of each figure by its number. results: all experiments of one stage."""
@@ -26,7 +28,11 @@ def figures(results: Sequence[Result]) -> dict[str, list[Draw]]:
         (one,) = of[name]
         out[name] = [partial(draw_time, [one]), partial(draw_loop, one)]
     out["6"] = [partial(draw_time, of["6"]), partial(draw_errors, of["6"])]
-    out["7"] = [partial(draw_time, of["7"]), partial(draw_errors, of["7"])]
+    out["7"] = [
+        partial(draw_time, of["7"]),
+        partial(draw_end, of["7"][0]),
+        partial(draw_errors, of["7"]),
+    ]
     return out
 
 
@@ -39,6 +45,16 @@ def draw_time(results: Sequence[Result], axes: Axes) -> str:
     add_legend(axes, 0.25)
     axes.set(xlabel="time, s", ylabel="displacement, um", title=f"{first.stage}: over time")
     return f"Displacement over time on the stage of {first.stage}: {first.experiment.name}."
+
+
+def draw_end(one: Result, axes: Axes) -> str:
+    """The last periods of a sweep, as the insets of the paper's Figure 7."""
+    end = one.t_s > one.t_s[-1] - END_S
+    axes.plot(one.t_s[end], one.measured[end], ".", color=MEASURED, ms=3, label="measured")
+    axes.plot(one.t_s[end], one.predicted[end], color=_color(one), lw=1.0, label=_label(one))
+    add_legend(axes, 0.25)
+    axes.set(xlabel="time, s", ylabel="displacement, um", title=f"{one.stage}: its end")
+    return f"The last {END_S:g} s on the stage of {one.stage}: {one.experiment.name}."
 
 
 def draw_loop(one: Result, axes: Axes) -> str:

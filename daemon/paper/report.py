@@ -3,24 +3,34 @@
 from collections.abc import Sequence
 from functools import partial
 
+from dehyst.daemon.paper.deviations import DEVIATIONS
 from dehyst.daemon.paper.experiments import Result
 from dehyst.daemon.paper.pictures import draw_tracking, figures
 from dehyst.daemon.report.page import Page
 from dehyst.daemon.report.plotting import draw_side_by_side
 
-HEAD = ("stage", "experiment", "paper, nm", "here, nm", "reached", "inverse, nm rms")
+HEAD = ("stage", "experiment", "paper, nm", "here, nm", "reached", "inverse, nm rms", "rows, %")
 RULE = (
     "Reached: the standard deviation is at most the paper's, and the mean at most the paper's "
     "mean with its standard deviation; of the sweep, the maximum of the last second. Static "
     "models count on the stage of Eq. 11, rate-dependent ones on that of Eq. 12; the other rows "
-    "(in brackets) are shown and do not count."
+    "(in brackets) are shown and do not count. The inverse's error is target less displacement on "
+    "the rows whose target can be reached; the last column is their share."
 )
 
 
 def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
     """The table's cells, as in HEAD."""
     return [
-        (r.stage, r.experiment.name, _paper(r), _here(r), _verdict(r), f"{r.tracking_rms:.1f}")
+        (
+            r.stage,
+            r.experiment.name,
+            _paper(r),
+            _here(r),
+            _verdict(r),
+            f"{r.tracking_rms:.1f}",
+            f"{100.0 * r.reachable.mean():.0f}",
+        )
         for r in results
     ]
 
@@ -30,7 +40,19 @@ def table(results: Sequence[Result]) -> str:
     lines = [HEAD, *rows(results)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(HEAD))]
     cells = ["  ".join(c.ljust(w) for c, w in zip(x, widths, strict=True)).rstrip() for x in lines]
-    return "\n".join([*cells, "", RULE])
+    return "\n".join([*cells, "", RULE, *filter(None, map(maximum_says, results))])
+
+
+def maximum_says(r: Result) -> str:
+    """What the maximum of a sweep is made of; "" of other signals and where it does not count."""
+    if len(r.experiment.paper) > 1 or not r.counts:
+        return ""
+    return (
+        f"{r.experiment.name} on {r.stage}, largest error of the last second: {r.maximum:.0f} nm. "
+        f"The noise alone has {r.noise_maximum:.0f} nm there; without noise the model is off by "
+        f"{r.true_maximum:.0f} nm at most, a plain fit that cannot be inverted by "
+        f"{r.plain_maximum:.0f} nm (paper: {r.experiment.paper[0]:g} nm, noise included)."
+    )
 
 
 def by_stage(results: Sequence[Result]) -> dict[str, list[Result]]:
@@ -46,6 +68,10 @@ def page(results: Sequence[Result]) -> str:
     out = Page("The paper's experiments again")
     out.add_text(RULE)
     out.add_table(HEAD, rows(results))
+    for text in filter(None, map(maximum_says, results)):
+        out.add_text(text)
+    out.add_heading("Deviations from the paper")
+    out.add_table(*DEVIATIONS)
     for stage, of in by_stage(results).items():
         out.add_heading(f"The stage of {stage}" if stage.startswith("Eq") else f"A {stage} stage")
         for number, draws in figures(of).items():

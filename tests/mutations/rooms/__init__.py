@@ -2,6 +2,7 @@
 
 from tests.mutations.rooms import (
     axes,
+    benchmark,
     bus,
     checks,
     clients,
@@ -15,11 +16,13 @@ from tests.mutations.rooms import (
     gcs,
     hysteresis,
     identify,
+    imaging,
     inverse,
     learning,
     mismatch,
     motion,
     page,
+    paper,
     rings,
     safety,
     setup,
@@ -49,5 +52,8 @@ ROOMS = {
     "diagnosis": diagnosis.CHANGES,
     "doctor": doctor.CHANGES,
     "mismatch": mismatch.CHANGES,
+    "benchmark": benchmark.CHANGES,
+    "paper": paper.CHANGES,
+    "imaging": imaging.CHANGES,
     "learning": learning.CHANGES,
 }

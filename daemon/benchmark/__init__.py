@@ -1,0 +1,1 @@
+"""`dehyst bench`: models of hysteresis behind one interface, on one set of recordings."""

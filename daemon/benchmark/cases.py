@@ -1,0 +1,117 @@
+"""What the models are compared on: made stages, and recordings from a folder.
+
+A made stage is recorded twice from rest: superimposed sines, which are fitted, and a sine whose
+amplitude shrinks and grows, which is held out. Of a recording from a folder the first part is
+fitted and the rest held out; the model runs through all of it, so that it knows the past.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dehyst.daemon.files.recordings import read_recording
+from dehyst.daemon.paper.stages import STAGES
+from dehyst.daemon.tools.bench_config import FULL_SCALE_V, exploring_drive
+from dehyst.drivers.simulated.settings import StageSettings
+from dehyst.drivers.simulated.stage import Stage
+from dehyst.models.drive_design.excitation import design
+from dehyst.models.errors import BadInput, BadRecording
+from dehyst.models.recording import Bools, Floats, Recording
+
+RATE_HZ, FITTED_S, HELD_S = 200.0, 30.0, 12.0
+BAND_HZ = 4.0
+PAPER_V, NOISE_UM, SEED = 10.0, 0.02, 46
+FITTED_SHARE = 0.6  # of a recording from a folder
+LEAST_ROWS, MOST_ROWS = 500, 16_000
+"""Of a recording: fewer say nothing, and of more the first are taken (a run stays short)."""
+SIMULATED = {
+    "stack": StageSettings(),
+    "stack, rate-dependent": StageSettings(rate_per_decade=0.15),
+    "stack, mode at 30 Hz": StageSettings(mode_hz=30.0, mode_share=1.0, mode_damping=0.1),
+    "stack, friction of its guide": StageSettings(friction_um=0.3),
+}
+"""Stages of dehyst.drivers.simulated: slip elements, creep, noise, and one effect more in each."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One comparison. fitted; held: the recording that is predicted, scored where `scored` (N,)
+    is True; made: by this program, so that how many rows are needed is looked into."""
+
+    name: str
+    fitted: Recording
+    held: Recording
+    scored: Bools
+    made: bool
+
+
+def made_cases() -> list[Case]:
+    """The made stages: simulated stacks, the paper's Eq. 11 and Eq. 12, and a Bouc-Wen stage."""
+    out = []
+    for name, settings in SIMULATED.items():
+        out.append(_made(name, FULL_SCALE_V, lambda t, u, s=settings: _read_stage(s, t, u)))  # type: ignore[misc]
+    rng = np.random.default_rng(SEED)
+    for name, stage in STAGES.items():
+
+        def read(t_s: Floats, u: Floats, stage: Callable[..., Floats] = stage) -> Floats:
+            true = stage(u, 1.0 / RATE_HZ)
+            return np.asarray(true + NOISE_UM * rng.standard_normal(true.size))
+
+        out.append(_made(f"{name} stage" if "Eq" not in name else name, PAPER_V, read))
+    return out
+
+
+def _read_stage(settings: StageSettings, t_s: Floats, u: Floats) -> Floats:
+    """Readings at t_s of a fresh stage whose voltage is u from one row to the next."""
+    return Stage(settings).run(t_s, np.append(u[1:], u[-1]))[1]
+
+
+def _made(name: str, top_v: float, read: Callable[[Floats, Floats], Floats]) -> Case:
+    sines = design(0.0, top_v, BAND_HZ, FITTED_S, RATE_HZ)
+    t_s, volts = exploring_drive(RATE_HZ, HELD_S)
+    drives = (sines.t_s, sines.u), (t_s, volts * top_v / FULL_SCALE_V)
+    fitted, held = (Recording(t, u, read(t, u), name=name) for t, u in drives)
+    return Case(name, fitted, held, np.ones(held.size, np.bool_), True)
+
+
+def read_cases(folder: Path) -> tuple[list[Case], list[str]]:
+    """A case for each recording in the folder (.csv, .csv.gz, .npz, .mat, .mcap), by name, and why
+    the others are left out. Raises BadInput where there is none."""
+    suffixes = (".csv", ".csv.gz", ".npz", ".mat", ".mcap")
+    paths = sorted(p for p in folder.glob("*") if p.name.endswith(suffixes))
+    if not paths:
+        raise BadInput(f"{folder}: no recording is there ({', '.join(suffixes)})")
+    cases, left_out = [], []
+    for path in paths:
+        try:
+            cases.append(_recorded(path))
+        except BadRecording as error:
+            left_out.append(str(error))
+    return cases, left_out
+
+
+def _recorded(path: Path) -> Case:
+    whole = read_recording(path, need_displacement=True)
+    assert whole.displacement is not None
+    good = np.isfinite(whole.drive) & np.isfinite(whole.displacement)
+    n = min(whole.size, MOST_ROWS)
+    if not good[:n].all() or n < LEAST_ROWS:
+        raise BadRecording(f"{path}: {LEAST_ROWS} whole rows or more are needed, none missing")
+    first = round(FITTED_SHARE * n)
+    scored = np.arange(n) >= first
+    return Case(path.name, head(whole, first), head(whole, n), scored, False)
+
+
+def head(one: Recording, rows: int) -> Recording:
+    """The first rows, without further channels."""
+    assert one.displacement is not None
+    return Recording(
+        one.t_s[:rows],
+        one.drive[:rows],
+        one.displacement[:rows],
+        one.drive_unit,
+        one.displacement_unit,
+        name=one.name,
+    )

@@ -1,0 +1,116 @@
+"""Fit each model to each case, predict what was held out, say what it costs.
+
+All figures but the cost are computed from seeds and recordings: two runs give the same.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from dehyst.daemon import clock
+from dehyst.daemon.benchmark.cases import Case, head
+from dehyst.daemon.benchmark.rivals.interface import Predict, Rival, measured
+from dehyst.models.errors import DehystError
+
+ROW_SHARES = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)  # of the rows that are fitted
+ENOUGH = 1.25  # times the error with all rows
+DIGITS = 4  # of figures: what is beyond them differs between processors
+REPEATS = 3  # of a prediction that is timed, the shortest counts
+
+
+@dataclass(frozen=True)
+class Score:
+    """One model on one case. error: rms over the held-out rows, in the unit of the displacement;
+    share: of their range [%]; rows: that are needed, None: not looked into; cost_ns: of a sample;
+    refused: why there is no model, or ""."""
+
+    case: str
+    rival: str
+    error: float
+    share: float
+    rows: int | None
+    cost_ns: float
+    unit: str
+    refused: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """The figures that are the same twice: all but the cost."""
+        return {
+            "case": self.case,
+            "model": self.rival,
+            "error": rounded(self.error),
+            "unit": self.unit,
+            "error_percent": rounded(self.share),
+            "rows_needed": self.rows,
+            "refused": self.refused,
+        }
+
+
+def rounded(value: float) -> float | None:
+    """To DIGITS digits; None: not finite."""
+    return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # more threads add in another order
+def run_all(
+    cases: Sequence[Case],
+    rivals: Sequence[Rival],
+    progress: Callable[[float], None] = lambda share: None,
+) -> list[Score]:
+    """Every model on every case. progress: called with the share done."""
+    out = []
+    for case in cases:
+        for rival in rivals:
+            out.append(run_one(case, rival))
+            progress(len(out) / (len(cases) * len(rivals)))
+    return out
+
+
+def run_one(case: Case, rival: Rival) -> Score:
+    """One model on one case, with fewer rows too where the case is made."""
+    unit = case.held.displacement_unit
+    try:
+        predict = rival.fit(case.fitted)
+        error = held_out_error(case, predict)
+    except DehystError as refused:
+        why = str(refused).removeprefix(f"{case.fitted.name}: ")
+        return Score(case.name, rival.name, math.inf, math.inf, None, math.nan, unit, why)
+    span = float(np.ptp(measured(case.held)[case.scored]))
+    rows = rows_needed(case, rival, error) if case.made and math.isfinite(error) else None
+    cost = _cost_ns(case, predict)
+    return Score(case.name, rival.name, error, 100.0 * error / span, rows, cost, unit)
+
+
+def held_out_error(case: Case, predict: Predict) -> float:
+    """Rms of predicted less measured over the rows that are scored."""
+    with np.errstate(all="ignore"):
+        left = predict(case.held.t_s, case.held.drive) - measured(case.held)
+        out = float(np.sqrt(np.mean(left[case.scored] ** 2)))
+    return out if math.isfinite(out) else math.inf
+
+
+def rows_needed(case: Case, rival: Rival, error: float) -> int:
+    """The fewest rows, of the shares tried, with which the held-out error is at most ENOUGH times
+    the error with all."""
+    for share in ROW_SHARES:
+        rows = round(share * case.fitted.size)
+        try:
+            found = held_out_error(case, rival.fit(head(case.fitted, rows)))
+        except DehystError:
+            continue
+        if found <= ENOUGH * error:
+            return rows
+    return case.fitted.size
+
+
+def _cost_ns(case: Case, predict: Predict) -> float:
+    took = []
+    for _ in range(REPEATS):
+        begun = clock.monotonic_ns()
+        predict(case.held.t_s, case.held.drive)
+        took.append(clock.monotonic_ns() - begun)
+    return min(took) / case.held.size

@@ -1,0 +1,69 @@
+"""a virtual microscope images a grid: raw, compensated, learned"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from dehyst.daemon.api.results import write_page
+from dehyst.daemon.files.outputs import check_outputs, whole_file
+from dehyst.daemon.imaging.experiment import COMPENSATED_LEAST, LEARNED_LEAST, LINES, image
+from dehyst.daemon.terminal.progress import progress_bar
+from dehyst.models.errors import BadInput
+
+LEAST_LINES, MOST_LINES = 8, 1024  # a trace and a retrace over each pit; minutes
+FILES = PNG, JSON, HDF5 = "image.png", "image.json", "image.h5"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `dehyst image`."""
+    parser.description = (
+        "Image a calibration grid with the simulated stage of two axes, line by line to and fro: "
+        "with volts proportional to the wanted place, with the inverse model, and with what "
+        f"repeats learned from the gauges. Writes DIR/{PNG} (the three pictures side by side), "
+        f"DIR/{JSON} and, with h5py, DIR/{HDF5} with NeXus names. Distortion: rms of the distance "
+        "between true and wanted place, after the shift and the scale of each axis that a "
+        "calibration takes off. Seam: rms of the distance between trace and retrace. Exit status "
+        f"0: the compensated picture is distorted at least {COMPENSATED_LEAST:g} times less than "
+        f"the raw one, the learned one {LEARNED_LEAST:g} times; 1: it is not. No daemon is needed."
+    )
+    parser.epilog = "example: dehyst image -o pictures"
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    parser.add_argument(
+        "--lines",
+        type=int,
+        default=LINES,
+        metavar="N",
+        help=f"lines of a picture, half of them trace, half retrace (default: {LINES})",
+    )
+    parser.add_argument("--json", action="store_true", help="the figures as JSON on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Image and write; 0, or 1 where the pictures are not as much better as they should be."""
+    from dehyst.daemon.imaging.nexus import to_hdf5
+    from dehyst.daemon.imaging.report import side_by_side, table, to_json
+
+    if not MOST_LINES >= args.lines >= LEAST_LINES or args.lines % 2:
+        raise BadInput(
+            f"--lines: an even number from {LEAST_LINES} to {MOST_LINES}, not {args.lines}"
+        )
+    check_outputs([args.output / name for name in FILES], [], force=True)
+    with progress_bar("three pictures of a grid") as progress:
+        imaged = image(progress, args.lines)
+    text = json.dumps(to_json(imaged), indent=2)
+    write_page(args.output / JSON, text + "\n")
+    with whole_file(args.output / PNG) as file:
+        file.write(side_by_side(imaged))
+    try:
+        content = to_hdf5(imaged)
+    except ImportError:
+        print(
+            f"dehyst image: {HDF5} is not written: it needs h5py (pip install 'dehyst[hdf5]')",
+            file=sys.stderr,
+        )
+    else:
+        with whole_file(args.output / HDF5) as file:
+            file.write(content)
+    print(text if args.json else f"{table(imaged)}\npictures: {args.output / PNG}")
+    return 0 if imaged.reached else 1

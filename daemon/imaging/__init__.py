@@ -1,0 +1,1 @@
+"""A virtual scanning microscope on the simulated stage: what hysteresis does to a picture."""
