@@ -23,6 +23,7 @@ from tests.mutations.rooms import (
     rings,
     safety,
     setup,
+    systems,
     together,
 )
 
@@ -50,4 +51,5 @@ ROOMS = {
     "doctor": doctor.CHANGES,
     "mismatch": mismatch.CHANGES,
     "learning": learning.CHANGES,
+    "systems": systems.CHANGES,
 }
