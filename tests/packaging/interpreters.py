@@ -6,7 +6,7 @@ For each Python and Linux machine, and for the newest Python on Windows and macO
 dependencies from wheels alone. For each Python that
 is on this machine: a new environment below out/, a copy of the tree in it, and then the import, the
 command line, a recording written and read in each kind of file, and a model on it, which compiles
-kernels. Exit status 1 where one of them fails; what cannot be tried is said and passed over.
+kernels. The oldest Python gets the lowest versions that pyproject.toml takes, the others the newest. Exit status 1 where one of them fails; what cannot be tried is said and passed over.
 """
 
 import os
@@ -58,9 +58,13 @@ def try_it(version: str, python: str) -> bool:
     unwanted = shutil.ignore_patterns(".*", "build", "dist", "out", "tests", "*.egg-info")
     shutil.copytree(ROOT, tree, symlinks=True, ignore=unwanted)  # a build leaves things behind
     wheels = ["-m", "pip", "install", "--quiet", "--only-binary=:all:"]
+    lowest = ["--resolution", "lowest-direct"] if version == PYTHONS[0] else []
+    pinned = str(place / "dependencies.txt")
+    lock = [sys.executable, "-m", "uv", "pip", "compile", "--quiet", "--no-config", *lowest]
     steps = [
         [python, "-m", "venv", str(place)],
-        [own, *wheels, "setuptools>=77"],
+        [*lock, "--python", own, str(ROOT / "pyproject.toml"), "--output-file", pinned],
+        [own, *wheels, "setuptools>=77", "-r", pinned],
         [own, "-m", "pip", "install", "--quiet", "--no-build-isolation", str(tree)],
         [own, "-I", "-c", PROGRAM, str(place / "work")],
     ]
