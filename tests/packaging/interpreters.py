@@ -6,7 +6,8 @@ For each Python and Linux machine, and for the newest Python on Windows and macO
 dependencies from wheels alone. For each Python that
 is on this machine: a new environment below out/, a copy of the tree in it, and then the import, the
 command line, a recording written and read in each kind of file, and a model on it, which compiles
-kernels. The oldest Python gets the lowest versions that pyproject.toml takes, the others the newest. Exit status 1 where one of them fails; what cannot be tried is said and passed over.
+kernels. The oldest Python gets the lowest versions that pyproject.toml takes, the others the
+newest. Exit status 1 where one of them fails; what cannot be tried is said and passed over.
 """
 
 import os
