@@ -59,8 +59,11 @@ CHANGES = room(
         ("tests/packaging/test_release.py",),
     ),
     Change(
-        "no-search-in-a-folder", "docs/site/iframe-worker.js", 'location.protocol === "file:"',
-        "false", "the search of the site finds nothing when it is opened from a folder",
+        "no-search-in-a-folder",
+        "docs/site/iframe-worker.js",
+        'location.protocol === "file:"',
+        "false",
+        "the search of the site finds nothing when it is opened from a folder",
         ("tests/packaging/test_site.py",),
     ),
     Change(
