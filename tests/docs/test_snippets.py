@@ -2,7 +2,7 @@
 
 A block of shell is run line by line in one folder, a block of Python as a program, a block of a
 configuration is read on top of a real one. The blocks of a tutorial share a folder. What only a
-stage, another machine or root can do is in LEFT_OUT, with the reason; at most MOST_LEFT_OUT of them.
+stage, another machine or root can do is in LEFT_OUT, with the reason; at most MOST_LEFT_OUT.
 """
 
 import os
