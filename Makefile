@@ -9,7 +9,7 @@ SAY_CODE = case $$code in \
 	77) echo "dehyst demo: exit status 77: not judged, this machine was too busy; run it again" >&2;; \
 	1) echo "dehyst demo: exit status 1: it was not so" >&2;; esac
 
-.PHONY: demo first-act test quick check kernels lint types contracts docs reference interpreters concealed proof fuzz mutate clean
+.PHONY: demo first-act test quick check kernels lint types contracts docs reference interpreters release concealed proof fuzz mutate clean
 
 # recorded, identified, compensated; then an effect drawn by chance appears, is flagged, named and
 # compensated. dehyst demo ends with 0: so it was, 1: it was not, 77: this machine was too busy to
@@ -56,6 +56,11 @@ reference: $(READY)
 # installs and runs with every Python of pyproject.toml that is here; two minutes each
 interpreters: $(READY)
 	$(BIN)/python -m tests.packaging.interpreters
+
+# dist/: wheel, sdist, constraints with hashes, SBOM, Debian package; checked, ten minutes
+release: $(READY)
+	$(BIN)/python -m pip install --quiet --editable '.[release]'
+	$(BIN)/python -m release
 
 concealed: $(READY)
 	$(BIN)/python tests/concealed/make_answers.py $(ROUND)

@@ -10,7 +10,6 @@ block.
 The counts of all processes of one supervisor lie in memory that they share (`dropped`).
 """
 
-import fcntl
 import io
 import os
 import select
@@ -151,6 +150,8 @@ class Log:
 
 def _kept(number: int) -> int:
     """A descriptor of our own to where this one leads; to nowhere where it is closed."""
+    import fcntl  # of POSIX; this log is for processes that last, on Linux
+
     try:
         return fcntl.fcntl(number, fcntl.F_DUPFD_CLOEXEC, 3)
     except OSError:

@@ -20,7 +20,8 @@ from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.tools import kernel_cache
 from dehyst.daemon.tools.interrupts import INTERRUPTED, LightEnd, ended_at_once
-from dehyst.models.errors import DehystError, NotNow
+from dehyst.drivers import system
+from dehyst.models.errors import BadInput, DehystError, NotNow
 
 # name: help line. Modules are imported when they are used: numba and zenoh take their time.
 COMMANDS = {
@@ -88,6 +89,25 @@ def _lasts(command: str | None, arguments: list[str]) -> bool:
     return command != "emulate" or "DEHYST_SUPERVISED" in os.environ
 
 
+NEEDS_LINUX = {
+    *("run", "demo", "setup", "acquire", "latency", "probe", "emulate"),
+    *("core", "gateway", "safe"),
+}
+"""Commands that open devices or keep deadlines; the rest also runs on Windows and macOS."""
+
+
+def _check_system(command: str | None, arguments: list[str]) -> None:
+    devices = command in NEEDS_LINUX or (command == "config" and "pin" in arguments)
+    if system.LINUX or {"-h", "--help"} & set(arguments):
+        return
+    if devices or (command == "doctor" and _lasts(command, arguments)):
+        raise BadInput(
+            "needs Linux, for the deadlines of the loop and the ports of the devices; this system "
+            "runs the work on recordings and models (identify, diagnose, invert, ...) and the "
+            "clients of a daemon elsewhere (send, play, watch, record, page, ...)"
+        )
+
+
 LONGEST_LINE = 900
 
 
@@ -102,7 +122,8 @@ class Parser(argparse.ArgumentParser):
 
 
 def build_parser(*commands: str | None) -> Parser:
-    """The parser; the arguments of these commands alone are filled in."""
+    """The parser; the arguments of these commands alone are filled in, where this system runs
+    them."""
     parser = Parser(
         prog="dehyst",
         description="Hysteresis compensation service for piezo stages.",
@@ -118,7 +139,7 @@ def build_parser(*commands: str | None) -> Parser:
             description=text[0].upper() + text[1:] + ".",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        if name in commands:
+        if name in commands and (system.LINUX or name not in NEEDS_LINUX):
             module = importlib.import_module(f"dehyst.daemon.commands.{name}")
             module.configure(child)
             child.set_defaults(run=module.run)
@@ -169,13 +190,14 @@ def main(argv: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if argv is None else argv
     command = next((a for a in arguments if a in COMMANDS), None)
     said_by = f"dehyst {command}" if command else "dehyst"
-    if command and argv is None and _lasts(command, arguments):
+    if system.LINUX and command and argv is None and _lasts(command, arguments):
         # before a process that reloads has said how it takes it; others have nothing to reload
         signal.signal(signal.SIGHUP, lambda *_: None)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGHUP})
         realtime.take_place(command)
         log_lines.keep_going(command)
     try:
+        _check_system(command, arguments)
         for complaint in kernel_cache.protect():
             print(f"dehyst: {complaint}", file=sys.stderr)
         with ended_at_once(said_by):

@@ -10,7 +10,6 @@ import contextlib
 import errno
 import os
 import select
-import termios  # its error is not an OSError
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
+from dehyst.drivers import system
 from dehyst.drivers.interface import DeviceGone, DeviceNotFound, DeviceTimeout, DriverConfigError
 
 READ_SIZE = 4096
@@ -112,7 +112,7 @@ class SerialPort:
         try:
             self._serial.write(data)
         except serial.SerialTimeoutException:
-            with contextlib.suppress(serial.SerialException, OSError, termios.error):
+            with contextlib.suppress(serial.SerialException, OSError, system.TerminalError):
                 self._serial.reset_output_buffer()
             raise DeviceTimeout(
                 f"{self.path}: the unit took no bytes for {self._write_timeout_s:g} s; it hangs: "
@@ -139,7 +139,7 @@ class SerialPort:
 
     def close(self) -> None:
         """Give the port back. Safe to call twice and after an unplug."""
-        with contextlib.suppress(serial.SerialException, OSError, termios.error):
+        with contextlib.suppress(serial.SerialException, OSError, system.TerminalError):
             self._serial.close()
 
     def _select(self, wait_s: float) -> tuple[list[int], list[int], list[int]]:
@@ -178,6 +178,8 @@ def _why_not_open(path: str, error: Exception) -> str:
 
 def _holder(path: str) -> str:
     """Who has locked a port, as far as the kernel tells us."""
+    if not system.LINUX:
+        return "another program"
     with contextlib.suppress(OSError, ValueError):
         port = os.stat(path)
         inode = f"{os.major(port.st_dev):02x}:{os.minor(port.st_dev):02x}:{port.st_ino}"

@@ -10,11 +10,12 @@ import ctypes
 import importlib
 import importlib.machinery
 import importlib.util
-import os
 import sys
 import weakref
 from types import ModuleType
 from typing import Any, Protocol
+
+from dehyst.drivers import system
 
 NATIVE = "zenoh.zenoh"
 
@@ -43,19 +44,15 @@ def library(present: ModuleType) -> ModuleType:
     native = sys.modules[NATIVE].__file__ or ""
     with open(native, "rb") as file:
         content = file.read()
-    held = os.memfd_create("zenoh")
-    with os.fdopen(held, "wb", closefd=False) as copy:
-        copy.write(content)
-    path = f"/proc/self/fd/{held}"
-    for name in [name for name in sys.modules if name.partition(".")[0] == "zenoh"]:
-        _never_freed(sys.modules.pop(name))
-    finder = _Finder(path)
-    sys.meta_path.insert(0, finder)
-    try:
-        fresh = importlib.import_module("zenoh")
-    finally:
-        sys.meta_path.remove(finder)
-        os.close(held)
+    with system.anonymous_file("zenoh", content) as path:
+        for name in [name for name in sys.modules if name.partition(".")[0] == "zenoh"]:
+            _never_freed(sys.modules.pop(name))
+        finder = _Finder(path)
+        sys.meta_path.insert(0, finder)
+        try:
+            fresh = importlib.import_module("zenoh")
+        finally:
+            sys.meta_path.remove(finder)
     sys.modules[NATIVE].__file__ = native  # where the next copy comes from
     _stale = False
     return fresh
@@ -91,4 +88,4 @@ def _in_child() -> None:
             _never_freed(thing)
 
 
-os.register_at_fork(after_in_child=_in_child)
+system.in_forked_child(_in_child)

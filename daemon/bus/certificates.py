@@ -17,6 +17,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from dehyst.daemon.bus.security import CA, CERTIFICATE, KEY
+from dehyst.drivers import system
 from dehyst.models.errors import BadInput
 
 _PRIVATE, _PUBLIC = 0o600, 0o644
@@ -26,7 +27,7 @@ def write(path: Path, data: bytes, mode: int) -> None:
     """A new file with this mode from its first byte on. BadInput where it exists already."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | system.CLOSE_ON_EXEC, mode)
         with open(handle, "wb") as file:
             file.write(data)
     except OSError as error:

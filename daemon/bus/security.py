@@ -23,6 +23,7 @@ from urllib.parse import urlsplit
 
 from dehyst.daemon.bus.keys import Keys
 from dehyst.daemon.input_file import NotReadable, read_text
+from dehyst.drivers import system
 from dehyst.models.errors import BadInput
 
 CA, CERTIFICATE, KEY = "ca.pem", "certificate.pem", "key.pem"
@@ -174,10 +175,10 @@ def check_routers(listen: Sequence[str], connect: Sequence[str], auth: Any) -> N
 def _readable(path: Path, what: str, private: bool = False) -> str:
     try:
         read_text(path, LARGEST_BYTES)
-        mode = os.stat(path).st_mode
+        found = os.stat(path)
     except NotReadable as error:
         raise BadInput(f"{what}: {path} cannot be read: {error}") from None
-    if private and mode & (stat.S_IRWXO | stat.S_IWGRP):
+    if private and system.others_may(found, stat.S_IRWXO | stat.S_IWGRP):
         raise BadInput(f"{what}: {path} can be read by everybody; chmod 600 {path}")
     return str(path)
 

@@ -18,9 +18,10 @@ import zenoh
 from dehyst.daemon.bus import after_fork
 from dehyst.daemon.bus.encoding import ENCODING, MAX_BATCH_BYTES, MAX_COMMAND_BYTES
 from dehyst.daemon.bus.security import check_address, check_open
-from dehyst.daemon.bus.sockets import allow_open_files, end_unread_connections
+from dehyst.daemon.bus.sockets import end_unread_connections
 from dehyst.daemon.bus.topics import Topic
 from dehyst.daemon.closing import Closing
+from dehyst.drivers import system
 from dehyst.models.errors import DehystError
 
 log = logging.getLogger(__name__)
@@ -160,7 +161,7 @@ class Bus(Closing):
             "transport/unicast/accept_pending": MOST_UNKNOWN,
             "transport/unicast/accept_timeout": 5000,
         }
-        allow_open_files()
+        system.allow_open_files()
         where = ", ".join(listen)
         settings |= dict(security or {})
         bus = cls(settings, f"cannot listen on {where}: in use by another daemon, or not ours")

@@ -1,20 +1,11 @@
 """What zenoh does not set on the daemon's sockets."""
 
 import os
-import resource
 import socket
 import stat
 from contextlib import suppress
 
-MOST_FILES = 65_536
-
-
-def allow_open_files() -> None:
-    """As many connections as the system lets us have, not the 1024 of an ordinary login."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
-    if soft < wanted:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+from dehyst.drivers import system
 
 
 def end_unread_connections(after_ms: int) -> None:
@@ -34,4 +25,4 @@ def _end_unread(descriptor: int, after_ms: int) -> None:
     with socket.socket(fileno=os.dup(descriptor)) as one:
         inet = one.family in (socket.AF_INET, socket.AF_INET6)
         if inet and one.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
-            one.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, after_ms)
+            system.end_unread(one, after_ms)

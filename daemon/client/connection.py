@@ -14,6 +14,7 @@ import msgspec
 from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.client.client import ADDRESS, CREDENTIALS, DEFAULT, Client
 from dehyst.daemon.client.group import Group
+from dehyst.drivers import system
 
 
 def add_connection(parser: argparse.ArgumentParser) -> None:
@@ -63,8 +64,8 @@ def label_of(what: str) -> str:
     """Who commands, for others."""
     try:
         user = getpass.getuser()
-    except (OSError, KeyError):
-        user = f"user {os.getuid()}"
+    except (OSError, KeyError, ImportError):  # Windows has no pwd
+        user = f"user {system.user_id()}"
     return f"dehyst {what} of {user} on {socket.gethostname()}, process {os.getpid()}"
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.bus.security import check_page
-from dehyst.daemon.bus.sockets import allow_open_files
 from dehyst.daemon.client.connection import add_connection, address_of
 from dehyst.daemon.config import PageConfig, load_controller
+from dehyst.drivers import system
 from dehyst.models.errors import BadInput
 
 EPILOG = """Who opens the page on this machine may look and command. Beyond it only with TLS
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     check_page(config.listen, config.certificate, config.key, config.passwords, config.public_url)
     people = People(config.passwords, config.operators, config.observers, config.observe)
     check_files(config)
-    allow_open_files()
+    system.allow_open_files()
     with open_door(config.listen) as door:
         controllers = Controllers(addresses, base, args.name, credentials)
         scheme = "https" if config.certificate else "http"

@@ -20,9 +20,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run everything that is compiled, briefly, on the simulated stage."""
     print("dehyst warm: looking for kernels that are not compiled yet", file=sys.stderr, flush=True)
-    from dehyst.daemon.latency.latency import Setup, compile_step, measure
     from dehyst.daemon.terminal.compiling import compiling_shown
     from dehyst.daemon.tools.bench_config import simulated_model
+    from dehyst.drivers import system
     from dehyst.models.mismatch.monitor import compile_monitor
     from dehyst.models.physics import KINDS
 
@@ -31,12 +31,19 @@ def run(args: argparse.Namespace) -> int:
             kind.compile()
         simulated_model()
         compile_monitor()
-        compile_step()
-        for engine in ("compiled", "python"):
-            measure(Setup(rate_hz=200.0, seconds=0.2, engine=engine))
+        if system.LINUX:
+            _compile_loop()
     if compilations.count:
         done = f"compiled {compilations.count} kernels in {compilations.seconds:.0f} s"
     else:
         done = "all kernels are there already"
     print(f"dehyst warm: {done}", file=sys.stderr)
     return 0
+
+
+def _compile_loop() -> None:
+    from dehyst.daemon.latency.latency import Setup, compile_step, measure
+
+    compile_step()
+    for engine in ("compiled", "python"):
+        measure(Setup(rate_hz=200.0, seconds=0.2, engine=engine))

@@ -12,6 +12,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from dehyst.drivers import system
+
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,62}$")]
@@ -317,4 +319,4 @@ def run_directory(name: str, run_dir: str) -> Path:
     base = os.environ.get("RUNTIME_DIRECTORY") or os.environ.get("XDG_RUNTIME_DIR")
     if base:
         return Path(base) / f"dehyst-{name}"
-    return Path(tempfile.gettempdir()) / f"dehyst-{os.geteuid()}-{name}"
+    return Path(tempfile.gettempdir()) / f"dehyst-{system.user_id()}-{name}"

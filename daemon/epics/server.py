@@ -71,7 +71,7 @@ async def _serve(records: list[AxisRecords], address: str, ready: Callable[[int]
     loop = asyncio.get_running_loop()
     task = loop.create_task(context.run())
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, task.cancel)
+        signal.signal(number, lambda *_: _end(loop, task))  # Windows' loops take no handlers
     while context.port is None and not task.done():
         await asyncio.sleep(0.02)
     if not task.done():
@@ -83,3 +83,8 @@ async def _serve(records: list[AxisRecords], address: str, ready: Callable[[int]
         await asyncio.wait([task], timeout=every_s)
     with contextlib.suppress(asyncio.CancelledError):
         await task
+
+
+def _end(loop: asyncio.AbstractEventLoop, task: "asyncio.Task[None]") -> None:
+    with contextlib.suppress(RuntimeError):  # asked twice: the loop is closed by now
+        loop.call_soon_threadsafe(task.cancel)

@@ -5,6 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
+from dehyst.drivers import system
 from dehyst.models.errors import BadInput, DehystError
 
 
@@ -33,7 +34,8 @@ class AppendedFile:
         """Bytes that are in the file."""
         try:
             existing = os.O_TRUNC if replace else os.O_EXCL
-            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | existing | os.O_CLOEXEC, 0o644)
+            kind = os.O_WRONLY | os.O_CREAT | system.CLOSE_ON_EXEC | system.BINARY
+            self._file = os.open(path, kind | existing, 0o644)
         except OSError as error:
             raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
 

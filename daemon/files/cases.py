@@ -17,7 +17,6 @@ one, is as if it were not there.
 
 import functools
 import logging
-import os
 import shutil
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -29,6 +28,7 @@ from dehyst.daemon.files.models import write_text
 from dehyst.daemon.files.sidecar import notes_path
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.daemon.rings.run_folder import why_not_trusted
+from dehyst.drivers import system
 
 log = logging.getLogger(__name__)
 
@@ -134,7 +134,7 @@ def case_folders(directory: Path) -> list[Path]:
     if reason := why_not_trusted(directory):
         _say_once(directory, reason)
         return []
-    return [folder for folder in found if folder.lstat().st_uid == os.geteuid()]
+    return [folder for folder in found if folder.lstat().st_uid == system.user_id()]
 
 
 def drop_case(recording: Path) -> None:

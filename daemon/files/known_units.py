@@ -17,6 +17,7 @@ from dehyst.daemon.config import Config
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.input_file import NotReadable, read_text
 from dehyst.daemon.rings.run_folder import make_run_folder
+from dehyst.drivers import system
 from dehyst.drivers.interface import Identifiable, UnitIdentity
 from dehyst.models.errors import BadInput, NotNow
 
@@ -39,7 +40,7 @@ def read_units(config: Config) -> dict[str, UnitIdentity]:
         return {}
     except OSError as error:
         raise BadInput(f"{path}: the known units cannot be read: {error.strerror}") from None
-    if found.st_uid not in (os.geteuid(), 0):
+    if found.st_uid not in (system.user_id(), 0):
         raise BadInput(f"{path}: it belongs to user {found.st_uid}, and is not believed; remove it")
     try:
         return msgspec.json.decode(read_text(path, LARGEST_BYTES), type=dict[str, UnitIdentity])

@@ -16,6 +16,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from dehyst.daemon.page.guesses import origin_of
+from dehyst.drivers import system
 from dehyst.models.errors import BadInput
 
 HEAD_S = 10.0
@@ -157,7 +158,7 @@ def open_door(address: str) -> socket.socket:
     except OSError as error:
         raise BadInput(f"page.listen: {address}: {_words(error, port)}") from None
     # connections inherit both, see tcp(7); asyncio sets the second for sockets of its own alone
-    door.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNREAD_MS)
+    system.end_unread(door, UNREAD_MS)
     door.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return door
 

@@ -23,6 +23,7 @@ from dehyst.daemon.rings.layout import (
     digests,
     what_is_wrong,
 )
+from dehyst.drivers import system
 from dehyst.models.errors import BadInput
 
 
@@ -33,13 +34,13 @@ class RingFile(Closing):
     def __init__(self, path: Path, dtype: np.dtype[Any]) -> None:
         self.path, self._dtype, self._file = path, dtype, -1
         try:
-            self._file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+            self._file = os.open(path, os.O_RDONLY | system.NO_FOLLOW | system.CLOSE_ON_EXEC)
             found = os.fstat(self._file)
         except OSError as error:
             raise BadInput(f"{path}: no ring to read: {error.strerror}") from None
         self._inode = found.st_ino
         try:
-            if found.st_uid != os.geteuid():
+            if found.st_uid != system.user_id():
                 raise BadInput(f"{path}: it belongs to user {found.st_uid}")
             words = self._words()
         except BadInput:

@@ -7,18 +7,18 @@ one process at a time, by a lock of the kernel that ends with its process, howev
 """
 
 import errno
-import fcntl
 import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from dehyst.drivers import system
 from dehyst.models.errors import BadInput, NotNow
 
 SUPERVISOR, OUTPUT, NETWORK, DOCTOR = "supervisor", "output", "network", "doctor"
 """The roles. OUTPUT: `dehyst core` and `dehyst safe`."""
-OWN = os.O_NOFOLLOW | os.O_CLOEXEC
+OWN = system.NO_FOLLOW | system.CLOSE_ON_EXEC
 LONGEST_NOTE = 4096
 
 
@@ -56,17 +56,17 @@ def _why_not(found: os.stat_result) -> str:
     """Why this folder is not to be used; "": it may be."""
     if not stat.S_ISDIR(found.st_mode):
         return "it is a link or a file, not a folder"
-    if found.st_uid != os.geteuid():
-        return f"it belongs to user {found.st_uid}, not to you (user {os.geteuid()})"
-    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+    if found.st_uid != system.user_id():
+        return f"it belongs to user {found.st_uid}, not to you (user {system.user_id()})"
+    if system.others_may(found):
         return "others may write into it"
     return ""
 
 
 def _why_not_in(around: os.stat_result) -> str:
     """Why no folder in this one is safe: others could put their own in its place."""
-    shared = around.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not around.st_mode & stat.S_ISVTX
-    if shared or around.st_uid not in (0, os.geteuid()):
+    shared = system.others_may(around) and not around.st_mode & stat.S_ISVTX
+    if shared or around.st_uid not in (0, system.user_id()):
         return "others may exchange it, by what they may do to the folder that it lies in"
     return ""
 
@@ -75,6 +75,8 @@ def _why_not_in(around: os.stat_result) -> str:
 def at_work(folder: Path, role: str, command: str, config: Path | str) -> Iterator[None]:
     """Hold a role in the folder while the block lasts. InUse names the process that holds it by
     the command that it runs and its configuration."""
+    import fcntl  # of POSIX; who only looks at a folder needs no lock
+
     make_run_folder(folder)
     path = folder / f"{role}.lock"
     try:

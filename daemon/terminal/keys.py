@@ -3,16 +3,23 @@
 import os
 import select
 import sys
-import termios
-import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+try:
+    import termios
+    import tty
+except ImportError:  # Windows
+    termios = None  # type: ignore[assignment]
 
 
 @contextmanager
 def single_keys() -> Iterator[None]:
     """Keys come without Enter and are not echoed; Ctrl-C still interrupts. Nothing changes where
-    stdin is no terminal."""
+    stdin is no terminal. Windows' console hands keys out one by one anyway."""
+    if termios is None:
+        yield
+        return
     try:
         fd = sys.stdin.fileno()
         before = termios.tcgetattr(fd)
@@ -28,6 +35,10 @@ def single_keys() -> Iterator[None]:
 
 def pressed() -> str:
     """The keys that were pressed since the last call, "" where stdin is no terminal."""
+    if termios is None:
+        import msvcrt
+
+        return "".join(iter(lambda: msvcrt.getwch() if msvcrt.kbhit() else "", ""))
     try:
         fd = sys.stdin.fileno()
         if not os.isatty(fd) or not select.select([fd], [], [], 0.0)[0]:

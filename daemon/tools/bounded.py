@@ -1,19 +1,14 @@
 """What a child process gives itself before it computes: lowest priority, bounded memory."""
 
 import os
-import resource
-import signal
-from contextlib import suppress
 
 from dehyst.daemon.loop.timing import realtime
+from dehyst.drivers import system
 
 
 def take_bounds(memory_bytes: int) -> None:
     """Idle priority, so much address space, no core dump; dies with its parent."""
     os.environ["DEHYST_SUPERVISED"] = "1"
-    realtime.die_with_parent(signal.SIGKILL)
-    os.nice(19)
-    with suppress(OSError, AttributeError):  # runs only where no other process wants to
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    realtime.die_with_parent(system.kill_signal())
+    system.lowest_priority()
+    system.bound_memory(memory_bytes, core_dump=False)

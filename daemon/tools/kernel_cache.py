@@ -24,6 +24,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from dehyst.drivers import system
+
 PACKAGE = Path(__file__).resolve().parents[2]
 ROOMS = ("models", "drivers", "daemon")
 _FROM = re.compile(r"^from dehyst\.([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
@@ -91,7 +93,7 @@ def protect() -> list[str]:
     try:
         root.mkdir(mode=0o755, parents=True, exist_ok=True)
         left = _view(root, view)
-        own = root.stat().st_uid == os.geteuid()
+        own = root.stat().st_uid == system.user_id()
     except OSError as error:
         own, left = False, [(root, f"{error.strerror}; each start compiles the kernels anew")]
     if own and not left:
@@ -102,16 +104,12 @@ def protect() -> list[str]:
     return [f"{path}: not loaded, {why}" for path, why in left]
 
 
-def _open_to_others(path: Path) -> bool:
-    return bool(path.stat().st_mode & (stat.S_IWGRP | stat.S_IWOTH))
-
-
 def _view(root: Path, view: Path) -> list[tuple[Path, str]]:
     """Link what can be trusted below `root` into `view`; what cannot, and why."""
     owner = root.stat().st_uid
-    if owner not in (0, os.geteuid()):
+    if owner not in (0, system.user_id()):
         return [(root, f"it belongs to user {owner}")]
-    if _open_to_others(root):
+    if system.others_may(root.stat()):
         return [(root, "others may write into it")]
     left = []
     for path in sorted(root.rglob("*")):
@@ -120,7 +118,7 @@ def _view(root: Path, view: Path) -> list[tuple[Path, str]]:
             continue  # its folder was left out
         if found.st_uid != owner:
             left.append((path, f"it belongs to user {found.st_uid}"))
-        elif stat.S_ISLNK(found.st_mode) or _open_to_others(path):
+        elif stat.S_ISLNK(found.st_mode) or system.others_may(found):
             left.append((path, "others may have written it"))
         elif stat.S_ISDIR(found.st_mode):
             place.mkdir()

@@ -1,8 +1,8 @@
 """Every command and snippet of README and docs is run, against one real `dehyst run`.
 
 A block of shell is run line by line in one folder, a block of Python as a program, a block of a
-configuration is read on top of a real one. What only a stage, another machine or root can do is in
-LEFT_OUT, with the reason; at most MOST_LEFT_OUT of them.
+configuration is read on top of a real one. The blocks of a tutorial share a folder. What only a
+stage, another machine or root can do is in LEFT_OUT, with the reason; at most MOST_LEFT_OUT.
 """
 
 import os
@@ -42,6 +42,7 @@ LEFT_OUT = {
     ("docs/epics.md", "export EPICS_CA_ADDR_LIST"): "the command-line tools of EPICS base",
 }
 """(page, how the block begins) -> why it is not run."""
+TUTORIALS = "docs/tutorials/"
 NOT_PROGRAMS = ("docs/architecture.md models/", "docs/loop-states.md           target")
 SECONDS = {"--for 10": "--for 1", "--for 60": "--for 1", "--wait 60": "--wait 1"}
 LONG = ("run", "watch", "page", "epics", "serve", "emulate", "gateway")
@@ -51,11 +52,12 @@ EXPECTED = {
     "dehyst reject": (1, 2),
     "dehyst doctor --report": (2,),
     "dehyst validate": (0, 1),
+    "dehyst diagnose": (0, 1),
     "dehyst status": (0, 1),
     "dehyst identify": (0, 1),
 }
-"""Exit codes other than 0: there is no offer and no report; a model may be worse than it claims; a
-busy machine misses deadlines."""
+"""Exit codes other than 0: there is no offer and no report; a model may be worse than it claims, or
+lack something; a busy machine misses deadlines."""
 
 
 class Block(NamedTuple):
@@ -135,9 +137,14 @@ class Desk:
         tool.write_text(f'#!/bin/sh\nexec {sys.executable} -P -m dehyst.daemon.main "$@"\n')
         tool.chmod(0o755)
         self.stage = recordings(folder)
+        self.page = ""
 
-    def fresh(self, language: str) -> None:
-        """A folder of its own for a block, with what the snippets take for given."""
+    def fresh(self, block: Block) -> None:
+        """A folder of its own for a block, or for all blocks of a tutorial, with what the snippets
+        take for given."""
+        before, self.page = self.page, block.page
+        if block.page.startswith(TUTORIALS) and block.page == before:
+            return
         self.number += 1
         self.folder = self.top / f"block-{self.number}"
         self.folder.mkdir()
@@ -146,7 +153,7 @@ class Desk:
         self.env["XDG_RUNTIME_DIR"] = str(self.folder / "runtime")
         for name in ("docs", "systemd", "daemon", "drivers", "models", ".git"):
             (self.folder / name).symlink_to(ROOT / name)
-        for name in self.stage if language == "python" else ("other.csv",):
+        for name in self.stage if block.language == "python" else ("other.csv",):
             shutil.copy(self.top / name, self.folder / name)
         (self.folder / "my_package.py").write_text(MY_PACKAGE)
         t_s = np.arange(0.0, 2.0, 0.01)
@@ -164,7 +171,8 @@ class Desk:
         for old, new in (SECONDS | self._paths()).items():
             line = line.replace(old, new)
         if "setup" in line and "--until" not in line:
-            line += " --until limits"  # tests/daemon/setup goes on from there
+            until = "configuration" if self.page.startswith(TUTORIALS) else "limits"
+            line += f" --until {until}"  # tests/daemon/setup goes on from there
             line += "" if "--yes" in line else " --yes --range 0 100"
             if "--emulated" not in line and "--ports" not in line:
                 line += f" --ports {self.units.ports['mdt693b']} {self.units.ports['ksg101']}"
@@ -204,7 +212,7 @@ def run_shell(desk: Desk, text: str) -> None:
         command = re.sub(r"\s+#.*", "", line).strip()
         if not command or command.startswith("#"):
             continue
-        if re.fullmatch(r"dehyst run( --listen \S+)?", command):
+        if re.fullmatch(r"dehyst run( --listen \S+| --config stage-1/\S+)?", command):
             continue  # the daemon of this desk
         command = desk.shell(command)
         words = shlex.split(command) if "'" not in command and "|" not in command else []
@@ -320,7 +328,7 @@ def read_configuration(desk: Desk, block: Block) -> None:
 
 @pytest.mark.parametrize("block", [b for b in blocks() if not is_left_out(b)], ids=str)
 def test_a_snippet_works(desk: Desk, block: Block, tmp_path: Path) -> None:
-    desk.fresh(block.language)
+    desk.fresh(block)
     if block.language in ("", "bash", "sh"):
         run_shell(desk, block.text)
     elif block.language == "python":

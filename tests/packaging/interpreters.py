@@ -2,10 +2,12 @@
 
     python -m tests.packaging.interpreters [3.12 ...]
 
-For each Python and machine pip resolves the dependencies from wheels alone. For each Python that
+For each Python and Linux machine, and for the newest Python on Windows and macOS, pip resolves the
+dependencies from wheels alone. For each Python that
 is on this machine: a new environment below out/, a copy of the tree in it, and then the import, the
 command line, a recording written and read in each kind of file, and a model on it, which compiles
-kernels. Exit status 1 where one of them fails; what cannot be tried is said and passed over.
+kernels. The oldest Python gets the lowest versions that pyproject.toml takes, the others the
+newest. Exit status 1 where one of them fails; what cannot be tried is said and passed over.
 """
 
 import os
@@ -14,7 +16,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.packaging.wheels import MACHINES, PROJECT, PYTHONS, ROOT, offline, resolve
+from tests.packaging.wheels import MACHINES, PROJECT, PYTHONS, ROOT, WITH_THE_LOOP, offline, resolve
 
 PROGRAM = """
 import sys, numpy as np, dehyst
@@ -57,9 +59,13 @@ def try_it(version: str, python: str) -> bool:
     unwanted = shutil.ignore_patterns(".*", "build", "dist", "out", "tests", "*.egg-info")
     shutil.copytree(ROOT, tree, symlinks=True, ignore=unwanted)  # a build leaves things behind
     wheels = ["-m", "pip", "install", "--quiet", "--only-binary=:all:"]
+    lowest = ["--resolution", "lowest-direct"] if version == PYTHONS[0] else []
+    pinned = str(place / "dependencies.txt")
+    lock = [sys.executable, "-m", "uv", "pip", "compile", "--quiet", "--no-config", *lowest]
     steps = [
         [python, "-m", "venv", str(place)],
-        [own, *wheels, "setuptools>=77"],
+        [*lock, "--python", own, str(ROOT / "pyproject.toml"), "--output-file", pinned],
+        [own, *wheels, "setuptools>=77", "-r", pinned],
         [own, "-m", "pip", "install", "--quiet", "--no-build-isolation", str(tree)],
         [own, "-I", "-c", PROGRAM, str(place / "work")],
     ]
@@ -77,7 +83,8 @@ def main(versions: list[str]) -> int:
     if why:
         print(f"wheels not looked for, no package index: {why}")
     for version in versions or PYTHONS:
-        for machine in () if why else MACHINES:
+        machines = MACHINES if version == PYTHONS[-1] else WITH_THE_LOOP
+        for machine in () if why else machines:
             done = resolve(version, machine, *PROJECT["dependencies"])
             wrong += done.returncode != 0
             said = done.stderr.strip() if done.returncode else "a wheel for everything"

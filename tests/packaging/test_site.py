@@ -1,13 +1,18 @@
 """The site of the pages: a link that leads nowhere fails it, and the README is its first page."""
 
+import html
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from tests.rigs.chromium import Chromium, needs_chromium
+
+import dehyst
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(
@@ -31,17 +36,57 @@ def build(folder: Path, extra: str) -> "subprocess.CompletedProcess[str]":
     )  # fmt: skip
 
 
-def test_links_that_lead_somewhere(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built from pages whose links lead somewhere."""
+    folder = tmp_path_factory.mktemp("site")
     good = "[a](record.md) [b](record.md#for-weeks) [c](../daemon/main.py) [d](../README.md)"
-    done = build(tmp_path, good)
+    done = build(folder, good)
     assert done.returncode == 0, done.stderr
-    site = tmp_path / "out" / "site"
+    return folder / "out" / "site"
+
+
+def test_links_that_lead_somewhere(site: Path) -> None:
     assert "A piezo stage does not go where its voltage says" in (site / "index.html").read_text()
     page = (site / "extra.html").read_text()
     assert 'href="record.html#for-weeks"' in page
     assert "c (<code>daemon/main.py</code>)" in page
     assert 'href="index.html"' in page
     assert (site / "layouts" / "foxglove.json").exists()
+
+
+def test_nothing_is_fetched_from_elsewhere(site: Path) -> None:
+    for path in site.rglob("*.html"):
+        loaded = re.findall(r"<(?:script|img|iframe)[^>]* src=\"(\w+:)?//", path.read_text())
+        styles = re.findall(r"<link[^>]* href=\"\w*:?//[^>]*stylesheet", path.read_text())
+        assert not loaded + styles, path
+
+
+def test_the_reference_has_every_public_name_with_its_words(site: Path) -> None:
+    page = (site / "api.html").read_text()
+    for name in set(dehyst.__all__) - {"__version__"}:
+        full = f"{dehyst.HOMES[name]}.{name}"
+        assert f'id="{full}"' in page, full
+    words = html.unescape(re.sub(r"<[^>]+>", "", page))
+    assert "Identify one model from one or more recordings of a stage." in words
+    assert "progress: Say" in words
+
+
+@needs_chromium
+@pytest.mark.processes
+def test_the_search_finds_from_a_folder(site: Path) -> None:
+    browser = Chromium()
+    try:
+        browser.chrome.get((site / "index.html").as_uri())
+        field = browser.chrome.find_element("name", "query")
+        browser.ask("document.querySelector('[for=__search]').click()")
+        browser.until("the field is there", field.is_displayed)
+        field.send_keys("coercive field")
+        found = "Array.from(document.querySelectorAll('.md-search-result__link'), a => a.href)"
+        links = browser.until("something is found", lambda: browser.ask(found))
+        assert any(link.startswith("file:") and "html" in link for link in links)
+    finally:
+        browser.close()
 
 
 def test_each_of_four_that_lead_nowhere_fails_it(tmp_path: Path) -> None:

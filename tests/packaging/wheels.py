@@ -11,13 +11,24 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 LABEL = "Programming Language :: Python :: 3."
 PYTHONS = [c.rpartition(" ")[2] for c in PROJECT["classifiers"] if c.startswith(LABEL)]
 """Versions that the classifiers promise."""
-MACHINES = ("x86_64", "aarch64")
 GLIBC = ("manylinux_2_28", "manylinux_2_27", "manylinux_2_17", "manylinux2014")
+MACHINES = {
+    "x86_64": [f"{tag}_x86_64" for tag in GLIBC],
+    "aarch64": [f"{tag}_aarch64" for tag in GLIBC],
+    "Windows x86_64": ["win_amd64"],
+    "macOS arm64": [
+        *(f"macosx_{version}_0_arm64" for version in (14, 13, 12, 11)),
+        *(f"macosx_{version}_universal2" for version in ("11_0", "10_13", "10_9")),
+    ],
+}
+"""Tags of the wheels that are taken, by machine."""
+WITH_THE_LOOP = ("x86_64", "aarch64")
+"""Linux: the machines that run a daemon."""
 
 
 def resolve(python: str, machine: str, *requirements: str) -> "subprocess.CompletedProcess[str]":
     """pip's answer to: which wheels would be installed there?"""
-    places = [word for tag in GLIBC for word in ("--platform", f"{tag}_{machine}")]
+    places = [word for tag in MACHINES[machine] for word in ("--platform", tag)]
     return subprocess.run(
         [sys.executable, "-m", "pip", "install", "--quiet", "--dry-run", "--no-input",
          "--ignore-installed", "--target", "nowhere", "--only-binary=:all:", "--timeout", "5",

@@ -5,7 +5,6 @@ which no `except` holds; and their warnings stay off the screen.
 """
 
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from dehyst.daemon.files.foreign.found import Column, Found
+from dehyst.drivers import system
 from dehyst.models.errors import BadRecording
 
 PATIENCE_S = 120.0
@@ -68,7 +68,7 @@ def main(source: str, target: str) -> None:
     try:
         import_module(library)
         readers = import_module("dehyst.daemon.files.foreign.libraries")
-        resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
+        system.bound_memory(MOST_BYTES)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             found = readers.READERS[path.suffix.lower()](path)

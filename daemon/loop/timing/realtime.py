@@ -15,11 +15,16 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from dehyst.drivers import system
+
 _PR_SET_PDEATHSIG, _PR_SET_TIMERSLACK = 1, 29
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 IDLE_LATENCY, AWAKE_FROM_HZ = "/dev/cpu_dma_latency", 1000.0
 
-_libc = ctypes.CDLL(None, use_errno=True)
+
+@functools.cache
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
 
 
 @dataclass(frozen=True)
@@ -36,7 +41,7 @@ class Obtained:
 
 def leave_realtime() -> None:
     """Ordinary scheduling for the calling thread, which may have inherited the loop's priority."""
-    if hasattr(os, "SCHED_OTHER"):
+    if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
@@ -63,7 +68,7 @@ def enter_realtime(priority: int, cpu: int, rate_hz: float) -> Obtained:
                 "`ulimit -r 80`; the loop runs at ordinary priority"
             )
     finest_timer()
-    locked = _libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0
+    locked = _libc().mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0
     if not locked:
         advice.append("memory not locked: LimitMEMLOCK=infinity (the systemd unit sets it)")
     wanted = priority > 0 and rate_hz >= AWAKE_FROM_HZ
@@ -124,7 +129,7 @@ def take_place(command: str) -> None:
 
 def finest_timer() -> None:
     """Wake this thread at the nanosecond that it asks for; ordinary threads get 50 us of slack."""
-    _libc.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
+    _libc().prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
 
 
 @contextmanager
@@ -153,8 +158,8 @@ def die_with_parent(signal_number: int) -> None:
     Raises SystemExit where the parent had died before the kernel was asked.
     """
     parent = os.environ.get("DEHYST_SUPERVISED", "")
-    if not parent.isdigit():
+    if not parent.isdigit() or not system.LINUX:
         return
-    _libc.prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal_number), 0, 0, 0)
+    _libc().prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal_number), 0, 0, 0)
     if int(parent) > 1 and os.getppid() != int(parent):
         raise SystemExit(128 + signal_number)

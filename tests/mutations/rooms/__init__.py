@@ -26,6 +26,7 @@ from tests.mutations.rooms import (
     rings,
     safety,
     setup,
+    systems,
     together,
 )
 
@@ -56,4 +57,5 @@ ROOMS = {
     "paper": paper.CHANGES,
     "imaging": imaging.CHANGES,
     "learning": learning.CHANGES,
+    "systems": systems.CHANGES,
 }

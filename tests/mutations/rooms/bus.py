@@ -178,7 +178,7 @@ CHANGES = [
         Change(
             "world-readable-key",
             SECURITY,
-            "if private and mode & (stat.S_IRWXO | stat.S_IWGRP):",
+            "if private and system.others_may(found, stat.S_IRWXO | stat.S_IWGRP):",
             "if False:",
             "a key that everybody can read is used",
         ),

@@ -237,11 +237,11 @@ CHANGES = [
     *room(
         ("tests/daemon/rings/test_run_folder.py",),
         Change(
-            "folder-of-anybody", FOLDER, "    if found.st_uid != os.geteuid():\n        return",
+            "folder-of-anybody", FOLDER, "    if found.st_uid != system.user_id():\n        return",
             "    if False:\n        return", "rings lie in a folder that belongs to somebody else",
         ),
         Change(
-            "folder-open", FOLDER, "    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):",
+            "folder-open", FOLDER, "    if system.others_may(found):",
             "    if False:", "anybody lays files where the loop reads",
         ),
         Change(
@@ -320,7 +320,7 @@ CHANGES = [
     ),
     Change(
         "planted-kernel", "daemon/tools/kernel_cache.py",
-        "elif stat.S_ISLNK(found.st_mode) or _open_to_others(path):", "elif False:",
+        "elif stat.S_ISLNK(found.st_mode) or system.others_may(found):", "elif False:",
         "whoever can write into the cache has code run where the devices are",
         tests=("tests/daemon/tools/test_kernel_cache.py",),
     ),

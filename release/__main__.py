@@ -1,0 +1,88 @@
+"""A release from this tree, built and checked.
+
+    python -m release [--without-demo]
+
+writes into dist/: the source distribution and the wheel; constraints-service.txt and
+constraints-image.txt, every dependency with its hashes; an SBOM (CycloneDX) of the service's
+environment; on Debian a package of the service; SHA256SUMS. Checked: the metadata (twine), the
+hashes, an installation in a fresh environment, and `dehyst demo --first-act` in it.
+"""
+
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from release import debian
+from release.steps import (
+    IMAGE,
+    ROOT,
+    SERVICE,
+    VERSION,
+    ReleaseError,
+    bill_of_materials,
+    build,
+    call,
+    install,
+    lock,
+    sums,
+)
+
+TOO_BUSY = 77
+"""Exit status of a demonstration that a busy machine kept from judging."""
+
+
+def demonstrate(own: Path, folder: Path) -> int:
+    """The first act, with the environment of this Python: 0, or TOO_BUSY. Raises ReleaseError where
+    the stage is not compensated."""
+    folder.mkdir()
+    try:
+        said = call(own, "-m", "dehyst.daemon.main", "demo", "--first-act", cwd=folder)
+    except ReleaseError as error:
+        if error.code != TOO_BUSY:
+            raise
+        print("demo --first-act: ran, not judged: this machine was too busy", flush=True)
+        return TOO_BUSY
+    print(f"demo --first-act: {said.strip().splitlines()[-2].strip()}", flush=True)
+    return 0
+
+
+def release(dist: Path, work: Path, with_demo: bool) -> int:
+    """All steps in order; each says what it has made. 0, or TOO_BUSY."""
+    shutil.rmtree(dist, ignore_errors=True)
+    dist.mkdir()
+    for name in lock():
+        print(f"release/{name}: renewed, commit it", flush=True)
+    for path in (SERVICE, IMAGE):
+        shutil.copy(path, dist)
+    sdist, wheel = build(dist, work)
+    print(f"{sdist.name} and {wheel.name}: built, metadata good", flush=True)
+    interpreter = debian.interpreter()
+    root = work / "root"
+    own = install(interpreter or sys.executable, root / "opt" / "dehyst", wheel)
+    print("installed in a fresh environment, every hash as listed", flush=True)
+    bill = dist / f"dehyst-{VERSION}.cdx.json"
+    bill_of_materials(own, bill)
+    print(f"{bill.name}: what it holds", flush=True)
+    code = demonstrate(own, work / "demo") if with_demo else 0
+    if interpreter:
+        package = debian.package(root, own, dist)
+        print(f"{package.name}: {package.stat().st_size / 1e6:.0f} MB", flush=True)
+    else:
+        print("no Debian package: needs dpkg-deb and a Python of /usr/bin from 3.11 on", flush=True)
+    sums(dist)
+    return code
+
+
+def main(arguments: list[str]) -> int:
+    """0: it is in dist/; 77: so it is, but the demonstration was not judged; 1: why not."""
+    with tempfile.TemporaryDirectory(prefix="dehyst-release-") as work:
+        try:
+            return release(ROOT / "dist", Path(work), "--without-demo" not in arguments)
+        except ReleaseError as error:
+            print(f"release: {error}", file=sys.stderr)
+            return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
