@@ -67,7 +67,8 @@ class DeviceSpec:
     unit: "v", "um", ...; minimum, maximum, resolution: in that unit; max_rate_hz: the highest
     rate of write() or read() that this unit sustains (measured where it can be);
     latency_s: typical duration of one call; identity: model, firmware, serial number; late_s: what
-    few calls take longer than, 0: not known, the typical one counts.
+    few calls take longer than, 0: not known, the typical one counts; output_known: False where the
+    hardware cannot be asked, so that output() is a setting until the first write.
     """
 
     unit: str
@@ -78,6 +79,7 @@ class DeviceSpec:
     latency_s: float
     identity: str = ""
     late_s: float = 0.0
+    output_known: bool = True
 
     @property
     def call_s(self) -> float:

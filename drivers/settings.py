@@ -24,7 +24,7 @@ from msgspec import inspect, structs
 from dehyst.drivers.interface import DriverConfigError
 
 UNITS = {"s": "s", "v": "V", "mv": "mV", "um": "um", "hz": "Hz", "k": "K", "decade": "decade"}
-UNITS |= {"bits": "bits", "bytes": "bytes"}
+UNITS |= {"bits": "bits", "bytes": "bytes", "unit": "unit"}
 
 Kind = TypeVar("Kind", bound="Settings")
 
@@ -93,12 +93,19 @@ def list_keys(kind: type[Settings]) -> list[SettingKey]:
             name=field.name,
             type=allowed_words(field),
             required=field.required,
-            default=None if field.required else field.default,
+            default=_default(field),
             unit=unit_of(field.name),
             meaning=_plain_type(field)[1],
         )
         for field in structs.fields(kind)
     ]
+
+
+def _default(field: structs.FieldInfo) -> Any:
+    if field.required:
+        return None
+    made = field.default_factory  # of a table or a list
+    return field.default if made is msgspec.NODEFAULT else made()
 
 
 def unit_of(name: str) -> str:
@@ -167,6 +174,8 @@ def _words(kind: inspect.Type) -> str:
             return ", or ".join(_words(t) for t in types)
         case inspect.VarTupleType(item_type=inspect.StrType()):
             return "a list of texts"
+        case inspect.VarTupleType():
+            return "a list of texts and numbers"
         case inspect.DictType():
             return "a table"
         case _:

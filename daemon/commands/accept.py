@@ -2,16 +2,11 @@
 
 import argparse
 import sys
-from typing import TYPE_CHECKING
 
 from dehyst.daemon.client.connection import add_connection, connect_axes, say
+from dehyst.daemon.client.offer_change import CUTS, cuts_trajectory, describe_change
 from dehyst.daemon.commands.reject import add_offer, find_offer, offer_of_axes
 from dehyst.models.errors import BadInput, NotNow
-
-if TYPE_CHECKING:
-    from dehyst.daemon.bus.messages import ModelOffer, Status
-
-SAME = 1e-6  # of the reach: a smaller change is rounding
 
 EPILOG = """The loop takes the model without a jump, within range and slew; the configured file is
 not touched. The model is on trial: where its error has not fallen after `doctor.trial_s` of motion,
@@ -47,46 +42,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_connection(parser)
 
 
-def new_reach(offer: "ModelOffer", status: "Status") -> tuple[float, float] | None:
-    """Set-points that the offered model reaches; None: not known. Origin and trim stay."""
-    before, after = offer.reach_in_use, offer.reach_offered
-    if before is None or after is None:
-        return None
-    return status.reach_min + after[0] - before[0], status.reach_max + after[1] - before[1]
-
-
-def describe_change(offer: "ModelOffer", status: "Status") -> str:
-    """What accepting changes, in words."""
-    unit = status.unit
-    text = (
-        f"error on {offer.seconds:.0f} s of later telemetry: {offer.rms_in_use:.3g} becomes "
-        f"{offer.rms_offered:.3g} {unit}"
-    )
-    if (reach := new_reach(offer, status)) is not None:
-        text += f"; reach: {status.reach_min:.5g} to {status.reach_max:.5g} becomes "
-        text += f"{reach[0]:.5g} to {reach[1]:.5g} {unit}"
-    if offer.rate_in_use != offer.rate_offered:
-        rates = (offer.rate_in_use, offer.rate_offered)
-        words = ["unlimited" if rate is None else f"{rate:.4g}" for rate in rates]
-        text += f"; largest drive rate: {words[0]} becomes {words[1]} {status.drive_unit}/s"
-    return text
-
-
-def cuts_trajectory(offer: "ModelOffer", status: "Status") -> bool:
-    """Whether a trajectory is in play that the offered model may not reach everywhere."""
-    reach = new_reach(offer, status)
-    if reach is None or status.trajectory_done or status.state != "running":
-        return False
-    slack = SAME * (status.reach_max - status.reach_min)
-    return reach[0] > status.reach_min + slack or reach[1] < status.reach_max - slack
-
-
 def require_consent() -> None:
     """Ask whether to go on. Raises BadInput where nobody can be asked, NotNow on a no."""
-    why = "a trajectory is in play, and parts of it may leave the new reach"
     if not sys.stdin.isatty():
-        raise BadInput(f"{why}; --yes accepts all the same: they are played at the nearest place")
-    say(f"{why}: these are played at the nearest place, and flagged. Accept? [y/N]")
+        raise BadInput(f"{CUTS}; --yes accepts all the same: they are played at the nearest place")
+    say(f"{CUTS}: these are played at the nearest place, and flagged. Accept? [y/N]")
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise NotNow("not accepted; the offer stays")
 

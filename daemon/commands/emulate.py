@@ -1,4 +1,4 @@
-"""an MDT693B or KPZ101 and KSG101s on pseudo terminals, with a simulated stage"""
+"""an MDT693B, MDT694B or KPZ101 and KSG101s on pseudo terminals, with a simulated stage"""
 
 import argparse
 import contextlib
@@ -26,6 +26,8 @@ from dehyst.models.errors import BadInput
 LATENCY_S = 0.0015
 """Of an amplifier command: room for a 200 Hz loop that writes and reads in turn."""
 
+AMPLIFIERS = ("mdt693b", "mdt694b", "kpz101")
+
 BENCH_PRIORITY = 60
 
 EPILOG = """\
@@ -37,6 +39,7 @@ several axes "axis": "y" says whose.
 examples: dehyst emulate --dir /tmp/bench --dialect 1.05 --stage creep_gain_per_decade=0.02
           dehyst emulate --axes 3 --stage x.from_y=0.03
           dehyst emulate --amplifier kpz101 --limit-v 75
+          dehyst emulate --amplifier mdt694b
 """
 
 
@@ -49,9 +52,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--amplifier",
-        choices=("mdt693b", "kpz101"),
-        default="mdt693b",
-        help="the amplifier; a KPZ101 has one axis (default: %(default)s)",
+        choices=AMPLIFIERS,
+        default=AMPLIFIERS[0],
+        help="the amplifier; MDT694B and KPZ101 have one axis (default: %(default)s)",
     )
     parser.add_argument(
         "--dialect",
@@ -133,10 +136,14 @@ def stage_settings(pairs: list[str], axes: Sequence[str]) -> dict[str, StageSett
 
 
 def amplifier_knobs(args: argparse.Namespace) -> Mdt693bKnobs | Kpz101Knobs:
-    """How the amplifier is built. Raises BadInput for what a KPZ101 does not have."""
+    """How the amplifier is built. Raises BadInput for what it does not have."""
     plain = Mdt693bKnobs()
-    if args.amplifier == "mdt693b":
+    single = args.amplifier == "mdt694b"
+    if single and (args.axes, args.axis) != (1, "x"):
+        raise BadInput("an MDT694B has the axis x alone: leave out --axis and --axes")
+    if args.amplifier != "kpz101":
         return Mdt693bKnobs(
+            axes="x" if single else "xyz",
             dialect=args.dialect,
             limit_v=args.limit_v,
             latency_s=args.latency_s,

@@ -4,7 +4,8 @@ import argparse
 import ipaddress
 import sys
 
-from dehyst.daemon.client.connection import add_connection, address_of, label_of
+from dehyst.daemon.client.connection import connect_axes
+from dehyst.daemon.client.open_protocol import add_serving, check_exposure, check_tolerance
 from dehyst.models.errors import BadInput
 
 DEFAULT = "127.0.0.1"
@@ -33,27 +34,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--port", type=int, default=0, help="port (default: $EPICS_CA_SERVER_PORT, else 5064)"
     )
     parser.add_argument("--observe", action="store_true", help="refuse every put")
-    parser.add_argument(
-        "--without-passwords",
-        action="store_true",
-        help="allow addresses beyond this machine; everybody who reaches them may command",
-    )
-    parser.add_argument(
-        "--on-target",
-        choices=("model", "gauge"),
-        default="model",
-        help="what decides whether the stage is on target",
-    )
-    parser.add_argument(
-        "--tolerance", type=float, default=0.0, metavar="UM",
-        help="how near counts as on target, in the stage's unit (default: 0.2 %% of the reach)",
-    )  # fmt: skip
-    add_connection(parser)
+    add_serving(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Until SIGTERM or Ctrl-C."""
     check_address(args.listen, args.without_passwords or args.observe)
+    check_tolerance(args.tolerance)
     if not 0 <= args.port <= 65535:
         raise BadInput(f"--port {args.port}: it is from 0 to 65535")
     try:
@@ -66,10 +53,8 @@ def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.client.group import Group
     from dehyst.daemon.client.held_axes import HeldAxes
 
-    where, credentials = address_of(args)
-
     def connect() -> Group:
-        return Group(args.name, None, where, args.base, label_of("epics"), credentials)
+        return connect_axes(args, "epics")
 
     with HeldAxes(connect, tolerance=args.tolerance, by=args.on_target) as held, connect() as asks:
         prefix = f"dehyst:{held.name}:" if args.prefix is None else args.prefix
@@ -86,15 +71,11 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def check_address(text: str, anywhere: bool) -> None:
-    """BadInput where it is no address, or not this machine's alone."""
+def check_address(text: str, allowed: bool) -> None:
+    """BadInput where it is no address, or not this machine's alone and not allowed."""
     try:
-        local = ipaddress.ip_address(text).is_loopback
+        ipaddress.ip_address(text)
     except ValueError:
         raise BadInput(f"--listen {text}: it is an address such as 127.0.0.1") from None
-    if not local and not anywhere:
-        raise BadInput(
-            f"--listen {text}: Channel Access knows no passwords, so that whoever reaches this "
-            "address would command the stage; add --without-passwords where the network is "
-            "trusted, or --observe"
-        )
+    ways = "add --without-passwords where the network is trusted, or --observe"
+    check_exposure(text, text, allowed, "Channel Access", ways)

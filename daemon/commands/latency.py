@@ -11,8 +11,9 @@ from dehyst.daemon.config import Config, load_config
 from dehyst.daemon.latency import machine
 from dehyst.daemon.latency.latency import Setup, measure, time_devices
 from dehyst.daemon.latency.latency_report import lines, table
-from dehyst.daemon.loop.checks import SPARE
+from dehyst.daemon.loop.checks import SPARE, devices_of
 from dehyst.daemon.loop.timing.histogram import Histogram
+from dehyst.drivers.direct_calls import Reachable
 from dehyst.models.errors import BadInput
 
 EPILOG = """\
@@ -81,8 +82,8 @@ def _default_hz(io: dict[str, Histogram]) -> float:
 
 def _setup(args: argparse.Namespace, config: Config | None, default_hz: float) -> Setup:
     loop = config.loop if config else None
-    simulated = config is None or config.actuator.driver == config.sensor.driver == "simulated"
-    engine = args.engine or ("compiled" if simulated else "python")
+    compiled = config is None or all(isinstance(one, Reachable) for one in devices_of(config))
+    engine = args.engine or ("compiled" if compiled else "python")
     if loop is not None and args.engine is None and loop.engine != "auto":
         engine = loop.engine
 

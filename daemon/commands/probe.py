@@ -1,16 +1,19 @@
-"""record a unit's raw bytes and timings into a fixture file"""
+"""what a unit answers, its raw bytes and timings; or what the devices of a configuration are"""
 
 import argparse
 import json
 import math
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 from dehyst import __version__
+from dehyst.daemon.config import load_controller
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.terminal.progress import progress_bar
+from dehyst.daemon.tools.device_report import lines_of, report_devices
 from dehyst.drivers.apt.link import USB_IDS as GAUGES
 from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import DeviceNotFound
@@ -26,22 +29,27 @@ from dehyst.models.errors import BadInput
 
 TIMED = 100
 AMPLIFIER, GAUGE, PIEZO = "mdt693b", "ksg101", "kpz101"
-NAMES = {AMPLIFIER: "MDT693B", GAUGE: "KSG101", PIEZO: "KPZ101"}
+NAMES = {AMPLIFIER: "MDT693B or MDT694B", GAUGE: "KSG101", PIEZO: "KPZ101"}
 
 EPILOG = f"""\
-Finds out whether an MDT693B or a KPZ101 (amplifiers) or a KSG101 (gauge reader) is connected to the
-port. Sends requests, to the MDT693B also an empty line and two unknown words; changes no setting
-and moves no output. PORT is a path or "auto" (the MDT69xB on USB, with --unit ksg101 or kpz101
-the one APT unit). Stop everything else that uses the unit first.
+Finds out whether an MDT693B, MDT694B or KPZ101 (amplifiers) or a KSG101 (gauge reader) is connected
+to the port. Sends requests, to the MDT69xB also an empty line and two unknown words; changes no
+setting and moves no output. PORT is a path or "auto" (the MDT69xB on USB, with --unit ksg101 or
+kpz101 the one APT unit). Stop everything else that uses the unit first.
 
 --sets V times {TIMED} sets of axis x, all to V, and only if the unit reads back V within 1 V. The
 unit does not report its set-point, so give the one that it really has: otherwise the output moves
 by the difference.
 
-exit status: 0; 1 when what answers is none of the three, or nothing answers.
+--config opens the devices of a configuration, of any driver, as the daemon does: identity, range,
+resolution, time of a call, rate that they sustain. Nothing moves; a disabled KPZ101 is enabled, at
+0 V.
+
+exit status: 0; 1 when what answers is none of them, or nothing answers.
 
 examples: dehyst probe /dev/ttyACM0 -o my-amplifier.json
           dehyst probe /dev/ttyUSB0 -o my-gauge.json
+          dehyst probe --config stage.toml
 """
 
 
@@ -59,7 +67,10 @@ class _Probed:
 def configure(parser: argparse.ArgumentParser) -> None:
     """Fill in the arguments."""
     parser.epilog = EPILOG
-    parser.add_argument("port", metavar="PORT", help="serial port, or auto")
+    parser.add_argument("port", nargs="?", metavar="PORT", help="serial port, or auto")
+    parser.add_argument(
+        "--config", metavar="FILE", type=Path, help="open the devices of this configuration"
+    )
     parser.add_argument(
         "--unit", choices=(AMPLIFIER, GAUGE, PIEZO), help="probe for this unit only"
     )
@@ -74,6 +85,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record, interpret, time, report."""
+    if (args.port is None) is (args.config is None):
+        raise BadInput("give a PORT, or --config FILE")
+    if args.config is not None:
+        return _report(args)
     check_outputs([args.output], [], args.force)
     with closing(SerialPort(_path(args), args.baud)) as port:
         found = _probe(port, args)
@@ -102,6 +117,22 @@ def run(args: argparse.Namespace) -> int:
     return 0 if found.unit else 1
 
 
+def _report(args: argparse.Namespace) -> int:
+    for option in ("unit", "output", "sets"):
+        if getattr(args, option) is not None:
+            raise BadInput(f"--{option} goes with a PORT, not with --config")
+    configs = load_controller(args.config).axes
+    reports = {config.axis: report_devices(config) for config in configs}
+    if args.json:
+        print(json.dumps(reports if len(configs) > 1 else reports[configs[0].axis], indent=2))
+        return 0
+    for axis, devices in reports.items():
+        for which, device in devices.items():
+            named = f"axis {axis} {which}" if len(configs) > 1 else which
+            print("\n".join(lines_of(named, device)))
+    return 0
+
+
 def _path(args: argparse.Namespace) -> str:
     if args.port != "auto":
         return str(args.port)
@@ -125,7 +156,7 @@ def _probe(port: SerialPort, args: argparse.Namespace) -> _Probed:
                 return found
             heard += found.exchanges
     raw = b"".join(exchange.reply for exchange in heard)
-    what = NAMES[asked] if asked else "MDT693B, KPZ101 or KSG101"
+    what = NAMES[asked] if asked else "MDT693B, MDT694B, KPZ101 or KSG101"
     says = f"answers {raw[:60]!r}, which is no {what}" if raw else "does not answer"
     return _Probed("", heard, {}, {}, [f"{says}; check port, power and baud rate"])
 

@@ -1,14 +1,14 @@
 """Serve a controller in the words of another one."""
 
 import argparse
-import ipaddress
 import logging
 import signal
 import sys
 import threading
 from types import FrameType
 
-from dehyst.daemon.client.connection import add_connection, address_of, label_of
+from dehyst.daemon.client.connection import connect_axes
+from dehyst.daemon.client.open_protocol import add_serving, check_exposure, check_tolerance
 from dehyst.models.errors import BadInput
 
 DEFAULT = "127.0.0.1:50000"
@@ -30,22 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--listen", default=DEFAULT, metavar="HOST:PORT", help=f"where (default: {DEFAULT})"
     )
-    parser.add_argument(
-        "--without-passwords",
-        action="store_true",
-        help="allow addresses beyond this machine; everybody who reaches the port may command",
-    )
-    parser.add_argument(
-        "--on-target",
-        choices=("model", "gauge"),
-        default="model",
-        help="what decides whether the stage is on target",
-    )
-    parser.add_argument(
-        "--tolerance", type=float, default=0.0, metavar="UM",
-        help="how near counts as on target, in the stage's unit (default: 0.2 %% of the reach)",
-    )  # fmt: skip
-    add_connection(parser)
+    add_serving(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -60,13 +45,11 @@ def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.gcs.server import GcsServer
 
     host, port = address(args.listen, args.without_passwords)
-    if not 0 <= args.tolerance < float("inf"):
-        raise BadInput(f"--tolerance {args.tolerance:g}: it is 0 or a positive number")
+    check_tolerance(args.tolerance)
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
-    where, credentials = address_of(args)
 
     def connect() -> Group:
-        return Group(args.name, None, where, args.base, label_of("serve --as gcs"), credentials)
+        return connect_axes(args, "serve --as gcs")
 
     with HeldAxes(connect, tolerance=args.tolerance, by=args.on_target) as held:
         try:
@@ -111,13 +94,6 @@ def address(text: str, anywhere: bool) -> tuple[str, int]:
     host = host.strip("[]")
     if not host or not port.isdigit() or int(port) > 65535:
         raise BadInput(f"--listen {text}: it is HOST:PORT with a port from 0 to 65535")
-    try:
-        local = ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        local = host == "localhost"
-    if not local and not anywhere:
-        raise BadInput(
-            f"--listen {text}: the protocol knows no passwords, so that whoever reaches this "
-            "address would command the stage; add --without-passwords where the network is trusted"
-        )
+    ways = "add --without-passwords where the network is trusted"
+    check_exposure(text, host, anywhere, "the protocol", ways)
     return host, int(port)

@@ -11,7 +11,8 @@ from dehyst.daemon.setup.names import NAMES
 from dehyst.models.errors import BadInput
 
 OUTPUTS = ("x", "y", "z")
-UNITS = ("mdt693b", "ksg101")
+AMPLIFIERS = {"mdt693b": "MDT693B", "mdt694b": "MDT694B", "kpz101": "KPZ101"}
+UNITS = ("mdt693b", "kpz101", "ksg101")  # how the ports of an emulated bench begin
 DESCRIPTION = """\
 From two plugged-in units to a validated model: finds the units, asks for the stage's limits,
 measures the rate, writes the configuration, exercises the stage gently, excites and records it,
@@ -36,6 +37,7 @@ cannot be used.
 examples: dehyst setup stage-1
           dehyst setup stage-1 --yes --ports /dev/ttyACM0 /dev/ttyUSB0 --range 0 100
           dehyst setup try-out --yes --emulated --range 0 150
+          dehyst setup try-out --yes --emulated --amplifier kpz101 --range 0 150
           dehyst setup three --yes --emulated --axes 3 --range 0 150
           dehyst setup stage-1 --from record --band 10
 """
@@ -99,6 +101,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--emulated", action="store_true", help="use an emulated bench, no hardware"
     )
     parser.add_argument(
+        "--amplifier",
+        choices=tuple(AMPLIFIERS),
+        help="with --emulated: its amplifier; MDT694B and KPZ101 have one axis (default: mdt693b)",
+    )
+    parser.add_argument(
         "--json", action="store_true", help="print the result of each step, on stdout"
     )
 
@@ -124,6 +131,8 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput("stdin is not a terminal; --yes with --range MIN MAX asks nothing")
     if args.emulated and args.ports:
         raise BadInput("--emulated has its own ports; leave out --ports")
+    if args.amplifier and not args.emulated:
+        raise BadInput("--amplifier goes with --emulated: a real one is recognised at its port")
     try:
         args.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -134,7 +143,8 @@ def run(args: argparse.Namespace) -> int:
         axes = args.axes or (() if args.axis else tuple(known))
         ports = tuple(args.ports)
         if args.emulated:
-            ports = _emulated_ports(args.folder / "bench", axes, held)
+            amplifier = args.amplifier or _noted_amplifier(args.folder / "bench")
+            ports = _emulated_ports(args.folder / "bench", amplifier, axes, held)
         wishes = Wishes(
             ports,
             args.axis,
@@ -152,18 +162,32 @@ def run(args: argparse.Namespace) -> int:
     return _conclude(bench, args)
 
 
-def _emulated_ports(folder: Path, axes: tuple[str, ...], held: ExitStack) -> tuple[str, ...]:
+def _noted_amplifier(folder: Path) -> str:
+    """That of the bench that an earlier set-up in this folder has used; else an MDT693B."""
+    from dehyst.daemon.tools.emulated_bench import noted
+
+    words = noted(folder)
+    return words[words.index("--amplifier") + 1] if "--amplifier" in words else "mdt693b"
+
+
+def _emulated_ports(
+    folder: Path, amplifier: str, axes: tuple[str, ...], held: ExitStack
+) -> tuple[str, ...]:
     from dehyst.daemon.service.supervisor import BenchProcess
     from dehyst.daemon.tools.emulated_bench import note
 
+    if axes and amplifier != "mdt693b":
+        raise BadInput(f"--axes {','.join(axes)}: a {AMPLIFIERS[amplifier]} has one axis")
     count = len(axes) or 1
     if axes and axes != OUTPUTS[:count]:
         raise BadInput(f"--axes {','.join(axes)}: an emulated bench has x,y or x,y,z")
     more = ["--axes", str(count)] if axes else []
+    more += ["--amplifier", amplifier] if amplifier != "mdt693b" else []
     gauges = f"{count} KSG101s" if axes else "a KSG101"
+    config = folder.parent / "stage.toml"
     say(
-        f"starting an emulated MDT693B and {gauges} with a simulated stage; it ends with this "
-        f"command, and `dehyst run --config {folder.parent / 'stage.toml'}` starts it again"
+        f"starting an emulated {AMPLIFIERS[amplifier]} and {gauges} with a simulated stage; it "
+        f"ends with this command, and `dehyst run --config {config}` starts it again"
     )
     bench = BenchProcess(folder, more)
     note(folder, more)

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import logging
 import os
 import signal
 from collections.abc import Callable
@@ -14,6 +15,9 @@ from dehyst.daemon.client.held_axes import HeldAxes
 from dehyst.daemon.epics.records import AxisRecords, AxisSource
 from dehyst.daemon.rings.records import model_digest
 from dehyst.models.modelfile import dumps
+
+BEACONS = "Failed to send beacon"
+"""How caproto reports, with a traceback and every few seconds, that no CA repeater listens."""
 
 
 def axis_sources(group: Group, observe: bool) -> dict[str, AxisSource]:
@@ -52,7 +56,13 @@ def serve_records(
     # beacons stay on this address: a server on the loopback must not call into the network
     os.environ.setdefault("EPICS_CAS_AUTO_BEACON_ADDR_LIST", "NO")
     os.environ.setdefault("EPICS_CAS_BEACON_ADDR_LIST", address)
+    logging.getLogger("caproto.ctx").addFilter(_is_not_of_beacons)
     asyncio.run(_serve(records, address, ready))
+
+
+def _is_not_of_beacons(record: logging.LogRecord) -> bool:
+    """Whether a line is worth showing: a beacon that nobody hears is an ordinary one."""
+    return not str(record.msg).startswith(BEACONS)
 
 
 async def _serve(records: list[AxisRecords], address: str, ready: Callable[[int], None]) -> None:

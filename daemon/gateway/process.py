@@ -66,6 +66,8 @@ class Gateway:
         refuse_namesakes(controller)
         if any(config.watch.enabled for config in configs):
             compile_monitor()  # a thread that compiles would keep the others from answering
+        if self._ending:  # meanwhile: nobody has been served yet
+            return True
         with Bus.serve(net.listen, net.connect, security_of(controller)) as bus:
             served = Served(
                 controller.name,

@@ -203,9 +203,10 @@ def past_output(
     """Voltages written so far, oldest first, ending with what the output stands at now; and what
     is to be said of them.
 
-    An earlier core's ring knows them better than the unit's own report, as long as the two agree;
-    otherwise the report alone is returned. actuator: the open one; where its unit has no serial
-    number, a report that does not agree raises ForeignUnit: it may be another unit's.
+    An earlier core's ring knows them better than the unit's own report, as long as the two agree,
+    or the unit cannot be asked; otherwise the report alone is returned. actuator: the open one;
+    where its unit has no serial number, a report that does not agree raises ForeignUnit: it may be
+    another unit's.
     """
     reported, path = np.array([reported_v]), config.directory / "telemetry.ring"
     if not path.exists():
@@ -218,7 +219,9 @@ def past_output(
         return reported, [f"what was written before is not known: {error}"]
     volts = np.array(records["volts"], dtype=np.float64)
     inside = (volts >= config.limits.min_v) & (volts <= config.limits.max_v)
-    if volts.size and inside.all() and abs(volts[-1] - reported_v) <= OUTPUT_AGREES_V:
+    agrees = volts.size and abs(volts[-1] - reported_v) <= OUTPUT_AGREES_V
+    asked = actuator is None or actuator.spec.output_known
+    if volts.size and inside.all() and (agrees or not asked):
         return volts, []
     unit = actuator.unit if isinstance(actuator, Identifiable) else None
     step_v = config.limits.slew_v_per_s * config.period_ns * 1e-9  # written, and not noted yet

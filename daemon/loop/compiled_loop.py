@@ -253,10 +253,9 @@ class CompiledLoop:
             first.stepper.events.extend(obtained.advice)
             for monitor in self._monitors:
                 monitor.obtained = obtained
-        for monitor in self._monitors:
-            monitor.meter["schedstat"] = systemcalls.open_schedstat()
         table = first.stepper.table.words
         buffer = np.zeros(32, np.int64)
-        if first.samples == 0:
-            begin_together(self._monitors, now_of(table, buffer))
-        run_samples(addresses_of(self._monitors), -1 if samples is None else samples)
+        with systemcalls.schedstat_for([monitor.meter for monitor in self._monitors]):
+            if first.samples == 0:
+                begin_together(self._monitors, now_of(table, buffer))
+            run_samples(addresses_of(self._monitors), -1 if samples is None else samples)

@@ -75,20 +75,19 @@ class PythonLoop:
         """Loop until all axes have stopped (or for a number of samples)."""
         monitors = [axis.monitor for axis in self._axes]
         numbers, going = monitors[0].numbers, list(self._axes)
-        for monitor in monitors:
-            monitor.meter["schedstat"] = systemcalls.open_schedstat()
-        if numbers[SAMPLES] == 0:
-            begin_together(monitors, self._now())
-        while samples is None or numbers[SAMPLES] < samples:
-            woke_ns = self._sleep_until(numbers[SCHEDULED])
-            if woke_ns < numbers[SCHEDULED]:
-                continue  # a signal woke us
-            finished_ns = self._sample(woke_ns)
-            for monitor in monitors:
-                monitor.attend(finished_ns)
-            going = [axis for axis in going if not stopped(axis.words, finished_ns)]
-            if not going:
-                break
+        with systemcalls.schedstat_for([monitor.meter for monitor in monitors]):
+            if numbers[SAMPLES] == 0:
+                begin_together(monitors, self._now())
+            while samples is None or numbers[SAMPLES] < samples:
+                woke_ns = self._sleep_until(numbers[SCHEDULED])
+                if woke_ns < numbers[SCHEDULED]:
+                    continue  # a signal woke us
+                finished_ns = self._sample(woke_ns)
+                for monitor in monitors:
+                    monitor.attend(finished_ns)
+                going = [axis for axis in going if not stopped(axis.words, finished_ns)]
+                if not going:
+                    break
         for monitor in monitors:
             monitor.attend(clock.monotonic_ns())
             monitor.publish_status(clock.monotonic_ns())

@@ -6,10 +6,13 @@ be cached on disk. `buffer` is an integer array of at least 32 words that belong
 
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from numba import njit, types
+from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.drivers.direct_calls import Words
@@ -109,6 +112,21 @@ def open_schedstat() -> int:
         )
     except OSError:
         return -1
+
+
+@contextmanager
+def schedstat_for(meters: Sequence[NDArray[Any]]) -> Iterator[None]:
+    """The calling thread's schedstat in each of these meters, until the block ends."""
+    opened = open_schedstat()
+    for meter in meters:
+        meter["schedstat"] = opened
+    try:
+        yield
+    finally:
+        for meter in meters:
+            meter["schedstat"] = -1
+        if opened >= 0:
+            os.close(opened)
 
 
 def open_stat() -> int:

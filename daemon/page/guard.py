@@ -34,16 +34,16 @@ MOST_AT_ONCE = 32
 """Requests of one address that are answered at the same time; a browser makes six."""
 
 
-def refusal(people: People, public: Public, headers: Mapping[str, str], looks: bool) -> str:
-    """Why a request is refused for where it comes from, and what to do; "": it is not. looks: it
-    changes nothing."""
+def refusal(people: People, public: Public, headers: Mapping[str, str], anywhere: bool) -> str:
+    """Why a request is refused for where it comes from, and what to do; "": it is not. anywhere: it
+    changes nothing, or no browser sent it, so that another site's page cannot be behind it."""
     host, origin = headers.get("host", "")[:80], headers.get("origin", "")[:120]
     if not people.knows_host(host) and not (public.origin and host_name(host) == public.host):
         return (
             f"this page answers to localhost and 127.0.0.1, not to {host!r}. Behind a reverse "
             "proxy, set page.public_url (--public-url) to the address that people type"
         )
-    if looks or same_origin(headers) or public.called(headers):
+    if anywhere or same_origin(headers) or public.called(headers):
         return ""
     if not origin:
         return "a request that changes something carries an Origin header, as browsers send it"
@@ -68,8 +68,11 @@ class Guard:
         if self._public.path and scope["path"].startswith(f"{self._public.path}/"):
             scope["path"] = scope["path"].removeprefix(self._public.path)  # the proxy left it
         headers = Headers(scope=scope)
-        looks = scope["type"] == "http" and scope["method"] in LOOKS
-        refused = refusal(self._people, self._public, headers, looks)
+        if scope["type"] == "websocket":  # a browser names the origin of every one that it opens
+            anywhere = "origin" not in headers
+        else:
+            anywhere = scope["method"] in LOOKS
+        refused = refusal(self._people, self._public, headers, anywhere)
 
         async def sent(message: Message) -> None:
             if message["type"] == "http.response.start":

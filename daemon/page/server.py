@@ -149,7 +149,7 @@ class Site:
                     self.people,
                     self.public,
                     {"host": request.headers.get("host", ""), "origin": shown_at},
-                    looks=not shown_at,
+                    anywhere=not shown_at,
                 ),
             }
         )

@@ -13,6 +13,7 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from dehyst.daemon import notify
+from dehyst.daemon.client.offer_change import CUTS
 from dehyst.daemon.page import wire
 from dehyst.daemon.page.buckets import FINEST_NS, level_between, level_for
 from dehyst.daemon.page.commanding import Commander, target_now
@@ -210,6 +211,9 @@ class Visit:
         if not self.person.commands:
             raise BadInput("an observer may look, not command")
         if isinstance(ask, wire.DecideOffer):
+            if ask.action == "accept" and not ask.confirmed and watch.is_cut_by(int(ask.offer)):
+                await self._send(wire.encode_view("question", text=CUTS, offer=ask.offer))
+                return
             await asyncio.to_thread(watch.decide_offer, ask.action, int(ask.offer))
             self.say(f"{ask.action}: it is being done")
             return

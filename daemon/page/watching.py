@@ -20,6 +20,7 @@ from dehyst.daemon.bus.security import client_settings
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.client.finding import daemons
+from dehyst.daemon.client.offer_change import cuts_trajectory
 from dehyst.daemon.config import Config
 from dehyst.daemon.page.buckets import Buckets
 from dehyst.daemon.page.trail import Trail
@@ -115,6 +116,14 @@ class Watch:
         if self._client is None:
             raise BusError(f"{self.name} cannot be reached: {self.problem}")
         self._client.decide_offer(action, number)
+
+    def is_cut_by(self, number: int) -> bool:
+        """Whether the trajectory in play may leave the reach of the offered model."""
+        offers = [one.offer for one in self.doctor.values() if one.offer is not None]
+        status = self.status
+        return status is not None and any(
+            offer.number == number and cuts_trajectory(offer, status) for offer in offers
+        )
 
     def doctor_page(self, case: str) -> bytes:
         """The doctor's report on a case. Raises BusError."""

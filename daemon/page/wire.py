@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from dehyst.daemon.client.offer_change import describe_change
 from dehyst.daemon.page.buckets import FINEST_NS, Piece
 from dehyst.daemon.page.commanding import LONGEST_S
 from dehyst.daemon.page.trail import POINT_NS, join_trails
@@ -87,10 +88,11 @@ class Stop(_Ask, tag="stop", frozen=True):
 
 class DecideOffer(_Ask, tag="decide", frozen=True):
     """Accept or reject the doctor's offer of this number (text: a browser's numbers are too
-    short)."""
+    short). confirmed: also where the trajectory in play may leave the new reach."""
 
     action: Literal["accept", "reject"]
     offer: Annotated[str, Meta(pattern=r"^[0-9]{1,19}$")]
+    confirmed: bool = False
 
 
 Ask = Look | Past | Go | HoldAsked | Play | Stop | DecideOffer
@@ -219,12 +221,15 @@ def _axis(watch: Watch) -> dict[str, Any]:
 
 
 def describe_doctor(watch: Watch) -> str:
-    """What the doctor found, the newest last; numbers of offers as text."""
+    """What the doctor found, the newest last; numbers of offers as text, and what accepting one
+    changes (`change`)."""
     reports = []
     for one in watch.doctor.values():
         plain = msgspec.to_builtins(one)
         if one.offer is not None:
             plain["offer"]["number"] = str(one.offer.number)
+            if watch.status is not None:
+                plain["offer"]["change"] = describe_change(one.offer, watch.status)
         reports.append(plain)
     return encode_view("doctor", name=watch.name, reports=reports[-MOST_REPORTS:])
 

@@ -7,6 +7,7 @@ takes no more of the machine than a few.
 """
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -35,13 +36,16 @@ class Requests:
     @contextmanager
     def before_the_loop(self) -> Iterator[None]:
         """Around all that the process does: asked to end while numba compiles, which makes errors
-        of its own of the exit, it ends as at any other time before the loop runs."""
+        of its own of the exit or loses it, it ends as at any other time before the loop runs."""
+        before, sys.unraisablehook = sys.unraisablehook, self._report_unless_ended
         try:
             yield
         except Exception:
             if self._ended:
                 raise SystemExit(NOT_MOVED) from None
             raise
+        finally:
+            sys.unraisablehook = before
 
     def serve(self, stop: Callable[[], None], reload: Callable[[], None]) -> None:
         """The loop runs: stop() is called in the handler, reload() in a thread of its own. Not
@@ -51,6 +55,11 @@ class Requests:
             raise SystemExit(NOT_MOVED)
         thread = threading.Thread(target=self._run, args=(reload,), name="reload", daemon=True)
         thread.start()
+
+    def _report_unless_ended(self, lost: "sys.UnraisableHookArgs") -> None:
+        """An exit that a callback of LLVM cannot pass on is made up for in `serve`."""
+        if not (self._ended and isinstance(lost.exc_value, SystemExit)):
+            sys.__unraisablehook__(lost)
 
     def _on_stop(self, *_: Any) -> None:
         if self._stop is None:

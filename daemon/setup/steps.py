@@ -10,7 +10,7 @@ from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, forget_unit
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.loop.checks import check_unopened, devices_of, highest_rate
 from dehyst.daemon.setup import comparison, moving
-from dehyst.daemon.setup.units import FoundUnit, ask_port, known_ports, measure_rate
+from dehyst.daemon.setup.units import FoundUnit, ask_port, known_ports, measure_rate, output_of
 from dehyst.daemon.setup.workbench import CONFIG, MADE, MODEL, Workbench
 from dehyst.daemon.tools.config_text import SLEW_SPANS, limits_within, write_commented
 from dehyst.drivers.serial_port import list_serial_ports
@@ -49,7 +49,7 @@ def find_units(bench: Workbench) -> Result:
     for path in wishes.ports or tuple(known):
         unit = ask_port(path, axes[0], known[path]) if path in known else ask_port(path, axes[0])
         if unit is None:
-            bench.say(f"   {path}: no MDT693B, KPZ101 or KSG101 answers")
+            bench.say(f"   {path}: no MDT693B, MDT694B, KPZ101 or KSG101 answers")
         else:
             bench.say(f"   {path}: {unit.spec.identity or unit.driver}")
             found[unit.kind].append(unit)
@@ -77,6 +77,8 @@ def _units_of_axes(
 ) -> Result:
     """One amplifier, and a gauge for each axis, for the time being in the order of the ports: the
     gentle loops show which gauge sits on which axis."""
+    if not output_of(actuator.driver, axes[0]):
+        raise BadInput(f"--axes {','.join(axes)}: a {actuator.driver} has one output; use --axis")
     if len(gauges) < len(axes):
         raise NotNow(
             f"the axes {', '.join(axes)} need a gauge reader each, and {len(gauges)} answer; plug "
@@ -170,7 +172,8 @@ def write_configuration(bench: Workbench) -> Result:
             "loop": {"rate_hz": rate_hz},
             "actuator": {
                 "driver": units["actuator"]["driver"],
-                "settings": settings_of(units["actuator"]) | {"axis": units["axis"]},
+                "settings": settings_of(units["actuator"])
+                | output_of(units["actuator"]["driver"], units["axis"]),
             },
             "sensor": {
                 "driver": units["sensor"]["driver"],

@@ -46,6 +46,12 @@ def settings_for(port: str, serial: str) -> dict[str, Any]:
     return {"port": port} | ({"serial_number": serial} if serial else {})
 
 
+def output_of(driver: str, axis: str) -> dict[str, Any]:
+    """The setting that names the output of an amplifier; none where it has one output alone."""
+    settings = getattr(load_actuator(driver), "settings_type", None)
+    return {"axis": axis} if "axis" in getattr(settings, "__struct_fields__", ()) else {}
+
+
 def known_ports() -> dict[str, tuple[tuple[str, str], ...]]:
     """Ports whose USB numbers are those of such a unit, and what is behind each."""
     found: dict[str, tuple[tuple[str, str], ...]] = {}
@@ -63,8 +69,7 @@ def ask_port(
         settings: dict[str, Any] = {"port": path}
         device: Actuator | Sensor
         if kind == "actuator":
-            own = {"axis": axis} if (kind, driver) == ACTUATOR else {}
-            device = load_actuator(driver).from_settings(settings | own)
+            device = load_actuator(driver).from_settings(settings | output_of(driver, axis))
         else:
             device = load_sensor(driver).from_settings(settings)
         try:

@@ -19,6 +19,18 @@ def note(folder: Path, arguments: list[str]) -> None:
     write_text(folder / NOTE, json.dumps({"emulate": arguments}) + "\n")
 
 
+def noted(folder: Path) -> list[str]:
+    """The options of the bench whose ports are in `folder`; none where there is no note. Raises
+    BadInput where it cannot be read."""
+    path = folder / NOTE
+    if not path.is_file():
+        return []
+    try:
+        return [str(word) for word in json.loads(path.read_text())["emulate"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise BadInput(f"{path}: not the note of an emulated bench; delete it") from None
+
+
 def command_of(folder: Path, arguments: list[str]) -> str:
     """The command that starts it by itself."""
     return " ".join(["dehyst emulate", *arguments, "--dir", str(folder)])
@@ -30,14 +42,10 @@ def started_for(controller: Controller, say: Callable[[str], None]) -> Iterator[
     the bench runs already. Raises BadInput where its note cannot be read."""
     port = controller.axes[0].actuator.settings.get("port")
     folder = Path(str(port)).parent if isinstance(port, str) else Path()
-    path = folder / NOTE
-    if not isinstance(port, str) or Path(port).exists() or not path.is_file():
+    if not isinstance(port, str) or Path(port).exists() or not (folder / NOTE).is_file():
         yield
         return
-    try:
-        arguments = [str(word) for word in json.loads(path.read_text())["emulate"]]
-    except (OSError, ValueError, KeyError, TypeError):
-        raise BadInput(f"{path}: not the note of an emulated bench; delete it") from None
+    arguments = noted(folder)
     say(f"starting its emulated bench: {command_of(folder, arguments)}")
     bench = BenchProcess(folder, arguments)
     try:

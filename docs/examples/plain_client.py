@@ -81,13 +81,18 @@ def column(batch, name, kind="d"):
     return found
 
 
-def main():
-    """Go to the middle, play a sine for two seconds, stop; say what the telemetry saw."""
+def connect():
+    """A session with the daemon alone."""
     settings = zenoh.Config()
     settings.insert_json5("mode", '"client"')
     settings.insert_json5("connect/endpoints", f'["{ADDRESS}"]')
     settings.insert_json5("scouting/multicast/enabled", "false")
-    with zenoh.open(settings) as session:
+    return zenoh.open(settings)
+
+
+def main():
+    """Go to the middle, play a sine for two seconds, stop; say what the telemetry saw."""
+    with connect() as session:
         stage, samples = Stage(session), []
 
         def store(sample):  # a callback only stores

@@ -116,8 +116,12 @@ FULL_OUTPUT = 32767
 """voltage of pz_*_outputvolts at the unit's voltage limit."""
 
 # status bits of pz_get_pzstatusupdate
+ACTUATOR_CONNECTED = 0x01
 ZEROED = 0x10
 GAUGE_CONNECTED = 0x100
+LOOP_CLOSED = 0x400
+LIMIT_75_V = 0x1000  # the next two bits: 100 and 150 V
+OUTPUT_ENABLED = 0x8000_0000
 
 
 def encode_apt(name: str, *, source: int = HOST, destination: int = UNIT, **values: Any) -> bytes:

@@ -19,7 +19,9 @@ class AptKnobs(Settings, frozen=True):
 
     serial_number: Annotated[int, Meta(ge=0, description="what the unit calls itself")] = 0
     model: Annotated[str, Meta(max_length=8, description="what the unit is")] = ""
-    latency_s: Annotated[float, Meta(ge=0, description="from a request to its reply")] = 0.0002
+    latency_s: Annotated[float, Meta(ge=0, description="of each message, one after the other")] = (
+        0.0002
+    )
     chunk_size: Annotated[int, Meta(ge=0, description="bytes per write; 0: whole")] = 0
     seed: Annotated[int, Meta(description="of the garbage")] = 0
 
@@ -51,11 +53,13 @@ class AptUnit:
         self._random = random.Random(knobs.seed)
         self._requests: deque[tuple[float, AptMessage]] = deque()
         self._outgoing: deque[tuple[float, bytes]] = deque()
+        self._busy_until_s = 0.0
 
     def feed(self, data: bytes) -> None:
-        """Bytes from the host arrive now."""
-        due = self._clock() + self.knobs.latency_s
-        self._requests.extend((due, message) for message in self._decoder.feed(data))
+        """Bytes from the host arrive now; the unit takes one message after the other."""
+        for message in self._decoder.feed(data):
+            self._busy_until_s = max(self._busy_until_s, self._clock()) + self.knobs.latency_s
+            self._requests.append((self._busy_until_s, message))
 
     def take(self) -> bytes:
         """The next bytes that leave by now; requests that are due by now are carried out."""

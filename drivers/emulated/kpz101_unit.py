@@ -69,11 +69,22 @@ class Kpz101Unit(AptUnit):
                 return self._reply("pz_get_tpz_iosettings", **self._io)
             case "mod_req_chanenablestate":
                 return self._reply("mod_get_chanenablestate", chan=1, state=self._state)
+            case "pz_req_pzstatusupdate":  # other programs ask for it
+                return self._reply(
+                    "pz_get_pzstatusupdate", chan=1, output=self._counts, position=0,
+                    status=self._status(),
+                )  # fmt: skip
         before_v = self.output_v()
         self._change(message)
         if self.output_v() != before_v:
             self._on_output(self.output_v(), now)
         return b""
+
+    def _status(self) -> int:
+        enabled = self._state == codec.CHANNEL_ENABLED
+        status = codec.ACTUATOR_CONNECTED | (codec.OUTPUT_ENABLED if enabled else 0)
+        status |= codec.LIMIT_75_V << (self._io["voltage_limit"] - 1)
+        return status | (0 if self._mode in (1, 3) else codec.LOOP_CLOSED)
 
     def _change(self, message: AptMessage) -> None:
         values = message.values

@@ -32,8 +32,8 @@ from dehyst.drivers.settings import read_settings
 KIND = AptKind("kpz101", models=("KPZ101", "TPZ001"), prefixes=("29", "81"))
 BATCHES = Batches()
 
-EXPECTED_RATE_HZ = 100.0
-"""Before the unit has been timed."""
+EXPECTED_S, MOST_HZ = 0.01, 1000.0
+"""A write before the unit has been timed, and what none exceeds: USB has a frame a millisecond."""
 
 HIGHEST_V = max(VOLTAGE_LIMITS_V.values())
 
@@ -62,8 +62,8 @@ class Kpz101:
             minimum=0.0,
             maximum=settings.max_v or self._limit_v,
             resolution=self._limit_v / FULL_OUTPUT,
-            max_rate_hz=EXPECTED_RATE_HZ,
-            latency_s=1.0 / EXPECTED_RATE_HZ,
+            max_rate_hz=MOST_HZ,
+            latency_s=EXPECTED_S,
         )
 
     @classmethod
@@ -76,8 +76,8 @@ class Kpz101:
         self._known = unit
 
     def open(self) -> None:
-        """Connect, identify, check mode, sources and limit, enable the output and time a few
-        requests. The output does not move: one that was disabled is enabled at 0 V."""
+        """Connect, identify, check mode, sources and limit, enable the output and time a few sets
+        to where it stands. It does not move: one that was disabled is enabled at 0 V."""
         if self._link is not None:
             return
         settings = self.settings
@@ -90,13 +90,16 @@ class Kpz101:
             limit_v = self._checked_limit_v(link)
             maximum_v = settings.max_v or limit_v
             enable(link)
-            set_v = reported_counts(link) / FULL_OUTPUT * limit_v
+            counts = reported_counts(link)
+            set_v = counts / FULL_OUTPUT * limit_v
             if not 0.0 <= set_v <= maximum_v:
                 raise DriverConfigError(
                     f"{link.path}: the output stands at {set_v:g} V, outside the 0 to "
                     f"{maximum_v:g} V allowed; bring it there by hand, or change max_v"
                 )
-            times = BATCHES.best(lambda: reported_counts(link), self._clock)
+            # what it stands at is set again: a set costs the unit as much as the request for it
+            again = encode_apt("pz_set_outputvolts", chan=1, voltage=counts)
+            times = BATCHES.best(lambda: reported_counts(link, again), self._clock)
         except BaseException:
             link.close()
             raise

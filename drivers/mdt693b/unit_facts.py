@@ -42,7 +42,9 @@ def learn(link: Mdt693bLink, axis: str, max_v: float | None) -> UnitFacts:
         minimum_v = float(link.ask(words["min"].format(axis=axis)).value)
         axis_max_v = float(link.ask(words["max"].format(axis=axis)).value)
     except CommandRefused:
-        raise DriverConfigError(f"setting axis: this unit has no axis {axis!r}") from None
+        raise DriverConfigError(
+            f"setting axis: this unit has no axis {axis!r}; an MDT694B has x alone"
+        ) from None
     # The axis maximum is by default 0.5 V above the limit switch: the switch counts.
     maximum_v = min(limit_v, axis_max_v, limit_v if max_v is None else max_v)
     if not minimum_v < maximum_v:

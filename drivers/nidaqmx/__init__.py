@@ -1,5 +1,10 @@
-"""NI-DAQmx: an analog output into the amplifier's EXT input, a strain-gauge bridge in."""
+"""NI-DAQmx: an analog output into the amplifier's EXT input, a voltage or a bridge in.
 
-from dehyst.drivers.nidaqmx.devices import NidaqmxActuator, NidaqmxSensor
+Needs the NI driver software and `pip install dehyst[nidaqmx]`; the package is imported when a
+device is opened. Tested against stand-ins of the vendor's package and library, not on hardware.
+"""
+
+from dehyst.drivers.nidaqmx.actuator import NidaqmxActuator
+from dehyst.drivers.nidaqmx.sensor import NidaqmxSensor
 
 __all__ = ("NidaqmxActuator", "NidaqmxSensor")

@@ -5,7 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from dehyst.drivers.interface import DeviceGone, DeviceNotFound, DeviceTimeout, DriverError
+from dehyst.drivers.interface import (
+    DeviceGone,
+    DeviceNotFound,
+    DeviceTimeout,
+    DriverError,
+    UnitIdentity,
+    refuse_another,
+)
 
 TIMED_OUT = (-200284, -200292, -200474, -200560)
 """Status codes of NI-DAQmx for what did not happen in time: samples not yet available, samples
@@ -17,11 +24,13 @@ CONTEXT_T = np.dtype(
         ("task", np.int64),  # handle of the task; 0 while the channel is closed
         ("function", np.int64),  # address of the C function
         ("timeout_s", np.float64),
-        ("gain", np.float64),  # piezo volts per EXT volt; um per bridge ratio
-        ("zero", np.float64),  # bridge ratio at displacement 0
-        ("minimum", np.float64),  # what may be written [V]; bridge ratios that are readings
+        ("gain", np.float64),  # piezo volts per EXT volt; um per unit of the input
+        ("zero", np.float64),  # EXT volts at 0 V; the input at displacement 0
+        ("minimum", np.float64),  # what may be written [V]; input values that are readings
         ("maximum", np.float64),
         ("output_v", np.float64),  # the last voltage that was written, by whichever loop
+        ("count", np.int64),  # samples of a reading; 0: one value, read by itself
+        ("samples", np.int64),  # address of room for them and for one number more
     ]
 )
 """What both loops know of a channel; nidaqmx/direct_calls.py works on it."""
@@ -53,9 +62,16 @@ class Channel:
         self._task: Any = None
         self._error: type[Exception] = OSError
         self._context = np.zeros(1, CONTEXT_T)
+        self._known: UnitIdentity | None = None
+        self.unit: UnitIdentity | None = None
+        self.product = ""
+
+    def expect(self, unit: UnitIdentity) -> None:
+        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        self._known = unit
 
     def open(self) -> None:
-        """Reserve the channel. Moves nothing."""
+        """Reserve the channel, see which device it is of, and start it. Moves nothing."""
         if self._task is not None:
             return
         package = vendor()
@@ -64,13 +80,19 @@ class Channel:
         try:
             task = package.Task()
             self._add_channel(task, package.constants)
+            self._identify(task)
+            self._set_clock(task, package.constants)
             task.start()
+            self._started(task, package.constants)
+            self._task = task
+            self._context["task"] = handle_of(task)
+            self._prove()
         except (self._error, OSError) as error:
-            if task is not None:
-                task.close()
+            self._abandon(task)
             raise DeviceNotFound(f"nidaqmx {self.channel}: {error}") from None
-        self._task = task
-        self._context["task"] = handle_of(task)
+        except BaseException:
+            self._abandon(task)
+            raise
 
     def reconnect(self) -> None:
         """Reserve the channel again; the output does not move."""
@@ -79,17 +101,40 @@ class Channel:
 
     def close(self) -> None:
         """Release the channel; an output stays where it is. Safe to call twice."""
-        if self._task is None:
-            return
         task, self._task = self._task, None
         self._context["task"] = 0
+        self._abandon(task)
+
+    def _abandon(self, task: Any) -> None:
+        self._task = None
+        self._context["task"] = 0
         try:
-            task.close()
+            if task is not None:
+                task.close()
         except self._error:  # the device has gone; there is nothing left to release
             return
 
     def _add_channel(self, task: Any, constants: Any) -> None:
         raise TypeError(f"{type(self).__name__} has no channel")
+
+    def _set_clock(self, task: Any, constants: Any) -> None:
+        """The sample clock, where the settings want one."""
+
+    def _started(self, task: Any, constants: Any) -> None:
+        """What can be set on a task that runs only."""
+
+    def _prove(self) -> None:
+        """What is tried on an open channel before it is used."""
+
+    def _identify(self, task: Any) -> None:
+        """The device behind the channel; one that NI simulates has no serial number."""
+        device = next(iter(task.devices))
+        self.product = str(device.product_type)
+        number = int(device.dev_serial_num)
+        if number:  # printed on the device in hexadecimal
+            found = UnitIdentity(f"{number:X}", self.product, self.channel)
+            refuse_another(self.channel, found, self._known)
+            self.unit = self._known = found
 
     def _ready(self) -> Any:
         if self._task is None:

@@ -1,11 +1,13 @@
 """The NI-DAQmx channels as C functions, for the compiled loop.
 
-They call DAQmxWriteAnalogScalarF64 and DAQmxReadAnalogScalarF64 of the vendor's C library on the
-handle of the task that the driver has opened, and do what NidaqmxActuator.write and
-NidaqmxSensor.read do. The context is the record CONTEXT_T of channel.py. Signatures: NIDAQmx.h,
+They call functions of the vendor's C library on the handle of the task that the driver has opened,
+and do what NidaqmxActuator.write and NidaqmxSensor.read do. The context is the record CONTEXT_T of
+channel.py. Signatures: NIDAQmx.h,
 
     int32 DAQmxWriteAnalogScalarF64(TaskHandle, bool32 autoStart, float64 timeout, float64, bool32*)
     int32 DAQmxReadAnalogScalarF64(TaskHandle, float64 timeout, float64 *value, bool32*)
+    int32 DAQmxReadAnalogF64(TaskHandle, int32 samples, float64 timeout, bool32 fillMode,
+                             float64 *read, uInt32 room, int32 *samplesRead, bool32*)
 
 with a result below 0 for an error and above 0 for a warning.
 """
@@ -21,7 +23,7 @@ from numba import carray, cfunc, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from dehyst.drivers.direct_calls import SIGNATURE, Direct
+from dehyst.drivers.direct_calls import SIGNATURE, Direct, pointer
 from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange
 from dehyst.drivers.nidaqmx.channel import CONTEXT_T, fault_of
 
@@ -60,6 +62,26 @@ def _read_scalar(typing: Any, function: Any, task: Any, timeout_s: Any, value_at
     return types.int32(types.int64, types.int64, types.float64, types.int64), codegen
 
 
+@intrinsic
+def _read_many(
+    typing: Any, function: Any, task: Any, count: Any, timeout_s: Any, samples_at: Any
+) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        function, task, count, timeout_s, samples_at = arguments
+        handle, nothing = builder.inttoptr(task, _BYTES), ir.Constant(_BYTES, None)
+        number, by_channel = builder.trunc(count, _INT), ir.Constant(_INT, 0)
+        samples = builder.inttoptr(samples_at, _DOUBLE.as_pointer())
+        after = builder.bitcast(builder.gep(samples, [count]), _INT.as_pointer())
+        return _call(
+            builder,
+            function,
+            [handle, number, timeout_s, by_channel, samples, number, after, nothing],
+        )
+
+    kinds = (types.int64, types.int64, types.int64, types.float64, types.int64)
+    return types.int32(*kinds), codegen
+
+
 @cfunc(SIGNATURE, cache=True)
 def write(context, now_ns, value):  # type: ignore[no-untyped-def]
     """Set the output to value[0], volts at the piezo."""
@@ -69,7 +91,7 @@ def write(context, now_ns, value):  # type: ignore[no-untyped-def]
         return CLOSED
     if not c.minimum <= volts <= c.maximum:
         return NOT_IN_RANGE
-    status = _write_scalar(c.function, c.task, c.timeout_s, volts / c.gain)
+    status = _write_scalar(c.function, c.task, c.timeout_s, volts / c.gain + c.zero)
     if status < 0:
         return status
     c.output_v = volts
@@ -78,7 +100,7 @@ def write(context, now_ns, value):  # type: ignore[no-untyped-def]
 
 @cfunc(SIGNATURE, cache=True)
 def read(context, now_ns, value):  # type: ignore[no-untyped-def]
-    """Put one reading [um] into value[0]; NaN where the bridge is out of its range."""
+    """Put one reading [um] into value[0]; NaN where the input is out of its range."""
     c = carray(context, (1,), CONTEXT_T)[0]
     shown = carray(value, (1,), types.float64)
     if c.task == 0:
@@ -86,8 +108,29 @@ def read(context, now_ns, value):  # type: ignore[no-untyped-def]
     status = _read_scalar(c.function, c.task, c.timeout_s, shown.ctypes.data)
     if status < 0:
         return status
-    ratio = shown[0]
-    shown[0] = (ratio - c.zero) * c.gain if abs(ratio) <= c.maximum else math.nan
+    found = shown[0]
+    shown[0] = (found - c.zero) * c.gain if c.minimum <= found <= c.maximum else math.nan
+    return 0
+
+
+@cfunc(SIGNATURE, cache=True)
+def read_mean(context, now_ns, value):  # type: ignore[no-untyped-def]
+    """Put the mean of several samples [um] into value[0]; NaN where one is out of range."""
+    c = carray(context, (1,), CONTEXT_T)[0]
+    shown = carray(value, (1,), types.float64)
+    if c.task == 0:
+        return CLOSED
+    status = _read_many(c.function, c.task, c.count, c.timeout_s, c.samples)
+    if status < 0:
+        return status
+    samples = carray(pointer(c.samples), (c.count,), types.float64)
+    total = 0.0
+    for sample in samples:
+        if not c.minimum <= sample <= c.maximum:
+            shown[0] = math.nan
+            return 0
+        total += sample
+    shown[0] = (total / c.count - c.zero) * c.gain
     return 0
 
 
@@ -97,7 +140,9 @@ def actuator(channel: str, context: NDArray[Any]) -> Direct | None:
 
 
 def sensor(channel: str, context: NDArray[Any]) -> Direct | None:
-    """The bridge of an open driver; None as in actuator."""
+    """The input of an open driver; None as in actuator."""
+    if context["count"][0]:
+        return _direct(channel, context, read_mean.address, "DAQmxReadAnalogF64")
     return _direct(channel, context, read.address, "DAQmxReadAnalogScalarF64")
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.rigs.gateway_bench import Bench
+from tests.rigs.gateway_bench import Bench, started_bench
 
 
 @pytest.fixture
@@ -21,12 +21,8 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 @pytest.fixture(scope="module")
 def bench_of_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     """What `shared` hands out."""
-    bench = Bench(tmp_path_factory.mktemp("shared"))
-    try:
-        bench.start_gateway()
+    with started_bench(tmp_path_factory.mktemp("shared")) as bench:
         yield bench
-    finally:
-        bench.close()
 
 
 @pytest.fixture

@@ -148,6 +148,9 @@ class Desk:
         self.number += 1
         self.folder = self.top / f"block-{self.number}"
         self.folder.mkdir()
+        # the units that a controller of this name knows are those of this block alone
+        (self.folder / "runtime").mkdir(mode=0o700)
+        self.env["XDG_RUNTIME_DIR"] = str(self.folder / "runtime")
         for name in ("docs", "systemd", "daemon", "drivers", "models", ".git"):
             (self.folder / name).symlink_to(ROOT / name)
         for name in self.stage if block.language == "python" else ("other.csv",):

@@ -69,3 +69,38 @@ def test_units_run_commands_that_exist_and_their_own_user() -> None:
             assert promise in text
     assert "ExecStopPost=" in (UNITS / "dehyst.service").read_text()
     assert "BindsTo=dehyst.service" in (UNITS / "dehyst-gateway.service").read_text()
+
+
+def test_what_guards_the_output_comes_before_what_serves_clients() -> None:
+    """Loop and `safe` first, then the gateway, then who serves people and programs, the doctor
+    last: the order is the same as that of the processes of `dehyst run`."""
+    from dehyst.daemon.loop.timing.realtime import NICE
+
+    nice = {}
+    for name in SERVICES:
+        found = re.search(r"^Nice=(-?[0-9]+)$", (UNITS / name).read_text(), re.M)
+        assert found, f"{name} has no priority"
+        nice[name] = int(found.group(1))
+    loop, gateway, page, epics, doctor = (nice[name] for name in SERVICES)
+    assert loop < gateway < 0 < min(page, epics) <= max(page, epics) < doctor
+    assert NICE["safe"] < NICE["core"] <= NICE["run"] < NICE["gateway"] < 0 < NICE["page"]
+
+
+def test_a_process_of_a_terminal_leaves_the_priority_of_that_terminal_alone() -> None:
+    """The kernel weighs all that runs in one session together."""
+    group = Path("/proc/self/autogroup")
+    if not group.exists():
+        pytest.skip("this kernel does not group by sessions")
+    code = (
+        "import os, sys; from pathlib import Path\n"
+        "from dehyst.daemon.loop.timing.realtime import take_place\n"
+        "group = Path('/proc/self/autogroup'); before = group.read_text()\n"
+        "if os.fork() == 0: take_place('page'); os._exit(0)\n"
+        "os.wait(); member = group.read_text() == before\n"
+        "take_place('page'); print(member, group.read_text() != before)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True,
+        start_new_session=True, env={"PYTHONPATH": str(UNITS.parent / "src")},
+    )  # fmt: skip
+    assert done.stdout.split() == ["True", "True"]

@@ -81,5 +81,5 @@ def test_it_runs_from_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert str(tmp_path) in done.stdout.splitlines()[0]
     assert done.stdout.splitlines()[1] == "10"
-    for driver in ("mdt693b", "ksg101", "simulated", "nidaqmx", "iio"):
+    for driver in ("mdt693b", "ksg101", "simulated", "nidaqmx", "labjack", "iio", "python"):
         assert driver in done.stdout

@@ -6,7 +6,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -94,7 +95,8 @@ class Core:
 def environment() -> dict[str, str]:
     """For processes of this source tree."""
     return {k: v for k, v in os.environ.items() if k != "NOTIFY_SOCKET"} | {
-        "PYTHONPATH": str(ROOT / "src"), "DEHYST_SUPERVISED": "1"
+        "PYTHONPATH": str(ROOT / "src"), "DEHYST_SUPERVISED": "1",
+        "PYTHONFAULTHANDLER": "1",
     }  # fmt: skip
 
 
@@ -188,6 +190,18 @@ class Bench:
             self.gateway.wait(10.0)
         if self.has_loop:
             self.loop.close()
+
+
+@contextmanager
+def started_bench(folder: Path, **replaced: str) -> Iterator[Bench]:
+    """A bench whose gateway has seen the loop; it ends with the block."""
+    bench = Bench(folder, **replaced)
+    try:
+        bench.start_gateway()
+        bench.client().close()
+        yield bench
+    finally:
+        bench.close()
 
 
 def wait_until_heard(feed: StatusFeed) -> None:

@@ -64,7 +64,16 @@ class VirtualClock:
     """A clock that moves by LOOK_NS a look and wakes sleepers late by a given pattern."""
 
     def __init__(self, lateness_ns: Iterable[int]) -> None:
-        self.now_ns, self._late, self._sleeps = 0, list(lateness_ns), 0
+        self.cell = np.zeros(1, np.int64)  # the time, where a device in C may look at it
+        self._late, self._sleeps = list(lateness_ns), 0
+
+    @property
+    def now_ns(self) -> int:
+        return int(self.cell[0])
+
+    @now_ns.setter
+    def now_ns(self, value: int) -> None:
+        self.cell[0] = value
 
     def now(self) -> int:
         self.now_ns += LOOK_NS
@@ -95,9 +104,10 @@ class Rig:
         devices: tuple[Any, Any] | None = None,
         blocks: tuple[Block, ...] = (),
         origin: float = 0.0,
+        period_ns: int = PERIOD_NS,
     ):
         if devices is None:
-            settings: dict[str, Any] = {"stage": name, "period_s": PERIOD_NS * 1e-9}
+            settings: dict[str, Any] = {"stage": name, "period_s": period_ns * 1e-9}
             simulated = SimulatedActuator.from_settings(settings)
             devices = simulated, SimulatedSensor.from_settings(settings)
             self.stage = simulated.shared
@@ -105,10 +115,12 @@ class Rig:
                 device.open()
         actuator, sensor = devices
         compensator = Compensator(
-            model(0.0 if mode == "static" else 2e-5, blocks), PERIOD_NS * 1e-9, 0.0, 150.0, 4000.0,
+            model(0.0 if mode == "static" else 2e-5, blocks), period_ns * 1e-9, 0.0, 150.0, 4000.0,
             mode, 0.02,
         )  # fmt: skip
-        settings = LoopSettings.from_config(parse_config(CONFIG), origin, 0.0, 150.0, 0.1)
+        settings = LoopSettings.from_config(
+            parse_config(CONFIG + f"[loop]\nrate_hz = {1e9 / period_ns}\n"), origin, 0.0, 150.0, 0.1
+        )
         self.stepper = Stepper(settings, compensator, 0.0)
         self.rings = {
             name: Ring.scratch(dtype, size)

@@ -115,10 +115,12 @@ EXPENDABLE = {"page": 500, "doctor": 800}
 
 
 def take_place(command: str) -> None:
-    """This thread and those that it starts get the priority of their process, where allowed. In a
-    session of its own a process is weighed as a group, which has a value of its own."""
-    with suppress(OSError, KeyError):
-        Path("/proc/self/autogroup").write_text(f"{NICE[command]}", "ascii")
+    """This thread and those that it starts get the priority of their process, where allowed. A
+    session is weighed as a group, which has a value of its own: only the process that leads it
+    sets that, because all that runs in a terminal is of one session."""
+    if os.getsid(0) == os.getpid():
+        with suppress(OSError, KeyError):
+            Path("/proc/self/autogroup").write_text(f"{NICE[command]}", "ascii")
     with suppress(OSError, KeyError):
         os.setpriority(os.PRIO_PROCESS, 0, NICE[command])
     with suppress(OSError, KeyError):

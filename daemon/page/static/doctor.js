@@ -17,11 +17,24 @@ export class Doctor {
     for (const action of ["accept", "reject"]) {
       $(action).addEventListener("click", () => page.ask({ ask: "decide", action, offer: this.report.offer.number }));
     }
+    $("question").addEventListener("close", () => {
+      if ($("question").returnValue === "yes") {
+        page.ask({ ask: "decide", action: "accept", offer: this.asked, confirmed: true });
+      }
+    });
   }
 
   hear(said) {
     this.report = said.reports.length ? said.reports[said.reports.length - 1] : null;
     this.show();
+  }
+
+  // what accepting would cut: the operator decides
+  question(said) {
+    this.asked = said.offer;
+    $("question-text").textContent = `${said.text}. Points beyond it are played at the nearest place and flagged.`;
+    $("question").returnValue = "no";
+    if (!$("question").open) $("question").showModal();
   }
 
   show() {
@@ -43,6 +56,7 @@ export class Doctor {
       ["noise", `${number(r.noise, 3)} ${unitName(r.unit)} rms`],
       ...(r.rms_when_good >= 0 ? [["before the change", `${number(r.rms_when_good, 3)} ${unitName(r.unit)} rms`]] : []),
       ...(offer ? [["offered model, on later telemetry", `${number(offer.rms_in_use, 3)} becomes ${number(offer.rms_offered, 3)} ${unitName(r.unit)}`],
+        ...(offer.change ? [["accepting changes", pretty(offer.change)]] : []),
         ["on trial for", `${number(offer.trial_s)} s of motion, at most ${number(offer.trial_limit_s)} s in all`]] : []),
     ] : []);
     $("doctor-next").hidden = !(r && r.experiment.length);

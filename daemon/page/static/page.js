@@ -112,6 +112,7 @@ function hear(said) {
     case "events": if (said.name === page.name) said.events.forEach(addEvent); break;
     case "axes": axes.hear(said); break;
     case "doctor": if (said.name === page.name) doctor.hear(said); break;
+    case "question": doctor.question(said); break;
     case "said": page.say(said.text, said.wrong); break;
     default: break;
   }

@@ -8,23 +8,19 @@ from pathlib import Path
 
 import msgpack
 import pytest
-from tests.rigs.gateway_bench import ROOT, Bench, environment, free_port
+from tests.rigs.gateway_bench import ROOT, Bench, environment, free_port, started_bench, wait_until
 
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.client.client import Client
+from dehyst.daemon.rings.records import State
 
 pytestmark = pytest.mark.processes
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    bench = Bench(tmp_path_factory.mktemp("bench"))
-    try:
-        bench.start_gateway()
-        bench.client().close()
+    with started_bench(tmp_path_factory.mktemp("bench")) as bench:
         yield bench
-    finally:
-        bench.close()
 
 
 def test_a_client_of_the_older_keys_is_told_in_words(bench: Bench) -> None:
@@ -75,3 +71,32 @@ def test_the_plain_client_commands_and_reads(bench: Bench) -> None:
     status_reach = done.stdout
     assert status_reach
     assert targets[targets == targets].size > 300
+
+
+KILLED = """
+import sys, time
+sys.argv[1:] = [{address!r}]
+sys.path.insert(0, {folder!r})
+import plain_client, zenoh
+stage = plain_client.Stage(plain_client.connect())
+stage.acquire()
+while True:
+    stage.go(6.5)
+    time.sleep(0.05)
+"""
+
+
+def test_a_plain_client_that_is_killed_in_motion_leaves_the_stage_as_any_client_does(
+    bench: Bench,
+) -> None:
+    bench.rest()  # nobody else commands
+    code = KILLED.format(address=bench.address, folder=str(ROOT / "docs" / "examples"))
+    program = subprocess.Popen([sys.executable, "-P", "-c", code], env=environment())
+    newest = lambda: bench.loop.samples(bench.loop.seq - 1)[-1]  # noqa: E731
+    try:
+        wait_until("it moves", lambda: newest()["target"] == 6.5)
+    finally:
+        program.kill()
+        program.wait()
+    wait_until("it lets go", lambda: bench.loop.state == State.READY)
+    assert newest()["volts"] == pytest.approx(0.0, abs=0.1)

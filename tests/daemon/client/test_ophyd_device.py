@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import ROOT, Bench, environment
+from tests.rigs.gateway_bench import ROOT, Bench, environment, started_bench
 
 pytest.importorskip("ophyd_async", reason="ophyd-async is not installed")
 pytestmark = pytest.mark.processes
@@ -47,13 +47,8 @@ print("done")
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    bench = Bench(tmp_path_factory.mktemp("bench"))
-    try:
-        bench.start_gateway()
-        bench.client().close()
+    with started_bench(tmp_path_factory.mktemp("bench")) as bench:
         yield bench
-    finally:
-        bench.close()
 
 
 def test_bluesky_scans_and_flies_it(bench: Bench, tmp_path: Path) -> None:

@@ -8,12 +8,8 @@ from typing import Any
 import pytest
 
 from dehyst.daemon.bus.messages import ModelOffer
-from dehyst.daemon.commands.accept import (
-    cuts_trajectory,
-    describe_change,
-    new_reach,
-    require_consent,
-)
+from dehyst.daemon.client.offer_change import cuts_trajectory, describe_change, new_reach
+from dehyst.daemon.commands.accept import require_consent
 from dehyst.models.errors import BadInput, NotNow
 
 

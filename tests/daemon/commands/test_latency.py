@@ -4,12 +4,14 @@ import json
 import os
 import subprocess
 import sys
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dehyst.daemon.commands.latency import _default_hz
+from dehyst.daemon.commands.latency import _default_hz, _setup
+from dehyst.daemon.config import parse_config
 from dehyst.daemon.latency.latency import LatencyOutcome, Setup
 from dehyst.daemon.latency.machine import advice
 from dehyst.daemon.loop.timing.histogram import Histogram
@@ -38,6 +40,30 @@ def test_measures_the_loop_and_says_so_in_json(engine: str) -> None:
         assert figures == sorted(figures)
         assert figures[0] > 0
     assert found["missed"] == sum(found["missed_by"].values())
+
+
+NI = '{driver = "nidaqmx", settings = {channel = "Dev1/ao0"}}'
+BRIDGE = '{driver = "nidaqmx", settings = {channel = "Dev1/ai0", um_per_v_per_v = 8000.0}}'
+
+
+@pytest.mark.parametrize(
+    ("actuator", "sensor", "engine"),
+    [
+        (NI, BRIDGE, "compiled"),
+        (NI, '{driver = "ksg101"}', "python"),
+        ('{driver = "kpz101"}', BRIDGE, "python"),
+    ],
+)
+def test_the_engine_is_the_one_that_the_devices_admit(
+    actuator: str, sensor: str, engine: str
+) -> None:
+    config = parse_config(
+        f'name = "a"\nmodel = {{file = "none"}}\nactuator = {actuator}\nsensor = {sensor}\n'
+        "limits = {min_v = 0.0, max_v = 75.0, slew_v_per_s = 4000.0}\n"
+    )
+    options = ("rate", "engine", "priority", "cpu", "spin")
+    args = Namespace(**dict.fromkeys(options), seconds=1.0)
+    assert _setup(args, config, 100.0).engine == engine
 
 
 def test_times_the_emulated_devices_and_refuses_what_they_cannot() -> None:

@@ -50,6 +50,13 @@ def test_a_unit_is_recorded_and_understood(tmp_path, capsys, dialect):
     assert interpret(exchanges).answers == printed["answers"]
 
 
+def test_an_mdt694b_is_named(tmp_path, capsys):
+    knobs = Mdt693bKnobs(axes="x", latency_s=0.0, jitter_s=0.0)
+    with Mdt693bEmulator(tmp_path / "port", knobs) as emulator:
+        assert main(["probe", emulator.port]) == 0
+        assert "MDT694B, firmware 1.10" in capsys.readouterr().out
+
+
 def test_sets_are_timed_only_where_the_output_stands(tmp_path, capsys):
     knobs = Mdt693bKnobs(latency_s=0.0, jitter_s=0.0, start_v=20.0)
     with Mdt693bEmulator(tmp_path / "port", knobs) as emulator:
@@ -70,7 +77,7 @@ def test_a_silent_or_strange_port_is_a_finding(tmp_path, capsys):
         assert "does not answer" in capsys.readouterr().out
         emulator.fault(mute=False, garbage=True, count=1000)
         assert main(["probe", emulator.port]) == 1
-        assert "which is no MDT693B, KPZ101 or KSG101" in capsys.readouterr().out
+        assert "which is no MDT693B, MDT694B, KPZ101 or KSG101" in capsys.readouterr().out
     assert main(["probe", emulator.port]) == 2
     assert "there is no port" in capsys.readouterr().err
 
@@ -112,10 +119,11 @@ def test_drivers_with_a_name_lists_the_settings_of_both_kinds(capsys):
     assert main(["drivers", "nidaqmx", "--json"]) == 0
     listed = {entry["kind"]: entry["settings"] for entry in json.loads(capsys.readouterr().out)}
     scale = next(key for key in listed["sensor"] if key["name"] == "um_per_v_per_v")
-    assert (scale["required"], scale["unit"]) == (True, "um per V per V")
+    assert (scale["required"], scale["unit"]) == (False, "um per V per V")
+    assert next(key for key in listed["sensor"] if key["name"] == "channel")["required"]
     assert "displacement per bridge ratio" in scale["meaning"]
     gain = next(key for key in listed["actuator"] if key["name"] == "gain")
-    assert (gain["default"], gain["type"]) == (15.0, "a number, above 0")
+    assert (gain["default"], gain["type"]) == (15.0, "a number")
     assert main(["drivers", "mdt693b"]) == 0
     assert "longest wait for a reply" in capsys.readouterr().out
     assert main(["drivers", "mdt694b"]) == 2
@@ -150,3 +158,50 @@ def test_a_piezo_driver_is_recognised_and_not_touched(tmp_path, capsys, unit):
     assert (found["unit"], found["model"], found["serial"]) == ("kpz101", "KPZ101", "29000123")
     assert (found["limit_v"], found["enabled"], found["open_loop"]) == (75.0, False, False)
     assert found["output_v"] == pytest.approx(30.0, abs=0.01)
+
+
+CONFIG = """
+name = "probed"
+run_dir = "{folder}"
+model = {{file = "none"}}
+limits = {{min_v = 0.0, max_v = 100.0, slew_v_per_s = 4000.0}}
+[actuator]
+driver = "{actuator}"
+settings = {{{settings}}}
+[sensor]
+driver = "simulated"
+settings = {{stage = "probed", sensor_noise_um = 0.0}}
+"""
+
+
+def test_the_devices_of_a_configuration_of_any_driver(tmp_path, capsys):
+    (tmp_path / "bought.py").write_text("class Amplifier:\n    volts = 12.5\n")
+    settings = 'object = "bought:Amplifier", write = "volts", output = "volts", max_v = 120.0, '
+    settings += f'folder = "{tmp_path}"'
+    path = tmp_path / "stage.toml"
+    path.write_text(CONFIG.format(folder=tmp_path, actuator="python", settings=settings))
+    assert main(["probe", "--config", str(path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    actuator, sensor = found["actuator"], found["sensor"]
+    assert (actuator["identity"], actuator["stands_at"]) == ("Amplifier of bought:Amplifier", 12.5)
+    assert (actuator["minimum"], actuator["maximum"], actuator["compiled"]) == (0.0, 120.0, False)
+    assert 0.0 < 1.0 / actuator["max_rate_hz"] < 1.0
+    assert (sensor["driver"], sensor["unit"], sensor["compiled"]) == ("simulated", "um", True)
+    assert main(["probe", "--config", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "actuator: python: Amplifier of bought:Amplifier" in said
+    assert "0 to 120 V in steps of 0 V; stands at 12.5 V" in said
+    assert "Hz sustained; Python loop" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ([], "give a PORT, or --config FILE"),
+        (["/dev/ttyACM0", "--config", "stage.toml"], "give a PORT, or --config FILE"),
+        (["--config", "stage.toml", "--sets", "3"], "--sets goes with a PORT"),
+    ],
+)
+def test_a_port_or_a_configuration(words, says, capsys):
+    assert main(["probe", *words]) == 2
+    assert says in capsys.readouterr().err

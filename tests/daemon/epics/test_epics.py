@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import Bench, environment, free_port, wait_until
+from tests.rigs.gateway_bench import Bench, environment, free_port, started_bench, wait_until
 
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.rings.records import State
@@ -21,10 +21,15 @@ SCAN = Path(__file__).parent / "ophyd_scan.py"
 
 
 class Served:
-    """`dehyst epics` beside a bench, and public clients of it."""
+    """`dehyst epics` beside a bench, and public clients of it, with a repeater of their own: the
+    one that a client starts by itself keeps the client's pipes open for good."""
 
     def __init__(self, bench: Bench, *arguments: str) -> None:
-        self.port = free_port()
+        self.port, self.repeater_port = free_port(), free_port()
+        self.repeater = subprocess.Popen(
+            [sys.executable, "-m", "caproto.commandline.repeater", "--quiet"],
+            env=self.environment, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
         command = [sys.executable, "-m", "dehyst.daemon.main", "epics", "--connect", bench.address]
         command += ["--prefix", "LAB:", "--port", str(self.port), "--name", "bench", *arguments]
         self.process = subprocess.Popen(
@@ -44,6 +49,7 @@ class Served:
             "EPICS_CA_ADDR_LIST": "127.0.0.1",
             "EPICS_CA_AUTO_ADDR_LIST": "NO",
             "EPICS_CA_SERVER_PORT": str(self.port),
+            "EPICS_CA_REPEATER_PORT": str(self.repeater_port),
         }
 
     def client(self, command: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
@@ -61,18 +67,15 @@ class Served:
     def close(self) -> int:
         self.process.terminate()
         self.process.communicate(timeout=20)
+        self.repeater.kill()
+        self.repeater.wait()
         return self.process.returncode
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    bench = Bench(tmp_path_factory.mktemp("bench"))
-    try:
-        bench.start_gateway()
-        bench.client().close()
+    with started_bench(tmp_path_factory.mktemp("bench")) as bench:
         yield bench
-    finally:
-        bench.close()
 
 
 @pytest.fixture
@@ -173,7 +176,7 @@ def test_killed_in_motion_the_stage_ends_as_after_any_client(bench: Bench) -> No
     assert served.client("put", "LAB.VAL", "7.0").returncode == 0
     wait_until("it moves", lambda: bench.loop.samples(bench.loop.seq - 1)[-1]["target"] == 7.0)
     served.process.kill()
-    served.process.communicate()
+    served.close()
     wait_until("it lets go", lambda: bench.loop.state == State.READY, 30.0)
     assert bench.loop.samples(bench.loop.seq - 1)[-1]["volts"] == pytest.approx(0.0, abs=0.1)
 
@@ -187,3 +190,22 @@ def test_another_client_is_seen_and_respected(bench: Bench, served: Served) -> N
         refused = served.client("put", "-c", "LAB.VAL", "4.0")
         assert refused.returncode != 0 or "fail" in (refused.stdout + refused.stderr).lower()
         assert bench.loop.samples(bench.loop.seq - 1)[-1]["target"] == 6.0
+
+
+def test_beacons_that_nobody_hears_are_not_on_the_screen(bench: Bench, tmp_path: Path) -> None:
+    """Without a repeater the kernel refuses every beacon but the first."""
+    log = tmp_path / "epics.txt"
+    command = [sys.executable, "-m", "dehyst.daemon.main", "epics", "--connect", bench.address]
+    with open(log, "wb") as words:
+        process = subprocess.Popen(
+            [*command, "--port", str(free_port())],
+            env=environment() | {"EPICS_CAS_BEACON_PORT": str(free_port())},
+            stdin=subprocess.DEVNULL, stderr=words,
+        )  # fmt: skip
+    try:
+        wait_until("it serves", lambda: "dehyst epics: dehyst:bench" in log.read_text())
+        time.sleep(1.0)  # six beacons, at 0.02, 0.04, ... 0.64 s
+    finally:
+        process.terminate()
+        assert process.wait(20.0) == 0
+    assert len(log.read_text().splitlines()) == 1, log.read_text()

@@ -11,7 +11,7 @@ from pathlib import Path
 import httpx
 import pytest
 from tests.rigs.chromium import Chromium, needs_chromium
-from tests.rigs.gateway_bench import Bench, free_port
+from tests.rigs.gateway_bench import Bench, free_port, started_bench
 from tests.rigs.page import PageProcess
 from tests.rigs.processes import until
 
@@ -58,12 +58,8 @@ class Proxy:
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    bench = Bench(tmp_path_factory.mktemp("proxied"))
-    try:
-        bench.start_gateway()
+    with started_bench(tmp_path_factory.mktemp("proxied")) as bench:
         yield bench
-    finally:
-        bench.close()
 
 
 @pytest.fixture(scope="module", params=["nginx", "caddy"])

@@ -5,6 +5,7 @@ Skipped where there is no Chromium with its driver.
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -319,6 +320,43 @@ def test_what_the_doctor_found_is_shown_and_markup_in_it_stays_text(
     accept.click()  # the daemon knows no such offer, and is asked for the very number
     window.until("refused", lambda: "no such offer" in window.text("said"))
     assert "owned" not in window.chrome.title
+    assert window.complaints() == []
+
+
+def test_accepting_asks_where_the_trajectory_in_play_may_be_cut(
+    window: Chromium, service: Service
+) -> None:
+    """What accepting changes stands beside the button; a no decides nothing."""
+    offer = ModelOffer(
+        number=77, seconds=10.0, rms_in_use=0.3, rms_offered=0.03, noise=0.02, trial_s=10.0,
+        reach_in_use=(0.0, 20.0), reach_offered=(1.0, 20.0),
+    )  # fmt: skip
+    found = DoctorReport(
+        case="mismatch-2", time_ns=time.monotonic_ns(), wall_ns=time.time_ns(), changed_wall_ns=1,
+        state="found", verdict="explained", says="Found: creep.", unit="um", noise=0.02,
+        rms_in_use=0.3, rms_augmented=0.02, effects=(), offer=offer,
+    )  # fmt: skip
+    with Bus.connect([f"tcp/127.0.0.1:{service.port}"]) as bus:
+        sender = bus.sender(Keys("dehyst", "test").pubsub(subject(DOCTOR)), DOCTOR)
+        put = lambda: sender.put(encoding.encode(found))  # noqa: E731
+        until(lambda: put() or "reach:" in window.text("doctor-figures"))
+    accept = window.chrome.find_element("id", "accept")
+    question = window.chrome.find_element("id", "question")
+    t_s = np.arange(0.0, 60.0, 0.01)
+    with service.client() as client:
+        player = threading.Thread(target=client.play, args=(t_s, 8.0 + np.sin(t_s)), daemon=True)
+        player.start()
+        window.until("it plays", lambda: not client.status().trajectory_done)
+        for answer, follows in (("no", "Found: creep"), ("yes", "no such offer")):
+            accept.click()
+            window.until("it asks", question.is_displayed)
+            assert "may leave the new reach" in window.text("question-text")
+            question.find_element("css selector", f"button[value={answer}]").click()
+            window.until("it has closed", lambda: not question.is_displayed())
+            where = "doctor-says" if answer == "no" else "said"
+            window.until("what follows", lambda f=follows, w=where: f in window.text(w))  # type: ignore[misc]
+        client.stop()
+        player.join(20.0)
     assert window.complaints() == []
 
 

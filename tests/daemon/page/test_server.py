@@ -10,7 +10,7 @@ import httpx
 import numpy as np
 import pytest
 from tests.rigs.axes_bench import AxesBench
-from tests.rigs.gateway_bench import Bench, wait_until
+from tests.rigs.gateway_bench import Bench, started_bench, wait_until
 from tests.rigs.page import Browser, PageProcess
 from tests.rigs.stage_model import kept_model
 from websockets.exceptions import InvalidStatus
@@ -50,12 +50,8 @@ def shared_page(page_of_module: PageProcess, shared: Bench) -> PageProcess:
 @pytest.fixture(scope="module")
 def still_bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     """One for all tests that move nothing and end nothing."""
-    bench = Bench(tmp_path_factory.mktemp("still"))
-    try:
-        bench.start_gateway()
+    with started_bench(tmp_path_factory.mktemp("still")) as bench:
         yield bench
-    finally:
-        bench.close()
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from tests.rigs.gateway_bench import Bench, free_port
+from tests.rigs.gateway_bench import Bench, free_port, started_bench
 from tests.rigs.page import Browser, PageProcess
 from tests.rigs.processes import until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -29,12 +29,8 @@ RIGHT = ("alice", "correct horse")
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    bench = Bench(tmp_path_factory.mktemp("strangers"))
-    try:
-        bench.start_gateway()
+    with started_bench(tmp_path_factory.mktemp("strangers")) as bench:
         yield bench
-    finally:
-        bench.close()
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,13 @@
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 
 import pytest
+from tests.rigs.gateway_bench import ROOT
 
 from dehyst.daemon.service.requests import Requests
 
@@ -49,3 +52,24 @@ def test_an_exit_that_was_swallowed_is_made_up_for_before_the_loop_runs(requests
 def test_an_error_that_nobody_asked_for_stays_one(requests: Requests) -> None:
     with pytest.raises(RuntimeError, match="no compiled object"), requests.before_the_loop():
         raise RuntimeError("no compiled object yet")
+
+
+LOST = """
+import ctypes, os, signal
+from dehyst.daemon.service.requests import Requests
+
+requests = Requests()
+with requests.before_the_loop():
+    ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.{number}))()
+    requests.serve(lambda: None, lambda: None)
+    print("served")
+"""
+
+
+@pytest.mark.parametrize("number", ["SIGTERM", "SIGINT"])
+def test_an_exit_that_a_callback_from_c_loses_leaves_no_traceback(number: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", LOST.format(number=number)], capture_output=True, text=True,
+        env={"PYTHONPATH": str(ROOT / "src")}, timeout=60, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -47,3 +47,18 @@ def test_its_requests_are_answered_in_what_it_understands() -> None:
     assert (volts.msg, volts.voltage) == ("pz_get_outputvolts", 16384)
     assert (limit.msg, limit.voltage_limit) == ("pz_get_tpz_iosettings", 2)
     assert (info.serial_number, info.model_number.rstrip(b"\0")) == (29000123, b"KPZ101")
+
+
+@pytest.mark.parametrize(("enabled", "mode"), [(True, 1), (False, 1), (True, 2)])
+def test_it_understands_the_status(enabled: bool, mode: int) -> None:
+    knobs = Kpz101Knobs(latency_s=0.0, enabled=enabled, mode=mode, start_v=75.0)
+    unit = Kpz101Unit(knobs, clock=lambda: 0.0)
+    unit.feed(apt.pz_req_pzstatusupdate(chan_ident=1, dest=UNIT, source=HOST))
+    unpacker = apt.Unpacker()
+    while raw := unit.take():
+        unpacker.feed(raw)
+    (status,) = list(unpacker)
+    assert (status.msg, status.output_voltage) == ("pz_get_pzstatusupdate", 16384)
+    assert (status.enabled, status.control_mode) == (enabled, mode == 2)
+    assert (status.connected, status.strain_gauge_connected) == (True, False)
+    assert (status.max_75V, status.max_100V, status.max_150V) == (False, False, True)

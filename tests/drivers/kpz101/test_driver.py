@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import pytest
 
+from dehyst.drivers.apt.codec import encode_apt
 from dehyst.drivers.contract import ActuatorContract
 from dehyst.drivers.emulated.kpz101_knobs import Kpz101Faults, Kpz101Knobs
 from dehyst.drivers.emulated.kpz101_unit import Kpz101Unit
@@ -106,6 +107,31 @@ def test_learns_the_unit(make: Make) -> None:
     assert device.unit is not None
     assert device.unit.serial == "29000123"
     assert device.spec.resolution == pytest.approx(100 / 32767)
+    device.close()
+
+
+def test_the_emulated_unit_takes_one_message_after_the_other() -> None:
+    """In virtual time: 2 ms for each message, and a write is two of them."""
+    unit = Kpz101Unit(Kpz101Knobs(latency_s=2e-3), clock=lambda: now_s)
+    now_s, messages = 0.0, []
+    first = encode_apt("pz_set_outputvolts", chan=1, voltage=0)
+    unit.feed(first + encode_apt("pz_req_outputvolts", chan=1))
+    while not messages:
+        due_s = unit.next_due_s()
+        assert due_s is not None
+        now_s = due_s
+        messages = [data for data in (unit.take(),) if data]
+    assert now_s == pytest.approx(4e-3)
+
+
+@pytest.mark.processes
+def test_the_declared_rate_is_that_of_sets_not_of_requests(make: Make) -> None:
+    rig = make(latency_s=4e-3)
+    device = rig.driver()
+    device.open()
+    assert device.spec.latency_s >= 2 * 4e-3  # both messages are in it
+    assert device.spec.max_rate_hz <= 1.0 / (2 * 4e-3)
+    assert (rig.unit.sets_done > 0, rig.outputs_v) == (True, [])
     device.close()
 
 

@@ -159,7 +159,9 @@ def test_both_loops_give_the_same_records(
     records, outputs = [], []
     for compiled in (False, True):
         standin = Standin(library, monkeypatch)
-        rig = Rig(next(names), mode, [300_000, 0, 1_400_000], devices=opened())
+        devices = opened()
+        standin.device.calls = 0  # how often an input was timed is no part of the step
+        rig = Rig(next(names), mode, [300_000, 0, 1_400_000], devices=devices)
         batches = [setpoint(4.0), setpoint(-3.0), setpoint(9.0), setpoint(2.0)]
         records.append(rig.play(batches, 150, compiled))
         records[-1]["cause"] = 0  # why this machine was late is not part of the step

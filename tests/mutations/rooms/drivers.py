@@ -6,6 +6,7 @@ DRIVER, LINK = "drivers/mdt693b/driver.py", "drivers/mdt693b/link.py"
 FACTS, EXCHANGE = "drivers/mdt693b/unit_facts.py", "drivers/mdt693b/exchange.py"
 REPLIES, CODEC = "drivers/mdt693b/replies.py", "drivers/mdt693b/codec.py"
 APT_CODEC, APT_LINK, KPZ = "drivers/apt/codec.py", "drivers/apt/link.py", "drivers/kpz101/driver.py"
+OBJECT, ENDPOINT = "drivers/python_object/devices.py", "drivers/python_object/endpoint.py"
 
 CHANGES = [
     *room(
@@ -292,11 +293,114 @@ CHANGES = [
             "a set that the unit ignores is taken as carried out",
         ),
         Change(
+            "piezo-timed-without-its-set",
+            KPZ,
+            "reported_counts(link, again), self._clock)",
+            "reported_counts(link), self._clock)",
+            "the declared rate is about twice the one that writes achieve",
+        ),
+        Change(
             "piezo-other-model",
             APT_LINK,
             "if not model.startswith(kind.models):",
             "if False:",
             "any unit that speaks APT is driven as a piezo driver",
+        ),
+    ),
+    *room(
+        ("tests/drivers/python_object/test_devices.py",),
+        Change(
+            "object-beyond-its-range",
+            OBJECT,
+            "if not settings.min_v <= volts <= settings.max_v:  # NaN included",
+            "if False:",
+            "a voltage outside the limits reaches somebody else's object",
+        ),
+        Change(
+            "object-gain-turned-round",
+            OBJECT,
+            "self._call(self._set, volts / settings.gain)",
+            "self._call(self._set, volts * settings.gain)",
+            "an amplifier of gain 15 is given 225 times the voltage",
+        ),
+        Change(
+            "object-rate-believed",
+            OBJECT,
+            "if declared_hz is not None and declared_hz > sustained_hz:",
+            "if False:",
+            "a rate that no call sustains is accepted",
+        ),
+        Change(
+            "object-asynchronous",
+            ENDPOINT,
+            "if inspect.iscoroutinefunction(method):",
+            "if False:",
+            "every write is accepted and none is carried out",
+        ),
+        Change(
+            "object-of-a-lost-unit",
+            OBJECT,
+            "self._shared.drop(self._object)",
+            "pass",
+            "after a fault the sensor goes on with the object that failed",
+        ),
+    ),
+    *room(
+        ("tests/drivers/nidaqmx/test_clocked.py",),
+        Change(
+            "newest-samples-not-read",
+            "drivers/nidaqmx/sensor.py",
+            "task.in_stream.offset = -settings.average",
+            "task.in_stream.offset = 0",
+            "a reading is what was sampled a second ago",
+        ),
+        Change(
+            "input-range-not-compiled",
+            "drivers/nidaqmx/direct_calls.py",
+            "        if not c.minimum <= sample <= c.maximum:\n            shown[0]",
+            "        if False:\n            shown[0]",
+            "compiled code takes an input that is out of its range for a reading",
+        ),
+        Change(
+            "output-at-once",
+            "drivers/nidaqmx/actuator.py",
+            "        if self.settings.clock_hz is None:\n",
+            "        if self.settings.clock_hz is not None:\n",
+            "the output changes whenever the loop wakes, not at the clock's edges",
+        ),
+    ),
+    *room(
+        ("tests/drivers/labjack/test_devices.py",),
+        Change(
+            "labjack-handle-kept",
+            "drivers/labjack/channel.py",
+            "self._shared.drop(self._handle)",
+            "pass",
+            "after a fault the unit is asked over a connection that is lost",
+        ),
+        Change(
+            "labjack-not-asked",
+            "drivers/labjack/actuator.py",
+            "        if not settings.reports:\n            return\n",
+            "        return\n",
+            "where the output stands at the start is not known, and is taken for known",
+        ),
+        Change(
+            "labjack-without-its-zero",
+            "drivers/labjack/direct_calls.py",
+            "volts / c.gain + c.zero)",
+            "volts / c.gain)",
+            "compiled code drives an amplifier with an offset to another voltage than Python",
+        ),
+    ),
+    *room(
+        ("tests/daemon/loop/test_past_output.py",),
+        Change(
+            "output-that-nobody-asked",
+            "daemon/loop/checks.py",
+            "asked = actuator is None or actuator.spec.output_known",
+            "asked = True",
+            "after a restart an output that cannot be asked jumps to where the settings begin",
         ),
     ),
     *room(

@@ -3,6 +3,7 @@
 from tests.mutations.change import Change, room
 
 RECORDS, PROFILE = "daemon/epics/records.py", "daemon/epics/profile.py"
+SERVER, OPEN = "daemon/epics/server.py", "daemon/client/open_protocol.py"
 
 CHANGES = [
     *room(
@@ -44,6 +45,33 @@ CHANGES = [
             "            if view.on_target and not view.flying:\n",
             "            if True:\n",
             "a put with completion returns before the stage is there",
+        ),
+    ),
+    *room(
+        ("tests/daemon/epics/test_epics.py::test_beacons_that_nobody_hears_are_not_on_the_screen",),
+        Change(
+            "every-beacon-a-traceback",
+            SERVER,
+            "    return not str(record.msg).startswith(BEACONS)\n",
+            "    return True\n",
+            "without a repeater on the machine the log fills with tracebacks",
+        ),
+    ),
+    *room(
+        ("tests/daemon/client/test_open_protocol.py",),
+        Change(
+            "tolerance-of-nan",
+            OPEN,
+            "    if not (math.isfinite(tolerance) and tolerance >= 0.0):\n",
+            "    if tolerance < 0.0:\n",
+            "a stage is never, or always, on target",
+        ),
+        Change(
+            "served-to-the-network",
+            OPEN,
+            "    if not local and not allowed:\n",
+            "    if False:\n",
+            "whoever reaches the address commands the stage, and nobody allowed it",
         ),
     ),
 ]

@@ -170,4 +170,17 @@ CHANGES = [
             "if False:", "a trajectory that was checked for one stage moves another",
         ),
     ),
+    *room(
+        ("tests/daemon/page/test_other_programs.py",),
+        Change(
+            "programs-shut-out", GUARD, '            anywhere = "origin" not in headers\n',
+            "            anywhere = False\n",
+            "a program that is no browser cannot use the WebSocket",
+        ),
+        Change(
+            "any-site-commands", GUARD, '            anywhere = "origin" not in headers\n',
+            "            anywhere = True\n",
+            "a page of another site, open in the same browser, commands the stage",
+        ),
+    ),
 ]  # fmt: skip

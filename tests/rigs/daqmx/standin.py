@@ -10,11 +10,17 @@ import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 SOURCE = Path(__file__).with_name("standin.c")
+
+
+PLAYS, CHANGES = 8, 256
+GAIN, MONITOR_V_PER_UM, MONITOR_ZERO_V, MONITOR_NOISE_V = 15.0, 0.5, 0.25, 1e-3
+"""Of the amplifier behind the output and the monitor behind the input, as in standin.c."""
+SERIAL = 0x1D2C3B4
 
 
 class Device(ctypes.Structure):
@@ -29,6 +35,21 @@ class Device(ctypes.Structure):
         ("output_v", ctypes.c_double),
         ("timeout_s", ctypes.c_double),
         ("broken_ratio", ctypes.c_double),
+        ("clock", ctypes.c_void_p),
+        ("output_hz", ctypes.c_double),
+        ("sample_hz", ctypes.c_double),
+        ("offset", ctypes.c_int32),
+        ("monitor", ctypes.c_int32),
+        ("r", ctypes.c_double * PLAYS),
+        ("b", ctypes.c_double * PLAYS),
+        ("w", ctypes.c_double * PLAYS),
+        ("edge_ns", ctypes.c_int64),
+        ("pending", ctypes.c_int32),
+        ("pending_v", ctypes.c_double),
+        ("changes", ctypes.c_int64),
+        ("change_ns", ctypes.c_int64 * CHANGES),
+        ("um", ctypes.c_double * CHANGES),
+        ("monitor_um", ctypes.c_double),
     )
 
 
@@ -45,35 +66,46 @@ def compile_library(folder: Path) -> str:
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler here to make the stand-in for NI's library with")
-    path = folder / "libnidaqmx-standin.so"
-    command = [compiler, "-shared", "-fPIC", "-O1", "-Wall", "-Werror", "-o", path, SOURCE]
+    path = folder / "libnidaqmx.so"
+    command = [compiler, "-shared", "-fPIC", "-O1", "-Wall", "-Werror", "-o", path, SOURCE, "-lm"]
+    command.append("-Wl,-soname,libnidaqmx.so")  # what a process finds it by
     subprocess.run(command, check=True)
     return str(path)
 
 
 class Standin:
-    """A fresh device behind the library at `path`, and the package in front of it.
+    """A fresh device behind the library at `path`, and the package in front of it: in place of the
+    vendor's while a test runs; monkeypatch: None: the caller places it.
 
     `plugged = False` takes it away: every call fails, no task can be made.
     """
 
-    def __init__(self, path: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, path: str, monkeypatch: pytest.MonkeyPatch | None = None) -> None:
         self.library = ctypes.CDLL(path)
         self.device = Device.in_dll(self.library, "device")
-        self.device.calls, self.device.fail_in, self.device.warning = 0, -1, 0
-        self.device.output_v = self.device.broken_ratio = 0.0
-        self.plugged = True
-        self._next_task = 1
-        package: Any = ModuleType("nidaqmx")
+        task = self.device.task
+        ctypes.memset(ctypes.addressof(self.device), 0, ctypes.sizeof(self.device))
+        self.device.task, self.device.fail_in = task, -1
+        self.plugged, self.has_output_clock, self.serial = True, True, SERIAL
+        self.asked: list[tuple[str, dict[str, Any]]] = []
+        self.package = package = cast(Any, ModuleType("nidaqmx"))
         package.Task = lambda: Task(self)
         package.errors = SimpleNamespace(Error=DaqError, DaqError=DaqError)
         package.constants = SimpleNamespace(
             BridgeUnits=SimpleNamespace(VOLTS_PER_VOLT="V/V"),
             BridgeConfiguration=SimpleNamespace(FULL_BRIDGE="full"),
             ExcitationSource=SimpleNamespace(INTERNAL="internal"),
+            TerminalConfiguration=SimpleNamespace(
+                DEFAULT="default", RSE="rse", NRSE="nrse", DIFF="diff", PSEUDO_DIFF="pseudo"
+            ),
+            AcquisitionType=SimpleNamespace(CONTINUOUS="all", HW_TIMED_SINGLE_POINT="point"),
+            OverwriteMode=SimpleNamespace(OVERWRITE_UNREAD_SAMPLES="overwrite"),
+            ReadRelativeTo=SimpleNamespace(MOST_RECENT_SAMPLE="newest"),
         )
-        monkeypatch.setitem(sys.modules, "nidaqmx", package)
-        monkeypatch.setattr("dehyst.drivers.nidaqmx.direct_calls.find_library", lambda name: path)
+        if monkeypatch is not None:
+            monkeypatch.setitem(sys.modules, "nidaqmx", package)
+            where = "dehyst.drivers.nidaqmx.direct_calls.find_library"
+            monkeypatch.setattr(where, lambda name: path)
 
     def fail(self, status: int, in_calls: int = 0) -> None:
         """Calls return `status` from the one after `in_calls` on."""
@@ -102,6 +134,26 @@ class Standin:
             raise DaqError(f"words of the package\nStatus Code: {status}", status)
 
 
+class InStream:
+    """As nidaqmx.task.InStream."""
+
+    over_write = ""
+    relative_to = ""
+
+    def __init__(self, standin: Standin) -> None:
+        self._standin = standin
+
+    @property
+    def offset(self) -> int:
+        """Of a read, from `relative_to`."""
+        return int(self._standin.device.offset)
+
+    @offset.setter
+    def offset(self, value: int) -> None:
+        assert (self.over_write, self.relative_to) == ("overwrite", "newest")
+        self._standin.device.offset = value
+
+
 class Task:
     """As nidaqmx.Task; all tasks of a stand-in are good for its one device."""
 
@@ -112,8 +164,48 @@ class Task:
             standin.device.task = 0x5EED
         self._standin = standin
         self._handle: ctypes.c_void_p | None = ctypes.c_void_p(standin.device.task)
-        self.ao_channels = SimpleNamespace(add_ao_voltage_chan=lambda *a, **k: None)
-        self.ai_channels = SimpleNamespace(add_ai_bridge_chan=lambda *a, **k: None)
+        self._is_output = False
+        self.ao_channels = SimpleNamespace(add_ao_voltage_chan=self._output)
+        self.ai_channels = SimpleNamespace(
+            add_ai_bridge_chan=self._bridge, add_ai_voltage_chan=self._voltage
+        )
+        self.timing = SimpleNamespace(cfg_samp_clk_timing=self._clock)
+        self.in_stream = InStream(standin)
+        self.devices = [
+            SimpleNamespace(
+                product_type="USB-6212", dev_serial_num=standin.serial,
+                ao_samp_clk_supported=standin.has_output_clock,
+            )
+        ]  # fmt: skip
+
+    def _output(self, physical_channel: str, **options: Any) -> None:
+        self._is_output = True
+        self._standin.device.output_hz = 0.0
+        self._standin.asked.append((physical_channel, options))
+
+    def _bridge(self, physical_channel: str, **options: Any) -> None:
+        self._standin.device.monitor = 0
+        self._input(physical_channel, options)
+
+    def _voltage(self, physical_channel: str, **options: Any) -> None:
+        self._standin.device.monitor = 1
+        self._input(physical_channel, options)
+
+    def _input(self, physical_channel: str, options: dict[str, Any]) -> None:
+        self._standin.device.sample_hz, self._standin.device.offset = 0.0, 0
+        self._standin.asked.append((physical_channel, options))
+
+    def _clock(
+        self, rate: float, source: str = "", active_edge: str = "", sample_mode: str = "finite",
+        samps_per_chan: int = 1000,
+    ) -> None:  # fmt: skip
+        self._standin.asked.append(("clock", {"rate": rate, "source": source}))
+        if self._is_output:
+            assert sample_mode == "point"
+            self._standin.device.output_hz = rate
+        else:
+            assert sample_mode == "all"
+            self._standin.device.sample_hz = rate
 
     def start(self) -> None:
         """Nothing to do."""
@@ -124,13 +216,21 @@ class Task:
         arguments = (1, ctypes.c_double(timeout), ctypes.c_double(data), None)
         self._standin.check(function(self._handle, *arguments))
 
-    def read(self, number_of_samples_per_channel: int = 1, timeout: float = 10.0) -> float:
-        """One value."""
-        value = ctypes.c_double()
-        function = self._standin.library.DAQmxReadAnalogScalarF64
-        status = function(self._handle, ctypes.c_double(timeout), ctypes.byref(value), None)
+    def read(
+        self, number_of_samples_per_channel: int | None = None, timeout: float = 10.0
+    ) -> float | list[float]:
+        """One value, or a list where a number is given."""
+        count, found = number_of_samples_per_channel, ctypes.c_int32()
+        values = (ctypes.c_double * (count or 1))()
+        if count is None:
+            function = self._standin.library.DAQmxReadAnalogScalarF64
+            status = function(self._handle, ctypes.c_double(timeout), values, None)
+        else:
+            function = self._standin.library.DAQmxReadAnalogF64
+            arguments = (count, ctypes.c_double(timeout), 0, values, count)
+            status = function(self._handle, *arguments, ctypes.byref(found), None)
         self._standin.check(status)
-        return value.value
+        return values[0] if count is None else list(values)
 
     def close(self) -> None:
         """The handle is good no more."""

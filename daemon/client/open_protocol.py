@@ -1,0 +1,54 @@
+"""What the servers of foreign protocols share (`dehyst epics`, `dehyst serve`): their options, and
+the checks on them. These protocols know no passwords."""
+
+import argparse
+import ipaddress
+import math
+
+from dehyst.daemon.client.connection import add_connection
+from dehyst.models.errors import BadInput
+
+
+def add_serving(parser: argparse.ArgumentParser) -> None:
+    """--without-passwords, --on-target, --tolerance, and how to reach the daemon."""
+    parser.add_argument(
+        "--without-passwords",
+        action="store_true",
+        help="allow addresses beyond this machine; everybody who reaches them may command",
+    )
+    parser.add_argument(
+        "--on-target",
+        choices=("model", "gauge"),
+        default="model",
+        help="what decides whether the stage is on target",
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=0.0,
+        metavar="UM",
+        help="how near counts as on target, in the stage's unit (default: 0.2 %% of the reach)",
+    )
+    add_connection(parser)
+
+
+def check_tolerance(tolerance: float) -> None:
+    """Raises BadInput where it is negative or not finite."""
+    if not (math.isfinite(tolerance) and tolerance >= 0.0):
+        raise BadInput(f"--tolerance {tolerance:g}: it is 0 or a positive number")
+
+
+def check_exposure(listen: str, host: str, allowed: bool, protocol: str, ways: str) -> None:
+    """Raises BadInput where others than this machine would reach the server and nobody allowed it.
+
+    listen: as it was given; host: an address or a name; protocol: what knows no passwords; ways:
+    the options that allow it, for the message."""
+    try:
+        local = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        local = host == "localhost"
+    if not local and not allowed:
+        raise BadInput(
+            f"--listen {listen}: {protocol} knows no passwords, so that whoever reaches this "
+            f"address would command the stage; {ways}"
+        )

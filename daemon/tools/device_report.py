@@ -1,0 +1,59 @@
+"""What the devices of a configuration say of themselves, each opened as the daemon opens it."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from dehyst.daemon.config import Config
+from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, expect_known
+from dehyst.daemon.loop.checks import devices_of
+from dehyst.drivers.direct_calls import Reachable
+from dehyst.drivers.interface import Actuator
+from dehyst.drivers.settings import UNITS
+
+NUMBERS = ("minimum", "maximum", "resolution", "max_rate_hz", "latency_s", "late_s")
+
+
+def report_devices(config: Config) -> dict[str, dict[str, Any]]:
+    """By "actuator" and "sensor": the driver, the numbers of its DeviceSpec, whether the compiled
+    loop can call it, and where it stands. Nothing moves. Raises DriverError, BadInput."""
+    actuator, sensor = devices_of(config)
+    found = {}
+    for which, driver, device in (
+        (ACTUATOR, config.actuator.driver, actuator),
+        (SENSOR, config.sensor.driver, sensor),
+    ):
+        expect_known(config, which, device)
+        try:
+            device.open()
+            stands = device.output() if isinstance(device, Actuator) else device.read()
+            compiled = isinstance(device, Reachable) and device.direct() is not None
+            spec = asdict(device.spec)
+            found[which] = {
+                "driver": driver,
+                "identity": spec["identity"],
+                "unit": spec["unit"],
+                **{name: spec[name] for name in NUMBERS},
+                "stands_at": stands if stands == stands else None,  # NaN has no place in JSON
+                "stands_at_is_known": spec["output_known"],
+                "compiled": compiled,
+            }
+        finally:
+            device.close()
+    return found
+
+
+def lines_of(which: str, device: Mapping[str, Any]) -> list[str]:
+    """The same for people."""
+    unit, at = UNITS.get(device["unit"], device["unit"]), device["stands_at"]
+    stands = "no valid reading" if at is None else f"{at:.6g} {unit}"
+    if not device["stands_at_is_known"]:
+        stands += " (as configured: it cannot be asked)"
+    late = f", few take longer than {1e3 * device['late_s']:.3g} ms" if device["late_s"] else ""
+    return [
+        f"{which}: {device['driver']}: {device['identity']}",
+        f"  {device['minimum']:g} to {device['maximum']:g} {unit} in steps of "
+        f"{device['resolution']:.3g} {unit}; stands at {stands}",
+        f"  a call takes {1e3 * device['latency_s']:.3g} ms{late}; {device['max_rate_hz']:.0f} Hz "
+        f"sustained; {'compiled' if device['compiled'] else 'Python'} loop",
+    ]

@@ -1,0 +1,202 @@
+"""A register of a LabJack over the vendor's package, and what its errors mean."""
+
+import ctypes
+import importlib
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dehyst.drivers.call_times import Batches
+from dehyst.drivers.interface import (
+    DeviceGone,
+    DeviceNotFound,
+    DeviceSpec,
+    DeviceTimeout,
+    DriverConfigError,
+    DriverError,
+    UnitIdentity,
+    refuse_another,
+)
+from dehyst.drivers.labjack.settings import LabjackSettings
+from dehyst.drivers.shared import shared_by
+
+LIBRARY = "libLabJackM.so"
+
+TIMED_OUT = (1206, 1263, 1306)
+"""Error codes of LJM for what did not happen in time: the unit is busy, no byte of a reply came, no
+synchronisation in time. Every other error means that the unit cannot be used."""
+
+EXPECTED_S, MOST_HZ = 6e-4, 5000.0
+"""A call before the unit has been timed, 0.6 ms on USB by its data sheet, and what none exceeds."""
+
+BATCHES = Batches()
+
+CONTEXT_T = np.dtype(
+    [
+        ("handle", np.int64),  # of the open unit; 0 while the channel is closed
+        ("function", np.int64),  # address of the C function
+        ("name", np.int64),  # address of the register's name, or of a list of such addresses
+        ("gain", np.float64),  # piezo volts per EXT volt; um per volt
+        ("zero", np.float64),  # EXT volts at 0 V; volts at displacement 0
+        ("minimum", np.float64),  # what may be written [V]; volts that are readings
+        ("maximum", np.float64),
+        ("output_v", np.float64),  # the last voltage that was written, by whichever loop
+        ("count", np.int64),  # samples of a reading
+        ("samples", np.int64),  # address of room for them and for one number more
+    ]
+)
+"""What both loops know of a channel; labjack/direct_calls.py works on it."""
+
+
+def vendor() -> Any:
+    """The vendor package; DeviceNotFound says how to install it."""
+    try:
+        ljm = importlib.import_module("labjack.ljm")
+    except ImportError as error:
+        raise DeviceNotFound(
+            "the LabJack package is not installed: pip install dehyst[labjack], and the LJM "
+            f"library from LabJack ({error})"
+        ) from None
+    library()  # the package only prints that it is absent
+    return ljm
+
+
+def library() -> ctypes.CDLL:
+    """LJM itself, as the package finds it; DeviceNotFound where it is not installed."""
+    try:
+        return ctypes.CDLL(LIBRARY)
+    except OSError as error:
+        raise DeviceNotFound(
+            f"LabJack's LJM library is not installed: get it from LabJack ({error})"
+        ) from None
+
+
+def fault_of(channel: str, code: int | None, text: str) -> DriverError:
+    """The error of a call that failed. code: of LJM; text: its words."""
+    kind = DeviceTimeout if code in TIMED_OUT else DeviceGone
+    return kind(f"labjack {channel}: {' '.join(text.split())}")
+
+
+class Channel:
+    """One register of a unit; a driver says which. All of one unit share its handle."""
+
+    spec: DeviceSpec
+
+    def __init__(
+        self, settings: LabjackSettings, channel: str, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._unit_settings, self.channel, self._clock = settings, channel.upper(), clock
+        key = repr(("labjack", settings.device, settings.connection, settings.identifier))
+        self._shared = shared_by(key, self._connect, disconnect)
+        self._ljm: Any = None
+        self._handle = 0
+        self._timed = False
+        self._context = np.zeros(1, CONTEXT_T)
+        self._name = np.frombuffer(self.channel.encode() + b"\0", np.uint8)
+        self._context["name"] = self._name.ctypes.data
+        self._known: UnitIdentity | None = None
+        self.unit: UnitIdentity | None = None
+
+    def expect(self, unit: UnitIdentity) -> None:
+        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        self._known = unit
+
+    def open(self) -> None:
+        """Connect, see which unit it is, set up an input, time a few calls. Moves nothing."""
+        if self._handle:
+            return
+        self._ljm = vendor()
+        self._handle = self._shared.connect(id(self))
+        self._context["handle"] = self._handle
+        try:
+            self._identify()
+            self._prepare()
+            self._time()
+        except self._ljm.LJMError as error:
+            self.close()
+            raise DeviceNotFound(f"labjack {self.channel}: {error}") from None
+        except BaseException:
+            self.close()
+            raise
+
+    def reconnect(self) -> None:
+        """Connect again; the output does not move."""
+        self.close()
+        self.open()
+
+    def close(self) -> None:
+        """Use the unit no more; an output stays where it is. Safe to call twice."""
+        self._handle = 0
+        self._context["handle"] = 0
+        self._shared.release(id(self))
+
+    def _prepare(self) -> None:
+        """What an open channel needs before it is used."""
+
+    def _timed_call(self) -> object:
+        """A call that takes as long as those of the loop, and moves nothing."""
+        raise TypeError(f"{type(self).__name__} times nothing")
+
+    def _connect(self) -> int:
+        settings, ljm = self._unit_settings, vendor()
+        try:
+            ljm.writeLibraryConfigS("LJM_SEND_RECEIVE_TIMEOUT_MS", 1e3 * settings.timeout_s)
+            return int(ljm.openS(settings.device, settings.connection, settings.identifier))
+        except ljm.LJMError as error:
+            raise DeviceNotFound(
+                f"labjack {settings.device} {settings.identifier}: {' '.join(str(error).split())}"
+            ) from None
+
+    def _identify(self) -> None:
+        kind, _, number, *_ = self._ljm.getHandleInfo(self._handle)
+        found = UnitIdentity(str(number), f"LabJack T{kind}", self._unit_settings.connection)
+        refuse_another(f"labjack {self.channel}", found, self._known)
+        self.unit = self._known = found
+        self.spec = replace(
+            self.spec, identity=f"{found.kind} serial {number} {self.channel}{self._more_words()}"
+        )
+
+    def _more_words(self) -> str:
+        return ""
+
+    def _time(self) -> None:
+        """Once: a reconnect must not take longer than it has to."""
+        if self._timed:
+            return
+        times = BATCHES.best(self._timed_call, self._clock)
+        sustained_hz, declared_hz = BATCHES.rate_hz(times), self._unit_settings.max_rate_hz
+        if declared_hz is not None and declared_hz > sustained_hz:
+            raise DriverConfigError(
+                f"labjack {self.channel}: max_rate_hz = {declared_hz:g}, and a call takes "
+                f"{1e3 / sustained_hz:.3g} ms here: {sustained_hz:.0f} Hz at the most; lower "
+                "max_rate_hz, or leave it out"
+            )
+        self.spec = replace(
+            self.spec,
+            max_rate_hz=declared_hz or sustained_hz,
+            latency_s=times.percentile_s(50.0),
+            late_s=BATCHES.late_s(times),
+        )
+        self._timed = True
+
+    def _ready(self) -> Any:
+        if not self._handle:
+            raise DeviceGone(f"labjack {self.channel} is not open")
+        return self._ljm
+
+    def _failed(self, error: Any) -> DriverError:
+        """Release the unit after a call that failed: the error for it."""
+        self._shared.drop(self._handle)
+        self.close()
+        return fault_of(self.channel, error.errorCode, str(error))
+
+
+def disconnect(handle: int) -> None:
+    """End a connection; nothing is left to end where the unit has gone."""
+    ljm = vendor()
+    with suppress(ljm.LJMError):
+        ljm.close(handle)

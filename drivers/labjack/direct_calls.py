@@ -1,0 +1,128 @@
+"""The LabJack channels as C functions, for the compiled loop.
+
+They call functions of LJM, which several threads may call, on the handle that the driver has
+opened, and do what LabjackActuator.write and LabjackSensor.read do. The context is the record
+CONTEXT_T of channel.py. Signatures: LabJackM.h,
+
+    int LJM_eWriteName(int Handle, const char *Name, double Value)
+    int LJM_eReadNames(int Handle, int NumFrames, const char **aNames, double *aValues,
+                       int *ErrorAddress)
+
+with a result other than 0 for an error or a warning; the package raises for both.
+"""
+
+import ctypes
+import math
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba import carray, cfunc, types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from dehyst.drivers.direct_calls import SIGNATURE, Direct, pointer
+from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange
+from dehyst.drivers.labjack.channel import CONTEXT_T, fault_of, library
+
+CLOSED, NOT_IN_RANGE = 1, 2
+
+_INT, _DOUBLE = ir.IntType(32), ir.DoubleType()
+_BYTES = ir.IntType(8).as_pointer()
+
+
+def _call(builder: Any, address: Any, arguments: list[Any]) -> Any:
+    """Call the C function at an address: its int."""
+    kind = ir.FunctionType(_INT, [argument.type for argument in arguments])
+    return builder.call(builder.inttoptr(address, kind.as_pointer()), arguments)
+
+
+@intrinsic
+def _write_name(typing: Any, function: Any, handle: Any, name: Any, volts: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        function, handle, name, volts = arguments
+        unit, text = builder.trunc(handle, _INT), builder.inttoptr(name, _BYTES)
+        return _call(builder, function, [unit, text, volts])
+
+    return types.int32(types.int64, types.int64, types.int64, types.float64), codegen
+
+
+@intrinsic
+def _read_names(
+    typing: Any, function: Any, handle: Any, count: Any, names: Any, samples_at: Any
+) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        function, handle, count, names, samples_at = arguments
+        unit, number = builder.trunc(handle, _INT), builder.trunc(count, _INT)
+        samples = builder.inttoptr(samples_at, _DOUBLE.as_pointer())
+        after = builder.bitcast(builder.gep(samples, [count]), _INT.as_pointer())
+        texts = builder.inttoptr(names, _BYTES.as_pointer())
+        return _call(builder, function, [unit, number, texts, samples, after])
+
+    return types.int32(types.int64, types.int64, types.int64, types.int64, types.int64), codegen
+
+
+@cfunc(SIGNATURE, cache=True)
+def write(context, now_ns, value):  # type: ignore[no-untyped-def]
+    """Set the output to value[0], volts at the piezo."""
+    c = carray(context, (1,), CONTEXT_T)[0]
+    volts = value[0]
+    if c.handle == 0:
+        return CLOSED
+    if not c.minimum <= volts <= c.maximum:
+        return NOT_IN_RANGE
+    status = _write_name(c.function, c.handle, c.name, volts / c.gain + c.zero)
+    if status != 0:
+        return status
+    c.output_v = volts
+    return 0
+
+
+@cfunc(SIGNATURE, cache=True)
+def read(context, now_ns, value):  # type: ignore[no-untyped-def]
+    """Put the mean of the samples [um] into value[0]; NaN where one is out of range."""
+    c = carray(context, (1,), CONTEXT_T)[0]
+    shown = carray(value, (1,), types.float64)
+    if c.handle == 0:
+        return CLOSED
+    status = _read_names(c.function, c.handle, c.count, c.name, c.samples)
+    if status != 0:
+        return status
+    samples = carray(pointer(c.samples), (c.count,), types.float64)
+    total = 0.0
+    for sample in samples:
+        if not c.minimum <= sample <= c.maximum:
+            shown[0] = math.nan
+            return 0
+        total += sample
+    shown[0] = (total / c.count - c.zero) * c.gain
+    return 0
+
+
+def actuator(channel: str, context: NDArray[Any], ljm: Any) -> Direct | None:
+    """The output of an open driver; None where it is not open."""
+    return _direct(channel, context, ljm, write.address, "LJM_eWriteName")
+
+
+def sensor(channel: str, context: NDArray[Any], ljm: Any) -> Direct | None:
+    """The input of an open driver; None as in actuator."""
+    return _direct(channel, context, ljm, read.address, "LJM_eReadNames")
+
+
+def _direct(channel: str, context: NDArray[Any], ljm: Any, ours: int, theirs: str) -> Direct | None:
+    if context["handle"][0] == 0:
+        return None
+    vendors = library()
+    context["function"] = ctypes.cast(getattr(vendors, theirs), ctypes.c_void_p).value
+    return Direct(ours, context.ctypes.data, _explain(channel, ljm), (context, vendors))
+
+
+def _explain(channel: str, ljm: Any) -> Callable[[int], DriverError]:
+    def explain(code: int) -> DriverError:
+        if code == CLOSED:
+            return DeviceGone(f"labjack {channel} is not open")
+        if code == NOT_IN_RANGE:
+            return OutOfRange(f"labjack {channel}: outside its range; nothing was written")
+        return fault_of(channel, code, str(ljm.LJMError(code)))
+
+    return explain

@@ -1,0 +1,139 @@
+"""The settings of the LabJack drivers."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from dehyst.drivers.settings import Settings
+
+MOST_AVERAGED = 14
+"""Values of 4 bytes that fit into one reply of 64 bytes on USB: one exchange for a reading."""
+
+INPUT_RANGES_V = (0.01, 0.1, 1.0, 10.0)  # of a T7
+
+
+class LabjackSettings(Settings, frozen=True, kw_only=True):
+    """Which unit; an output and an input of one unit give the same."""
+
+    driver = "labjack"
+
+    device: Annotated[Literal["ANY", "T4", "T7", "T8"], Meta(description="kind of the unit")] = "T7"
+    connection: Annotated[
+        Literal["ANY", "USB", "TCP", "ETHERNET", "WIFI"], Meta(description="how it is reached")
+    ] = "ANY"
+    identifier: Annotated[
+        str, Meta(min_length=1, description="serial number, IP address or name; ANY: the first")
+    ] = "ANY"
+    timeout_s: Annotated[float, Meta(gt=0, le=10, description="longest time of one call")] = 0.2
+    max_rate_hz: (
+        Annotated[float, Meta(gt=0, description="highest rate of calls; left out: as measured")]
+        | None
+    ) = None
+
+
+class LabjackActuatorSettings(LabjackSettings, frozen=True, kw_only=True):
+    """An analog output into the amplifier's EXT input; volts are volts at the piezo."""
+
+    channel: Annotated[
+        str, Meta(min_length=1, description='the output: "DAC0", or "TDAC0" of an LJTick-DAC')
+    ] = "DAC0"
+    gain: Annotated[
+        float, Meta(description="volts at the piezo per volt at EXT, not 0; below 0: inverting")
+    ] = 15.0
+    zero_v: Annotated[float, Meta(description="volts at EXT where the piezo has 0 V")] = 0.0
+    min_v: Annotated[float, Meta(description="lowest voltage at the piezo")] = 0.0
+    max_v: Annotated[float, Meta(description="highest voltage at the piezo")] = 75.0
+    device_min_v: Annotated[float, Meta(description="lowest voltage of the unit's output")] = 0.0
+    device_max_v: Annotated[
+        float, Meta(description="highest voltage of the unit's output; TDAC, T8: 10")
+    ] = 5.0
+    resolution_bits: Annotated[
+        int, Meta(gt=0, le=64, description="of the converter, over the unit's range")
+    ] = 12
+    initial_v: (
+        Annotated[
+            float,
+            Meta(description="voltage at the piezo at start; only for a TDAC"),
+        ]
+        | None
+    ) = None
+
+    @property
+    def reports(self) -> bool:
+        """Whether the output can be asked where it stands."""
+        return self.channel.upper().startswith("DAC")
+
+    def check(self) -> None:
+        """The range must be one that EXT reaches."""
+        if self.gain == 0:
+            raise self.wrong("gain", "a number other than 0")
+        if not self.min_v < self.max_v:
+            raise self.wrong("min_v", f"below max_v = {self.max_v:g}")
+        if not self.device_min_v < self.device_max_v:
+            raise self.wrong("device_min_v", f"below device_max_v = {self.device_max_v:g}")
+        for key in ("min_v", "max_v"):
+            volts = getattr(self, key) / self.gain + self.zero_v
+            if not self.device_min_v <= volts <= self.device_max_v:
+                raise self.wrong(
+                    key,
+                    f"within the {self.device_min_v:g} to {self.device_max_v:g} V of "
+                    f"{self.channel}; at gain {self.gain:g} it is {volts:g} V",
+                )
+        if self.reports and self.initial_v is not None:
+            raise self.wrong("initial_v", f"left out: {self.channel} is asked instead")
+        if not self.reports and not (
+            self.initial_v is not None and self.min_v <= self.initial_v <= self.max_v
+        ):
+            raise self.wrong(
+                "initial_v", f"from {self.min_v:g} to {self.max_v:g}: {self.channel} has no report"
+            )
+
+
+class LabjackSensorSettings(LabjackSettings, frozen=True, kw_only=True):
+    """An analog input: the voltage of a monitor, a probe, an interferometer."""
+
+    channel: Annotated[str, Meta(min_length=1, description='the input, e.g. "AIN0"')] = "AIN0"
+    um_per_v: Annotated[
+        float, Meta(description="displacement per volt, not 0; below 0 turns it round")
+    ]
+    zero_v: Annotated[float, Meta(description="volts at displacement 0")] = 0.0
+    min_v: Annotated[float, Meta(description="low end of the range; below it a reading is NaN")] = (
+        0.0
+    )
+    max_v: Annotated[
+        float, Meta(description="high end of the range; above it a reading is NaN")
+    ] = 10.0
+    range_v: Annotated[
+        float, Meta(description="range of the unit's amplifier on either side: 0.01, 0.1, 1 or 10")
+    ] = 10.0
+    negative: Annotated[
+        Literal["GND", "AIN1", "AIN3", "AIN5", "AIN7", "AIN9", "AIN11", "AIN13"],
+        Meta(description="where the input's other end is; an input for a differential one"),
+    ] = "GND"
+    resolution_index: Annotated[
+        int,
+        Meta(
+            ge=0, le=12, description="how long the unit oversamples; 0: its default; see its manual"
+        ),
+    ] = 0
+    settling_s: Annotated[
+        float, Meta(ge=0, le=0.05, description="wait before a sample; 0: the unit's choice")
+    ] = 0.0
+    average: Annotated[
+        int,
+        Meta(ge=1, le=MOST_AVERAGED, description="how many samples a reading is the mean of"),
+    ] = 1
+    resolution_bits: Annotated[
+        int, Meta(gt=0, le=64, description="of the converter, over range_v")
+    ] = 16
+
+    def check(self) -> None:
+        """A scale of 0 would hide every motion."""
+        if self.um_per_v == 0:
+            raise self.wrong("um_per_v", "a number other than 0")
+        if not self.min_v < self.max_v:
+            raise self.wrong("min_v", f"below max_v = {self.max_v:g}")
+        if self.range_v not in INPUT_RANGES_V:
+            raise self.wrong("range_v", "0.01, 0.1, 1 or 10")
+        if max(abs(self.min_v), abs(self.max_v)) > self.range_v:
+            raise self.wrong("range_v", "at least as wide as min_v to max_v")

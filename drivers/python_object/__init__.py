@@ -1,0 +1,5 @@
+"""Any Python object as an amplifier or a sensor: settings name its methods."""
+
+from dehyst.drivers.python_object.devices import PythonActuator, PythonSensor
+
+__all__ = ("PythonActuator", "PythonSensor")

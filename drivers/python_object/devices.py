@@ -1,0 +1,260 @@
+"""Any Python object as a device: one that sets a voltage, one that reads a displacement.
+
+The object is made by a factory that the settings name, and made anew after a fault; methods and
+attributes are named too. Its calls are timed at the start, and a declared rate that they do not
+sustain is an error. Its own time-outs count: a call that never returns stops the loop's process,
+which the supervisor then ends.
+"""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, ClassVar, Self
+
+from dehyst.drivers.call_times import Batches
+from dehyst.drivers.interface import (
+    DeviceGone,
+    DeviceNotFound,
+    DeviceSpec,
+    DeviceTimeout,
+    DriverConfigError,
+    DriverError,
+    OutOfRange,
+    UnitIdentity,
+    refuse_another,
+)
+from dehyst.drivers.python_object.endpoint import getter, number_in, setter
+from dehyst.drivers.python_object.settings import (
+    PythonActuatorSettings,
+    PythonSensorSettings,
+    PythonSettings,
+)
+from dehyst.drivers.python_object.shared import object_of, words
+from dehyst.drivers.settings import read_settings
+
+BATCHES = Batches()
+
+EXPECTED_S, MOST_HZ = 0.01, 10_000.0
+"""A call before the object has been timed, and what none exceeds, as Python calls it."""
+
+
+class _PythonDevice:
+    """What both kinds do: share the object, call it, time it, know which unit it is."""
+
+    settings_type: ClassVar[type[PythonSettings]]
+    settings: PythonSettings
+    spec: DeviceSpec
+
+    def __init__(
+        self, settings: PythonSettings, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.settings = settings
+        self._clock = clock
+        self._shared = object_of(settings)
+        self._object: Any = None
+        self._timed = False
+        self._known: UnitIdentity | None = None
+        self.unit: UnitIdentity | None = None
+        declared_hz = settings.max_rate_hz
+        latency_s = 0.5 / declared_hz if declared_hz else EXPECTED_S
+        self.spec = DeviceSpec("v", 0.0, 1.0, 0.0, declared_hz or MOST_HZ, latency_s)
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Make a driver; DriverConfigError names a wrong key."""
+        return cls(read_settings(cls.settings_type, settings))
+
+    def expect(self, unit: UnitIdentity) -> None:
+        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        self._known = unit
+
+    def open(self) -> None:
+        """Make the object, or share one that is made; learn who it is, and time its calls. Raises
+        DriverConfigError, DeviceNotFound, ForeignUnit."""
+        if self._object is not None:
+            return
+        self._object = self._shared.connect(id(self))
+        try:
+            self._identify()
+            self._prepare(self._object)
+            self._time()
+        except DeviceGone as error:
+            self.close()
+            raise DeviceNotFound(str(error)) from None
+        except BaseException:
+            self.close()
+            raise
+
+    def reconnect(self) -> None:
+        """Make the object anew, or share one that was; the output does not move."""
+        self.close()
+        self.open()
+
+    def close(self) -> None:
+        """Use the object no more; an output stays where it is. Safe to call twice."""
+        self._object = None
+        self._forget()
+        self._shared.release(id(self))
+
+    def _prepare(self, made: Any) -> None:
+        raise TypeError(f"{type(self).__name__} prepares nothing")
+
+    def _forget(self) -> None:
+        """What is kept of the object: some objects close by themselves with the last of it."""
+        raise TypeError(f"{type(self).__name__} forgets nothing")
+
+    def _timed_call(self) -> Callable[[], object] | None:
+        raise TypeError(f"{type(self).__name__} times nothing")
+
+    def _call(self, call: Callable[..., Any] | None, *arguments: Any) -> Any:
+        """Call the object. Raises DeviceTimeout for a TimeoutError, DeviceGone for whatever else
+        it raises; it is made anew by reconnect() then."""
+        if self._object is None or call is None:
+            raise DeviceGone(f"python {self.settings.object} is not open")
+        try:
+            with self._shared.calls:
+                return call(*arguments)
+        except DriverError:
+            raise
+        except Exception as error:  # whatever somebody else's code raises
+            self._shared.drop(self._object)
+            self.close()
+            kind = DeviceTimeout if isinstance(error, TimeoutError) else DeviceGone
+            raise kind(f"python {self.settings.object}: {words(error)}") from None
+
+    def _identify(self) -> None:
+        name = self.settings.serial_number
+        kind = type(self._object).__qualname__
+        found = UnitIdentity("", kind, self.settings.object)
+        if name:
+            serial = str(self._call(getter(self._object, name, ()))).strip()
+            found = UnitIdentity(serial, kind, self.settings.object)
+            refuse_another(self.settings.object, found, self._known)
+            self.unit = self._known = found
+        self.spec = replace(
+            self.spec,
+            identity=f"{kind} of {self.settings.object}"
+            + (f" serial {found.serial}" if found.serial else ""),
+        )
+
+    def _time(self) -> None:
+        """Once: a reconnect must not take longer than it has to."""
+        call = self._timed_call()
+        if self._timed or call is None:
+            return
+        times = BATCHES.best(call, self._clock)
+        sustained_hz, declared_hz = BATCHES.rate_hz(times), self.settings.max_rate_hz
+        if declared_hz is not None and declared_hz > sustained_hz:
+            raise DriverConfigError(
+                f"python {self.settings.object}: max_rate_hz = {declared_hz:g}, and a call takes "
+                f"{1e3 / sustained_hz:.3g} ms here: {sustained_hz:.0f} Hz at the most; lower "
+                "max_rate_hz, or leave it out"
+            )
+        self.spec = replace(
+            self.spec,
+            max_rate_hz=declared_hz or sustained_hz,
+            latency_s=times.percentile_s(50.0),
+            late_s=BATCHES.late_s(times),
+        )
+        self._timed = True
+
+
+class PythonActuator(_PythonDevice):
+    """Any Python object with a method that sets a voltage."""
+
+    settings_type = PythonActuatorSettings
+    settings: PythonActuatorSettings
+
+    def __init__(
+        self, settings: PythonActuatorSettings, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        super().__init__(settings, clock)
+        self._set: Callable[[float], None] | None = None
+        self._report: Callable[[], Any] | None = None
+        self._set_v = math.nan if settings.initial_v is None else settings.initial_v
+        self.spec = replace(
+            self.spec,
+            minimum=settings.min_v,
+            maximum=settings.max_v,
+            resolution=settings.step_v,
+            output_known=bool(settings.output),
+        )
+
+    def write(self, volts: float) -> None:
+        """Set the voltage at the piezo. Raises OutOfRange (nothing written), DeviceTimeout,
+        DeviceGone, ProtocolError."""
+        settings = self.settings
+        if not settings.min_v <= volts <= settings.max_v:  # NaN included
+            raise OutOfRange(
+                f"python {settings.object}: {volts:g} V is outside {settings.min_v:g} to "
+                f"{settings.max_v:g} V; nothing was written"
+            )
+        self._call(self._set, volts / settings.gain)
+        self._set_v = volts
+
+    def output(self) -> float:
+        """The last written voltage, or what the object gave, or initial_v; NaN: not known."""
+        return self._set_v
+
+    def _prepare(self, made: Any) -> None:
+        settings = self.settings
+        self._set = setter(made, settings.write, settings.write_arguments)
+        if not settings.output:
+            return
+        self._report = getter(made, settings.output, settings.output_arguments)
+        stands_v = self._reported_v()
+        if not settings.min_v <= stands_v <= settings.max_v:
+            raise DriverConfigError(
+                f"python {settings.object}: the output stands at {stands_v:g} V, outside the "
+                f"{settings.min_v:g} to {settings.max_v:g} V allowed; bring it there by hand, or "
+                "change the limits"
+            )
+        if not abs(stands_v - self._set_v) <= settings.step_v:  # not the last write's step
+            self._set_v = stands_v
+
+    def _forget(self) -> None:
+        self._set = self._report = None
+
+    def _reported_v(self) -> float:
+        return number_in(self._call(self._report), self.settings.output) * self.settings.gain
+
+    def _timed_call(self) -> Callable[[], object] | None:
+        return self._reported_v if self.settings.output else None
+
+
+class PythonSensor(_PythonDevice):
+    """Any Python object with a method that reads a displacement."""
+
+    settings_type = PythonSensorSettings
+    settings: PythonSensorSettings
+
+    def __init__(
+        self, settings: PythonSensorSettings, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        super().__init__(settings, clock)
+        self._get: Callable[[], Any] | None = None
+        self.spec = replace(
+            self.spec,
+            unit="um",
+            minimum=settings.min_um,
+            maximum=settings.max_um,
+            resolution=settings.step_um,
+        )
+
+    def read(self) -> float:
+        """One reading [um]; NaN where it is out of range. Raises DeviceTimeout, DeviceGone,
+        ProtocolError."""
+        settings = self.settings
+        value = number_in(self._call(self._get), settings.read)
+        um = (value - settings.zero) * settings.um_per_unit
+        return um if settings.min_um <= um <= settings.max_um else math.nan
+
+    def _prepare(self, made: Any) -> None:
+        self._get = getter(made, self.settings.read, self.settings.read_arguments)
+
+    def _forget(self) -> None:
+        self._get = None
+
+    def _timed_call(self) -> Callable[[], object] | None:
+        return self.read

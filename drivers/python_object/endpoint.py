@@ -1,0 +1,88 @@
+"""A method or an attribute of an object, by its name: called, set or read in one way."""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from dehyst.drivers.interface import DriverConfigError, ProtocolError
+
+
+def setter(owner: Any, name: str, arguments: Sequence[Any]) -> Callable[[float], None]:
+    """How a number is written: `owner.name(*arguments, number)`, or `owner.name = number`.
+
+    Raises DriverConfigError where there is nothing of this name.
+    """
+    holder, last = _find(owner, name)
+    if not _is_attribute(holder, last):
+        method = _method(holder, last, name)
+        return lambda value: _no_coroutine(method(*arguments, value), name)
+    if arguments:
+        raise DriverConfigError(f"python: {name} is an attribute and takes no arguments")
+    return lambda value: setattr(holder, last, value)
+
+
+def getter(owner: Any, name: str, arguments: Sequence[Any]) -> Callable[[], Any]:
+    """How a value is read: `owner.name(*arguments)`, or `owner.name`. Raises as `setter`."""
+    holder, last = _find(owner, name)
+    if not _is_attribute(holder, last):
+        method = _method(holder, last, name)
+        return lambda: method(*arguments)
+    if arguments:
+        raise DriverConfigError(f"python: {name} is an attribute and takes no arguments")
+    return lambda: getattr(holder, last)
+
+
+def number_in(value: Any, name: str) -> float:
+    """The number, or the one number in a list, an array or a table by axes; NaN stays NaN.
+
+    Raises ProtocolError for anything else.
+    """
+    found = value
+    if isinstance(found, Mapping):
+        found = list(found.values())
+    if hasattr(found, "tolist"):  # a numpy number or array
+        found = found.tolist()
+    while isinstance(found, list | tuple) and len(found) == 1:
+        found = found[0]
+    if isinstance(found, bool) or not isinstance(found, int | float):
+        if inspect.iscoroutine(found):
+            found.close()  # it would be reported as never awaited
+        raise ProtocolError(f"python: {name} gave {value!r:.80}, which is not one number")
+    return float(found)
+
+
+def _find(owner: Any, name: str) -> tuple[Any, str]:
+    """The object that holds the last part of a dotted name."""
+    *path, last = name.split(".")
+    for part in path:
+        owner = getattr(owner, part, None)
+    if owner is None or (not hasattr(type(owner), last) and not hasattr(owner, last)):
+        raise DriverConfigError(f"python: the object has no {name}")
+    return owner, last
+
+
+def _is_attribute(holder: Any, last: str) -> bool:
+    """Whether it is set and read: a property is not read to find out, that may ask the unit."""
+    of_type = inspect.getattr_static(type(holder), last, None)
+    if of_type is not None and inspect.isdatadescriptor(of_type):
+        return True
+    return not callable(getattr(holder, last))
+
+
+def _method(holder: Any, last: str, name: str) -> Callable[..., Any]:
+    method: Callable[..., Any] = getattr(holder, last)
+    if inspect.iscoroutinefunction(method):
+        raise DriverConfigError(
+            f"python: {name} is asynchronous; name a method that returns when it is done"
+        )
+    return method
+
+
+def _no_coroutine(result: Any, name: str) -> None:
+    """A call whose work has not begun would be a write that never happens."""
+    if inspect.iscoroutine(result):
+        result.close()
+        raise ProtocolError(
+            f"python: {name} is asynchronous and wrote nothing; name a method that returns when "
+            "it is done"
+        )

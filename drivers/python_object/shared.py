@@ -1,0 +1,58 @@
+"""Objects that are made from settings: an amplifier and a sensor of one object share it."""
+
+import importlib
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from dehyst.drivers.interface import DeviceNotFound, DriverConfigError
+from dehyst.drivers.python_object.settings import PythonSettings
+from dehyst.drivers.shared import Shared, shared_by
+
+
+def object_of(settings: PythonSettings) -> Shared:
+    """The same one for all devices that name the same object with the same arguments. Connecting
+    raises DriverConfigError for a wrong name, DeviceNotFound for whatever the factory raises."""
+    key = repr(("python", settings.object, sorted(settings.arguments.items()), settings.folder))
+
+    def make() -> Any:
+        factory = find_factory(settings)
+        try:
+            made = factory(**settings.arguments)
+        except Exception as error:  # whatever somebody else's code raises
+            raise DeviceNotFound(f"python {settings.object}: {words(error)}") from None
+        if made is None:
+            raise DriverConfigError(f"python: {settings.object} returned no object")
+        return made
+
+    def release(made: Any) -> None:
+        if settings.close:
+            with suppress(Exception):  # the unit may have gone; there is nothing left to release
+                getattr(made, settings.close)()
+
+    return shared_by(key, make, release)
+
+
+def find_factory(settings: PythonSettings) -> Callable[..., Any]:
+    """What makes the object. Raises DriverConfigError."""
+    module, _, name = settings.object.partition(":")
+    if settings.folder and settings.folder not in sys.path:
+        sys.path.append(settings.folder)
+    try:
+        found: Any = importlib.import_module(module)
+        for part in name.split("."):
+            found = getattr(found, part)
+    except Exception as error:  # an import runs somebody else's code
+        raise DriverConfigError(
+            f"python: object = {settings.object!r} cannot be had: {words(error)}; install its "
+            "package where dehyst is installed, or name its folder with the setting folder"
+        ) from None
+    if not callable(found):
+        raise DriverConfigError(f"python: object = {settings.object!r} cannot be called")
+    return found
+
+
+def words(error: Exception) -> str:
+    """An error of somebody else's code in one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}".rstrip(": ")

@@ -1,0 +1,57 @@
+"""`dehyst setup --emulated` with another amplifier than the MDT693B, as a process."""
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.rigs.processes import dehyst
+
+from dehyst.daemon.config import load_config
+from dehyst.daemon.setup.names import NAMES
+from dehyst.daemon.tools.emulated_bench import noted
+
+pytestmark = pytest.mark.timing
+
+
+def test_from_a_kpz101_and_a_ksg101_to_a_model_that_tracks(tmp_path: Path) -> None:
+    words = ("--yes", "--json", "--emulated", "--amplifier", "kpz101", "--duration", "12")
+    process = dehyst("setup", str(tmp_path), *words, "--range", "0", "140", "--slew", "3000")
+    out, err = process.communicate(timeout=280)
+    assert process.returncode == 0, err
+    result = json.loads(out)
+    assert tuple(result) == NAMES
+    assert result["validate"]["share_of_span"] < 0.01
+    assert result["track"]["times_smaller"] >= 8.0
+    config = load_config(tmp_path / "stage.toml")
+    assert (config.actuator.driver, config.sensor.driver) == ("kpz101", "ksg101")
+    assert config.actuator.settings["serial_number"] == "29000123"
+    # each write is two messages of 1.5 ms: what the units declare has room for them
+    assert config.loop.rate_hz <= 1.0 / (2 * 1.5e-3)
+    assert noted(tmp_path / "bench") == ["--amplifier", "kpz101"]
+
+
+@pytest.mark.parametrize("amplifier", ["mdt694b", "kpz101"])
+def test_one_axis_is_what_it_has(tmp_path: Path, amplifier: str) -> None:
+    words = ("--yes", "--emulated", "--amplifier", amplifier, "--range", "0", "100")
+    process = dehyst("setup", str(tmp_path), *words, "--axes", "2")
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert f"a {amplifier.upper()} has one axis" in err.splitlines()[-1]
+
+
+def test_an_mdt694b_is_found_and_named(tmp_path: Path) -> None:
+    words = ("--yes", "--emulated", "--amplifier", "mdt694b", "--range", "0", "100")
+    process = dehyst("setup", str(tmp_path), *words, "--until", "limits")
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert "mdt693b: MDT694B firmware 1.10" in err
+    again = dehyst("setup", str(tmp_path), "--yes", "--emulated", "--until", "limits")
+    _, err = again.communicate(timeout=60)
+    assert "starting an emulated MDT694B" in err  # the bench that this folder has
+
+
+def test_the_amplifier_of_a_real_bench_is_not_chosen(tmp_path: Path) -> None:
+    process = dehyst("setup", str(tmp_path), "--yes", "--amplifier", "kpz101")
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert "--amplifier goes with --emulated" in err
