@@ -1,4 +1,4 @@
-"""The constants of identification, judged by two benchmarks: tests/benchmarks/models/predict.py
+"""The constants of identification, judged by two benchmarks: tests/benchmarks/models/prediction.py
 (structure, prior, comparison) and tests/benchmarks/models/identify.py (rows and outliers by its
 part `faults`, sizes by `speed` and `length`)."""
 

@@ -54,7 +54,7 @@ CHANGES = room(
         "no lag is ever found",
     ),
     Change(
-        "every-lag-is-the-drives", LAGS, "if foretells_better(sensor, drive):", "if False:",
+        "every-lag-is-the-drives", LAGS, "if predicts_better(sensor, drive):", "if False:",
         "a slow sensor is taken for a slow drive, and made up for",
     ),
     Change(
