@@ -14,7 +14,7 @@ import numpy as np
 
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, Trial, predicts_better, pays, shows
+from dehyst.models.identify.structure import Candidate, Trial, pays, predicts_better, shows
 from dehyst.models.identify.thresholds import regrid, space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats

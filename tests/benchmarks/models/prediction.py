@@ -17,12 +17,12 @@ ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
 from tests.benchmarks.bars import Bars  # noqa: E402
-from tests.benchmarks.models import prediction_cases as cases  # noqa: E402
 from tests.benchmarks.models import (  # noqa: E402
-    prediction_turns,
     identify_faults,
+    prediction_turns,
     public_operator,
 )
+from tests.benchmarks.models import prediction_cases as cases  # noqa: E402
 
 from dehyst.daemon.files.recordings import read_recording  # noqa: E402
 from dehyst.models.cascade.simulate import simulate  # noqa: E402
