@@ -23,7 +23,7 @@ from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
 from dehyst.models.identify.final import Fitted, fit_all
 from dehyst.models.identify.fit import make_start
-from dehyst.models.identify.own_input import require_one_direction, require_own_input
+from dehyst.models.identify.own_input import require_ordinary_loop, require_own_input
 from dehyst.models.identify.search import Search
 from dehyst.models.identify.sense import (
     note_slow_times,
@@ -131,7 +131,7 @@ def identify_alone(
     try:
         found = _identify(own, options, progress)
     except BadRecording:
-        require_one_direction(own)  # says more of it than that nothing follows
+        require_ordinary_loop(own)  # says more of it than that nothing follows
         raise
     return replace(
         found,
@@ -268,12 +268,10 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
 
 def _is_one_loop(rows: Sequence[Rows], span: float) -> bool:
     """Whether all recordings together repeat one loop at one rate."""
-    ways = []
-    for one in rows:
-        known = ~np.isnan(one.u)
-        ways.append(ways_of(one.t_s[known], one.u[known], span))
-    durations, sizes = (np.concatenate(parts) for parts in zip(*ways, strict=True))
-    return repeats_one_loop(durations, sizes)
+    known = [~np.isnan(one.u) for one in rows]
+    return repeats_one_loop(
+        [ways_of(one.t_s[k], one.u[k], span) for one, k in zip(rows, known, strict=True)]
+    )
 
 
 def _left(best: Candidate, fitted: Fitted, picks: Sequence[Bools]) -> float:
