@@ -48,6 +48,7 @@ from dehyst.models.identify.uncertainty import (
 )
 from dehyst.models.model import Fit, Model, Provenance, Validity
 from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.signals.pace import measure_pace
 from dehyst.models.signals.ways import repeats_one_loop, ways_of
 from dehyst.models.units import spell_unit
 
@@ -406,6 +407,11 @@ def _has_drive(recording: Recording) -> bool:
 
 
 def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
+    slowest = []
+    for one in rows:
+        known = ~np.isnan(one.u)
+        pace = measure_pace(one.t_s[known], one.u[known], setup.span)
+        slowest.append(float(np.quantile(pace, TUNING.driven_pace)) if pace.size else 0.0)
     bands = [b for one in rows if (b := measure_band_hz(one.u, one.period_s)) is not None]
     return Validity(
         drive_min=setup.drive_min,
@@ -414,4 +420,5 @@ def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
         acceleration_max=(setup.acceleration_max or None) if setup.by_turns else None,
         band_hz=max(bands, default=None),
         period_s=float(np.median([one.period_s for one in rows])),
+        slowest_s=max(slowest) or None,
     )
