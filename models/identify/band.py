@@ -3,7 +3,8 @@
 What the model predicts errs by what its parameters are not known to (their covariance, carried to
 a drive of all kinds, models.identify.data.comparison_drive), by what structures differ there
 between which the recordings do not decide, by what is left of stretches that were held out, beyond
-the noise, and, where the data want what no invertible model gives, by what that leaves.
+the noise, and, where the data want what no invertible model gives, by what that leaves. Each is an
+estimate of the same error, so that the largest is taken.
 """
 
 from collections.abc import Iterator, Sequence
@@ -45,9 +46,10 @@ def estimate_band(
         jac, _ = linearise(lot, fitted.shape, fitted.params)
         power += float(np.einsum("ni,ij,nj->", jac, covariance, jac, optimize=True))
         count += jac.shape[0]
-    unseen = TUNING.another_waveform**2 * (max(left, fitted.scored.held_rms) ** 2 - noise**2)
-    power = power / count + spread**2 + max(unseen, fitted.unreachable**2, 0.0)
-    return Z95 * float(np.sqrt(power))
+    unseen = max(left, fitted.scored.held_rms) ** 2 - noise**2
+    if len(setup.rows) == 1:
+        unseen *= TUNING.another_waveform**2
+    return Z95 * float(np.sqrt(max(power / count, spread**2, unseen, fitted.unreachable**2, 0.0)))
 
 
 def is_rival(best: Candidate, other: Candidate) -> bool:

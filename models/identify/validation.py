@@ -113,7 +113,7 @@ def validate(model: Model, recording: Recording) -> Validation:
     noise, within = estimate_noise(error), None
     outside = _find_outside(model, u, t)
     stated = ~(outside | _find_slower(model, u, t)) & ~np.isnan(error)
-    share = float(np.count_nonzero(stated)) / max(1, np.count_nonzero(~np.isnan(error)))
+    share = float(np.count_nonzero(stated)) / float(np.count_nonzero(~np.isnan(error)))
     if fit.band is not None and share >= LEAST_STATED:
         reach = np.hypot(fit.band, SURE * noise)
         judged = error[stated]

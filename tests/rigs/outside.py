@@ -128,22 +128,25 @@ def ordinary(seed: int) -> Recording:
 
 
 def lagged(seed: int, rates: tuple[float, ...], tau_s: float) -> list[Recording]:
-    """One stage, read through a first-order lag (0: none), a recording for each rate [Hz]."""
+    """One stage, read through a first-order lag (0: none), a recording for each rate [Hz]: sines
+    and triangles that begin anywhere, of 2.5 cycles or more."""
     rng = np.random.default_rng(seed)
     r = np.linspace(0.0, 40.0, 12)
     w = np.exp(-r / rng.uniform(10, 20))
     w[0] *= 4.0
+    start, cycles = rng.uniform(0.0, 1.0), rng.choice([2.5, 3.0, 6.0])
     out = []
     for place, f in enumerate(rates):
-        t = times(6.0 / f if f < 1 else 6.0)
-        u = 50 - 50 * np.cos(2 * np.pi * f * t)
+        t = times(max(cycles / f, 1.0))
+        x = f * t + start
+        u = 100 * np.abs(2 * (x % 1.0) - 1) if seed % 2 else 50 - 50 * np.cos(2 * np.pi * x)
         y = plays(u, r, w * 0.12 / w.sum())
         if tau_s:
-            x, late = y[0], np.empty(y.size)
-            share = 1.0 - np.exp(-1.0 / (RATE_HZ * tau_s))
+            late, share = np.empty(y.size), 1.0 - np.exp(-1.0 / (RATE_HZ * tau_s))
+            level = y[0]
             for i, target in enumerate(y):
-                x += share * (target - x)
-                late[i] = x
+                level += share * (target - level)
+                late[i] = level
             y = late
         out.append(Recording(t, u, noisy(y, 10 * seed + place), name=f"at-{f:g}-hz.csv"))
     return out

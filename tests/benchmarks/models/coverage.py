@@ -1,10 +1,11 @@
 """Does the 95 % interval hold on other rates and waveforms than a model was identified from?
 
-    python -m tests.benchmarks.models.coverage [real round-1 round-2 proof] [--stages 40]
+    python -m tests.benchmarks.models.coverage [real round-1 round-2 proof] [--stages 40] [--two]
 
-A model from one recording of a stage, and the rows of every other recording of the same stage that
-its interval holds. Rows that it says nothing of (outside of its validity, or slower than it was
-ever driven) are counted apart. Recordings and opened rounds are looked for in $DEHYST_DATA.
+A model from one recording of a stage (--two: and its last one but the proof's, which is held back),
+and the rows of every other recording of the same stage that its interval holds. Rows that it says
+nothing of (outside of its validity, or slower than it was ever driven) are counted apart.
+Recordings and opened rounds are looked for in $DEHYST_DATA.
 """
 
 import argparse
@@ -83,13 +84,19 @@ def proof(data: Path | None, stages: int) -> Iterator[Case]:
 PARTS = {"real": real, "round-1": round_1, "round-2": round_2, "proof": proof}
 
 
-def measure(cases: Iterator[Case], name: str, bars: Bars) -> list[float]:
+def measure(cases: Iterator[Case], name: str, bars: Bars, two: bool) -> list[float]:
     """Print a row for each model, and the bars of this part; shares of rows within."""
     shares: list[float] = []
     unstated, pairs, wide = [], 0, 0
     for case, one, others in cases:
+        given = [one]
+        if two:
+            at = -2 if name == "proof" else -1
+            if len(others) < 2:
+                continue
+            given.append(others.pop(at))
         try:
-            model = identify([one]).model
+            model = identify(given).model
         except DehystError as error:
             print(f"| {case} | refused: {str(error)[:90]} | | |", flush=True)
             continue
@@ -122,8 +129,9 @@ def measure(cases: Iterator[Case], name: str, bars: Bars) -> list[float]:
 def main() -> int:
     """Run the parts named, or all."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", default=list(PARTS), choices=[*PARTS, []])
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     parser.add_argument("--stages", type=int, default=40)
+    parser.add_argument("--two", action="store_true")
     args = parser.parse_args()
     bars, data, shares = Bars(), data_folder(ROOT), []
     print(
@@ -133,7 +141,8 @@ def main() -> int:
         if data is None and name != "proof":
             bars.cannot(name, "no recordings; set DEHYST_DATA")
             continue
-        shares += measure(PARTS[name](data, args.stages), name, bars)  # type: ignore[operator]
+        cases = PARTS[name](data, args.stages)  # type: ignore[operator]
+        shares += measure(cases, name, bars, args.two)
     good = sum(LEAST <= share <= MOST for share in shares)
     bars.least(f"recordings of {len(shares)} judged with {LEAST:.0%} to {MOST:.0%} within, %",
                100.0 * good / max(1, len(shares)), 100.0 * SHARE)  # fmt: skip
