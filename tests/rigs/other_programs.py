@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.rigs.outside import plays
 
 from dehyst.daemon.files.foreign.reading import Reading
 
 N, STEP_S = 400, 0.005
 T = STEP_S * np.arange(N)
 U = 50.0 + 40.0 * np.sin(2 * np.pi * 1.5 * T)
-Y = 3.0 + 0.06 * U + 0.3 * np.sin(2 * np.pi * 1.5 * T - 0.4)
+Y = 3.0 + plays(U, np.array([0.0, 5.0, 15.0, 30.0]), np.array([0.05, 0.008, 0.006, 0.003]))
 NAMES = ("Time (s)", "Voltage (V)", "Displacement (um)")
 
 

@@ -93,7 +93,7 @@ def show(path: Path, bars: Bars, folder: Path, options: list[str]) -> None:
                  asked.code == 2 and "--" in asked.last)  # fmt: skip
         print(f"| {path.name} | asks | {asked.last} |", flush=True)
     said = run(*words, *options)
-    read = next((line for line in said.err.splitlines() if "read" in line), "as it is")
+    read = next((line for line in said.err.splitlines() if " rows: " in line), "as it is")
     print(f"| {path.name} {' '.join(options)} | {read} | {said.code}: {said.last} |", flush=True)
     wanted = 2 if path.name in (*REFUSED, *DAMAGED) else 0
     bars.add(f"{path.name}: exit status", str(said.code), str(wanted), said.code == wanted)
