@@ -13,8 +13,8 @@ MOST_POINTS = 20_000
 
 
 def measure_pace(t_s: Floats, u: Floats, u_range: float) -> Floats:
-    """(N,) seconds since a drive u (N,), without gaps, was last WAY * u_range away from its present
-    value; since the beginning where it never was."""
+    """(N,) seconds back to the last row that any later row, up to this one, is WAY * u_range away
+    from; to the beginning where there is none. u: (N,), without gaps."""
     each = max(1, u.size // MOST_POINTS)
     t, v = t_s[::each], u[::each]
     out = np.empty(v.size)
