@@ -81,8 +81,9 @@ class Hysteresis:
 @dataclass(frozen=True)
 class Validity:
     """Where the model was identified: drive range [drive unit], largest rate [drive unit / s],
-    largest change of the rate [drive unit / s^2], band (highest frequency, Hz) and sampling period
-    [s]. None: not known, without a bound."""
+    largest change of the rate [drive unit / s^2], band (highest frequency, Hz), sampling period [s]
+    and the longest time [s] that the drive took for a twentieth of its range. None: not known,
+    without a bound."""
 
     drive_min: float
     drive_max: float
@@ -90,6 +91,7 @@ class Validity:
     acceleration_max: float | None = None
     band_hz: float | None = None
     period_s: float | None = None
+    slowest_s: float | None = None
 
 
 @dataclass(frozen=True)

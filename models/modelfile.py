@@ -147,6 +147,7 @@ def _validity(table: _Table, drive: str) -> Validity:
         rate_max=table.get(f"rate_max_{drive}_per_s", _positive, None),
         acceleration_max=table.get(f"acceleration_max_{drive}_per_s2", _positive, None),
         band_hz=table.get("band_hz", _positive, None),
+        slowest_s=table.get("slowest_s", _positive, None),
         period_s=table.get("period_s", _positive, None),
     )
     table.done()
@@ -229,6 +230,7 @@ def dumps(model: Model) -> str:
         f"rate_max_{drive}_per_s": v.rate_max,
         f"acceleration_max_{drive}_per_s2": v.acceleration_max,
         "band_hz": v.band_hz,
+        "slowest_s": v.slowest_s,
         "period_s": v.period_s,
     }
     fit = {

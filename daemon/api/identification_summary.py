@@ -53,6 +53,7 @@ def summary(
             "rate_max": v.rate_max,
             "acceleration_max": v.acceleration_max,
             "band_hz": v.band_hz,
+            "slowest_s": v.slowest_s,
             "period_s": v.period_s,
             "drive_unit": result.model.drive_unit,
         },
@@ -149,7 +150,8 @@ def describe_result(
         f"{fit.noise_rms:.4g}; " + _interval_words(fit.band, unit),
         verdict(result),
         f"valid from {v.drive_min:.4g} to {v.drive_max:.4g} {drive}"
-        + (f", up to {v.rate_max:.4g} {drive}/s" if v.rate_max else ""),
+        + (f", up to {v.rate_max:.4g} {drive}/s" if v.rate_max else "")
+        + (f", and no slower than {v.slowest_s:.3g} s a twentieth of it" if v.slowest_s else ""),
     ]
     lines += [f"note: {note}" for note in result.notes]
     lines += [f"missing: {text}" for text in _missing(result, covered)]

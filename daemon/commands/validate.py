@@ -78,4 +78,6 @@ def _summary(model: str, v: Validation) -> dict[str, Any]:
         "start": v.start,
         "outside_validity": v.outside,
         "within_band": v.within,
+        "band_unstated": v.unstated,
+        "band_is": v.interval_is,
     }

@@ -30,8 +30,14 @@ def say_validation(model: str, v: Validation) -> str:
         + ("white" if v.white else "not white")
         + f", correlation with the drive {v.tied_to_drive:.2g} (chance {v.chance:.2g})"
         + (f"; {v.within:.1%} of the rows within its 95 % band" if v.within is not None else "")
+        + (f", which is {v.interval_is}" if v.interval_is else "")
         + f"; start {v.start}"
     )
+    if v.unstated >= 0.0005:
+        text += (
+            f"\nnote: of {v.unstated:.1%} of the rows the 95 % band says nothing: the drive leaves "
+            "the model's validity or is slower than in its recordings; record such a drive"
+        )
     if v.outside >= 0.0005:
         text += f"\nnote: {v.outside:.1%} of the rows are outside the model's validity"
     return text

@@ -121,7 +121,9 @@ def _fit(
     loose = run(equations, begin, narrow)
     tight = run(equations, loose.params, 0.0, 1e-3)
     least, bounded = loose.normal.misfit, tight.normal.misfit
-    costly = setup.limits is not None and bounded > least * (1.0 + TUNING.costs)
+    freed = float(np.count_nonzero(r <= narrow) * (1 + shape.rate))  # of these chance takes some
+    chance = (freed + TUNING.sure * np.sqrt(2.0 * freed)) / loose.normal.count
+    costly = setup.limits is not None and bounded > least * (1.0 + TUNING.costs + chance)
     if costly and shape.rate and not setup.by_turns:
         slower = replace(setup, by_turns=True).rates(r) < setup.rate_max
         if slower.any():

@@ -23,7 +23,7 @@ from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
 from dehyst.models.identify.final import Fitted, fit_all
 from dehyst.models.identify.fit import make_start
-from dehyst.models.identify.own_input import require_one_direction, require_own_input
+from dehyst.models.identify.own_input import require_ordinary_loop, require_own_input
 from dehyst.models.identify.search import Search
 from dehyst.models.identify.sense import (
     note_slow_times,
@@ -48,6 +48,7 @@ from dehyst.models.identify.uncertainty import (
 )
 from dehyst.models.model import Fit, Model, Provenance, Validity
 from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.signals.pace import measure_pace
 from dehyst.models.signals.ways import repeats_one_loop, ways_of
 from dehyst.models.units import spell_unit
 
@@ -131,7 +132,7 @@ def identify_alone(
     try:
         found = _identify(own, options, progress)
     except BadRecording:
-        require_one_direction(own)  # says more of it than that nothing follows
+        require_ordinary_loop(own)  # says more of it than that nothing follows
         raise
     return replace(
         found,
@@ -268,12 +269,10 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
 
 def _is_one_loop(rows: Sequence[Rows], span: float) -> bool:
     """Whether all recordings together repeat one loop at one rate."""
-    ways = []
-    for one in rows:
-        known = ~np.isnan(one.u)
-        ways.append(ways_of(one.t_s[known], one.u[known], span))
-    durations, sizes = (np.concatenate(parts) for parts in zip(*ways, strict=True))
-    return repeats_one_loop(durations, sizes)
+    known = [~np.isnan(one.u) for one in rows]
+    return repeats_one_loop(
+        [ways_of(one.t_s[k], one.u[k], span) for one, k in zip(rows, known, strict=True)]
+    )
 
 
 def _left(best: Candidate, fitted: Fitted, picks: Sequence[Bools]) -> float:
@@ -408,6 +407,11 @@ def _has_drive(recording: Recording) -> bool:
 
 
 def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
+    slowest = []
+    for one in rows:
+        known = ~np.isnan(one.u)
+        pace = measure_pace(one.t_s[known], one.u[known], setup.span)
+        slowest.append(float(np.quantile(pace, TUNING.driven_pace)) if pace.size else 0.0)
     bands = [b for one in rows if (b := measure_band_hz(one.u, one.period_s)) is not None]
     return Validity(
         drive_min=setup.drive_min,
@@ -416,4 +420,5 @@ def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
         acceleration_max=(setup.acceleration_max or None) if setup.by_turns else None,
         band_hz=max(bands, default=None),
         period_s=float(np.median([one.period_s for one in rows])),
+        slowest_s=max(slowest) or None,
     )

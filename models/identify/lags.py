@@ -14,7 +14,7 @@ import numpy as np
 
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, Trial, foretells_better, pays, shows
+from dehyst.models.identify.structure import Candidate, Trial, pays, predicts_better, shows
 from dehyst.models.identify.thresholds import regrid, space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
@@ -119,11 +119,11 @@ class LagSearch:
         of_drive, of_sensor = [before], [behind, second]
         (of_drive if given.lag.place == "drive" else of_sensor).append(given)
         drive, sensor = (min(group, key=lambda c: c.held_rms) for group in (of_drive, of_sensor))
-        if foretells_better(sensor, drive):
+        if predicts_better(sensor, drive):
             return sensor, True
         # a delay is the same before the hysteresis and behind it
         told = drive.lag is not None and drive.lag.kind != "delay"
-        return drive, told and foretells_better(drive, sensor)
+        return drive, told and predicts_better(drive, sensor)
 
     def _refine(self, lag: Dynamics, choose: Callable[[Dynamics], Candidate]) -> Candidate:
         """The structure chosen anew beside a lag, and the lag sought anew with it, in turn: what

@@ -10,6 +10,7 @@ from dehyst.models.cascade.figures import describe
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
 from dehyst.models.identify.data.rows import Rows
+from dehyst.models.identify.sense import measure_line
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
@@ -19,6 +20,13 @@ BUTTERFLY = (
     "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "
     "ferroelectric that is driven through its coercive field); drive it on one side of that only"
 )
+
+SAME_SIGNAL = 1e-9
+"""Of the displacement's rms, that a straight line through the drive leaves of a copy of it."""
+LEVELS, FEWEST_AT_A_LEVEL = 20, 3
+"""Of the drive, at which the way up is compared with the way down; readings of each."""
+SCATTERED = 0.5
+"""Of the widest distance, by which readings of one way scatter where no loop repeats."""
 
 
 @dataclass(frozen=True)
@@ -86,20 +94,60 @@ def require_own_input(
                 f"outliers); the model leaves {one.other_rms:.3g} {unit} rms there and "
                 f"{one.fitted_rms:.3g} in the others"
             )
-    if (width := describe(model).hysteresis) > TUNING.widest_loop:
-        raise BadRecording(
-            f"{rows[0].name}: the loop is {width:.0%} of the stroke wide; a piezo below its "
-            "coercive field stays below a third. It is driven through its coercive field, rubs "
-            "against something, or is read late: reduce the drive, or look for friction and lag"
+    figures = describe(model)
+    _require_narrow(rows[0].name, figures.hysteresis)
+    loop = figures.hysteresis * figures.stroke
+    if loop < max(noise):
+        said.append(
+            f"no hysteresis: the loop is {loop:.2g} {unit} wide, which is less than the noise; the "
+            "model is as good as linear in the drive"
         )
     return tuple(said)
 
 
-def require_one_direction(recordings: Sequence[Recording]) -> None:
-    """Raise BadRecording where the displacement comes back within the ways of the drive."""
+def require_ordinary_loop(recordings: Sequence[Recording]) -> None:
+    """Raise BadRecording where the loop itself says what is wrong: the displacement comes back
+    within the ways of the drive, is the drive itself, or goes up and down far apart."""
     for one in recordings:
-        if one.displacement is not None and is_butterfly(one.drive, one.displacement):
+        if one.displacement is None:
+            continue
+        if is_butterfly(one.drive, one.displacement):
             raise BadRecording(f"{one.name}: {BUTTERFLY}")
+        known = ~np.isnan(one.drive) & ~np.isnan(one.displacement)
+        u, y = one.drive[known], one.displacement[known]
+        if measure_line(u, y) <= SAME_SIGNAL * float(np.std(y)):
+            raise BadRecording(
+                f"{one.name}: the displacement is the drive times a constant, without noise: both "
+                "columns hold the same signal; give the column of the gauge (--columns y=...)"
+            )
+        _require_narrow(one.name, measure_loop_width(u, y))
+
+
+def _require_narrow(name: str, width: float) -> None:
+    if width > TUNING.widest_loop:
+        raise BadRecording(
+            f"{name}: the loop is {width:.0%} of the stroke wide; a piezo below its "
+            "coercive field stays below a third. It is driven through its coercive field, rubs "
+            "against something, or is read late: reduce the drive, or look for friction and lag"
+        )
+
+
+def measure_loop_width(u: Floats, y: Floats) -> float:
+    """Widest distance of what goes down from what comes up at one drive, over the range of y; u, y:
+    (N,) without gaps. 0 where y does not repeat: a level of drive has no typical reading."""
+    if u.size < 4 * LEVELS or not np.ptp(u) or not np.ptp(y):
+        return 0.0
+    level = np.minimum(((u - u.min()) / np.ptp(u) * LEVELS).astype(int), LEVELS - 1)
+    rises = np.gradient(u) > 0.0
+    widths, within = [], []
+    for at in range(1, LEVELS - 1):
+        up, down = y[(level == at) & rises], y[(level == at) & ~rises]
+        if min(up.size, down.size) >= FEWEST_AT_A_LEVEL:
+            widths.append(abs(float(np.median(up) - np.median(down))))
+            within += [float(np.std(up)), float(np.std(down))]
+    if not widths or float(np.median(within)) > SCATTERED * max(widths):
+        return 0.0
+    return max(widths) / float(np.ptp(y))
 
 
 def _why_outside(model: Model, rows: Rows) -> str:

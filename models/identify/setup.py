@@ -327,9 +327,8 @@ def _find_far_outside(y: Floats) -> Bools:
 
 def _fit_mean_slope(u: Floats, y: Floats) -> float:
     """Slope of a straight line through (u, y), in which wild values have no say."""
-    du, dy = u - u.mean(), y - np.median(y)
-    inner = np.abs(dy) <= 6.0 * np.median(np.abs(dy))
-    if not inner.any():
-        inner[:] = True
-    power = float(du[inner] @ du[inner])
-    return float(du[inner] @ dy[inner]) / power if power > 0.0 else 0.0
+    inner = ~_find_far_outside(y)
+    u, y = u[inner], y[inner]
+    du = u - u.mean()
+    power = float(du @ du)
+    return float(du @ (y - y.mean())) / power if power > 0.0 else 0.0

@@ -88,10 +88,10 @@ def pays(simple: Candidate, rich: Candidate, clear: float = TUNING.clear) -> boo
         return False
     if rich.held.sum() < simple.held.sum() * clear:
         return True
-    return foretells_better(rich, simple)
+    return predicts_better(rich, simple)
 
 
-def foretells_better(one: Candidate, other: Candidate) -> bool:
+def predicts_better(one: Candidate, other: Candidate) -> bool:
     """Does this one predict better than the other by more than chance over the stretches?"""
     used = (other.sizes > 0) & (other.held > 0.0) & (one.held > 0.0)
     if not used.any():

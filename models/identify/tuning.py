@@ -1,4 +1,4 @@
-"""The constants of identification, judged by two benchmarks: tests/benchmarks/models/predict.py
+"""The constants of identification, judged by two benchmarks: tests/benchmarks/models/prediction.py
 (structure, prior, comparison) and tests/benchmarks/models/identify.py (rows and outliers by its
 part `faults`, sizes by `speed` and `length`)."""
 
@@ -28,6 +28,9 @@ class Tuning(NamedTuple):
     # 0.2 and more (tests/benchmarks/models/outside.py)
     widest_band: float = 0.25  # of the stroke: a wider interval of prediction says nothing
     widest_loop: float = 0.5  # of the stroke; a piezo below its coercive field has 0.35 at most
+    driven_pace: float = 0.99  # of the rows: slower ones are too few to show what is slow
+    another_waveform: float = 1.3  # times the misfit of stretches held out: of one recording they
+    # are of one waveform; several are each other's (tests/benchmarks/models/coverage.py)
     worse_left_out: float = 2.0  # times the rms of the fitted rows, from which on it is said
     # outliers
     lone: float = 8.0  # a lone drive value this many robust standard deviations off is a glitch

@@ -15,10 +15,14 @@ from dehyst.models.errors import BadInput
 from dehyst.models.identify.uncertainty import estimate_noise
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.signals.pace import measure_pace
 
 LAGS = 40  # rows over which what is left is compared with itself and with the drive
 COVERED, ENOUGH = 0.9, 0.5
 CLAIM = 1.5  # times the error that the model states: more is worse than it claims
+NARROW, WIDE = 0.85, 0.99  # of the rows within an interval that is to hold 95 %
+SLOWER = 1.5  # times the slowest pace that was driven: beyond it nothing is stated
+LEAST_STATED = 0.2  # of the rows, by which an interval is judged
 SURE = 1.96  # standard errors of a correlation of nothing
 
 
@@ -28,8 +32,10 @@ class Validation:
     span: of the displacement; noise: rms from row to row; claim: what the model states of itself;
     start: the history that fits; predicted: (N,); autocorrelation: (LAGS,) of what is left, from
     one row on; with_drive: (LAGS + 1,) its correlation with the drive so many rows before; chance:
-    what such a correlation is by chance; outside: share of the rows beyond the validity; within:
-    share of the rows, but for the offset, that the model's 95 % band and the noise explain."""
+    what such a correlation is by chance; outside: share of the rows beyond the validity; unstated:
+    share of the rows of which the 95 % interval says nothing, as these, or as slower than the drive
+    ever was; within: share of the others, but for the offset, that the model's 95 % band and the
+    noise explain, None where they are too few."""
 
     name: str
     unit: str
@@ -44,6 +50,7 @@ class Validation:
     with_drive: Floats
     chance: float
     outside: float
+    unstated: float
     within: float | None
 
     @property
@@ -55,6 +62,13 @@ class Validation:
     def worse(self) -> bool:
         """Is it worse than the model claims? A model that claims nothing is not."""
         return self.claim is not None and not self.rms <= CLAIM * self.claim
+
+    @property
+    def interval_is(self) -> str:
+        """What is wrong with the width of the 95 % interval: "too narrow", "too wide", or ""."""
+        if self.within is None or NARROW <= self.within <= WIDE:
+            return ""
+        return "too narrow" if self.within < NARROW else "too wide"
 
     @property
     def white(self) -> bool:
@@ -97,9 +111,13 @@ def validate(model: Model, recording: Recording) -> Validation:
     own, drive = _correlate(error - offset, u)
     fit = model.fit
     noise, within = estimate_noise(error), None
-    if fit.band is not None:
+    outside = _find_outside(model, u, t)
+    stated = ~(outside | _find_slower(model, u, t)) & ~np.isnan(error)
+    share = float(np.count_nonzero(stated)) / float(np.count_nonzero(~np.isnan(error)))
+    if fit.band is not None and share >= LEAST_STATED:
         reach = np.hypot(fit.band, SURE * noise)
-        within = float(np.mean(np.abs(error - offset)[~np.isnan(error)] <= reach))
+        judged = error[stated]
+        within = float(np.mean(np.abs(judged - judged.mean()) <= reach))
     return Validation(
         name=recording.name,
         unit=model.displacement_unit,
@@ -113,7 +131,8 @@ def validate(model: Model, recording: Recording) -> Validation:
         autocorrelation=own,
         with_drive=drive,
         chance=SURE / max(1.0, float(np.count_nonzero(~np.isnan(error)))) ** 0.5,
-        outside=_measure_outside(model, u, t),
+        outside=float(np.mean(outside)),
+        unstated=1.0 - share,
         within=within,
     )
 
@@ -138,11 +157,20 @@ def _correlate(error: Floats, u: Floats) -> tuple[Floats, Floats]:
     return np.array(own), np.array(with_drive)
 
 
-def _measure_outside(model: Model, u: Floats, t: Floats) -> float:
-    """Share of the rows beyond the drive range or the rate that the model was identified in."""
+def _find_slower(model: Model, u: Floats, t: Floats) -> Bools:
+    """(N,) rows at which the drive is slower than it was in any recording of the model."""
+    v = model.validity
+    if v.slowest_s is None:
+        return np.zeros(u.size, dtype=bool)
+    pace = measure_pace(t, u, v.drive_max - v.drive_min)
+    return np.asarray(pace > SLOWER * v.slowest_s)
+
+
+def _find_outside(model: Model, u: Floats, t: Floats) -> Bools:
+    """(N,) rows beyond the drive range or the rate that the model was identified in."""
     v = model.validity
     margin = 1e-6 * (v.drive_max - v.drive_min)
     beyond = (u < v.drive_min - margin) | (u > v.drive_max + margin)
     if v.rate_max and u.size > 1:
         beyond[1:] |= np.abs(np.diff(u)) / np.diff(t) > v.rate_max * (1.0 + 1e-6)
-    return float(np.mean(beyond))
+    return np.asarray(beyond)

@@ -1,5 +1,9 @@
 """How a reading goes along the ways of a drive: from one turn of the drive to the next."""
 
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
 import numpy as np
 
 from dehyst.models.recording import Floats
@@ -46,17 +50,36 @@ SMALL_WAY = 0.05
 ALIKE = 1.3
 """Longest over shortest duration (and size) of ways that count as one loop repeated."""
 ENDS_LEFT_OUT = 0.1
-"""Share of the ways, at each end of the order, that may be anything (the start, the last one)."""
+"""Share of a recording's ways, at each end of the order, that may be anything."""
+EDGE = 0.1
+"""Of the time of a way, in which half of it is travelled: a sine needs a third, a triangle half."""
 MOST_POINTS = 20_000
 """Of a recording, on which turns are sought."""
 
 
-def ways_of(t: Floats, u: Floats, u_range: float) -> tuple[Floats, Floats]:
-    """(durations [s], sizes) of the ways (W,) of a drive u (N,) at times t (N,) from turn to turn,
-    the first and the last one left out; ways back of less than SMALL_WAY are none."""
+class Ways(NamedTuple):
+    """The ways of one drive from turn to turn: (W,) durations [s], sizes, and shares of the
+    duration in which the fastest half of the way is travelled."""
+
+    durations: Floats
+    sizes: Floats
+    fastest: Floats
+
+
+def ways_of(t: Floats, u: Floats, u_range: float) -> Ways:
+    """The ways of a drive u (N,) at times t (N,); what is before the first turn and after the last
+    is left out, and ways back of less than SMALL_WAY are none."""
     each = max(1, u.size // MOST_POINTS)
     t, u = t[::each], u[::each]
-    least = SMALL_WAY * u_range
+    turns = _find_turns(u, SMALL_WAY * u_range)
+    fastest = [_fastest_half(t[a : b + 1], u[a : b + 1]) for a, b in pairwise(turns)]
+    at = np.array(turns, int)
+    return Ways(np.diff(t[at]), np.abs(np.diff(u[at])), np.array(fastest))
+
+
+def _find_turns(u: Floats, least: float) -> list[int]:
+    """Rows of the extremes between which the drive goes by more than this; the first direction that
+    it takes is no turn."""
     turns: list[int] = []
     low = high = 0
     direction = 0
@@ -66,23 +89,34 @@ def ways_of(t: Floats, u: Floats, u_range: float) -> tuple[Floats, Floats]:
         if direction <= 0 and u[i] < u[low]:
             low = i
         if direction >= 0 and u[high] - u[i] > least:
-            turns.append(high)
+            turns += [high] if direction else []
             direction, low = -1, i
         elif direction <= 0 and u[i] - u[low] > least:
-            turns.append(low)
+            turns += [low] if direction else []
             direction, high = 1, i
-    at = np.array(turns, int)
-    return np.diff(t[at]), np.abs(np.diff(u[at]))
+    return turns
 
 
-def repeats_one_loop(durations: Floats, sizes: Floats) -> bool:
-    """Whether ways are all alike in duration and size: one loop at one rate, which does not
-    distinguish what depends on the rate from what does not."""
-    if durations.size < 2:
+def _fastest_half(t: Floats, u: Floats) -> float:
+    """Share of the duration in which the fastest half of the travel is done."""
+    steps, times = np.abs(np.diff(u)), np.diff(t)
+    order = np.argsort(-steps / np.maximum(times, 1e-300))
+    done = np.cumsum(steps[order])
+    taken = np.cumsum(times[order])
+    return float(taken[np.searchsorted(done, 0.5 * done[-1])] / max(taken[-1], 1e-300))
+
+
+def repeats_one_loop(recordings: Sequence[Ways]) -> bool:
+    """Whether the ways of all recordings are alike in duration and size and none has an edge: one
+    loop at one rate, which does not distinguish what depends on the rate from what does not."""
+    known = [ways for ways in recordings if ways.durations.size >= 2]
+    if not known:
         return True
-    low, high = ENDS_LEFT_OUT, 1.0 - ENDS_LEFT_OUT
-    for values in (durations, sizes):
-        shortest, longest = np.quantile(values, [low, high])
-        if longest > ALIKE * shortest:
+    if any(float(np.median(ways.fastest)) < EDGE for ways in known):
+        return False
+    ends = (ENDS_LEFT_OUT, 1.0 - ENDS_LEFT_OUT)
+    for which in ("durations", "sizes"):
+        found = np.array([np.quantile(getattr(ways, which), ends) for ways in known])
+        if found[:, 1].max() > ALIKE * found[:, 0].min():
             return False
     return True

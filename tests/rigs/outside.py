@@ -43,8 +43,10 @@ def outside(seed: int = 0) -> dict[str, Recording]:
     t = times(8.0)
     sine = 100.0 * np.sin(2 * np.pi * 0.5 * t)
     triangle = 100.0 * (2 * np.abs(2 * ((0.5 * t) % 1.0) - 1) - 1)
-    short = times(2.005, 200.0)
+    short, long = times(2.005, 200.0), times(8.2)
     once = 100.0 * np.sin(2 * np.pi * 0.5 * short)
+    swing = 100.0 * np.sin(2 * np.pi * 0.5 * long)
+    ceramic = polarisation(swing, 50.0, 8.0) + 0.003 * swing
     rng = np.random.default_rng(seed)
     walk = np.cumsum(rng.standard_normal(t.size))
     made: dict[str, tuple[Floats, Floats, Floats]] = {
@@ -53,6 +55,9 @@ def outside(seed: int = 0) -> dict[str, Recording]:
         "square butterfly": (t, triangle, polarisation(triangle, 40.0, 15.0) ** 2),
         "switching loop": (t, sine, polarisation(sine, 45.0, 10.0)),
         "switching loop, triangle": (t, triangle, polarisation(triangle, 60.0, 25.0)),
+        "switching loop of 401 rows": (short, once, polarisation(once, 45.0, 10.0)),
+        "switching loop of 4100 rows": (long, swing, ceramic),
+        "square friction loop": (t, sine, np.sign(dry(sine, 40.0)) + 0.002 * sine),
         "dry friction": (t, sine, dry(sine, 70.0)),
         "dry friction, triangle": (t, triangle, dry(triangle, 60.0)),
         "one way up": (t, t * 10.0, t * 3.0),
@@ -60,11 +65,45 @@ def outside(seed: int = 0) -> dict[str, Recording]:
         "nothing that follows": (t, sine, rng.standard_normal(t.size)),
         "another input": (t, sine, walk / np.ptp(walk) * 8.0 + 0.002 * sine),
         "twice the frequency": (t, sine, np.cos(2 * np.pi * 1.0 * t)),
+        **_wrongly_connected(t, sine, rng),
     }
     return {
-        kind: Recording(t_s, u, noisy(y, seed), name=f"{kind}.csv")
+        kind: Recording(t_s, u, y if y is u else noisy(y, seed), name=f"{kind}.csv")
         for kind, (t_s, u, y) in made.items()
     }
+
+
+def stage(u: Floats, seed: int = 0) -> Floats:
+    """A stack of 12 plays with a loop of some 15 %, 0.12 um/V."""
+    rng = np.random.default_rng(seed)
+    r = np.linspace(0.0, 40.0, 12)
+    w = np.exp(-r / rng.uniform(10, 25))
+    w[0] *= rng.uniform(2.0, 6.0)
+    return plays(u, r, w * 0.12 / w.sum())
+
+
+def _wrongly_connected(
+    t: Floats, sine: Floats, rng: np.random.Generator
+) -> dict[str, tuple[Floats, Floats, Floats]]:
+    """A good stage whose drive or gauge is not: what a bench gives on a bad day."""
+    good, half = stage(sine), t.size // 2
+    white = rng.standard_normal(t.size)
+    return {
+        "open circuit": (t, sine, 3.0 + 1e-3 * white),
+        "gauge disconnected": (t, sine, 0.5 * np.sin(2 * np.pi * 50.0 * t) + 0.05 * white),
+        "drive unconnected": (t, 0.02 * white, good),
+        "gauge turned round halfway": (t, sine, np.r_[good[:half], -good[half:]]),
+        "drive is the reading": (t, good, good),
+        "gauge at its limit": (t, sine, np.minimum(good, 0.3 * good.max())),
+        "backlash": (t, sine, dry(sine, 55.0)),
+    }
+
+
+def linear(seed: int = 0) -> Recording:
+    """A stage without hysteresis, as one with a flexure under a voice coil."""
+    t = times(6.0)
+    u = 50 - 50 * np.cos(2 * np.pi * 0.7 * t) * np.sin(np.pi * t / 6.0)
+    return Recording(t, u, noisy(0.12 * u + 3.0, seed), name="linear.csv")
 
 
 def ordinary(seed: int) -> Recording:
@@ -89,22 +128,25 @@ def ordinary(seed: int) -> Recording:
 
 
 def lagged(seed: int, rates: tuple[float, ...], tau_s: float) -> list[Recording]:
-    """One stage, read through a first-order lag (0: none), a recording for each rate [Hz]."""
+    """One stage, read through a first-order lag (0: none), a recording for each rate [Hz]: sines
+    and triangles that begin anywhere, of 2.5 cycles or more."""
     rng = np.random.default_rng(seed)
     r = np.linspace(0.0, 40.0, 12)
     w = np.exp(-r / rng.uniform(10, 20))
     w[0] *= 4.0
+    start, cycles = rng.uniform(0.0, 1.0), rng.choice([2.5, 3.0, 6.0])
     out = []
     for place, f in enumerate(rates):
-        t = times(6.0 / f if f < 1 else 6.0)
-        u = 50 - 50 * np.cos(2 * np.pi * f * t)
+        t = times(max(cycles / f, 1.0))
+        x = f * t + start
+        u = 100 * np.abs(2 * (x % 1.0) - 1) if seed % 2 else 50 - 50 * np.cos(2 * np.pi * x)
         y = plays(u, r, w * 0.12 / w.sum())
         if tau_s:
-            x, late = y[0], np.empty(y.size)
-            share = 1.0 - np.exp(-1.0 / (RATE_HZ * tau_s))
+            late, share = np.empty(y.size), 1.0 - np.exp(-1.0 / (RATE_HZ * tau_s))
+            level = y[0]
             for i, target in enumerate(y):
-                x += share * (target - x)
-                late[i] = x
+                level += share * (target - level)
+                late[i] = level
             y = late
         out.append(Recording(t, u, noisy(y, 10 * seed + place), name=f"at-{f:g}-hz.csv"))
     return out

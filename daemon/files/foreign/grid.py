@@ -296,7 +296,8 @@ def fill(
 def tell(found: Found, layout: Layout, texts: int) -> None:
     """What else was understood of the form."""
     if layout.notes:
-        found.said.append(f"{len(layout.notes)} lines before the headings kept as notes")
+        lines = "1 line" if len(layout.notes) == 1 else f"{len(layout.notes)} lines"
+        found.said.append(f"{lines} before the headings kept as notes")
     left = [
         layout.headings[j] or f"column {j}" for j in range(layout.width) if not layout.numeric[j]
     ]

@@ -47,7 +47,7 @@ def understand(name: str, found: Found, reading: Reading, wants: Sequence[str]) 
     for role in ("u", "y", "target"):
         if role in chosen:
             given = reading.drive_unit if role == "u" else reading.unit
-            _take(role, columns[chosen[role]], given, out, said, asked)
+            _take(role, columns[chosen[role]], chosen[role], given, out, said, asked)
     if asked:
         raise BadRecording(f"{name}: {'; '.join(asked)}")
     for i, column in enumerate(columns):
@@ -107,6 +107,7 @@ def _choose(
     roles |= {i: ("t", BY_UNIT) for i in free if columns[i].clock and roles[i][0] != "t"}
     if "target" in wants and not any(role == "target" for role, _ in roles.values()):
         roles = {i: ("target", sure) if r == "y" else (r, sure) for i, (r, sure) in roles.items()}
+    both = False  # drive and displacement were asked for at once
     for role in NAMES:
         if role in chosen or (role == "t" and reading.rate_hz):
             continue
@@ -121,8 +122,9 @@ def _choose(
             option = _option(role, columns, found)
             if role == "u" and not any(r == "y" for r, _ in roles.values()) and "y" not in chosen:
                 option += "," + _option("y", columns, found).removeprefix("--columns ")
+                both = True
             asked.append(f"{names}: which is the {NAMES[role]}? add {option}")
-        elif role in wants and role != "t":
+        elif role in wants and role != "t" and not (role == "y" and both):
             left = [i for i in free if not roles[i][0]]
             names = ", ".join(_label(columns[i], i) for i in range(min(len(columns), 6)))
             asked.append(
@@ -243,15 +245,14 @@ def _take_time(
 def _take(
     role: str,
     column: Column,
+    number: int,
     given: str,
     out: dict[str, Floats],
     said: list[str],
     asked: list[str],
 ) -> None:
     """Drive, displacement or target into a unit that recordings have."""
-    unit, label = unit_of(given) or _unit(column), _label(column, 0)
-    if not column.heading:
-        label = "the column given" + (f" ({column.unit})" if column.unit else "")
+    unit, label = unit_of(given) or _unit(column), _label(column, number)
     if not unit and role == "u":
         unit, label = "v", f"{label}, taken as volts"
     if not unit:

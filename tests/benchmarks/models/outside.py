@@ -1,53 +1,103 @@
 """Recordings outside of the class, ordinary ones, and one rate against two: what identify says.
 
-python -m tests.benchmarks.models.outside [--ordinary 60] [--lags 40]
+    python -m tests.benchmarks.models.outside [outside ordinary proof slow lags] [--number 40]
+
+Prints a table and its bars; ends with 0 or 1 as tests/benchmarks/bars.py says.
 """
 
 import argparse
+import sys
+from collections.abc import Iterable, Iterator
 
-from tests.rigs.outside import lagged, ordinary, outside
+from tests.benchmarks.bars import Bars
+from tests.benchmarks.models.proof.families import COUNTS, plans
+from tests.benchmarks.models.proof.stages import make_case
+from tests.rigs.outside import lagged, linear, ordinary, outside
 
 from dehyst.models.errors import BadRecording
-from dehyst.models.identify import identify
+from dehyst.models.identify import Identification, identify
+from dehyst.models.recording import Recording
+
+ORDINARY = 60
+LEAST_LAGS = 0.95
+SEED = 4400  # of the proof's stages
 
 
-def main() -> None:
-    """Print the table."""
+def found_in(recordings: list[Recording], what: str) -> Identification | None:
+    """What is identified; None where it is refused, and then a row says why."""
+    try:
+        return identify(recordings)
+    except BadRecording as error:
+        print(f"| {what} | refused: {str(error)[:140]} |", flush=True)
+        return None
+
+
+def without(bars: Bars, number: int) -> None:
+    """Kinds outside of the class: none is accepted; a stage without hysteresis is, and named."""
+    kinds = outside()
+    accepted = [kind for kind, one in kinds.items() if found_in([one], kind) is not None]
+    bars.none(f"accepted of {len(kinds)} kinds outside of the class", len(accepted))
+    found = found_in([linear()], "linear")
+    named = found is not None and any("no hysteresis" in note for note in found.notes)
+    bars.add("a stage without hysteresis", "taken and named" if named else "not so", "so", named)
+
+
+def _count_refused(recordings: Iterable[Recording]) -> int:
+    return sum(found_in([one], one.name) is None for one in recordings)
+
+
+def inside(bars: Bars, number: int) -> None:
+    """Ordinary recordings of stages with 8 to 25 % hysteresis."""
+    refused = _count_refused(ordinary(seed) for seed in range(ORDINARY))
+    bars.none(f"refused of {ORDINARY} ordinary recordings", refused)
+
+
+def proof(bars: Bars, number: int) -> None:
+    """The first recording of stages of the proof, those outside of its class left out."""
+    families = [family for family in COUNTS if family != "outside"]
+
+    def made() -> Iterator[Recording]:
+        for plan in plans(SEED, ORDINARY, families):
+            case = make_case(plan)
+            yield case.recording(next(iter(case.tables)))
+
+    bars.none(f"refused of {ORDINARY} recordings of the proof", _count_refused(made()))
+
+
+def slow(bars: Bars, number: int) -> None:
+    """Static stages recorded by one slow loop; every other one read through a lag, which one rate
+    cannot show."""
+    given = 0
+    for seed in range(number):
+        found = found_in(lagged(seed, (1.0,), 0.02 * (seed % 4 > 1)), f"one loop {seed}")
+        given += found is None or found.shape.rate or bool(found.model.blocks)
+    bars.none(f"given dynamics or refused of {number} recorded by one slow loop", given)
+
+
+def lags(bars: Bars, number: int) -> None:
+    """Stages with a lag of 10 to 30 ms recorded at two rates."""
+    named = 0
+    for seed in range(number):
+        found = found_in(lagged(seed, (0.5, 4.0), 0.01 + 0.02 * (seed % 3) / 2), f"lag {seed}")
+        named += found is not None and any(b.kind in ("lag", "delay") for b in found.model.blocks)
+    bars.least(f"of {number} with a lag at two rates, given one", named, LEAST_LAGS * number)
+
+
+PARTS = {"outside": without, "ordinary": inside, "proof": proof, "slow": slow, "lags": lags}
+
+
+def main() -> int:
+    """Run the parts named on the command line, or all."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--ordinary", type=int, default=60)
-    parser.add_argument("--lags", type=int, default=40)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--number", type=int, default=40)
     args = parser.parse_args()
-    refused = 0
-    for kind, recording in outside().items():
-        try:
-            identify([recording])
-            print(f"accepted: {kind}")
-        except BadRecording as error:
-            refused += 1
-            print(f"refused: {str(error)[:110]}")
-    taken = 0
-    for seed in range(args.ordinary):
-        try:
-            identify([ordinary(seed)])
-            taken += 1
-        except BadRecording as error:
-            print(f"ordinary {seed} refused: {error}")
-    static = sum(not identify(lagged(s, (1.0,), 0.02 * (s % 2))).model.blocks
-                 for s in range(args.lags))  # fmt: skip
-    told = 0
-    for seed in range(args.lags):
-        try:
-            found = identify(lagged(seed, (0.5, 4.0), 0.01 + 0.02 * (seed % 3) / 2))
-        except BadRecording as error:
-            print(f"lag {seed} refused: {str(error)[:110]}")
-            continue
-        told += any(b.kind in ("lag", "delay") for b in found.model.blocks)
-    print("| what | of | number |\n|---|---|---|")
-    print(f"| outside of the class, refused | {len(outside())} | {refused} |")
-    print(f"| ordinary recordings, taken | {args.ordinary} | {taken} |")
-    print(f"| one slow loop, given no dynamics | {args.lags} | {static} |")
-    print(f"| a lag at two rates, given one | {args.lags} | {told} |")
+    bars = Bars()
+    print("| recording | said |\n|---|---|")
+    for name in args.parts or PARTS:
+        PARTS[name](bars, args.number)
+    return bars.end()
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

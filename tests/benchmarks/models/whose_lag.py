@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
 from tests.benchmarks.bars import Bars  # noqa: E402
-from tests.benchmarks.models import foretell_cases as cases  # noqa: E402
+from tests.benchmarks.models import prediction_cases as cases  # noqa: E402
 
 from dehyst.models.identify import Identification, identify  # noqa: E402
 from dehyst.models.recording import Floats, Recording  # noqa: E402

@@ -52,7 +52,7 @@ def test_arrays_columns_files_and_recordings_give_the_same(
         assert np.array_equal(other, slopes[0])
 
 
-def test_what_is_identified_foretells_and_inverts(found: Any, tmp_path: Path) -> None:
+def test_what_is_identified_predicts_and_inverts(found: Any, tmp_path: Path) -> None:
     assert found.rms == pytest.approx(NOISE, rel=0.15)
     up = np.linspace(0.0, 9.0, 900)
     slowly = forward.simulate_hysteresis(

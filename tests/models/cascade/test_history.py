@@ -31,7 +31,7 @@ def begin_late(model: Model, before: list[float], zero: float) -> tuple[np.ndarr
 
 @pytest.mark.parametrize("start", LEGS)
 @pytest.mark.parametrize("block", [None, Block("lag", "drive", {"tau_s": 0.004})])
-def test_the_history_is_found_and_foretells(start: str, block: Block | None) -> None:
+def test_the_history_is_found_and_predicts(start: str, block: Block | None) -> None:
     model = stage(*([block] if block else []))
     t_s, u, y = begin_late(model, LEGS[start], zero=3.0)
     found = replay(model, t_s, u, {}, y)

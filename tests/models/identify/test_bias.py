@@ -36,7 +36,7 @@ def drive(low: float, high: float, seed: int) -> Floats:
 
 
 @pytest.mark.parametrize(("low", "high"), [(20.0, 80.0), (60.0, 100.0)])
-def test_a_drive_about_a_bias_foretells_another(low: float, high: float) -> None:
+def test_a_drive_about_a_bias_predicts_another(low: float, high: float) -> None:
     """What the rate does depends on the drive's true zero, which the recording never reaches."""
     u, other = drive(low, high, 1), drive(low, high, 2)
     noise = 0.004 * np.random.default_rng(3).standard_normal(N)
@@ -63,7 +63,7 @@ def run_curved_stage(u: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("low", [20.0, 40.0])
-def test_two_sines_about_a_bias_foretell_a_slow_drive(low: float) -> None:
+def test_two_sines_about_a_bias_predict_a_slow_drive(low: float) -> None:
     """A curve and what the rate does are told nearly alike by two sines: only weighed against each
     other do they predict slower rates."""
     high, t = 100.0 - low, np.arange(N) * T

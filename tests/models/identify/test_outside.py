@@ -1,17 +1,20 @@
 """What is outside of the model's class is refused with its reason; what is ordinary is not; and
 dynamics are claimed only where the recordings show two rates."""
 
+import numpy as np
 import pytest
-from tests.rigs.outside import lagged, ordinary, outside
+from tests.rigs.outside import lagged, linear, noisy, ordinary, outside, stage, times
 
 from dehyst.models.errors import BadRecording
 from dehyst.models.identify import identify
 
 OUTSIDE = outside()
 REASONS = {
-    "butterfly": "butterfly", "square": "butterfly", "switching": "loop is|switches",
-    "dry": "loop is|switches|straight line", "one way": "only runs", "nothing": "follow",
-    "another": "follow|another input", "twice": "butterfly|follow",
+    "butterfly": "butterfly", "square butterfly": "butterfly", "switching": "loop is",
+    "square friction": "loop is", "dry": "loop is", "one way": "only runs", "nothing": "follow",
+    "another": "follow|another input", "twice": "butterfly|follow", "open": "follow",
+    "gauge disconnected": "follow", "drive unconnected": "follow", "gauge turned": "follow",
+    "drive is": "same signal", "gauge at": "another input", "backlash": "loop is",
 }  # fmt: skip
 
 
@@ -31,6 +34,30 @@ def test_an_ordinary_recording_is_not_refused(seed: int) -> None:
     if found.model.fit.band is not None:
         v = found.model.validity
         assert found.model.fit.band < 0.13 * (v.drive_max - v.drive_min) * 1.3
+
+
+def test_a_stage_without_hysteresis_is_taken_and_named() -> None:
+    found = identify([linear()])
+    assert any("no hysteresis" in note for note in found.notes)
+    assert not any("run back" in note for note in found.notes)
+
+
+def test_a_drive_that_rests_for_most_of_the_time_is_ordinary() -> None:
+    t = times(6.0)
+    u = np.where(t < 3.6, 0.0, 80.0 * np.sin(2 * np.pi * 5.0 * t) * (t - 3.6) / 2.4)
+    one = type(linear())(t, u, noisy(stage(u), 0), name="rests.csv")
+    found = identify([one])
+    assert found.model.fit.rms == pytest.approx(found.noise_rms, rel=0.2)
+
+
+@pytest.mark.parametrize("start", [0.0, 0.25, 0.4])
+@pytest.mark.parametrize("cycles", [2.0, 3.0, 6.5])
+def test_one_loop_from_anywhere_gives_a_static_model(start: float, cycles: float) -> None:
+    t = times(cycles / 1.5)
+    u = 50 + 50 * np.sin(2 * np.pi * (1.5 * t + start))
+    found = identify([type(linear())(t, u, noisy(stage(u, 3), 3), name="loop.csv")])
+    assert not found.shape.rate
+    assert found.model.blocks == ()
 
 
 @pytest.mark.parametrize("tau_s", [0.0, 0.02])

@@ -49,7 +49,7 @@ def test_short_or_slow_recordings_are_taken_whole() -> None:
         assert taken.spread(values, np.nan) is values
 
 
-def test_the_model_of_stretches_foretells_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_model_of_stretches_predicts_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     from dehyst.models.identify.data import stretches
 
     monkeypatch.setattr(stretches.take_stretches, "__defaults__", (20_000,))

@@ -6,6 +6,7 @@ UNCERTAINTY = "models/identify/uncertainty.py"
 RESULT = "models/identify/identification.py"
 LAGS, START = "models/identify/lags.py", "models/identify/start.py"
 TUNING = "models/identify/tuning.py"
+BAND, VALIDATION = "models/identify/band.py", "models/identify/validation.py"
 
 CHANGES = room(
     ("tests/models/identify/test_intervals.py",),
@@ -54,7 +55,7 @@ CHANGES = room(
         "no lag is ever found",
     ),
     Change(
-        "every-lag-is-the-drives", LAGS, "if foretells_better(sensor, drive):", "if False:",
+        "every-lag-is-the-drives", LAGS, "if predicts_better(sensor, drive):", "if False:",
         "a slow sensor is taken for a slow drive, and made up for",
     ),
     Change(
@@ -118,5 +119,35 @@ CHANGES += room(
         "            powers.append(e[at][1:][keep] ** 2)\n",
         "a lag that two rates show is missed where the first structure is wrong",
         survives="few stages show it: the benchmark `outside` then counts 35 of 40",
+    ),
+) + room(
+    ("tests/models/identify/test_stated_interval.py", "tests/models/signals/test_ways.py"),
+    Change(
+        "rivals-that-cannot-be-inverted",
+        BAND,
+        "if not other.invertible or other.superseded:",
+        "if False:",
+        "an interval is as wide as a structure is off that was never to be taken",
+    ),
+    Change(
+        "holds-are-covered",
+        VALIDATION,
+        "stated = ~(outside | _find_slower(model, u, t))",
+        "stated = ~outside",
+        "an interval is judged on holds that no recording had",
+    ),
+    Change(
+        "wide-is-right",
+        VALIDATION,
+        "NARROW, WIDE = 0.85, 0.99",
+        "NARROW, WIDE = 0.85, 2.0",
+        "an interval of any width is as good as it claims",
+    ),
+    Change(
+        "first-direction-turns",
+        "models/signals/ways.py",
+        "turns += [low] if direction else []",
+        "turns += [low]",
+        "one loop that begins in the middle is taken for two sizes",
     ),
 )

@@ -1,11 +1,11 @@
 """Turns: drives with corners, which no recording of smooth drives has shown, and the stage itself
-tracked by the inverse; parts of tests.benchmarks.models.predict."""
+tracked by the inverse; parts of tests.benchmarks.models.prediction."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from tests.benchmarks.bars import Bars
-from tests.benchmarks.models import foretell_cases as cases
+from tests.benchmarks.models import prediction_cases as cases
 
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.identify import identify

@@ -1,6 +1,6 @@
 """Does a model from one recording predict the next one? Other waveforms, sizes and rates.
 
-    python -m tests.benchmarks.models.predict [paper peer bias real static band turns public]
+    python -m tests.benchmarks.models.prediction [paper peer bias real static band turns public]
 
 Prints a table for each part and, last, its bars; ends with 0, 1 or 77 as tests/benchmarks/bars.py
 says. Real recordings are looked for in $DEHYST_DATA.
@@ -17,12 +17,12 @@ ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
 from tests.benchmarks.bars import Bars  # noqa: E402
-from tests.benchmarks.models import foretell_cases as cases  # noqa: E402
 from tests.benchmarks.models import (  # noqa: E402
-    foretell_turns,
     identify_faults,
+    prediction_turns,
     public_operator,
 )
+from tests.benchmarks.models import prediction_cases as cases  # noqa: E402
 
 from dehyst.daemon.files.recordings import read_recording  # noqa: E402
 from dehyst.models.cascade.simulate import simulate  # noqa: E402
@@ -253,8 +253,8 @@ def band(bars: Bars) -> None:
 
 def turns(bars: Bars) -> None:
     """7: Eq. 12 with corners in the drive, and tracked; nm rms, largest of the seeds."""
-    foretell_turns.measure_corners(SEEDS, bars)
-    foretell_turns.measure_tracking(SEEDS, bars)
+    prediction_turns.measure_corners(SEEDS, bars)
+    prediction_turns.measure_tracking(SEEDS, bars)
 
 
 def public(bars: Bars) -> None:
