@@ -62,19 +62,31 @@ def hand_out(
     bare = replace(bare, data=replace(bare.data, between=None))
     left_out = leave_out(problem, final)
     in_use = left_out.left_by(lambda here: bare.subject.model)
-    best = Handed(bare.subject.model, in_use, in_use)
+    best, chosen = Handed(bare.subject.model, in_use, in_use), None
     noise = (TUNING.helps * sigma) ** 2
     if not final.effects and not problem.base.width:
         return best
-    for choice in _choices(problem, bare, final):
+
+    def better(choice: Choice) -> Handed | None:
         held = left_out.left_by(choice.write_without)
         if held.mean_square > best.held.mean_square - noise:
-            continue
+            return None
         model = choice.write()
         left = left_of(data, replace(bare.subject, model=model).whole(data))
-        if not _is_worse(data, left, bare_left, sigma) and stays_in_reach(model, data):
-            names = choice.fit.effect_names
-            best = Handed(model, held, in_use, names, choice.shape, gained=True)
+        if _is_worse(data, left, bare_left, sigma) or not stays_in_reach(model, data):
+            return None
+        return Handed(model, held, in_use, choice.contains, choice.shape, gained=True)
+
+    for choice in _choices(problem, bare, final):
+        if handed := better(choice):
+            best, chosen = handed, choice
+    while chosen is not None and chosen.problem is not bare:
+        for fewer in [chosen.without(effect) for effect in chosen.fit.effects]:
+            if handed := better(fewer):
+                best, chosen = handed, fewer
+                break
+        else:
+            break
     return best
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from dehyst.models.diagnosis.augment import augmented
 from dehyst.models.diagnosis.base import no_base
+from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit, solve_ridged
 from dehyst.models.diagnosis.subject import Subject, fit_plain
@@ -29,6 +30,21 @@ class Choice:
     problem: Problem
     fit: JointFit
     shape: bool
+
+    @property
+    def contains(self) -> tuple[str, ...]:
+        """Keys of the effects that are blocks of the model."""
+        data, fit = self.problem.data, self.fit
+        return tuple(
+            e.candidate.key
+            for e, a in zip(fit.effects, fit.amplitudes, strict=True)
+            if e.candidate.blocks(e.theta, a, data)
+        )
+
+    def without(self, effect: Effect) -> "Choice":
+        """The same without one of its effects."""
+        rest = [e for e in self.fit.effects if e is not effect]
+        return replace(self, fit=self.problem.solve(rest, self.problem.output_of(self.fit)))
 
     def write(self) -> Model:
         """The model of all rows."""

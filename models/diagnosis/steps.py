@@ -221,7 +221,7 @@ def _conclude(
         share = max(0.0, 1.0 - sum(f.share for f in findings))
         rest = unknown(left, min(share, 1.0), where, data.unit, when)
         findings = [*findings, replace(rest, where={**where, **times})]
-    if verdict == "explained" and not handed.explains(floor):
+    if verdict == "explained" and not handed.explains(whole_noise):
         verdict = "partly"
     say("limits", 0.96)
     untold = {n for f in findings for n in (f.name, *f.ambiguous_with)}

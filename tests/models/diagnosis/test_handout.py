@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import signal
+from tests.benchmarks.models.written_rigs import make_rig
+from tests.rigs.diagnosis import diagnose_without_limits
 from tests.rigs.plants.drives import small_scan
 from tests.rigs.plants.hysteresis import preisach
 
@@ -165,3 +167,30 @@ def test_a_mode_behind_held_commands_is_handed_out_with_a_lead_where_that_is_bet
     assert own < 1.1e-3
     assert blocks.data.led is leads
     assert handed < most * straight
+
+
+def test_hum_in_a_servo_is_named_and_its_phase_is_not_written() -> None:
+    """A Bouc-Wen loop under an integrating controller that sees the hum, and drives against it:
+    each recording has a phase of its own, and the held-out drive none."""
+    case = make_rig(7, 0)
+    found = diagnose_without_limits(case.given)
+    assert "hum" in {f.name for f in found.findings}
+    assert not {"resonance", "lag", "delay"} & {f.name for f in found.findings}
+    assert "hum" not in {b.kind for b in found.model.blocks}
+    in_use, written = (
+        float(np.std(case.held.displacement - predict(m, case.held).displacement))  # type: ignore[operator]
+        for m in (found.base_model, found.model)
+    )
+    assert in_use > 2.5 * case.noise
+    assert written < 0.5 * case.noise
+
+
+def test_what_is_left_in_rows_left_out_is_not_explained() -> None:
+    """A lag behind a loop of another class, with a noise of a twenty-thousandth of the stroke: by
+    far the most is explained, several noises are not."""
+    case = make_rig(7, 21)
+    found = diagnose_without_limits(case.given)
+    assert "lag" in {f.name for f in found.findings}
+    assert found.rms["heldout_augmented"] < 0.2 * found.rms["heldout_model"]
+    assert found.rms["heldout_augmented"] > 2.0 * case.noise
+    assert found.verdict == "partly"

@@ -343,6 +343,23 @@ CHANGES = [
             "if held.mean_square > 4.0 * best.held.mean_square:",
             "a model is written that predicts worse than the model in use",
         ),
+        Change(
+            "class-error-is-noise",
+            "models/diagnosis/steps.py",
+            "not handed.explains(whole_noise)",
+            "not handed.explains(floor)",
+            "a stage is explained with several noises left in what was held out",
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_parts.py",),
+        Change(
+            "any-phase-is-written",
+            "models/physics/hum.py",
+            "            if abs(mean) < ALIKE * np.sqrt(np.abs(line) ** 2 @ told / count):\n",
+            "            if abs(mean) <= 0.0:\n",
+            "a line is written whose phase is no other recording's",
+        ),
     ),
     *room(
         ("tests/models/diagnosis/test_data_first.py",),
