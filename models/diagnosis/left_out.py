@@ -80,11 +80,13 @@ class Refitted(Choice):
 
 
 class Left(NamedTuple):
-    """Mean squares on rows that were left out. known: without what belongs to one recording alone,
-    as the phase of a line, which no model can know of another recording."""
+    """On rows that were left out. mean_square, known: all of them, with and without what belongs to
+    one recording alone, as the phase of a line, which no model can know of another recording;
+    worst: rms of the recording that is predicted worst."""
 
     mean_square: float
     known: float
+    worst: float
 
 
 @dataclass(frozen=True)
@@ -97,14 +99,16 @@ class LeftOut:
 
     def left_by(self, write: Callable[[Bools], Model]) -> Left:
         """What the models leave, each written without its group; levels aside."""
-        sums = np.zeros(2)
+        sums, each = np.zeros(2), np.zeros((2, len(self.data.names)))
         for group, own in zip(self.groups, self.own, strict=True):
             left = self._error(write(group), group)
             rest = left - own @ np.linalg.lstsq(own, left, rcond=None)[0] if own.size else left
             sums += left @ left, rest @ rest
+            each[:, self.data.rec[np.argmax(group)]] += left @ left, left.size
         count = sum(int((g & self.data.rows).sum()) for g in self.groups)
         sums = np.where(np.isfinite(sums), sums, np.inf) / max(count, 1)
-        return Left(*sums.tolist())
+        worst = np.sqrt((each[0] / np.maximum(each[1], 1.0)).max())
+        return Left(*sums.tolist(), worst=float(worst))
 
     def _error(self, model: Model, group: Bools) -> Floats:
         """Of the group's counted rows, about the level of the recording's other rows, or, where

@@ -16,12 +16,11 @@ from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.diagnosis.augment import REACH_S, augmented, slow_ways
 from dehyst.models.diagnosis.base import no_base, rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.data.survey import left_of
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.findings.weigh import Weighed
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.handout import as_blocks, hand_out, lean_on_the_model
-from dehyst.models.diagnosis.left_out import Choice
+from dehyst.models.diagnosis.left_out import Choice, leave_out
 from dehyst.models.diagnosis.subject import THRESHOLDS, Subject, fit_plain
 from dehyst.models.modelfile import dumps, loads
 from dehyst.models.physics import library
@@ -109,7 +108,7 @@ def test_a_model_that_predicts_no_other_recording_is_not_written(changes: bool) 
     bare = Problem(data, no_base(data), replace(subject, carries=True))
     fit = problem.solve([])
     weighed = Weighed((), problem, fit, 0.0, 0.0)
-    handed = hand_out(data, bare, weighed, left_of(data, subject.whole(data)), NOISE)
+    handed = hand_out(data, bare, weighed, NOISE)
     assert handed.gained is not changes
     assert (handed.model is subject.model) is changes
     assert handed.held.mean_square <= handed.held_in_use.mean_square
@@ -128,6 +127,21 @@ def test_a_model_is_written_from_the_other_rows_alone() -> None:
     theirs = simulate(augmented(without, without.solve([])), DT, u)
     assert np.std(ours - theirs) < 1e-3 * NOISE
     assert np.std(ours - simulate(augmented(problem, fit), DT, u)) > 0.03 * NOISE
+
+
+def test_the_worst_recording_left_out_is_known() -> None:
+    """Of three scans the second is of a stage whose gain has changed."""
+    given = [scan(1), scan(2), scan(3)]
+    given[1] = replace(given[1], displacement=1.05 * given[1].displacement)  # type: ignore[operator]
+    data = prepare(given)
+    subject = Subject(fit_plain(data, THRESHOLDS * data.span))
+    problem = Problem(data, rich_base(data), subject)
+    left = leave_out(problem, problem.solve([])).left_by(lambda here: subject.model)
+    error = data.y - subject.whole(data)
+    each = [float(np.std(error[(data.rec == i) & data.rows])) for i in range(3)]
+    assert each[1] == max(each) > 1.2 * min(each)
+    assert left.worst == pytest.approx(each[1], rel=1e-6)
+    assert left.mean_square < left.worst**2
 
 
 def test_the_stated_errors_are_those_of_the_written_file(found: Diagnosis) -> None:

@@ -344,6 +344,13 @@ CHANGES = [
             "a model is written that predicts worse than the model in use",
         ),
         Change(
+            "best-recording-is-worst",
+            "models/diagnosis/left_out.py",
+            "np.maximum(each[1], 1.0)).max()",
+            "np.maximum(each[1], 1.0)).min()",
+            "a model is written that one of the recordings left out speaks against",
+        ),
+        Change(
             "class-error-is-noise",
             "models/diagnosis/steps.py",
             "not handed.explains(whole_noise)",
