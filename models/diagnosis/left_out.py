@@ -104,11 +104,11 @@ class LeftOut:
             left = self._error(write(group), group)
             rest = left - own @ np.linalg.lstsq(own, left, rcond=None)[0] if own.size else left
             sums += left @ left, rest @ rest
-            each[:, self.data.rec[np.argmax(group)]] += left @ left, left.size
+            each[:, self.data.rec[np.argmax(group)]] += np.array([left @ left, left.size])
         count = sum(int((g & self.data.rows).sum()) for g in self.groups)
         sums = np.where(np.isfinite(sums), sums, np.inf) / max(count, 1)
         worst = np.sqrt((each[0] / np.maximum(each[1], 1.0)).max())
-        return Left(*sums.tolist(), worst=float(worst))
+        return Left(float(sums[0]), float(sums[1]), float(worst))
 
     def _error(self, model: Model, group: Bools) -> Floats:
         """Of the group's counted rows, about the level of the recording's other rows, or, where
