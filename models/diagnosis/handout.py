@@ -14,14 +14,13 @@ import numpy as np
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis.augment import REACH_S, slow_ways, stays_in_reach
 from dehyst.models.diagnosis.base import Leaning, rich_base
-from dehyst.models.diagnosis.data.survey import left_of
 from dehyst.models.diagnosis.findings.weigh import Weighed
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.left_out import Choice, Left, Refitted, leave_out
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
-from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.signals.joined import Data
 from dehyst.models.signals.pasts import FRESH
 
 
@@ -46,12 +45,10 @@ class Handed:
         return self.gained and self.held.known <= (TUNING.near_noise * noise) ** 2
 
 
-def hand_out(
-    data: Data, bare: Problem, weighed: Weighed, bare_left: Floats, sigma: float
-) -> Handed:
+def hand_out(data: Data, bare: Problem, weighed: Weighed, sigma: float) -> Handed:
     """Of the models with what was found, the plainest that predicts what it was not fitted to as
-    well as the best does; the model in use, where none predicts better than it or all would go
-    astray. bare_left: (N,) what the model in use leaves."""
+    well as the best does, and its worst recording no worse than the model in use its own; the model
+    in use, where none predicts better than it or all would go astray. data: all samples."""
     problem, final = weighed.problem, weighed.final
     if problem.data.between is not None:  # a model runs along straight lines
         problem = replace(problem, data=replace(problem.data, between=None))
@@ -62,19 +59,32 @@ def hand_out(
     bare = replace(bare, data=replace(bare.data, between=None))
     left_out = leave_out(problem, final)
     in_use = left_out.left_by(lambda here: bare.subject.model)
-    best = Handed(bare.subject.model, in_use, in_use)
+    best, chosen = Handed(bare.subject.model, in_use, in_use), None
     noise = (TUNING.helps * sigma) ** 2
     if not final.effects and not problem.base.width:
         return best
-    for choice in _choices(problem, bare, final):
+
+    def better(choice: Choice) -> Handed | None:
         held = left_out.left_by(choice.write_without)
         if held.mean_square > best.held.mean_square - noise:
-            continue
+            return None
+        if held.worst > in_use.worst + TUNING.no_worse * sigma:
+            return None
         model = choice.write()
-        left = left_of(data, replace(bare.subject, model=model).whole(data))
-        if not _is_worse(data, left, bare_left, sigma) and stays_in_reach(model, data):
-            names = choice.fit.effect_names
-            best = Handed(model, held, in_use, names, choice.shape, gained=True)
+        if not stays_in_reach(model, data):
+            return None
+        return Handed(model, held, in_use, choice.contains, choice.shape, gained=True)
+
+    for choice in _choices(problem, bare, final):
+        if handed := better(choice):
+            best, chosen = handed, choice
+    while chosen is not None and chosen.problem is not bare:
+        for fewer in [chosen.without(effect) for effect in chosen.fit.effects]:
+            if handed := better(fewer):
+                best, chosen = handed, fewer
+                break
+        else:
+            break
     return best
 
 
@@ -128,14 +138,3 @@ def lean_on_the_model(problem: Problem, weight: float) -> Problem:
 def _knows_each_alone(problem: Problem) -> bool:
     """Whether the base has learned places one by one, and nothing of what lies between them."""
     return problem.few_places and problem.base.width == rich_base(problem.data).width
-
-
-def _is_worse(data: Data, left: Floats, before: Floats, sigma: float) -> bool:
-    """Whether a model leaves more than the one before, by more than half the noise: of any
-    recording, in its rows that count or in all."""
-    for i in range(len(data.names)):
-        here = (data.rec == i) & (data.raw_index >= 0)
-        for k in (here, here & data.rows):
-            if np.std(left[k]) > np.std(before[k]) + TUNING.no_worse * sigma:
-                return True
-    return False

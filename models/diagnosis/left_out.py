@@ -14,6 +14,7 @@ import numpy as np
 
 from dehyst.models.diagnosis.augment import augmented
 from dehyst.models.diagnosis.base import no_base
+from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit, solve_ridged
 from dehyst.models.diagnosis.subject import Subject, fit_plain
@@ -29,6 +30,21 @@ class Choice:
     problem: Problem
     fit: JointFit
     shape: bool
+
+    @property
+    def contains(self) -> tuple[str, ...]:
+        """Keys of the effects that are blocks of the model."""
+        data, fit = self.problem.data, self.fit
+        return tuple(
+            e.candidate.key
+            for e, a in zip(fit.effects, fit.amplitudes, strict=True)
+            if e.candidate.blocks(e.theta, a, data)
+        )
+
+    def without(self, effect: Effect) -> "Choice":
+        """The same without one of its effects."""
+        rest = [e for e in self.fit.effects if e is not effect]
+        return replace(self, fit=self.problem.solve(rest, self.problem.output_of(self.fit)))
 
     def write(self) -> Model:
         """The model of all rows."""
@@ -64,11 +80,13 @@ class Refitted(Choice):
 
 
 class Left(NamedTuple):
-    """Mean squares on rows that were left out. known: without what belongs to one recording alone,
-    as the phase of a line, which no model can know of another recording."""
+    """On rows that were left out. mean_square, known: all of them, with and without what belongs to
+    one recording alone, as the phase of a line, which no model can know of another recording;
+    worst: rms of the recording that is predicted worst."""
 
     mean_square: float
     known: float
+    worst: float
 
 
 @dataclass(frozen=True)
@@ -81,14 +99,16 @@ class LeftOut:
 
     def left_by(self, write: Callable[[Bools], Model]) -> Left:
         """What the models leave, each written without its group; levels aside."""
-        sums = np.zeros(2)
+        sums, each = np.zeros(2), np.zeros((2, len(self.data.names)))
         for group, own in zip(self.groups, self.own, strict=True):
             left = self._error(write(group), group)
             rest = left - own @ np.linalg.lstsq(own, left, rcond=None)[0] if own.size else left
             sums += left @ left, rest @ rest
+            each[:, self.data.rec[np.argmax(group)]] += np.array([left @ left, left.size])
         count = sum(int((g & self.data.rows).sum()) for g in self.groups)
         sums = np.where(np.isfinite(sums), sums, np.inf) / max(count, 1)
-        return Left(*sums.tolist())
+        worst = np.sqrt((each[0] / np.maximum(each[1], 1.0)).max())
+        return Left(float(sums[0]), float(sums[1]), float(worst))
 
     def _error(self, model: Model, group: Bools) -> Floats:
         """Of the group's counted rows, about the level of the recording's other rows, or, where

@@ -207,11 +207,11 @@ def _conclude(
     if not follows(data, unexplained) and not shown:
         findings, verdict = [f for f in findings if f.name != "shape"], "unknown"
     bare_left = left_of(recorded, subject.whole(recorded))
-    in_use = Left(weighed.bare, weighed.bare)
+    in_use = Left(weighed.bare, weighed.bare, float(np.sqrt(weighed.bare)))
     if BUTTERFLY in warnings:  # nothing that follows it can be inverted
         handed = Handed(subject.model, in_use, in_use)
     else:
-        handed = hand_out(recorded, bare, weighed, bare_left, sigma)
+        handed = hand_out(recorded, bare, weighed, sigma)
     findings = [
         f if f.name == "shape" or f.key in handed.contains else not_written(f) for f in findings
     ]
@@ -221,7 +221,7 @@ def _conclude(
         share = max(0.0, 1.0 - sum(f.share for f in findings))
         rest = unknown(left, min(share, 1.0), where, data.unit, when)
         findings = [*findings, replace(rest, where={**where, **times})]
-    if verdict == "explained" and not handed.explains(floor):
+    if verdict == "explained" and not handed.explains(whole_noise):
         verdict = "partly"
     say("limits", 0.96)
     untold = {n for f in findings for n in (f.name, *f.ambiguous_with)}

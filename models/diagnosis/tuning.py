@@ -108,7 +108,7 @@ class Tuning(NamedTuple):
     mostly_shape: float = 0.7  # of what is explained: more that effects leave to the base is shape
     foreign_share: float = 0.03  # of the stroke: a given model that leaves more, and
     foreign_times: float = 4.0  # times what a model of its class would, is of another stage
-    no_worse: float = 0.5  # of the noise, that an augmented model may leave more of a recording
+    no_worse: float = 0.5  # of the noise, that a written model's worst recording may leave more
     leanings: tuple[float, ...] = (1e-6, 1e-3, 1e-2, 0.1)  # weights by which a base is held to the
     # model in use where nothing was recorded, of the recorded rows; the first that holds it
     stiffnesses: tuple[float, ...] = (1e4, 1e2, 1.0)  # times the prior of the base, tried in turn

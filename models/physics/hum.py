@@ -1,7 +1,7 @@
 """Fixed lines: y = x + sum_i A_i sin(2 pi f_i t + phase_i), t the recording's own time.
 
 The mains and its harmonics, and any line whose frequency does not know the drive. The phase
-belongs to one recording: forward only.
+belongs to one recording: forward only, and of several recordings only where they share it.
 """
 
 import math
@@ -37,6 +37,10 @@ def _check(values: Values) -> str:
     sizes = {values[n].size for n in ("frequency", "amplitude", "phase")}
     return "" if len(sizes) == 1 else "frequency_hz, amplitude and phase_rad: lists of one length"
 
+
+ALIKE = 0.95
+"""Length of the recordings' mean phasor, of their rms, from which they share a phase: within about
+20 degrees. With others a line predicts nothing of a further recording, and is not written."""
 
 KIND = Kind(
     name="hum",
@@ -127,9 +131,11 @@ class Hum(Candidate):
         out = []
         rows = np.bincount(data.rec[data.rows], minlength=self._recordings)
         for f, line in zip(theta, self.per_recording(theta, amplitudes), strict=True):
-            mean = complex(line @ rows / max(float(rows.sum()), 1.0))
-            # with phases that differ between recordings nothing can be predicted: amplitude of
-            # the mean phasor, which is then small
+            told = np.where(line != 0.0, rows, 0)  # 0: of a recording that was left out
+            count = max(float(told.sum()), 1.0)
+            mean = complex(line @ told / count)
+            if abs(mean) < ALIKE * np.sqrt(np.abs(line) ** 2 @ told / count):
+                continue
             out.append(
                 Block(
                     "hum",

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import signal
+from tests.benchmarks.models.written_rigs import make_rig
+from tests.rigs.diagnosis import diagnose_without_limits
 from tests.rigs.plants.drives import small_scan
 from tests.rigs.plants.hysteresis import preisach
 
@@ -14,12 +16,11 @@ from dehyst.models.diagnosis import Diagnosis, diagnose
 from dehyst.models.diagnosis.augment import REACH_S, augmented, slow_ways
 from dehyst.models.diagnosis.base import no_base, rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.data.survey import left_of
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.findings.weigh import Weighed
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.handout import as_blocks, hand_out, lean_on_the_model
-from dehyst.models.diagnosis.left_out import Choice
+from dehyst.models.diagnosis.left_out import Choice, leave_out
 from dehyst.models.diagnosis.subject import THRESHOLDS, Subject, fit_plain
 from dehyst.models.modelfile import dumps, loads
 from dehyst.models.physics import library
@@ -107,7 +108,7 @@ def test_a_model_that_predicts_no_other_recording_is_not_written(changes: bool) 
     bare = Problem(data, no_base(data), replace(subject, carries=True))
     fit = problem.solve([])
     weighed = Weighed((), problem, fit, 0.0, 0.0)
-    handed = hand_out(data, bare, weighed, left_of(data, subject.whole(data)), NOISE)
+    handed = hand_out(data, bare, weighed, NOISE)
     assert handed.gained is not changes
     assert (handed.model is subject.model) is changes
     assert handed.held.mean_square <= handed.held_in_use.mean_square
@@ -126,6 +127,21 @@ def test_a_model_is_written_from_the_other_rows_alone() -> None:
     theirs = simulate(augmented(without, without.solve([])), DT, u)
     assert np.std(ours - theirs) < 1e-3 * NOISE
     assert np.std(ours - simulate(augmented(problem, fit), DT, u)) > 0.03 * NOISE
+
+
+def test_the_worst_recording_left_out_is_known() -> None:
+    """Of three scans the second is of a stage whose gain has changed."""
+    given = [scan(1), scan(2), scan(3)]
+    given[1] = replace(given[1], displacement=1.05 * given[1].displacement)  # type: ignore[operator]
+    data = prepare(given)
+    subject = Subject(fit_plain(data, THRESHOLDS * data.span))
+    problem = Problem(data, rich_base(data), subject)
+    left = leave_out(problem, problem.solve([])).left_by(lambda here: subject.model)
+    error = data.y - subject.whole(data)
+    each = [float(np.std(error[(data.rec == i) & data.rows])) for i in range(3)]
+    assert each[1] == max(each) > 1.2 * min(each)
+    assert left.worst == pytest.approx(each[1], rel=1e-6)
+    assert left.mean_square < left.worst**2
 
 
 def test_the_stated_errors_are_those_of_the_written_file(found: Diagnosis) -> None:
@@ -165,3 +181,30 @@ def test_a_mode_behind_held_commands_is_handed_out_with_a_lead_where_that_is_bet
     assert own < 1.1e-3
     assert blocks.data.led is leads
     assert handed < most * straight
+
+
+def test_hum_in_a_servo_is_named_and_its_phase_is_not_written() -> None:
+    """A Bouc-Wen loop under an integrating controller that sees the hum, and drives against it:
+    each recording has a phase of its own, and the held-out drive none."""
+    case = make_rig(7, 0)
+    found = diagnose_without_limits(case.given)
+    assert "hum" in {f.name for f in found.findings}
+    assert not {"resonance", "lag", "delay"} & {f.name for f in found.findings}
+    assert "hum" not in {b.kind for b in found.model.blocks}
+    in_use, written = (
+        float(np.std(case.held.displacement - predict(m, case.held).displacement))  # type: ignore[operator]
+        for m in (found.base_model, found.model)
+    )
+    assert in_use > 2.5 * case.noise
+    assert written < 0.5 * case.noise
+
+
+def test_what_is_left_in_rows_left_out_is_not_explained() -> None:
+    """A lag behind a loop of another class, with a noise of a twenty-thousandth of the stroke: by
+    far the most is explained, several noises are not."""
+    case = make_rig(7, 21)
+    found = diagnose_without_limits(case.given)
+    assert "lag" in {f.name for f in found.findings}
+    assert found.rms["heldout_augmented"] < 0.2 * found.rms["heldout_model"]
+    assert found.rms["heldout_augmented"] > 2.0 * case.noise
+    assert found.verdict == "partly"

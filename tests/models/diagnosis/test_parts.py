@@ -111,6 +111,19 @@ def test_columns_add_what_their_blocks_add(
     np.testing.assert_allclose(y - plain, added, atol=1e-9)
 
 
+@pytest.mark.parametrize(("turn", "written"), [(0.0, 1), (0.3, 1), (1.0, 0), (np.pi, 0)])
+def test_a_line_is_written_where_the_recordings_share_its_phase(
+    data: Data, turn: float, written: int
+) -> None:
+    """turn: of the second recording's phase against the first one's [rad]."""
+    (line,) = (c for c in library(data) if c.key == "hum")
+    amplitudes = 0.1 * np.array([1.0, 0.0, np.cos(turn), np.sin(turn)])
+    blocks = line.blocks((50.0,), amplitudes, data)
+    assert len(blocks) == written
+    if written:
+        assert blocks[0].params["phase_rad"] == pytest.approx(0.5 * turn, abs=0.05)
+
+
 @pytest.mark.parametrize(
     ("key", "theta", "amplitudes"),
     [("drift-trend", (0.9, 60.0), (0.4, 3.0)), ("creep-earlier", (0.2, 2.0), (0.2, 0.1))],

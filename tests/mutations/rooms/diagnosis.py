@@ -343,6 +343,30 @@ CHANGES = [
             "if held.mean_square > 4.0 * best.held.mean_square:",
             "a model is written that predicts worse than the model in use",
         ),
+        Change(
+            "best-recording-is-worst",
+            "models/diagnosis/left_out.py",
+            "np.maximum(each[1], 1.0)).max()",
+            "np.maximum(each[1], 1.0)).min()",
+            "a model is written that one of the recordings left out speaks against",
+        ),
+        Change(
+            "class-error-is-noise",
+            "models/diagnosis/steps.py",
+            "not handed.explains(whole_noise)",
+            "not handed.explains(floor)",
+            "a stage is explained with several noises left in what was held out",
+        ),
+    ),
+    *room(
+        ("tests/models/diagnosis/test_parts.py",),
+        Change(
+            "any-phase-is-written",
+            "models/physics/hum.py",
+            "            if abs(mean) < ALIKE * np.sqrt(np.abs(line) ** 2 @ told / count):\n",
+            "            if abs(mean) <= 0.0:\n",
+            "a line is written whose phase is no other recording's",
+        ),
     ),
     *room(
         ("tests/models/diagnosis/test_data_first.py",),
