@@ -15,11 +15,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from dehyst import __version__
-from dehyst.daemon import log_lines
-from dehyst.daemon.bus.printable import printable
+from dehyst.daemon import kernel_cache, log_lines
+from dehyst.daemon.interrupts import INTERRUPTED, LightEnd, ended_at_once
 from dehyst.daemon.loop.timing import realtime
-from dehyst.daemon.tools import kernel_cache
-from dehyst.daemon.tools.interrupts import INTERRUPTED, LightEnd, ended_at_once
+from dehyst.daemon.printable import printable
 from dehyst.drivers import system
 from dehyst.models.errors import BadInput, DehystError, NotNow
 
@@ -170,8 +169,8 @@ def _compiling_told(command: str | None, said_by: str) -> AbstractContextManager
     if command not in COMPILING | PROCESSES:
         return nullcontext()
     # both import numba, which these need anyway
+    from dehyst.daemon.kernel_cache import load_lightly
     from dehyst.daemon.terminal.compiling import compiling_told
-    from dehyst.daemon.tools.kernel_cache import load_lightly
 
     load_lightly()
     process = command in PROCESSES

@@ -19,10 +19,10 @@ from msgspec import structs
 from dehyst.daemon.bus.contract import MESSAGES, meaning_of, name_of_message, schema_of
 from dehyst.daemon.bus.messages import FoundEffect, GatewayStatus, ModelOffer
 from dehyst.daemon.bus.refusal_codes import CODES
+from dehyst.daemon.config.keys import list_config
 from dehyst.daemon.main import COMMANDS, build_whole_parser
 from dehyst.daemon.rings.records import Flag, MissCause, Mode, State
 from dehyst.daemon.rings.status import Timing
-from dehyst.daemon.tools.config_keys import list_config
 from dehyst.drivers.registry import list_plugins, list_settings
 from dehyst.drivers.settings import SettingKey
 

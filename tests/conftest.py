@@ -18,7 +18,7 @@ from hypothesis import settings
 from tests.parts import is_of, is_thorough
 from tests.rigs import afresh, starts
 
-from dehyst.daemon.tools import kernel_cache
+from dehyst.daemon import kernel_cache
 
 ROOT = Path(__file__).resolve().parent.parent
 # started in the background of a script, tests would start programs that heed no interrupt

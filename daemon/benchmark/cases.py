@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from dehyst.daemon.bench.simulated import FULL_SCALE_V, exploring_drive
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.paper.stages import STAGES
-from dehyst.daemon.tools.bench_config import FULL_SCALE_V, exploring_drive
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
 from dehyst.models.drive_design.excitation import design

@@ -225,7 +225,7 @@ class Client(Questions):
         progress: Callable[[float, float], None] | None = None,
     ) -> Played:
         """Stream a trajectory that is corrected by what its passes teach: see `dehyst play --learn`
-        and dehyst.daemon.tools.learning."""
+        and dehyst.daemon.client.play_learning."""
         return play(self, points, allow_unreachable, progress, None, LEARNING_LEAD_S, lessons)
 
     def move_zero(self, shift: float) -> None:

@@ -11,9 +11,9 @@ from typing import Any
 
 import msgspec
 
-from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.client.client import ADDRESS, CREDENTIALS, DEFAULT, Client
 from dehyst.daemon.client.group import Group
+from dehyst.daemon.printable import printable
 from dehyst.drivers import system
 
 

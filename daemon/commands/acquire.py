@@ -41,9 +41,9 @@ example: dehyst acquire drive.csv --config stage.toml -o recording.csv"""
 
 
 def run(args: argparse.Namespace) -> int:
-    from dehyst.daemon.tools.acquire import acquire
-    from dehyst.daemon.tools.acquire_axes import acquire_axes
-    from dehyst.daemon.tools.given_recordings import read_one_given
+    from dehyst.daemon.acquire.axes import acquire_axes
+    from dehyst.daemon.acquire.one_axis import acquire
+    from dehyst.daemon.files.given_recordings import read_one_given
 
     controller = load_controller(args.config)
     several = len(controller.axes) > 1 and not args.axis

@@ -5,17 +5,17 @@ from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.config import load_controller, parse_config
-from dehyst.daemon.files.known_units import ACTUATOR, SENSOR
-from dehyst.daemon.files.models import write_text
-from dehyst.daemon.files.outputs import add_force, check_outputs
-from dehyst.daemon.loop.checks import check_unopened
-from dehyst.daemon.tools.config_text import (
+from dehyst.daemon.config.text import (
     SLEW_SPANS,
     check_range,
     limits_within,
     write_commented,
 )
-from dehyst.daemon.tools.pin import pin_units, with_serial
+from dehyst.daemon.files.known_units import ACTUATOR, SENSOR
+from dehyst.daemon.files.models import write_text
+from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.loop.checks import check_unopened
+from dehyst.daemon.service.pin import pin_units, with_serial
 from dehyst.models.errors import BadInput
 
 EPILOG = """\

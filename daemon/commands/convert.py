@@ -5,9 +5,9 @@ import json
 from pathlib import Path
 
 from dehyst.daemon.files.foreign.reading import add_reading, reading_of
+from dehyst.daemon.files.given_recordings import say_read
 from dehyst.daemon.files.outputs import add_force, check_outputs, file_of_axis
 from dehyst.daemon.files.recordings import SUFFIXES, WRITTEN, read_parts, write_recording
-from dehyst.daemon.tools.given_recordings import say_read
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -12,8 +12,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from dehyst.daemon.api.functions import diagnose, load_model
 from dehyst.daemon.files.foreign.reading import add_reading
+from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.outputs import check_outputs
-from dehyst.daemon.tools.given_recordings import read_given
 from dehyst.models.errors import BadInput
 from dehyst.models.recording import Recording
 

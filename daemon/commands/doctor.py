@@ -90,7 +90,7 @@ def newest_ns(reports: "Sequence[DoctorReport]") -> int:
 
 def describe_doctor(report: "DoctorReport") -> list[str]:
     """Lines for a person."""
-    from dehyst.daemon.bus.printable import printable
+    from dehyst.daemon.printable import printable
 
     lines = [f"{report.case}: {report.state}. {report.says}"]
     for effect in report.effects:

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
         from dehyst.daemon.epics.server import axis_sources, records_of, serve_records
     except ImportError as error:
         raise BadInput(f"{error}; install it: pip install 'dehyst[epics]'") from None
-    from dehyst.daemon.tools.kernel_cache import load_lightly
+    from dehyst.daemon.kernel_cache import load_lightly
 
     load_lightly()
     from dehyst.daemon.client.group import Group

@@ -8,10 +8,10 @@ from typing import Any
 
 from dehyst.daemon.config import load_config
 from dehyst.daemon.files.foreign.reading import add_reading
+from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.files.outputs import add_force, check_outputs, whole_file
 from dehyst.daemon.files.recordings import write_recording
-from dehyst.daemon.tools.given_recordings import read_given
 from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.drive_design.excitation import SINES, Excitation, design
 from dehyst.models.drive_design.separation import EFFECTS, Experiment, separate

@@ -12,8 +12,8 @@ from dehyst.daemon import clock
 from dehyst.daemon.api.functions import identify
 from dehyst.daemon.api.identification_summary import describe_result, summary
 from dehyst.daemon.files.foreign.reading import add_reading
+from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.outputs import add_force, check_outputs
-from dehyst.daemon.tools.given_recordings import read_given
 from dehyst.models.errors import BadInput
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from dehyst.daemon.api.functions import invert
 from dehyst.daemon.api.results import Drive
 from dehyst.daemon.files.foreign.reading import add_reading, reading_of
+from dehyst.daemon.files.given_recordings import say_read
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.files.recordings import read_trajectory
-from dehyst.daemon.tools.given_recordings import say_read
 
 EPILOG = """\
 Writes t_s, target, the drive, what the model predicts, and flags (a sum of:

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
     realtime.die_with_parent(signal.SIGTERM)
     config, addresses, credentials, base = settings_of(args)
-    from dehyst.daemon.tools.kernel_cache import load_lightly
+    from dehyst.daemon.kernel_cache import load_lightly
 
     load_lightly()
     # the server's packages take their time

@@ -26,8 +26,8 @@ from dehyst.models.errors import BadInput
 if TYPE_CHECKING:
     from dehyst.daemon.bus.messages import Status
     from dehyst.daemon.client.client import Client
+    from dehyst.daemon.client.play_learning import Lessons
     from dehyst.daemon.client.player import Played
-    from dehyst.daemon.tools.learning import Lessons
     from dehyst.models.learning.passes import Outcome
     from dehyst.models.recording import Floats
 
@@ -118,8 +118,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Check, stream, wait for the end, report."""
+    from dehyst.daemon.files.given_recordings import say_read
     from dehyst.daemon.files.trajectories import read_trajectories
-    from dehyst.daemon.tools.given_recordings import say_read
 
     learn = args.learn or args.learned is not None
     picture = args.picture or Path(f"{Path(args.trajectory).name.partition('.')[0]}-learned.png")
@@ -219,7 +219,7 @@ def learn_of(
     name: str,
 ) -> "dict[str, Lessons]":
     """Stream it and learn; what came of it, by axis."""
-    from dehyst.daemon.tools.learning import Course, play_learning, play_learning_together
+    from dehyst.daemon.client.play_learning import Course, play_learning, play_learning_together
 
     def course(axis: str, client: "Client") -> Course:
         head, unit = f"{axis}: " if axis else "", client.status().unit
@@ -350,7 +350,7 @@ def report(
     outcomes: "Mapping[str, Sequence[Outcome]] | None" = None,
 ) -> int:
     """Print the result, of each axis; the exit code."""
-    from dehyst.daemon.tools.played_summary import describe_played, list_figures
+    from dehyst.daemon.client.played_summary import describe_played, list_figures
 
     results = {axis: list_figures(one) for axis, one in played.items()}
     for axis, passes in (outcomes or {}).items():

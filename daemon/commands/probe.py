@@ -12,8 +12,8 @@ from dehyst import __version__
 from dehyst.daemon.config import load_controller
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.files.outputs import add_force, check_outputs
+from dehyst.daemon.service.device_report import lines_of, report_devices
 from dehyst.daemon.terminal.progress import progress_bar
-from dehyst.daemon.tools.device_report import lines_of, report_devices
 from dehyst.drivers.apt.link import USB_IDS as GAUGES
 from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import DeviceNotFound

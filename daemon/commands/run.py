@@ -10,8 +10,8 @@ import msgspec
 
 from dehyst.daemon.bus.security import check_open
 from dehyst.daemon.config import Config, load_controller
+from dehyst.daemon.interrupts import ended_at_once
 from dehyst.daemon.rings import run_folder
-from dehyst.daemon.tools.interrupts import ended_at_once
 from dehyst.models.errors import BadInput, DehystError
 
 NAME, LISTEN = "bench", "tcp/127.0.0.1:7447"
@@ -76,15 +76,15 @@ def run(args: argparse.Namespace) -> int:
     check_free(args.listen or LISTEN)
     say("starting an emulated MDT693B and KSG101 with a simulated stage (no --config was given)")
     with ended_at_once("dehyst run"):  # what brings numba with it
-        from dehyst.daemon.files.models import load_model
-        from dehyst.daemon.service.supervisor import BenchProcess
-        from dehyst.daemon.tools.bench_config import (
+        from dehyst.daemon.bench.simulated import (
             MAY_STAY,
             Imitation,
             simulated_model,
             write_axes_bench,
             write_bench,
         )
+        from dehyst.daemon.files.models import load_model
+        from dehyst.daemon.service.supervisor import BenchProcess
         from dehyst.drivers.simulated.axes import settings_of
         from dehyst.drivers.simulated.settings import AXES
 
@@ -125,8 +125,8 @@ def supervise(path: Path) -> int:
     controller = load_controller(path)
     say(f"starting {controller.name} with {path}")
     with ended_at_once("dehyst run"):
+        from dehyst.daemon.bench.emulated import started_for
         from dehyst.daemon.service.supervisor import Supervisor
-        from dehyst.daemon.tools.emulated_bench import started_for
 
     with (
         run_folder.at_work(controller.directory, run_folder.SUPERVISOR, "run", path),

@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Until SIGTERM or Ctrl-C."""
-    from dehyst.daemon.tools.kernel_cache import load_lightly
+    from dehyst.daemon.kernel_cache import load_lightly
 
     load_lightly()
     from dehyst import __version__

@@ -164,7 +164,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _noted_amplifier(folder: Path) -> str:
     """That of the bench that an earlier set-up in this folder has used; else an MDT693B."""
-    from dehyst.daemon.tools.emulated_bench import noted
+    from dehyst.daemon.bench.emulated import noted
 
     words = noted(folder)
     return words[words.index("--amplifier") + 1] if "--amplifier" in words else "mdt693b"
@@ -173,8 +173,8 @@ def _noted_amplifier(folder: Path) -> str:
 def _emulated_ports(
     folder: Path, amplifier: str, axes: tuple[str, ...], held: ExitStack
 ) -> tuple[str, ...]:
+    from dehyst.daemon.bench.emulated import note
     from dehyst.daemon.service.supervisor import BenchProcess
-    from dehyst.daemon.tools.emulated_bench import note
 
     if axes and amplifier != "mdt693b":
         raise BadInput(f"--axes {','.join(axes)}: a {AMPLIFIERS[amplifier]} has one axis")

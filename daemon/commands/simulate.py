@@ -6,8 +6,8 @@ from pathlib import Path
 
 from dehyst.daemon.api.functions import load_model, simulate
 from dehyst.daemon.files.foreign.reading import add_reading
+from dehyst.daemon.files.given_recordings import read_one_given
 from dehyst.daemon.files.outputs import add_force, check_outputs
-from dehyst.daemon.tools.given_recordings import read_one_given
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

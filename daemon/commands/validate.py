@@ -7,8 +7,8 @@ from typing import Any
 
 from dehyst.daemon.api.functions import validate
 from dehyst.daemon.files.foreign.reading import add_reading
+from dehyst.daemon.files.given_recordings import read_given
 from dehyst.daemon.files.outputs import add_force, check_outputs
-from dehyst.daemon.tools.given_recordings import read_given
 from dehyst.models.errors import BadInput
 from dehyst.models.identify.validation import CLAIM, Validation
 

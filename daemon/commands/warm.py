@@ -20,8 +20,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run everything that is compiled, briefly, on the simulated stage."""
     print("dehyst warm: looking for kernels that are not compiled yet", file=sys.stderr, flush=True)
+    from dehyst.daemon.bench.simulated import simulated_model
     from dehyst.daemon.terminal.compiling import compiling_shown
-    from dehyst.daemon.tools.bench_config import simulated_model
     from dehyst.drivers import system
     from dehyst.models.mismatch.monitor import compile_monitor
     from dehyst.models.physics import KINDS

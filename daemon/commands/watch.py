@@ -126,7 +126,7 @@ class Watched:
 
     def print_lines(self, head: str) -> None:
         """Events that came, and one line on how it is."""
-        from dehyst.daemon.bus.printable import printable
+        from dehyst.daemon.printable import printable
         from dehyst.daemon.terminal import view
 
         while self.feed.events:
@@ -141,10 +141,10 @@ def list_all(args: argparse.Namespace) -> int:
     from dehyst.daemon.bus import encoding
     from dehyst.daemon.bus.keys import Keys
     from dehyst.daemon.bus.messages import Status
-    from dehyst.daemon.bus.printable import printable
     from dehyst.daemon.bus.security import client_settings
     from dehyst.daemon.bus.session import Bus, BusError
     from dehyst.daemon.client.finding import daemons
+    from dehyst.daemon.printable import printable
     from dehyst.daemon.rings.status import is_starting, rate
 
     where, credentials = address_of(args)

@@ -9,7 +9,7 @@ from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
     from dehyst.daemon.client.client import Client
-    from dehyst.daemon.tools.zero import Disagreement
+    from dehyst.daemon.client.zero import Disagreement
 
 EPILOG = """A stage that was switched on, or warms up, stands elsewhere than its model believes:
 what it did before is not known, and the gauge's zero wanders. This compares the two, and moves
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
     """Exercise where asked, compare, set; of one axis, what came of it."""
-    from dehyst.daemon.tools import zero
+    from dehyst.daemon.client import zero
 
     config = client.config()
     if args.exercise:

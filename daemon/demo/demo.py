@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
+from dehyst.daemon.acquire.one_axis import acquire
+from dehyst.daemon.bench.simulated import FULL_SCALE_V, RATE_HZ, exploring_drive, write_bench
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.config import load_config
 from dehyst.daemon.demo.busy import IT_WAS_NOT, MOST_LATE, SO_IT_WAS, TOO_BUSY, Patience
@@ -22,8 +24,6 @@ from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.outputs import whole_file
 from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.service.supervisor import DEHYST, BenchProcess
-from dehyst.daemon.tools.acquire import acquire
-from dehyst.daemon.tools.bench_config import FULL_SCALE_V, RATE_HZ, exploring_drive, write_bench
 from dehyst.models.errors import DehystError
 from dehyst.models.model import Hysteresis, Model, Validity
 from dehyst.models.recording import Recording

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 def examine_case(folder: str, memory_gb: float) -> None:
     """The child's whole life."""
-    from dehyst.daemon.tools.bounded import take_bounds
+    from dehyst.daemon.service.bounded import take_bounds
 
     take_bounds(round(memory_gb * (1 << 30)))
     from dehyst.daemon.doctor.examination import examine

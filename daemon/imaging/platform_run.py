@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dehyst.daemon.tools.acquire_axes import PACES
-from dehyst.daemon.tools.bench_config import FULL_SCALE_V
+from dehyst.daemon.acquire.axes import PACES
+from dehyst.daemon.bench.simulated import FULL_SCALE_V
 from dehyst.drivers.simulated.axes import Platform, settings_of
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Model

@@ -16,6 +16,7 @@ import numpy as np
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config, parse_config
 from dehyst.daemon.files.known_units import SENSOR, expect_known
+from dehyst.daemon.interrupts import ended_at_once
 from dehyst.daemon.loop.checks import SPARE
 from dehyst.daemon.loop.compiled_loop import CompiledLoop, spin_ns, warm_up
 from dehyst.daemon.loop.devices import DeviceLink
@@ -30,7 +31,6 @@ from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, Command, Miss
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS
 from dehyst.daemon.service.supervisor import BenchProcess
-from dehyst.daemon.tools.interrupts import ended_at_once
 from dehyst.drivers.interface import Actuator, Sensor
 from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.daemon import clock
-from dehyst.daemon.tools.bounded import take_bounds
+from dehyst.daemon.service.bounded import take_bounds
 from dehyst.models.errors import BadInput, DehystError, NotNow
 from dehyst.models.recording import Recording, Trajectory
 from dehyst.models.units import spell_unit

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from dehyst.daemon.api.functions import identify, validate
+from dehyst.daemon.config.text import limits_within, write_commented
 from dehyst.daemon.loop.checks import check_unopened
 from dehyst.daemon.setup import moving_axes
 from dehyst.daemon.setup.steps import (
@@ -27,7 +28,6 @@ from dehyst.daemon.setup.steps import (
     settings_of,
 )
 from dehyst.daemon.setup.workbench import CONFIG, Workbench
-from dehyst.daemon.tools.config_text import limits_within, write_commented
 from dehyst.models.errors import BadInput
 
 

@@ -1,7 +1,7 @@
 """The steps that move the stage: gentle loops and recordings (the comparison: comparison.py).
 
 Each comes as two functions: what it will move and how far, in words, and the doing. Every drive
-is checked against the limits as a whole before anything moves (dehyst.daemon.tools.acquire).
+is checked against the limits as a whole before anything moves (dehyst.daemon.acquire.one_axis).
 """
 
 import math

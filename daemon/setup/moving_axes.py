@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from dehyst.daemon.acquire.axes import PACES, acquire_axes, plan_axes
 from dehyst.daemon.api.functions import load_model
 from dehyst.daemon.config import Config
 from dehyst.daemon.files.axis_columns import axis_column
@@ -24,7 +25,6 @@ from dehyst.daemon.setup.moving import (
 )
 from dehyst.daemon.setup.workbench import Workbench, interruptible
 from dehyst.daemon.terminal.progress import progress_bar
-from dehyst.daemon.tools.acquire_axes import PACES, acquire_axes, plan_axes
 from dehyst.models.errors import NotNow
 from dehyst.models.recording import Floats, Recording
 

@@ -6,13 +6,13 @@ from functools import partial
 from typing import Any
 
 from dehyst.daemon.api.functions import identify, validate
+from dehyst.daemon.config.text import SLEW_SPANS, limits_within, write_commented
 from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, forget_unit
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.loop.checks import check_unopened, devices_of, highest_rate
 from dehyst.daemon.setup import comparison, moving
 from dehyst.daemon.setup.units import FoundUnit, ask_port, known_ports, measure_rate, output_of
 from dehyst.daemon.setup.workbench import CONFIG, MADE, MODEL, Workbench
-from dehyst.daemon.tools.config_text import SLEW_SPANS, limits_within, write_commented
 from dehyst.drivers.serial_port import list_serial_ports
 from dehyst.models.errors import BadInput, NotNow
 

@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from dehyst.daemon.acquire.axes import play_axes
+from dehyst.daemon.acquire.one_axis import acquire
 from dehyst.daemon.config import Config, load_config, load_controller
 from dehyst.daemon.files.axis_columns import to_columns
 from dehyst.daemon.files.known_units import ACTUATOR, open_known
@@ -14,8 +16,6 @@ from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.setup.journal import Journal
 from dehyst.daemon.setup.questions import Questions, Wishes
 from dehyst.daemon.terminal.progress import progress_bar
-from dehyst.daemon.tools.acquire import acquire
-from dehyst.daemon.tools.acquire_axes import play_axes
 from dehyst.drivers.interface import DeviceSpec
 from dehyst.drivers.registry import load_actuator
 from dehyst.models.errors import NotNow

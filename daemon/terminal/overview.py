@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from dehyst.daemon.bus.messages import Event, Status
-from dehyst.daemon.bus.printable import printable
+from dehyst.daemon.printable import printable
 from dehyst.daemon.rings.status import FROZEN, counts, is_starting, place, positioning, rate
 from dehyst.models.model import Model
 

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dehyst.daemon.bus.messages import Event, Rejection, Status
-from dehyst.daemon.bus.printable import printable
+from dehyst.daemon.printable import printable
 from dehyst.daemon.rings.records import TELEMETRY, Flag, Mode, State, name_of
 from dehyst.daemon.rings.status import cells, counts, is_starting, place, positioning, rate
 from dehyst.daemon.terminal.braille import Curve, Plot

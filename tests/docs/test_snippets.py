@@ -27,9 +27,9 @@ from tests.rigs.gateway_bench import ROOT, free_port
 from tests.rigs.processes import EmulatedBench, dehyst, until
 from tests.rigs.stage_model import model_text
 
+from dehyst.daemon.bench.simulated import exploring_drive
 from dehyst.daemon.config import load_controller
 from dehyst.daemon.files.recordings import write_recording
-from dehyst.daemon.tools.bench_config import exploring_drive
 from dehyst.drivers.simulated.stage import Stage
 
 MOST_LEFT_OUT = 5

@@ -30,7 +30,7 @@ def test_a_kernel_on_disk_takes_no_more_than_it_needs_and_one_that_is_compiled_a
     program = """
 import sys
 import numpy as np
-from dehyst.daemon.tools.kernel_cache import load_lightly
+from dehyst.daemon.kernel_cache import load_lightly
 load_lightly()
 from numba import njit
 from dehyst.daemon.rings import ring

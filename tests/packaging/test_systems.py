@@ -22,9 +22,9 @@ import pytest
 from tests.packaging.other_names import LOOKED_AT, OF_UNIX, missing
 from tests.rigs.gateway_bench import Bench, free_port
 
+from dehyst.daemon.bench.simulated import exploring_drive
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.daemon.main import COMMANDS, NEEDS_LINUX
-from dehyst.daemon.tools.bench_config import exploring_drive
 from dehyst.drivers.simulated.stage import Stage
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -4,8 +4,8 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.models.model import Model
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from tests.rigs.trimmed_stage import HIGH_V, LOW_V, SLEW, Tamper, TrimmedStage
 
 from dehyst.daemon import clock
+from dehyst.daemon.bench.simulated import RATE_HZ
 from dehyst.daemon.config import parse_config
 from dehyst.daemon.demo.second_act import SETTINGS, pattern
 from dehyst.daemon.doctor.examination import examine
@@ -29,7 +30,6 @@ from dehyst.daemon.gateway.history import TelemetryHistory
 from dehyst.daemon.gateway.mismatch import MismatchWatch
 from dehyst.daemon.gateway.model_trial import ModelTrial
 from dehyst.daemon.rings.records import COMMAND, TELEMETRY, Command, Flag, model_digest
-from dehyst.daemon.tools.bench_config import RATE_HZ
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.models.model import Model
 from dehyst.models.modelfile import dumps

@@ -22,8 +22,8 @@ from tests.rigs.chaos import pairs as chaos_pairs
 from tests.rigs.chaos.axes_rig import AxesRig
 from tests.rigs.chaos.rig import RATE_HZ, SLEW, Rig
 
+from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.drivers.simulated.axes import settings_of
 
 RAMP = (

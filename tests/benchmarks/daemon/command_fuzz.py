@@ -25,9 +25,9 @@ from tests.rigs.chaos.axes_rig import RESTING, AxesRig
 from tests.rigs.chaos.fuzzing import Fuzz
 from tests.rigs.chaos.rig import Rig, until
 
+from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.drivers.simulated.axes import settings_of
 from dehyst.models.errors import DehystError
 

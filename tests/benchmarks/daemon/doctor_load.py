@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
+from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.daemon.config import Config
 from dehyst.daemon.demo.second_act import pattern
 from dehyst.daemon.files import cases
 from dehyst.daemon.files.cases import Case
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.files.recordings import write_recording
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
 

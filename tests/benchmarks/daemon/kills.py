@@ -25,8 +25,8 @@ from tests.rigs.chaos.kills import Account, Kills, processes_of
 from tests.rigs.chaos.rig import MAX_V, RATE_HZ, SAFE_V, SLEW, Rig, until
 from tests.rigs.output import DAC_STEP_V, excess
 
+from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.tools.bench_config import simulated_model
 
 MOST_RECOVERY_S, MOST_SAFE_S = 12.0, 3.0
 

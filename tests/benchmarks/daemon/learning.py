@@ -19,8 +19,8 @@ from tests.benchmarks.bars import Bars
 from tests.rigs.scans import PERIOD_S, Scan, raster, scan, sine, staircase
 from tests.rigs.trimmed_stage import SLEW, Tamper, TrimmedStage
 
+from dehyst.daemon.bench.simulated import exploring_drive, simulated_model
 from dehyst.daemon.loop.step_kernel import follow_output, take_step
-from dehyst.daemon.tools.bench_config import exploring_drive, simulated_model
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
 from dehyst.models.identify import identify

@@ -31,11 +31,11 @@ from tests.benchmarks.late_wakeups import LateWakeups, was_away
 from tests.rigs.gateway_bench import free_port
 from tests.rigs.processes import EmulatedBench, dehyst, until
 
+from dehyst.daemon.bench.simulated import RATE_HZ, simulated_model, write_bench
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.daemon.rings.records import Flag
-from dehyst.daemon.tools.bench_config import RATE_HZ, simulated_model, write_bench
 from dehyst.drivers.simulated.stage import Stage
 from dehyst.models.model import Floats
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from tests.rigs.trimmed_stage import Player, Tamper, TrimmedStage
 
-from dehyst.daemon.tools.bench_config import RATE_HZ, simulated_model
+from dehyst.daemon.bench.simulated import RATE_HZ, simulated_model
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.models.learning.late_gauge import LateGauge
 from dehyst.models.learning.passes import Learner, Pass, fade_share

@@ -22,9 +22,9 @@ from tests.benchmarks.bars import Bars
 from tests.benchmarks.daemon.second_act import judge, row, table_head
 from tests.rigs.story import OfflineStory
 
+from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.daemon.demo.chance import Chance
 from dehyst.daemon.demo.second_act import BEFORE_S, FLAG_S, LAST_S, LEARN_S, TRIAL_S, Story
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.models.diagnosis import steps
 from dehyst.models.model import Model
 

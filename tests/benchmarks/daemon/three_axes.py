@@ -18,8 +18,8 @@ from dataclasses import replace
 import numpy as np
 from tests.benchmarks.bars import Bars
 
+from dehyst.daemon.bench.simulated import AXES_RATE_HZ, exploring_drive
 from dehyst.daemon.imaging.platform_run import Followed, PlatformRun, record_axes
-from dehyst.daemon.tools.bench_config import AXES_RATE_HZ, exploring_drive
 from dehyst.models.drive_design.scans import Scan, scan_lissajous, scan_raster
 from dehyst.models.identify import identify
 from dehyst.models.learning.passes import Learner, Pass

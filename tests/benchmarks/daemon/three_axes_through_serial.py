@@ -27,12 +27,12 @@ from tests.benchmarks.bars import Bars, too_busy
 from tests.rigs.gateway_bench import free_port
 from tests.rigs.processes import EmulatedBench, dehyst, until
 
+from dehyst.daemon.bench.simulated import AXES_RATE_HZ, exploring_drive, write_axes_bench
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.recordings import read_columns, write_recording
 from dehyst.daemon.rings.records import Flag
-from dehyst.daemon.tools.bench_config import AXES_RATE_HZ, exploring_drive, write_axes_bench
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Floats, Hysteresis, Model
 

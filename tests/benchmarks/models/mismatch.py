@@ -28,7 +28,7 @@ import numpy as np
 from scipy.signal import lfilter
 from tests.benchmarks.bars import Bars
 
-from dehyst.daemon.tools.bench_config import simulated_model
+from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
 from dehyst.models.hysteresis.forward import simulate_hysteresis

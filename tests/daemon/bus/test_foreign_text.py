@@ -9,9 +9,9 @@ import pytest
 from tests.daemon.commands.test_remote import run
 from tests.rigs.gateway_bench import Bench
 
-from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.bus.session import Bus
 from dehyst.daemon.client.client import Client
+from dehyst.daemon.printable import printable
 
 COLOUR = "\x1b]0;owned\x07\x9b31m"
 

@@ -13,15 +13,15 @@ from tests.rigs.gateway_bench import Bench, free_port, wait_until
 from tests.rigs.processes import EmulatedBench, dehyst
 from tests.rigs.stage_model import kept_model
 
+from dehyst.daemon.bench import emulated as emulated_bench
+from dehyst.daemon.bench.simulated import write_bench
+from dehyst.daemon.client.played_summary import about_the_machine
 from dehyst.daemon.client.player import Played
 from dehyst.daemon.client.tracking import Tracking
 from dehyst.daemon.config import load_config
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.loop import process
 from dehyst.daemon.main import main
-from dehyst.daemon.tools import emulated_bench
-from dehyst.daemon.tools.bench_config import write_bench
-from dehyst.daemon.tools.played_summary import about_the_machine
 from dehyst.drivers.interface import DeviceNotFound, DeviceTimeout, DriverError, ProtocolError
 from dehyst.models.modelfile import dumps
 

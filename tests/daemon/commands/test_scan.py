@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dehyst.daemon.bench.simulated import write_axes_bench
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.files.recordings import read_columns
 from dehyst.daemon.main import main
-from dehyst.daemon.tools.bench_config import write_axes_bench
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 
 PORTS = {"mdt693b": "/dev/a", "ksg101-x": "/dev/x", "ksg101-y": "/dev/y"}

@@ -11,8 +11,8 @@ import pytest
 from tests.rigs.chaos import axes, faults
 from tests.rigs.chaos.axes_rig import AXES, AxesRig
 
+from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.tools.bench_config import simulated_model
 from dehyst.drivers.simulated.axes import settings_of
 
 pytestmark = pytest.mark.timing  # ramps and slew are judged by the clock

@@ -18,12 +18,12 @@ from tests.rigs.gateway_bench import free_port
 from tests.rigs.processes import DTYPES, EmulatedBench, dehyst, until
 from tests.rigs.stage_model import kept_model
 
+from dehyst.daemon.bench.simulated import write_axes_bench
 from dehyst.daemon.client.client import Refusal
 from dehyst.daemon.client.group import Group
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.main import main
 from dehyst.daemon.rings.ring_file import RingFile
-from dehyst.daemon.tools.bench_config import write_axes_bench
 from dehyst.drivers.emulated.control import ask
 from dehyst.models.errors import DehystError
 

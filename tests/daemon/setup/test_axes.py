@@ -57,8 +57,9 @@ def own_config(bench: Workbench, name: str, gauges: str = "xy", max_v: float = 1
 @pytest.fixture
 def virtual_time(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0]
-    monkeypatch.setattr("dehyst.daemon.tools.acquire.sleeper", lambda: lambda due: now.append(due))
-    monkeypatch.setattr("dehyst.daemon.tools.acquire.clock.monotonic_ns", lambda: now[-1])
+    acquiring = "dehyst.daemon.acquire.one_axis"
+    monkeypatch.setattr(f"{acquiring}.sleeper", lambda: lambda due: now.append(due))
+    monkeypatch.setattr(f"{acquiring}.clock.monotonic_ns", lambda: now[-1])
 
 
 def test_the_steps_have_the_names_of_one_axis_and_move_where_those_do() -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from tests.rigs.processes import dehyst
 
+from dehyst.daemon.bench.emulated import noted
 from dehyst.daemon.config import load_config
 from dehyst.daemon.setup.names import NAMES
-from dehyst.daemon.tools.emulated_bench import noted
 
 pytestmark = pytest.mark.timing
 

@@ -82,17 +82,17 @@ CHANGES = room(
 ) + room(
     ("tests/daemon/commands/test_scan.py",),
     Change(
-        "scan-out-of-reach", "daemon/tools/scan_check.py", "(UNREACHABLE, \"out of reach\")",
+        "scan-out-of-reach", "daemon/client/scan_check.py", "(UNREACHABLE, \"out of reach\")",
         "(0, \"out of reach\")", "a path that an axis cannot follow is written",
     ),
     Change(
-        "scan-too-fast", "daemon/tools/scan_check.py", "(FLAG_SLEW, ", "(0, ",
+        "scan-too-fast", "daemon/client/scan_check.py", "(FLAG_SLEW, ", "(0, ",
         "a path faster than the slew limit is written",
     ),
 ) + room(
-    ("tests/daemon/tools/test_acquire_axes.py",),
+    ("tests/daemon/acquire/test_axes.py",),
     Change(
-        "axes-in-step", "daemon/tools/acquire_axes.py", "PACES = (1.0, 0.83, 0.71)",
+        "axes-in-step", "daemon/acquire/axes.py", "PACES = (1.0, 0.83, 0.71)",
         "PACES = (1.0, 1.0, 1.0)", "axes that move together cannot be told apart",
     ),
 )  # fmt: skip

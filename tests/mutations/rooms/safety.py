@@ -308,7 +308,7 @@ CHANGES = [
     *room(
         ("tests/daemon/bus/test_foreign_text.py",),
         Change(
-            "escapes-pass", "daemon/bus/printable.py", "c if c.isprintable() else", "c if c else",
+            "escapes-pass", "daemon/printable.py", "c if c.isprintable() else", "c if c else",
             "a client's label commands the terminal of whoever watches",
         ),
         Change(
@@ -319,10 +319,10 @@ CHANGES = [
         ),
     ),
     Change(
-        "planted-kernel", "daemon/tools/kernel_cache.py",
+        "planted-kernel", "daemon/kernel_cache.py",
         "elif stat.S_ISLNK(found.st_mode) or system.others_may(found):", "elif False:",
         "whoever can write into the cache has code run where the devices are",
-        tests=("tests/daemon/tools/test_kernel_cache.py",),
+        tests=("tests/daemon/test_kernel_cache.py",),
     ),
     Change(
         "schema-not-named", "daemon/bus/encoding.py",

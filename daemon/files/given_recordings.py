@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from dehyst.daemon.bus.printable import printable
 from dehyst.daemon.files.foreign.reading import reading_of
 from dehyst.daemon.files.recordings import read_recording, read_recordings
 from dehyst.daemon.files.times import doubt_seconds
+from dehyst.daemon.printable import printable
 from dehyst.models.recording import Recording
 
 

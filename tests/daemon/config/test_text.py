@@ -10,9 +10,9 @@ import pytest
 
 from dehyst.daemon.commands.config import settings_of
 from dehyst.daemon.config import BusConfig, TrimConfig, parse_config
+from dehyst.daemon.config.keys import list_config
+from dehyst.daemon.config.text import limits_within, write_commented
 from dehyst.daemon.main import main
-from dehyst.daemon.tools.config_keys import list_config
-from dehyst.daemon.tools.config_text import limits_within, write_commented
 from dehyst.models.errors import BadInput
 
 GIVEN: dict[str, dict[str, Any]] = {

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dehyst.daemon.acquire.axes import PACES, acquire_axes, plan_axes
+from dehyst.daemon.bench.simulated import exploring_drive
 from dehyst.daemon.config import Controller, load_controller
-from dehyst.daemon.tools.acquire_axes import PACES, acquire_axes, plan_axes
-from dehyst.daemon.tools.bench_config import exploring_drive
 from dehyst.drivers.simulated.devices import SimulatedActuator
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats
@@ -66,8 +66,9 @@ def test_each_axis_has_its_recording_with_the_others_as_channels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [0]
-    monkeypatch.setattr("dehyst.daemon.tools.acquire.sleeper", lambda: lambda due: now.append(due))
-    monkeypatch.setattr("dehyst.daemon.tools.acquire.clock.monotonic_ns", lambda: now[-1])
+    acquiring = "dehyst.daemon.acquire.one_axis"
+    monkeypatch.setattr(f"{acquiring}.sleeper", lambda: lambda due: now.append(due))
+    monkeypatch.setattr(f"{acquiring}.clock.monotonic_ns", lambda: now[-1])
     axes = controller(tmp_path, "acquired").axes
     held = SimulatedActuator.from_settings({"stage": "acquired", "axis": "x", "period_s": 1e-3})
     found, ended = acquire_axes(axes, *drive(), exercise_s=0.5)

@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from dehyst.daemon.acquire.one_axis import EXERCISE_S, check_drive, exercise, play_and_record
 from dehyst.daemon.config import Config
-from dehyst.daemon.tools.acquire import EXERCISE_S, check_drive, exercise, play_and_record
 from dehyst.models.recording import Floats, Recording
 
 PACES = (1.0, 0.83, 0.71)

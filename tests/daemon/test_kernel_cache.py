@@ -14,14 +14,14 @@ from pathlib import Path
 
 import pytest
 
-from dehyst.daemon.tools import kernel_cache
+from dehyst.daemon import kernel_cache
 
 UNITS = Path(__file__).resolve().parents[3] / "systemd"
 NOBODY = 65534
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="needs a second user")
 LOAD = """
 import os, sys
-from dehyst.daemon.tools import kernel_cache
+from dehyst.daemon import kernel_cache
 os.seteuid(int(sys.argv[1]))  # who looks; then root again, who may read the program
 print(*kernel_cache.protect(), sep="\\n")
 os.seteuid(os.getuid())

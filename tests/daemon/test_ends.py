@@ -6,7 +6,7 @@ import sys
 
 PROGRAM = """
 import atexit, sys, threading, time
-from dehyst.daemon.tools.interrupts import LightEnd
+from dehyst.daemon.interrupts import LightEnd
 
 end = LightEnd()
 def last():
@@ -31,7 +31,7 @@ def test_what_was_begun_is_done_and_the_exit_status_is_as_given() -> None:
 
 
 def test_an_exception_is_told_and_no_success() -> None:
-    program = "from dehyst.daemon.tools.interrupts import LightEnd; LightEnd(); 1 / 0"
+    program = "from dehyst.daemon.interrupts import LightEnd; LightEnd(); 1 / 0"
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=30, check=False
     )
@@ -40,7 +40,7 @@ def test_an_exception_is_told_and_no_success() -> None:
 
 
 WRITES = """
-from dehyst.daemon.tools.interrupts import LightEnd
+from dehyst.daemon.interrupts import LightEnd
 LightEnd().code = 0
 print("kept until the end")
 """

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dehyst.daemon.config import SafeConfig
-from dehyst.daemon.tools.config_keys import ConfigSection, list_config
+from dehyst.daemon.config.keys import ConfigSection, list_config
 from dehyst.drivers.registry import find_plugins, list_settings
 from dehyst.drivers.settings import SettingKey
 from dehyst.models.errors import BadInput

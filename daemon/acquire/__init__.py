@@ -1,0 +1,1 @@
+"""From a drive in volts to a recording: one axis, or several of one controller."""

@@ -1,0 +1,1 @@
+"""The simulated and the emulated bench that need no hardware: their configurations."""

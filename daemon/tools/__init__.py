@@ -1,2 +1,0 @@
-"""What the longer commands do: acquire, demo, latency test, configurations of the emulated
-bench."""
