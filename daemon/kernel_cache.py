@@ -26,7 +26,7 @@ from typing import Any
 
 from dehyst.drivers import system
 
-PACKAGE = Path(__file__).resolve().parents[2]
+PACKAGE = Path(__file__).resolve().parents[1]
 ROOMS = ("models", "drivers", "daemon")
 _FROM = re.compile(r"^from dehyst\.([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 

@@ -16,7 +16,7 @@ import pytest
 
 from dehyst.daemon import kernel_cache
 
-UNITS = Path(__file__).resolve().parents[3] / "systemd"
+UNITS = Path(__file__).resolve().parents[2] / "systemd"
 NOBODY = 65534
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="needs a second user")
 LOAD = """

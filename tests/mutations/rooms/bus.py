@@ -9,13 +9,6 @@ ROUTED = "tests/daemon/bus/test_router.py::test_no_way_through_a_router_without_
 SECURITY_TESTS = ("tests/daemon/bus/test_security.py", "tests/daemon/bus/test_certificates.py")
 
 
-def _version(name: str, text: str) -> Change:
-    return Change(
-        f"any-version-of-{name}", MESSAGES, f"    version: Version = 1\n{text}",
-        f"    version: int = 1\n{text}", f"a {name} of another version is taken for one of this",
-    )  # fmt: skip
-
-
 CHANGES = [
     *room(
         ("tests/daemon/bus/test_contract.py",),
@@ -46,9 +39,6 @@ CHANGES = [
     ),
     *room(
         MESSAGE_TESTS,
-        _version("setpoint", '    client: Id\n    lease: Id\n    """The number'),
-        _version("chunk", "    client: Id\n    lease: Id\n    trajectory"),
-        _version("request", "    client: Id\n    lease: Id = 0\n    sent_ns"),
         Change(
             "loose-types",
             ENCODING,

@@ -37,12 +37,12 @@ CHANGES = [
         ),
         Change(
             "trial-any-tracking", TRIAL,
-            "after.tracking > TRIAL.grown * other * before.tracking + noise:", "False:",
+            "after.tracking > TRIAL.grown * other * before.tracking + noise\n", "False\n",
             "a model that makes the stage follow worse stays at work",
         ),
         Change(
             "trial-no-help", TRIAL,
-            "after.tracking > TRIAL.fallen * other * before.tracking:", "False:",
+            "after.tracking > TRIAL.fallen * other * before.tracking\n", "False\n",
             "a model that does not help stays at work",
         ),
         Change(

@@ -69,9 +69,9 @@ CHANGES = [
         ),
         Change(
             "another-unit",
-            FACTS,
-            "if known is not None and serial != known:",
-            "if False:",
+            "drivers/mdt693b/driver.py",
+            "        refuse_another(path, found, self._known)\n",
+            "",
             "after an unplug another unit, at another voltage, is driven",
         ),
         Change(

@@ -3,7 +3,7 @@
 from tests.mutations.change import Change, room
 
 GATE, LEASE = "daemon/gateway/admission.py", "daemon/gateway/lease.py"
-PLAYER, ACCEPT = "daemon/client/player.py", "daemon/commands/accept.py"
+PLAYER, ACCEPT = "daemon/client/player.py", "daemon/client/offer_change.py"
 VIEW, IN_PLAY = "daemon/gateway/core_view.py", "daemon/gateway/in_play.py"
 TESTS = (
     "tests/daemon/gateway/test_admission.py",
