@@ -372,7 +372,7 @@ CHANGES = [
         ("tests/models/diagnosis/test_data_first.py",),
         Change(
             "back-at-a-turn-is-a-butterfly",
-            "models/diagnosis/data/survey.py",
+            "models/signals/ways.py",
             "inside = INSIDE < done[np.argmax(np.abs(off_line))] < 1.0 - INSIDE",
             "inside = True",
             "a stage whose guide rubs is told as a butterfly",
