@@ -32,7 +32,7 @@ from tests.benchmarks.bars import Bars
 from tests.benchmarks.models.proof.families import COUNTS, plans
 from tests.benchmarks.models.proof.score import figures, truth_of
 from tests.benchmarks.models.proof.stages import make_case
-from tests.benchmarks.models.written_rigs import make_rig
+from tests.rigs.hardware_stages import make_rig
 
 from dehyst.daemon.api.prediction import predict
 from dehyst.daemon.files.recordings import read_recording

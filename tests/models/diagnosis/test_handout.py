@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import signal
-from tests.benchmarks.models.written_rigs import make_rig
 from tests.rigs.diagnosis import diagnose_without_limits
+from tests.rigs.hardware_stages import make_rig
 from tests.rigs.plants.drives import small_scan
 from tests.rigs.plants.hysteresis import preisach
 
