@@ -170,11 +170,11 @@ def _compiling_told(command: str | None, said_by: str) -> AbstractContextManager
         return nullcontext()
     # both import numba, which these need anyway
     from dehyst.daemon.kernel_cache import load_lightly
-    from dehyst.daemon.terminal.compiling import compiling_told
+    from dehyst.daemon.terminal.compiling import compiling_reported
 
     load_lightly()
     process = command in PROCESSES
-    return compiling_told(said_by, in_pipes=process, ends=not process)
+    return compiling_reported(said_by, in_pipes=process, ends=not process)
 
 
 def _one_line(error: Exception) -> str:

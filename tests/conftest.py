@@ -21,7 +21,7 @@ from tests.rigs import afresh, starts
 from dehyst.daemon import kernel_cache
 
 ROOT = Path(__file__).resolve().parent.parent
-# started in the background of a script, tests would start programs that heed no interrupt
+# started in the background of a script, tests would start programs that react to no interrupt
 if (
     threading.current_thread() is threading.main_thread()
     and signal.getsignal(signal.SIGINT) is signal.SIG_IGN

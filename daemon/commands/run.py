@@ -91,9 +91,9 @@ def run(args: argparse.Namespace) -> int:
     axes = AXES[: args.axes or 1]
     if args.model and len(axes) > 1:
         raise BadInput("--model goes with one axis; with several each has its own model")
-    from dehyst.daemon.terminal.compiling import compiling_told
+    from dehyst.daemon.terminal.compiling import compiling_reported
 
-    with ended_at_once("dehyst run"), compiling_told("dehyst run", in_pipes=True):
+    with ended_at_once("dehyst run"), compiling_reported("dehyst run", in_pipes=True):
         imitation, models = Imitation(), {}
         if len(axes) > 1:
             models = {a: simulated_model(one) for a, one in settings_of(axes, {}).items()}

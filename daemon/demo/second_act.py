@@ -109,7 +109,7 @@ class Story:
     drawn_says: str = ""
     appeared_s: float = np.nan
     flagged_s: float = np.nan
-    told_s: float = np.nan
+    reported_s: float = np.nan
     accepted_s: float = np.nan
     over_s: float = np.nan
     report: DoctorReport | None = None
@@ -133,7 +133,7 @@ class Story:
 
     @property
     def named_right(self) -> bool:
-        """The first name, or one that it says it cannot be told from."""
+        """The first name, or one that it says it cannot be distinguished from."""
         return self.says_right(self.report.effects if self.report else ())
 
     def says_right(self, effects: Sequence[FoundEffect]) -> bool:
@@ -215,7 +215,7 @@ class SecondAct:
         if not self._until(lambda: self._word() not in ("", "working"), patience):
             story.why = f"the doctor said nothing within {patience.spent_s:.0f} s"
             return
-        story.told_s = self._now_s()
+        story.reported_s = self._now_s()
         report = story.report
         assert report is not None
         say(f"   {report.says}")

@@ -2,7 +2,7 @@
 
 From the rows of LoopSettings comes the record that the kernels read (SETTINGS_T, in the kernels
 `p`). To add a setting: a key with its default and bounds in dehyst.daemon.config, a row and its
-value here, and the kernel that heeds it.
+value here, and the kernel that uses it.
 """
 
 from dataclasses import dataclass, fields

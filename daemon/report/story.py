@@ -35,7 +35,7 @@ SHOWN = 2.4
 EVENTS = (
     ("appeared_s", "an effect appears"),
     ("flagged_s", "flagged"),
-    ("told_s", "named"),
+    ("reported_s", "named"),
     ("accepted_s", "accepted"),
     ("over_s", ""),  # what became of it
 )
@@ -44,7 +44,7 @@ RMS = {"before": "before", "with the effect": "during", "after": "after", "on tr
 ENDS = {"accepted": "proven", "returned": "went back", "rejected": "rejected"}
 
 
-class Told(Protocol):
+class StoryData(Protocol):
     """What is drawn."""
 
     t_s: Floats
@@ -68,7 +68,7 @@ class Phase(NamedTuple):
     part: Bools
 
 
-def list_phases(story: Told) -> list[Phase]:
+def list_phases(story: StoryData) -> list[Phase]:
     """Before the effect, with it, and with the offered model, as far as the story goes."""
     t_s = story.t_s
     if not t_s.size:
@@ -91,7 +91,7 @@ def list_phases(story: Told) -> list[Phase]:
     return [one for one in phases if one.part.any()]
 
 
-def draw_story_bands(story: Told, axes: Axes) -> str:
+def draw_story_bands(story: StoryData, axes: Axes) -> str:
     """The tracking error over time within the band of its rms, and what happened when."""
     error = 1e3 * (story.measured - story.target)
     _draw_extremes(axes, story.t_s, error)
@@ -117,7 +117,7 @@ def draw_story_bands(story: Told, axes: Axes) -> str:
     return f"Tracking error over time. {'; '.join(said)}. {happened}"
 
 
-def list_close_looks(story: Told) -> list[Draw]:
+def list_close_looks(story: StoryData) -> list[Draw]:
     """One second of each phase, the same second of the pattern, on the same scale."""
     phases = list_phases(story)
     at = _telling_second(story, phases)
@@ -132,7 +132,7 @@ def list_close_looks(story: Told) -> list[Draw]:
 
 
 def draw_close_look(
-    story: Told, name: str, color: str, window: slice, limits: tuple[float, float], axes: Axes
+    story: StoryData, name: str, color: str, window: slice, limits: tuple[float, float], axes: Axes
 ) -> str:
     """Target and measured of one second."""
     t_s = story.t_s[window]
@@ -149,7 +149,7 @@ def draw_close_look(
     return f"One second, {name}: target and measured, {rms:.0f} nm rms apart."
 
 
-def story_picture(story: Told) -> bytes:
+def story_picture(story: StoryData) -> bytes:
     """PNG: the bands above, a close look at each phase below."""
     bands: Draw = partial(draw_story_bands, story)
     looks = list_close_looks(story)
@@ -169,7 +169,7 @@ def _draw_extremes(axes: Axes, t_s: Floats, error: Floats) -> None:
     axes.fill_between(at, low, high, color=MEASURED, alpha=0.25, lw=0, step="post")
 
 
-def _telling_second(story: Told, phases: Sequence[Phase]) -> int | None:
+def _telling_second(story: StoryData, phases: Sequence[Phase]) -> int | None:
     """First sample of the second with the effect in which target and measured are farthest apart
     for the way that is shown."""
     effect = next((one for one in phases if one.name == "with the effect"), None)
@@ -189,7 +189,7 @@ def _telling_second(story: Told, phases: Sequence[Phase]) -> int | None:
     return starts[int(np.argmax(score))]
 
 
-def _same_second(story: Told, phase: Phase, at: int) -> slice | None:
+def _same_second(story: StoryData, phase: Phase, at: int) -> slice | None:
     """The second of a phase with the same targets as the second at a sample, the newest of several;
     None: the phase is too short to have one."""
     count = _samples_a_second(story)
@@ -208,13 +208,13 @@ def _same_second(story: Told, phase: Phase, at: int) -> slice | None:
     return slice(int(inside[best]), int(inside[best]) + count)
 
 
-def _samples_a_second(story: Told) -> int:
+def _samples_a_second(story: StoryData) -> int:
     if story.t_s.size < 3:
         return 0
     return min(story.t_s.size, round(SECOND_S / max(1e-6, float(np.median(np.diff(story.t_s))))))
 
 
-def _way(story: Told, window: slice) -> float:
+def _way(story: StoryData, window: slice) -> float:
     both = np.concatenate([story.target[window], story.measured[window]])
     both = both[np.isfinite(both)]
     return float(np.ptp(both)) if both.size else np.inf
@@ -225,7 +225,7 @@ def _rms(error: Floats) -> float:
     return float(np.sqrt(np.mean(good**2))) if good.size else 0.0
 
 
-def _mark(story: Told, axes: Axes) -> str:
+def _mark(story: StoryData, axes: Axes) -> str:
     """Lines at what happened, no line beyond the data; in words, all of it."""
     said: list[str] = []
     shown: list[tuple[float, str]] = []

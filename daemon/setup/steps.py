@@ -29,7 +29,7 @@ Result = dict[str, Any]
 
 @dataclass(frozen=True)
 class Step:
-    """One step. options: the Wishes that it heeds: another value repeats it; moves: what it will
+    """One step. options: the Wishes that it uses: another value repeats it; moves: what it will
     move and how far; None: nothing."""
 
     name: str

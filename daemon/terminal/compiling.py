@@ -121,7 +121,7 @@ class CompilingTeller:
 
 
 @contextmanager
-def compiling_told(said_by: str, in_pipes: bool = False, ends: bool = True) -> Iterator[None]:
+def compiling_reported(said_by: str, in_pipes: bool = False, ends: bool = True) -> Iterator[None]:
     """Lines on stderr while kernels are compiled inside the block: what for, how far, and how long
     it took. in_pipes: also where no terminal reads them; ends: the block ends with its work, so
     that the sum at its end is still news."""

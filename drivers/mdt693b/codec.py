@@ -56,7 +56,7 @@ class Mdt693bCodec:
 
         barrier: only the answer to this query ends it; acknowledgements and errors before it are
         late ones of earlier commands (the unit works in order). ValueError when `command` is no
-        query, or one whose answer may be blank: they could not be told from late replies.
+        query, or one whose answer may be blank: they could not be distinguished from late replies.
         """
         form = form_of(command)
         if barrier and (form.pattern is None or form.blank):

@@ -99,7 +99,7 @@ def is_of_sensor(first: Finding, causes: Sequence[WeighedCause], noise2: float) 
 
 
 def pick_models(first: Finding, causes: Sequence[WeighedCause]) -> list[Model]:
-    """What was named alone, else what it cannot be told from; a gauge's is not compensated."""
+    """What was named alone, else its near-ties; what a gauge does is not compensated."""
     fit = [one for one in causes if one.new > 0.0 and one.cause.place != "sensor"]
     named = [one for one in fit if one.cause.name == first.name]
     near = [one for one in fit if one.cause.name in first.ambiguous_with]

@@ -10,7 +10,7 @@ import numpy as np
 from dehyst.models.diagnosis.base import compact_base, no_base, rich_base
 from dehyst.models.diagnosis.data.noise import noise_rms
 from dehyst.models.diagnosis.evidence import by_blocks
-from dehyst.models.diagnosis.findings.told import only_told, worth_telling
+from dehyst.models.diagnosis.findings.reported import only_reported, worth_reporting
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState, excess, tells_what_is_late, tried
@@ -39,18 +39,18 @@ def find(
     was recorded. Where an effect is taken whose size is not known then, they are looked for again
     without it: what it stood for may be another's. forbidden: keys that are not tried."""
     found = _find(problem, sigma, null, say, forbidden)
-    kept = worth_telling(found.search)
-    told = only_told(kept)
+    kept = worth_reporting(found.search)
+    told = only_reported(kept)
     vague = set(kept.accepted.effect_names) - set(told.accepted.effect_names)
     if vague:
         other = _find(problem, sigma, null, say, (*forbidden, *vague))
-        again = only_told(worth_telling(other.search))
+        again = only_reported(worth_reporting(other.search))
         first, second = (by_blocks(f.problem, f.accepted).mean_square for f in (told, again))
         if second < first:
             found, told = other, again
     if found.over_rich is found.search:
         return Found(told, told)
-    return Found(told, only_told(worth_telling(found.over_rich)))
+    return Found(told, only_reported(worth_reporting(found.over_rich)))
 
 
 def _find(
@@ -74,9 +74,9 @@ def _find_in_few_places(
     problem: Problem, sigma: float, null: JointFit, say: Progress, forbidden: Sequence[str]
 ) -> Found:
     """The same where the drive repeats itself within so few samples that a rich base can give each
-    its own value, and takes all that the drive causes within a period. What comes late is told over
-    a compact base alone, and only where it takes by far the most of what this leaves: a loop of
-    another class leaves less."""
+    its own value, and takes all that the drive causes within a period. What comes late is reported
+    over a compact base alone, and only where it takes by far the most of what this leaves: a loop
+    of another class leaves less."""
     within = [c for c in library(problem.data) if c.driven and not c.lasting]
     unseen = [c.key for c in within if not c.late]
     keys = [c.key for c in within]
@@ -169,7 +169,7 @@ def fed_by_steps(problem: Problem, null: JointFit, sigma: float) -> Problem:
     A loop writes a command and leaves it: where the hysteresis alone is between the drive and what
     is read just before the next command, nothing shows of it; what is behind it begins half a
     sample earlier than straight lines between the samples say. Fitted to these, a mode leaves as
-    much again as its own share, and friction is told beside it.
+    much again as its own share, and friction is reported beside it.
     """
     if problem.data.early or excess(problem, null, sigma) < (TUNING.stepped_size * sigma) ** 2:
         return problem

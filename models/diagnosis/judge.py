@@ -94,9 +94,9 @@ def least_share(state: SearchState, left: float) -> float:
 
 
 def tells_what_is_late(problem: Problem, sigma: float) -> bool:
-    """Whether a delay, a lag or a slew limit can be told from the loop. Not where the drive is seen
-    in so few places that even a compact base has a column for nearly each, unless the displacement
-    moves against the drive."""
+    """Whether a delay, a lag or a slew limit can be distinguished from the loop. Not where the
+    drive is seen in so few places that even a compact base has a column for nearly each, unless the
+    displacement moves against the drive."""
     if not problem.few_places:
         return True
     columns = compact_base(problem.data).width + len(problem.data.names)

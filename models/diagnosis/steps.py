@@ -41,9 +41,9 @@ from dehyst.models.diagnosis.findings.decide import (
 )
 from dehyst.models.diagnosis.findings.episodes import Episode, find_episodes, tell_time
 from dehyst.models.diagnosis.findings.limits import limits
+from dehyst.models.diagnosis.findings.reported import without_kind
 from dehyst.models.diagnosis.findings.shape import not_contained, not_written
 from dehyst.models.diagnosis.findings.sightings import accept, retell, sightings
-from dehyst.models.diagnosis.findings.told import without_kind
 from dehyst.models.diagnosis.findings.weigh import weigh, with_episode
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.handout import Handed, hand_out
@@ -107,7 +107,7 @@ def diagnose(
         null = problem.solve([])
         sigma = noise_rms(finer, null.residual(finer))
     data = problem.data
-    # what is there for a part of the time is told with its time, and no other physics explains it
+    # what acts for a part of the time is reported with that time; no other physics explains it
     episode = find_episodes(data, null.residual(data), sigma)
     if episode is not None:
         data = replace(data, y=data.y - episode.removed)
@@ -120,8 +120,8 @@ def diagnose(
         found = find_above_noise(problem, null, say)
     known = explained_heads(found.search.problem, found.search.accepted, found.search.sigma)
     if known:
-        # with what was found, the past is known: the heads count, and tell of what began before.
-        # What that is was told by the other rows: in the heads the hysteresis' past shows as well
+        # With what was found, the past is known: the heads count, and show what began before. The
+        # other rows say what that is: in the heads the hysteresis' past shows as well.
         data = replace(data, rows=rows_with_heads(data, known))
         whole = replace(whole, rows=rows_with_heads(whole, known))
         problem, bare = (
@@ -139,7 +139,7 @@ def diagnose(
     explained = by_blocks(found.search.problem, found.search.accepted).mean_square
     butterfly = comes_back(data) and explained > TUNING.follows_late * unexplained
     if butterfly or not follows(data, min(unexplained, explained)):
-        # out of the class: what the drive causes cannot be told from the loop
+        # out of the class: what the drive causes cannot be distinguished from the loop
         found = replace(found, search=without_kind(found.search, lambda c: c.driven))
     seen = sightings(data, sigma)
     for candidate, sighting in seen:

@@ -33,7 +33,7 @@ class Tuning(NamedTuple):
     tie: float = 0.12  # a simpler cause that leaves no more than this size beside the best is taken
     other_first: float = 0.7  # of the first pick's gain: another first pick is tried too
     other_than_last: float = 0.5  # the same, where that was a drift with structure beside it
-    few_turns: int = 3  # with fewer turns of the drive nothing that it causes can be told
+    few_turns: int = 3  # with fewer turns of the drive nothing that it causes can be reported
     # what a cause must remove
     driven_share: float = 0.12  # where the drive causes it
     driven_size: float = 0.17
@@ -76,7 +76,7 @@ class Tuning(NamedTuple):
     helps: float = 0.1  # size that an effect must remove
     helps_share: float = 0.002  # the same as a share of the misfit at first
     helps_rest: float = 0.1  # and of the misfit left: less is its own scatter
-    beside_driven: float = 0.5  # a second cause of this size is told beside any other,
+    beside_driven: float = 0.5  # a second cause of this size is reported beside any other,
     beside_free: float = 0.3  # where it lies beside the drive, of this
     # near-ties
     echo: float = 0.2  # of a finding that it ties with: a smaller one is what that one leaves

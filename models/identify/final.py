@@ -174,7 +174,9 @@ def find_bent(setup: FitSetup, best: Candidate, tried: Sequence[Candidate]) -> S
     if setup.running is not None or not shape.rate or any(shape.powers):
         return None
     if best.lag is not None and best.lag.place == "sensor":
-        return None  # the equations have it before the saturation, where a curve is told wrongly
+        return (
+            None  # the equations have it before the saturation, where a curve is predicted wrongly
+        )
     power = 3 if setup.virgin else 2
     bent = replace(shape, powers=(*shape.powers, power))
     known = any(power in c.shape.powers and c.shape.rate for c in tried)

@@ -92,7 +92,7 @@ class Identification:
     that were fitted; shape, offset: the structure; params, errors: packed parameters and their
     standard errors (0: on the bound); rates: (n,) at which the slopes are given and up to which
     they are positive; tried, orders: what the hold-out compared; couplings: from
-    other axes, which the model has as blocks; notes: what a reader should be told.
+    other axes, which the model has as blocks; notes: what a reader should know.
     """
 
     model: Model
@@ -311,8 +311,8 @@ def _follow_drift(found: _Found) -> _Found:
 def _require_one_stage(
     found: _Found, residuals: Sequence[Floats], recordings: Sequence[Recording], options: Options
 ) -> str:
-    """Raise BadRecording where one of several recordings is told much better by its own model; what
-    is to be said where a little."""
+    """Raise BadRecording where one of several recordings is predicted much better by its own model;
+    where it is a little better, what is to be said of it."""
     setup, f = found.setup, found.fitted
     start = replace(f.scored, params=make_start(f.r.size, f.shape, setup.slope, 1))
     alone, together = [], []

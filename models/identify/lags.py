@@ -46,7 +46,7 @@ class LagSearch:
     def find(self) -> Candidate | None:
         """What the recording needs; None: nothing.
 
-        A part of a sample is told by the fit alone; more must predict what it has not seen, and
+        A part of a sample is reported by the fit alone; more must predict what it has not seen, and
         clearly so: a little is also gained by a lag where the hysteresis is of another class than
         the model's. It is the drive's, which the inverse makes up for, unless one of the sensor
         predicts better by more than chance.

@@ -167,8 +167,8 @@ def require_following(setup: FitSetup, held_rms: float) -> None:
 def require_one_stage(
     names: Sequence[str], together: Sequence[float], alone: Sequence[float], unit: str
 ) -> str:
-    """Raise BadRecording where recordings are told well each alone and badly together; what is to
-    be said where they are told a little worse, else "".
+    """Raise BadRecording where recordings are predicted well each alone and badly together; where
+    they are predicted a little worse together, what is to be said of it, else "".
 
     together, alone: (G,) rms that the common model and one of its own leave in each recording.
     """

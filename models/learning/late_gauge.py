@@ -24,7 +24,7 @@ from dehyst.models.recording import Bools
 class LateGauge:
     """Learns, pass by pass, by how much a stage is ahead of the readings of a gauge whose filter
     has the time constant filter_s. `back`: so many steps are looked at; `anew`: the newest pass is
-    the first in which anything is told."""
+    the first in which anything is reported."""
 
     def __init__(self, filter_s: float) -> None:
         self.filter_s, self.back = filter_s, TUNING.late_back
@@ -69,7 +69,7 @@ class LateGauge:
     def _add(self, x: Floats, y: Floats, usual: Bools) -> None:
         """Sums of squares about the mean of each place of the pass, brought up to date (B. P.
         Welford, Technometrics 4, 1962, 419). usual: (n,) rows with times from which the rate may
-        be told; a process that was held up by others tells a time that was not the output's."""
+        be reported; a process that was held up by others tells a time that was not the output's."""
         self._passes += 1
         if self._mean_x is None or self._mean_y is None:
             self._mean_x, self._mean_y = x * usual[:, None], y.copy()

@@ -48,7 +48,7 @@ Spectrum = NDArray[np.complex128] | Floats
 class Pass:
     """One pass as telemetry has it, (n,) each. error: measured less target, NaN: no fresh reading;
     used: correction in force; trimmed: the slow trim acts, so the mean is its business. What
-    the trim moves within a pass repeats with the rest. anew: from here on the error is told
+    the trim moves within a pass repeats with the rest. anew: from here on the error is reported
     otherwise, and not to be compared with that of passes before."""
 
     error: Floats
@@ -60,7 +60,7 @@ class Pass:
 @dataclass(frozen=True)
 class Outcome:
     """What a pass has taught. rms: of the error without the noise; mean: of the error; learned:
-    False where it was not learned from; says: why not, or what else is to be told, or "";
+    False where it was not learned from; says: why not, or what else is to be reported, or "";
     width_hz: the highest frequency that is learned now; gain: of this pass."""
 
     number: int
@@ -315,7 +315,7 @@ class Learner:
         return f"a knock of {smooth[at]:+.3g} at {at * self.period_s:.3f} s"
 
     def _begin_anew(self) -> None:
-        """What was told of the error before counts no more; what repeats is kept."""
+        """What was reported of the error before counts no more; what repeats is kept."""
         self.learned, self._best, self._grown = min(self.learned, 1), None, 0
         self._before = self._doubted = self._first = None
         self._strange = 0

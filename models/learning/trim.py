@@ -53,7 +53,7 @@ class Tuning(NamedTuple):
     young_s: float = 2.0  # of commanded motion: the model's state may lack what was before it
     new_s: float = 0.2  # a model that is new finds its state along the drive: no jump is seen
     stuck_noises: float = 10.0  # the model's way under a reading that stays the same
-    told_s: float = 0.1  # what lasts shorter is not told
+    reported_s: float = 0.1  # what lasts shorter is not told
     margin: float = 4.0  # least time constant, in lags of the sensor
 
 
@@ -80,7 +80,7 @@ STATE = np.dtype(
         ("aim", "<f8"),  # where the integral is; the trim follows at no more than the rate
         ("zero", "<f8"),  # added to the reading
         ("difference", "<f8"),  # reading minus model, over jump_s; NaN: none that is believed
-        ("seen", "<f8"),  # the same over told_s, believed or not; NaN: no reading
+        ("seen", "<f8"),  # the same over reported_s, believed or not; NaN: no reading
         ("moved", "<f8"),  # what the model moved in the last jump_s
         ("predicted", "<f8"),  # the newest, NaN: none yet
         ("reading", "<f8"),  # the newest that differed from the one before,
@@ -99,7 +99,7 @@ STATE = np.dtype(
         ("stuck", "<i8"),
         ("distrusted", "<i8"),
         ("why", "<i8"),  # Why, of the newest sample
-        ("lasting", "<i8"),  # the same, where it has lasted for told_s
+        ("lasting", "<i8"),  # the same, where it has lasted for reported_s
         ("why_s", "<f8"),
     ]
 )
@@ -215,7 +215,7 @@ def take(p: Any, s: Any, reading: float, predicted: float, held: bool, running: 
     _move(p, s, running and why in (NOTHING, STUCK))
     s.why_s = s.why_s + period if why == s.why else 0.0
     s.why = why
-    if s.why_s >= TUNING.told_s and s.lasting != why:
+    if s.why_s >= TUNING.reported_s and s.lasting != why:
         s.lasting = why
         return True
     return False
@@ -248,7 +248,7 @@ def _judge(p: Any, s: Any, reading: float, predicted: float) -> int:
     difference = reading - predicted
     if math.isnan(s.seen):
         s.seen = difference
-    s.seen += dt / (TUNING.told_s + dt) * (difference - s.seen)
+    s.seen += dt / (TUNING.reported_s + dt) * (difference - s.seen)
     if s.stuck != 0:
         return STUCK
     beyond = abs(difference) > p.belief
@@ -290,7 +290,7 @@ def _judge_anew(p: Any, s: Any, dt: float) -> int:
     unsettled = TUNING.settled * p.jump + TUNING.jump_share * s.moved
     if math.isnan(s.anew) or abs(s.seen - s.anew) > unsettled:
         s.anew, s.anew_s = s.seen, 0.0
-    s.anew += dt / (TUNING.told_s + dt) * (s.seen - s.anew)
+    s.anew += dt / (TUNING.reported_s + dt) * (s.seen - s.anew)
     s.anew_s += dt
     most = p.limit if s.jumped_s < TUNING.young_s else p.jump
     if abs(s.anew) > most and not abs(s.anew - s.usual) <= p.jump:

@@ -17,7 +17,7 @@ class Tuning(NamedTuple):
     noise_memory: float = 0.5  # of its average over passes
     least_noise: float = 0.5  # of the model's noise power
     contracts: float = 0.9
-    seen: float = 10.0  # noise powers by which a correction must change for P to be told
+    seen: float = 10.0  # noise powers by which a correction must change for P to be reported
     follows: float = 0.5  # from 1: factor between error and correction of a gauge that is right,
     strange_passes: int = 2  # which so many passes in a row contradict, before all is taken back
     grown: float = 1.25  # times the best error, twice in a row,

@@ -255,7 +255,7 @@ def _take_mean(
         _learn(state, RINGING, at, ringing, dt)
         _learn(state, WHOLE, at, e * e, dt)
         _correct(state, e, base, v, dt)
-    else:  # a zero that has moved is told, and then taken for the zero
+    else:  # a zero that has moved is reported, and then taken for the zero
         state.w[0] += dt / TUNING.zero_s * e
 
 

@@ -10,7 +10,7 @@ the friction that the speed leaves alone, and its displacement may run back at a
 Recognised by its dependence on the speed: presliding alone is a rate-independent memory and stays
 inside the base. The viscous part b grows with the speed while the bristles' part fades. It belongs
 to the fit: without it, a guide with much of both seems to push at low speed. By itself it is a lag,
-and no friction is told by it. How much of all that the base leaves depends on its law, which nobody
+and it alone reports no friction. How much the base leaves of it depends on its law, which nobody
 knows: no size of it is excluded.
 """
 

@@ -103,7 +103,7 @@ class Candidate:
     # within few samples, and of all such causes one alone
     many: bool = False  # its starts span many shapes, of which chance makes one fit
     rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
-    bounds_told: bool = True  # a parameter on its bound is told as not identified
+    reports_bounds: bool = True  # a parameter on its bound is reported as not identified
     holds_back: tuple[int, ...] = ()  # columns of which no amplitude is negative
     beside_others: bool = False  # makes what simpler ones make too, so it promises what they do: it
     # is refitted beside them, in the place of none
@@ -206,7 +206,7 @@ class Candidate:
 
 
 def small(entry: tuple[float, str]) -> str:
-    """A value of the displacement's size, micrometres below one told as nanometres: "12 nm/K"."""
+    """A value of the displacement's size; micrometres below one become nanometres: "12 nm/K"."""
     value, unit = entry
     if (unit == "um" or unit.startswith("um/")) and abs(value) < 1.0:
         value, unit = 1e3 * value, f"nm{unit[2:]}"

@@ -61,7 +61,7 @@ class Clip(Candidate):
     place = "drive"
     mode = "drive"
     limit_side = "below"
-    bounds_told = False
+    reports_bounds = False
 
     def __init__(self, data: Data) -> None:
         self.limit_unit = data.drive_unit

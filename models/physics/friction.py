@@ -7,7 +7,7 @@ exponent n is 1, and it bends, or 0: it gives way in a straight line, then slide
 a = l the stage rests after each turn until x has moved on by 2 l, a play.
 
 A rate-independent memory of the displacement: inside the base of a diagnosis. About a model that
-was right before, it shows alone. What fades with the speed is told by `bristles`; n = 1 and a
+was right before, it shows alone. What fades with the speed is reported by `bristles`; n = 1 and a
 part b stand in older model files.
 """
 

@@ -71,7 +71,7 @@ class Hum(Candidate):
     order = 70
     driven = False
     place = "sensor"
-    widest_spread = 0.6  # a line that is there at times is told with its times
+    widest_spread = 0.6  # a line that is there at times is reported with its times
 
     def params_at(self, theta: Sequence[float]) -> tuple[Parameter, ...]:
         return tuple(

@@ -125,7 +125,7 @@ class Rate(Candidate):
     static = True
     minima = 2
     rival_if_implausible = False
-    widest_spread = 0.3  # where it is told truly: 0.03 (tests/benchmarks/models/proof)
+    widest_spread = 0.3  # where it is reported truly: 0.03 (tests/benchmarks/models/proof)
 
     parameters = (Parameter("power", "1", 0.2, 2.0), Parameter("dilation", "1", 0.003, 1.0))
 

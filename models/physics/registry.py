@@ -45,7 +45,7 @@ def library(data: Data) -> list[Candidate]:
 
 
 def changes_alone(data: Data) -> list[Candidate]:
-    """What can be told only as the one change of a stage whose model was right."""
+    """What can be reported only as the one change of a stage whose model was right."""
     return [c for one in PHYSICS.values() for c in one.changes(data)]
 
 

@@ -130,7 +130,7 @@ RINGS_WITHIN = 3.0
 creep may stand for what it does (tests/benchmarks/models/proof: slow scans)."""
 SURE_DAMPING = 0.2
 """Of the damping: a mode is excited by what the drive does between two samples, and that is not
-known (tests/benchmarks/models/proof: 0.0140 was told as 0.0120)."""
+known (tests/benchmarks/models/proof: 0.0140 was reported as 0.0120)."""
 
 
 SURE_SHARE, OPEN_SHARE = 0.02, 0.6  # the same of the share, at least and at most,
@@ -156,7 +156,7 @@ class Resonance(Candidate):
     repeatable = True
     rings = True
     rival_if_implausible = False
-    bounds_told = False
+    reports_bounds = False
     size_index = 2
 
     def __init__(self, data: Data, number: int = 0) -> None:

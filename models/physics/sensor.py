@@ -5,8 +5,8 @@
 
 The ripple is the interpolation error of encoders and interferometers, or whatever repeats along
 the range; it belongs to the reading. Recognised is the ripple: a smooth static error of the
-reading cannot be told from the hysteresis' own shape by recordings of one stage, and is left to
-the base.
+reading cannot be distinguished from the hysteresis' own shape by recordings of one stage, and is
+left to the base.
 """
 
 import math

@@ -2,7 +2,7 @@
 
 Blind are the bins where the drive or what a hysteresis makes of it has lines: its own frequencies,
 their harmonics and intermodulation products, each as wide as the window's main lobe. A line of the
-surroundings that falls there cannot be told from the loop's shape.
+surroundings that falls there cannot be distinguished from the loop's shape.
 
 Under feedback a line of the reading stands in the drive too. It is one of the surroundings where
 the residual has it about as strong as the drive would make it, while the drive moves by other

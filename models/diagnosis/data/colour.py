@@ -8,7 +8,7 @@ What is left after the best fit counts as noise where
       of its own in each block of time, explain no more of it than they do when shifted in time (the
       shifted ones have the drive's spectrum and the noise's, and only the relation is lost);
     - what repeats with a periodic drive is no stronger than what does not.
-It is told as coloured noise then, not as structure.
+It is reported as coloured noise then, not as structure.
 """
 
 from itertools import pairwise

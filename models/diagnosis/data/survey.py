@@ -9,7 +9,7 @@ from dehyst.models.physics.candidate import small
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.ways import turns_within_ways
 
-COARSE = 1.5  # noise rms that a step of the reading must reach to be told
+COARSE = 1.5  # noise rms that a step of the reading must reach to be reported
 FOLLOWS = 0.2  # part of the displacement's power that a memory of the drive must explain
 BUTTERFLY = (
     "the displacement falls and rises again while the drive goes one way (a butterfly, as of a "

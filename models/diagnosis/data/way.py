@@ -1,5 +1,5 @@
-"""What the drive's way lets be told: how often it turns round, whether it stands still, and whether
-it goes round one loop alone.
+"""What the drive's path allows to report: how often it turns round, whether it stands still, and
+whether it goes round one loop alone.
 
 Where the drive passes each level once up and once down, any slow function of time is a difference
 between the two branches, and so is a channel that itself goes to and fro once. No fit tells them
@@ -75,7 +75,7 @@ def places_seen(data: Data) -> int:
 def moves_against(data: Data, noise: float) -> bool:
     """Whether the displacement moves against the drive where the path of this rises, or falls, from
     one sample to the next: no hysteresis does, whatever its class, and what comes late does.
-    noise: rms of a reading. Steps that repeat each other are told by their mean."""
+    noise: rms of a reading. Steps that repeat each other are reported by their mean."""
     path, places = data.path, data.places if data.between is not None else np.arange(data.n)
     rises = np.concatenate([[0], np.cumsum(np.diff(path.u) > 0)])
     falls = np.concatenate([[0], np.cumsum(np.diff(path.u) < 0)])
@@ -105,7 +105,7 @@ def stands_still(data: Data) -> bool:
 
 
 def can_be_told(candidate: Candidate, data: Data) -> bool:
-    """Whether a candidate can be told from the loop of a drive that hardly turns round."""
+    """Whether a candidate can be distinguished from the loop of a drive that hardly turns round."""
     if candidate.driven:
         return False
     if candidate.channel and turns(data, data.channels[candidate.channel]) >= TUNING.few_turns:

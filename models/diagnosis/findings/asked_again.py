@@ -8,7 +8,7 @@ An effect at a limit is about as large as the noise, so all fits stand about the
 
 from collections.abc import Collection, Sequence
 
-from dehyst.models.diagnosis.findings.told import only_told, worth_telling
+from dehyst.models.diagnosis.findings.reported import only_reported, worth_reporting
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.search import accept_best, refit_each
@@ -43,7 +43,7 @@ class AskedAgain:
         ]
 
     def names(self, put_in: Candidate, added: Floats) -> set[str]:
-        """Names that are told beside what was found, where the reading has (N,) more in it.
+        """Names that are reported beside what was found, where the reading has (N,) more in it.
 
         put_in: whose effect that is. Where it does not take all of it, it is weighed against the
         others, of which those that are confused with it look at the residual anew.
@@ -66,7 +66,7 @@ class AskedAgain:
             more = refit_each(state, near, _silent, 0)
             trials = sorted([*trials, *more], key=lambda t: -t.worth)
         accept_best(state, trials, ())
-        told = only_told(worth_telling(state)).accepted
+        told = only_reported(worth_reporting(state)).accepted
         return {e.candidate.name for e in told.effects}
 
     def _rank(self, state: SearchState, look: Screen, anew: Collection[str]) -> list[Promise]:

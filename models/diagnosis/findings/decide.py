@@ -11,8 +11,8 @@ from dehyst.models.diagnosis.data.locate import hot_spots, locate
 from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.evidence import Constancy, by_blocks, constancy, contribution
 from dehyst.models.diagnosis.findings.growth import Growth, growth
+from dehyst.models.diagnosis.findings.reported import unidentified
 from dehyst.models.diagnosis.findings.rivals import Rival, rivals
-from dehyst.models.diagnosis.findings.told import unidentified
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.intervals import intervals
 from dehyst.models.diagnosis.judge import SearchState
@@ -41,8 +41,8 @@ def verdict_of(
 
 
 def named(problem: Problem, found: SearchState, held: float) -> list[Finding]:
-    """Findings of the accepted effects; two of one kind are told as one. share: mean square that
-    each removes of held-out samples, to be made a part of the whole. held: what all leave."""
+    """Findings of the accepted effects; two of one kind are reported as one. share: mean square
+    that each removes of held-out samples, to be made a part of the whole. held: what all leave."""
     final, data, sigma = found.accepted, problem.data, found.sigma
     values = intervals(problem, final, sigma)
     keys = {"_um": f"_{data.unit}", "_v_": f"_{data.drive_unit}_", "_v": f"_{data.drive_unit}"}
@@ -133,7 +133,7 @@ def _reservations(
     elif steady.spread > 0.5:
         text += " Its size is not the same everywhere, so treat it as unconfirmed."
     bounds = list(dict.fromkeys([*on_bound(effect), *wide]))
-    if bounds and c.bounds_told:
+    if bounds and c.reports_bounds:
         text += f" Not identified here: {', '.join(bounds)}."
     return text
 

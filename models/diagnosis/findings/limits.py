@@ -28,7 +28,7 @@ from dehyst.models.signals.joined import Floats
 CANNOT = "the drive of these recordings cannot show it"
 TRIES = 2
 STEP = 2.0  # factor of an amplitude, as large as from one probe to the next; of such steps,
-RAISED, TOLD = 0.5, 0.5  # where it was not found, and from what was found to what is told
+RAISED, TOLD = 0.5, 0.5  # where it was not found, and from what was found to what is reported
 Seen = Callable[[Candidate, Floats], Collection[str]]
 
 
@@ -42,7 +42,7 @@ class Guess:
     place: float = 0.0
 
     def limit(self, value: float | None, leaves_out: str = "") -> Limit:
-        """As it is told. leaves_out: what it does not hold for."""
+        """As it is reported. leaves_out: what it does not hold for."""
         c = self.candidate
         label = f"{c.name} ({c.channel})" if c.channel else leaves_out
         if value is None:

@@ -28,10 +28,10 @@ from dehyst.models.signals.joined import Floats
 
 DEGREE = 5  # of functions of the displacement
 LENGTHS = np.array([0.003, 0.006, 0.012, 0.025, 0.05])  # of presliding, of the stroke
-MOSTLY = 0.6  # of the correction's power, that one look must explain to be told
+MOSTLY = 0.6  # of the correction's power, that one look must explain to be reported
 MORE = 0.15  # that a richer look must explain beyond a plainer one
 ROWS = 20_000
-SHOWN = 0.15  # of a cause's rms, that the base must leave for it to be told from a shape
+SHOWN = 0.15  # of a cause's rms, that the base must leave for it to be distinguished from a shape
 
 LOOKS = {
     "centre": (
@@ -113,7 +113,7 @@ def measure_correction(
 
 def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str, ...]:
     """Names of causes driven by the drive that the base takes nearly whole, at an rms of about
-    `size`: with this drive they cannot be told from a loop of another shape."""
+    `size`: with this drive they cannot be distinguished from a loop of another shape."""
     look = Screen(problem, final)
     best: dict[str, float] = {}
     taken = {e.candidate.key for e in final.effects}

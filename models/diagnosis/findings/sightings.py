@@ -43,7 +43,7 @@ def retell(
         return f.key == candidate.key and all(
             np.isclose(f.parameters[key].value, v.value)
             for key, v in values.items()
-            if key in f.parameters  # else its interval was too wide to be told
+            if key in f.parameters  # else its interval was too wide to be reported
         )
 
     return tuple(

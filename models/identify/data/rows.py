@@ -26,7 +26,7 @@ class Rows:
     u, rate, y: (N,) drive, du/dt over the true time step, displacement; NaN where unknown.
     use: (N,) rows that may stand as equations. resets: rows where the stage's memory is unknown.
     settled: (N,) rows at which no operator up to the widest depends on the unknown start.
-    virgin: the start looks de-energised. notes: what a reader should be told. piece: (N,) stretch
+    virgin: the start looks de-energised. notes: what a reader should know. piece: (N,) stretch
     of the drive. came_from: where the drive had been before a reset, against the operators' offset.
     """
 

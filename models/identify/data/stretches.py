@@ -20,7 +20,7 @@ Some = TypeVar("Some", bound=np.generic)
 
 @dataclass(frozen=True)
 class Taken:
-    """What is taken of a recording. rows: (n,) of the whole; note: what a reader should be told."""
+    """What is taken of a recording. rows: (n,) of the whole; note: what a reader should know."""
 
     recording: Recording
     whole: int

@@ -42,7 +42,7 @@ def recordings(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def written(recordings, tmp_path_factory):
-    """(exit status, folder, stdout) of one diagnosis of both, told as JSON."""
+    """(exit status, folder, stdout) of one diagnosis of both, reported as JSON."""
     out, shown = tmp_path_factory.mktemp("out") / "findings", io.StringIO()
     given = [str(recordings / name) for name in ("a.csv", "b.csv")]
     with contextlib.redirect_stdout(shown):

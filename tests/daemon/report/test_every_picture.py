@@ -91,7 +91,7 @@ def world(y: Floats) -> dict[Any, Any]:
     )  # fmt: skip
     lags = np.resize(y, 20)
     story = SimpleNamespace(
-        t_s=t_s, target=y, measured=0.9 * y, appeared_s=0.1, flagged_s=0.3, told_s=np.nan,
+        t_s=t_s, target=y, measured=0.9 * y, appeared_s=0.1, flagged_s=0.3, reported_s=np.nan,
         accepted_s=np.nan, over_s=np.nan, state="", rms={"before": float(y[0])},
     )  # fmt: skip
     return {
@@ -183,7 +183,7 @@ def test_the_story_is_drawn_however_it_ended_with_no_line_beyond_its_data(
     shape: str, state: str
 ) -> None:
     story = world(SHAPES[shape])[Told]
-    story.state, story.told_s, story.accepted_s, story.over_s = state, 1.0, 1.2, 99.0
+    story.state, story.reported_s, story.accepted_s, story.over_s = state, 1.0, 1.2, 99.0
     assert story_picture(story).startswith(b"\x89PNG")
     axes = Figure().subplots()
     draw_story_bands(story, axes)
@@ -198,7 +198,7 @@ def pattern_story(state: str = "accepted") -> SimpleNamespace:
     off = np.where(t_s < 20.0, 0.02, np.where(t_s < 40.0, 0.3, 0.03))
     return SimpleNamespace(
         t_s=t_s, target=target, measured=target + off, appeared_s=20.0, flagged_s=22.0,
-        told_s=39.9, accepted_s=40.0, over_s=50.0, state=state, rms={},
+        reported_s=39.9, accepted_s=40.0, over_s=50.0, state=state, rms={},
     )  # fmt: skip
 
 

@@ -30,13 +30,13 @@ def test_it_says_once_that_it_compiles_and_how_long_it_took(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(compiling, "SILENT_S", 0.0)
-    with compiling.compiling_told("dehyst core", in_pipes=True):
+    with compiling.compiling_reported("dehyst core", in_pipes=True):
         assert fresh_kernel()(4.0) == 3.0
         assert fresh_kernel()(9.0) == 4.0
     first, last = capsys.readouterr().err.splitlines()
     assert first.startswith("dehyst core: compiling kernels, once")
     assert last.startswith("dehyst core: compiled 4 kernels in")
-    with compiling.compiling_told("dehyst core", in_pipes=True, ends=False):
+    with compiling.compiling_reported("dehyst core", in_pipes=True, ends=False):
         fresh_kernel()(4.0)
     assert "compiled" not in capsys.readouterr().err
 
@@ -47,13 +47,13 @@ def test_what_is_soon_done_or_there_already_is_not_worth_a_word(
     kernel = fresh_kernel()
     kernel(1.0)
     monkeypatch.setattr(compiling, "SILENT_S", 0.0)
-    with compiling.compiling_told("dehyst core", in_pipes=True):
+    with compiling.compiling_reported("dehyst core", in_pipes=True):
         kernel(4.0)
     monkeypatch.setattr(compiling, "SILENT_S", 1e3)
-    with compiling.compiling_told("dehyst core", in_pipes=True):
+    with compiling.compiling_reported("dehyst core", in_pipes=True):
         fresh_kernel()(4.0)
     monkeypatch.setattr(compiling, "SILENT_S", 0.0)
-    with compiling.compiling_told("dehyst identify"):  # no terminal reads it
+    with compiling.compiling_reported("dehyst identify"):  # no terminal reads it
         fresh_kernel()(4.0)
     assert capsys.readouterr().err == ""
 

@@ -1,4 +1,4 @@
-"""What a drive that hardly turns round lets be told from its loop."""
+"""What a drive that hardly turns round lets be distinguished from its loop."""
 
 import numpy as np
 import pytest

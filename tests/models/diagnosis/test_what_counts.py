@@ -12,8 +12,8 @@ from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import constancy
 from dehyst.models.diagnosis.findings import told
 from dehyst.models.diagnosis.findings.limits import limits
+from dehyst.models.diagnosis.findings.reported import only_reported, unidentified
 from dehyst.models.diagnosis.findings.rivals import rivals
-from dehyst.models.diagnosis.findings.told import only_told, unidentified
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.judge import (
     CandidateTrial,
@@ -330,7 +330,7 @@ def test_of_two_that_are_alike_the_one_that_the_other_makes_up_for_goes_first(
         fits = [problem.refit([*fit.effects, Effect(c, tuple(s))]) for s in starts]
         fit = min(fits, key=lambda f: f.sse)
     monkeypatch.setattr(told, "TUNING", TUNING._replace(widest=1.08))
-    kept = only_told(replace(state, accepted=fit)).accepted
+    kept = only_reported(replace(state, accepted=fit)).accepted
     assert kept.effect_names == ("drift-trend",)
 
 

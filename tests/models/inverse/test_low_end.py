@@ -1,4 +1,4 @@
-"""The low end of the range is told as the high end is."""
+"""The low end of the range is reported as the high end is."""
 
 import numpy as np
 import pytest

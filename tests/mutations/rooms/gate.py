@@ -193,7 +193,7 @@ CHANGES = room(
     ),
     Change(
         "trajectory-zero", GATE, "if command.trajectory == 0:", "if False:",
-        "a trajectory without number cannot be told from none",
+        "a trajectory without number cannot be distinguished from none",
     ),
     Change(
         "others-trajectory", GATE,

@@ -93,7 +93,7 @@ CHANGES = room(
     ("tests/daemon/acquire/test_axes.py",),
     Change(
         "axes-in-step", "daemon/acquire/axes.py", "PACES = (1.0, 0.83, 0.71)",
-        "PACES = (1.0, 1.0, 1.0)", "axes that move together cannot be told apart",
+        "PACES = (1.0, 1.0, 1.0)", "axes that move together cannot be distinguished",
     ),
 )  # fmt: skip
 CHANGES += room(

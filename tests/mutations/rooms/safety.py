@@ -224,7 +224,7 @@ CHANGES = [
         ),
         Change(
             "old-events", "daemon/service/event_teller.py", "if self._ring.pid != pid or", "if",
-            "events of the run before are told as this one's",
+            "events of the run before are reported as this one's",
             tests=(f"{RUNS}::test_events_carry_their_time_and_belong_to_their_run",),
         ),
         Change(

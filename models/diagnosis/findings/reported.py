@@ -17,7 +17,7 @@ from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.lines import gain_of_line
 
 
-def worth_telling(found: SearchState) -> SearchState:
+def worth_reporting(found: SearchState) -> SearchState:
     """Without the effects that do not help on held-out samples, or may be another's."""
     problem, sigma = found.problem, found.sigma
     final = _without_lines(found)
@@ -65,7 +65,7 @@ def _without_lines(found: SearchState) -> JointFit:
     return final
 
 
-def only_told(found: SearchState) -> SearchState:
+def only_reported(found: SearchState) -> SearchState:
     """Without the effects whose size is not known to a factor of ten: of several that are alike,
     the one that the others make up for goes first, and may leave another known."""
     final, problem = found.accepted, found.problem
