@@ -12,9 +12,10 @@ which may count, search.py accepts one after the other, evidence.py holds out, i
 the intervals, and find.py chooses the base and the noise that the search stands on. findings/ is
 what is said: reported.py drops what is not known well enough, rivals.py finds near-ties,
 sightings.py takes what recordings show without a fit, shape.py says what the base explains of the
-model in use, episodes.py what is there for a part of the time, weigh.py what helps, decide.py names and gives the
-verdict, limits.py says what would have been seen. augment.py writes a model, handout.py sees to it
-that it goes nowhere astray, and steps.py puts it together into the Diagnosis of result.py.
+model in use, episodes.py what is there for a part of the time, weigh.py what helps, decide.py
+names and gives the verdict, limits.py says what would have been seen. augment.py writes a model,
+handout.py sees to it that it goes nowhere astray, and steps.py puts it together into the Diagnosis
+of result.py.
 """
 
 from dehyst.models.diagnosis.result import DataQuality, Diagnosis, Finding, Limit, Value, View
