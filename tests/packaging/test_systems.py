@@ -238,5 +238,5 @@ def test_every_command_runs_or_says_that_it_needs_linux() -> None:
     """The page and the servers of other protocols aside, which run until they are ended."""
     run = {command.split()[0] for command in (*OFFLINE, *CLIENTS)}
     served = {"page", "epics", "serve"}
-    decided = {"accept", "reject", "warm", "paper"}  # as the commands beside them
+    decided = {"accept", "reject", "warm", "paper", "image", "bench"}  # as the commands beside them
     assert set(COMMANDS) <= run | served | decided | NEEDS_LINUX

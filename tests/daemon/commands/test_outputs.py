@@ -43,7 +43,7 @@ WRITES: dict[str, list[str]] = {
     "demo": ["demo -o {dir}"],
 }
 MADE_NEW = {"keys"}  # opens every file with O_EXCL: tests/daemon/bus/test_certificates.py
-REPORTS = {"paper"}  # no input that could be replaced, and no recording
+REPORTS = {"paper", "image", "bench"}  # no input that could be replaced, and no recording
 OUTPUTS = {"output", "report", "picture", "log", "directory"}
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.rigs.gateway_bench import free_port
 
 from dehyst.daemon.bench.simulated import write_axes_bench
 from dehyst.daemon.files.models import save_model
@@ -14,6 +15,12 @@ from dehyst.daemon.main import main
 from dehyst.models.model import Block, Hysteresis, Model, Validity
 
 PORTS = {"mdt693b": "/dev/a", "ksg101-x": "/dev/x", "ksg101-y": "/dev/y"}
+
+
+@pytest.fixture(autouse=True)
+def _nobody_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where somebody uses this machine, a daemon may run at the default address."""
+    monkeypatch.setenv("DEHYST_CONNECT", f"tcp/127.0.0.1:{free_port()}")
 
 
 def straight(um_per_v: float, *blocks: Block) -> Model:
