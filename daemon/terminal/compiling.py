@@ -25,11 +25,12 @@ _KERNEL = re.compile(r"^\s*@njit\(cache=True", re.MULTILINE)
 
 
 class Compilations(Listener):
-    """What is compiled. count: so far; kernel: the one that is compiled now; told: called with a
-    kernel's name as each begins."""
+    """What is compiled. count: so far; kernel: the one that is compiled now; began: set when one
+    begins, for whoever waits for that; told: called with a kernel's name as each begins."""
 
     def __init__(self, told: Callable[[str], None] = lambda kernel: None) -> None:
         self.count, self.kernel, self._told = 0, "", told
+        self.began = threading.Event()
         self._depth, self._begun_ns, self._spent_ns = 0, 0, 0
 
     @property
@@ -51,6 +52,7 @@ class Compilations(Listener):
         function = event.data["dispatcher"].py_func
         self.kernel = f"{function.__module__.removeprefix('dehyst.')}.{function.__name__}"
         self._told(self.kernel)
+        self.began.set()
 
     def on_end(self, event: Any) -> None:
         """One is done."""
@@ -63,7 +65,11 @@ class Compilations(Listener):
 
 class CompilingTeller:
     """Says what is compiled and for how long, also while one kernel takes its time: a thread looks
-    every TICK_S. On a terminal one line that is written anew, elsewhere a line every AGAIN_S."""
+    every TICK_S. On a terminal one line that is written anew, elsewhere a line every AGAIN_S.
+
+    While nothing is compiled the thread sleeps: a thread of ordinary priority that wakes within a
+    process with deadlines may lose its processor while it holds the interpreter, and the loop, or
+    an emulated unit, would have to wait for it."""
 
     def __init__(self, said_by: str, compilations: Compilations, in_pipes: bool) -> None:
         self._by, self._of = said_by, compilations
@@ -80,6 +86,7 @@ class CompilingTeller:
 
     def __exit__(self, *_: object) -> None:
         self._stop.set()
+        self._of.began.set()
         if self._thread.is_alive():
             self._thread.join(2 * TICK_S)
 
@@ -90,9 +97,13 @@ class CompilingTeller:
             self._say(f"compiled {self._of.count} kernels in {self._of.seconds:.0f} s")
 
     def _run(self) -> None:
-        while not self._stop.wait(TICK_S):
+        while self._of.began.wait() and not self._stop.wait(TICK_S):
             if self._of.at_work:
                 self.look()
+            else:
+                self._of.began.clear()
+                if self._of.at_work:  # one that began in between
+                    self._of.began.set()
 
     def look(self) -> None:
         """Say where it stands, where it is worth a word and not too soon after the last one."""

@@ -2,8 +2,10 @@
 
 import io
 import math
+import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -129,3 +131,21 @@ def test_on_a_terminal_one_line_is_written_anew_all_the_time(
         compilations.on_start(Slow("windowed"))
         wait_for(lambda: screen.getvalue().count("now models.x.windowed\r") >= 3)
     assert screen.getvalue().count("\n") == 1
+
+
+def wakes(thread: threading.Thread) -> int:
+    """How often the kernel has let this thread run after it had waited."""
+    status = Path(f"/proc/self/task/{thread.native_id}/status").read_text()
+    return int(status.split("\nvoluntary_ctxt_switches:")[1].split()[0])
+
+
+def test_while_nothing_is_compiled_its_thread_sleeps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process with deadlines shares its interpreter with this thread."""
+    monkeypatch.setattr(compiling, "TICK_S", 0.01)
+    with compiling.compiling_reported("dehyst core", in_pipes=True):
+        fresh_kernel()(4.0)
+        (thread,) = [one for one in threading.enumerate() if one.name == "compiling"]
+        time.sleep(0.2)
+        before = wakes(thread)
+        time.sleep(0.5)
+        assert wakes(thread) - before <= 1
