@@ -10,6 +10,7 @@ block.
 The counts of all processes of one supervisor lie in memory that they share (`dropped`).
 """
 
+import faulthandler
 import io
 import os
 import select
@@ -127,6 +128,8 @@ class Log:
         # the terminal may stop whoever writes from the background: not this process
         signal.signal(signal.SIGTTOU, signal.SIG_IGN)
         self.files = [_kept(number) for number in (1, 2)]
+        if faulthandler.is_enabled():  # by $PYTHONFAULTHANDLER; no thread writes it after a crash
+            faulthandler.enable(self.files[1])
         outlets = [_Outlet(file, who) for file in self.files]
         if os.path.sameopenfile(*self.files):
             outlets[0] = outlets[1]

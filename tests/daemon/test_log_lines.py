@@ -1,6 +1,7 @@
 """The log stops nobody: lines that cannot be written are dropped, counted, and said later."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -96,3 +97,20 @@ def test_a_process_without_stdout_and_stderr_goes_on() -> None:
     )
     shell = f'exec "{sys.executable}" -c "{program}" >&- 2>&-'
     assert subprocess.run(["bash", "-c", shell], check=False).returncode == 7
+
+
+CRASH = """
+import ctypes
+from dehyst.daemon import log_lines
+log_lines.keep_going("page")
+ctypes.string_at(0)
+"""
+
+
+def test_where_a_process_crashed_is_written_though_no_thread_is_left_to_write_it() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", CRASH], capture_output=True, text=True, check=False, timeout=60.0,
+        env=os.environ | {"PYTHONFAULTHANDLER": "1"},
+    )  # fmt: skip
+    assert done.returncode == -signal.SIGSEGV
+    assert "Fatal Python error: Segmentation fault" in done.stderr
