@@ -1,7 +1,8 @@
 """A channel of an APT unit. All roles of all channels of one unit share its port."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from dehyst.drivers.apt.codec import AptMessage, encode_apt
 from dehyst.drivers.apt.link import AptKind, AptLink
@@ -54,8 +55,7 @@ class AptChannel:
 
     def identify(self, known: UnitIdentity | None) -> tuple[UnitIdentity, str]:
         """As AptLink.identify."""
-        shared, link = self._ready()
-        with shared.calls:
+        with self._in_use() as link:
             return link.identify(self._kind, self._settings.serial_number, known)
 
     def encode(self, name: str, **values: int) -> bytes:
@@ -64,23 +64,17 @@ class AptChannel:
 
     def send(self, name: str, **values: int) -> None:
         """Send this channel a message that has no reply."""
-        shared, link = self._ready()
-        with shared.calls:
+        with self._in_use() as link:
             link.send(name, self._address, chan=1, **values)
 
     def ask(
         self, request: str, wanted: str, first: bytes = b"", to: int | None = None, **values: int
     ) -> AptMessage:
         """As AptLink.ask, of this channel; of another address only what is given goes out."""
-        shared, link = self._ready()
         if to is None:
             to, values = self._address, {"chan": 1, **values}
-        with shared.calls:
-            try:
-                return link.ask(request, wanted, first, to, **values)
-            except DeviceGone:
-                shared.drop(link)
-                raise
+        with self._in_use() as link:
+            return link.ask(request, wanted, first, to, **values)
 
     def close(self) -> None:
         """Use the port no more; the last role gives it back. Safe to call twice."""
@@ -88,7 +82,15 @@ class AptChannel:
         if self._shared is not None:
             self._shared.release(id(self))
 
-    def _ready(self) -> tuple[Shared, AptLink]:
-        if self._link is None or self._shared is None:
+    @contextmanager
+    def _in_use(self) -> Iterator[AptLink]:
+        """The link, for one call at a time; one whose port is gone is given up for all roles."""
+        shared, link = self._shared, self._link
+        if shared is None or link is None:
             raise DeviceGone(f"{self._kind.driver} at {self._settings.port} is not open")
-        return self._shared, self._link
+        with shared.calls:
+            try:
+                yield link
+            except DeviceGone:
+                shared.drop(link)
+                raise

@@ -299,6 +299,22 @@ def test_a_late_position_is_not_taken_for_the_next_one(make: Make, rack: bool) -
     gauge.close()
 
 
+def test_a_late_position_of_one_bay_is_not_taken_for_anothers(make: Make) -> None:
+    rig = make(rack=True)
+    one, two = (Bpc303Sensor.from_settings(rig.settings(channel=n, timeout_s=2.0)) for n in (1, 2))
+    for gauge in (one, two):
+        gauge.open()
+    rig.server.call(lambda: rig.outputs_v[1].append(10.0))
+    rig.server.call(lambda: rig.outputs_v[2].append(20.0))
+    rig.fault(delay_s=2.2)
+    with pytest.raises(DeviceTimeout):
+        one.read()
+    rig.fault()
+    assert two.read() == pytest.approx(2.0, abs=2e-3)  # the line brings the late one of bay 1 first
+    one.close()
+    two.close()
+
+
 @pytest.mark.parametrize("channel", [0, 4])
 def test_a_channel_that_no_unit_has(channel: int) -> None:
     with pytest.raises(DriverConfigError, match="channel"):
