@@ -17,11 +17,12 @@ class Shared:
         self._users: set[int] = set()
         self._made: Any = None
 
-    def connect(self, user: int) -> Any:
-        """The connection, made where there is none. Raises what `make` raises."""
+    def connect(self, user: int, make: Callable[[], Any] | None = None) -> Any:
+        """The connection, made where there is none. make: in place of the first user's, where the
+        users differ in how they connect. Raises what `make` raises."""
         with self._making:
             if self._made is None:
-                self._made = self._make()
+                self._made = (make or self._make)()
             self._users.add(user)
             return self._made
 

@@ -5,12 +5,14 @@ A header of six bytes, little-endian, with data behind it or two parameters in i
     <HBBBB   id, parameter 1, parameter 2, destination, source
     <HHBB    id, length of the data, destination | 0x80, source         then the data
 
-All messages that a KSG101 / TSG001 strain gauge reader or a KPZ101 / TPZ001 piezo driver knows
-here are in MESSAGES. The layouts are those of Thorlabs' "APT Communications Protocol"; packages on
-the net have other ids for the TSG messages, which the units do not answer.
+All messages that a KSG101 / TSG001 strain gauge reader, a KPZ101 / TPZ001 piezo driver, or a
+channel of a KPC101, BPC301 or BPC303 knows here are in MESSAGES. The layouts are those of Thorlabs'
+"APT Communications Protocol"; packages on the net have other ids for the TSG messages, which the
+units do not answer.
 """
 
 import struct
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,6 +20,8 @@ from dehyst.drivers.interface import ProtocolError
 
 HOST = 0x01
 UNIT = 0x50
+RACK, BAYS = 0x11, (0x21, 0x22, 0x23)
+"""A rack: its motherboard, and its bays of one channel each."""
 HEADER = struct.Struct("<HBBBB")
 LONG_HEADER = struct.Struct("<HHBB")
 HAS_DATA = 0x80
@@ -67,6 +71,8 @@ MESSAGES = (
     Layout(0x0006, "hw_get_info", _INFO, "I8sH4s60sHHH"),
     Layout(0x0011, "hw_start_updatemsgs", ("rate",)),
     Layout(0x0012, "hw_stop_updatemsgs", ()),
+    Layout(0x0060, "rack_req_bayused", ("bay",)),
+    Layout(0x0061, "rack_get_bayused", ("bay", "state")),
     Layout(0x0080, "hw_response", ()),
     Layout(0x0081, "hw_richresponse", ("message", "code", "text"), "HH64s"),
     Layout(0x0210, "mod_set_chanenablestate", ("chan", "state")),
@@ -88,6 +94,8 @@ MESSAGES = (
     Layout(0x0660, "pz_req_pzstatusupdate", ("chan",)),
     Layout(0x0661, "pz_get_pzstatusupdate", ("chan", "output", "position", "status"), "HhhI"),
     Layout(0x0662, "pz_ack_pzstatusupdate", ()),
+    Layout(0x0681, "pz_req_outputmaxvolts", ("chan",)),
+    Layout(0x0682, "pz_get_outputmaxvolts", ("chan", "voltage_100mv", "flags"), "HHH"),
     Layout(0x07D4, "pz_set_tpz_iosettings", _TPZ_IO, "HHHHH"),
     Layout(0x07D5, "pz_req_tpz_iosettings", ("chan",)),
     Layout(0x07D6, "pz_get_tpz_iosettings", _TPZ_IO, "HHHHH"),
@@ -99,6 +107,9 @@ MESSAGES = (
 )
 BY_NAME = {layout.name: layout for layout in MESSAGES}
 BY_ID = {layout.id: layout for layout in MESSAGES}
+
+BAY_OCCUPIED, BAY_EMPTY = 1, 2
+"""States of rack_get_bayused, which counts bays from 0."""
 
 CHANNEL_ENABLED, CHANNEL_DISABLED = 1, 2
 """States of mod_*_chanenablestate."""
@@ -114,6 +125,9 @@ VOLTAGE_LIMITS_V = {1: 75.0, 2: 100.0, 3: 150.0}
 
 FULL_OUTPUT = 32767
 """voltage of pz_*_outputvolts at the unit's voltage limit."""
+
+FULL_TRAVEL = 32767
+"""A reading or position at the travel that pz_get_maxtravel reports."""
 
 # status bits of pz_get_pzstatusupdate
 ACTUATOR_CONNECTED = 0x01
@@ -145,13 +159,15 @@ def encode_apt(name: str, *, source: int = HOST, destination: int = UNIT, **valu
 class Decoder:
     """Bytes in, messages out; finds its way back after garbage.
 
-    receiver, sender: the addresses that messages must carry; anything else is garbage, which is
+    receivers, senders: the addresses that messages may carry; anything else is garbage, which is
     skipped byte by byte and counted in `skipped`.
     """
 
-    def __init__(self, receiver: int = HOST, sender: int = UNIT) -> None:
-        self.receiver = receiver
-        self.sender = sender
+    def __init__(
+        self, receivers: Collection[int] = (HOST,), senders: Collection[int] = (UNIT,)
+    ) -> None:
+        self.receivers = receivers
+        self.senders = senders
         self.skipped = 0
         self._buffer = bytearray()
 
@@ -178,7 +194,7 @@ class Decoder:
     def _size(self) -> int | None:
         """Bytes of the message that starts here; None: none starts here."""
         number, first, second, destination, source = HEADER.unpack_from(self._buffer)
-        if destination & ~HAS_DATA != self.receiver or source != self.sender:
+        if destination & ~HAS_DATA not in self.receivers or source not in self.senders:
             return None
         layout = BY_ID.get(number)
         length = first + 256 * second if destination & HAS_DATA else 0

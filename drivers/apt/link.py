@@ -1,13 +1,16 @@
 """The link to one APT unit on its USB serial port: requests, replies, and which unit it is.
 
+A rack has a bay of one channel for each output: its motherboard is asked who the unit is, and its
+bays are asked for everything else.
+
 The FTDI chip holds bytes back for 16 ms unless its latency timer is set to 1 ms (the port does
 that where it may; see also the udev rule).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
-from dehyst.drivers.apt.codec import AptMessage, Decoder, encode_apt
+from dehyst.drivers.apt.codec import HOST, UNIT, AptMessage, Decoder, encode_apt
 from dehyst.drivers.interface import (
     DeviceNotFound,
     DeviceTimeout,
@@ -24,11 +27,19 @@ USB_IDS = ((0x0403, 0xFAF0),)  # FTDI with Thorlabs' product number
 @dataclass(frozen=True)
 class AptKind:
     """One kind of unit. driver: its name here; models: what such units call themselves; prefixes:
-    the first digits of their serial numbers, which USB reports as well."""
+    the first digits of their serial numbers, which USB reports as well; address: who is asked which
+    unit it is; channels: the address of each of its channels."""
 
     driver: str
     models: tuple[str, ...]
     prefixes: tuple[str, ...]
+    address: int = UNIT
+    channels: tuple[int, ...] = (UNIT,)
+
+    @property
+    def addresses(self) -> tuple[int, ...]:
+        """All that such a unit answers from."""
+        return tuple(dict.fromkeys((self.address, *self.channels)))
 
     def find_port(self, path: str, serial_number: str | None) -> str:
         """The path to open; "auto": that of the one such unit on USB. serial_number: that of the
@@ -52,20 +63,26 @@ class AptKind:
 
 
 class AptLink:
-    """An open port with a unit behind it; used by one thread. Its calls raise DeviceTimeout,
-    DeviceGone or ProtocolError."""
+    """An open port with a unit behind it; used by one thread at a time. Its calls raise
+    DeviceTimeout, DeviceGone or ProtocolError. addresses: all that the unit answers from."""
 
     def __init__(
-        self, path: str, timeout_s: float, rtscts: bool, clock: Callable[[], float]
+        self,
+        path: str,
+        timeout_s: float,
+        rtscts: bool,
+        clock: Callable[[], float],
+        addresses: Collection[int] = (UNIT,),
     ) -> None:
         """Open the port and end updates that nobody asked for. Raises DeviceNotFound."""
-        self._timeout_s = timeout_s
+        self.timeout_s, self.rtscts = timeout_s, rtscts
         self._clock = clock
-        self._decoder = Decoder()
-        self._late = False  # a request timed out: its reply may still come
+        self._decoder = Decoder((HOST,), addresses)
+        self._late: set[int] = set()  # where a request timed out: its reply may still come
         self._port = SerialPort(path, write_timeout_s=timeout_s, rtscts=rtscts, clock=clock)
         try:
-            self.send("hw_stop_updatemsgs")
+            for address in addresses:
+                self.send("hw_stop_updatemsgs", address)
             self._port.read_available()
         except BaseException:
             self.close()
@@ -80,16 +97,16 @@ class AptLink:
         """Give the port back. Safe to call twice."""
         self._port.close()
 
-    def send(self, name: str, **values: int) -> None:
+    def send(self, name: str, to: int = UNIT, **values: int) -> None:
         """Send a message that has no reply."""
-        self._port.write(encode_apt(name, **values))
+        self._port.write(encode_apt(name, destination=to, **values))
 
     def identify(
         self, kind: AptKind, serial_number: str | None, known: UnitIdentity | None
     ) -> tuple[UnitIdentity, str]:
         """Which unit answers, and the same in words. Raises ForeignUnit where it is of another
         kind, has another serial number than the wanted one, or is not the one that is known."""
-        info = self.ask("hw_req_info", "hw_get_info").values
+        info = self.ask("hw_req_info", "hw_get_info", to=kind.address).values
         model = bytes(info["model"]).split(b"\0")[0].decode("ascii", "replace").strip()
         minor, interim, major, _ = bytes(info["firmware"])
         if not model.startswith(kind.models):
@@ -106,27 +123,37 @@ class AptLink:
         refuse_another(self.path, found, known)
         return found, f"{model} serial {number or 'blank'} firmware {major}.{interim}.{minor}"
 
-    def ask(self, request: str, wanted: str, first: bytes = b"", **values: int) -> AptMessage:
+    def ask(
+        self, request: str, wanted: str, first: bytes = b"", to: int = UNIT, **values: int
+    ) -> AptMessage:
         """Send a request and wait for its reply, past anything else, for timeout_s at most.
         first: messages without a reply that go out ahead of it, in the same write."""
-        deadline_s = self._clock() + self._timeout_s
-        if self._late and wanted != "hw_get_info":
+        deadline_s = self._clock() + self.timeout_s
+        if to in self._late and wanted != "hw_get_info":
             # replies carry no number: ask for something else first, so that a late reply is
             # not mistaken for the answer to this request
-            self._exchange("hw_req_info", "hw_get_info", deadline_s)
-        return self._exchange(request, wanted, deadline_s, first, **values)
+            self._exchange("hw_req_info", "hw_get_info", to, deadline_s)
+        return self._exchange(request, wanted, to, deadline_s, first, **values)
 
     def _exchange(
-        self, request: str, wanted: str, deadline_s: float, first: bytes = b"", **values: int
+        self,
+        request: str,
+        wanted: str,
+        to: int,
+        deadline_s: float,
+        first: bytes = b"",
+        **values: int,
     ) -> AptMessage:
         port = self._port
-        port.write(first + encode_apt(request, **values))
+        port.write(first + encode_apt(request, destination=to, **values))
         skipped = self._decoder.skipped
         while True:
             data = port.read_until_deadline(deadline_s)
             for message in self._decoder.feed(data):
+                if message.source != to:
+                    continue
                 if message.name == wanted:
-                    self._late = False
+                    self._late.discard(to)
                     return message
                 if message.name in ("hw_response", "hw_richresponse"):
                     raise ProtocolError(
@@ -134,9 +161,9 @@ class AptLink:
                     )
             if not data:
                 self._decoder.reset()
-                self._late = True
+                self._late.add(to)
                 strange = self._decoder.skipped - skipped
                 raise DeviceTimeout(
-                    f"{port.path}: no answer to {request} within {self._timeout_s:g} s"
+                    f"{port.path}: no answer to {request} within {self.timeout_s:g} s"
                     + (f" ({strange} bytes that are no APT message came)" if strange else "")
                 )

@@ -44,12 +44,13 @@ class AptUnit:
     knobs: AptKnobs
     faults: AptFaults
     notes = b"emulated unit"
+    addresses: tuple[int, ...] = (codec.UNIT,)
 
     def __init__(self, knobs: AptKnobs, faults: AptFaults, clock: Callable[[], float]) -> None:
         self.knobs = knobs
         self.faults = faults
         self._clock = clock
-        self._decoder = Decoder(receiver=codec.UNIT, sender=codec.HOST)
+        self._decoder = Decoder(self.addresses, (codec.HOST,))
         self._random = random.Random(knobs.seed)
         self._requests: deque[tuple[float, AptMessage]] = deque()
         self._outgoing: deque[tuple[float, bytes]] = deque()
@@ -66,7 +67,7 @@ class AptUnit:
         now = self._clock()
         while self._requests and self._requests[0][0] <= now:
             due, message = self._requests.popleft()
-            reply = self._info() if message.name == "hw_req_info" else self._answer(message, due)
+            reply = self.answer(message, due)
             if reply and not self.faults.mute:
                 self._send(reply, due + self.faults.delay_s)
         if self._outgoing and self._outgoing[0][0] <= now:
@@ -84,6 +85,11 @@ class AptUnit:
         self._decoder.reset()
         self._requests.clear()
         self._outgoing.clear()
+
+    def answer(self, message: AptMessage, now: float) -> bytes:
+        """The reply to a message that was due at `now`, whatever its faults; b"": there is none."""
+        own = message.name == "hw_req_info" and message.destination == self.addresses[0]
+        return self._info() if own else self._answer(message, now)
 
     def _answer(self, message: AptMessage, now: float) -> bytes:
         """Carry out a message that was due at `now`; its reply, if it has one."""
@@ -110,6 +116,5 @@ class AptUnit:
             channels=1,
         )
 
-    @staticmethod
-    def _reply(name: str, **values: object) -> bytes:
-        return encode_apt(name, source=codec.UNIT, destination=codec.HOST, **values)
+    def _reply(self, name: str, **values: object) -> bytes:
+        return encode_apt(name, source=self.addresses[0], destination=codec.HOST, **values)

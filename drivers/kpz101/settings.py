@@ -1,44 +1,9 @@
 """The settings of the KPZ101 driver."""
 
-from typing import Annotated, Literal
-
-from msgspec import Meta
-
-from dehyst.drivers.settings import Settings
+from dehyst.drivers.apt.settings import PiezoSettings
 
 
-class Kpz101Settings(Settings, frozen=True):
+class Kpz101Settings(PiezoSettings, frozen=True):
     """Settings of one piezo driver."""
 
     driver = "kpz101"
-
-    port: Annotated[
-        str,
-        Meta(min_length=1, description='path of the serial port; "auto": the one KPZ101 on USB'),
-    ] = "auto"
-    limit_v: (
-        Annotated[
-            Literal[75, 100, 150],
-            Meta(
-                description="voltage limit that the unit must have [V]; left out: any of the three"
-            ),
-        ]
-        | None
-    ) = None
-    max_v: (
-        Annotated[
-            float,
-            Meta(
-                gt=0, le=150, description="upper limit of the output, at most the unit's limit [V]"
-            ),
-        ]
-        | None
-    ) = None
-    timeout_s: Annotated[float, Meta(gt=0, le=10, description="longest wait for a reply")] = 0.1
-    rtscts: Annotated[bool, Meta(description="RTS/CTS flow control on the serial line")] = False
-    serial_number: Annotated[str, Meta(description="accept only this unit")] | None = None
-
-    def check(self) -> None:
-        """A range beyond the limit that is demanded can never be had."""
-        if self.limit_v is not None and self.max_v is not None and self.max_v > self.limit_v:
-            raise self.wrong("max_v", f"at most limit_v = {self.limit_v}")

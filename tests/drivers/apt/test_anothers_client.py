@@ -3,7 +3,8 @@ thorlabs-apt-protocol, which encodes requests and decodes replies on its own."""
 
 import pytest
 
-from dehyst.drivers.apt.codec import HOST, UNIT, encode_apt
+from dehyst.drivers.apt.codec import BAYS, HOST, RACK, UNIT, encode_apt
+from dehyst.drivers.emulated.kpc101_unit import Bpc303Unit, Kpc101Knobs
 from dehyst.drivers.emulated.kpz101_knobs import Kpz101Knobs
 from dehyst.drivers.emulated.kpz101_unit import Kpz101Unit
 
@@ -62,3 +63,47 @@ def test_it_understands_the_status(enabled: bool, mode: int) -> None:
     assert (status.enabled, status.control_mode) == (enabled, mode == 2)
     assert (status.connected, status.strain_gauge_connected) == (True, False)
     assert (status.max_75V, status.max_100V, status.max_150V) == (False, False, True)
+
+
+# what the channels of a KPC101, BPC301 and BPC303 are asked besides
+ALSO = [
+    ("pz_req_pzstatusupdate", "pz_req_pzstatusupdate"),
+    ("pz_req_maxtravel", "pz_req_maxtravel"),
+    ("pz_req_outputmaxvolts", "pz_req_outputmaxvolts"),
+]
+
+
+@pytest.mark.parametrize("to", [UNIT, *BAYS])
+@pytest.mark.parametrize(("ours", "theirs"), ALSO, ids=[row[0] for row in ALSO])
+def test_the_same_bytes_to_every_bay(ours: str, theirs: str, to: int) -> None:
+    made = getattr(apt, theirs)(dest=to, source=HOST, chan_ident=1)
+    assert encode_apt(ours, destination=to, chan=1) == made
+
+
+def test_the_same_bytes_to_a_motherboard() -> None:
+    asked = encode_apt("rack_req_bayused", destination=RACK, bay=2)
+    assert asked == apt.rack_req_bayused(dest=RACK, source=HOST, bay_ident=2)
+    assert asked == bytes.fromhex("60 00 02 00 11 01")
+
+
+def test_a_rack_answers_in_what_it_understands() -> None:
+    knobs = Kpc101Knobs(model="BPC303", serial_number=71000123, limit_v=75, latency_s=0.0, bays=2)
+    unit = Bpc303Unit(knobs, position=lambda channel, time_s: 5.0 * channel, clock=lambda: 0.0)
+    bay = {"dest": BAYS[1], "source": HOST, "chan_ident": 1}
+    unit.feed(
+        apt.hw_req_info(dest=RACK, source=HOST)
+        + apt.rack_req_bayused(dest=RACK, source=HOST, bay_ident=1)
+        + apt.rack_req_bayused(dest=RACK, source=HOST, bay_ident=2)
+        + apt.pz_req_maxtravel(**bay)
+        + apt.pz_req_outputmaxvolts(**bay)
+        + apt.pz_req_pzstatusupdate(**bay)
+    )
+    unpacker = apt.Unpacker()
+    while raw := unit.take():
+        unpacker.feed(raw)
+    info, second, third, travel, limit, status = list(unpacker)
+    assert (info.serial_number, info.model_number.rstrip(b"\0")) == (71000123, b"BPC303")
+    assert [(b.bay_ident, b.occupied) for b in (second, third)] == [(1, True), (2, False)]
+    assert (travel.travel, limit.voltage, limit.max_75V) == (200, 750, True)
+    assert (status.position, status.strain_gauge_connected) == (16384, True)  # 10 um of 20
+    assert (status.source, travel.source, info.source) == (BAYS[1], BAYS[1], RACK)

@@ -80,7 +80,7 @@ def test_golden_bytes_both_ways(message: tuple, expected: str) -> None:
     name, values, source, destination = message
     raw = bytes.fromhex(expected)
     assert encode_apt(name, source=source, destination=destination, **values) == raw
-    (found,) = Decoder(receiver=destination, sender=source).feed(raw)
+    (found,) = Decoder((destination,), (source,)).feed(raw)
     assert found.name == name
     assert {key: found.values[key] for key in values} == values
 

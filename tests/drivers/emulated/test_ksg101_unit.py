@@ -17,6 +17,6 @@ def test_a_unit_that_is_served_late_reads_the_moment_at_which_the_reading_was_du
     unit.feed(encode_apt("tsg_req_reading", source=codec.HOST, destination=codec.UNIT, chan=1))
     assert unit.take() == b""
     now[0] = 101.0  # three quarters of a second late
-    (reply,) = Decoder(receiver=codec.HOST, sender=codec.UNIT).feed(unit.take())
+    (reply,) = Decoder().feed(unit.take())
     assert asked == [100.25]
     assert reply.values["reading"] == round(0.75 / 20.0 * 32767)

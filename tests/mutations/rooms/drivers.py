@@ -5,7 +5,9 @@ from tests.mutations.change import Change, room
 DRIVER, LINK = "drivers/mdt693b/driver.py", "drivers/mdt693b/link.py"
 FACTS, EXCHANGE = "drivers/mdt693b/unit_facts.py", "drivers/mdt693b/exchange.py"
 REPLIES, CODEC = "drivers/mdt693b/replies.py", "drivers/mdt693b/codec.py"
-APT_CODEC, APT_LINK, KPZ = "drivers/apt/codec.py", "drivers/apt/link.py", "drivers/kpz101/driver.py"
+APT_CODEC, APT_LINK, KPZ = "drivers/apt/codec.py", "drivers/apt/link.py", "drivers/apt/actuator.py"
+OPEN_LOOP, APT_CHANNEL = "drivers/apt/open_loop.py", "drivers/apt/channel.py"
+KPC_KINDS, KPC_SENSOR = "drivers/kpc101/kinds.py", "drivers/kpc101/sensor.py"
 OBJECT, ENDPOINT = "drivers/python_object/devices.py", "drivers/python_object/endpoint.py"
 
 CHANGES = [
@@ -201,8 +203,8 @@ CHANGES = [
         Change(
             "gauge-others-messages",
             APT_CODEC,
-            "destination & ~HAS_DATA != self.receiver or source != self.sender:",
-            "destination & ~HAS_DATA != self.receiver:",
+            "destination & ~HAS_DATA not in self.receivers or source not in self.senders:",
+            "destination & ~HAS_DATA not in self.receivers:",
             "another unit's reading is taken",
         ),
         Change(
@@ -239,8 +241,8 @@ CHANGES = [
         Change(
             "piezo-limit-of-another-unit",
             KPZ,
-            "self._link, self._limit_v, self._set_v = link, limit_v, set_v",
-            "self._link, self._set_v = link, set_v",
+            "self._limit_v, self._set_v = limit_v, set_v",
+            "self._set_v = set_v",
             "counts are worth the driver's default limit, not the unit's: wrong voltages",
         ),
         Change(
@@ -259,28 +261,28 @@ CHANGES = [
         ),
         Change(
             "piezo-closed-loop",
-            KPZ,
+            OPEN_LOOP,
             "if mode != codec.OPEN_LOOP:",
             "if mode == codec.CLOSED_LOOP:",
             "a unit that smooths its output or closes its own loop is driven",
         ),
         Change(
             "piezo-inputs-added",
-            KPZ,
+            OPEN_LOOP,
             "if source != codec.SOFTWARE_ONLY:",
             "if source == codec.EXTERNAL_SIGNAL:",
             "the potentiometer adds to every set-point unnoticed",
         ),
         Change(
             "piezo-enabled-with-a-jump",
-            KPZ,
-            'zero = encode_apt("pz_set_outputvolts", chan=1, voltage=0)',
+            OPEN_LOOP,
+            'zero = channel.encode("pz_set_outputvolts", voltage=0)',
             'zero = b""',
             "the output cannot be enabled where a set-point is stored",
         ),
         Change(
             "piezo-enabled-unchecked",
-            KPZ,
+            OPEN_LOOP,
             "    if counts != 0:\n",
             "    if counts < 0:\n",
             "the output is enabled and jumps to a stored set-point",
@@ -295,8 +297,8 @@ CHANGES = [
         Change(
             "piezo-timed-without-its-set",
             KPZ,
-            "reported_counts(link, again), self._clock)",
-            "reported_counts(link), self._clock)",
+            "reported_counts(channel, again), self._clock)",
+            "reported_counts(channel), self._clock)",
             "the declared rate is about twice the one that writes achieve",
         ),
         Change(
@@ -408,9 +410,61 @@ CHANGES = [
         Change(
             "apt-late-reply",
             APT_LINK,
-            'if self._late and wanted != "hw_get_info":',
+            'if to in self._late and wanted != "hw_get_info":',
             "if False:",
             "a late reading is taken for the next one",
+        ),
+    ),
+    *room(
+        ("tests/drivers/kpc101/test_driver.py",),
+        Change(
+            "rack-first-bay-for-all",
+            APT_CHANNEL,
+            "kind.channels[number - 1]",
+            "kind.channels[0]",
+            "every channel of a rack drives the first",
+        ),
+        Change(
+            "rack-reply-of-another-bay",
+            APT_LINK,
+            "                if message.source != to:\n                    continue\n",
+            "",
+            "what another bay answers late is taken for this channel's answer",
+        ),
+        Change(
+            "rack-empty-bay",
+            KPC_KINDS,
+            'if reply.values["state"] != BAY_OCCUPIED:',
+            "if False:",
+            "a channel that is not there times out, and nobody says why",
+        ),
+        Change(
+            "gauge-pulled-out",
+            KPC_SENSOR,
+            'if abs(counts) >= FULL_TRAVEL or not status["status"] & GAUGE_CONNECTED:',
+            "if abs(counts) >= FULL_TRAVEL:",
+            "what a channel without its gauge reports is taken for a position",
+        ),
+        Change(
+            "gauge-never-there",
+            KPC_SENSOR,
+            'if not self._status()["status"] & GAUGE_CONNECTED:',
+            "if False:",
+            "a channel without a gauge is accepted as a sensor",
+        ),
+        Change(
+            "shared-port-stays-lost",
+            APT_CHANNEL,
+            "                shared.drop(link)\n",
+            "",
+            "after an unplug the roles keep each other on the dead port",
+        ),
+        Change(
+            "shared-port-closed-under-the-other",
+            "drivers/shared.py",
+            "if not self._users and self._made is not None:",
+            "if self._made is not None:",
+            "the first role that closes takes the port from the other",
         ),
     ),
 ]

@@ -1,0 +1,199 @@
+"""A Thorlabs piezo driver over its USB serial port (APT protocol), open loop.
+
+APT does not acknowledge a set. So each write is followed, in the same transfer, by a request for
+the output voltage, and the reply must be what was set. The unit reports its set-point in counts,
+so that the driver knows it exactly from the start.
+
+The voltage limit is read and checked; it is never set, because it changes what a count is worth.
+"""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, ClassVar, Self
+
+from dehyst.drivers.apt.channel import AptChannel
+from dehyst.drivers.apt.codec import FULL_OUTPUT, VOLTAGE_LIMITS_V
+from dehyst.drivers.apt.link import AptKind
+from dehyst.drivers.apt.open_loop import check_ready, enable, reported_counts
+from dehyst.drivers.apt.settings import PiezoSettings
+from dehyst.drivers.call_times import Batches, CallTimes
+from dehyst.drivers.interface import (
+    DeviceSpec,
+    DriverConfigError,
+    OutOfRange,
+    ProtocolError,
+    UnitIdentity,
+)
+from dehyst.drivers.settings import read_settings
+
+BATCHES = Batches()
+
+EXPECTED_S, MOST_HZ = 0.01, 1000.0
+"""A write before the unit has been timed, and what none exceeds: USB has a frame a millisecond."""
+
+HIGHEST_V = max(VOLTAGE_LIMITS_V.values())
+
+READBACK_COUNTS = 33
+"""How far the reported output may be from what was set: 0.1 % of the limit, room for rounding in
+the unit. A set that was not carried out is off by more, or does not matter."""
+
+
+class AptPiezo:
+    """One output of a unit of `kind`; a subclass names the kind and reads the voltage limit."""
+
+    kind: ClassVar[AptKind]
+    settings_type: ClassVar[type[PiezoSettings]]
+
+    def __init__(
+        self, settings: PiezoSettings, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.settings = settings
+        self._clock = clock
+        self._channel = AptChannel(self.kind, settings, clock, self.number)
+        self._limit_v = float(settings.limit_v or HIGHEST_V)
+        self._set_v = math.nan
+        self.unit: UnitIdentity | None = None
+        self._known: UnitIdentity | None = None
+        self.spec = DeviceSpec(
+            unit="v",
+            minimum=0.0,
+            maximum=settings.max_v or self._limit_v,
+            resolution=self._limit_v / FULL_OUTPUT,
+            max_rate_hz=MOST_HZ,
+            latency_s=EXPECTED_S,
+        )
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Make a driver; DriverConfigError names a wrong key."""
+        return cls(read_settings(cls.settings_type, settings))
+
+    @property
+    def number(self) -> int:
+        """Of the channel, from 1."""
+        return 1
+
+    def expect(self, unit: UnitIdentity) -> None:
+        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        self._known = unit
+
+    def open(self) -> None:
+        """Connect, identify, check mode, sources and limit, enable the output and time a few sets
+        to where it stands. It does not move: one that was disabled is enabled at 0 V."""
+        channel, settings = self._channel, self.settings
+        if channel.is_open:
+            return
+        channel.connect(self._known)
+        try:
+            found, identity = channel.identify(self._known)
+            self._check_channel(channel)
+            check_ready(channel)
+            limit_v = self._checked_limit_v(channel)
+            maximum_v = settings.max_v or limit_v
+            enable(channel)
+            counts = reported_counts(channel)
+            set_v = counts / FULL_OUTPUT * limit_v
+            if not 0.0 <= set_v <= maximum_v:
+                raise DriverConfigError(
+                    f"{channel.path}: the output stands at {set_v:g} V, outside the 0 to "
+                    f"{maximum_v:g} V allowed; bring it there by hand, or change max_v"
+                )
+            # what it stands at is set again: a set costs the unit as much as the request for it
+            again = channel.encode("pz_set_outputvolts", voltage=counts)
+            times = BATCHES.best(lambda: reported_counts(channel, again), self._clock)
+        except BaseException:
+            channel.close()
+            raise
+        self._limit_v, self._set_v = limit_v, set_v
+        self.unit = self._known = found
+        self.spec = replace(
+            self.spec,
+            maximum=maximum_v,
+            resolution=limit_v / FULL_OUTPUT,
+            identity=f"{identity}{self._more_words()} limit {limit_v:g} V",
+        )
+        self._update_spec(times)
+
+    def write(self, volts: float) -> None:
+        """Set the output, rounded to a count; returns when the unit has reported it.
+
+        Raises OutOfRange (nothing written), DeviceTimeout, DeviceGone, and ProtocolError where the
+        unit reports another voltage: output() is then what it reports.
+        """
+        channel = self._channel
+        counts = self._counts(volts)
+        set_v = counts / FULL_OUTPUT * self._limit_v
+        command = channel.encode("pz_set_outputvolts", voltage=counts)
+        found = reported_counts(channel, command)
+        if abs(found - counts) > READBACK_COUNTS:
+            self._set_v = found / FULL_OUTPUT * self._limit_v
+            raise ProtocolError(
+                f"{channel.path}: the unit was set to {set_v:g} V and reports {self._set_v:g} V; "
+                "check that it is in open loop and that nobody turns its wheel"
+            )
+        self._set_v = set_v
+
+    def output(self) -> float:
+        """The set-point in V that the unit reported last; NaN before open()."""
+        return self._set_v
+
+    def reconnect(self) -> None:
+        """Open the port again, see that the same unit answers, and ask it where its output stands;
+        the output does not move."""
+        self.close()
+        self.open()
+
+    def close(self) -> None:
+        """Give the port back; the output stays where it is. Safe to call twice."""
+        self._channel.close()
+
+    def _check_channel(self, channel: AptChannel) -> None:
+        """Raise DriverConfigError where the unit has no such channel."""
+
+    def _more_words(self) -> str:
+        return ""
+
+    def _read_limit_v(self, channel: AptChannel) -> float:
+        """The unit's voltage limit: what FULL_OUTPUT is worth. Raises ProtocolError."""
+        raise NotImplementedError
+
+    def _checked_limit_v(self, channel: AptChannel) -> float:
+        """The unit's voltage limit. Raises DriverConfigError where it is not what the settings
+        want, or leaves less than their range."""
+        limit_v = self._read_limit_v(channel)
+        wanted_v, max_v = self.settings.limit_v, self.settings.max_v
+        if wanted_v is not None and limit_v != wanted_v:
+            raise DriverConfigError(
+                f"{channel.path}: the unit's voltage limit is {limit_v:g} V, limit_v is {wanted_v} "
+                "V; change the one on the unit's panel or the other in the settings"
+            )
+        if max_v is not None and max_v > limit_v:
+            raise DriverConfigError(
+                f"{channel.path}: max_v is {max_v:g} V, above the unit's voltage limit of "
+                f"{limit_v:g} V; lower max_v, or raise the limit on the unit's panel if the stage "
+                "admits it"
+            )
+        return limit_v
+
+    def _counts(self, volts: float) -> int:
+        minimum, maximum = self.spec.minimum, self.spec.maximum
+        if not minimum <= volts <= maximum:  # NaN included
+            raise OutOfRange(
+                f"{volts:g} V is outside the {minimum:g} to {maximum:g} V of the "
+                f"{self.kind.models[0]}; nothing was written"
+            )
+        # rounding must not pass the maximum
+        return min(
+            round(volts / self._limit_v * FULL_OUTPUT),
+            math.floor(maximum / self._limit_v * FULL_OUTPUT),
+        )
+
+    def _update_spec(self, times: CallTimes) -> None:
+        self.spec = replace(
+            self.spec,
+            max_rate_hz=BATCHES.rate_hz(times),
+            latency_s=times.percentile_s(50.0),
+            late_s=BATCHES.late_s(times),
+        )

@@ -1,0 +1,96 @@
+"""A channel of an APT unit. All roles of all channels of one unit share its port."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from dehyst.drivers.apt.codec import AptMessage, encode_apt
+from dehyst.drivers.apt.link import AptKind, AptLink
+from dehyst.drivers.apt.settings import AptSettings
+from dehyst.drivers.interface import DeviceGone, DriverConfigError, UnitIdentity
+from dehyst.drivers.shared import Shared, shared_by
+
+
+class AptChannel:
+    """One channel for one role, by its number from 1. Its calls raise DeviceTimeout, DeviceGone or
+    ProtocolError; calls of the other roles wait until one is done."""
+
+    def __init__(
+        self, kind: AptKind, settings: AptSettings, clock: Callable[[], float], number: int = 1
+    ) -> None:
+        self._kind, self._settings, self._clock = kind, settings, clock
+        self._address = kind.channels[number - 1]
+        self._shared: Shared | None = None
+        self._link: AptLink | None = None
+
+    @property
+    def path(self) -> str:
+        """Of the port; what the settings say while it is not open."""
+        return self._link.path if self._link is not None else self._settings.port
+
+    @property
+    def is_open(self) -> bool:
+        """Between connect() and close()."""
+        return self._link is not None
+
+    def connect(self, known: UnitIdentity | None) -> None:
+        """Open the port, or take part where it is open. Raises DeviceNotFound, and
+        DriverConfigError where the roles differ in what the port has once."""
+        settings, kind = self._settings, self._kind
+        path = kind.find_port(settings.port, settings.serial_number or (known and known.serial))
+
+        def make() -> AptLink:
+            times = settings.timeout_s, settings.rtscts, self._clock
+            return AptLink(path, *times, kind.addresses)
+
+        self._shared = shared_by(repr(("apt", os.path.realpath(path))), make, AptLink.close)
+        link: AptLink = self._shared.connect(id(self), make)
+        self._link = link
+        if (link.timeout_s, link.rtscts) != (settings.timeout_s, settings.rtscts):
+            self.close()
+            raise DriverConfigError(
+                f"{path}: the roles of one unit share its port; give them the same timeout_s and "
+                "rtscts"
+            )
+
+    def identify(self, known: UnitIdentity | None) -> tuple[UnitIdentity, str]:
+        """As AptLink.identify."""
+        with self._in_use() as link:
+            return link.identify(self._kind, self._settings.serial_number, known)
+
+    def encode(self, name: str, **values: int) -> bytes:
+        """The bytes of a message to this channel."""
+        return encode_apt(name, destination=self._address, chan=1, **values)
+
+    def send(self, name: str, **values: int) -> None:
+        """Send this channel a message that has no reply."""
+        with self._in_use() as link:
+            link.send(name, self._address, chan=1, **values)
+
+    def ask(
+        self, request: str, wanted: str, first: bytes = b"", to: int | None = None, **values: int
+    ) -> AptMessage:
+        """As AptLink.ask, of this channel; of another address only what is given goes out."""
+        if to is None:
+            to, values = self._address, {"chan": 1, **values}
+        with self._in_use() as link:
+            return link.ask(request, wanted, first, to, **values)
+
+    def close(self) -> None:
+        """Use the port no more; the last role gives it back. Safe to call twice."""
+        self._link = None
+        if self._shared is not None:
+            self._shared.release(id(self))
+
+    @contextmanager
+    def _in_use(self) -> Iterator[AptLink]:
+        """The link, for one call at a time; one whose port is gone is given up for all roles."""
+        shared, link = self._shared, self._link
+        if shared is None or link is None:
+            raise DeviceGone(f"{self._kind.driver} at {self._settings.port} is not open")
+        with shared.calls:
+            try:
+                yield link
+            except DeviceGone:
+                shared.drop(link)
+                raise

@@ -1,0 +1,43 @@
+"""Thorlabs KPC101, BPC301 and BPC303 over their USB serial port (APT protocol): one output."""
+
+from dehyst.drivers.apt.actuator import HIGHEST_V, AptPiezo
+from dehyst.drivers.apt.channel import AptChannel
+from dehyst.drivers.interface import ProtocolError
+from dehyst.drivers.kpc101.kinds import ONE_CHANNEL, THREE_CHANNELS, check_bay
+from dehyst.drivers.kpc101.settings import Bpc303Settings, Kpc101Settings
+
+
+class Kpc101(AptPiezo):
+    """Thorlabs KPC101 or BPC301 on USB serial, open loop, 75, 100 or 150 V."""
+
+    kind = ONE_CHANNEL
+    settings_type = Kpc101Settings
+
+    def _read_limit_v(self, channel: AptChannel) -> float:
+        reply = channel.ask("pz_req_outputmaxvolts", "pz_get_outputmaxvolts")
+        limit_v = reply.values["voltage_100mv"] / 10.0
+        if not 0.0 < limit_v <= HIGHEST_V:
+            raise ProtocolError(
+                f"{channel.path}: the unit reports a maximum output of {limit_v:g} V, which none "
+                "has"
+            )
+        return float(limit_v)
+
+
+class Bpc303(Kpc101):
+    """One channel of a Thorlabs BPC303 on USB serial, open loop, 75, 100 or 150 V."""
+
+    kind = THREE_CHANNELS
+    settings_type = Bpc303Settings
+    settings: Bpc303Settings
+
+    @property
+    def number(self) -> int:
+        """Of the channel, from 1."""
+        return self.settings.channel
+
+    def _check_channel(self, channel: AptChannel) -> None:
+        check_bay(channel, self.number)
+
+    def _more_words(self) -> str:
+        return f" channel {self.number}"

@@ -1,0 +1,20 @@
+"""The two kinds of units, and what is asked of a rack before one of its channels is used."""
+
+from dehyst.drivers.apt.channel import AptChannel
+from dehyst.drivers.apt.codec import BAY_OCCUPIED, BAYS, RACK
+from dehyst.drivers.apt.link import AptKind
+from dehyst.drivers.interface import DriverConfigError
+
+ONE_CHANNEL = AptKind("kpc101", models=("KPC101", "BPC301"), prefixes=("113", "41"))
+THREE_CHANNELS = AptKind(
+    "bpc303", models=("BPC303",), prefixes=("71",), address=RACK, channels=BAYS
+)
+
+
+def check_bay(channel: AptChannel, number: int) -> None:
+    """Raise DriverConfigError where the bay of this channel is empty. number: from 1."""
+    reply = channel.ask("rack_req_bayused", "rack_get_bayused", to=RACK, bay=number - 1)
+    if reply.values["state"] != BAY_OCCUPIED:
+        raise DriverConfigError(
+            f"{channel.path}: the bay of channel {number} is empty; name another channel"
+        )

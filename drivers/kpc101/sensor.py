@@ -1,0 +1,160 @@
+"""The strain gauge of a Thorlabs KPC101, BPC301 or BPC303 channel (APT protocol), in micrometres.
+
+The position is that of the unit's status, which it measures in open loop as well. (PZ_REQ_OUTPUTPOS
+answers for the closed loop alone.)
+"""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Self
+
+from dehyst.drivers.apt.channel import AptChannel
+from dehyst.drivers.apt.codec import FULL_TRAVEL, GAUGE_CONNECTED
+from dehyst.drivers.apt.link import AptKind
+from dehyst.drivers.call_times import Batches, CallTimes
+from dehyst.drivers.interface import DeviceSpec, DriverConfigError, UnitIdentity
+from dehyst.drivers.kpc101.kinds import ONE_CHANNEL, THREE_CHANNELS, check_bay
+from dehyst.drivers.kpc101.settings import Bpc303SensorSettings, Kpc101SensorSettings
+from dehyst.drivers.settings import read_settings
+
+BATCHES = Batches(most=4)  # as the KSG101's
+
+EXPECTED_S = 0.01
+"""A reading before the unit has been timed."""
+
+
+class Kpc101Sensor:
+    """Strain gauge of a Thorlabs KPC101 or BPC301, in um; NaN at full scale or without a gauge."""
+
+    kind: ClassVar[AptKind] = ONE_CHANNEL
+    settings_type: ClassVar[type[Kpc101SensorSettings]] = Kpc101SensorSettings
+
+    def __init__(
+        self, settings: Kpc101SensorSettings, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.settings = settings
+        self._clock = clock
+        self._channel = AptChannel(self.kind, settings, clock, self.number)
+        self._travel_um = settings.max_travel_um
+        self.unit: UnitIdentity | None = None
+        self._known: UnitIdentity | None = None
+        self.spec = self._spec()
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Make a driver; DriverConfigError names a wrong key."""
+        return cls(read_settings(cls.settings_type, settings))
+
+    @property
+    def number(self) -> int:
+        """Of the channel, from 1."""
+        return 1
+
+    def expect(self, unit: UnitIdentity) -> None:
+        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        self._known = unit
+
+    def open(self) -> None:
+        """Connect, identify, see that a gauge is there, learn its travel, and time a few readings.
+        Moves nothing."""
+        if self._channel.is_open:
+            return
+        words = self._connect()
+        try:
+            self._check_gauge()
+            self._travel_um = self.settings.max_travel_um or self._ask_travel()
+            self.spec = self._spec(words, BATCHES.best(self.read, self._clock))
+        except BaseException:
+            self.close()
+            raise
+
+    def read(self) -> float:
+        """One reading [um]; NaN at full scale, and while no gauge is connected.
+
+        Raises DeviceTimeout, DeviceGone or ProtocolError.
+        """
+        status = self._status()
+        counts = int(status["position"])
+        if abs(counts) >= FULL_TRAVEL or not status["status"] & GAUGE_CONNECTED:
+            return math.nan
+        return counts / FULL_TRAVEL * self._travel_um
+
+    def reconnect(self) -> None:
+        """Open the port again and see that the same unit answers."""
+        self.close()
+        self._connect()
+
+    def close(self) -> None:
+        """Give the port back. Safe to call twice."""
+        self._channel.close()
+
+    def _connect(self) -> str:
+        self._channel.connect(self._known)
+        try:
+            self.unit, words = self._channel.identify(self._known)
+            self._check_channel(self._channel)
+        except BaseException:
+            self.close()
+            raise
+        self._known = self.unit
+        return words + self._more_words()
+
+    def _check_channel(self, channel: AptChannel) -> None:
+        """Raise DriverConfigError where the unit has no such channel."""
+
+    def _more_words(self) -> str:
+        return " gauge"
+
+    def _status(self) -> dict[str, Any]:
+        return self._channel.ask("pz_req_pzstatusupdate", "pz_get_pzstatusupdate").values
+
+    def _check_gauge(self) -> None:
+        if not self._status()["status"] & GAUGE_CONNECTED:
+            raise DriverConfigError(
+                f"{self._channel.path}: no strain gauge is connected to channel {self.number}; "
+                "plug it in, or name another sensor"
+            )
+
+    def _ask_travel(self) -> float:
+        reply = self._channel.ask("pz_req_maxtravel", "pz_get_maxtravel")
+        travel_um = reply.values["travel_100nm"] / 10.0
+        if travel_um == 0.0:
+            raise DriverConfigError(
+                f"{self._channel.path}: the unit does not know its travel; set max_travel_um to "
+                "what its 100 % means"
+            )
+        return float(travel_um)
+
+    def _spec(self, identity: str = "", times: CallTimes | None = None) -> DeviceSpec:
+        reach_um = self._travel_um or 1.0  # not known before it is open
+        latency_s = EXPECTED_S if times is None else times.percentile_s(50.0)
+        return DeviceSpec(
+            unit="um",
+            minimum=-reach_um,
+            maximum=reach_um,
+            resolution=reach_um / FULL_TRAVEL,
+            max_rate_hz=1.0 / latency_s,
+            latency_s=latency_s,
+            identity=identity,
+            late_s=0.0 if times is None else BATCHES.late_s(times),
+        )
+
+
+class Bpc303Sensor(Kpc101Sensor):
+    """Strain gauge of one channel of a Thorlabs BPC303, in um; NaN at full scale or without one."""
+
+    kind = THREE_CHANNELS
+    settings_type = Bpc303SensorSettings
+    settings: Bpc303SensorSettings
+
+    @property
+    def number(self) -> int:
+        """Of the channel, from 1."""
+        return self.settings.channel
+
+    def _check_channel(self, channel: AptChannel) -> None:
+        check_bay(channel, self.number)
+
+    def _more_words(self) -> str:
+        return f" channel {self.number} gauge"

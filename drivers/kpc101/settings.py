@@ -1,0 +1,41 @@
+"""The settings of the KPC101 and BPC303 drivers, of an output and of a gauge."""
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from dehyst.drivers.apt.settings import AptSettings, PiezoSettings
+
+Channel = Annotated[int, Meta(ge=1, le=3, description="channel of the unit, from 1")]
+
+
+class Kpc101Settings(PiezoSettings, frozen=True):
+    """Settings of the one output."""
+
+    driver = "kpc101"
+
+
+class Bpc303Settings(PiezoSettings, frozen=True):
+    """Settings of one output of three."""
+
+    driver = "bpc303"
+
+    channel: Channel = 1
+
+
+class Kpc101SensorSettings(AptSettings, frozen=True):
+    """Settings of the one gauge."""
+
+    driver = "kpc101"
+
+    max_travel_um: Annotated[
+        float, Meta(ge=0, description="what 100 % means; 0: the unit is asked")
+    ] = 0.0
+
+
+class Bpc303SensorSettings(Kpc101SensorSettings, frozen=True):
+    """Settings of one gauge of three."""
+
+    driver = "bpc303"
+
+    channel: Channel = 1
