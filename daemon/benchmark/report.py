@@ -27,7 +27,7 @@ def markdown(scores: Sequence[Score], rivals: Sequence[Rival], left_out: Sequenc
     """Both tables, where this project loses, and what was left out."""
     names = [one.name for one in rivals]
     lines = [
-        "Error held out, percent of the range (rms); the least of each row in bold:",
+        "Error held out, percent of the range (rms); the smallest of each row in bold:",
         "",
         f"| case | {' | '.join(names)} |",
         "|---" * (len(names) + 1) + "|",
@@ -50,9 +50,10 @@ def markdown(scores: Sequence[Score], rivals: Sequence[Rival], left_out: Sequenc
     lines.append("")
     beaten = lost(scores)
     lines.append(
-        f"{THIS.name} has not the least error on {len(beaten)} of {len(_by_case(scores))} cases:"
+        f"{THIS.name} does not have the smallest error on {len(beaten)} of "
+        f"{len(_by_case(scores))} cases:"
         if beaten
-        else f"{THIS.name} has the least error on every case."
+        else f"{THIS.name} has the smallest error on every case."
     )
     lines += [
         f"- {one['case']}: {one['best']} {one['best_percent']:.3g} %, {THIS.name} "

@@ -23,10 +23,16 @@ class CoreView:
     trajectory_done: bool = True
     period_ns: int = 1_000_000
     telemetry_seq: int = -1
+    samples: int = 0
+
+    @property
+    def starting(self) -> bool:
+        """The loop has not come to its first sample; while kernels are compiled it is silent."""
+        return self.status_ns == 0 or (self.state is State.START and not self.samples)
 
     def check(self, room: int, records: int = 1) -> None:
         """NotAdmitted where the loop cannot take so many records. room: of its command ring."""
-        if not self.alive and self.status_ns == 0:
+        if not self.alive and self.starting:
             raise NotAdmitted("starting", STARTING)
         if not self.alive:
             raise NotAdmitted("no-core", "the loop's process does not run")

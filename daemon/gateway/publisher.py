@@ -37,6 +37,8 @@ from dehyst.daemon.rings.status import STATUS, message_values
 
 SILENT_NS = 2_500_000_000
 """A core that wrote nothing for so long is taken for dead or hanging."""
+RUNS = "the loop's process is running"
+GONE = "the loop's process does not respond: it has ended, was killed, or hangs"
 LONGEST_BATCH = 4096
 MEAN_S = 0.1
 """The reading in the status is a mean over this time: a person reads it, and noise is no news."""
@@ -83,6 +85,7 @@ class Publisher:
         self._record: Any = np.zeros(1, STATUS)[0]
         self._heard_ns = self._said_ns = served.started_ns
         self._published = self._lost = self._cores = 0
+        self._told_alive = False
         self._waiting: SimpleQueue[tuple[int, str, str]] = SimpleQueue()
         if served.refused.starts:
             away = f"no client could reach this daemon for {served.unreachable_s:.1f} s"
@@ -103,16 +106,11 @@ class Publisher:
         if heard:
             self._heard_ns = now_ns
         alive = self._rings.attached and self._cores > 0 and now_ns - self._heard_ns < SILENT_NS
+        if alive != self._told_alive and (alive or not core.starting):
+            self._told_alive = alive
+            self._tell(now_ns, 1 if alive else 2, "core", RUNS if alive else GONE)
         if alive != core.alive:
             core.alive = alive
-            self._tell(
-                now_ns,
-                1 if alive else 2,
-                "core",
-                "the loop's process is running"
-                if alive
-                else "the loop's process does not respond: it has ended, was killed, or hangs",
-            )
             self._say(now_ns)
         elif now_ns - self._said_ns >= 1.2 * clock.NS:
             self._say(now_ns)
@@ -235,7 +233,7 @@ class Publisher:
         self.mismatch_watch.model_path = self.model_path
         core.state = State(int(record["state"]))
         core.reachable = (float(record["reach_min"]), float(record["reach_max"]))
-        core.period_ns = int(record["period_ns"])
+        core.period_ns, core.samples = int(record["period_ns"]), int(record["samples"])
         core.trajectory = int(record["trajectory"])
         core.trajectory_done = bool(record["trajectory_done"])
         core.queue_s, core.status_ns = float(record["queue_s"]), int(record["time_ns"])

@@ -196,8 +196,8 @@ def _state(watch: Watch) -> str:
     status = watch.status
     if status is None or watch.silent_s > 3.0:
         return "silent"
-    if is_starting(status) or (status.state == "start" and not status.samples):
-        return "starting"  # while kernels compile the loop's process says nothing
+    if is_starting(status):
+        return "starting"
     return status.state if status.core_alive else "no loop"
 
 

@@ -121,8 +121,9 @@ def positioning(s: "LoopStatus") -> str:
 
 
 def is_starting(s: "LoopStatus") -> bool:
-    """The loop has not come to its first sample: kernels are compiled, devices are opened."""
-    return s.period_ns <= 0 or (s.core_alive and s.state == "start")
+    """The loop has not come to its first sample: kernels are compiled, devices are opened. While
+    they are compiled its process is silent."""
+    return s.period_ns <= 0 or (s.state == "start" and (s.core_alive or not s.samples))
 
 
 def rate(s: "LoopStatus") -> str:

@@ -3,11 +3,16 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.daemon.commands.test_remote import run, start
 from tests.rigs.gateway_bench import Bench, wait_until
 
 from dehyst.daemon.client.client import Client, Refusal
+from dehyst.daemon.gateway.core_rings import LAYOUTS
+from dehyst.daemon.rings.records import State
+from dehyst.daemon.rings.ring import Ring
+from dehyst.daemon.rings.status import STATUS
 from dehyst.models.errors import NotNow
 
 
@@ -48,6 +53,24 @@ def test_before_the_loop_runs_nothing_breaks_and_send_waits(without_a_loop: Benc
     _, err = sender.communicate(timeout=60)
     assert sender.returncode == 0, err
     assert "going to 4 um" in err
+
+
+def test_a_loop_that_compiles_is_silent_and_starts(without_a_loop: Bench) -> None:
+    bench = without_a_loop
+    names = ("telemetry", "status", "event", "command")
+    rings = {n: Ring.create(bench.config.directory / f"{n}.ring", LAYOUTS[n], 64) for n in names}
+    said = np.zeros(1, STATUS)
+    said["state"], said["period_ns"], said["time_ns"] = State.START, 5_000_000, 1
+    rings["status"].push(said[0])
+    with Client("bench", bench.address) as client:
+        wait_until("it is heard", lambda: client.status().core_alive)
+        wait_until("it is silent", lambda: not client.status().core_alive)
+        code, out, _ = run("status", bench=bench)
+        assert (code, "bench: starting" in out, "does not respond" in out) == (0, True, False)
+        with pytest.raises(Refusal, match="is starting"):
+            client.send(4.0)
+    for ring in rings.values():
+        ring.close()
 
 
 def test_the_status_says_where_the_stage_is(shared: Bench) -> None:

@@ -8,8 +8,8 @@ CHANGES = [
         Change(
             "a-start-is-no-state",
             "daemon/rings/status.py",
-            '    return s.period_ns <= 0 or (s.core_alive and s.state == "start")\n',
-            "    return False\n",
+            's.period_ns <= 0 or (s.state == "start" and (s.core_alive or not s.samples))',
+            "False",
             "status and watch divide by a period of 0 while the daemon starts",
         ),
     ),
@@ -28,6 +28,13 @@ CHANGES = [
             "        stage.wait_until_started(told=say)\n",
             "",
             "send is refused while the daemon starts",
+        ),
+        Change(
+            "a-loop-that-compiles-has-ended",
+            "daemon/gateway/publisher.py",
+            "(alive or not core.starting)",
+            "True",
+            "a loop that compiles its kernels is reported to have ended",
         ),
     ),
     *room(
