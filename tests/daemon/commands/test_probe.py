@@ -130,7 +130,8 @@ def test_drivers_with_a_name_lists_the_settings_of_both_kinds(capsys):
     assert main(["drivers", "mdt694b"]) == 2
     said = capsys.readouterr().err
     assert "no driver 'mdt694b'; there are: " in said
-    assert said.strip().rpartition("there are: ")[2].split(", ") == sorted({plugin.name for plugin in list_plugins()})
+    names = sorted({plugin.name for plugin in list_plugins()})
+    assert said.strip().rpartition("there are: ")[2].split(", ") == names
 
 
 def test_the_emulator_as_a_process_takes_commands(tmp_path):
