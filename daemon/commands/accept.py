@@ -9,12 +9,12 @@ from dehyst.daemon.commands.reject import add_offer, find_offer, offer_of_axes
 from dehyst.models.errors import BadInput, NotNow
 
 EPILOG = """The loop takes the model without a jump, within range and slew; the configured file is
-not touched. The model is on trial: where its error has not fallen after `doctor.trial_s` of motion,
-the model before comes back by itself, in words; after `doctor.trial_limit_s` the trial is settled
-on what was seen. An offer that is accepted while another is on trial waits until that is over.
-Before it acts the command says what changes: reach, error, rate. Where a trajectory is in play and
-the reach shrinks, it asks first; --yes answers. Of several axes: that of the one axis that has an
-offer, or of --name.
+not touched. The model is on trial: if its error has not fallen after `doctor.trial_s` of motion,
+the previous model returns by itself, and an event names the reason; after `doctor.trial_limit_s`
+the trial is settled on what was seen. An offer that is accepted while another is on trial waits
+until that is over. Before it acts, the command shows what changes: reach, error, rate. If a
+trajectory is playing and the reach shrinks, it asks first; --yes answers. With several axes it
+takes the offer of the one axis that has one, or of --name.
 Exit 0: it is done, or with --wait proven; 1: nothing is offered, or with --wait it went back; 2:
 refused (the reason is printed) or no daemon.
 

@@ -18,12 +18,12 @@ FILES = PNG, JSON, HDF5 = "image.png", "image.json", "image.h5"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst image`."""
     parser.description = (
-        "Image a calibration grid with the simulated stage of two axes, line by line to and fro: "
-        "with volts proportional to the wanted place, with the inverse model, and with what "
-        f"repeats learned from the gauges. Writes DIR/{PNG} (the three pictures side by side), "
-        f"DIR/{JSON} and, with h5py, DIR/{HDF5} with NeXus names. Distortion: rms of the distance "
-        "between true and wanted place, after the shift and the scale of each axis that a "
-        "calibration takes off. Seam: rms of the distance between trace and retrace. Exit status "
+        "Image a calibration grid with the simulated stage of two axes, scanning each line in both "
+        "directions: with volts proportional to the target position, with the inverse model, and "
+        f"with learning from the gauges. Writes DIR/{PNG} (the three pictures side by side), "
+        f"DIR/{JSON} and, with h5py, DIR/{HDF5} with NeXus names. Distortion: rms distance "
+        "between true and target position, after the shift and the scale of each axis have been "
+        "removed, as a calibration does. Seam: rms distance between trace and retrace. Exit status "
         f"0: the compensated picture is distorted at least {COMPENSATED_LEAST:g} times less than "
         f"the raw one, the learned one {LEARNED_LEAST:g} times; 1: it is not. No daemon is needed."
     )

@@ -201,7 +201,6 @@ class LoopMonitor:
     def publish_status(self, now_ns: int) -> None:
         """One STATUS record; the histograms start again."""
         stepper = self.stepper
-        self._placed = False
         self._status_ns, self._last_state = now_ns, self._control[_STATE]
         row = self._status[0]
         row["time_ns"], row["wall_ns"] = now_ns, clock.wall_ns()

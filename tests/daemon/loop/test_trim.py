@@ -278,3 +278,10 @@ def test_the_defaults_are_a_share_of_the_reach() -> None:
     assert tuple(trim_setting(own, model(), 20.0)[["limit", "rate"]][0]) == (0.5, 0.1)
     assert LoopSettings.from_config(own, 0.0, 0.0, 75.0, 1.0).period_ns == 1_000_000
     assert COMMAND["correction"] == np.float64
+
+
+def test_an_unknown_history_is_reported_once() -> None:
+    rig = Rig("unknown-history")
+    rig.play([np.zeros(0, COMMAND)], 4500, compiled=False)
+    texts = [bytes(text).decode() for text in rig.rings["event"].read(0)[0]["text"]]
+    assert len([text for text in texts if "`dehyst zero --exercise`" in text]) == 1
