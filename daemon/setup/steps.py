@@ -11,7 +11,14 @@ from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, forget_unit
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.loop.checks import check_unopened, devices_of, highest_rate
 from dehyst.daemon.setup import comparison, moving
-from dehyst.daemon.setup.units import FoundUnit, ask_port, known_ports, measure_rate, output_of
+from dehyst.daemon.setup.units import (
+    FoundUnit,
+    ask_port,
+    gauge_beside,
+    known_ports,
+    measure_rate,
+    output_of,
+)
 from dehyst.daemon.setup.workbench import CONFIG, MADE, MODEL, Workbench
 from dehyst.drivers.serial_port import list_serial_ports
 from dehyst.models.errors import BadInput, NotNow
@@ -49,10 +56,12 @@ def find_units(bench: Workbench) -> Result:
     for path in wishes.ports or tuple(known):
         unit = ask_port(path, axes[0], known[path]) if path in known else ask_port(path, axes[0])
         if unit is None:
-            bench.say(f"   {path}: no MDT693B, MDT694B, KPZ101 or KSG101 answers")
+            bench.say(f"   {path}: no unit that dehyst knows answers")
         else:
             bench.say(f"   {path}: {unit.spec.identity or unit.driver}")
             found[unit.kind].append(unit)
+            gauge = gauge_beside(unit)
+            found["sensor"] += [gauge] if gauge else []
     actuator = _one_of(bench, found["actuator"], "amplifier")
     if len(axes) > 1:
         return _units_of_axes(bench, axes, actuator, found["sensor"])

@@ -127,7 +127,10 @@ def test_drivers_with_a_name_lists_the_settings_of_both_kinds(capsys):
     assert main(["drivers", "mdt693b"]) == 0
     assert "longest wait for a reply" in capsys.readouterr().out
     assert main(["drivers", "mdt694b"]) == 2
-    assert "no driver 'mdt694b'; there are: iio, kpz101, ksg101" in capsys.readouterr().err
+    assert (
+        "no driver 'mdt694b'; there are: bpc303, iio, kpc101, kpz101, ksg101"
+        in capsys.readouterr().err
+    )
 
 
 def test_the_emulator_as_a_process_takes_commands(tmp_path):
