@@ -26,6 +26,7 @@ line end, so an MDT693B takes it for half a command, which its own driver then s
 WITH_GAUGES = (("actuator", "kpc101"), ("actuator", "bpc303"))
 """These have a strain gauge beside the output, which the sensor driver of the same name reads."""
 APT_UNITS = (SENSOR, PIEZO, *WITH_GAUGES)
+ANY_UNIT = (*APT_UNITS, ACTUATOR)
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ def known_ports() -> dict[str, tuple[tuple[str, str], ...]]:
 
 
 def ask_port(
-    path: str, axis: str, expected: tuple[tuple[str, str], ...] = (*APT_UNITS, ACTUATOR)
+    path: str, axis: str, expected: tuple[tuple[str, str], ...] = ANY_UNIT
 ) -> FoundUnit | None:
     """Who is at this port; None: none of the expected. Raises DriverError where the port cannot be
     opened, or the unit is there and cannot be used as it stands."""
@@ -84,6 +85,12 @@ def ask_port(
         unit = device.unit if isinstance(device, Identifiable) else None
         return FoundUnit(kind, driver, path, device.spec, unit.serial if unit else "")
     return None
+
+
+def units_at(path: str, axis: str, expected: tuple[tuple[str, str], ...]) -> list[FoundUnit]:
+    """As ask_port, and the gauge that the unit has beside its output."""
+    unit = ask_port(path, axis, expected)
+    return [found for found in (unit, unit and gauge_beside(unit)) if found]
 
 
 def gauge_beside(unit: FoundUnit) -> FoundUnit | None:
