@@ -10,6 +10,7 @@ from dehyst.drivers.interface import (
     Actuator,
     DeviceSpec,
     DeviceTimeout,
+    DriverConfigError,
     ForeignUnit,
     Identifiable,
     ProtocolError,
@@ -22,7 +23,10 @@ from dehyst.drivers.serial_port import find_usb_ports
 ACTUATOR, PIEZO, SENSOR = ("actuator", "mdt693b"), ("actuator", "kpz101"), ("sensor", "ksg101")
 """What may be behind a serial port. The units that speak APT are asked first: their question has no
 line end, so an MDT693B takes it for half a command, which its own driver then spoils."""
-APT_UNITS = (SENSOR, PIEZO)
+WITH_GAUGES = (("actuator", "kpc101"), ("actuator", "bpc303"))
+"""These have a strain gauge beside the output, which the sensor driver of the same name reads."""
+APT_UNITS = (SENSOR, PIEZO, *WITH_GAUGES)
+ANY_UNIT = (*APT_UNITS, ACTUATOR)
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,7 @@ def known_ports() -> dict[str, tuple[tuple[str, str], ...]]:
 
 
 def ask_port(
-    path: str, axis: str, expected: tuple[tuple[str, str], ...] = (*APT_UNITS, ACTUATOR)
+    path: str, axis: str, expected: tuple[tuple[str, str], ...] = ANY_UNIT
 ) -> FoundUnit | None:
     """Who is at this port; None: none of the expected. Raises DriverError where the port cannot be
     opened, or the unit is there and cannot be used as it stands."""
@@ -81,6 +85,27 @@ def ask_port(
         unit = device.unit if isinstance(device, Identifiable) else None
         return FoundUnit(kind, driver, path, device.spec, unit.serial if unit else "")
     return None
+
+
+def units_at(path: str, axis: str, expected: tuple[tuple[str, str], ...]) -> list[FoundUnit]:
+    """As ask_port, and the gauge that the unit has beside its output."""
+    unit = ask_port(path, axis, expected)
+    return [found for found in (unit, unit and gauge_beside(unit)) if found]
+
+
+def gauge_beside(unit: FoundUnit) -> FoundUnit | None:
+    """The gauge that an amplifier has beside its output; None: it has none, or none is connected.
+    Raises DriverError."""
+    if (unit.kind, unit.driver) not in WITH_GAUGES:
+        return None
+    device = load_sensor(unit.driver).from_settings(unit.settings)
+    try:
+        device.open()
+    except DriverConfigError:
+        return None
+    finally:
+        device.close()
+    return FoundUnit("sensor", unit.driver, unit.port, device.spec, unit.serial)
 
 
 def measure_rate(unit: FoundUnit, axes: Sequence[str], gauges: Sequence[FoundUnit]) -> float:

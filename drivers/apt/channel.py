@@ -37,7 +37,8 @@ class AptChannel:
         """Open the port, or take part where it is open. Raises DeviceNotFound, and
         DriverConfigError where the roles differ in what the port has once."""
         settings, kind = self._settings, self._kind
-        path = kind.find_port(settings.port, settings.serial_number or (known and known.serial))
+        wanted = settings.serial_number or (known.serial if known else None)
+        path = kind.find_port(settings.port, wanted)
 
         def make() -> AptLink:
             times = settings.timeout_s, settings.rtscts, self._clock

@@ -1,7 +1,10 @@
 """Thorlabs KPC101, BPC301 and BPC303 over their USB serial port (APT protocol): one output."""
 
+from typing import ClassVar
+
 from dehyst.drivers.apt.actuator import HIGHEST_V, AptPiezo
 from dehyst.drivers.apt.channel import AptChannel
+from dehyst.drivers.apt.settings import PiezoSettings
 from dehyst.drivers.interface import ProtocolError
 from dehyst.drivers.kpc101.kinds import ONE_CHANNEL, THREE_CHANNELS, check_bay
 from dehyst.drivers.kpc101.settings import Bpc303Settings, Kpc101Settings
@@ -11,7 +14,7 @@ class Kpc101(AptPiezo):
     """Thorlabs KPC101 or BPC301 on USB serial, open loop, 75, 100 or 150 V."""
 
     kind = ONE_CHANNEL
-    settings_type = Kpc101Settings
+    settings_type: ClassVar[type[PiezoSettings]] = Kpc101Settings
 
     def _read_limit_v(self, channel: AptChannel) -> float:
         reply = channel.ask("pz_req_outputmaxvolts", "pz_get_outputmaxvolts")

@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import pytest
 
+from dehyst.daemon.setup.units import ask_port, gauge_beside
 from dehyst.drivers.contract import ActuatorContract, SensorContract
 from dehyst.drivers.emulated.kpc101_unit import RACK_KNOBS, Bpc303Unit, Kpc101Knobs, Kpc101Unit
 from dehyst.drivers.emulated.kpz101_knobs import Kpz101Faults
@@ -313,6 +314,21 @@ def test_a_late_position_of_one_bay_is_not_taken_for_anothers(make: Make) -> Non
     assert two.read() == pytest.approx(2.0, abs=2e-3)  # the line brings the late one of bay 1 first
     one.close()
     two.close()
+
+
+@pytest.mark.parametrize("rack", [False, True])
+@pytest.mark.parametrize("connected", [False, True])
+def test_set_up_recognises_the_unit_and_its_gauge(make: Make, rack: bool, connected: bool) -> None:
+    rig = make(rack=rack, gauge=connected)
+    unit = ask_port(rig.server.port, "x")
+    assert unit is not None
+    name = "bpc303" if rack else "kpc101"
+    assert (unit.kind, unit.driver) == ("actuator", name)
+    assert unit.serial == ("71000123" if rack else "113000123")
+    gauge = gauge_beside(unit)
+    assert (gauge is not None) is connected
+    if gauge is not None:
+        assert (gauge.kind, gauge.driver, gauge.settings) == ("sensor", name, unit.settings)
 
 
 @pytest.mark.parametrize("channel", [0, 4])
