@@ -14,6 +14,12 @@ needs_chromium = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="no chromium with chromedriver on this machine"
 )
 PATIENCE_S = 90.0
+OPTIONS = (
+    *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"),
+    # it looks for updates and accounts at every start, which a closed network refuses for minutes
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+    *("--disable-quic", "--no-first-run"),
+)
 
 
 class Chromium:
@@ -26,9 +32,7 @@ class Chromium:
 
         options = ChromeOptions()
         options.binary_location = CHROMIUM
-        for option in ("--headless=new", "--no-sandbox", "--disable-gpu",
-                       "--disable-dev-shm-usage", f"--window-size={width},{height}",
-                       *more):  # fmt: skip
+        for option in (*OPTIONS, f"--window-size={width},{height}", *more):
             options.add_argument(option)
         options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
         self.chrome = Chrome(options=options, service=Driver(DRIVER))
