@@ -21,7 +21,7 @@ from dehyst.daemon.report import diagnosis_pictures
 from dehyst.daemon.report.diagnosis import report_diagnosis
 from dehyst.daemon.report.plotting import Draw, draw_picture, draw_rows, draw_side_by_side
 from dehyst.daemon.report.story import (
-    Told,
+    StoryData,
     draw_story_bands,
     list_close_looks,
     story_picture,
@@ -96,7 +96,7 @@ def world(y: Floats) -> dict[Any, Any]:
     )  # fmt: skip
     return {
         Diagnosis: diagnosis, View: view, Identification: result,
-        Recording: Recording(t_s, y, y), Told: story,
+        Recording: Recording(t_s, y, y), StoryData: story,
         Validation: Validation("rest.csv", "um", 0.1, 0.0, 1.0, 0.1, None, "", y, lags[1:], lags,
                                float(y[0]), 0.0, 0.0, None),
         Coverage: Coverage(np.abs(np.resize(y, (4, 4))), np.arange(5.0), np.arange(5.0),
@@ -182,7 +182,7 @@ def test_findings_are_in_the_report_where_no_picture_can_be_drawn(
 def test_the_story_is_drawn_however_it_ended_with_no_line_beyond_its_data(
     shape: str, state: str
 ) -> None:
-    story = world(SHAPES[shape])[Told]
+    story = world(SHAPES[shape])[StoryData]
     story.state, story.reported_s, story.accepted_s, story.over_s = state, 1.0, 1.2, 99.0
     assert story_picture(story).startswith(b"\x89PNG")
     axes = Figure().subplots()

@@ -10,7 +10,6 @@ from dehyst.models.diagnosis.base import compact_base
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import constancy
-from dehyst.models.diagnosis.findings import told
 from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.reported import only_reported, unidentified
 from dehyst.models.diagnosis.findings.rivals import rivals
@@ -329,7 +328,7 @@ def test_of_two_that_are_alike_the_one_that_the_other_makes_up_for_goes_first(
         starts = c.starts(data, state.null.residual(data))
         fits = [problem.refit([*fit.effects, Effect(c, tuple(s))]) for s in starts]
         fit = min(fits, key=lambda f: f.sse)
-    monkeypatch.setattr(told, "TUNING", TUNING._replace(widest=1.08))
+    monkeypatch.setattr(reported, "TUNING", TUNING._replace(widest=1.08))
     kept = only_reported(replace(state, accepted=fit)).accepted
     assert kept.effect_names == ("drift-trend",)
 
