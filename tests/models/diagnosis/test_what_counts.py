@@ -10,6 +10,7 @@ from dehyst.models.diagnosis.base import compact_base
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import constancy
+from dehyst.models.diagnosis.findings import reported
 from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.reported import only_reported, unidentified
 from dehyst.models.diagnosis.findings.rivals import rivals
