@@ -35,6 +35,7 @@ POWERS = ((2, 3, 4, 5), (2, 3), ())  # the first with which the model does not t
 LEAST_SLOPE = 0.1  # of the polynomial, over the recorded range
 ROUNDS = 12  # Gauss-Newton steps of the plain fit
 PROBE_SAMPLES = 400
+BY_HEART = 5.0  # times the error of its fit, left of rows held out: predicts no other rows
 
 
 @dataclass(frozen=True)
@@ -140,16 +141,19 @@ def take_subject(model: Model, data: Data) -> Subject:
 
 def identify_plain(recordings: Sequence[Recording], data: Data) -> Subject:
     """The plain model of these recordings. Where identification finds linear dynamics beside the
-    hysteresis, or refuses, the hysteresis is fitted here without."""
+    hysteresis, refuses, or predicts no rows but those that it was fitted to, the hysteresis is
+    fitted here without."""
     refused, r = "", THRESHOLDS * data.span
     try:
         model = identify_alone(recordings, Options(rate=False)).model
     except (DehystError, ValueError) as error:  # also what it meets with no row to fit
         refused = str(error)
     else:
-        if not model.blocks:
+        predicts = model.fit.holdout_rms <= BY_HEART * model.fit.rms
+        if predicts and not model.blocks:
             return Subject(model)
-        r = model.hysteresis.r
+        if predicts:
+            r = model.hysteresis.r
     return Subject(fit_plain(data, r), refused=refused)
 
 
