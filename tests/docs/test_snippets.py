@@ -50,13 +50,13 @@ LONG = ("run", "watch", "page", "epics", "serve", "emulate", "gateway")
 EXPECTED = {
     "dehyst accept": (1, 2),
     "dehyst reject": (1, 2),
-    "dehyst doctor --report": (2,),
+    "dehyst doctor --report": (0, 2),
     "dehyst validate": (0, 1),
     "dehyst diagnose": (0, 1),
     "dehyst status": (0, 1),
     "dehyst identify": (0, 1),
 }
-"""Exit codes other than 0: there is no offer and no report; a model may be worse than it claims, or
+"""Exit codes that may come: there is no offer, and a report only where a busy machine was flagged; a model may be worse than it claims, or
 lack something; a busy machine misses deadlines."""
 
 
