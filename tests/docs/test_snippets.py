@@ -56,8 +56,8 @@ EXPECTED = {
     "dehyst status": (0, 1),
     "dehyst identify": (0, 1),
 }
-"""Exit codes that may come: there is no offer, and a report only where a busy machine was flagged; a
-model may be worse than it claims, or lack something; a busy machine misses deadlines."""
+"""Exit codes that may come: there is no offer, and a report only where a busy machine was flagged;
+a model may be worse than it claims, or lack something; a busy machine misses deadlines."""
 
 
 class Block(NamedTuple):
