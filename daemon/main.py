@@ -165,7 +165,7 @@ def _in_hertz(command: str | None, arguments: list[str]) -> list[str]:
     return out
 
 
-def _compiling_told(command: str | None, said_by: str) -> AbstractContextManager[None]:
+def _reporting_compilation(command: str | None, said_by: str) -> AbstractContextManager[None]:
     if command not in COMPILING | PROCESSES:
         return nullcontext()
     # both import numba, which these need anyway
@@ -202,8 +202,8 @@ def main(argv: list[str] | None = None) -> int:
         with ended_at_once(said_by):
             kernel_cache.drop_stale()
             args = build_parser(command).parse_args(_in_hertz(command, arguments))
-            told = _compiling_told(command, said_by)
-        with told:
+            reporting = _reporting_compilation(command, said_by)
+        with reporting:
             return int(args.run(args) or 0)
     except DehystError as error:
         print(f"{said_by}: {_one_line(error)}", file=sys.stderr)

@@ -94,8 +94,8 @@ def _fields_of(kind: type[msgspec.Struct]) -> list[str]:
     rows = [" ".join((kind.__doc__ or "").split()), "", "| field | type | default | meaning |"]
     rows.append("|---|---|---|---|")
     for field in structs.fields(kind):
-        told = schema.get("properties", {}).get(field.name, {})
-        form = told.get("$comment", "").removeprefix("msgpack ").partition(",")[0]
+        described = schema.get("properties", {}).get(field.name, {})
+        form = described.get("$comment", "").removeprefix("msgpack ").partition(",")[0]
         default = "(needed)" if field.required else _default(field.default)
         rows.append(
             _table_row(

@@ -71,7 +71,7 @@ class SerialPort:
 
     path: e.g. /dev/ttyACM0. baud: bits per second, 8N1, no flow control (rtscts: RTS/CTS).
     write_timeout_s: longest time that one write may block. clock: the clock of the deadlines
-    given to read_until_deadline (time.monotonic unless told otherwise).
+    given to read_until_deadline (time.monotonic where none is given).
     Raises DeviceNotFound when it cannot be opened, DriverConfigError for a bad baud rate.
     """
 

@@ -46,7 +46,7 @@ def outside_validity(model: Model, recording: Recording) -> dict[str, float]:
 
 
 SAME = 0.02
-"""Two rms errors that differ by less are not both told."""
+"""Two rms errors that differ by less are not both reported."""
 
 
 class Misfit(NamedTuple):

@@ -84,7 +84,7 @@ class Identified:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What one should be told."""
+        """What a reader should know."""
         return self.details.notes
 
     def save(self, path: str | Path) -> Path:

@@ -101,10 +101,10 @@ class Group(Closing):
         return next(iter(self.clients.values()))
 
     def wait_until_started(
-        self, timeout_s: float = LONGEST_START_S, told: Callable[[str], None] = lambda _: None
+        self, timeout_s: float = LONGEST_START_S, on_wait: Callable[[str], None] = lambda _: None
     ) -> dict[str, Status]:
         """As Client.wait_until_started, for each axis."""
-        return {a: one.wait_until_started(timeout_s, told) for a, one in self.clients.items()}
+        return {a: one.wait_until_started(timeout_s, on_wait) for a, one in self.clients.items()}
 
     def status(self) -> dict[str, Status]:
         """The present status of each axis."""

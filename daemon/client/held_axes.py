@@ -150,7 +150,7 @@ class HeldAxes(Closing):
         def guarded(group: Group) -> None:
             try:
                 job(group)
-            except Exception as error:  # whoever asked is told
+            except Exception as error:  # whoever asked gets it
                 done.set_exception(error)
             else:
                 done.set_result(None)

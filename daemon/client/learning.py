@@ -49,7 +49,7 @@ class LessonTaker:
     """Follows one playing of a trajectory of n points a pass, a point a period.
 
     learner: of this trajectory; targets: (n,) of a pass; expected: (n,) what the gauge should read
-    in it; period_ns: the loop's. told: called with the outcome of each pass; late: of a gauge whose
+    in it; period_ns: the loop's. on_outcome: called with that of each pass; late: of a gauge whose
     filter is known. `errors`: (n,) of the newest whole pass.
     """
 
@@ -59,11 +59,11 @@ class LessonTaker:
         targets: Floats,
         expected: Floats,
         period_ns: int,
-        told: Callable[[Outcome], None],
+        on_outcome: Callable[[Outcome], None],
         late: LateGauge | None = None,
     ) -> None:
         self._late, self._outputs = late, Outputs(learner.n, late.back if late else 0)
-        self.learner, self._expected, self._told = learner, expected, told
+        self.learner, self._expected, self._on_outcome = learner, expected, on_outcome
         self._targets = targets
         self._step = 1.01 * float(np.abs(np.diff(targets, append=targets[0])).max()) + 1e-9
         self.n, self._period_ns = learner.n, period_ns
@@ -110,7 +110,7 @@ class LessonTaker:
         error = self._error.setdefault(of_pass, np.full(self.n, np.nan))
         held = self._held.setdefault(of_pass, np.zeros(self.n, np.bool_))
         good = (samples["flags"] & int(UNUSABLE)) == 0
-        # where the loop held a group, point 0 is later than it was told last
+        # where the loop held a group, point 0 is later than was reported last
         good &= np.abs(samples["target"] - self._targets[place]) <= self._step
         held[place] = good & ((samples["flags"] & int(Flag.SENSOR_HELD)) != 0)
         error[place] = np.where(good, samples["measured"] - self._expected[place], np.nan)
@@ -138,7 +138,7 @@ class LessonTaker:
             self.errors = [*self.errors[:1], error]
         self._old = self._in_force()
         self._new, self._since = self.learner.correction, self._sent
-        self._told(outcome)
+        self._on_outcome(outcome)
 
     def _in_force(self) -> Floats:
         """What the next point would have been given: where the fade to the next one begins."""

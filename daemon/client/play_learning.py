@@ -48,7 +48,7 @@ class Course:
         target: Floats,
         repeat: int,
         file: Path | None,
-        told: Callable[[Outcome], None],
+        on_outcome: Callable[[Outcome], None],
         gauge_filter_s: float = 0.0,
     ) -> None:
         status, model = client.status(), client.model()
@@ -68,7 +68,7 @@ class Course:
         )
         expected = expected_reading(model, values, self.period_s)
         late = LateGauge(gauge_filter_s) if gauge_filter_s > 0.0 else None
-        self.taker = LessonTaker(self.learner, values, expected, status.period_ns, told, late)
+        self.taker = LessonTaker(self.learner, values, expected, status.period_ns, on_outcome, late)
         self.points = Repeated(times, values, repeat, self.taker.correct)
 
     def save(self) -> None:

@@ -344,20 +344,20 @@ class Player:
             return "another trajectory took its place"
         if status.trajectory == self.number and status.state != "running" and status.core_alive:
             self.ended_ns = self.ended_ns or now_ns
-            said = any(event.code == status.state for event in self.told())
+            said = any(event.code == status.state for event in self.new_events())
             # the reason travels on a topic of its own and may come a little later
             return self.why(status) if said or now_ns - self.ended_ns > WORDS_NS else None
         if status.run != self.before.run:
             return "the loop was started anew"
         return None
 
-    def told(self) -> list[Event]:
+    def new_events(self) -> list[Event]:
         """Events since the trajectory was begun."""
         return [event for event in list(self.feed.events) if event.time_ns > self.before.time_ns]
 
     def why(self, status: Status) -> str:
         """The daemon's own words for the end, as far as they came."""
-        texts = [event.text for event in self.told()[-3:]]
+        texts = [event.text for event in self.new_events()[-3:]]
         said = f" ({'; '.join(texts)})" if texts else ""
         return f"the daemon went to the state {status.state}{said}"
 

@@ -60,15 +60,15 @@ class Questions(Closing):
         return status
 
     def wait_until_started(
-        self, timeout_s: float = LONGEST_START_S, told: Callable[[str], None] = lambda _: None
+        self, timeout_s: float = LONGEST_START_S, on_wait: Callable[[str], None] = lambda _: None
     ) -> Status:
         """The status once the daemon's start is over: at once, or when its kernels are compiled and
-        its devices opened. told(words) is called once where it has to wait. Raises NotNow where the
-        start takes longer than timeout_s, BusError where the daemon is gone."""
+        its devices opened. on_wait(words) is called once where it has to wait. Raises NotNow where
+        the start takes longer than timeout_s, BusError where the daemon is gone."""
         end_ns = clock.monotonic_ns() + round(timeout_s * clock.NS)
         status = self.status()
         if is_starting(status):
-            told(f"{self.name} is starting; waiting until it is ready")
+            on_wait(f"{self.name} is starting; waiting until it is ready")
         while is_starting(status):
             if clock.monotonic_ns() > end_ns:
                 raise NotNow(f"{self.name} is still starting after {timeout_s:g} s; see its log")

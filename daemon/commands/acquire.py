@@ -72,8 +72,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         (size,) = {one.size for one in found.values()}
         names = [str(file) for file in files.values()]
-        told = {"files": names} if several else {"file": names[0]}
-        print(json.dumps({**told, "samples": size, "ended": ended}))
+        result = {"files": names} if several else {"file": names[0]}
+        print(json.dumps({**result, "samples": size, "ended": ended}))
     else:
         early = f", before the drive's end: {ended}" if ended else ""
         for axis, recording in found.items():

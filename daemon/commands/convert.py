@@ -40,15 +40,15 @@ def run(args: argparse.Namespace) -> int:
         outputs = [file_of_axis(args.output, f"part{i}") for i in range(1, len(parts) + 1)]
     check_outputs(outputs, [args.input], args.force)
     say_read(understood)
-    told = []
+    written = []
     for output, (columns, notes) in zip(outputs, parts, strict=True):
         t_s = columns["t_s"]
         others = {name: values for name, values in columns.items() if name != "t_s"}
         write_recording(output, t_s, others, notes)
         names = ["t_s", *others]
-        told.append({"output": str(output), "rows": int(t_s.size), "columns": names})
+        written.append({"output": str(output), "rows": int(t_s.size), "columns": names})
         if not args.json:
             print(f"{output}: {t_s.size} rows of {', '.join(names)}")
     if args.json:
-        print(json.dumps(told[0] if len(told) == 1 else {"parts": told}))
+        print(json.dumps(written[0] if len(written) == 1 else {"parts": written}))
     return 0

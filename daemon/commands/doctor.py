@@ -62,16 +62,16 @@ def _tell(args: argparse.Namespace) -> int:
 
     check_outputs([args.report], [args.credentials], args.force)
     with connect_axes(args, "doctor") as stage:
-        told = {client.name: client.doctor() for client in stage.clients.values()}
+        by_name = {client.name: client.doctor() for client in stage.clients.values()}
         if args.report:
-            newest = max(stage.clients.values(), key=lambda one: newest_ns(told[one.name]))
+            newest = max(stage.clients.values(), key=lambda one: newest_ns(by_name[one.name]))
             page = newest.doctor_page()
             with whole_file(args.report) as file:
                 file.write(page)
-    several = len(told) > 1
+    several = len(by_name) > 1
     if args.json:
-        print_json(told if several else next(iter(told.values())))
-    for name, reports in {} if args.json else told.items():
+        print_json(by_name if several else next(iter(by_name.values())))
+    for name, reports in {} if args.json else by_name.items():
         whose = f"{name}: " if several else ""
         if not reports:
             print(f"{whose}the doctor has nothing to say: no mismatch is kept")
@@ -79,7 +79,7 @@ def _tell(args: argparse.Namespace) -> int:
             print(whose + "\n".join(describe_doctor(report)))
     if args.report:
         say(f"report: {args.report}")
-    open_offers = [r[-1] for r in told.values() if r and r[-1].state == "found" and r[-1].offer]
+    open_offers = [r[-1] for r in by_name.values() if r and r[-1].state == "found" and r[-1].offer]
     return 1 if open_offers else 0
 
 

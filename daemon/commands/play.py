@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> int:
     ) as stage:
         clients = stage.clients if isinstance(stage, Group) else {"": stage}
         targets = {}
-        stage.wait_until_started(told=say)
+        stage.wait_until_started(on_wait=say)
         for axis, trajectory in trajectories.items():
             clients[axis].report = say
             status = clients[axis].status()
@@ -223,9 +223,9 @@ def learn_of(
 
     def course(axis: str, client: "Client") -> Course:
         head, unit = f"{axis}: " if axis else "", client.status().unit
-        told = lambda one: say(head + words(one, unit))  # noqa: E731
+        report = lambda one: say(head + words(one, unit))  # noqa: E731
         return Course(
-            client, t_s, targets[axis], args.repeat, learned[axis], told, args.gauge_filter_s
+            client, t_s, targets[axis], args.repeat, learned[axis], report, args.gauge_filter_s
         )
 
     with playing(name) as shown:

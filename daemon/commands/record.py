@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     ending: list[int] = []
     until_s = args.seconds if args.seconds is not None else float("inf")
     with connect_axes(args, "record") as stage, ExitStack() as opened:
-        stage.wait_until_started(told=say)
+        stage.wait_until_started(on_wait=say)
         # from here on what was recorded is closed first; while it waits there is nothing to close
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda number, _: ending.append(number))

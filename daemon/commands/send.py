@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
                     f"{stage.name} has the axes {', '.join(stage)}: say which, as {first}={value:g}"
                 )
             targets = dict.fromkeys(stage, targets[""])
-        stage.wait_until_started(told=say)
+        stage.wait_until_started(on_wait=say)
         if args.take_over:
             stage.take_over()
 

@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     if args.exercise and args.look:
         raise BadInput("--look moves nothing; leave out --exercise")
     with connect_axes(args, "zero") as stage:
-        stage.wait_until_started(told=say)
+        stage.wait_until_started(on_wait=say)
         if args.take_over:
             stage.take_over()
         results = {axis: zero_of(client, args) for axis, client in stage.clients.items()}

@@ -278,7 +278,7 @@ class SecondAct:
             report, known = self._feed.doctor.popleft(), self.story.report
             if report.time_ns < self._appeared_ns:
                 continue  # about a flag of before: another story
-            # a flag that falls and rises lays a second case: who is told of first is followed
+            # a flag that falls and rises lays a second case: the first that is heard of counts
             if known is None or known.state == "working" or known.case == report.case:
                 self.story.report = report
         return self.story.state

@@ -28,7 +28,7 @@ def excite_arguments(case: Case, model: Model, pair: tuple[str, str] | None) -> 
     band = min(SHARE * case.rate_hz, case.slew / (math.pi * (high - low)))
     for seconds in SECONDS:  # slow stages take longer
         for part in (1.0, 0.5, 0.25):
-            try:  # what is handed out is what can be run
+            try:  # only what can be run is proposed
                 design(low, high, part * band, seconds, case.rate_hz, slew_per_s=case.slew)
             except BadInput:
                 continue

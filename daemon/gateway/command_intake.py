@@ -47,7 +47,7 @@ class AxisDoor:
         self._rejections = bus.sender(keys.pubsub(subject(REJECTION)), REJECTION)
 
     def refused(self, client: int, code: str, text: str, count: int) -> None:
-        """Keep a refusal until it is told."""
+        """Keep a refusal until it is reported."""
         key = (client, code)
         if key in self._refusals or len(self._refusals) < LONGEST_REFUSALS:
             self._refusals[key] = (self._refusals.get(key, (0, ""))[0] + count, text)

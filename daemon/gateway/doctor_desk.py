@@ -202,7 +202,7 @@ class DoctorDesk:
         decided = cases.get_record(folder, cases.DECIDED, Decided)
         name = folder.name.removesuffix(cases.SUFFIX)
         if examined is not None and examined.tested is not None and name not in self._scopes:
-            with suppress(DehystError):  # who accepts is then not told of the reach
+            with suppress(DehystError):  # the offer then does not say the reach
                 self._scopes[name] = (
                     self._scope_of(folder / cases.IN_USE),
                     self._scope_of(folder / cases.OFFERED),

@@ -3,8 +3,8 @@
 The first chunks come axis by axis. Each is checked as it comes and then kept; nothing of them
 reaches a loop until those of all axes are here and have been checked once more, together. Where one
 is refused, does not come in time, or another command comes before, all are dropped, and who sends
-more of that trajectory is told why. Pure, as dehyst.daemon.gateway.admission, whose gates it asks:
-times come in, records go out.
+more of that trajectory gets the reason. Pure, as dehyst.daemon.gateway.admission, whose gates it
+asks: times come in, records go out.
 """
 
 from collections import OrderedDict

@@ -1,6 +1,6 @@
-"""The command lease: one client commands at a time, the others are told who.
+"""The command lease: one client commands at a time, the others learn who.
 
-Pure: the time comes in. A lease is a number that only its holder was told; it ends when its
+Pure: the time comes in. A lease is a number that only its holder knows; it ends when its
 holder was silent for `length_ns`, gives it up, or another client takes over explicitly. Every
 lease starts the sequence of its set-points anew, so that commands recorded under an earlier lease
 are worth nothing.

@@ -46,7 +46,7 @@ MEANS = {
 }
 
 Trust = Callable[[bool], None]
-"""Whether stage and gauge are to be trusted, told to the loop."""
+"""Whether stage and gauge are to be trusted, reported to the loop."""
 Tell = Callable[[int, str, str], None]
 """(level, code, text): an event."""
 See = Callable[[NDArray[Any]], None]

@@ -120,15 +120,15 @@ class Gateway:
 
     def _publish(self, publishers: Sequence[Publisher]) -> None:
         watchdog_s = notify.watchdog_s() or 1.0
-        told_ns = 0
+        notified_ns = 0
         batch_ns = round(self.controller.telemetry.batch_s * clock.NS)
         due_ns = clock.monotonic_ns()
         while not (self._ending or self.stop.is_set()):
             now_ns = clock.monotonic_ns()
             for publisher in publishers:
                 publisher.tick(now_ns)
-            if now_ns - told_ns >= min(watchdog_s, 1.0) * clock.NS:
-                told_ns = now_ns
+            if now_ns - notified_ns >= min(watchdog_s, 1.0) * clock.NS:
+                notified_ns = now_ns
                 notify.send("WATCHDOG=1", f"STATUS={'; '.join(p.summary() for p in publishers)}")
             due_ns = max(due_ns + batch_ns, now_ns)
             clock.sleep_s(max(0.0, (due_ns - clock.monotonic_ns()) * 1e-9))

@@ -222,7 +222,7 @@ class Publisher:
         if not records.size:
             return False
         self._rings.taken("status")
-        for record in records[-8:]:  # each change of state is told, also within one tick
+        for record in records[-8:]:  # each change of state is reported, also within one tick
             self._take_status(record)
             self._say(now_ns)
         return True

@@ -54,7 +54,7 @@ class Channels:
             self._thread.start()
 
     def read(self, name: str) -> None:
-        """One reading; a failure is told once, until it is another or over."""
+        """One reading; a failure is reported once, until it is another or over."""
         config, sensor = self._configs[name], self._sensors[name]
         try:
             if self._said.get(name):

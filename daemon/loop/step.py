@@ -57,7 +57,7 @@ class Stepper:
         self.events: list[str] = []
         self._numbers = settings.record()
         self._notes = np.zeros(NOTES, NOTE_T)
-        self._told = 0
+        self._reported = 0
         self._channels: dict[str, float] = {}
         self._commands = np.zeros(COMMANDS_PER_SAMPLE, COMMAND)
         self.table = Addresses(records_in_memory.N_TABLE)
@@ -167,15 +167,15 @@ class Stepper:
     def tell(self) -> None:
         """Put what the kernels noted into `events`, in words."""
         made = int(self.control["notes"][0])
-        if made == self._told:
+        if made == self._reported:
             return
-        lost = made - self._told - NOTES
-        for number in range(max(self._told, made - NOTES), made):
+        lost = made - self._reported - NOTES
+        for number in range(max(self._reported, made - NOTES), made):
             code, value = self._notes[number % NOTES].item()
             self.events.append(describe_note(code, value))
         if lost > 0:
             self.events.append(f"{lost} further events in the same moment")
-        self._told = made
+        self._reported = made
 
     # -- what can be seen ---------------------------------------------------------------------
 

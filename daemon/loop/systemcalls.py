@@ -94,7 +94,7 @@ def number_in(buffer: Words, file: int, column: int) -> int:
 
 @njit(cache=True, nogil=True)
 def waited_ns(buffer: Words, schedstat: int) -> int:
-    """How long this thread was ready to run and had no CPU, so far; 0 where it cannot be told."""
+    """How long this thread was ready to run and had no CPU, so far; 0 where it is not known."""
     return max(0, number_in(buffer, schedstat, 1))
 
 

@@ -1,8 +1,8 @@
 """Who may look and who may command: passwords, sessions, same origin. As on the bus: operators and
 observers; loopback alone asks for nothing, beyond it TLS and a password are asked for.
 
-A request of another site's page is told by its Origin, and a name that was bent to this machine
-(DNS rebinding) by its Host: without passwords only this machine's own names are answered.
+A request of another site's page is recognised by its Origin, and a name that was bent to this
+machine (DNS rebinding) by its Host: without passwords only this machine's own names are answered.
 """
 
 import base64

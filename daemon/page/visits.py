@@ -1,4 +1,4 @@
-"""One browser's WebSocket: what it looks at, what it commands, what it is told.
+"""One browser's WebSocket: what it looks at, what it commands, what it hears.
 
 Every TICK_S a visit gets what has been finished since it was last served. Visits that look at the
 same thing share the bytes. A browser that reads slowly waits alone, and gets more at once later.
@@ -138,7 +138,7 @@ class Visit:
         )
         if frame:
             await self._send(frame)
-        events = [said for told, said in list(watch.events) if told > self._event]
+        events = [said for number, said in list(watch.events) if number > self._event]
         if events:
             self._event = watch.events[-1][0]
             await self._send(wire.encode_view("events", name=watch.name, events=events))

@@ -67,7 +67,7 @@ class Watch:
         self.doctor: dict[str, DoctorReport] = {}  # by case, the oldest first
         self.changes = 0  # of model and configuration
         self.findings = 0  # changes of what the doctor says
-        self._told = 0
+        self._heard = 0
         self._errors: deque[tuple[float, float, int]] = deque(maxlen=round(1.0 / TICK_S))
         self._client: Client | None = None
         self._stop = threading.Event()
@@ -159,7 +159,7 @@ class Watch:
         self._take_samples(client.history(seconds=seconds))
         self._take_words(deque(client.events()), deque())
         self.problem = ""
-        asked_ns = told_run = 0
+        asked_ns = asked_run = 0
         while not self._stop.wait(TICK_S):
             samples = stream.read(0.0)
             self.lost = stream.lost
@@ -174,9 +174,9 @@ class Watch:
             now_ns = clock.monotonic_ns()
             status = self.status
             if status is not None and (
-                status.run != told_run or now_ns - asked_ns > MODEL_S * clock.NS
+                status.run != asked_run or now_ns - asked_ns > MODEL_S * clock.NS
             ):
-                asked_ns, told_run = now_ns, status.run
+                asked_ns, asked_run = now_ns, status.run
                 self._ask(client)
 
     def _ask(self, client: Client) -> None:
@@ -229,8 +229,8 @@ class Watch:
     def _tell(self, wall_ns: int, level: int, code: str, text: str) -> None:
         said = {"wall_s": wall_ns * 1e-9, "level": level, "code": code, "text": text}
         if all(said != before for _, before in self.events):  # kept by the daemon and heard
-            self._told += 1
-            self.events.append((self._told, said))
+            self._heard += 1
+            self.events.append((self._heard, said))
 
 
 class Controllers:

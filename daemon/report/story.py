@@ -1,5 +1,5 @@
 """The picture of a mismatch: the error before, with and after it as bands on one time axis, and one
-second of each, at the same place of the pattern, large enough that target and measured are told
+second of each, at the same place of the pattern, large enough to see target and measured
 apart.
 
 story: anything with t_s, target, measured (N,) in um and the times of its events [s].

@@ -3,7 +3,7 @@
 One file a ring (see dehyst.daemon.rings.layout). One process writes, one reads; neither ever waits
 for the other. The writer publishes by storing the record and its check first and the head
 afterwards, with a full fence between (needed on aarch64, free on x86-64). A reader that is slower
-than the ring is long loses the oldest records, is told how many, and never sees a torn one: each
+than the ring is long loses the oldest records, learns how many, and never sees a torn one: each
 record is looked at with its check after it was copied.
 
 A plain file is mapped, not multiprocessing.SharedMemory: up to Python 3.12 the latter unlinks

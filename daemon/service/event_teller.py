@@ -16,7 +16,7 @@ class EventTeller:
         self._path, self._say = config.directory / "event.ring", say
         self._axis = f"{config.axis}: " if config.axis else ""
         self._ring: RingFile | None = None
-        self._told = 0
+        self._reported = 0
 
     def tell(self, pid: int) -> None:
         """Say what this process' loop has written since the last time."""
@@ -24,11 +24,11 @@ class EventTeller:
             if self._ring is None or self._ring.stale():
                 if self._ring is not None:
                     self._ring.close()
-                self._ring, self._told = None, 0
+                self._ring, self._reported = None, 0
                 self._ring = RingFile(self._path, EVENT)
-            if self._ring.pid != pid or self._ring.place()[0] == self._told:
+            if self._ring.pid != pid or self._ring.place()[0] == self._reported:
                 return
-            records, self._told = self._ring.read(self._told)
+            records, self._reported = self._ring.read(self._reported)
         except BadInput:
             return  # no loop yet, or its ring is damaged, which it mends itself
         for record in records:

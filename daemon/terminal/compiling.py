@@ -1,5 +1,5 @@
 """Kernels are compiled once for each installation, for a minute or two: nobody waits for that
-without being told. numba itself says when it compiles what."""
+without a word. numba itself says when it compiles what."""
 
 import re
 import sys
@@ -26,10 +26,10 @@ _KERNEL = re.compile(r"^\s*@njit\(cache=True", re.MULTILINE)
 
 class Compilations(Listener):
     """What is compiled. count: so far; kernel: the one that is compiled now; began: set when one
-    begins, for whoever waits for that; told: called with a kernel's name as each begins."""
+    begins, for whoever waits for that; on_kernel: called with a kernel's name as each begins."""
 
-    def __init__(self, told: Callable[[str], None] = lambda kernel: None) -> None:
-        self.count, self.kernel, self._told = 0, "", told
+    def __init__(self, on_kernel: Callable[[str], None] = lambda kernel: None) -> None:
+        self.count, self.kernel, self._on_kernel = 0, "", on_kernel
         self.began = threading.Event()
         self._depth, self._begun_ns, self._spent_ns = 0, 0, 0
 
@@ -51,7 +51,7 @@ class Compilations(Listener):
         self._depth += 1
         function = event.data["dispatcher"].py_func
         self.kernel = f"{function.__module__.removeprefix('dehyst.')}.{function.__name__}"
-        self._told(self.kernel)
+        self._on_kernel(self.kernel)
         self.began.set()
 
     def on_end(self, event: Any) -> None:

@@ -33,7 +33,7 @@ FAULTS = Mdt693bFaults.__struct_fields__
 
 class Mdt693bEmulator(PtyServer):
     """A PtyServer with an Mdt693bUnit. Everything here may be called from any thread; the plant
-    is told of the output in the serving thread."""
+    hears of the output in the serving thread."""
 
     unit: Mdt693bUnit
 

@@ -5,7 +5,7 @@ side around it: echo, line buffer, one command after another with latency, jitte
 limit, replies in chunks, faults on demand, DAC step, ADC readback with offset, noise and lag.
 
     unit = Mdt693bUnit(Mdt693bKnobs(dialect="1.10"), on_output=stage.drive, clock=time.monotonic)
-    unit.feed(b"xvoltage=12.5\\r"); unit.take()     # b">" (and the stage is told 12.5 V)
+    unit.feed(b"xvoltage=12.5\\r"); unit.take()     # b">" (and the stage gets 12.5 V)
 """
 
 import math

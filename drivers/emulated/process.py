@@ -1,4 +1,4 @@
-"""The process of the emulated bench: both units and the control socket, until told to stop."""
+"""The process of the emulated bench: both units and the control socket, until it is stopped."""
 
 import json
 import threading

@@ -37,7 +37,7 @@ LONGEST_SLEEP_S = 0.5
 
 class PtyUnit(Protocol):
     """An emulated instrument on a serial line. Times are those of the unit's own clock, which
-    must be the clock of the server (time.monotonic unless told otherwise)."""
+    must be the clock of the server (time.monotonic where none is given)."""
 
     def feed(self, data: bytes) -> None:
         """Bytes from the host arrive now."""

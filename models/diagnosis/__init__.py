@@ -7,7 +7,7 @@ cuts long ones, noise.py and colour.py measure the floor, survey.py tells what m
 locate.py where a misfit sits. subject.py is the model in use. base.py explains all that a
 rate-independent memory can, pasts.py tells how that memory began, columns.py keeps what a drive
 makes of it; fit.py refits it and the effects of effects.py jointly. screen.py ranks
-the candidates that dehyst.models.physics hands out, shortlist.py which come next, judge.py says
+the candidates of dehyst.models.physics, shortlist.py which come next, judge.py says
 which may count, search.py accepts one after the other, evidence.py holds out, intervals.py gives
 the intervals, and find.py chooses the base and the noise that the search stands on. findings/ is
 what is said: reported.py drops what is not known well enough, rivals.py finds near-ties,

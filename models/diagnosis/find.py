@@ -40,17 +40,17 @@ def find(
     without it: what it stood for may be another's. forbidden: keys that are not tried."""
     found = _find(problem, sigma, null, say, forbidden)
     kept = worth_reporting(found.search)
-    told = only_reported(kept)
-    vague = set(kept.accepted.effect_names) - set(told.accepted.effect_names)
+    reported = only_reported(kept)
+    vague = set(kept.accepted.effect_names) - set(reported.accepted.effect_names)
     if vague:
         other = _find(problem, sigma, null, say, (*forbidden, *vague))
         again = only_reported(worth_reporting(other.search))
-        first, second = (by_blocks(f.problem, f.accepted).mean_square for f in (told, again))
+        first, second = (by_blocks(f.problem, f.accepted).mean_square for f in (reported, again))
         if second < first:
-            found, told = other, again
+            found, reported = other, again
     if found.over_rich is found.search:
-        return Found(told, told)
-    return Found(told, only_reported(worth_reporting(found.over_rich)))
+        return Found(reported, reported)
+    return Found(reported, only_reported(worth_reporting(found.over_rich)))
 
 
 def _find(

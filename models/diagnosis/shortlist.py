@@ -4,7 +4,7 @@ come beside a fit's effects, and what the screen promises of it."""
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from dehyst.models.diagnosis.data.way import can_be_told, hardly_turns
+from dehyst.models.diagnosis.data.way import can_be_distinguished, hardly_turns
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState, least_size
@@ -25,7 +25,7 @@ def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Can
         for c in library(data)
         if c.key not in forbidden
         and not (strict and c.static)
-        and (not few or can_be_told(c, data))
+        and (not few or can_be_distinguished(c, data))
     ]
 
 

@@ -272,10 +272,10 @@ def _without_the_doubtful(found: SearchState, left: float) -> SearchState:
 
 def _tried(n: int, found: SearchState) -> list[dict[str, str]]:
     """For each round: root mean square that each candidate's refit removes."""
-    return [{t.candidate.key: _told(t, n) for t in trials} for trials in found.rounds]
+    return [{t.candidate.key: _describe_trial(t, n) for t in trials} for trials in found.rounds]
 
 
-def _told(t: CandidateTrial, n: int) -> str:
+def _describe_trial(t: CandidateTrial, n: int) -> str:
     text = f"{float(np.sqrt(max(t.gain, 0.0) / n)):.4g}"
     if t.constancy is not None:
         by = " ".join(f"{a:.2f}" for a in t.constancy.by_recording)

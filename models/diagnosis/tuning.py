@@ -58,9 +58,11 @@ class Tuning(NamedTuple):
     quiet_share: float = 0.4  # so that a cause must take more of it
     compact_share: float = 0.3  # over a compact base
     few_places_share: float = 0.75  # the same where the drive is seen in few places alone,
-    places_enough: float = 1.3  # times a compact base's columns, for a late cause to be told there;
+    places_enough: float = (
+        1.3  # times a compact base's columns, for a late cause to be reported there;
+    )
     # with fewer the displacement must move against the drive
-    few_places_sure: float = 0.4  # and relative half width of what is told there
+    few_places_sure: float = 0.4  # and relative half width of what is reported there
     compact_doubt: float = 1.5  # held-out over in-sample rms of the rich base: a compact one too
     early_share: float = 0.4  # for a drive half a sample earlier
     early_size: float = 0.5
@@ -115,7 +117,7 @@ class Tuning(NamedTuple):
     # intervals
     widest: float = 10.0  # factor that an interval may span
     interval_width: float = 1.96  # standard deviations of white noise; blocks: Student's t
-    largest_leverage: float = 0.99  # told by one block alone: taken for no more than this
+    largest_leverage: float = 0.99  # determined by one block alone: taken for no more than this
     bound_margin: float = 0.02  # of the (log) range: closer to a bound counts as on it
 
 

@@ -122,8 +122,8 @@ class LagSearch:
         if predicts_better(sensor, drive):
             return sensor, True
         # a delay is the same before the hysteresis and behind it
-        told = drive.lag is not None and drive.lag.kind != "delay"
-        return drive, told and predicts_better(drive, sensor)
+        decided = drive.lag is not None and drive.lag.kind != "delay"
+        return drive, decided and predicts_better(drive, sensor)
 
     def _refine(self, lag: Dynamics, choose: Callable[[Dynamics], Candidate]) -> Candidate:
         """The structure chosen anew beside a lag, and the lag sought anew with it, in turn: what

@@ -106,8 +106,8 @@ class Search:
             return choose_structure(self._try(same, best.offset, lag))
 
         sought = LagSearch(self.setup, self.picks, self.r, best)
-        best, told = sought.compare_sides(choose)
-        if best.lag is not None and not told:
+        best, decided = sought.compare_sides(choose)
+        if best.lag is not None and not decided:
             self.untold.append(best.lag)
         return best
 

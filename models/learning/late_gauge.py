@@ -28,7 +28,7 @@ class LateGauge:
 
     def __init__(self, filter_s: float) -> None:
         self.filter_s, self.back = filter_s, TUNING.late_back
-        self.anew, self._told = False, False
+        self.anew, self._reported = False, False
         self._begun = self._passes = 0
         self._mean_x: Floats | None = None  # (n, back)
         self._mean_y: Floats | None = None  # (n,)
@@ -43,8 +43,8 @@ class LateGauge:
         output before each reading, the newest first; since_s: (n, back) how long ago each was.
         """
         ahead = self._ahead(repeats, steps, since_s)
-        self.anew = not self._told and bool(ahead.any())
-        self._told |= self.anew
+        self.anew = not self._reported and bool(ahead.any())
+        self._reported |= self.anew
         return ahead
 
     def _ahead(self, repeats: Floats, steps: Floats, since_s: Floats) -> Floats:

@@ -53,7 +53,7 @@ class Tuning(NamedTuple):
     young_s: float = 2.0  # of commanded motion: the model's state may lack what was before it
     new_s: float = 0.2  # a model that is new finds its state along the drive: no jump is seen
     stuck_noises: float = 10.0  # the model's way under a reading that stays the same
-    reported_s: float = 0.1  # what lasts shorter is not told
+    reported_s: float = 0.1  # what lasts shorter is not reported
     margin: float = 4.0  # least time constant, in lags of the sensor
 
 

@@ -93,13 +93,15 @@ class Candidate:
     place: str = "stage"
     driven: bool = True
     last: bool = False  # named only when it leaves nothing behind: it fits too much
-    slow: bool = False  # takes a part of any change in time: told only where nothing else is left
-    past: bool = False  # a slow one that began before the recording: told beside a smaller rest
+    slow: bool = (
+        False  # takes a part of any change in time: reported only where nothing else is left
+    )
+    past: bool = False  # a slow one that began before the recording: reported beside a smaller rest
     static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
     minima: int = 1  # starts that are refitted: its misfit may have so many minima
     rings: bool = False  # where the drive goes round one loop alone, a line may look like it
     lasting: bool = False  # shows from one period of the drive to the next, not within one
-    late: bool = False  # the displacement comes late: told also where the drive repeats itself
+    late: bool = False  # the displacement comes late: reported also where the drive repeats itself
     # within few samples, and of all such causes one alone
     many: bool = False  # its starts span many shapes, of which chance makes one fit
     rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own

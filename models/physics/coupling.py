@@ -254,5 +254,5 @@ PHYSICS = Physics(
     specimens={
         "coupling": Specimen(_variants, "move the other axis on its own, and record its drive")
     },
-    told_from={"drift": "a rest of the own axis while only the other one moves"},
+    distinguished_by={"drift": "a rest of the own axis while only the other one moves"},
 )

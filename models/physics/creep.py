@@ -35,7 +35,7 @@ HELD_SHORTEST_S = 0.1  # relaxations of a creep that is read from the drive: the
 HELD_TIMES_LONGER = 3.0  # than the hold, the longest
 SURE_GAIN = 0.15
 """Of the gain: a chain of relaxations reaches the law's slope sooner than other laws of creep do
-(tests/benchmarks/models/proof: log10(1 + t / 0.1 s) is told 4 to 14 % too low)."""
+(tests/benchmarks/models/proof: log10(1 + t / 0.1 s) is found 4 to 14 % too low)."""
 
 
 def _relaxations_of(gain: float, tau_min: float, tau_max: float) -> tuple[float, float, Floats]:
@@ -222,5 +222,5 @@ PHYSICS = Physics(
     kinds=(KIND,),
     candidates=lambda data: [Creep(data)],
     specimens={"creep": Specimen(_variants)},
-    told_from={"drift": "holds of ten seconds, approached from above and from below"},
+    distinguished_by={"drift": "holds of ten seconds, approached from above and from below"},
 )

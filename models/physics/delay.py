@@ -199,7 +199,7 @@ PHYSICS = Physics(
     kinds=(KIND, LEAD),
     candidates=lambda data: [Delay(data)],
     specimens={"delay": Specimen(_variants)},
-    told_from={
+    distinguished_by={
         "lag": "a chirp from 1 Hz to a few hundred hertz at a small stroke",
         "resonance": "steps, with the ringing sampled well above its frequency",
     },

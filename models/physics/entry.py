@@ -1,4 +1,4 @@
-"""What a file of physics hands out: its blocks, how it is recognised, the experiment that shows it.
+"""What a file of physics offers: its blocks, how it is recognised, the experiment that shows it.
 
 `Physics` is the entry that the folder's listing finds. A `Specimen` gives the blocks that stand
 for an effect in simulations, the typical one first, further strengths behind it.
@@ -52,13 +52,13 @@ class Physics:
     name: word of the diagnosis' vocabulary; kinds: blocks of the model file; candidates(data): what
     the diagnosis may find in these recordings; changes(data): what is inside the base of a
     diagnosis, and shows only about a model that was right before; specimens: by the name that
-    `dehyst excite --separate` takes; told_from: name of a rival -> the drive that tells the two
-    apart, in words.
+    `dehyst excite --separate` takes; distinguished_by: name of a rival -> the drive that
+    separates the two, in words.
     """
 
     name: str
     kinds: tuple[Kind, ...]
     candidates: Callable[[Data], list[Candidate]]
     specimens: Mapping[str, Specimen]
-    told_from: Mapping[str, str] = field(default_factory=dict)
+    distinguished_by: Mapping[str, str] = field(default_factory=dict)
     changes: Callable[[Data], list[Candidate]] = lambda data: []

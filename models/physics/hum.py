@@ -131,10 +131,10 @@ class Hum(Candidate):
         out = []
         rows = np.bincount(data.rec[data.rows], minlength=self._recordings)
         for f, line in zip(theta, self.per_recording(theta, amplitudes), strict=True):
-            told = np.where(line != 0.0, rows, 0)  # 0: of a recording that was left out
-            count = max(float(told.sum()), 1.0)
-            mean = complex(line @ told / count)
-            if abs(mean) < ALIKE * np.sqrt(np.abs(line) ** 2 @ told / count):
+            counted = np.where(line != 0.0, rows, 0)  # 0: of a recording that was left out
+            count = max(float(counted.sum()), 1.0)
+            mean = complex(line @ counted / count)
+            if abs(mean) < ALIKE * np.sqrt(np.abs(line) ** 2 @ counted / count):
                 continue
             out.append(
                 Block(
@@ -172,5 +172,5 @@ PHYSICS = Physics(
     kinds=(KIND,),
     candidates=lambda data: [Hum(data)],
     specimens={"hum": Specimen(_variants)},
-    told_from={"resonance": "a rest of ten seconds with the drive on"},
+    distinguished_by={"resonance": "a rest of ten seconds with the drive on"},
 )

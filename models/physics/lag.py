@@ -210,5 +210,8 @@ PHYSICS = Physics(
             _variants("sensor"), "record the amplifier's monitor output as a channel as well"
         ),
     },
-    told_from={"resonance": FAST, "slew": "the same fast chirp at a large and at a small stroke"},
+    distinguished_by={
+        "resonance": FAST,
+        "slew": "the same fast chirp at a large and at a small stroke",
+    },
 )

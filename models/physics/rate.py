@@ -238,5 +238,9 @@ PHYSICS = Physics(
     kinds=(KIND,),
     candidates=lambda data: [Rate(data)],
     specimens={"rate": Specimen(_variants)},
-    told_from={"lag": SINES, "delay": SINES, "friction": "small reversals at several speeds"},
+    distinguished_by={
+        "lag": SINES,
+        "delay": SINES,
+        "friction": "small reversals at several speeds",
+    },
 )

@@ -164,5 +164,5 @@ PHYSICS = Physics(
     kinds=(KIND,),
     candidates=lambda data: [SelfHeating(data)],
     specimens={"self-heating": Specimen(_variants, "record a temperature at the stack as well")},
-    told_from={"rate": "a burst of fast full strokes, then a hold"},
+    distinguished_by={"rate": "a burst of fast full strokes, then a hold"},
 )

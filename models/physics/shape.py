@@ -297,5 +297,7 @@ PHYSICS = Physics(
         "asymmetry": Specimen(_variants, in_base=True),
         "shape": Specimen(_curved, in_base=True),
     },
-    told_from={"sensor": "repeated triangles over the full range, and a calibration of the sensor"},
+    distinguished_by={
+        "sensor": "repeated triangles over the full range, and a calibration of the sensor"
+    },
 )

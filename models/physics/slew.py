@@ -51,7 +51,7 @@ BEGINS = 1.0
 """A step begins somewhere between two samples, and in the model at the first: the flank is longer
 by half a sample on average, which makes the rate less by 0.75 samples over the flank's length
 (least squares of a line that begins early), and by up to twice that
-(tests/benchmarks/models/proof: the rate was told 1.4 to 12 % too low)."""
+(tests/benchmarks/models/proof: the rate was found 1.4 to 12 % too low)."""
 
 
 class Slew(Candidate):
@@ -150,5 +150,5 @@ PHYSICS = Physics(
     kinds=(KIND,),
     candidates=lambda data: [Slew(data)],
     specimens={"slew": Specimen(_variants)},
-    told_from={"delay": "the same fast chirp at a large and at a small stroke"},
+    distinguished_by={"delay": "the same fast chirp at a large and at a small stroke"},
 )

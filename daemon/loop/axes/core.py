@@ -42,7 +42,7 @@ from dehyst.models.modelfile import dumps
 RINGS = {"telemetry": (TELEMETRY, 65536), "status": (STATUS, 256), "event": (EVENT, 256)}
 COMMAND_RECORDS = 65536
 CATCH_UP = 3  # times the samples are read that went by while a model was led
-KEPT_MODELS = 2  # whoever was told of the one before may still be reading it
+KEPT_MODELS = 2  # whoever knows the one before may still be reading it
 FOLLOWED = "axis."
 """A model's channel `axis.y` is axis y's displacement, `axis.y.drive` its drive."""
 

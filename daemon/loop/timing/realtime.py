@@ -153,7 +153,7 @@ def raised(priority: int) -> Iterator[None]:
 
 def die_with_parent(signal_number: int) -> None:
     """Ask the kernel to send this process `signal_number` when its parent dies, where
-    $DEHYST_SUPERVISED says that it has one to die with: its number, or 1 where that is not told.
+    $DEHYST_SUPERVISED says that it has one to die with: its number, or 1 where that is not given.
 
     Raises SystemExit where the parent had died before the kernel was asked.
     """

@@ -104,7 +104,7 @@ def stands_still(data: Data) -> bool:
     return float(np.mean(still)) > STILL_FOR
 
 
-def can_be_told(candidate: Candidate, data: Data) -> bool:
+def can_be_distinguished(candidate: Candidate, data: Data) -> bool:
     """Whether a candidate can be distinguished from the loop of a drive that hardly turns round."""
     if candidate.driven:
         return False

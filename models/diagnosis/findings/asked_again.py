@@ -66,8 +66,8 @@ class AskedAgain:
             more = refit_each(state, near, _silent, 0)
             trials = sorted([*trials, *more], key=lambda t: -t.worth)
         accept_best(state, trials, ())
-        told = only_reported(worth_reporting(state)).accepted
-        return {e.candidate.name for e in told.effects}
+        reported = only_reported(worth_reporting(state)).accepted
+        return {e.candidate.name for e in reported.effects}
 
     def _rank(self, state: SearchState, look: Screen, anew: Collection[str]) -> list[Promise]:
         """Candidates by what they promise; anew: names whose starts come from this residual."""

@@ -173,7 +173,7 @@ def next_experiment(verdict: str, findings: Sequence[Finding], blind: Sequence[s
     apart = {
         frozenset({one.name, rival}): drive
         for one in PHYSICS.values()
-        for rival, drive in one.told_from.items()
+        for rival, drive in one.distinguished_by.items()
     }
     for f in findings:
         # a shape has no experiment of its own: what it may be is distinguished

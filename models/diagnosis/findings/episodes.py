@@ -178,7 +178,7 @@ def _band(x: Floats, dt: float, f: float) -> Floats:
 def tell_time(data: Data, residual: Floats, sigma: float) -> tuple[str, dict[str, float | str]]:
     """In words, and as places, when the level or the size of what is left changes; "" and nothing
     where it does not."""
-    told: list[tuple[float, str, dict[str, float | str]]] = []
+    spans: list[tuple[float, str, dict[str, float | str]]] = []
     whole = float(np.sum(residual[data.rows] ** 2)) - sigma**2 * int(data.rows.sum())
     for i, name in enumerate(data.names):
         at = np.flatnonzero((data.rec == i) & data.rows)
@@ -188,7 +188,7 @@ def tell_time(data: Data, residual: Floats, sigma: float) -> tuple[str, dict[str
         step, jump, gain = _best_step(e)
         if gain > SLIP * whole and abs(jump) > sigma:
             text = f"the level slips by {small((jump, data.unit))} at {t[step]:.3g} s of {name}"
-            told.append((gain, text, {"recording": name, "from_s": float(t[step])}))
+            spans.append((gain, text, {"recording": name, "from_s": float(t[step])}))
         step, _, _ = _best_step(e**2)
         before, after = (float(np.mean(x**2)) - sigma**2 for x in (e[:step], e[step:]))
         share = max(after * (e.size - step), before * step) / max(whole, 1e-300)
@@ -198,10 +198,10 @@ def tell_time(data: Data, residual: Floats, sigma: float) -> tuple[str, dict[str
             when = "from" if after > before else "until"
             text = f"it is there {when} {t[step]:.3g} s of {name}"
             places: dict[str, float | str] = {"recording": name, f"{when}_s": float(t[step])}
-            told.append((0.5 * whole * share, text, places))
-    if not told:
+            spans.append((0.5 * whole * share, text, places))
+    if not spans:
         return "", {}
-    return max(told, key=lambda one: one[0])[1:]
+    return max(spans, key=lambda one: one[0])[1:]
 
 
 def _best_step(x: Floats) -> tuple[int, float, float]:

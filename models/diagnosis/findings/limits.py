@@ -2,8 +2,8 @@
 
 The first guess is the strength whose contribution, with everything else refitted, has a size at
 which the search surely accepts. Then the effect is put into the reading at that strength, and the
-search goes on beside what was found; where the effect is not told, once more at a larger one. A
-strength that is never told is no limit. Nor is there one for what a found effect could be taken
+search goes on beside what was found; where the effect is not reported, once more at a larger one. A
+strength that is never reported is no limit. Nor is there one for what a found effect could be taken
 for: the search on other recordings may choose otherwise. Where more than the noise is left of what
 the drive does, an effect of the drive would be weighed against that, and none is excluded, nor
 beside three found effects, where one more may hide them all. What is stated is a little more: a
@@ -28,7 +28,7 @@ from dehyst.models.signals.joined import Floats
 CANNOT = "the drive of these recordings cannot show it"
 TRIES = 2
 STEP = 2.0  # factor of an amplitude, as large as from one probe to the next; of such steps,
-RAISED, TOLD = 0.5, 0.5  # where it was not found, and from what was found to what is reported
+RAISED, STRONGER = 0.5, 0.5  # where it was not found, and from what was found to what is reported
 Seen = Callable[[Candidate, Floats], Collection[str]]
 
 
@@ -114,8 +114,8 @@ def _checked(look: Screen, guess: Guess, seen: Seen) -> float | None:
         if here.probe is None:
             return None
         if c.name in seen(c, contribution_of(look, c, here.probe)):
-            told = _stronger(look, here, TOLD).probe
-            return None if told is None else float(told.value)
+            stronger = _stronger(look, here, STRONGER).probe
+            return None if stronger is None else float(stronger.value)
         here = _stronger(look, here, RAISED)
     return None
 

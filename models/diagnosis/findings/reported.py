@@ -107,8 +107,8 @@ def size_is_known(effect: Effect, values: Mapping[str, Value]) -> bool:
 
 
 def unidentified(effect: Effect, values: Mapping[str, Value]) -> list[str]:
-    """Keys whose interval spans more than a factor of ten: they are not told. A level's may hold 0,
-    of which there is no factor."""
+    """Keys whose interval spans more than a factor of ten: they are not reported. A level's may
+    hold 0, of which there is no factor."""
     levels = {p.key for p in effect.parameters if not p.log}
     return [
         k for k, v in values.items() if not is_narrow(v) and (k not in levels or v.low * v.high > 0)

@@ -82,7 +82,7 @@ NOT_WRITTEN = (
 
 
 def not_contained(finding: Finding) -> Finding:
-    """The finding where the augmented model is handed out without the shape."""
+    """The finding where the augmented model is written without the shape."""
     return replace(finding, says=finding.says.replace(CONTAINED, NOT_CONTAINED))
 
 

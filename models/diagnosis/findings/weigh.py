@@ -46,8 +46,8 @@ def weigh(
         # alone under the effects
         found = over_the_model(found, freed, alone)
         held = by_blocks(found.problem, found.accepted).mean_square
-    told = [] if episode is None else [episode.finding]
-    nothing = Weighed(_shared(told, first, without, sigma), freed, alone, first, without)
+    in_part = [] if episode is None else [episode.finding]
+    nothing = Weighed(_shared(in_part, first, without, sigma), freed, alone, first, without)
     if held > without - (TUNING.helps * sigma) ** 2:
         seen = [f for f in named(found.problem, found, held) if f.key in shown] if shown else []
         return replace(
@@ -67,7 +67,7 @@ def weigh(
         findings.append(
             shape_finding(found.problem, found.accepted, sigma, correction, correction.gain)
         )
-    shared = _shared([*findings, *told], first, held, sigma)
+    shared = _shared([*findings, *in_part], first, held, sigma)
     return Weighed(shared, found.problem, found.accepted, first, held)
 
 

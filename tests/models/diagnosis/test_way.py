@@ -5,7 +5,7 @@ import pytest
 
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.data.way import (
-    can_be_told,
+    can_be_distinguished,
     hardly_turns,
     one_loop_alone,
     stands_still,
@@ -34,7 +34,7 @@ def test_turns_are_counted(drive: Floats, expected: int) -> None:
 
 
 def told(data: Data) -> set[str]:
-    return {c.key for c in library(data) if can_be_told(c, data)}
+    return {c.key for c in library(data) if can_be_distinguished(c, data)}
 
 
 def test_one_triangle_tells_lines_and_what_moves_by_itself_alone() -> None:

@@ -116,7 +116,7 @@ def test_it_has_an_experiment_and_blocks_that_a_model_file_takes(name: str, plai
     for block in blocks:
         check_block(block, "v", "um")
     assert {b.kind for b in blocks} >= {k.name for k in physics.kinds}, "a kind without example"
-    assert {rival for p in PHYSICS.values() for rival in p.told_from} <= {
+    assert {rival for p in PHYSICS.values() for rival in p.distinguished_by} <= {
         p.name for p in PHYSICS.values()
     }
 

@@ -363,7 +363,7 @@ CHANGES = [
         Change(
             "any-phase-is-written",
             "models/physics/hum.py",
-            "            if abs(mean) < ALIKE * np.sqrt(np.abs(line) ** 2 @ told / count):\n",
+            "            if abs(mean) < ALIKE * np.sqrt(np.abs(line) ** 2 @ counted / count):\n",
             "            if abs(mean) <= 0.0:\n",
             "a line is written whose phase is no other recording's",
         ),

@@ -25,7 +25,7 @@ CHANGES = [
         Change(
             "a-start-is-not-waited-for",
             "daemon/commands/send.py",
-            "        stage.wait_until_started(told=say)\n",
+            "        stage.wait_until_started(on_wait=say)\n",
             "",
             "send is refused while the daemon starts",
         ),
