@@ -55,7 +55,7 @@ def test_quick(tmp_path): assert BusError
 """
 
 
-def test_a_test_that_starts_a_process_is_told_by_what_it_names(tmp_path: Path) -> None:
+def test_a_test_that_starts_a_process_is_reported_by_what_it_names(tmp_path: Path) -> None:
     path = tmp_path / "test_x.py"
     path.write_text(MODULE)
     found = starting(path, frozenset({"bench"}))

@@ -98,8 +98,8 @@ def late_replies(dialect: Dialect, raw: bytes) -> list[ReplyEvent]:
 
 
 def detect_dialect(reply: bytes) -> Dialect | None:
-    """The dialect, from everything that came back after an empty line; None if it cannot be
-    told. The empty line earns an error: "!" or "CMD_NOT_DEFINED>"."""
+    """The dialect, from everything that came back after an empty line; None if it is not
+    clear. The empty line earns an error: "!" or "CMD_NOT_DEFINED>"."""
     text = reply.replace(b"\0", b"").strip(b"\r\n")
     return next((dialect for dialect in Dialect if dialect.framing.recognises(text)), None)
 

@@ -44,7 +44,7 @@ def test_not_judged_is_77_and_never_all_held() -> None:
     assert "not judged  no cyclictest" in bars.table()
 
 
-def test_a_busy_machine_is_told_by_its_load(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_busy_machine_is_reported_by_its_load(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
     monkeypatch.setattr("os.getloadavg", lambda: (0.9, 0.0, 0.0))
     assert too_busy() == ""

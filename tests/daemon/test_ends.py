@@ -30,7 +30,7 @@ def test_what_was_begun_is_done_and_the_exit_status_is_as_given() -> None:
     assert done.stdout.splitlines() == ["before", "a thread that was waited for", "at exit"]
 
 
-def test_an_exception_is_told_and_no_success() -> None:
+def test_an_exception_is_reported_and_no_success() -> None:
     program = "from dehyst.daemon.interrupts import LightEnd; LightEnd(); 1 / 0"
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=30, check=False

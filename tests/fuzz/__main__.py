@@ -81,18 +81,18 @@ class Case:
     def tell(self, path: Path) -> None:
         """Leave the counts for the parent."""
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-        told = {
+        reported = {
             "inputs": self.inputs, "accepted": self.accepted, "findings": self.findings,
             "slowest_s": self.slowest_s, "peak_mb": peak, "engine": self.engine,
         }  # fmt: skip
         part = path.with_suffix(".part")
-        part.write_text(json.dumps(told))
+        part.write_text(json.dumps(reported))
         os.replace(part, path)
 
     engine = "mutations"
 
 
-def child(name: str, seconds: float, seed: int, told: Path, kept: Path, plain: bool) -> None:
+def child(name: str, seconds: float, seed: int, reported: Path, kept: Path, plain: bool) -> None:
     """Entry of a target's process."""
     from tests.fuzz import targets
 
@@ -114,14 +114,14 @@ def child(name: str, seconds: float, seed: int, told: Path, kept: Path, plain: b
             for _ in range(64):
                 data = mutator.next()
                 mutator.saw(data, case.once(data))
-            case.tell(told)
+            case.tell(reported)
     else:
         case.engine = "atheris"
-        atheris_run(atheris, case, seconds, seed, told)
+        atheris_run(atheris, case, seconds, seed, reported)
     targets.clean_up()
 
 
-def atheris_run(atheris: Any, case: Case, seconds: float, seed: int, told: Path) -> None:
+def atheris_run(atheris: Any, case: Case, seconds: float, seed: int, reported: Path) -> None:
     """Coverage-guided; ends the process."""
     import gc
 
@@ -131,11 +131,11 @@ def atheris_run(atheris: Any, case: Case, seconds: float, seed: int, told: Path)
         if module.startswith("dehyst.") or module in ("tomllib._parser", "msgpack"):
             function.__code__ = atheris.instrument_func(function).__code__
             count += 1
-    corpus = told.parent / f"corpus-{case.name}"
+    corpus = reported.parent / f"corpus-{case.name}"
     corpus.mkdir(exist_ok=True)
     for i, data in enumerate(case.target.seeds):
         (corpus / f"seed{i}").write_bytes(data)
-    words = told.parent / f"{case.name}.words"
+    words = reported.parent / f"{case.name}.words"
     lines = ["".join(f"\\x{b:02x}" for b in w) for w in case.target.words if len(w) < 60]
     words.write_text("".join(f'"{line}"\n' for line in lines))
 
@@ -145,7 +145,7 @@ def atheris_run(atheris: Any, case: Case, seconds: float, seed: int, told: Path)
         nonlocal due
         case.once(data)
         if case.inputs % 256 == 0 or time.monotonic() > due:  # some take half a second each
-            case.tell(told)
+            case.tell(reported)
             due = time.monotonic() + 1.0
 
     options = [
@@ -160,10 +160,10 @@ def atheris_run(atheris: Any, case: Case, seconds: float, seed: int, told: Path)
 
 
 def one_target(name: str, seconds: float, o: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """Run a target's process; what it told. A crash of the process is a finding too."""
-    told = folder / f"{name}.json"
+    """Run a target's process; what it reported. A crash of the process is a finding too."""
+    reported = folder / f"{name}.json"
     command = [sys.executable, "-m", "tests.fuzz", "--child", name, "--for", str(seconds)]
-    command += ["--seed", str(o.seed), "--told", str(told), "--kept", str(o.kept)]
+    command += ["--seed", str(o.seed), "--reported", str(reported), "--kept", str(o.kept)]
     command += ["--plain"] if o.plain else []
     process = subprocess.Popen(
         command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
@@ -175,7 +175,9 @@ def one_target(name: str, seconds: float, o: argparse.Namespace, folder: Path) -
         process.kill()
         _, said = process.communicate()
         said += "\nhangs"
-    result: dict[str, Any] = json.loads(told.read_text()) if told.exists() else {"findings": {}}
+    result: dict[str, Any] = (
+        json.loads(reported.read_text()) if reported.exists() else {"findings": {}}
+    )
     if process.returncode != 0:
         result["findings"][f"process ended with {process.returncode}"] = said[-500:]
     elif not result.get("inputs"):
@@ -196,10 +198,10 @@ def main() -> int:
     parser.add_argument("--kept", type=Path, default=ROOT / "out" / "fuzz")
     parser.add_argument("--again", type=Path, help="run this input alone")
     parser.add_argument("--child", help=argparse.SUPPRESS)
-    parser.add_argument("--told", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--reported", type=Path, help=argparse.SUPPRESS)
     o = parser.parse_args()
     if o.child:
-        child(o.child, o.seconds, o.seed, o.told, o.kept, o.plain)
+        child(o.child, o.seconds, o.seed, o.reported, o.kept, o.plain)
         return 0
     from tests.fuzz.targets import clean_up, targets
 

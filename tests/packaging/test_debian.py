@@ -131,12 +131,12 @@ def test_the_commands_of_its_units_run(target: Path, tmp_path: Path) -> None:
     they compile little. The loop runs in the demonstration of `make release`."""
     (target / "etc/dehyst/stage.toml").write_text(CONFIG.format(port=free_port()))
     (target / "etc/dehyst/stage.model.toml").write_text(model_text())
-    folder, told = str(tmp_path / "run"), str(tmp_path / "told")
+    folder, reported = str(tmp_path / "run"), str(tmp_path / "reported")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
-        manager.bind(told)
+        manager.bind(reported)
         manager.settimeout(200.0)
         words = commands(target, "dehyst-gateway", "ExecStart")
-        gateway = run(target, words, RUNTIME_DIRECTORY=folder, NOTIFY_SOCKET=told)
+        gateway = run(target, words, RUNTIME_DIRECTORY=folder, NOTIFY_SOCKET=reported)
         try:
             while b"READY=1" not in manager.recv(4096):
                 assert gateway.poll() is None

@@ -67,7 +67,7 @@ class Heard:
     run: int = 0
     bad: int = 0
     ages_ms: list[float] = field(default_factory=list)
-    told: dict[tuple[str, int], int] = field(default_factory=dict)
+    reported: dict[tuple[str, int], int] = field(default_factory=dict)
     """When each status (by the samples published before it) and event (by its time) came."""
 
     def take(self, arrived_ns: int, subject: str, payload: bytes) -> None:
@@ -77,9 +77,11 @@ class Heard:
                 self._samples(arrived_ns, encoding.decode(TelemetryBatch, payload))
             elif subject == "status":
                 published = encoding.decode(Status, payload).gateway.samples_published
-                self.told.setdefault((subject, published), arrived_ns)
+                self.reported.setdefault((subject, published), arrived_ns)
             elif subject == "event":
-                self.told.setdefault((subject, encoding.decode(Event, payload).time_ns), arrived_ns)
+                self.reported.setdefault(
+                    (subject, encoding.decode(Event, payload).time_ns), arrived_ns
+                )
         except encoding.BadMessage:
             self.bad += 1
 
@@ -218,7 +220,7 @@ class Result:
     samples: int
     """Expected at the subscribers, all together."""
     lost: int
-    told: int
+    reported: int
     """Statuses and events, each as often as it should have been heard."""
     untold: int
     """Those that somebody missed."""
@@ -369,12 +371,13 @@ def run(
                 worker.kill()
             lab.close()
     expected = listeners + sum(count - 1 for name in hears.values() if name == "*")
-    told, untold = compare(accounts, begun_ns, ended_ns)
+    reported, untold = compare(accounts, begun_ns, ended_ns)
     ages = np.concatenate([np.asarray(h.ages_ms) for h in accounts.values()])
     return Result(
         samples=sum(h.samples + h.lost for h in accounts.values()),
         lost=sum(h.lost for h in accounts.values()) + 10**9 * (expected - len(accounts)),
-        told=told, untold=untold, put=mover.put, asked=mover.asked, lost_commands=lost_commands,
+        reported=reported, untold=untold, put=mover.put, asked=mover.asked,
+        lost_commands=lost_commands,
         unanswered=mover.unanswered, overwritten=sum(s.gateway.samples_lost for s in statuses),
         missed=sum(s.missed for s in statuses), bad=sum(h.bad for h in accounts.values()),
         age_ms=tuple(np.percentile(ages, [50, 99, 100]).tolist()), cpu=cpu, memory=memory,
@@ -394,18 +397,18 @@ def compare(
     """(how often statuses and events should have been heard, how often somebody missed one): all
     subscribers of a controller against each other; what first came at a time between these, and
     after the first that the subscriber itself heard."""
-    told = untold = 0
+    reported = untold = 0
     by_name: dict[str, list[Heard]] = defaultdict(list)
     for (_, name), heard in accounts.items():
         by_name[name].append(heard)
     for group in by_name.values():
         first: dict[tuple[str, int], int] = {}
         for heard in group:
-            for what, arrived_ns in heard.told.items():
+            for what, arrived_ns in heard.reported.items():
                 first[what] = min(arrived_ns, first.get(what, arrived_ns))
         for heard in group:
-            since_ns = max(begun_ns, min(heard.told.values(), default=begun_ns))
+            since_ns = max(begun_ns, min(heard.reported.values(), default=begun_ns))
             due = {what for what, at in first.items() if since_ns < at < ended_ns}
-            told += len(due)
-            untold += len(due - heard.told.keys())
-    return told, untold
+            reported += len(due)
+            untold += len(due - heard.reported.keys())
+    return reported, untold

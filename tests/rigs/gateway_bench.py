@@ -206,7 +206,7 @@ def started_bench(folder: Path, **replaced: str) -> Iterator[Bench]:
 
 def wait_until_heard(feed: StatusFeed) -> None:
     """Until the daemon knows all that the feed listens to, which it does by its second status: what
-    is told once before is lost."""
+    is reported once before is lost."""
     wait_until("a status is heard", lambda: feed.status is not None)
     first_ns = feed.status_at_ns
     wait_until("another one", lambda: feed.status_at_ns > first_ns)
@@ -228,11 +228,11 @@ def observer_only_hears(operator: Client, observer: Client) -> tuple[TelemetrySt
     operator.put(4.0)
     targets: set[float] = set()
 
-    def told() -> bool:
+    def reported() -> bool:
         targets.update(stream.read(0.1)["target"].tolist())
         return 4.0 in targets and feed.status is not None
 
-    wait_until("the observer hears of it", told)
+    wait_until("the observer hears of it", reported)
     assert observer.history(0.2).size > 10
     assert observer.doctor() == ()
     observer.patience_s = 0.0

@@ -122,7 +122,7 @@ class Browser:
             self.said[said["kind"]] = said
 
     def texts(self) -> list[str]:
-        """What this person was told."""
+        """What this person was reported."""
         return [said["text"] for said in self.heard if said["kind"] == "said"]
 
     def events(self) -> list[dict[str, Any]]:

@@ -100,7 +100,7 @@ def random_case(seed: int) -> tuple[Model, Floats, float, float, str, int]:
 
 
 def known_ahead(starving: int, samples: int, wide: int) -> Ints:
-    """(N,) how many targets each sample is told, from its own on."""
+    """(N,) how many targets each sample is reported, from its own on."""
     at = np.arange(samples)
     known = np.minimum(wide, samples - at)
     if starving == DROUGHT:

@@ -43,7 +43,7 @@ def staircase() -> Floats:
 @dataclass
 class Scan:
     """Of each pass: std and mean of the true error [nm], what the learning said, largest step of
-    the voltage; and whatever the loop told."""
+    the voltage; and whatever the loop reported."""
 
     std_nm: list[float] = field(default_factory=list)
     mean_nm: list[float] = field(default_factory=list)

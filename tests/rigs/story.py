@@ -62,8 +62,8 @@ class Told:
 
 @dataclass
 class OfflineStory:
-    """One stage that follows the demo's pattern all the time. tamper: what the loop is told of each
-    reading; events: all that the watch told. Use with `with`."""
+    """One stage that follows the demo's pattern all the time. tamper: what the loop gets in place
+    of each reading; events: all that the watch reported. Use with `with`."""
 
     folder: Path
     model: Model

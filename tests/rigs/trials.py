@@ -132,7 +132,7 @@ class TrialRig:
 
     @property
     def clock_ns(self) -> int:
-        """As the trial is told: the samples' time, from when it was put to work."""
+        """As the trial is reported: the samples' time, from when it was put to work."""
         return self._zero_ns + round((self.now_s - self.begun_s) * clock.NS)
 
     def go_on(self, motion: Motion, played: bool = False) -> None:

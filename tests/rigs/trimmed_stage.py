@@ -31,7 +31,7 @@ trim = {{enabled = {trim}}}
 """
 
 Tamper = Callable[["TrimmedStage", float], float]
-"""(rig, reading) -> what the loop is told; may change the stage too."""
+"""(rig, reading) -> what the loop is reported; may change the stage too."""
 
 
 class TrimmedStage:

@@ -84,8 +84,8 @@ def measured(config: Path, axes: str, seconds: float) -> dict[str, np.ndarray]:
         time.sleep(2.5)  # warm, and there
         begun_ns = time.monotonic_ns()
         time.sleep(seconds)
-        told = {axis: ring.read("telemetry") for axis, ring in rings.items()}
-    return {axis: records[records["scheduled_ns"] > begun_ns] for axis, records in told.items()}
+        reported = {axis: ring.read("telemetry") for axis, ring in rings.items()}
+    return {axis: records[records["scheduled_ns"] > begun_ns] for axis, records in reported.items()}
 
 
 def sustained(
@@ -104,9 +104,9 @@ def sustained(
     raise RuntimeError(f"no rate is accepted, down to {rate:g} Hz")
 
 
-def judge(axes: str, loop: str, rate: float, told: dict[str, np.ndarray], bars: Bars) -> float:
+def judge(axes: str, loop: str, rate: float, reported: dict[str, np.ndarray], bars: Bars) -> float:
     """One row; the median time from wake-up to the end of the last write [us]."""
-    records = told[axes[0]]
+    records = reported[axes[0]]
     wake_us = (records["actual_ns"] - records["scheduled_ns"]) * 1e-3
     p50, p99, p999 = np.quantile(wake_us, [0.5, 0.99, 0.999])
     exec50, exec99 = np.quantile(records["exec_us"], [0.5, 0.99])
@@ -144,8 +144,8 @@ def main() -> int:
             folder.mkdir()
             save_model(model(), folder / "model.toml")
             config = simulated(folder, axes, args.rate, args.cpu)
-            told = measured(config, axes, min(args.seconds, 12.0))
-            took["compiled"][len(axes)] = judge(axes, "compiled", args.rate, told, bars)
+            reported = measured(config, axes, min(args.seconds, 12.0))
+            took["compiled"][len(axes)] = judge(axes, "compiled", args.rate, reported, bars)
         for axes in ("x", "xy", "xyz") if args.serial != "0" else ():
             folder = Path(name) / f"serial-{axes}"
             folder.mkdir()
@@ -153,14 +153,14 @@ def main() -> int:
             bench = EmulatedBench(folder, "--axes", "3")
             try:
                 if args.serial == "auto":
-                    rate, told = sustained(folder, axes, args.cpu, bench, args.seconds)
+                    rate, reported = sustained(folder, axes, args.cpu, bench, args.seconds)
                 else:
                     rate = float(args.serial)
                     config = emulated(folder, axes, rate, args.cpu, bench)
-                    told = measured(config, axes, args.seconds)
+                    reported = measured(config, axes, args.seconds)
             finally:
                 bench.close()
-            took["serial"][len(axes)] = judge(axes, "serial", rate, told, bars)
+            took["serial"][len(axes)] = judge(axes, "serial", rate, reported, bars)
     for loop, by_axes in took.items():
         if len(by_axes) == 3:
             print(f"{loop}: {(by_axes[3] - by_axes[1]) / 2:.1f} us an axis more")

@@ -131,7 +131,7 @@ def models(plain: Model, passes: int, bars: Bars) -> None:
 
 
 def tampers() -> dict[str, tuple[Callable[[int], Tamper | None], str]]:
-    """Name: what goes wrong in a pass, and a word that must be told."""
+    """Name: what goes wrong in a pass, and a word that must be said."""
     kept: dict[str, float] = {}
 
     def stuck(rig: TrimmedStage, reading: float) -> float:
@@ -186,15 +186,17 @@ def faults(model: Model, learn: bool, bars: Bars) -> None:
     for fault, (one, word) in cases.items():
         name = f"{what}, {fault}"
         before, after = max(one.std_nm[FAULT_AT - 3 : FAULT_AT]), one.std_nm[FAULT_AT + 3 :]
-        told = [t for t in (*one.events, *one.said[FAULT_AT : FAULT_AT + 3]) if word and word in t]
+        reported = [
+            t for t in (*one.events, *one.said[FAULT_AT : FAULT_AT + 3]) if word and word in t
+        ]
         worst = max(one.std_nm[FAULT_AT:])
         text = f"before {before:.1f}, worst {worst:.1f}, then {max(after):.1f} nm"
-        print(f"{name:40s} {text}: {told[:1]}")
+        print(f"{name:40s} {text}: {reported[:1]}")
         bars.most(f"{name}: level after three passes", max(after), 1.2 * before + 0.5, "nm")
         bars.most(f"{name}: largest step", max(one.step_v), SLEW * PERIOD_S * (1 + 1e-9), "V")
         bars.most(f"{name}: correction", max(one.correction_um), 1.75, "um")
         if word:
-            bars.least(f"{name}: told", len(told), 1)
+            bars.least(f"{name}: reported", len(reported), 1)
         if "drift" not in name:
             bars.most(f"{name}: mean then", max(map(abs, one.mean_nm[-3:])), MEAN_NM, "nm")
 

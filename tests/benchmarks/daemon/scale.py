@@ -43,7 +43,7 @@ def main() -> int:
         f"telemetry   {r.samples} samples due at the subscribers, {r.lost} lost, {r.overwritten} "
         f"overwritten before a gateway read them, {r.bad} messages not readable"
     )
-    print(f"status and events {r.told} due, {r.untold} missed")
+    print(f"status and events {r.reported} due, {r.untold} missed")
     print(f"set-points  {r.put} put, {r.asked} asked, {r.lost_commands} did not arrive, "
           f"{r.unanswered} without an answer")  # fmt: skip
     print(

@@ -38,7 +38,7 @@ LEAST_OF_TEN = 1
 
 
 def quiet(_text: str) -> None:
-    """No story is told."""
+    """The story is not printed."""
 
 
 def choose_seeds(count: int, first: int) -> list[int]:

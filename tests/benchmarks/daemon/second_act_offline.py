@@ -66,11 +66,11 @@ def _examine(story: OfflineStory, facts: dict[str, Any], appeared_s: float) -> N
     began = time.monotonic()
     found = story.examine(folder)
     facts["examined_s"] = time.monotonic() - began
-    told = Story(drawn=facts["drawn"])
+    reported = Story(drawn=facts["drawn"])
     facts["says"], facts["verdict"] = found.says, found.verdict
     facts["named"] = [e.name for e in found.effects]
     facts["shares"] = [e.share for e in found.effects]
-    facts["named_right"] = told.says_right(found.effects)
+    facts["named_right"] = reported.says_right(found.effects)
     story.wait(DOCTOR_S)
     facts["rms_um"]["during"] = story.rms(appeared_s + 1.0, story.now_s)
     if found.tested is None:

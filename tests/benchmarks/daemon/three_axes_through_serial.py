@@ -213,11 +213,11 @@ def main() -> int:
         finally:
             bench.close()
     for figure in FIGURES:
-        told = "; ".join(
+        reported = "; ".join(
             f"{kind} {r[figure].path:.0f}, z {r[figure].still:.1f}, {r[figure].talk:.1f}"
             for kind, r in found.items()
         )
-        print(f"{figure}: error of the path, of z which stands, cross-talk on z, nm: {told}")
+        print(f"{figure}: error of the path, of z which stands, cross-talk on z, nm: {reported}")
         gain = found["compensated"][figure].talk / found["coupled"][figure].talk
         if busy and not gain >= LEAST_GAIN:
             bars.cannot(f"{figure}: cross-talk, without over with: {gain:.1f}", busy)

@@ -86,7 +86,7 @@ def test_an_empty_answer_misses_what_is_to_be_named() -> None:
     assert bars_of(rows).code == 1
     for name in ("single effect named first", "two or three effects: all named", "shape named"):
         assert held[name] is False
-    assert held["outside the library: told"] is False
+    assert held["outside the library: reported"] is False
     assert held["no effect: no physics named"] is True  # saying nothing is no false alarm
 
 
@@ -159,7 +159,7 @@ def test_a_resistor_before_a_current_limit_is_a_lag_and_a_bare_limit_has_none() 
     assert wrong(bad("single", True, (hidden("slew", rate=100.0),), said))
 
 
-def test_what_cannot_be_told_is_not_asked_for_and_is_not_spurious() -> None:
+def test_what_cannot_be_distinguished_is_not_asked_for_and_is_not_spurious() -> None:
     there = (hidden("creep", left=0.8),)
     assert not wrong(bad("single", True, there, []))
     assert not wrong(bad("single", True, there, [effect("creep")]))

@@ -1,5 +1,5 @@
 """Whose lag is it? A lag before the hysteresis is compensated, one behind it is the sensor's and is
-not: the side must be told right, or be said to be in doubt.
+not: the side must be reported right, or be said to be in doubt.
 
     python -m tests.benchmarks.models.whose_lag [--from SEED] [--lags MS ...] [--stage plane]
 
@@ -110,11 +110,12 @@ def judge(stage: str, side: str, ms: float, first: int) -> list[Told]:
     out = []
     for number, (drive, noise) in enumerate(product(DRIVES, NOISES_UM)):
         seed = first + number
-        told = read(identify([record(stage, drive, side, 1e-3 * ms, noise, seed)]))
-        out.append(told)
+        reported = read(identify([record(stage, drive, side, 1e-3 * ms, noise, seed)]))
+        out.append(reported)
         print(
             f"  {ms:4g} ms of the {side:6} {drive:14} {1e3 * noise:3.0f} nm: "
-            f"{1e3 * told.delay_s:6.2f} ms, {told.words}{', in doubt' if told.doubt else ''}",
+            f"{1e3 * reported.delay_s:6.2f} ms, {reported.words}"
+            f"{', in doubt' if reported.doubt else ''}",
             flush=True,
         )
     return out

@@ -155,7 +155,7 @@ def test_nothing_is_lost_between_two_daemons_and_four_subscribers() -> None:
     result = controllers.run(2, 4, 4.0)
     assert result.samples > 4 * 100
     assert (result.lost, result.bad, result.overwritten) == (0, 0, 0)
-    assert result.told >= 3
+    assert result.reported >= 3
     assert result.untold == 0
     assert result.put > 30
     assert (result.lost_commands, result.unanswered) == (0, 0)

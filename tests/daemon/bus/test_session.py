@@ -55,8 +55,8 @@ def test_publish_ask_and_see_who_is_there(address: str) -> None:
                 "it is there", lambda: client.alive("lab/@v1/*/alive") == ["lab/@v1/a/alive"]
             )
             # asked short, an answer may be dropped where the link's queue of two is full
-            told = list(client.ask("lab/@v1/a/rpc/x", b"three", long=True))
-            assert told == [b"one", b"two", b"three"]
+            reported = list(client.ask("lab/@v1/a/rpc/x", b"three", long=True))
+            assert reported == [b"one", b"two", b"three"]
             with pytest.raises(BusError, match="not today"):
                 list(client.ask("lab/@v1/a/rpc/no"))
             with pytest.raises(BusError, match="nobody answers"):

@@ -23,7 +23,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
         yield bench
 
 
-def test_a_client_of_the_older_keys_is_told_in_words(bench: Bench) -> None:
+def test_a_client_of_the_older_keys_is_reported_in_words(bench: Bench) -> None:
     """What the client of 0.1.0 does: it finds the token, asks for the status, shows the error."""
     with Bus.connect([bench.address]) as bus:
         assert list(bus.alive("dehyst/@v0/*/alive")) == ["dehyst/@v0/bench/alive"]

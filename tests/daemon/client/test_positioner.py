@@ -162,14 +162,14 @@ def test_bluesky_runs_a_scan_and_a_flight(stage: Positioner) -> None:
     device = Stage("stage", stage, average_s=0.05)
     for protocol in (Readable, Movable, Triggerable, Flyable, Stoppable):
         assert isinstance(device, protocol), protocol
-    engine, told = RunEngine({}), []
-    engine.subscribe(lambda name, document: told.append((name, document)))
+    engine, reported = RunEngine({}), []
+    engine.subscribe(lambda name, document: reported.append((name, document)))
     engine(plans.scan([device], device, 3.0, 7.0, 5))
-    events = [document["data"] for name, document in told if name == "event"]
+    events = [document["data"] for name, document in reported if name == "event"]
     assert [event["stage_setpoint"] for event in events] == [3.0, 4.0, 5.0, 6.0, 7.0]
     # feed-forward and a trim that has just begun: near, and in order
     assert np.allclose([event["stage"] for event in events], [3, 4, 5, 6, 7], atol=0.5)
-    described = next(document for name, document in told if name == "descriptor")
+    described = next(document for name, document in reported if name == "descriptor")
     assert described["data_keys"]["stage"]["units"] == "um"
     assert described["hints"]["stage"] == {"fields": ["stage"]}
     assert described["configuration"]["stage"]["data"]["stage_period_s"] == pytest.approx(0.005)
@@ -183,16 +183,16 @@ def test_bluesky_runs_a_scan_and_a_flight(stage: Positioner) -> None:
         yield from do.complete(device, wait=True)
         yield from do.collect(device)
 
-    told.clear()
+    reported.clear()
     engine(fly())
-    (page,) = [document for name, document in told if name == "event_page"]
+    (page,) = [document for name, document in reported if name == "event_page"]
     assert {"stage", "stage_setpoint", "stage_drive", "stage_predicted"} == set(page["data"])
     assert {len(column) for column in page["data"].values()} == {200}
     at_s = np.array(page["timestamps"]["stage"])
     assert np.allclose(np.diff(at_s), 0.005, atol=1e-6)
-    assert next(d for n, d in told if n == "stop")["exit_status"] == "success"
+    assert next(d for n, d in reported if n == "stop")["exit_status"] == "success"
 
-    told.clear()
+    reported.clear()
     with pytest.raises(Exception, match=r"failed: the daemon refuses: .* cannot be reached"):
         engine(plans.scan([device], device, 3.0, 90.0, 3))
     with pytest.raises(BadInput, match="prepare"):

@@ -62,8 +62,8 @@ class Loop:
 
     def __init__(self, start_ns: int = 77_000_000) -> None:
         self.learner = Learner(TARGET, PERIOD_NS * 1e-9, 0.02, 1.5)
-        self.told: list[Outcome] = []
-        self.taker = LessonTaker(self.learner, TARGET, TARGET, PERIOD_NS, self.told.append)
+        self.reported: list[Outcome] = []
+        self.taker = LessonTaker(self.learner, TARGET, TARGET, PERIOD_NS, self.reported.append)
         self.points = Repeated(T, TARGET, 0, self.taker.correct)
         self.rng, self.start_ns, self.sent, self.played = np.random.default_rng(3), start_ns, 0, 0
         self.learned = np.zeros(0)
@@ -93,11 +93,11 @@ class Loop:
 def test_the_error_falls_while_points_are_sent_ahead() -> None:
     loop = Loop()
     loop.go(2.0)
-    assert not loop.told  # when the trajectory began is not known yet
+    assert not loop.reported  # when the trajectory began is not known yet
     loop.taker.start_ns = loop.start_ns
     loop.go(18.0)
-    assert len(loop.told) == 20
-    assert loop.told[0].rms == pytest.approx(loop.repeats.std(), rel=0.1)
+    assert len(loop.reported) == 20
+    assert loop.reported[0].rms == pytest.approx(loop.repeats.std(), rel=0.1)
     left = loop.repeats + loop.learned[loop.played - N : loop.played]
     assert left.std() < 0.1 * loop.repeats.std()
 
@@ -111,20 +111,20 @@ def test_corrections_are_faded_in_and_never_step() -> None:
     assert smooth.max() < 2.0 * own + 0.02
 
 
-def test_a_pass_with_missed_samples_is_told_and_not_learned_from() -> None:
+def test_a_pass_with_missed_samples_is_reported_and_not_learned_from() -> None:
     loop = Loop()
     loop.taker.start_ns = loop.start_ns
     loop.go(5.0)
     loop.go(1.0, spoil=1)
     loop.go(1.0)
-    spoiled = [one for one in loop.told if not one.learned and one.number > 1]
+    spoiled = [one for one in loop.reported if not one.learned and one.number > 1]
     assert len(spoiled) == 1
     assert "10 of 200 samples" in spoiled[0].says
 
 
 def test_where_the_loop_held_it_is_not_learned_at_the_wrong_places() -> None:
     """A group stands still where one of its axes starves: everything comes later from there on,
-    and is told of only after some passes."""
+    and is reported of only after some passes."""
     loop = Loop()
     loop.taker.start_ns = loop.start_ns
     loop.go(5.0)
@@ -132,7 +132,7 @@ def test_where_the_loop_held_it_is_not_learned_at_the_wrong_places() -> None:
     loop.go(2.5)
     loop.taker.start_ns = loop.start_ns
     loop.go(8.5)
-    assert [one.number for one in loop.told if not one.learned] == [1, 6, 7, 8]
+    assert [one.number for one in loop.reported if not one.learned] == [1, 6, 7, 8]
     left = loop.repeats + loop.learned[loop.played - N : loop.played]
     assert left.std() < 0.15 * loop.repeats.std()
 
@@ -150,7 +150,7 @@ def test_a_slow_gauge_is_learned_from_too() -> None:
 
     loop.taker.add = held  # type: ignore[method-assign]
     loop.go(20.0)
-    assert all(one.learned for one in loop.told[1:])
+    assert all(one.learned for one in loop.reported[1:])
     left = loop.repeats + loop.learned[loop.played - N : loop.played]
     assert left.std() < 0.25 * loop.repeats.std()
 

@@ -126,7 +126,7 @@ def test_simulate_says_which_samples_its_error_is_over(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], turns: tuple[float, ...], start: str
 ) -> None:
     """A stage that was driven before stands elsewhere at first: the model is led through what fits;
-    where nothing does, the error is also told for what no longer depends on it."""
+    where nothing does, the error is also reported for what no longer depends on it."""
     h = shipped("paper-eq11").hysteresis
     assert 2 * h.r.max() == pytest.approx(9.844)  # so much travel, and the start is forgotten
     t = np.arange(3000) * 1e-3

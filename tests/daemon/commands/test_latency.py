@@ -113,7 +113,7 @@ def test_without_a_rate_it_is_what_the_devices_leave_room_for() -> None:
     assert _default_hz({}) == 1000.0
 
 
-def test_misses_that_a_witness_explains_are_told_apart() -> None:
+def test_misses_that_a_witness_explains_are_distinguished() -> None:
     made = LatencyOutcome(Setup(), 1000, 9, {"stall": 4, "driver_io": 3, "steal": 2})
     assert made.excused == 6
 

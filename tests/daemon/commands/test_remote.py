@@ -164,11 +164,11 @@ def test_status_is_one_screen_and_its_exit_status_says_whether_to_look(bench: Be
     assert len(out.splitlines()) <= 24
     assert "core: the loop's process is running" in out  # it happened before anybody listened
     code, out, _ = run("status", "--json", bench=bench)
-    told = json.loads(out)
-    assert (code, told["ok"], told["attention"]) == (0, True, [])
-    assert told["status"]["name"] == "bench"
-    assert "play operators" in told["model"]
-    assert [e["text"] for e in told["events"]]
+    reported = json.loads(out)
+    assert (code, reported["ok"], reported["attention"]) == (0, True, [])
+    assert reported["status"]["name"] == "bench"
+    assert "play operators" in reported["model"]
+    assert [e["text"] for e in reported["events"]]
     bench.loop.close()
     wait_until("the gateway misses the loop", lambda: not bench.clients[0].status().core_alive)
     code, out, _ = run("status", bench=bench)

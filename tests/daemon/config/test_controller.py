@@ -145,10 +145,10 @@ def test_check_tells_of_every_axis(tmp_path: Path, capsys: pytest.CaptureFixture
         text += f"[axis.{axis}]\nactuator = {{{{{device}}}}}\nsensor = {{{{{device}}}}}\n"
     path = wrote(tmp_path, text)
     assert main(["run", "--check", str(path)]) == 0
-    told = capsys.readouterr()
+    reported = capsys.readouterr()
     for axis in "xy":
-        assert f"axis {axis}: ok. Set-points from" in told.err
-        assert f'"stage-1-{axis}"' in told.out
+        assert f"axis {axis}: ok. Set-points from" in reported.err
+        assert f'"stage-1-{axis}"' in reported.out
     path = wrote(tmp_path, text + "limits = {max_v = 1e5}\n".replace("{", "{{").replace("}", "}}"))
     assert main(["run", "--check", str(path)]) == 2
     assert "axis y: limits" in capsys.readouterr().err

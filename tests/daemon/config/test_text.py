@@ -40,11 +40,11 @@ def test_every_comment_that_is_a_key_is_its_default() -> None:
     plain = parse_config(write_commented(GIVEN))
     text = re.sub(r"^# (\w+ = .*)$", r"\1", write_commented(GIVEN), flags=re.MULTILINE)
     text = text.replace("driver = ...\n", 'driver = "simulated"\n')
-    told = tomllib.loads(text)
+    reported = tomllib.loads(text)
     for name in ("loop", "safe", "setpoint", "inverse", "trim", "telemetry", "watch"):
         expected = msgspec.to_builtins(getattr(plain, name))
         shown = {k: v for k, v in expected.items() if v is not None}
-        assert {k: told[name][k] for k in shown} == shown, name
+        assert {k: reported[name][k] for k in shown} == shown, name
 
 
 def test_every_key_has_a_row_and_most_have_a_sentence() -> None:

@@ -88,7 +88,7 @@ def test_a_recorded_setpoint_is_worth_nothing_under_the_next_lease(gate: Gate) -
     assert gate.setpoint(99, lease=old_lease).code == "no-lease"
 
 
-def test_the_other_client_is_told_who_commands_until_the_lease_ends(gate: Gate) -> None:
+def test_the_other_client_is_reported_who_commands_until_the_lease_ends(gate: Gate) -> None:
     assert gate.setpoint(0).ok
     refused = gate.request(2, "acquire")
     assert refused.code == "lease-taken"

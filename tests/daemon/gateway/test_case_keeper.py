@@ -65,8 +65,8 @@ def test_a_change_becomes_a_case_with_the_last_good_recording_and_what_came_late
 ) -> None:
     save_model(model(), tmp_path / "model.toml")
     config = parse_config(f'run_dir = "{tmp_path}"\n{CONFIG}{MORE}')
-    history, told = TelemetryHistory(60_000), []
-    watch = MismatchWatch(config, history, lambda level, code, text: told.append(text))
+    history, reported = TelemetryHistory(60_000), []
+    watch = MismatchWatch(config, history, lambda level, code, text: reported.append(text))
     watch.model_path = tmp_path / "model.toml"
     records = telemetry()
     for part in np.array_split(records, 1100):
@@ -101,6 +101,6 @@ def test_a_change_becomes_a_case_with_the_last_good_recording_and_what_came_late
     assert np.ptp(flagged.t_s) <= 2.1
     assert 2.9 <= np.ptp(later.t_s) <= 3.1
     assert folder.with_suffix(".csv").exists()
-    assert any("recording kept" in text for text in told)
+    assert any("recording kept" in text for text in reported)
     cases.drop_case(folder.with_suffix(".csv"))
     assert not folder.exists()

@@ -115,7 +115,7 @@ def test_whatever_is_put_or_asked_the_gateway_goes_on(shared: Bench) -> None:
             assert encoding.decode(messages.Reply, answer).code == "bad-message"
             with pytest.raises(BusError, match="refused"):
                 list(raw.ask(client.keys.rpc("history"), payload + b"\x01"))
-        wait_until("all are told", lambda: {r.code for r in feed.rejections} >= {"no-lease"})
+        wait_until("all have come", lambda: {r.code for r in feed.rejections} >= {"no-lease"})
     client.send(2.0)
     rejected = client.status().gateway.rejected
     assert rejected["bad-message"] >= 5 + 6
@@ -155,7 +155,7 @@ def test_a_flood_neither_stops_telemetry_nor_a_stop(shared: Bench) -> None:
     assert other.status().core_alive
 
 
-def test_one_commands_and_the_other_is_told(shared: Bench) -> None:
+def test_one_commands_and_the_other_is_reported(shared: Bench) -> None:
     first, second = shared.client("the first"), shared.client("the second")
     first.send(2.0)
     with pytest.raises(Refusal, match="the first commands") as refused:
@@ -312,7 +312,7 @@ def test_a_subscriber_that_stands_still_holds_nobody_up(shared: Bench) -> None:
         slow.wait(10)
 
 
-def test_sigterm_ends_it_and_systemd_is_told(
+def test_sigterm_ends_it_and_systemd_is_reported(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench.kill_gateway(signal.SIGINT)

@@ -117,7 +117,7 @@ def test_what_has_become_impossible_meanwhile_is_seen_at_the_start(start: Start)
     assert start.passed == {"x": 0, "y": 0, "z": 0}
 
 
-def test_whose_first_points_do_not_come_is_told(start: Start) -> None:
+def test_whose_first_points_do_not_come_is_reported(start: Start) -> None:
     start.chunk("x")
     start.chunk("y")
     start.pass_s(2.1)

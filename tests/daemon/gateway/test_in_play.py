@@ -78,7 +78,7 @@ def test_a_new_trajectory_and_a_set_point_are_judged_by_the_reach_of_now(gate: G
     assert gate.setpoint(0, 4.0).code == "unreachable"
 
 
-def test_who_allows_the_unreachable_is_not_told(gate: Gate, said: Said) -> None:
+def test_who_allows_the_unreachable_is_not_reported(gate: Gate, said: Said) -> None:
     assert gate.chunk(**wave(0, 4.0, allow_unreachable=True)).ok
     gate.gate.core.reachable = (-3.0, 3.0)
     assert gate.chunk(**wave(1, 4.0, allow_unreachable=True)).text == ""

@@ -65,7 +65,7 @@ def test_each_axis_has_its_own_name_and_says_whose_it_is(stage: AxesBench, kinds
     assert np.isnan(group["y"].history(0.1)["target"]).all()
 
 
-def test_who_asks_for_no_axis_is_told_which_there_are(stage: AxesBench, kinds: Kinds) -> None:
+def test_who_asks_for_no_axis_is_reported_which_there_are(stage: AxesBench, kinds: Kinds) -> None:
     with pytest.raises(BusError, match="stage-1-x, stage-1-y, stage-1-z; name one"):
         Client(None, stage.address)
     with pytest.raises(BusError, match="no axis w; it has: x, y, z"):

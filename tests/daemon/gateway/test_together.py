@@ -1,4 +1,4 @@
-"""Leases and stops of several axes at once, on a simulated clock: all or none, and who is told."""
+"""Leases and stops of several axes at once, on a simulated clock: all or none, with the reason."""
 
 import itertools
 

@@ -45,10 +45,10 @@ def telemetry(first: int, seconds: float, stuck: bool) -> np.ndarray:
 
 def test_a_stuck_gauge_is_distrusted_and_trusted_again(tmp_path: Path) -> None:
     save_model(model(), tmp_path / "model.toml")
-    config, told = parse_config(CONFIG), []
+    config, reported = parse_config(CONFIG), []
     watch = MismatchWatch(config, TelemetryHistory(10_000), lambda *_: None)
     watch.model_path = tmp_path / "model.toml"
-    watch.trust = told.append
+    watch.trust = reported.append
     at = 0
     for seconds, stuck in ((6.0, False), (6.0, True), (30.0, False)):
         records = telemetry(at, seconds, stuck)
@@ -56,7 +56,7 @@ def test_a_stuck_gauge_is_distrusted_and_trusted_again(tmp_path: Path) -> None:
         for part in np.array_split(records, 20):
             watch.add(1, part, 0.0)
         watch.run(Endless(watch))  # type: ignore[arg-type]
-    assert told == [True, False, True]
+    assert reported == [True, False, True]
 
 
 def test_a_zero_that_was_moved_on_purpose_is_no_mismatch(tmp_path: Path) -> None:
@@ -79,13 +79,13 @@ def test_a_zero_that_was_moved_on_purpose_is_no_mismatch(tmp_path: Path) -> None
 
 def test_another_run_of_the_loop_begins_with_trust(tmp_path: Path) -> None:
     save_model(model(), tmp_path / "model.toml")
-    told: list[bool] = []
+    reported: list[bool] = []
     watch = MismatchWatch(parse_config(CONFIG), TelemetryHistory(10_000), lambda *_: None)
-    watch.model_path, watch.trust = tmp_path / "model.toml", told.append
+    watch.model_path, watch.trust = tmp_path / "model.toml", reported.append
     for number in (1, 2):
         watch.add(number, telemetry(0, 1.0, False), 0.0)
         watch.run(Endless(watch))  # type: ignore[arg-type]
-    assert told == [True, True]
+    assert reported == [True, True]
 
 
 def test_the_record_for_the_loop() -> None:

@@ -147,7 +147,7 @@ def test_another_unit_after_a_refused_reload_and_a_death(pair: Pair) -> None:
         check(client, "nm")
 
 
-def test_a_reload_is_told_with_its_model(pair: Pair) -> None:
+def test_a_reload_is_reported_with_its_model(pair: Pair) -> None:
     pair.start("core")
     pair.start("gateway")
     with pair.client() as client:

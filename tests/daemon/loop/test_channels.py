@@ -116,7 +116,7 @@ um_per_mv = 0.001
         rings.drive(9.0, lambda _: np.ptp(rings.read("telemetry")["volts"][-50:]) == 0.0)
         volts = rings.read("telemetry")["volts"]
         set_to(folder, "broken\n")
-        until(lambda: "last value stays" in rings.events(), 20, "the failure is told")
+        until(lambda: "last value stays" in rings.events(), 20, "the failure is reported")
         after = rings.drive(9.0, lambda last: last["target"] == 9.0)["volts"]
     drift_um = PER_K_UM * (25.0 - REFERENCE_C)
     path = np.concatenate([[0.0], volts])

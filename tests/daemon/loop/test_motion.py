@@ -153,7 +153,7 @@ def test_a_release_ramps_at_once_also_where_nobody_commands() -> None:
 
 
 def test_a_new_model_brings_its_own_origin() -> None:
-    """Another origin, the same stage: what is told of the stage is shifted by it."""
+    """Another origin, the same stage: what is reported of the stage is shifted by it."""
     bench = Bench()
     bench.tick((Command.SETPOINT, 4.0), n=500)
     fresh = compensator(model())

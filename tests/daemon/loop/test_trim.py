@@ -108,7 +108,7 @@ def test_another_model_lets_go_of_the_trim_in_a_glide() -> None:
 
 
 @pytest.mark.parametrize("bad", [math.nan, 500.0])
-def test_a_bad_reading_freezes_is_flagged_and_told(bad: float) -> None:
+def test_a_bad_reading_freezes_is_flagged_and_reported(bad: float) -> None:
     bench = Trimmed()
     for _ in range(20):
         bench.tick((Command.SETPOINT, 4.0), n=100)
@@ -158,7 +158,7 @@ def test_a_learned_correction_moves_the_stage_and_not_the_target() -> None:
 
 
 @pytest.mark.parametrize(("asked", "taken"), [(1.5, 1.0), (-7e9, -1.0), (math.nan, 0.0)])
-def test_a_learned_correction_beyond_its_bound_is_held_there_and_told(
+def test_a_learned_correction_beyond_its_bound_is_held_there_and_reported(
     asked: float, taken: float
 ) -> None:
     bench = Trimmed(on=False)

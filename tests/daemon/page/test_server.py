@@ -116,7 +116,7 @@ def test_a_set_point_is_kept_and_a_stop_stops(shared: Bench, shared_page: PagePr
     begun, begun_s = shared.loop.seq, time.time()
     wait_until("three times the stale time", lambda: shared.loop.seq > begun + 600)
     assert followed(shared, 5.0)
-    browser.until("told so", lambda: any("going to 5 um" in text for text in browser.texts()))
+    browser.until("it is said", lambda: any("going to 5 um" in text for text in browser.texts()))
     label = browser.until(
         "who commands", lambda: browser.said["status"]["status"]["gateway"]["lease_label"]
     )
@@ -127,10 +127,10 @@ def test_a_set_point_is_kept_and_a_stop_stops(shared: Bench, shared_page: PagePr
     wait_until("it stays so", lambda: shared.loop.seq > begun + 300)
     assert shared.loop.state is State.READY
 
-    def told() -> bool:  # events of tests before it are older
+    def reported() -> bool:  # events of tests before it are older
         return any(e["code"] == "holding" and e["wall_s"] > begun_s for e in browser.events())
 
-    browser.until("the event", told)
+    browser.until("the event", reported)
     browser.close()
 
 
@@ -188,7 +188,7 @@ def test_what_is_not_understood_is_said_and_nothing_else_happens(
     browser, begun = looking(still_page), still_bench.loop.commands.size
     for number, text in enumerate(NONSENSE, 1):
         browser.socket.send(text)
-        browser.until("told so", lambda n=number: len(browser.texts()) == n)  # type: ignore[misc]
+        browser.until("it is said", lambda n=number: len(browser.texts()) == n)  # type: ignore[misc]
     assert set(still_bench.loop.commands["kind"][begun:]) <= {Command.TRUST}
     browser.ask("stop")  # it goes on
     browser.until("stopped", lambda: "stopped" in browser.texts()[-1])
@@ -237,7 +237,7 @@ def test_a_killed_gateway_and_a_killed_page_come_back(bench: Bench, page: PagePr
     browser = looking(page)
     wait_until("it is heard", lambda: exposed(page).get(f"dehyst_up{{{HERE}}}") == 1.0)
     bench.kill_gateway()
-    browser.until("silence is told", lambda: browser.said["status"]["silent_s"] > 2.0)
+    browser.until("silence is reported", lambda: browser.said["status"]["silent_s"] > 2.0)
     wait_until("it is missed", lambda: exposed(page)[f"dehyst_up{{{HERE}}}"] == 0.0)
     bench.start_gateway()
     browser.until("it speaks again", lambda: browser.said["status"]["silent_s"] < 1.0)
@@ -361,9 +361,9 @@ def test_with_passwords_nothing_without_one_and_an_observer_cannot_command(
         for ask in ({"ask": "stop"}, {"ask": "go", "value": 4, "seconds": 1},
                     {"ask": "hold", "seconds": 1}, {"ask": "play", "job": "1"},
                     {"ask": "decide", "action": "accept", "offer": "1"}):  # fmt: skip
-            told = len(observer.texts())
+            reported = len(observer.texts())
             observer.socket.send(json.dumps(ask))
-            observer.until("refused", lambda n=told: len(observer.texts()) > n)  # type: ignore[misc]
+            observer.until("refused", lambda n=reported: len(observer.texts()) > n)  # type: ignore[misc]
             assert "observer may look" in observer.texts()[-1]
         later = shared.loop.commands["kind"][begun:]
         assert set(later) <= {Command.TRUST}  # the mismatch watch's own

@@ -221,7 +221,7 @@ def test_a_jump_in_the_error_does_not_hide_the_bands() -> None:
     assert axes.get_ylim()[1] < 1e6
 
 
-def test_the_close_looks_show_the_same_second_and_are_told_apart() -> None:
+def test_the_close_looks_show_the_same_second_and_are_distinguished() -> None:
     looks = list_close_looks(pattern_story())
     panels = [Figure().subplots() for _ in looks]
     assert [draw(axes)[:20] for draw, axes in zip(looks, panels, strict=True)] == [

@@ -143,5 +143,5 @@ def test_units_are_written_for_people():
         (0.00893, "1/decade", "0.00893 1/decade"),
     ],
 )
-def test_sizes_are_told_in_a_unit_that_suits_them(value, unit, text):
+def test_sizes_are_reported_in_a_unit_that_suits_them(value, unit, text):
     assert spell_size(value, unit) == text

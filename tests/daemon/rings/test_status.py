@@ -65,8 +65,8 @@ def record() -> np.void:
 
 
 def message() -> Status:
-    told = status_message(record(), "stage", 9, True, GATEWAY)
-    return msgspec.structs.replace(told, software="0.1.0")
+    reported = status_message(record(), "stage", 9, True, GATEWAY)
+    return msgspec.structs.replace(reported, software="0.1.0")
 
 
 def test_every_field_of_version_0_1_is_in_the_record_as_it_was() -> None:

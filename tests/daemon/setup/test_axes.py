@@ -156,7 +156,7 @@ def test_one_file_says_what_is_for_all_axes_and_what_is_an_axis_own(tmp_path: Pa
 
 
 @pytest.mark.timing
-def test_the_gauge_readers_are_told_apart_by_what_moves_them(tmp_path: Path) -> None:
+def test_the_gauge_readers_are_distinguished_by_what_moves_them(tmp_path: Path) -> None:
     """`dehyst setup --axes 3` until the gentle loops, on ports in another order."""
     bench = EmulatedBench(tmp_path, "--axes", "3")
     try:

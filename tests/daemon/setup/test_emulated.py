@@ -59,7 +59,7 @@ def test_it_tracks_ten_times_better_than_the_linear_gain(done: Any) -> None:
     assert result["validate"]["share_of_span"] < 0.01
 
 
-def test_the_units_were_told_apart_whatever_their_order(done: Any) -> None:
+def test_the_units_were_distinguished_whatever_their_order(done: Any) -> None:
     folder, _, out, _ = done
     units = json.loads(out)["units"]
     assert units["actuator"]["port"].endswith("mdt693b")

@@ -1,4 +1,4 @@
-"""Compiling is told: what for, how far, how long. numba compiles something here."""
+"""Compiling is reported: what for, how far, how long. numba compiles something here."""
 
 import io
 import math

@@ -122,7 +122,7 @@ def test_what_cannot_work_is_refused_and_nothing_is_written(
 
 
 @pytest.mark.processes
-def test_what_the_kernel_refuses_is_told_and_the_output_stays(tmp_path: Path) -> None:
+def test_what_the_kernel_refuses_is_reported_and_the_output_stays(tmp_path: Path) -> None:
     kept = KernelFile()
     try:
         folder = device(tmp_path / "d", out_voltage0_scale="1")

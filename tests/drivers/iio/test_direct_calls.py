@@ -201,8 +201,8 @@ def test_a_device_that_goes_is_a_fault_in_the_loop_and_comes_back(
     take_away(folder)
     records = rig.play([setpoint(9.0)], 60, compiled)[60:]
     assert records["flags"][0] & (Flag.WRITE_FAILED | Flag.SENSOR_INVALID)
-    told = [str(event["text"]) for event in rig.rings["event"].read(0)[0]]
-    assert any("DeviceGone" in text for text in told), told
+    reported = [str(event["text"]) for event in rig.rings["event"].read(0)[0]]
+    assert any("DeviceGone" in text for text in reported), reported
     put_back(folder)
     end_s = time.monotonic() + 20.0
     while not rig.monitor.numbers[PLACE["sensor_ok"]]:

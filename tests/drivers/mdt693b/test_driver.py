@@ -323,7 +323,7 @@ def test_wrong_serial_number_is_refused(bench):
 
 
 @BOTH
-def test_a_hang_is_told_not_queued_and_survived(bench, dialect):
+def test_a_hang_is_reported_not_queued_and_survived(bench, dialect):
     with bench(dialect=dialect) as (emulator, driver):
         driver.write(30.0)
         emulator.fault(hang=True)
@@ -397,7 +397,9 @@ LATE_ERRORS = [("1.05", b"!"), ("1.10", b"CMD_NOT_DEFINED>"), ("1.10", b"CMD_ARG
 
 
 @pytest.mark.parametrize(("dialect", "error"), LATE_ERRORS)
-def test_a_refusal_after_the_acknowledgement_is_told_and_nothing_is_written(bench, dialect, error):
+def test_a_refusal_after_the_acknowledgement_is_reported_and_nothing_is_written(
+    bench, dialect, error
+):
     with bench(dialect=dialect) as (emulator, driver):
         driver.write(30.0)
         emulator.inject(error)
@@ -407,7 +409,7 @@ def test_a_refusal_after_the_acknowledgement_is_told_and_nothing_is_written(benc
             driver.write(31.0)
         assert emulator.unit.sets_done == sets
         assert driver.output() == 30.0
-        driver.write(32.0)  # told once
+        driver.write(32.0)  # it is reported once
         assert driver.output() == 32.0
         assert emulator.output_v() == pytest.approx(32.0, abs=2e-3)
 
@@ -456,7 +458,7 @@ def test_garbage_and_half_replies(bench, dialect, fault):
         assert driver.readback() == pytest.approx(32.2, abs=0.1)
 
 
-def test_a_refused_set_is_told_and_leaves_the_link_in_step(bench):
+def test_a_refused_set_is_reported_and_leaves_the_link_in_step(bench):
     for dialect, error in (("1.05", b"!"), ("1.10", b"CMD_ARG_INVALID"), ("1.10", b"!")):
         with bench(dialect=dialect, range_error=error) as (emulator, driver):
             driver.write(30.0)
@@ -558,7 +560,7 @@ def test_a_readback_that_disagrees_is_reported_by_readback_alone(bench):
         assert driver.readback() == pytest.approx(29.2, abs=0.1)
 
 
-def test_a_silent_port_and_a_babbling_one_are_told(bench):
+def test_a_silent_port_and_a_babbling_one_are_reported(bench):
     for fault, text in ((b"", "no answer"), (b"login: ", "no reply of an MDT693B")):
         with bench() as (emulator, driver):
             driver.close()

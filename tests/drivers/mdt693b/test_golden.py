@@ -150,5 +150,5 @@ def test_values(dialect, command, raw, value):
         (b"login: ", None),
     ],
 )
-def test_the_dialect_is_told_by_the_answer_to_an_empty_line(raw, dialect):
+def test_the_dialect_is_reported_by_the_answer_to_an_empty_line(raw, dialect):
     assert detect_dialect(raw) is dialect

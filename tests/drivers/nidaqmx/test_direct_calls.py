@@ -173,7 +173,7 @@ def test_both_loops_give_the_same_records(
 
 @LOOPS
 @pytest.mark.parametrize(("status", "kind"), [(-200284, "DeviceTimeout"), (-200324, "DeviceGone")])
-def test_a_failing_call_in_the_loop_is_told_by_its_kind_and_the_output_stays(
+def test_a_failing_call_in_the_loop_is_reported_by_its_kind_and_the_output_stays(
     standin: Standin, compiled: bool, status: int, kind: str
 ) -> None:
     rig = Rig(next(names), devices=opened())
@@ -186,8 +186,8 @@ def test_a_failing_call_in_the_loop_is_told_by_its_kind_and_the_output_stays(
     assert State(records["state"][-1]) is State.FAULT
     assert standin.device.output_v == held
     assert held > 0.0
-    told = [str(event["text"]) for event in rig.rings["event"].read(0)[0]]
-    assert any(kind in text and str(status) in text for text in told), told
+    reported = [str(event["text"]) for event in rig.rings["event"].read(0)[0]]
+    assert any(kind in text and str(status) in text for text in reported), reported
 
 
 @LOOPS

@@ -32,7 +32,7 @@ def alone(name: str, new: float, place: str = "stage", left: float = 0.0) -> Wei
     return WeighedCause(Cause(name, place, "", Model(plain, Validity(0.0, 1.0), tag)), left, new)
 
 
-def test_what_is_new_is_told_first() -> None:
+def test_what_is_new_is_reported_first() -> None:
     found = [F(name) for name in ("unknown", "shape", "creep", "rate", "lag")]
     causes = [alone("lag", 0.04), alone("creep", 0.01)]
     for least, expected in (
@@ -61,7 +61,7 @@ def test_the_gauge_has_changed_where_nothing_else_does_as_well() -> None:
     assert not is_of_sensor(F("lag", place="drive"), causes, 0.0004)  # type: ignore[arg-type]
 
 
-def test_what_was_named_is_offered_else_what_it_cannot_be_told_from() -> None:
+def test_what_was_named_is_offered_else_what_it_cannot_be_distinguished_from() -> None:
     causes = [
         alone("rate", 0.05), alone("lag", 0.045, "sensor"), alone("lag", 0.04, "drive"),
         alone("creep", 0.01), alone("delay", -0.01),
@@ -84,9 +84,9 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
     assert find_one_change(found, causes, LEFT) is mode  # type: ignore[arg-type]
     tied = [F("lag", near=("resonance",)), *found[1:]]  # it could be one, and does worse
     assert find_one_change(tied, causes, LEFT) is mode  # type: ignore[arg-type]
-    told = tell_one_change(mode, causes, LEFT)
-    assert (told.name, told.place, told.ambiguous_with) == ("resonance", "stage", ())
-    assert told.share == pytest.approx(0.158 / (0.40**2 - 0.03**2))
+    reported = tell_one_change(mode, causes, LEFT)
+    assert (reported.name, reported.place, reported.ambiguous_with) == ("resonance", "stage", ())
+    assert reported.share == pytest.approx(0.158 / (0.40**2 - 0.03**2))
     near = tell_one_change(mode, [*causes, alone("delay", 0.1575, left=0.051)], LEFT)
     assert near.ambiguous_with == ("delay",)
 

@@ -1,4 +1,4 @@
-"""The drive between its samples, and what is told where it is seen in few places of its path."""
+"""The drive between its samples, and what is reported where few places of its path are seen."""
 
 import numpy as np
 import pytest
@@ -92,7 +92,7 @@ def test_places_are_counted_by_the_way_to_them_and_from_them() -> None:
     assert places_seen(prepare([recorded(other, 50.0)])) > 1000
 
 
-def test_what_comes_late_is_told_once_where_the_drive_is_seen_in_few_places() -> None:
+def test_what_comes_late_is_reported_once_where_the_drive_is_seen_in_few_places() -> None:
     """A delay, a lag and a slew limit take each other's rest there."""
     data = path_of(sines(fine_time(50.0)), 50.0)
     problem = Problem(data, compact_base(data))
@@ -104,7 +104,7 @@ def test_what_comes_late_is_told_once_where_the_drive_is_seen_in_few_places() ->
     assert not [c.name for c in then if c.late]
 
 
-def test_creep_is_told_where_the_drive_is_seen_in_few_places() -> None:
+def test_creep_is_reported_where_the_drive_is_seen_in_few_places() -> None:
     """It shows from one period to the next: 3 % of a move a decade, by convolution."""
     rate = 50.0
     t = np.arange(40 * 8 * int(rate)) / (8 * rate)
@@ -124,20 +124,20 @@ def test_creep_is_told_where_the_drive_is_seen_in_few_places() -> None:
 
 def test_one_recording_of_ten_places_says_that_it_cannot_tell_what_is_late() -> None:
     """A delay of less than half a sample is one more hysteresis there: no limit excludes it. One by
-    which the stage moves against its drive is told."""
+    which the stage moves against its drive is reported."""
     t = fine_time(50.0)
     d = diagnose([recorded(sines(t), 50.0, 0, 0.006)])
     assert any("cannot be found here" in said for said in d.data.says)
     excluded = {x.name: x.value for x in d.would_have_seen}
     assert all(excluded.get(name) is None for name in ("delay", "lag", "slew"))
     assert not [f.name for f in d.findings if f.name not in ("shape", "unknown")]
-    told = diagnose_without_limits([recorded(sines(t), 50.0, 0, 0.03)])
-    assert told.findings[0].name == "delay"
-    assert not any("cannot be found here" in said for said in told.data.says)
+    reported = diagnose_without_limits([recorded(sines(t), 50.0, 0, 0.03)])
+    assert reported.findings[0].name == "delay"
+    assert not any("cannot be found here" in said for said in reported.data.says)
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.012, 0.026])
-def test_a_delay_is_told_where_a_drive_is_seen_in_ten_places(late_s: float) -> None:
+def test_a_delay_is_reported_where_a_drive_is_seen_in_ten_places(late_s: float) -> None:
     """A base with a column for each place explains any delay; a hysteresis that turns with its
     drive does not."""
     rate = 50.0

@@ -104,7 +104,7 @@ def test_a_reading_that_is_noise_is_not_clean() -> None:
     assert names(d) == {"unknown"}
 
 
-def test_a_butterfly_is_told() -> None:
+def test_a_butterfly_is_reported() -> None:
     """Strain goes with the square of a polarisation that switches late."""
     t = np.arange(N) * DT
     u = 10 * np.sin(2 * np.pi * 0.5 * t)
@@ -139,14 +139,14 @@ def test_a_stage_that_runs_back_at_its_turns_is_no_butterfly() -> None:
     assert comes_back(prepare([Recording(t, late, curve, name="butterfly.csv")]))
 
 
-def test_a_stage_without_hysteresis_is_told_and_a_narrow_loop_is_none_of_these() -> None:
+def test_a_stage_without_hysteresis_is_reported_and_a_narrow_loop_is_none_of_these() -> None:
     t = np.arange(N) * DT
     u = 5 + 3 * np.sin(2 * np.pi * 0.5 * t) + 2 * np.sin(2 * np.pi * 1.7 * t)
     noise = 0.01 * np.random.default_rng(5).standard_normal(N)
     play = np.zeros(N)
     for i in range(1, N):
         play[i] = min(max(play[i - 1], u[i] - 1.5), u[i] + 1.5)
-    for width, told in ((0.0, True), (0.03, False)):
+    for width, reported in ((0.0, True), (0.03, False)):
         y = 0.9 * u + 0.01 * u**2 + width * play + noise
         d = diagnose_without_limits([Recording(t, u, y)])
-        assert any("no hysteresis shows" in s for s in d.data.says) is told
+        assert any("no hysteresis shows" in s for s in d.data.says) is reported

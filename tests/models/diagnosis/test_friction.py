@@ -49,13 +49,13 @@ def test_bristles_are_those_of_small_steps(viscous_s: float) -> None:
 
 
 @pytest.mark.parametrize("law", [running_back, viscous])
-def test_friction_on_a_stage_that_runs_back_at_its_turns_is_told(law: object) -> None:
+def test_friction_on_a_stage_that_runs_back_at_its_turns_is_reported(law: object) -> None:
     d = diagnosed(law)
-    told = [f for f in d.findings if f.name != "shape"]
-    assert [f.name for f in told] == ["friction"]
+    reported = [f for f in d.findings if f.name != "shape"]
+    assert [f.name for f in reported] == ["friction"]
     before, after = d.before_after
     assert after < 0.5 * before
-    assert told[0].parameters["stribeck_um_per_s"].value == pytest.approx(40.0, rel=0.5)
+    assert reported[0].parameters["stribeck_um_per_s"].value == pytest.approx(40.0, rel=0.5)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,5 @@
-"""An effect that begins, or grows, within a recording is told with its time; one that is there all
-the time has none."""
+"""An effect that begins, or grows, within a recording is reported with its time; one that is there
+all the time has none."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def neighbour(k: int) -> Floats:
         (coupled_more_from_then_on, "coupling", "It grows at"),
     ],
 )
-def test_what_grows_is_told_with_its_time(stage: object, name: str, words: str) -> None:
+def test_what_grows_is_reported_with_its_time(stage: object, name: str, words: str) -> None:
     given = []
     for k in range(2):
         noise = NOISE_UM * np.random.default_rng(k).standard_normal(N)
@@ -63,7 +63,7 @@ def test_what_is_there_all_the_time_has_no_time() -> None:
     assert {"from_s", "until_s"}.isdisjoint(d.findings[0].where)
 
 
-def test_two_amplitudes_are_told_and_many_are_not() -> None:
+def test_two_amplitudes_are_reported_and_many_are_not() -> None:
     data = prepare(recordings(plain))
     rng = np.random.default_rng(3)
     x = np.where(data.rec == 1, 0.05, 0.0) * np.sin(2 * np.pi * 3.0 * data.t)

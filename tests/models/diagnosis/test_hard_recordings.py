@@ -46,7 +46,7 @@ def two_sines(late_s: float, seed: int) -> Recording:
 
 @pytest.mark.parametrize("late_s", [0.0, 0.03])
 def test_slow_sampling_of_a_stage_with_and_without_a_delay(late_s: float) -> None:
-    # limits are told where nothing was found
+    # limits are reported where nothing was found
     ask = diagnose_without_limits if late_s else diagnose
     d = ask([two_sines(late_s, 1), two_sines(late_s, 2)])
     check_rules(d)
@@ -68,7 +68,7 @@ def test_with_little_noise_what_the_base_leaves_is_no_physics(stage: object) -> 
         u = drive(k)
         y = stage(u) + 1e-3 * np.random.default_rng(k).standard_normal(N)  # type: ignore[operator]
         given.append(Recording(np.arange(N) * DT, u, y, name=f"q{k}.csv"))
-    # limits are told of the one, and judged with more noise of the other
+    # limits are reported of the one, and judged with more noise of the other
     d = diagnose(given) if stage is plain else diagnose_without_limits(given)
     check_rules(d)
     assert {f.name for f in d.findings} <= {"shape", "unknown"}

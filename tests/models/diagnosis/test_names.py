@@ -129,7 +129,7 @@ def test_hidden_effect_is_named_first_and_the_model_predicts(effect: str) -> Non
     given = recordings(effect)
     d = found(effect)
     assert d.verdict == "explained"
-    # the loop of this class is not the plain model's: that is told beside the effect
+    # the loop of this class is not the plain model's: that is reported beside the effect
     assert next(f.name for f in d.findings if f.name != "shape") == effect
     assert 0.9 < sum(f.share for f in d.findings) <= 1.0
     if effect != "hum":  # phases differ between recordings and cannot be predicted
@@ -152,7 +152,7 @@ def foreign() -> Diagnosis:
 
 
 def test_a_stage_of_a_foreign_class_has_another_shape_and_no_physics() -> None:
-    """Bouc-Wen's loop is not the plain model's: that is told, with limits for all the rest."""
+    """Bouc-Wen's loop is not the plain model's: that is reported, with limits for all the rest."""
     d = foreign()
     assert d.verdict == "explained"
     (shape,) = d.findings
@@ -170,7 +170,7 @@ def test_a_stage_of_a_foreign_class_has_another_shape_and_no_physics() -> None:
     assert limits["resonance"].side == "below"
 
 
-def test_interval_holds_the_truth_and_units_are_told() -> None:
+def test_interval_holds_the_truth_and_units_are_reported() -> None:
     coupling = next(f for f in found("coupling").findings if f.name == "coupling")
     gain = coupling.parameters["gain_um_per_unit"]
     assert gain.low < 0.02 < gain.high

@@ -54,13 +54,13 @@ def diagnosed(law: object) -> Diagnosis:
     return diagnose_without_limits(out)
 
 
-def test_loops_that_widen_are_told_as_rate() -> None:
+def test_loops_that_widen_are_reported_as_rate() -> None:
     d = diagnosed(widening)
     assert next(f.name for f in d.findings if f.name != "shape") == "rate"
     assert not {"lag", "delay", "resonance", "friction"} & {f.name for f in d.findings}
 
 
-def test_loops_that_narrow_are_not_told_as_rate() -> None:
+def test_loops_that_narrow_are_not_reported_as_rate() -> None:
     d = diagnosed(fading)
     assert next(f.name for f in d.findings if f.name != "shape") == "friction"
     assert "rate" not in {n for f in d.findings for n in (f.name, *f.ambiguous_with)}

@@ -90,7 +90,7 @@ FILTER = ([1.0], [4e-3, 1.0])
 
 @pytest.mark.parametrize("system", [MODE, FILTER])
 @pytest.mark.parametrize("hold", ["zoh", "foh"])
-def test_what_is_fed_by_steps_is_told_from_what_is_fed_by_straight_lines(
+def test_what_is_fed_by_steps_is_distinguished_from_what_is_fed_by_straight_lines(
     system: tuple[list[float], list[float]], hold: str
 ) -> None:
     t = np.arange(8000) * DT

@@ -128,7 +128,7 @@ def test_the_given_model_is_what_is_diagnosed() -> None:
             assert d.findings[0].parameters["delay_s"].value == pytest.approx(2e-3, rel=0.05)
 
 
-def test_a_model_with_other_numbers_is_told_to_be_identified_again() -> None:
+def test_a_model_with_other_numbers_is_reported_to_be_identified_again() -> None:
     given = recordings(plain)
     own = identify(given, Options(rate=False)).model
     h = own.hysteresis
@@ -141,7 +141,7 @@ def test_a_model_with_other_numbers_is_told_to_be_identified_again() -> None:
     assert d.before_after[1] < 1.1 * NOISE_UM
 
 
-def test_a_model_of_another_stage_is_told_first() -> None:
+def test_a_model_of_another_stage_is_reported_first() -> None:
     given = recordings(maxwell_slip(np.random.default_rng(1)))
     other = Model(
         Hysteresis(r=np.array([0.0, 1.0]), b=np.array([2.4, 0.3]), c=np.array([0.0, 1.0])),

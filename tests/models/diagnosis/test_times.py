@@ -86,7 +86,7 @@ def test_a_harmonic_of_a_drive_that_swells_is_no_line_of_a_part_of_the_time() ->
     assert beside.finding.parameters["frequency_hz"].value == pytest.approx(57.3, abs=0.3)
 
 
-def test_the_time_of_a_slip_and_of_a_change_is_told() -> None:
+def test_the_time_of_a_slip_and_of_a_change_is_reported() -> None:
     data = prepare(recordings(plain))
     noise = NOISE_UM * np.random.default_rng(3).standard_normal(data.n)
     text, places = tell_time(data, noise + 0.1 * ((data.t > 4.2) & (data.rec == 0)), NOISE_UM)

@@ -33,17 +33,17 @@ def test_turns_are_counted(drive: Floats, expected: int) -> None:
     assert hardly_turns(data) == (expected < 3)
 
 
-def told(data: Data) -> set[str]:
+def reported(data: Data) -> set[str]:
     return {c.key for c in library(data) if can_be_distinguished(c, data)}
 
 
 def test_one_triangle_tells_lines_and_what_moves_by_itself_alone() -> None:
-    """Its time is its way: neither a slow change nor a force at the turn is told from the loop."""
+    """Its time is its path: no slow change and no force at the turn stands out from the loop."""
     force = np.exp(-(((T - 20.0) / 2.0) ** 2))
     other = np.sin(2 * np.pi * 0.7 * T)
     data = recorded(TRIANGLE, force_nn=force, u2_v=other)
     assert not stands_still(data)
-    keys = told(data)
+    keys = reported(data)
     assert {"hum", "coupling-u2_v"} <= keys
     assert not {"drift-trend", "creep-earlier", "coupling-force_nn", "creep", "lag-drive"} & keys
 
@@ -51,10 +51,12 @@ def test_one_triangle_tells_lines_and_what_moves_by_itself_alone() -> None:
 def test_a_step_and_a_hold_tell_a_slow_change_too() -> None:
     data = recorded(STEP, temp_c=20.0 + 0.1 * T)
     assert stands_still(data)
-    assert {"drift-trend", "creep-earlier", "drift-temp_c"} <= told(data)
+    assert {"drift-trend", "creep-earlier", "drift-temp_c"} <= reported(data)
 
 
-def test_one_loop_again_and_again_is_told_from_inner_loops_and_from_two_frequencies() -> None:
+def test_one_loop_again_and_again_is_distinguished_from_inner_loops_and_from_two_frequencies() -> (
+    None
+):
     assert one_loop_alone(recorded(SINES))
     fifth = 2.0 * np.sin(2 * np.pi * 0.5 * T)  # inner loops, in the same period
     assert not one_loop_alone(recorded(0.6 * SINES + fifth))

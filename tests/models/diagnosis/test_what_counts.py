@@ -1,4 +1,4 @@
-"""What a cause must show before it is told, with figures that are written down: its price, its
+"""What a cause must show before it is reported, with figures that are written down: its price, its
 least size, that it is the same everywhere; and how small an effect would have been seen."""
 
 from dataclasses import replace
@@ -203,9 +203,10 @@ def left_with(data: Data, y: Floats) -> float:
     return float(np.sqrt(problem_of(replace(data, y=y))[1].null.sse / data.n)) / SIGMA
 
 
-def test_a_limit_is_told_a_little_above_what_is_found() -> None:
-    """Asked first at 0.35 noises for what lies beside the drive and 0.5 for what it causes; told
-    by a factor of 2^0.5, or half of the way from one probe to the next (a factor of 2.15)."""
+def test_a_limit_is_reported_a_little_above_what_is_found() -> None:
+    """Asked first at 0.35 noises for what lies beside the drive and 0.5 for what it causes;
+    what is reported is larger by a factor of 2^0.5, or half of the way from one probe to the next
+    (a factor of 2.15)."""
     data = make()
     quiet = replace(data, y=1.1 * data.u)
     _, state = problem_of(quiet)
@@ -222,7 +223,7 @@ def test_a_limit_is_told_a_little_above_what_is_found() -> None:
     assert left == pytest.approx(0.5 * 2.154**0.5, rel=0.1)
 
 
-def test_a_limit_is_raised_until_the_effect_is_found_and_else_not_told() -> None:
+def test_a_limit_is_raised_until_the_effect_is_found_and_else_not_reported() -> None:
     data = make()
     _, state = problem_of(replace(data, y=1.1 * data.u))
     others = {c.name for c in library(data)} - {"coupling"}
@@ -290,7 +291,7 @@ def test_an_explanation_pays_for_each_of_its_parameters() -> None:
     ("low", "high", "told"),
     [(0.004, 0.09, False), (0.02, 0.09, True), (-0.01, 0.09, True), (-0.09, -0.004, False)],
 )
-def test_a_level_is_told_within_a_factor_of_ten_or_about_zero(
+def test_a_level_is_reported_within_a_factor_of_ten_or_about_zero(
     low: float, high: float, told: bool
 ) -> None:
     clip = next(c for c in library(make()) if c.key == "clip")

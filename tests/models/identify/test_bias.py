@@ -64,7 +64,7 @@ def run_curved_stage(u: Floats) -> Floats:
 
 @pytest.mark.parametrize("low", [20.0, 40.0])
 def test_two_sines_about_a_bias_predict_a_slow_drive(low: float) -> None:
-    """A curve and what the rate does are told nearly alike by two sines: only weighed against each
+    """A curve and what the rate does look nearly alike in two sines: only weighed against each
     other do they predict slower rates."""
     high, t = 100.0 - low, np.arange(N) * T
     lead = np.linspace(0.0, low, 500)

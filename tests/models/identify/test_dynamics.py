@@ -96,7 +96,7 @@ def record_slowly(place: str, tau_s: float, last_hz: float, seconds: float = 12.
 
 
 @pytest.mark.parametrize("place", ["drive", "sensor"])
-def test_the_side_of_a_long_lag_is_told(place: str) -> None:
+def test_the_side_of_a_long_lag_is_reported(place: str) -> None:
     """The structure that was chosen without it puts it at 16 ms."""
     found = identify([record_slowly(place, 0.02, 6.0)])
     (one,) = found.model.blocks
@@ -105,7 +105,7 @@ def test_the_side_of_a_long_lag_is_told(place: str) -> None:
     assert not any("distinguished" in note for note in found.notes)
 
 
-def test_a_side_that_cannot_be_told_is_said() -> None:
+def test_a_side_that_cannot_be_distinguished_is_said() -> None:
     """A lag of less than a sample, of which nobody can say where it is."""
     found = identify([record_slowly("sensor", 0.003, 1.0)])
     assert found.model.blocks[0].place == "drive"

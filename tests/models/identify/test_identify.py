@@ -268,7 +268,7 @@ def test_several_recordings_with_their_own_offsets() -> None:
 
 
 def test_a_single_way_down_and_part_of_the_way_back() -> None:
-    """A stage that came from afar when the recording began: the start is told from the data."""
+    """A stage that came from afar when the recording began: the start is found from the data."""
     truth = Hysteresis(
         r=[0.0, 0.5, 1.0, 2.0, 3.0, 4.0], b=[0.5, 0.1, 0.1, 0.1, 0.1, 0.1], c=[0.0, 1.0]
     )

@@ -68,14 +68,14 @@ def test_a_recording_that_runs_the_other_way_is_named_with_figures() -> None:
     assert "\n" not in str(error.value)
 
 
-def test_a_recording_that_is_a_little_different_is_told_and_not_refused() -> None:
+def test_a_recording_that_is_a_little_different_is_reported_and_not_refused() -> None:
     v = 4 - 4 * np.cos(2 * np.pi * 3 * t)
     noise = 0.05 * np.random.default_rng(4).standard_normal((2, t.size))
     alike = simulate_hysteresis(STAGE, v, T) + noise[0]
-    for gain, told in ((1.0, 0), (1.08, 1)):
+    for gain, reported in ((1.0, 0), (1.08, 1)):
         both = [Recording(t, u, y + noise[1]), Recording(t, v, gain * alike, name="b.csv")]
         notes = identify(both).notes
-        assert sum("less like the others" in note for note in notes) == told
+        assert sum("less like the others" in note for note in notes) == reported
 
 
 def test_a_recording_none_of_whose_rows_counts_is_refused_by_its_name() -> None:

@@ -53,7 +53,7 @@ def recorded(effect: str, exercised: bool, seed: int) -> Recording:
 
 @pytest.mark.parametrize("effect", EFFECTS)
 @pytest.mark.parametrize("seed", [2, 4])
-def test_the_start_is_told_beside_what_depends_on_time(effect: str, seed: int) -> None:
+def test_the_start_is_reported_beside_what_depends_on_time(effect: str, seed: int) -> None:
     for exercised in (False, True):
         setup = set_up([read_rows(recorded(effect, exercised, seed))], monotone=True)
         assert setup.virgin

@@ -89,8 +89,8 @@ def test_a_whole_trajectory_of_steps_is_not_worse_than_the_preview(period_s: flo
     assert errors[0] <= errors[1]
 
 
-@pytest.mark.parametrize("told", [0, 1, 30])
-def test_one_starved_sample_in_a_hundred_does_not_hurt(told: int) -> None:
+@pytest.mark.parametrize("reported", [0, 1, 30])
+def test_one_starved_sample_in_a_hundred_does_not_hurt(reported: int) -> None:
     model = shipped("paper-eq12")
     target = _sine(5, 6, 2.0)
     c = Compensator(model, DT, 0.0, 10.0, 1e4, "preview", 0.1)
@@ -99,7 +99,7 @@ def test_one_starved_sample_in_a_hundred_does_not_hurt(told: int) -> None:
         state, drive = c.init(0.0), np.empty(target.size)
         for i in range(target.size):
             window = target[i : i + c.window_samples]
-            n = told if starves and i % 100 == 57 else window.size
+            n = reported if starves and i % 100 == 57 else window.size
             c.step(state, window, min(n, window.size), np.zeros(0))
             drive[i] = state.drive
             flagged = bool(state.flags & comp.FLAG_STARVED)

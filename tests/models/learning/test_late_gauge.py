@@ -39,40 +39,44 @@ def passes(jitter_s: float, noise: float, count: int = PASSES, seed: int = 1) ->
         yield read + noise * rng.standard_normal(N), true, steps, since
 
 
-def test_what_a_late_gauge_hides_is_told_from_readings_that_are_not_quite_on_time() -> None:
+def test_what_a_late_gauge_hides_is_distinguished_from_readings_that_are_not_quite_on_time() -> (
+    None
+):
     hidden = np.mean([true - read for read, true, _, _ in passes(0.3e-3, 0.0, 60, 2)], axis=0)
     late, begun = LateGauge(TAU), 0
     for read, _, steps, since in passes(0.3e-3, NOISE):
         since = since[:, : late.back].copy()
         since[::20] += 3e-3  # as a loop that was held up by others tells of it
-        told = late.take(read, steps[:, : late.back], since)
+        reported = late.take(read, steps[:, : late.back], since)
         begun += late.anew
     assert hidden.std() > NOISE
-    assert (hidden - told).std() < 0.35 * hidden.std()
+    assert (hidden - reported).std() < 0.35 * hidden.std()
     assert begun == 1
 
 
-def test_nothing_is_told_where_the_times_do_not_differ() -> None:
+def test_nothing_is_reported_where_the_times_do_not_differ() -> None:
     late = LateGauge(TAU)
     for read, _, steps, since in passes(0.0, NOISE):
         assert not late.take(read, steps[:, : late.back], since[:, : late.back]).any()
         assert not late.anew
 
 
-def test_nothing_is_told_of_noise() -> None:
+def test_nothing_is_reported_of_noise() -> None:
     late = LateGauge(TAU)
     rng = np.random.default_rng(4)
     for _, _, steps, since in passes(0.3e-3, 0.0):
-        told = late.take(rng.normal(0.0, NOISE, N), steps[:, : late.back], since[:, : late.back])
-        assert told.std() < 0.2 * NOISE
+        reported = late.take(
+            rng.normal(0.0, NOISE, N), steps[:, : late.back], since[:, : late.back]
+        )
+        assert reported.std() < 0.2 * NOISE
 
 
 def test_a_pass_with_a_gap_tells_nothing_and_the_next_ones_go_on() -> None:
     late, number = LateGauge(TAU), 8
-    told = []
+    reported = []
     for i, (read, _, steps, since) in enumerate(passes(0.3e-3, NOISE)):
         if i == number:
             read[17] = np.nan
-        told.append(late.take(read, steps[:, : late.back], since[:, : late.back]))
-    assert not np.any(told[number])
-    assert np.std(told[-1]) > 0.5 * NOISE
+        reported.append(late.take(read, steps[:, : late.back], since[:, : late.back]))
+    assert not np.any(reported[number])
+    assert np.std(reported[-1]) > 0.5 * NOISE

@@ -189,7 +189,7 @@ def noisy(y: np.ndarray) -> np.ndarray:
         (noisy, "noisier"),
     ],
 )  # fmt: skip
-def test_a_gauge_that_fails_is_told(fault: object, word: str) -> None:
+def test_a_gauge_that_fails_is_reported(fault: object, word: str) -> None:
     y = recording().displacement
     assert y is not None
     assert word in find_gauge_fault(changed(fault(y)), stage(), REACH)  # type: ignore[operator]

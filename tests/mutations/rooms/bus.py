@@ -34,7 +34,7 @@ CHANGES = [
             "daemon/gateway/process.py",
             "                    bus.answer(questions, refuse_older)\n",
             "",
-            "a client of an older version waits and is told nothing",
+            "a client of an older version waits and hears nothing",
         ),
     ),
     *room(

@@ -226,7 +226,7 @@ CHANGES = [
             APT_CODEC,
             "                self.skipped += 1\n",
             "",
-            "a bad line is not told",
+            "a bad line is not reported",
         ),
     ),
     *room(

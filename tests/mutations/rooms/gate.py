@@ -110,7 +110,7 @@ CHANGES = room(
     ),
     Change(
         "beyond-not-reported", GATE, 'self.tell(2, "trajectory", text)', "pass",
-        "nobody is told that a scan is cut off at the new reach",
+        "nobody learns that a scan is cut off at the new reach",
     ),
     Change(
         "state-not-looked-at", VIEW,
@@ -120,7 +120,7 @@ CHANGES = room(
     ),
     Change(
         "dead-loop-accepts", VIEW, "if not self.alive:", "if False:",
-        "clients are told that commands were taken though no loop runs",
+        "clients learn that commands were taken though no loop runs",
     ),
     Change(
         "no-room-for-a-stop", VIEW, "RESERVED * (records > 1)", "0",

@@ -51,7 +51,7 @@ CHANGES = [
             MONOTONE,
             "price = float(np.sqrt(np.mean(",
             "price = 0.5 * float(np.sqrt(np.mean(",
-            "the user is told half of what it costs",
+            "the user sees half of what it costs",
         ),
         Change(
             "price-mean",

@@ -97,37 +97,37 @@ CHANGES = [
         ("tests/models/inverse/test_low_end.py", "tests/models/inverse/test_static.py"),
         Change(
             "static-drive-not-flagged", STATIC, "        flags |= BEYOND_DRIVE\n    return",
-            "        pass\n    return", "an unreachable target is not told",
+            "        pass\n    return", "an unreachable target is not reported",
         ),
         Change(
             "static-low-not-flagged", STATIC, "return v_min, abs(part) >= abs(rest)",
-            "return v_min, True", "a target below the range is not told",
+            "return v_min, True", "a target below the range is not reported",
         ),
         Change(
             "static-high-not-flagged", STATIC, "return v_max, abs(part) >= abs(rest)",
-            "return v_max, True", "a target above the range is not told",
+            "return v_max, True", "a target above the range is not reported",
         ),
         Change(
             "static-low-saturation", STATIC, "if y < min(y_first, y_last) or y >",
-            "if y >", "a target below the saturation is not told",
+            "if y >", "a target below the saturation is not reported",
         ),
         Change(
             "static-high-saturation", STATIC,
             "if y < min(y_first, y_last) or y > max(y_first, y_last):",
-            "if y < min(y_first, y_last):", "a target above the saturation is not told",
+            "if y < min(y_first, y_last):", "a target above the saturation is not reported",
         ),
         Change(
             "low-end-not-flagged", SAMPLE, "at_end = u <= limits.low or u >= limits.high",
-            "at_end = u >= limits.high", "a target below the range is not told",
+            "at_end = u >= limits.high", "a target below the range is not reported",
         ),
         Change(
             "high-end-not-flagged", SAMPLE, "at_end = u <= limits.low or u >= limits.high",
-            "at_end = u <= limits.low", "a target above the range is not told",
+            "at_end = u <= limits.low", "a target above the range is not reported",
         ),
         Change(
             "low-saturation-not-flagged", SAMPLE,
             "if state.target < min(y_a, y_b) or state.target >", "if state.target >",
-            "a target below the saturation is not told",
+            "a target below the saturation is not reported",
         ),
     ),
     *room(

@@ -222,7 +222,7 @@ CHANGES = [
             "    if kind == TRUST:",
             "    if kind == TRUST and takes(c, TARGET):",
             "a gauge is trusted again, or not, only in some states",
-            survives="states that take no target take no trim; after them it is told anew",
+            survives="states that take no target take no trim; after them it is reported anew",
         ),
         Change(
             "frozen-without-a-flag",
@@ -332,7 +332,7 @@ CHANGES = [
     *room(
         ("tests/daemon/gateway/test_trust.py",),
         Change(
-            "trust-is-never-told",
+            "trust-is-never-reported",
             "daemon/gateway/mismatch.py",
             "            self.trust(not wrong)",
             "            self.trust(True)",

@@ -31,7 +31,7 @@ CHANGES = room(
     _tuning("spread-0.5", "least_spread: float = 0.05", "least_spread: float = 0.5",
             "thresholds are too high"),
     _tuning("stuck-10-s", "stuck_s: float = 1.0", "stuck_s: float = 10.0",
-            "a dead sensor is told after ten seconds"),
+            "a dead sensor is reported after ten seconds"),
     _tuning("stuck-anywhere", "stuck_move: float = 10.0", "stuck_move: float = 0.1",
             "a stage at rest counts as a dead sensor"),
     _tuning("motion-at-rest", "motion: float = 0.002", "motion: float = 0.0",

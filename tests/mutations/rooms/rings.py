@@ -12,7 +12,7 @@ CHANGES = room(
     ),
     Change(
         "lost-not-counted", RING, "return out, stop, stop - tail - out.size",
-        "return out, stop, 0", "lost samples are not told",
+        "return out, stop, 0", "lost samples are not reported",
     ),
     Change(
         "any-layout", LAYOUT,

@@ -1,4 +1,4 @@
-"""What keeps a guided set-up from moving a stage further than it was told."""
+"""What keeps a guided set-up from moving a stage further than it was reported."""
 
 from tests.mutations.change import Change, room
 

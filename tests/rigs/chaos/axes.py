@@ -107,19 +107,19 @@ def leases_of_two(rig: AxesRig) -> str:
         for order in (group.acquire, lambda: group.play(t_s, targets), lambda: group.send(
             dict.fromkeys("xyz", 6.0)
         )):  # fmt: skip
-            told: DehystError | None = None
+            reported: DehystError | None = None
             try:
                 order()
             except DehystError as refusal:
-                told = refusal
-            assert isinstance(told, Refusal), told or "all three may be commanded"
-            assert told.code == "lease-taken"
-            assert "mover" in str(told), told
+                reported = refusal
+            assert isinstance(reported, Refusal), reported or "all three may be commanded"
+            assert reported.code == "lease-taken"
+            assert "mover" in str(reported), reported
     assert rig.others["z"].client.status().gateway.lease_client == 0, "the lease of z is held"
     time.sleep(0.5)
     _check_x_undisturbed(rig)
     rig.check_undisturbed("y")
-    return "refused whole, told by whom; z's lease is free, x and y play on"
+    return "refused whole, with the name of who commands; z's lease is free, x and y play on"
 
 
 def knob_of_y(rig: AxesRig) -> str:

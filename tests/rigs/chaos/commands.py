@@ -33,17 +33,17 @@ amplifier's, which shares the processor with the flood."""
 def two_clients(rig: Rig) -> str:
     """two clients that both command"""
     with Client(rig.name, rig.address, label="second") as second:
-        told: Refusal | None = None
+        reported: Refusal | None = None
         try:
             second.send(5.0)
         except Refusal as refusal:
-            told = refusal
-    assert told is not None, "both clients may command"
-    assert told.code == "lease-taken"
-    assert "mover" in str(told)
+            reported = refusal
+    assert reported is not None, "both clients may command"
+    assert reported.code == "lease-taken"
+    assert "mover" in str(reported)
     until(rig.states, 10.0, "telemetry after it")
     assert rig.states() == {State.RUNNING}, "the first one was disturbed"
-    return "the second is told who commands"
+    return "the second learns who commands"
 
 
 @contextmanager

@@ -329,11 +329,11 @@ class Rig:
         return float("nan") if last is None else float(last["target"])
 
     def until_event(self, text: str, seconds: float = 20.0) -> None:
-        """Wait until an event with this text was heard, or the gateway knows of it: what is told
+        """Wait until an event with this text was heard, or the gateway knows of it: what comes
         while a link is made anew is not heard."""
         asked_s = time.monotonic()
 
-        def told() -> bool:
+        def reported() -> bool:
             nonlocal asked_s
             if text in self.events():
                 return True
@@ -342,7 +342,7 @@ class Rig:
             asked_s = time.monotonic()
             return text in self.known_events()
 
-        until(told, seconds, f"event {text!r}; heard: {self.events()!r}")
+        until(reported, seconds, f"event {text!r}; heard: {self.events()!r}")
 
     def until_state(self, state: State, seconds: float = 20.0) -> None:
         """Wait until the loop was in a state since the mark."""
@@ -395,7 +395,7 @@ class Rig:
         output.check_speed(*log, RAMP, 4 * RAMP / RATE_HZ)
 
     def check_held_then_ramped(self, begin_ns: int) -> None:
-        """The loop held after begin, for as long as it is told to, and then ramped."""
+        """The loop held after begin, for as long as it should, and then ramped."""
         samples = self.samples()
         holding = samples["scheduled_ns"][
             (samples["state"] == State.HOLDING) & (samples["scheduled_ns"] >= begin_ns)

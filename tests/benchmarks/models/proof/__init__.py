@@ -1,6 +1,6 @@
 """The diagnosis judged: own stages in other equations than the library's, by seed.
 
-base.py      what a rich base cannot absorb: whether an effect can be told at all
+base.py      what a rich base cannot absorb: whether an effect can be reported at all
 stages.py    from a plan to recordings and their truth
 families.py  the families of cases
 score.py     one answer against one truth

@@ -1,4 +1,4 @@
-"""What a rich base cannot absorb: the judge's own measure of whether an effect can be told at all.
+"""What a rich base cannot absorb: the judge's own measure of whether an effect can be found at all.
 
 The base: 40 plays of the recorded drive with their squares and cubes (which a Preisach stage
 needs), an offset for each recording, and one lag of the stage's own displacement, with the time

@@ -95,7 +95,7 @@ def score(truth: Truth, said: dict[str, Any], rig: Rig) -> dict[str, Any]:
         "spurious": spurious,
         "said": [n for n in names if n != "unknown"],
         "shape": any(n in SHAPES for n in names),
-        "told": said["verdict"] in ("unknown", "partly") or "unknown" in names,
+        "reported": said["verdict"] in ("unknown", "partly") or "unknown" in names,
         "acts_on": [
             e["acts_on"] == h.acts_on for e in effects for h in asked if e["name"] == h.name
         ],

@@ -73,7 +73,8 @@ def bars_of(rows: Iterable[Row]) -> Bars:
     share("two or three effects: all named", several(good), _all, least=0.9)
     share("no effect: no physics named", without(good), _nothing_named, least=1.0)
     share("shape named", shapes(good), lambda r: bool(r["score"]["shape"]), least=0.85)
-    share("outside the library: told", outside(good), lambda r: bool(r["score"]["told"]), least=0.9)
+    reported = lambda r: bool(r["score"]["reported"])  # noqa: E731
+    share("outside the library: reported", outside(good), reported, least=0.9)
     said = [name for r in good for name in r["score"]["said"]]
     spurious = sum(len(r["score"]["spurious"]) for r in good)
     if said:
@@ -120,8 +121,8 @@ def wrong(row: Row) -> list[str]:
         out.append(f"{', '.join(n for n in s['asked'] if n not in s['got'])} not named")
     if row in shapes([row]) and not s["shape"]:
         out.append(f"shape not named where {row['figures']['model']:.1f} noises are left")
-    if row in outside([row]) and not s["told"]:
-        out.append("not told that something is outside the library")
+    if row in outside([row]) and not s["reported"]:
+        out.append("not reported that something is outside the library")
     out += [f"{name} is not there" for name in s["spurious"]]
     out += [
         f"false limit: {x['limit']} ({x['left']:.2f} noises; {x['answer']})"

@@ -47,18 +47,18 @@ def played(
 def test_the_displacement_of_another_axis_is_taken_out_in_the_same_sample(
     compiled: bool, axes: str
 ) -> None:
-    told = played({"x": following("axis.y")}, compiled, axes)
+    reported = played({"x": following("axis.y")}, compiled, axes)
     # y's target one period on is where y will be when this voltage shows
-    there = by_its_drive(told["x"])[:-1] + GAIN * told["y"]["target"][1:]
-    assert np.ptp(told["y"]["target"][BEGUN:]) > 5.0
+    there = by_its_drive(reported["x"])[:-1] + GAIN * reported["y"]["target"][1:]
+    assert np.ptp(reported["y"]["target"][BEGUN:]) > 5.0
     assert np.abs(there[BEGUN:] - 8.0).max() < 1e-6
 
 
 @BOTH
 @pytest.mark.parametrize("axes", ["xy", "yx"])
 def test_the_drive_of_another_axis_is_that_of_the_same_sample(compiled: bool, axes: str) -> None:
-    told = played({"x": following("axis.y.drive", 0.004)}, compiled, axes)
-    there = by_its_drive(told["x"]) + 0.004 * told["y"]["volts"]
+    reported = played({"x": following("axis.y.drive", 0.004)}, compiled, axes)
+    there = by_its_drive(reported["x"]) + 0.004 * reported["y"]["volts"]
     assert np.abs(there[BEGUN:] - 8.0).max() < 1e-6
 
 
@@ -69,30 +69,30 @@ def test_the_other_axis_counts_from_its_models_zero_whatever_its_set_points_do(
     """As in the recording of a gauge: x is at its place, also where y's set-points begin at 5."""
     trio = Trio(next(names), "xy", blocks={"x": following("axis.y")}, origins={"y": 5.0})
     y = group_points(WAVE - 5.0, group=0, last=True) if points else setpoint(3.0)
-    told = trio.play({"x": setpoint(8.0), "y": y}, 90)
-    there = by_its_drive(told["x"])[:-1] + GAIN * (told["y"]["target"][1:] + 5.0)
-    assert np.abs(told["y"]["target"][-1] + 5.0) > 5.0
+    reported = trio.play({"x": setpoint(8.0), "y": y}, 90)
+    there = by_its_drive(reported["x"])[:-1] + GAIN * (reported["y"]["target"][1:] + 5.0)
+    assert np.abs(reported["y"]["target"][-1] + 5.0) > 5.0
     assert np.abs(there[70:] - 8.0).max() < 1e-6
 
 
 @BOTH
 def test_both_directions_at_once(compiled: bool) -> None:
-    told = played({"x": following("axis.y"), "y": following("axis.x", -0.03)}, compiled)
-    x = by_its_drive(told["x"])[:-1] + GAIN * told["y"]["target"][1:]
-    y = by_its_drive(told["y"])[:-1] - 0.03 * told["x"]["target"][1:]
+    reported = played({"x": following("axis.y"), "y": following("axis.x", -0.03)}, compiled)
+    x = by_its_drive(reported["x"])[:-1] + GAIN * reported["y"]["target"][1:]
+    y = by_its_drive(reported["y"])[:-1] - 0.03 * reported["x"]["target"][1:]
     assert np.abs(x[BEGUN:] - 8.0).max() < 1e-6
-    assert np.abs(y - told["y"]["target"][1:])[BEGUN:450].max() < 1e-6
+    assert np.abs(y - reported["y"]["target"][1:])[BEGUN:450].max() < 1e-6
 
 
 @BOTH
 def test_in_a_circle_the_first_takes_the_drive_of_the_sample_before(compiled: bool) -> None:
-    told = played(
+    reported = played(
         {"x": following("axis.y.drive", 0.004), "y": following("axis.x.drive", 0.003)}, compiled
     )
-    x = by_its_drive(told["x"])[1:] + 0.004 * told["y"]["volts"][:-1]
-    y = by_its_drive(told["y"]) + 0.003 * told["x"]["volts"]
+    x = by_its_drive(reported["x"])[1:] + 0.004 * reported["y"]["volts"][:-1]
+    y = by_its_drive(reported["y"]) + 0.003 * reported["x"]["volts"]
     assert np.abs(x[BEGUN:] - 8.0).max() < 1e-6
-    assert np.abs(y[:-1] - told["y"]["target"][1:])[BEGUN:450].max() < 1e-6
+    assert np.abs(y[:-1] - reported["y"]["target"][1:])[BEGUN:450].max() < 1e-6
 
 
 @BOTH
@@ -100,10 +100,10 @@ def test_an_axis_without_a_target_counts_where_its_model_has_it(compiled: bool) 
     trio = Trio(next(names), "xy", blocks={"x": following("axis.y")})
     parts = [trio.play({"x": setpoint(8.0), "y": setpoint(9.0)}, 90, compiled)]
     parts += [trio.play({"x": setpoint(8.0)}, 45, compiled) for _ in range(6)]  # y is stale: ramps
-    told = {a: np.concatenate([part[a] for part in parts]) for a in "xy"}
-    assert np.ptp(told["y"]["volts"]) > 40.0
+    reported = {a: np.concatenate([part[a] for part in parts]) for a in "xy"}
+    assert np.ptp(reported["y"]["volts"]) > 40.0
     used = trio.rigs["x"].stepper.inverse.channels[0]
-    assert used == pytest.approx(told["y"]["predicted"][-1], abs=1e-9)
+    assert used == pytest.approx(reported["y"]["predicted"][-1], abs=1e-9)
     # a sample late, and continuous: x has no step when y loses its target
-    there = by_its_drive(told["x"])[1:-1] + GAIN * told["y"]["predicted"][1:-1]
+    there = by_its_drive(reported["x"])[1:-1] + GAIN * reported["y"]["predicted"][1:-1]
     assert np.abs(there[BEGUN:] - 8.0).max() < 1e-6

@@ -34,10 +34,10 @@ def moving(records: dict[str, np.ndarray], axis: str, ramp: np.ndarray) -> np.nd
 def test_they_start_together_however_far_their_ways_are(compiled: bool) -> None:
     trio = Trio(next(names), "xy")
     # x has 1 um to go (5 ms at 200 um/s), y 9 um (45 ms): x waits at its first point
-    told = trio.play(
+    reported = trio.play(
         {"x": group_points(RAMP_X, last=True), "y": group_points(RAMP_Y, last=True)}, 600, compiled
     )
-    x, y = told["x"]["target"], told["y"]["target"]
+    x, y = reported["x"]["target"], reported["y"]["target"]
     start = int(np.flatnonzero(x > RAMP_X[0] + 1e-9)[0])
     assert start == int(np.flatnonzero((y < RAMP_Y[0] - 1e-9) & (np.arange(600) > 46))[0])
     assert start >= 45
@@ -45,15 +45,15 @@ def test_they_start_together_however_far_their_ways_are(compiled: bool) -> None:
     # from there on each is at its own point of the same time, in every sample
     np.testing.assert_allclose(x[start : start + N - 2], RAMP_X[1:-1], atol=1e-9)
     np.testing.assert_allclose(y[start : start + N - 2], RAMP_Y[1:-1], atol=1e-9)
-    assert (told["x"]["flags"][10 : start - 1] & APPROACH).all()
-    assert not (told["x"]["flags"][start:] & APPROACH).any()
+    assert (reported["x"]["flags"][10 : start - 1] & APPROACH).all()
+    assert not (reported["x"]["flags"][start:] & APPROACH).any()
 
 
 def test_while_one_has_no_points_all_stand_still_and_nothing_jumps() -> None:
     trio = Trio(next(names), "xyz")
     ramp_z = 4.0 + 0.015 * np.arange(N)
     more = {"members": 3}
-    told = [
+    reported = [
         trio.play(
             {
                 "x": group_points(RAMP_X, **more, last=True),
@@ -64,10 +64,10 @@ def test_while_one_has_no_points_all_stand_still_and_nothing_jumps() -> None:
         )
     ]
     # y is dry at its 50th point; it gets points up to the 120th, then to its end
-    told.append(trio.play({"y": group_points(RAMP_Y[50:120], **more, first=50)}, 40))
-    told.append(trio.play({"z": group_points(ramp_z[200:], **more, first=200, last=True)}, 60))
-    told.append(trio.play({"y": group_points(RAMP_Y[120:], **more, first=120, last=True)}, 400))
-    whole = {axis: np.concatenate([part[axis] for part in told]) for axis in "xyz"}
+    reported.append(trio.play({"y": group_points(RAMP_Y[50:120], **more, first=50)}, 40))
+    reported.append(trio.play({"z": group_points(ramp_z[200:], **more, first=200, last=True)}, 60))
+    reported.append(trio.play({"y": group_points(RAMP_Y[120:], **more, first=120, last=True)}, 400))
+    whole = {axis: np.concatenate([part[axis] for part in reported]) for axis in "xyz"}
     start = int(np.flatnonzero(np.diff(whole["x"]["target"]) > 0.005)[5])
     at = [
         moving(whole, axis, ramp)[start:600]
@@ -87,10 +87,12 @@ def test_while_one_has_no_points_all_stand_still_and_nothing_jumps() -> None:
 
 def test_one_that_stays_dry_makes_all_hold() -> None:
     trio = Trio(next(names), "xy")
-    told = trio.play({"x": group_points(RAMP_X, last=True), "y": group_points(RAMP_Y[:20])}, 400)
+    reported = trio.play(
+        {"x": group_points(RAMP_X, last=True), "y": group_points(RAMP_Y[:20])}, 400
+    )
     for axis in "xy":
-        assert State(told[axis]["state"][-1]) in (State.HOLDING, State.READY)
-    assert np.nanmax(told["x"]["target"]) == pytest.approx(RAMP_X[19])
+        assert State(reported[axis]["state"][-1]) in (State.HOLDING, State.READY)
+    assert np.nanmax(reported["x"]["target"]) == pytest.approx(RAMP_X[19])
 
 
 @pytest.mark.parametrize("compiled", [False, True])
@@ -100,16 +102,16 @@ def test_when_one_leaves_the_others_hold(compiled: bool, why: Command) -> None:
     z = setpoint(3.0)
     begun = {"x": group_points(RAMP_X, last=True), "y": group_points(RAMP_Y, last=True), "z": z}
     trio.play(begun, 120, compiled)
-    told = trio.play({"y": order(why), "z": z}, 4, compiled)
-    assert State(told["x"]["state"][-1]) is State.HOLDING
-    assert np.ptp(told["x"]["volts"][1:]) == 0.0
-    assert State(told["z"]["state"][-1]) is State.RUNNING  # it plays nothing with them
+    reported = trio.play({"y": order(why), "z": z}, 4, compiled)
+    assert State(reported["x"]["state"][-1]) is State.HOLDING
+    assert np.ptp(reported["x"]["volts"][1:]) == 0.0
+    assert State(reported["z"]["state"][-1]) is State.RUNNING  # it plays nothing with them
     assert any("another axis of the trajectory has left" in text for text in trio.events("x"))
     # what comes too late for the trajectory moves nobody, and begins no hold anew
     said = len(trio.events("x"))
-    told = trio.play({"x": group_points(RAMP_X, first=900)}, 5, compiled)
-    assert State(told["x"]["state"][-1]) is State.HOLDING
-    assert np.ptp(told["x"]["volts"]) == 0.0
+    reported = trio.play({"x": group_points(RAMP_X, first=900)}, 5, compiled)
+    assert State(reported["x"]["state"][-1]) is State.HOLDING
+    assert np.ptp(reported["x"]["volts"]) == 0.0
     assert len(trio.events("x")) == said
 
 
@@ -120,33 +122,33 @@ def test_a_fault_of_one_makes_the_others_hold(compiled: bool) -> None:
         {"x": group_points(RAMP_X, last=True), "y": group_points(RAMP_Y, last=True)}, 120, compiled
     )
     trio.rigs["y"].stage.plugged = False
-    told = trio.play({}, 4, compiled)
-    assert State(told["y"]["state"][-1]) is State.FAULT
-    assert State(told["x"]["state"][-1]) is State.HOLDING
+    reported = trio.play({}, 4, compiled)
+    assert State(reported["y"]["state"][-1]) is State.FAULT
+    assert State(reported["x"]["state"][-1]) is State.HOLDING
 
 
 def test_a_setpoint_to_one_of_them_makes_the_others_hold() -> None:
     trio = Trio(next(names), "xy")
     trio.play({"x": group_points(RAMP_X, last=True), "y": group_points(RAMP_Y, last=True)}, 120)
-    told = trio.play({"y": setpoint(4.0)}, 4)
-    assert State(told["x"]["state"][-1]) is State.HOLDING
-    assert State(told["y"]["state"][-1]) is State.RUNNING
+    reported = trio.play({"y": setpoint(4.0)}, 4)
+    assert State(reported["x"]["state"][-1]) is State.HOLDING
+    assert State(reported["y"]["state"][-1]) is State.RUNNING
 
 
 def test_without_the_others_nobody_starts() -> None:
     trio = Trio(next(names), "xy")
-    told = trio.play({"x": group_points(RAMP_X, last=True)}, 60)["x"]
-    assert np.nanmax(told["target"]) == pytest.approx(RAMP_X[0])
-    told = trio.play({}, 200)["x"]
-    assert State(told["state"][-1]) in (State.HOLDING, State.READY)
-    assert np.nanmax(told["target"]) == pytest.approx(RAMP_X[0])
+    reported = trio.play({"x": group_points(RAMP_X, last=True)}, 60)["x"]
+    assert np.nanmax(reported["target"]) == pytest.approx(RAMP_X[0])
+    reported = trio.play({}, 200)["x"]
+    assert State(reported["state"][-1]) in (State.HOLDING, State.READY)
+    assert np.nanmax(reported["target"]) == pytest.approx(RAMP_X[0])
 
 
 def test_a_stage_of_one_axis_waits_for_nobody_for_ever() -> None:
     trio = Trio(next(names), "x")
-    told = trio.play({"x": group_points(RAMP_X, last=True)}, 300)["x"]
-    assert State(told["state"][-1]) in (State.HOLDING, State.READY)
-    assert np.nanmax(told["target"]) == pytest.approx(RAMP_X[0])
+    reported = trio.play({"x": group_points(RAMP_X, last=True)}, 300)["x"]
+    assert State(reported["state"][-1]) in (State.HOLDING, State.READY)
+    assert np.nanmax(reported["target"]) == pytest.approx(RAMP_X[0])
 
 
 def test_one_that_has_played_to_its_end_may_go() -> None:
@@ -154,8 +156,8 @@ def test_one_that_has_played_to_its_end_may_go() -> None:
     trio.play(
         {"x": group_points(RAMP_X, last=True), "y": group_points(RAMP_Y[:60], last=True)}, 200
     )
-    told = trio.play({"y": order(Command.RELEASE)}, 20)
-    assert State(told["x"]["state"][-1]) is State.RUNNING
+    reported = trio.play({"y": order(Command.RELEASE)}, 20)
+    assert State(reported["x"]["state"][-1]) is State.RUNNING
 
 
 lengths = st.lists(st.integers(2, 60), min_size=1, max_size=4)

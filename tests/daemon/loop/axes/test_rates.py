@@ -65,7 +65,7 @@ def test_amplifiers_of_their_own_are_added_up() -> None:
     assert check_rates_together(axes(77.0), specs(2000.0, 1e-4), []) == [1, 1, 1]
 
 
-def test_what_one_axis_cannot_is_told_of_that_axis() -> None:
+def test_what_one_axis_cannot_is_reported_of_that_axis() -> None:
     mixed = specs(2000.0, 1e-5)
     mixed[1] = (spec(50.0, 1e-4), mixed[1][1])
     with pytest.raises(BadInput, match=r"axis y: loop.rate_hz = 60: actuator simulated sustains"):
