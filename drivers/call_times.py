@@ -1,9 +1,12 @@
 """How long the calls of a driver take: the source of the latency and rate that it declares."""
 
+import math
 import statistics
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from dehyst.drivers.interface import DeviceSpec, DriverConfigError
 
 KEPT = 512
 TRIALS = 8
@@ -71,6 +74,31 @@ class Batches:
     def rate_hz(self, times: CallTimes) -> float:
         """How often a second these calls can be made at the most."""
         return 1.0 / times.percentile_s(self.usual)
+
+    def with_rate(
+        self,
+        spec: DeviceSpec,
+        times: CallTimes,
+        declared_hz: float | None,
+        who: str,
+        most_hz: float = math.inf,
+    ) -> DeviceSpec:
+        """The spec with the rate and latencies of these calls; the declared rate counts where it is
+        lower. who: the device, for the message; most_hz: what it does not exceed however quick a
+        call is. Raises DriverConfigError where more is declared than is sustained."""
+        sustained_hz = min(self.rate_hz(times), most_hz)
+        if declared_hz is not None and declared_hz > sustained_hz:
+            raise DriverConfigError(
+                f"{who}: max_rate_hz = {declared_hz:g}, and a call takes "
+                f"{1e3 / sustained_hz:.3g} ms here: {sustained_hz:.0f} Hz at the most; lower "
+                "max_rate_hz, or leave it out"
+            )
+        return replace(
+            spec,
+            max_rate_hz=declared_hz or sustained_hz,
+            latency_s=times.percentile_s(50.0),
+            late_s=self.late_s(times),
+        )
 
 
 def typical_s(call: Callable[[], object], clock: Callable[[], float]) -> float:

@@ -9,14 +9,14 @@ The voltage limit is read and checked; it is never set, because it changes what 
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, ClassVar, Self
 
 from dehyst.drivers.apt.channel import AptChannel
 from dehyst.drivers.apt.codec import FULL_OUTPUT, VOLTAGE_LIMITS_V
-from dehyst.drivers.apt.link import AptKind
 from dehyst.drivers.apt.open_loop import check_ready, enable, reported_counts
+from dehyst.drivers.apt.role import AptRole
 from dehyst.drivers.apt.settings import PiezoSettings
 from dehyst.drivers.call_times import Batches, CallTimes
 from dehyst.drivers.interface import (
@@ -24,9 +24,7 @@ from dehyst.drivers.interface import (
     DriverConfigError,
     OutOfRange,
     ProtocolError,
-    UnitIdentity,
 )
-from dehyst.drivers.settings import read_settings
 
 BATCHES = Batches()
 
@@ -40,22 +38,15 @@ READBACK_COUNTS = 33
 the unit. A set that was not carried out is off by more, or does not matter."""
 
 
-class AptPiezo:
+class AptPiezo(AptRole, ABC):
     """One output of a unit of `kind`; a subclass names the kind and reads the voltage limit."""
-
-    kind: ClassVar[AptKind]
-    settings_type: ClassVar[type[PiezoSettings]]
 
     def __init__(
         self, settings: PiezoSettings, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.settings = settings
-        self._clock = clock
-        self._channel = AptChannel(self.kind, settings, clock, self.number)
+        super().__init__(settings, clock)
         self._limit_v = float(settings.limit_v or HIGHEST_V)
         self._set_v = math.nan
-        self.unit: UnitIdentity | None = None
-        self._known: UnitIdentity | None = None
         self.spec = DeviceSpec(
             unit="v",
             minimum=0.0,
@@ -64,20 +55,6 @@ class AptPiezo:
             max_rate_hz=MOST_HZ,
             latency_s=EXPECTED_S,
         )
-
-    @classmethod
-    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Make a driver; DriverConfigError names a wrong key."""
-        return cls(read_settings(cls.settings_type, settings))
-
-    @property
-    def number(self) -> int:
-        """Of the channel, from 1."""
-        return 1
-
-    def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
-        self._known = unit
 
     def open(self) -> None:
         """Connect, identify, check mode, sources and limit, enable the output and time a few sets
@@ -145,19 +122,9 @@ class AptPiezo:
         self.close()
         self.open()
 
-    def close(self) -> None:
-        """Give the port back; the output stays where it is. Safe to call twice."""
-        self._channel.close()
-
-    def _check_channel(self, channel: AptChannel) -> None:
-        """Raise DriverConfigError where the unit has no such channel."""
-
-    def _more_words(self) -> str:
-        return ""
-
+    @abstractmethod
     def _read_limit_v(self, channel: AptChannel) -> float:
         """The unit's voltage limit: what FULL_OUTPUT is worth. Raises ProtocolError."""
-        raise NotImplementedError
 
     def _checked_limit_v(self, channel: AptChannel) -> float:
         """The unit's voltage limit. Raises DriverConfigError where it is not what the settings

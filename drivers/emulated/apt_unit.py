@@ -1,6 +1,7 @@
 """What the emulated APT units have in common: requests and replies with their times and faults."""
 
 import random
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from typing import Annotated
@@ -38,7 +39,7 @@ class AptFaults(Settings, frozen=True):
     ] = 0
 
 
-class AptUnit:
+class AptUnit(ABC):
     """Fulfils pty_device.PtyUnit; a subclass answers the messages of its kind."""
 
     knobs: AptKnobs
@@ -91,9 +92,9 @@ class AptUnit:
         own = message.name == "hw_req_info" and message.destination == self.addresses[0]
         return self._info() if own else self._answer(message, now)
 
+    @abstractmethod
     def _answer(self, message: AptMessage, now: float) -> bytes:
         """Carry out a message that was due at `now`; its reply, if it has one."""
-        raise NotImplementedError
 
     def _send(self, reply: bytes, due_s: float) -> None:
         if self.faults.garbage > 0:

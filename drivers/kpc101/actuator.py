@@ -6,7 +6,7 @@ from dehyst.drivers.apt.actuator import HIGHEST_V, AptPiezo
 from dehyst.drivers.apt.channel import AptChannel
 from dehyst.drivers.apt.settings import PiezoSettings
 from dehyst.drivers.interface import ProtocolError
-from dehyst.drivers.kpc101.kinds import ONE_CHANNEL, THREE_CHANNELS, check_bay
+from dehyst.drivers.kpc101.kinds import ONE_CHANNEL, OneOfThree
 from dehyst.drivers.kpc101.settings import Bpc303Settings, Kpc101Settings
 
 
@@ -27,20 +27,8 @@ class Kpc101(AptPiezo):
         return float(limit_v)
 
 
-class Bpc303(Kpc101):
+class Bpc303(OneOfThree, Kpc101):
     """One channel of a Thorlabs BPC303 on USB serial, open loop, 75, 100 or 150 V."""
 
-    kind = THREE_CHANNELS
     settings_type = Bpc303Settings
     settings: Bpc303Settings
-
-    @property
-    def number(self) -> int:
-        """Of the channel, from 1."""
-        return self.settings.channel
-
-    def _check_channel(self, channel: AptChannel) -> None:
-        check_bay(channel, self.number)
-
-    def _more_words(self) -> str:
-        return f" channel {self.number}"

@@ -3,6 +3,7 @@
 from dehyst.drivers.apt.channel import AptChannel
 from dehyst.drivers.apt.codec import BAY_OCCUPIED, BAYS, RACK
 from dehyst.drivers.apt.link import AptKind
+from dehyst.drivers.apt.role import AptRole
 from dehyst.drivers.interface import DriverConfigError
 
 ONE_CHANNEL = AptKind("kpc101", models=("KPC101", "BPC301"), prefixes=("113", "41"))
@@ -18,3 +19,20 @@ def check_bay(channel: AptChannel, number: int) -> None:
         raise DriverConfigError(
             f"{channel.path}: the bay of channel {number} is empty; name another channel"
         )
+
+
+class OneOfThree(AptRole):
+    """A role of one channel of a BPC303; its settings say which."""
+
+    kind = THREE_CHANNELS
+
+    @property
+    def number(self) -> int:
+        """Of the channel, from 1."""
+        return int(self.settings.channel)
+
+    def _check_channel(self, channel: AptChannel) -> None:
+        check_bay(channel, self.number)
+
+    def _more_words(self) -> str:
+        return f" channel {self.number}"

@@ -6,17 +6,15 @@ answers for the closed loop alone.)
 
 import math
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Self
+from collections.abc import Callable
+from typing import Any, ClassVar
 
-from dehyst.drivers.apt.channel import AptChannel
 from dehyst.drivers.apt.codec import FULL_TRAVEL, GAUGE_CONNECTED
-from dehyst.drivers.apt.link import AptKind
+from dehyst.drivers.apt.role import AptRole
 from dehyst.drivers.call_times import Batches, CallTimes
-from dehyst.drivers.interface import DeviceSpec, DriverConfigError, UnitIdentity
-from dehyst.drivers.kpc101.kinds import ONE_CHANNEL, THREE_CHANNELS, check_bay
+from dehyst.drivers.interface import DeviceSpec, DriverConfigError
+from dehyst.drivers.kpc101.kinds import ONE_CHANNEL, OneOfThree
 from dehyst.drivers.kpc101.settings import Bpc303SensorSettings, Kpc101SensorSettings
-from dehyst.drivers.settings import read_settings
 
 BATCHES = Batches(most=4)  # as the KSG101's
 
@@ -24,36 +22,19 @@ EXPECTED_S = 0.01
 """A reading before the unit has been timed."""
 
 
-class Kpc101Sensor:
+class Kpc101Sensor(AptRole):
     """Strain gauge of a Thorlabs KPC101 or BPC301, in um; NaN at full scale or without a gauge."""
 
-    kind: ClassVar[AptKind] = ONE_CHANNEL
+    kind = ONE_CHANNEL
     settings_type: ClassVar[type[Kpc101SensorSettings]] = Kpc101SensorSettings
+    settings: Kpc101SensorSettings
 
     def __init__(
         self, settings: Kpc101SensorSettings, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.settings = settings
-        self._clock = clock
-        self._channel = AptChannel(self.kind, settings, clock, self.number)
+        super().__init__(settings, clock)
         self._travel_um = settings.max_travel_um
-        self.unit: UnitIdentity | None = None
-        self._known: UnitIdentity | None = None
         self.spec = self._spec()
-
-    @classmethod
-    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Make a driver; DriverConfigError names a wrong key."""
-        return cls(read_settings(cls.settings_type, settings))
-
-    @property
-    def number(self) -> int:
-        """Of the channel, from 1."""
-        return 1
-
-    def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
-        self._known = unit
 
     def open(self) -> None:
         """Connect, identify, see that a gauge is there, learn its travel, and time a few readings.
@@ -85,10 +66,6 @@ class Kpc101Sensor:
         self.close()
         self._connect()
 
-    def close(self) -> None:
-        """Give the port back. Safe to call twice."""
-        self._channel.close()
-
     def _connect(self) -> str:
         self._channel.connect(self._known)
         try:
@@ -98,13 +75,7 @@ class Kpc101Sensor:
             self.close()
             raise
         self._known = self.unit
-        return words + self._more_words()
-
-    def _check_channel(self, channel: AptChannel) -> None:
-        """Raise DriverConfigError where the unit has no such channel."""
-
-    def _more_words(self) -> str:
-        return " gauge"
+        return f"{words}{self._more_words()} gauge"
 
     def _status(self) -> dict[str, Any]:
         return self._channel.ask("pz_req_pzstatusupdate", "pz_get_pzstatusupdate").values
@@ -141,20 +112,8 @@ class Kpc101Sensor:
         )
 
 
-class Bpc303Sensor(Kpc101Sensor):
+class Bpc303Sensor(OneOfThree, Kpc101Sensor):
     """Strain gauge of one channel of a Thorlabs BPC303, in um; NaN at full scale or without one."""
 
-    kind = THREE_CHANNELS
     settings_type = Bpc303SensorSettings
     settings: Bpc303SensorSettings
-
-    @property
-    def number(self) -> int:
-        """Of the channel, from 1."""
-        return self.settings.channel
-
-    def _check_channel(self, channel: AptChannel) -> None:
-        check_bay(channel, self.number)
-
-    def _more_words(self) -> str:
-        return f" channel {self.number} gauge"

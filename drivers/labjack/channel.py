@@ -16,7 +16,6 @@ from dehyst.drivers.interface import (
     DeviceNotFound,
     DeviceSpec,
     DeviceTimeout,
-    DriverConfigError,
     DriverError,
     UnitIdentity,
     refuse_another,
@@ -168,19 +167,8 @@ class Channel:
         if self._timed:
             return
         times = BATCHES.best(self._timed_call, self._clock)
-        sustained_hz, declared_hz = BATCHES.rate_hz(times), self._unit_settings.max_rate_hz
-        if declared_hz is not None and declared_hz > sustained_hz:
-            raise DriverConfigError(
-                f"labjack {self.channel}: max_rate_hz = {declared_hz:g}, and a call takes "
-                f"{1e3 / sustained_hz:.3g} ms here: {sustained_hz:.0f} Hz at the most; lower "
-                "max_rate_hz, or leave it out"
-            )
-        self.spec = replace(
-            self.spec,
-            max_rate_hz=declared_hz or sustained_hz,
-            latency_s=times.percentile_s(50.0),
-            late_s=BATCHES.late_s(times),
-        )
+        declared_hz = self._unit_settings.max_rate_hz
+        self.spec = BATCHES.with_rate(self.spec, times, declared_hz, f"labjack {self.channel}")
         self._timed = True
 
     def _ready(self) -> Any:

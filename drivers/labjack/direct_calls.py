@@ -12,7 +12,6 @@ with a result other than 0 for an error or a warning; the package raises for bot
 """
 
 import ctypes
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -21,28 +20,23 @@ from numba import carray, cfunc, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from dehyst.drivers.direct_calls import SIGNATURE, Direct, pointer
+from dehyst.drivers.analog import INT, call_c, scaled_mean
+from dehyst.drivers.direct_calls import SIGNATURE, Direct
 from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange
 from dehyst.drivers.labjack.channel import CONTEXT_T, fault_of, library
 
 CLOSED, NOT_IN_RANGE = 1, 2
 
-_INT, _DOUBLE = ir.IntType(32), ir.DoubleType()
+_DOUBLE = ir.DoubleType()
 _BYTES = ir.IntType(8).as_pointer()
-
-
-def _call(builder: Any, address: Any, arguments: list[Any]) -> Any:
-    """Call the C function at an address: its int."""
-    kind = ir.FunctionType(_INT, [argument.type for argument in arguments])
-    return builder.call(builder.inttoptr(address, kind.as_pointer()), arguments)
 
 
 @intrinsic
 def _write_name(typing: Any, function: Any, handle: Any, name: Any, volts: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         function, handle, name, volts = arguments
-        unit, text = builder.trunc(handle, _INT), builder.inttoptr(name, _BYTES)
-        return _call(builder, function, [unit, text, volts])
+        unit, text = builder.trunc(handle, INT), builder.inttoptr(name, _BYTES)
+        return call_c(builder, function, [unit, text, volts])
 
     return types.int32(types.int64, types.int64, types.int64, types.float64), codegen
 
@@ -53,11 +47,11 @@ def _read_names(
 ) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         function, handle, count, names, samples_at = arguments
-        unit, number = builder.trunc(handle, _INT), builder.trunc(count, _INT)
+        unit, number = builder.trunc(handle, INT), builder.trunc(count, INT)
         samples = builder.inttoptr(samples_at, _DOUBLE.as_pointer())
-        after = builder.bitcast(builder.gep(samples, [count]), _INT.as_pointer())
+        after = builder.bitcast(builder.gep(samples, [count]), INT.as_pointer())
         texts = builder.inttoptr(names, _BYTES.as_pointer())
-        return _call(builder, function, [unit, number, texts, samples, after])
+        return call_c(builder, function, [unit, number, texts, samples, after])
 
     return types.int32(types.int64, types.int64, types.int64, types.int64, types.int64), codegen
 
@@ -88,14 +82,7 @@ def read(context, now_ns, value):  # type: ignore[no-untyped-def]
     status = _read_names(c.function, c.handle, c.count, c.name, c.samples)
     if status != 0:
         return status
-    samples = carray(pointer(c.samples), (c.count,), types.float64)
-    total = 0.0
-    for sample in samples:
-        if not c.minimum <= sample <= c.maximum:
-            shown[0] = math.nan
-            return 0
-        total += sample
-    shown[0] = (total / c.count - c.zero) * c.gain
+    shown[0] = scaled_mean(c)
     return 0
 
 

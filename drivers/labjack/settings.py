@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
+from dehyst.drivers.analog import check_output_range
 from dehyst.drivers.settings import Settings
 
 MOST_AVERAGED = 14
@@ -65,20 +66,7 @@ class LabjackActuatorSettings(LabjackSettings, frozen=True, kw_only=True):
 
     def check(self) -> None:
         """The range must be one that EXT reaches."""
-        if self.gain == 0:
-            raise self.wrong("gain", "a number other than 0")
-        if not self.min_v < self.max_v:
-            raise self.wrong("min_v", f"below max_v = {self.max_v:g}")
-        if not self.device_min_v < self.device_max_v:
-            raise self.wrong("device_min_v", f"below device_max_v = {self.device_max_v:g}")
-        for key in ("min_v", "max_v"):
-            volts = getattr(self, key) / self.gain + self.zero_v
-            if not self.device_min_v <= volts <= self.device_max_v:
-                raise self.wrong(
-                    key,
-                    f"within the {self.device_min_v:g} to {self.device_max_v:g} V of "
-                    f"{self.channel}; at gain {self.gain:g} it is {volts:g} V",
-                )
+        check_output_range(self, self.channel)
         if self.reports and self.initial_v is not None:
             raise self.wrong("initial_v", f"left out: {self.channel} is asked instead")
         if not self.reports and not (

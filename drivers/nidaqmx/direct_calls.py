@@ -23,21 +23,16 @@ from numba import carray, cfunc, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from dehyst.drivers.direct_calls import SIGNATURE, Direct, pointer
+from dehyst.drivers.analog import INT, call_c, scaled_mean
+from dehyst.drivers.direct_calls import SIGNATURE, Direct
 from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange
 from dehyst.drivers.nidaqmx.channel import CONTEXT_T, fault_of
 
 CLOSED, NOT_IN_RANGE = 1, 2
 TEXT_BYTES = 2048
 
-_INT, _WORD, _DOUBLE = ir.IntType(32), ir.IntType(64), ir.DoubleType()
+_DOUBLE = ir.DoubleType()
 _BYTES = ir.IntType(8).as_pointer()
-
-
-def _call(builder: Any, address: Any, arguments: list[Any]) -> Any:
-    """Call the C function at an address: its int32."""
-    kind = ir.FunctionType(_INT, [argument.type for argument in arguments])
-    return builder.call(builder.inttoptr(address, kind.as_pointer()), arguments)
 
 
 @intrinsic
@@ -45,8 +40,8 @@ def _write_scalar(typing: Any, function: Any, task: Any, timeout_s: Any, volts: 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         function, task, timeout_s, volts = arguments
         handle, nothing = builder.inttoptr(task, _BYTES), ir.Constant(_BYTES, None)
-        auto_start = ir.Constant(_INT, 1)
-        return _call(builder, function, [handle, auto_start, timeout_s, volts, nothing])
+        auto_start = ir.Constant(INT, 1)
+        return call_c(builder, function, [handle, auto_start, timeout_s, volts, nothing])
 
     return types.int32(types.int64, types.int64, types.float64, types.float64), codegen
 
@@ -57,7 +52,7 @@ def _read_scalar(typing: Any, function: Any, task: Any, timeout_s: Any, value_at
         function, task, timeout_s, value_at = arguments
         handle, nothing = builder.inttoptr(task, _BYTES), ir.Constant(_BYTES, None)
         value = builder.inttoptr(value_at, _DOUBLE.as_pointer())
-        return _call(builder, function, [handle, timeout_s, value, nothing])
+        return call_c(builder, function, [handle, timeout_s, value, nothing])
 
     return types.int32(types.int64, types.int64, types.float64, types.int64), codegen
 
@@ -69,10 +64,10 @@ def _read_many(
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         function, task, count, timeout_s, samples_at = arguments
         handle, nothing = builder.inttoptr(task, _BYTES), ir.Constant(_BYTES, None)
-        number, by_channel = builder.trunc(count, _INT), ir.Constant(_INT, 0)
+        number, by_channel = builder.trunc(count, INT), ir.Constant(INT, 0)
         samples = builder.inttoptr(samples_at, _DOUBLE.as_pointer())
-        after = builder.bitcast(builder.gep(samples, [count]), _INT.as_pointer())
-        return _call(
+        after = builder.bitcast(builder.gep(samples, [count]), INT.as_pointer())
+        return call_c(
             builder,
             function,
             [handle, number, timeout_s, by_channel, samples, number, after, nothing],
@@ -123,14 +118,7 @@ def read_mean(context, now_ns, value):  # type: ignore[no-untyped-def]
     status = _read_many(c.function, c.task, c.count, c.timeout_s, c.samples)
     if status < 0:
         return status
-    samples = carray(pointer(c.samples), (c.count,), types.float64)
-    total = 0.0
-    for sample in samples:
-        if not c.minimum <= sample <= c.maximum:
-            shown[0] = math.nan
-            return 0
-        total += sample
-    shown[0] = (total / c.count - c.zero) * c.gain
+    shown[0] = scaled_mean(c)
     return 0
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from dehyst.drivers.call_times import Batches
-from dehyst.drivers.interface import DeviceSpec, DriverConfigError
+from dehyst.drivers.interface import DeviceSpec
 from dehyst.drivers.nidaqmx.channel import Channel
 from dehyst.drivers.nidaqmx.settings import NidaqmxSensorSettings
 from dehyst.drivers.settings import read_settings
@@ -152,22 +152,11 @@ class NidaqmxSensor(Channel):
         """Once: how long a reading takes, as compiled code reads where it can."""
         if self._timed:
             return
-        times = BATCHES.best(self._fastest(), self._clock)
-        sustained_hz, declared_hz = BATCHES.rate_hz(times), self.settings.max_rate_hz
-        if self.settings.sample_hz is not None:  # a reading without a new sample is none
-            sustained_hz = min(sustained_hz, self.settings.sample_hz)
-        if declared_hz is not None and declared_hz > sustained_hz:
-            raise DriverConfigError(
-                f"nidaqmx {self.channel}: max_rate_hz = {declared_hz:g}, and a reading takes "
-                f"{1e3 / sustained_hz:.3g} ms here: {sustained_hz:.0f} Hz at the most; lower "
-                "max_rate_hz, or leave it out"
-            )
-        self.spec = replace(
-            self.spec,
-            max_rate_hz=declared_hz or sustained_hz,
-            latency_s=times.percentile_s(50.0),
-            late_s=BATCHES.late_s(times),
-        )
+        times, settings = BATCHES.best(self._fastest(), self._clock), self.settings
+        # a reading without a new sample is none
+        most_hz = math.inf if settings.sample_hz is None else settings.sample_hz
+        who = f"nidaqmx {self.channel}"
+        self.spec = BATCHES.with_rate(self.spec, times, settings.max_rate_hz, who, most_hz)
         self._timed = True
 
     def _fastest(self) -> Callable[[], object]:

@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
+from dehyst.drivers.analog import check_output_range
 from dehyst.drivers.settings import Settings
 
 ON_DEMAND_HZ = 1000.0  # writes, where nobody says what the device takes
@@ -81,20 +82,7 @@ class NidaqmxActuatorSettings(ClockedSettings, frozen=True, kw_only=True):
 
     def check(self) -> None:
         """The range must be one that EXT reaches."""
-        if self.gain == 0:
-            raise self.wrong("gain", "a number other than 0")
-        if not self.min_v < self.max_v:
-            raise self.wrong("min_v", f"below max_v = {self.max_v:g}")
-        if not self.device_min_v < self.device_max_v:
-            raise self.wrong("device_min_v", f"below device_max_v = {self.device_max_v:g}")
-        for key in ("min_v", "max_v"):
-            volts = getattr(self, key) / self.gain + self.zero_v
-            if not self.device_min_v <= volts <= self.device_max_v:
-                raise self.wrong(
-                    key,
-                    f"within the {self.device_min_v:g} to {self.device_max_v:g} V of EXT; at gain "
-                    f"{self.gain:g} it is {volts:g} V",
-                )
+        check_output_range(self, "EXT")
         if not self.min_v <= self.initial_v <= self.max_v:
             raise self.wrong("initial_v", f"from {self.min_v:g} to {self.max_v:g}")
         if self.clock_hz is None and self.clock_source:

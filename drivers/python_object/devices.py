@@ -143,20 +143,9 @@ class _PythonDevice:
         call = self._timed_call()
         if self._timed or call is None:
             return
-        times = BATCHES.best(call, self._clock)
-        sustained_hz, declared_hz = BATCHES.rate_hz(times), self.settings.max_rate_hz
-        if declared_hz is not None and declared_hz > sustained_hz:
-            raise DriverConfigError(
-                f"python {self.settings.object}: max_rate_hz = {declared_hz:g}, and a call takes "
-                f"{1e3 / sustained_hz:.3g} ms here: {sustained_hz:.0f} Hz at the most; lower "
-                "max_rate_hz, or leave it out"
-            )
-        self.spec = replace(
-            self.spec,
-            max_rate_hz=declared_hz or sustained_hz,
-            latency_s=times.percentile_s(50.0),
-            late_s=BATCHES.late_s(times),
-        )
+        times, settings = BATCHES.best(call, self._clock), self.settings
+        who = f"python {settings.object}"
+        self.spec = BATCHES.with_rate(self.spec, times, settings.max_rate_hz, who)
         self._timed = True
 
 

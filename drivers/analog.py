@@ -1,0 +1,73 @@
+"""What drivers of analog outputs and inputs have in common: the range that EXT reaches, the scale
+of a reading, and a vendor's C function as compiled code calls it."""
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+from llvmlite import ir
+from numba import carray, njit, types
+
+from dehyst.drivers.direct_calls import pointer
+from dehyst.drivers.interface import DriverConfigError
+
+INT = ir.IntType(32)
+
+
+class OutputRange(Protocol):
+    """The settings of an analog output into the amplifier's EXT input."""
+
+    @property
+    def gain(self) -> float: ...
+    @property
+    def zero_v(self) -> float: ...
+    @property
+    def min_v(self) -> float: ...
+    @property
+    def max_v(self) -> float: ...
+    @property
+    def device_min_v(self) -> float: ...
+    @property
+    def device_max_v(self) -> float: ...
+
+    def wrong(self, key: str, allowed: str) -> DriverConfigError:
+        """As dehyst.drivers.settings.Settings.wrong."""
+
+
+def check_output_range(settings: OutputRange, where: str) -> None:
+    """Raise DriverConfigError unless the output reaches min_v to max_v [V at the piezo]. where: the
+    device's output, for the message."""
+    if settings.gain == 0:
+        raise settings.wrong("gain", "a number other than 0")
+    if not settings.min_v < settings.max_v:
+        raise settings.wrong("min_v", f"below max_v = {settings.max_v:g}")
+    low_v, high_v = settings.device_min_v, settings.device_max_v
+    if not low_v < high_v:
+        raise settings.wrong("device_min_v", f"below device_max_v = {high_v:g}")
+    for key in ("min_v", "max_v"):
+        volts = getattr(settings, key) / settings.gain + settings.zero_v
+        if not low_v <= volts <= high_v:
+            raise settings.wrong(
+                key,
+                f"within the {low_v:g} to {high_v:g} V of {where}; at gain {settings.gain:g} it "
+                f"is {volts:g} V",
+            )
+
+
+def call_c(builder: Any, address: Any, arguments: list[Any]) -> Any:
+    """Call the C function at an address, within a numba intrinsic: its int."""
+    kind = ir.FunctionType(INT, [argument.type for argument in arguments])
+    return builder.call(builder.inttoptr(address, kind.as_pointer()), arguments)
+
+
+@njit(cache=True)
+def scaled_mean(context: np.record) -> float:
+    """The mean of the samples at context.samples, as a reading: minus `zero`, times `gain`; NaN
+    where one of them is not from `minimum` to `maximum`."""
+    samples = carray(pointer(context.samples), (context.count,), types.float64)
+    total = 0.0
+    for sample in samples:
+        if not context.minimum <= sample <= context.maximum:
+            return math.nan
+        total += sample
+    return (total / context.count - context.zero) * context.gain

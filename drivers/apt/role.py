@@ -1,0 +1,50 @@
+"""What an amplifier and a gauge of an APT unit have in common: whose channel they are."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Self
+
+from dehyst.drivers.apt.channel import AptChannel
+from dehyst.drivers.apt.link import AptKind
+from dehyst.drivers.apt.settings import AptSettings
+from dehyst.drivers.interface import UnitIdentity
+from dehyst.drivers.settings import read_settings
+
+
+class AptRole:
+    """One role of one channel of a unit of `kind`. unit: what answered at open()."""
+
+    kind: ClassVar[AptKind]
+    settings_type: ClassVar[type[AptSettings]]
+
+    def __init__(self, settings: Any, clock: Callable[[], float] = time.monotonic) -> None:
+        self.settings = settings
+        self._clock = clock
+        self._channel = AptChannel(self.kind, settings, clock, self.number)
+        self.unit: UnitIdentity | None = None
+        self._known: UnitIdentity | None = None
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Make a driver; DriverConfigError names a wrong key."""
+        return cls(read_settings(cls.settings_type, settings))
+
+    @property
+    def number(self) -> int:
+        """Of the channel, from 1."""
+        return 1
+
+    def expect(self, unit: UnitIdentity) -> None:
+        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        self._known = unit
+
+    def close(self) -> None:
+        """Give the port back; an output stays where it is. Safe to call twice."""
+        self._channel.close()
+
+    def _check_channel(self, channel: AptChannel) -> None:
+        """Raise DriverConfigError where the unit has no such channel."""
+
+    def _more_words(self) -> str:
+        """Which channel, after the unit's identity; nothing where it has one."""
+        return ""
