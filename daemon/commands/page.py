@@ -32,9 +32,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--listen", metavar="HOST:PORT", help=f"where it is served (default: {default.listen})"
     )
     parser.add_argument(
-        "--public-url", metavar="URL",
+        "--public-url",
+        metavar="URL",
         help="the address that people type, where a reverse proxy on this machine serves the page",
-    )  # fmt: skip
+    )
     parser.add_argument("--observe", action="store_true", help="allow no commands from the page")
     parser.add_argument("--certificate", metavar="FILE", help="certificate for TLS (PEM)")
     parser.add_argument(
@@ -99,8 +100,18 @@ def settings_of(args: argparse.Namespace) -> tuple[PageConfig, list[str], str, s
         if args.listen:
             given["listen"] = args.listen
         return PageConfig(**given), where.split(","), credentials, args.base
-    for name in ("listen", "public_url", "observe", "certificate", "key", "passwords", "operators",
-                 "observers", "connect", "credentials"):  # fmt: skip
+    for name in (
+        "listen",
+        "public_url",
+        "observe",
+        "certificate",
+        "key",
+        "passwords",
+        "operators",
+        "observers",
+        "connect",
+        "credentials",
+    ):
         if getattr(args, name):
             option = name.replace("_", "-")
             raise BadInput(f"--{option} goes without --config: its [page] says it itself")

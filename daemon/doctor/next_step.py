@@ -20,9 +20,18 @@ def excite_arguments(case: Case, model: Model, pair: tuple[str, str] | None) -> 
     if not high > low or model.drive_unit not in UNITS:
         return ()
     common = [
-        "--range", f"{low:.6g}", f"{high:.6g}", "--unit", model.drive_unit,
-        "--sampling", f"{case.rate_hz:g}", "--slew", f"{case.slew:.6g}", "-o", "next.csv",
-    ]  # fmt: skip
+        "--range",
+        f"{low:.6g}",
+        f"{high:.6g}",
+        "--unit",
+        model.drive_unit,
+        "--sampling",
+        f"{case.rate_hz:g}",
+        "--slew",
+        f"{case.slew:.6g}",
+        "-o",
+        "next.csv",
+    ]
     if pair is not None and all(name in EFFECTS for name in pair):
         return ("excite", "--separate", *pair, *common, "--duration", f"{SECONDS[0]:g}")
     band = min(SHARE * case.rate_hz, case.slew / (math.pi * (high - low)))

@@ -119,9 +119,16 @@ class AxisRecords(PVGroup):
         view = self._view()
         speed = self._source.fastest
         for name, value in (
-            ("VMAX", speed), ("VELO", speed), ("ACCL", 0.1), ("MRES", 1e-4), ("ERES", 1e-4),
-            ("UREV", 1.0), ("SREV", 1), ("RDBD", view.tolerance), ("DESC", f"axis {self._axis}"),
-        ):  # fmt: skip
+            ("VMAX", speed),
+            ("VELO", speed),
+            ("ACCL", 0.1),
+            ("MRES", 1e-4),
+            ("ERES", 1e-4),
+            ("UREV", 1.0),
+            ("SREV", 1),
+            ("RDBD", view.tolerance),
+            ("DESC", f"axis {self._axis}"),
+        ):
             await self._field(name, value)
         if math.isfinite(view.predicted):
             await instance.write(view.predicted, verify_value=False)
@@ -155,9 +162,14 @@ class AxisRecords(PVGroup):
         # it often is) would not let it come in; the daemon refuses what cannot be reached
         limits = {"LLM": view.low, "HLM": view.high}
         values: dict[str, Any] = {
-            **limits, "RBV": view.place, "DRBV": view.place, "DVAL": self.motor.value,
-            "DMOV": int(done), "MOVN": int(not done), "EGU": view.unit,
-        }  # fmt: skip
+            **limits,
+            "RBV": view.place,
+            "DRBV": view.place,
+            "DVAL": self.motor.value,
+            "DMOV": int(done),
+            "MOVN": int(not done),
+            "EGU": view.unit,
+        }
         for name, value in values.items():
             if not (isinstance(value, float) and math.isnan(value)):
                 await self._field(name, value)

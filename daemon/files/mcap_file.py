@@ -154,9 +154,16 @@ def read_mcap(path: Path, unfinished: bool = False) -> tuple[dict[str, Floats], 
         raise BadRecording(f"{path}: cannot be read: {error.strerror or error}") from None
     # a damaged file breaks the library, its decompressors and the JSON in ways of their own
     except (
-        McapError, ZstdError, struct.error, ValueError, KeyError, EOFError, RuntimeError,
-        OverflowError, MemoryError,
-    ) as error:  # fmt: skip
+        McapError,
+        ZstdError,
+        struct.error,
+        ValueError,
+        KeyError,
+        EOFError,
+        RuntimeError,
+        OverflowError,
+        MemoryError,
+    ) as error:
         if not (unfinished and times):
             why = f": {error}" if str(error) else ""
             raise BadRecording(f"{path}: not an MCAP file that can be read{why}") from None

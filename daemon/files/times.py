@@ -102,8 +102,10 @@ def _settle_part(
     off = float(np.max(np.abs(part - straight)))
     if float(np.ptp(part)) >= LEAST_DIGITS * quantum and 0.0 < off <= OFF_THE_LINE * quantum:
         t_s[begin:end] = straight[0] + step * np.arange(part.size)
-        said.append(f"the times are rounded to {quantum:.2g} s: rebuilt from their even step of "
-                    f"{step:.6g} s")  # fmt: skip
+        said.append(
+            f"the times are rounded to {quantum:.2g} s: rebuilt from their even step of "
+            f"{step:.6g} s"
+        )
         return
     row = begin + int(repeated[0])
     raise BadRecording(

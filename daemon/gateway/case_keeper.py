@@ -64,8 +64,9 @@ class CaseKeeper:
         count = min(MOST_ROWS, round(GOOD_S * self._rate_hz))
         self._good.append(self._history.get(seq + 1 - count - self._lead, seq + 1))
 
-    def begin(self, recording: Path, flagged: int, end: int, origin: float, case: Case,
-              model: Path) -> None:  # fmt: skip
+    def begin(
+        self, recording: Path, flagged: int, end: int, origin: float, case: Case, model: Path
+    ) -> None:
         """The recording around the mismatch is complete: a case. flagged: sample of the flag; end:
         its last one. Raises OSError, DehystError."""
         folder = case_folder(recording)

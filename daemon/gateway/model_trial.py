@@ -344,6 +344,9 @@ def _proven(accepted: Accepted) -> Accepted:
 def _before(accepted: Accepted) -> Accepted:
     """The model that was accepted before this one."""
     return Accepted(
-        offer=0, case="an earlier case", instead_of=accepted.instead_of, model=accepted.before,
+        offer=0,
+        case="an earlier case",
+        instead_of=accepted.instead_of,
+        model=accepted.before,
         trial=False,
-    )  # fmt: skip
+    )

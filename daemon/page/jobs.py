@@ -168,8 +168,9 @@ class Jobs:
     def _work(self, job: Job) -> None:
         ours, theirs = multiprocessing.Pipe(duplex=False)
         spawn = multiprocessing.get_context("spawn")
-        child = spawn.Process(target=work, args=(job.kind, str(job.folder), job.file, job.settings,
-                                                 theirs))  # fmt: skip
+        child = spawn.Process(
+            target=work, args=(job.kind, str(job.folder), job.file, job.settings, theirs)
+        )
         end_ns = clock.monotonic_ns() + round(TIME_S[job.kind] * clock.NS)
         child.start()
         self._children.add(child)
@@ -319,10 +320,14 @@ def look_at_axis(
             there = ways[name].target if name in ways else still
             columns[axis_column(name, other.unit)] = there + other.origin
     drive = invert(
-        loads(setting.model), columns,
-        preview=setting.preview_s, mode=setting.mode, low=setting.low, high=setting.high,
+        loads(setting.model),
+        columns,
+        preview=setting.preview_s,
+        mode=setting.mode,
+        low=setting.low,
+        high=setting.high,
         period=setting.period_s,
-    )  # fmt: skip
+    )
     rate = np.abs(np.diff(drive.drive)) / setting.period_s
     shown = np.unique(np.linspace(0, drive.t_s.size - 1, PREVIEWED).astype(int))
     outside = (way.target < low) | (way.target > high)

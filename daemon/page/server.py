@@ -213,9 +213,13 @@ class Site:
         try:
             await socket.accept()
             visit = Visit(
-                socket, person, self.controllers, self.jobs, self.ticks,
+                socket,
+                person,
+                self.controllers,
+                self.jobs,
+                self.ticks,
                 lambda: not by_session or self.people.lasts(token),
-            )  # fmt: skip
+            )
             await visit.run()
         finally:
             self._visits[address] -= 1

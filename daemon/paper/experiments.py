@@ -216,13 +216,26 @@ def _run(
     error = 1e3 * (target - tracked)
     inside = error[reachable]
     return Result(
-        experiment, name, t, drive, measured, predicted, target, tracked, reachable,
-        float(left.mean()), float(left.std()), float(np.abs(left).max()),
-        float(off.std()), float(np.abs(off).max()), float(np.abs(noise).max()),
+        experiment,
+        name,
+        t,
+        drive,
+        measured,
+        predicted,
+        target,
+        tracked,
+        reachable,
+        float(left.mean()),
+        float(left.std()),
+        float(np.abs(left).max()),
+        float(off.std()),
+        float(np.abs(off).max()),
+        float(np.abs(noise).max()),
         float(np.abs(apart).max()),
-        float(np.sqrt(np.mean(inside**2))), float(np.abs(inside).max()),
+        float(np.sqrt(np.mean(inside**2))),
+        float(np.abs(inside).max()),
         float(np.sqrt(np.mean(error**2))),
-    )  # fmt: skip
+    )
 
 
 def track(model: Model, stage: Stage, target: Floats) -> tuple[Floats, Bools]:

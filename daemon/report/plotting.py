@@ -99,8 +99,15 @@ def _draw_on(axes: Axes, draw: Draw) -> str:
         for part in axes.get_children():
             part.set_visible(False)
         axes.set(xscale="linear", yscale="linear")
-        axes.text(0.5, 0.5, fill(says, 36), ha="center", va="center", transform=axes.transAxes,
-                  parse_math=False)  # fmt: skip
+        axes.text(
+            0.5,
+            0.5,
+            fill(says, 36),
+            ha="center",
+            va="center",
+            transform=axes.transAxes,
+            parse_math=False,
+        )
         return says
     return shows
 

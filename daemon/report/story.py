@@ -101,16 +101,20 @@ def draw_story_bands(story: StoryData, axes: Axes) -> str:
         rms = judged if np.isfinite(judged) else _rms(error[one.part])
         first_s, last_s = story.t_s[one.part][[0, -1]]
         label = f"{one.name}: {rms:.0f} nm rms"
-        axes.fill_between([first_s, last_s], -rms, rms, color=one.color, alpha=0.75, lw=0,
-                          label=label, zorder=3)  # fmt: skip
+        axes.fill_between(
+            [first_s, last_s], -rms, rms, color=one.color, alpha=0.75, lw=0, label=label, zorder=3
+        )
         said.append(label)
         top = max(top, SHOWN * rms)
     if np.isfinite(top) and top > 0.0:
         axes.set_ylim(-1.1 * top, (1.1 + 2.2 * WORDS) * top)
     if story.t_s.size > 1:
         axes.set_xlim(float(story.t_s[0]), float(story.t_s[-1]))
-    axes.set(xlabel="time, s", ylabel="measured - target, nm", title="tracking error: all of it "
-             "(grey) and its rms (bands)")  # fmt: skip
+    axes.set(
+        xlabel="time, s",
+        ylabel="measured - target, nm",
+        title="tracking error: all of it (grey) and its rms (bands)",
+    )
     if said:
         axes.legend(loc="lower left", ncols=3, frameon=True, framealpha=0.85, edgecolor="white")
     happened = _mark(story, axes)
@@ -243,6 +247,13 @@ def _mark(story: StoryData, axes: Axes) -> str:
             shown.append((at_s, text))
     for k, (at_s, text) in enumerate(shown):
         axes.axvline(at_s, color=MEASURED, lw=0.9, ls=":", zorder=4)
-        axes.annotate(text, (at_s, 0.98 - 0.08 * (k % 2)), xycoords=("data", "axes fraction"),
-                      xytext=(3, 0), textcoords="offset points", fontsize=9, va="top")  # fmt: skip
+        axes.annotate(
+            text,
+            (at_s, 0.98 - 0.08 * (k % 2)),
+            xycoords=("data", "axes fraction"),
+            xytext=(3, 0),
+            textcoords="offset points",
+            fontsize=9,
+            va="top",
+        )
     return f"{'; '.join(said)}." if said else ""

@@ -77,9 +77,12 @@ class Kpc101Unit(Kpz101Unit):
                 )
             case "pz_req_pzstatusupdate":
                 return self._reply(
-                    "pz_get_pzstatusupdate", chan=1, output=self._counts,
-                    position=self._position_counts(now), status=self._status(),
-                )  # fmt: skip
+                    "pz_get_pzstatusupdate",
+                    chan=1,
+                    output=self._counts,
+                    position=self._position_counts(now),
+                    status=self._status(),
+                )
             case "pz_req_tpz_iosettings" | "pz_set_tpz_iosettings":  # of the KPZ101 alone
                 return b""
         return super()._answer(message, now)

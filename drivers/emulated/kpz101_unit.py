@@ -71,9 +71,12 @@ class Kpz101Unit(AptUnit):
                 return self._reply("mod_get_chanenablestate", chan=1, state=self._state)
             case "pz_req_pzstatusupdate":  # other programs ask for it
                 return self._reply(
-                    "pz_get_pzstatusupdate", chan=1, output=self._counts, position=0,
+                    "pz_get_pzstatusupdate",
+                    chan=1,
+                    output=self._counts,
+                    position=0,
                     status=self._status(),
-                )  # fmt: skip
+                )
         before_v = self.output_v()
         self._change(message)
         if self.output_v() != before_v:

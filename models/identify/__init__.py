@@ -1,7 +1,8 @@
 """Identification: recordings in, an invertible model out, with what it is worth."""
 
 from dehyst.models.cascade.figures import Figures, describe
-from dehyst.models.identify.identification import Identification, Options, identify_alone
+from dehyst.models.identify.identification import identify_alone
+from dehyst.models.identify.identified import Identification, Options
 from dehyst.models.identify.several_axes import identify
 
 __all__ = ["Figures", "Identification", "Options", "describe", "identify", "identify_alone"]

@@ -7,7 +7,7 @@ their bounds.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -16,16 +16,15 @@ from dehyst.models.cascade.figures import describe
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
-from dehyst.models.identify.coupling import Coupled
 from dehyst.models.identify.data.rows import Rows, read_rows
 from dehyst.models.identify.data.stretches import take_stretches
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
 from dehyst.models.identify.final import Fitted, fit_all
 from dehyst.models.identify.fit import make_start
-from dehyst.models.identify.own_input import require_ordinary_loop, require_own_input
-from dehyst.models.identify.search import Search
-from dehyst.models.identify.sense import (
+from dehyst.models.identify.identified import Identification, Left, Options
+from dehyst.models.identify.plausibility.own_input import require_ordinary_loop, require_own_input
+from dehyst.models.identify.plausibility.recordings import (
     note_slow_times,
     require_better_than_a_line,
     require_different,
@@ -36,6 +35,7 @@ from dehyst.models.identify.sense import (
     require_same_units,
     rms,
 )
+from dehyst.models.identify.search import Search
 from dehyst.models.identify.setup import FitSetup, set_up
 from dehyst.models.identify.start import start_agrees
 from dehyst.models.identify.structure import Candidate, choose_structure, list_shapes
@@ -46,69 +46,11 @@ from dehyst.models.identify.uncertainty import (
     measure_band_hz,
     move_saturation,
 )
-from dehyst.models.model import Fit, Model, Provenance, Validity
+from dehyst.models.model import Fit, Provenance, Validity
 from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.signals.pace import measure_pace
 from dehyst.models.signals.ways import repeats_one_loop, ways_of
 from dehyst.models.units import spell_unit
-
-
-@dataclass(frozen=True)
-class Options:
-    """What the user fixed; None: chosen by hold-out.
-
-    order: play operators (1 to 200); rate: rate-dependent or static; saturation: degree of the
-    polynomial (1 to 9); bias: even powers allowed (True: demanded); monotone: False gives the
-    plain least-squares fit, which in general cannot be inverted (for comparison only).
-    """
-
-    order: int | None = None
-    rate: bool | None = None
-    saturation: int | None = None
-    bias: bool | None = None
-    monotone: bool = True
-
-    def __post_init__(self) -> None:
-        if self.order is not None and not 1 <= self.order <= 200:
-            raise BadInput(f"order: 1 to 200 play operators, not {self.order}")
-        if self.saturation is not None and not 1 <= self.saturation <= 9:
-            raise BadInput(f"saturation: a degree from 1 to 9, not {self.saturation}")
-
-
-@dataclass(frozen=True)
-class Left:
-    """What the model leaves in one recording: rms, and the rms of its noise."""
-
-    name: str
-    rms: float
-    noise: float
-
-
-@dataclass(frozen=True)
-class Identification:
-    """The model and what it is worth.
-
-    residuals: one (N,) array per recording, y - model, NaN where there is none; used: (N,) rows
-    that were fitted; shape, offset: the structure; params, errors: packed parameters and their
-    standard errors (0: on the bound); rates: (n,) at which the slopes are given and up to which
-    they are positive; tried, orders: what the hold-out compared; couplings: from
-    other axes, which the model has as blocks; notes: what a reader should know.
-    """
-
-    model: Model
-    residuals: tuple[Floats, ...]
-    used: tuple[Bools, ...]
-    shape: Shape
-    params: Params
-    errors: Params
-    rates: Floats
-    at_bound: Bools
-    tried: tuple[Candidate, ...]
-    orders: tuple[tuple[int, float], ...]
-    noise_rms: float
-    recordings: tuple[Left, ...]
-    couplings: tuple[Coupled, ...] = ()
-    notes: tuple[str, ...] = field(default_factory=tuple)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads wait for each other at this size

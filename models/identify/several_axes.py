@@ -14,7 +14,8 @@ from dehyst.models.identify.coupling import (
     with_couplings,
     without_rests,
 )
-from dehyst.models.identify.identification import Identification, Options, identify_alone
+from dehyst.models.identify.identification import identify_alone
+from dehyst.models.identify.identified import Identification, Options
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Floats, Recording
 

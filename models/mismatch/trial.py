@@ -106,11 +106,24 @@ class Samples(NamedTuple):
 
 
 _SUMS = np.dtype(
-    [(name, "<f8") for name in (
-        "n", "seconds", "own", "own2", "n_other", "other", "other2",
-        "n_tracked", "error2", "without", "n_steps", "steps2",
-    )]
-)  # fmt: skip
+    [
+        (name, "<f8")
+        for name in (
+            "n",
+            "seconds",
+            "own",
+            "own2",
+            "n_other",
+            "other",
+            "other2",
+            "n_tracked",
+            "error2",
+            "without",
+            "n_steps",
+            "steps2",
+        )
+    ]
+)
 
 
 class ErrorMeter:

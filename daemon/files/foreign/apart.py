@@ -86,9 +86,12 @@ def main(source: str, target: str) -> None:
         sys.exit(3)
     columns = [{"heading": c.heading, "unit": c.unit, "clock": c.clock} for c in found.columns]
     head = {
-        "columns": columns, "notes": found.notes, "step_s": found.step_s, "start_s": found.start_s,
+        "columns": columns,
+        "notes": found.notes,
+        "step_s": found.step_s,
+        "start_s": found.start_s,
         "said": found.said,
-    }  # fmt: skip
+    }
     arrays = {f"c{i}": c.values for i, c in enumerate(found.columns)}
     np.savez(target, head=np.array(json.dumps(head)), **arrays)
 

@@ -83,11 +83,13 @@ def _columns(name: str, unit: str, array: Any) -> list[Column]:
         return []
     return [
         Column(
-            f"{name}.{j}" if name else "", np.ascontiguousarray(tall[:, j], dtype=np.float64),
-            unit, clock,
+            f"{name}.{j}" if name else "",
+            np.ascontiguousarray(tall[:, j], dtype=np.float64),
+            unit,
+            clock,
         )
         for j in range(tall.shape[1])
-    ]  # fmt: skip
+    ]
 
 
 def _seconds(moments: Any) -> Any:

@@ -110,8 +110,13 @@ def read_xlsx(path: Path) -> Found:
         if len(book.sheetnames) > 1:
             found.said.append(f"from the sheet '{sheets[0][0]}'")
     else:
-        found = Found([Column(f"{title}/{c.heading}", c.values, c.unit, c.clock)
-                       for title, one in sheets for c in one.columns])  # fmt: skip
+        found = Found(
+            [
+                Column(f"{title}/{c.heading}", c.values, c.unit, c.clock)
+                for title, one in sheets
+                for c in one.columns
+            ]
+        )
         for title, one in sheets:
             found.notes |= {f"{title}/{key}": text for key, text in one.notes.items()}
     found.where = lambda row: f"row {row + 1}"

@@ -8,7 +8,7 @@ import pytest
 from dehyst.models.errors import BadRecording
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.identify import describe, identify
-from dehyst.models.identify.sense import require_better_than_a_line
+from dehyst.models.identify.plausibility.recordings import require_better_than_a_line
 from dehyst.models.model import Hysteresis
 from dehyst.models.recording import Recording
 

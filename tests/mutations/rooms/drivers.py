@@ -327,7 +327,7 @@ CHANGES = [
         ),
         Change(
             "object-rate-believed",
-            OBJECT,
+            "drivers/call_times.py",
             "if declared_hz is not None and declared_hz > sustained_hz:",
             "if False:",
             "a rate that no call sustains is accepted",
@@ -358,9 +358,9 @@ CHANGES = [
         ),
         Change(
             "input-range-not-compiled",
-            "drivers/nidaqmx/direct_calls.py",
-            "        if not c.minimum <= sample <= c.maximum:\n            shown[0]",
-            "        if False:\n            shown[0]",
+            "drivers/analog.py",
+            "        if not context.minimum <= sample <= context.maximum:\n",
+            "        if False:\n",
             "compiled code takes an input that is out of its range for a reading",
         ),
         Change(

@@ -10,7 +10,7 @@ from dehyst.models.cascade.figures import describe
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
 from dehyst.models.identify.data.rows import Rows
-from dehyst.models.identify.sense import measure_line
+from dehyst.models.identify.plausibility.recordings import measure_line
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats, Recording

@@ -1,0 +1,68 @@
+"""What identification is asked for, and what it gives."""
+
+from dataclasses import dataclass, field
+
+from dehyst.models.errors import BadInput
+from dehyst.models.identify.coupling import Coupled
+from dehyst.models.identify.equations import Params, Shape
+from dehyst.models.identify.structure import Candidate
+from dehyst.models.model import Model
+from dehyst.models.recording import Bools, Floats
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user fixed; None: chosen by hold-out.
+
+    order: play operators (1 to 200); rate: rate-dependent or static; saturation: degree of the
+    polynomial (1 to 9); bias: even powers allowed (True: demanded); monotone: False gives the
+    plain least-squares fit, which in general cannot be inverted (for comparison only).
+    """
+
+    order: int | None = None
+    rate: bool | None = None
+    saturation: int | None = None
+    bias: bool | None = None
+    monotone: bool = True
+
+    def __post_init__(self) -> None:
+        if self.order is not None and not 1 <= self.order <= 200:
+            raise BadInput(f"order: 1 to 200 play operators, not {self.order}")
+        if self.saturation is not None and not 1 <= self.saturation <= 9:
+            raise BadInput(f"saturation: a degree from 1 to 9, not {self.saturation}")
+
+
+@dataclass(frozen=True)
+class Left:
+    """What the model leaves in one recording: rms, and the rms of its noise."""
+
+    name: str
+    rms: float
+    noise: float
+
+
+@dataclass(frozen=True)
+class Identification:
+    """The model and what it is worth.
+
+    residuals: one (N,) array per recording, y - model, NaN where there is none; used: (N,) rows
+    that were fitted; shape, offset: the structure; params, errors: packed parameters and their
+    standard errors (0: on the bound); rates: (n,) at which the slopes are given and up to which
+    they are positive; tried, orders: what the hold-out compared; couplings: from
+    other axes, which the model has as blocks; notes: what a reader should know.
+    """
+
+    model: Model
+    residuals: tuple[Floats, ...]
+    used: tuple[Bools, ...]
+    shape: Shape
+    params: Params
+    errors: Params
+    rates: Floats
+    at_bound: Bools
+    tried: tuple[Candidate, ...]
+    orders: tuple[tuple[int, float], ...]
+    noise_rms: float
+    recordings: tuple[Left, ...]
+    couplings: tuple[Coupled, ...] = ()
+    notes: tuple[str, ...] = field(default_factory=tuple)
