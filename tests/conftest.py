@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import tempfile
 import threading
 
 # as `dehyst` itself does, before numpy is imported
@@ -33,6 +34,10 @@ sys.dont_write_bytecode = False
 if "PYTEST_XDIST_WORKER" not in os.environ:  # its workers come after it
     kernel_cache.drop_stale()
 starts.watch()
+# what daemons of one name share, no two tests that run beside each other share, and no daemon of
+# this machine's user either
+RUNTIME = tempfile.TemporaryDirectory(prefix="dehyst-run-")
+os.environ["XDG_RUNTIME_DIR"] = RUNTIME.name
 settings.register_profile("no times are judged", deadline=None)
 settings.load_profile("no times are judged")
 

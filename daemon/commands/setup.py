@@ -82,7 +82,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="V_PER_S",
         help="slew limit, V/s (default: 20 ranges a second)",
     )
-    parser.add_argument("--name", help="the controller's name (default: stage-1)")
+    parser.add_argument("--name", help="the controller's name (default: the folder's)")
     parser.add_argument(
         "--rate", type=float, metavar="HZ", help="rate of the loop (default: measured)"
     )

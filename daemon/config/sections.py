@@ -312,6 +312,14 @@ class Config(_Strict, frozen=True):
         return run_directory(self.name, self.run_dir)
 
 
+def usable_name(text: str) -> str:
+    """That text as a controller's name, in lower case; "": it cannot be one."""
+    try:
+        return msgspec.convert(text.lower(), Name)
+    except msgspec.ValidationError:
+        return ""
+
+
 def run_directory(name: str, run_dir: str) -> Path:
     """The folder of a controller's rings; run_dir: as configured, "" for the default."""
     if run_dir:

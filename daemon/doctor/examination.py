@@ -32,7 +32,7 @@ from dehyst.models.change.naming import (
     is_of_sensor,
     pick_models,
     rank_findings,
-    tell_one_change,
+    state_one_change,
 )
 from dehyst.models.change.replay import BothReplayed, keep_zero, replay_both
 from dehyst.models.diagnosis import Finding
@@ -128,7 +128,7 @@ def _conclude(
     one = find_one_change(findings, seen.causes, left)
     if one is not None:  # alone it explains all that is new
         beside = _tell_beside(findings)
-        findings = [tell_one_change(one, seen.causes, left)]
+        findings = [state_one_change(one, seen.causes, left)]
         verdict, models = "explained", []
     named = [f for f in findings if f.name != "unknown"]
     of_sensor = bool(named) and is_of_sensor(named[0], seen.causes, noise2)

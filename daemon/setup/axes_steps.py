@@ -15,8 +15,7 @@ from dehyst.daemon.loop.checks import check_unopened
 from dehyst.daemon.setup import moving_axes
 from dehyst.daemon.setup.steps import (
     FRESH,
-    NAME,
-    UNITS_HEED,
+    UNITS_OPTIONS,
     Result,
     Step,
     ask_limits,
@@ -73,7 +72,7 @@ def _text_of(bench: Workbench, rate_hz: float) -> str:
     actuator = units["actuator"]
     text = write_commented(
         {
-            "": {"name": bench.wishes.name or NAME},
+            "": {"name": bench.name},
             "loop": {"rate_hz": rate_hz},
             "actuator": {"driver": actuator["driver"], "settings": settings_of(actuator)},
             **limits_within(limits["min_v"], limits["max_v"], limits["slew_v_per_s"]),
@@ -161,7 +160,7 @@ def offer_service(bench: Workbench) -> Result:
 
 
 AXES_STEPS = (
-    Step("units", "find the units", find_units, UNITS_HEED),
+    Step("units", "find the units", find_units, UNITS_OPTIONS),
     Step("limits", "limits of the axes", ask_limits_of_all, ("range_v", "slew_v_per_s")),
     Step(
         "configuration",

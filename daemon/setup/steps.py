@@ -25,10 +25,9 @@ from dehyst.models.errors import BadInput, NotNow
 
 RATE_SHARE = 0.95  # of the rate that leaves these units room for late replies
 MOST_HZ = 1000.0  # of the loop, where units would do more
-NAME = "stage-1"
 FRESH = 1  # seed of the drive that validates; 0 is the one that identifies
 
-UNITS_HEED = ("ports", "axis", "axes")
+UNITS_OPTIONS = ("ports", "axis", "axes")
 
 Result = dict[str, Any]
 """`words`: what came of it; the rest for later steps and for --json."""
@@ -174,7 +173,7 @@ def write_configuration(bench: Workbench) -> Result:
     rate_hz = chosen_rate(bench)
     text = write_commented(
         {
-            "": {"name": bench.wishes.name or NAME},
+            "": {"name": bench.name},
             "model": {"file": MODEL},
             "loop": {"rate_hz": rate_hz},
             "actuator": {
@@ -277,7 +276,7 @@ def say_what_next(bench: Workbench, models: str, *more: str) -> Result:
 
 
 STEPS = (
-    Step("units", "find the units", find_units, UNITS_HEED),
+    Step("units", "find the units", find_units, UNITS_OPTIONS),
     Step("limits", "limits of this stage", ask_limits, ("range_v", "slew_v_per_s")),
     Step(
         "configuration",

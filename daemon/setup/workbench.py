@@ -9,6 +9,7 @@ from typing import Any
 from dehyst.daemon.acquire.axes import play_axes
 from dehyst.daemon.acquire.one_axis import acquire
 from dehyst.daemon.config import Config, load_config, load_controller
+from dehyst.daemon.config.sections import usable_name
 from dehyst.daemon.files.axis_columns import to_columns
 from dehyst.daemon.files.known_units import ACTUATOR, open_known
 from dehyst.daemon.files.outputs import file_of_axis
@@ -22,6 +23,7 @@ from dehyst.models.errors import NotNow
 from dehyst.models.recording import Floats, Recording
 
 CONFIG, MODEL = "stage.toml", "stage.model.toml"
+NAME = "stage-1"
 MADE = "# Made by `dehyst setup`, which replaces it where its limits, units or rate change.\n"
 
 
@@ -38,6 +40,12 @@ class Workbench:
     ) -> None:
         self.folder, self.wishes, self.journal = folder, wishes, journal
         self.ask, self.say = ask, say
+
+    @property
+    def name(self) -> str:
+        """The controller's: as wished, else the folder's where it can be one. So two stages of one
+        machine have two names, and each a run folder of its own."""
+        return self.wishes.name or usable_name(self.folder.resolve().name) or NAME
 
     @property
     def config_path(self) -> Path:

@@ -68,7 +68,7 @@ def find_one_change(
     return best if best.left**2 <= min(enough, explained) else None
 
 
-def tell_one_change(one: WeighedCause, causes: Sequence[WeighedCause], left: Left) -> Finding:
+def state_one_change(one: WeighedCause, causes: Sequence[WeighedCause], left: Left) -> Finding:
     """That cause as what was found, with the names of those that do as well but for the noise."""
     noise2, cause = left.noise**2, one.cause
     near = [o.cause.name for o in causes if o.new >= one.new - noise2]

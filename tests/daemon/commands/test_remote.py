@@ -181,7 +181,7 @@ def test_status_is_one_screen_and_its_exit_status_says_whether_to_look(bench: Be
         assert "no daemon reached" in err
 
 
-def test_watch_on_a_terminal_of_80_by_24_fits_heeds_no_color_and_a_resize(shared: Bench) -> None:
+def test_watch_on_a_terminal_of_80_by_24_fits_respects_no_color_and_resizes(shared: Bench) -> None:
     shared.client()
     command = [sys.executable, "-m", "dehyst.daemon.main", "watch", "--connect", shared.address]
     env = {**ENV, "NO_COLOR": "1", "TERM": "xterm-256color"}

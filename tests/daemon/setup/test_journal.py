@@ -67,7 +67,7 @@ def test_what_is_done_is_not_done_again_unless_it_is_asked_for(desk: Desk) -> No
     assert desk.go(first="limits") == ["limits", "record"]
 
 
-def test_an_option_of_another_value_repeats_the_steps_that_heed_it_and_those_behind(
+def test_an_option_of_another_value_repeats_the_steps_that_use_it_and_those_after(
     desk: Desk,
 ) -> None:
     desk.go(range_v=(0.0, 100.0), ports=("a", "b"))
@@ -137,3 +137,23 @@ def test_the_users_own_configuration_stays_and_what_setup_wrote_is_put_aside(
     assert (tmp_path / "stage-1.toml").read_text() == MADE + "x = 1\n"
     bench.config_path.write_text("x = 3\n")
     assert bench.has_own_config()
+
+
+@pytest.mark.parametrize(
+    ("folder", "wished", "name"),
+    [
+        ("left", None, "left"),
+        ("Left", None, "left"),
+        ("left", "right", "right"),
+        ("my stage", None, "stage-1"),
+        ("x" * 64, None, "stage-1"),
+    ],
+)
+def test_each_folder_is_a_controller_of_its_own(
+    tmp_path: Path, folder: str, wished: str | None, name: str
+) -> None:
+    asking = Questions(True, Console(file=io.StringIO()))
+    path = tmp_path / folder
+    path.mkdir()
+    bench = Workbench(path, Wishes(name=wished), Journal(path), asking, print)
+    assert bench.name == name

@@ -12,7 +12,7 @@ from dehyst.models.change.naming import (
     is_of_sensor,
     pick_models,
     rank_findings,
-    tell_one_change,
+    state_one_change,
 )
 from dehyst.models.model import Hysteresis, Model, Validity
 
@@ -84,10 +84,10 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
     assert find_one_change(found, causes, LEFT) is mode  # type: ignore[arg-type]
     tied = [F("lag", near=("resonance",)), *found[1:]]  # it could be one, and does worse
     assert find_one_change(tied, causes, LEFT) is mode  # type: ignore[arg-type]
-    reported = tell_one_change(mode, causes, LEFT)
+    reported = state_one_change(mode, causes, LEFT)
     assert (reported.name, reported.place, reported.ambiguous_with) == ("resonance", "stage", ())
     assert reported.share == pytest.approx(0.158 / (0.40**2 - 0.03**2))
-    near = tell_one_change(mode, [*causes, alone("delay", 0.1575, left=0.051)], LEFT)
+    near = state_one_change(mode, [*causes, alone("delay", 0.1575, left=0.051)], LEFT)
     assert near.ambiguous_with == ("delay",)
 
 
