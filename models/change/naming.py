@@ -89,18 +89,21 @@ def state_one_change(one: WeighedCause, causes: Sequence[WeighedCause], left: Le
 
 
 def is_of_sensor(first: Finding, causes: Sequence[WeighedCause], noise2: float) -> bool:
-    """Whether it is the gauge that has changed: no cause of that name elsewhere does as well."""
+    """Whether it is the gauge that has changed: elsewhere, neither a cause of that name nor one
+    that it cannot be distinguished from does as well."""
     if first.place != "sensor":
         return False
-    alone = [one for one in causes if one.cause.name == first.name]
-    here = [one.new for one in alone if one.cause.place == "sensor"]
-    elsewhere = [one.new for one in alone if one.cause.place != "sensor"]
+    here = [o.new for o in causes if o.cause.name == first.name and o.cause.place == "sensor"]
+    elsewhere = [one.new for one in _of_names(first, causes) if one.cause.place != "sensor"]
     return not elsewhere or max(elsewhere) < max(here, default=0.0) - noise2
 
 
 def pick_models(first: Finding, causes: Sequence[WeighedCause]) -> list[Model]:
-    """What was named alone, else its near-ties; what a gauge does is not compensated."""
-    fit = [one for one in causes if one.new > 0.0 and one.cause.place != "sensor"]
-    named = [one for one in fit if one.cause.name == first.name]
-    near = [one for one in fit if one.cause.name in first.ambiguous_with]
-    return [one.cause.model for one in named or near]
+    """What was named, then what it cannot be distinguished from; what a gauge does is not
+    compensated."""
+    fit = [o for o in _of_names(first, causes) if o.new > 0.0 and o.cause.place != "sensor"]
+    return [o.cause.model for o in sorted(fit, key=lambda o: o.cause.name != first.name)]
+
+
+def _of_names(first: Finding, causes: Sequence[WeighedCause]) -> list[WeighedCause]:
+    return [o for o in causes if o.cause.name in (first.name, *first.ambiguous_with)]

@@ -59,16 +59,20 @@ def test_the_gauge_has_changed_where_nothing_else_does_as_well() -> None:
         assert is_of_sensor(lag, causes, 0.0004) is expected  # type: ignore[arg-type]
     assert is_of_sensor(lag, causes[:1], 0.0004)  # type: ignore[arg-type]
     assert not is_of_sensor(F("lag", place="drive"), causes, 0.0004)  # type: ignore[arg-type]
+    causes.append(alone("delay", 0.0400, "drive"))
+    assert is_of_sensor(lag, causes, 0.0004)  # type: ignore[arg-type]
+    tied = F("lag", place="sensor", near=("delay",))
+    assert not is_of_sensor(tied, causes, 0.0004)  # type: ignore[arg-type]
 
 
-def test_what_was_named_is_offered_else_what_it_cannot_be_distinguished_from() -> None:
+def test_what_was_named_is_tried_before_what_it_cannot_be_distinguished_from() -> None:
     causes = [
         alone("rate", 0.05), alone("lag", 0.045, "sensor"), alone("lag", 0.04, "drive"),
         alone("creep", 0.01), alone("delay", -0.01),
     ]  # fmt: skip
     first = F("lag", near=("rate", "delay"))
     picked = [m.drive_unit for m in pick_models(first, causes)]  # type: ignore[arg-type]
-    assert picked == ["lag-drive"]
+    assert picked == ["lag-drive", "rate-stage"]
     del causes[2]
     picked = [m.drive_unit for m in pick_models(first, causes)]  # type: ignore[arg-type]
     assert picked == ["rate-stage"]
