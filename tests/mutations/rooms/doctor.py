@@ -73,7 +73,7 @@ CHANGES = [
         ),
         Change(
             "gauge-compensated", NAMING,
-            'if one.new > 0.0 and one.cause.place != "sensor"]', "if one.new > 0.0]",
+            'if o.new > 0.0 and o.cause.place != "sensor"]', "if o.new > 0.0]",
             "the stage is moved for a gauge that has become slow",
         ),
         Change(
@@ -81,6 +81,12 @@ CHANGES = [
             "return not elsewhere or max(elsewhere) < max(here, default=0.0) - noise2",
             "return True",
             "a lag of the amplifier is blamed on the gauge",
+        ),
+        Change(
+            "gauge-by-its-name", NAMING,
+            "elsewhere = [one.new for one in _of_names(first, causes) if",
+            "elsewhere = [one.new for one in causes if one.cause.name == first.name and",
+            "a delay that cannot be distinguished from a lag of the gauge gets no model",
         ),
         Change(
             "one-change-any", NAMING,

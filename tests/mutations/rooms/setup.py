@@ -3,6 +3,7 @@
 from tests.mutations.change import Change, room
 
 MOVING, STEPS = "daemon/setup/moving.py", "daemon/setup/steps.py"
+BENCH = "daemon/setup/workbench.py"
 TESTS = ("tests/daemon/setup/test_moving.py", "tests/daemon/setup/test_journal.py")
 
 CHANGES = [
@@ -14,6 +15,13 @@ CHANGES = [
             "gentle_shares: tuple[float, ...] = (0.1, 1.0)",
             "gentle_shares: tuple[float, ...] = (1.0, 1.0)",
             "a stage whose gauge is another one's is driven through its whole range",
+        ),
+        Change(
+            "one-name-for-all",
+            BENCH,
+            "return self.wishes.name or usable_name(self.folder.resolve().name) or NAME",
+            "return self.wishes.name or NAME",
+            "two stages of one machine share what is known of their units",
         ),
         Change(
             "any-gauge-will-do",
