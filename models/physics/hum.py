@@ -128,6 +128,8 @@ class Hum(Candidate):
         return f"not on multiples of {f:.4g} Hz, at which the drive repeats itself" if f else ""
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
+        if self._recordings < 2:  # one alone does not show that the next has the same phase
+            return ()
         out = []
         rows = np.bincount(data.rec[data.rows], minlength=self._recordings)
         for f, line in zip(theta, self.per_recording(theta, amplitudes), strict=True):

@@ -124,6 +124,14 @@ def test_a_line_is_written_where_the_recordings_share_its_phase(
         assert blocks[0].params["phase_rad"] == pytest.approx(0.5 * turn, abs=0.05)
 
 
+def test_a_line_of_one_recording_alone_is_not_written() -> None:
+    t = 1e-3 * np.arange(4000)
+    u = 5.0 - 5.0 * np.cos(2 * np.pi * t)
+    one = prepare([Recording(t, u, u)])
+    (line,) = (c for c in library(one) if c.key == "hum")
+    assert line.blocks((50.0,), np.array([0.1, 0.0]), one) == ()
+
+
 @pytest.mark.parametrize(
     ("key", "theta", "amplitudes"),
     [("drift-trend", (0.9, 60.0), (0.4, 3.0)), ("creep-earlier", (0.2, 2.0), (0.2, 0.1))],

@@ -367,6 +367,13 @@ CHANGES = [
             "            if abs(mean) <= 0.0:\n",
             "a line is written whose phase is no other recording's",
         ),
+        Change(
+            "phase-of-one-recording-is-written",
+            "models/physics/hum.py",
+            "if self._recordings < 2:",
+            "if self._recordings < 1:",
+            "the written model adds a line of an unknown phase to every other recording",
+        ),
     ),
     *room(
         ("tests/models/diagnosis/test_data_first.py",),
