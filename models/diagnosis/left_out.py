@@ -131,10 +131,20 @@ def leave_out(problem: Problem, fit: JointFit) -> LeftOut:
     for g in np.unique(of[data.rows]):
         here = of == g
         beside = problem.counted(data.rec != data.rec[np.argmax(here)])
-        own = fit.design[problem.counted(here)]
+        own = ~fit.design[beside].any(axis=0) if count > 1 else _unwritten(problem, fit)
         groups.append(here)
-        owns.append(own[:, ~fit.design[beside].any(axis=0)] if count > 1 else own[:, :0])
+        owns.append(fit.design[problem.counted(here)][:, own])
     return LeftOut(data, tuple(groups), tuple(owns))
+
+
+def _unwritten(problem: Problem, fit: JointFit) -> Bools:
+    """The columns (K,) of what acts beside the drive and no model of this recording contains."""
+    unwritten = [np.zeros(len(problem.data.names) + problem.base.width, dtype=bool)]
+    for effect, a in zip(fit.effects, fit.amplitudes, strict=True):
+        one = effect.candidate
+        never = not one.driven and not one.blocks(effect.theta, a, problem.data)
+        unwritten.append(np.full(a.size, never))
+    return np.concatenate(unwritten)
 
 
 def _fit_without(problem: Problem, fit: JointFit, here: Bools) -> JointFit:

@@ -76,8 +76,8 @@ NOT_CONTAINED = (
 
 
 NOT_WRITTEN = (
-    "The written model does not contain it: recordings that were left out are not predicted better "
-    "with it."
+    "The written model does not contain it: with it, another recording would not be predicted "
+    "better."
 )
 
 
