@@ -1,6 +1,6 @@
 """Answers for a round of sealed cases: what each stage hides, and its held-out waveform predicted.
 
-    python tests/concealed/make_answers.py ROUND_FOLDER [--all-rows] [--jobs 2]
+    python tests/concealed/make_answers.py ROUND_FOLDER [--all-rows] [--jobs 2] [--models DIR]
 
 Every folder case-NN is diagnosed from its own recordings alone, all its files but the held-out
 one. Writes answers.json and predictions/case-NN.csv.gz (t_s, y_base and y_model in the recordings'
@@ -21,6 +21,7 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, as the command line does
 
+from dehyst.daemon.files.models import save_model
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis, diagnose
@@ -58,12 +59,16 @@ def predictions(diagnosis: Diagnosis, held: Recording, every: int) -> bytes:
     return gzip.compress(text.getvalue().encode(), mtime=0)
 
 
-def one_case(folder: Path, every: int) -> tuple[str, dict[str, Any], bytes, float]:
-    """Name, answer, predictions and seconds of one folder."""
+def one_case(
+    folder: Path, every: int, models: Path | None
+) -> tuple[str, dict[str, Any], bytes, float]:
+    """Name, answer, predictions and seconds of one folder; the model into `models`."""
     start = time.perf_counter()
     given = [path for pattern in GIVEN for path in files(folder, pattern)]
     diagnosis = diagnose([read_recording(path, need_displacement=True) for path in given])
     table = predictions(diagnosis, read_recording(files(folder, HELD_OUT)[0]), every)
+    if models is not None:
+        save_model(diagnosis.model, models / f"{folder.name}.toml")
     return folder.name, answer(diagnosis), table, time.perf_counter() - start
 
 
@@ -73,6 +78,7 @@ def main() -> int:
     parser.add_argument("--all-rows", action="store_true", help="predict every row")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("-o", "--output", type=Path, help="default: beside this file")
+    parser.add_argument("--models", type=Path, help="keep the written models in this folder")
     args = parser.parse_args()
     cases = sorted(p for p in args.round.glob("case-*") if p.is_dir())
     if not cases:
@@ -80,10 +86,14 @@ def main() -> int:
         return 2
     out = args.output or Path(__file__).resolve().parent / args.round.resolve().name
     (out / "predictions").mkdir(parents=True, exist_ok=True)
+    if args.models is not None:
+        args.models.mkdir(parents=True, exist_ok=True)
     every = 1 if args.all_rows else EVERY
     answers: dict[str, Any] = {}
     with ProcessPoolExecutor(args.jobs) as pool:
-        for done in as_completed([pool.submit(one_case, folder, every) for folder in cases]):
+        for done in as_completed(
+            [pool.submit(one_case, case, every, args.models) for case in cases]
+        ):
             name, said, table, seconds = done.result()
             answers[name] = said
             (out / "predictions" / f"{name}.csv.gz").write_bytes(table)
