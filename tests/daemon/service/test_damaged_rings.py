@@ -61,7 +61,7 @@ def test_safe_and_a_new_start_with_a_damaged_ring(service: Service, how: str) ->
     until(lambda: not service.core_pid(), 10.0, "the core has gone")
     for name in ("telemetry", "status", "event", "command"):
         damage(service.folder / "run" / f"{name}.ring", how)
-    assert service.output() > 60.0
+    assert service.output() > SAFE_V + 10.0  # it may have begun to come down before the kill
     safe = dehyst("safe", "--config", str(service.config))
     _, words = safe.communicate(timeout=60)
     assert safe.returncode == 0, words
