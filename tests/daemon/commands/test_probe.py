@@ -8,9 +8,10 @@ import pytest
 from msgspec import structs
 
 from dehyst.daemon.main import main
+from dehyst.drivers.emulated.apt_port import AptEmulator
 from dehyst.drivers.emulated.kpc101_unit import RACK_KNOBS, Bpc303Unit, Kpc101Knobs, Kpc101Unit
 from dehyst.drivers.emulated.kpz101_knobs import Kpz101Knobs
-from dehyst.drivers.emulated.kpz101_port import Kpz101Emulator
+from dehyst.drivers.emulated.kpz101_unit import Kpz101Unit
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Knobs
 from dehyst.drivers.emulated.ksg101_unit import Ksg101Unit
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
@@ -161,7 +162,7 @@ def test_the_emulator_as_a_process_takes_commands(tmp_path):
 @pytest.mark.parametrize("unit", [[], ["--unit", "kpz101"]])
 def test_a_piezo_driver_is_recognised_and_not_touched(tmp_path, capsys, unit):
     knobs = Kpz101Knobs(limit_v=75, start_v=30.0, mode=2)
-    with Kpz101Emulator(tmp_path / "port", knobs) as emulator:
+    with AptEmulator(Kpz101Unit(knobs), tmp_path / "port") as emulator:
         assert main(["probe", emulator.port, *unit, "--json"]) == 0
         assert (emulator.unit.sets_done, emulator.unit.output_v()) == (0, 0.0)
     found = json.loads(capsys.readouterr().out)

@@ -427,6 +427,23 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/drivers/emulated/test_kpc101_bench.py",),
+        Change(
+            "bench-gauge-where-no-stage-is",
+            "drivers/emulated/amplifiers.py",
+            "        rack.channels[address].gauge_connected &= axis in axes\n",
+            "        rack.channels[address].gauge_connected = True\n",
+            "a channel that drives no stage is asked for its position, and the bench ends",
+        ),
+        Change(
+            "bench-gauge-stays-plugged",
+            "drivers/emulated/kpc101_unit.py",
+            "self.gauge_connected and not self.faults.gauge_pulled",
+            "self.gauge_connected",
+            "a gauge that was pulled out goes on reading",
+        ),
+    ),
+    *room(
         ("tests/daemon/commands/test_probe.py",),
         Change(
             "probe-gauge-never-asked-for",
