@@ -1,4 +1,4 @@
-"""an MDT693B, MDT694B or KPZ101 and KSG101s on pseudo terminals, with a simulated stage"""
+"""an amplifier and its gauges on pseudo terminals, with a simulated stage"""
 
 import argparse
 import contextlib
@@ -11,9 +11,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from msgspec import structs
+
 from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.loop.timing import realtime
 from dehyst.drivers.emulated.bench import Bench, BenchSettings
+from dehyst.drivers.emulated.kpc101_unit import RACK_KNOBS, Kpc101Knobs
 from dehyst.drivers.emulated.kpz101_knobs import Kpz101Knobs
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Knobs
 from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
@@ -26,12 +29,13 @@ from dehyst.models.errors import BadInput
 LATENCY_S = 0.0015
 """Of an amplifier command: room for a 200 Hz loop that writes and reads in turn."""
 
-AMPLIFIERS = ("mdt693b", "mdt694b", "kpz101")
+AMPLIFIERS = ("mdt693b", "mdt694b", "kpz101", "kpc101", "bpc303")
+APT_KNOBS = {"kpz101": Kpz101Knobs(), "kpc101": Kpc101Knobs(), "bpc303": RACK_KNOBS}
 
 BENCH_PRIORITY = 60
 
 EPILOG = """\
-Prints one line of JSON with the paths of both ports and of the control socket when they can be
+Prints one line of JSON with the paths of the ports and of the control socket when they can be
 opened, and runs until SIGTERM or Ctrl-C. Faults and changes go to the control socket, one JSON
 object a datagram, e.g. {"fault": "unplug", "for_s": 2} or {"stage": {"stroke_um": 15.0}}; with
 several axes "axis": "y" says whose.
@@ -40,6 +44,7 @@ examples: dehyst emulate --dir /tmp/bench --dialect 1.05 --stage creep_gain_per_
           dehyst emulate --axes 3 --stage x.from_y=0.03
           dehyst emulate --amplifier kpz101 --limit-v 75
           dehyst emulate --amplifier mdt694b
+          dehyst emulate --amplifier bpc303 --axes 3
 """
 
 
@@ -54,7 +59,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--amplifier",
         choices=AMPLIFIERS,
         default=AMPLIFIERS[0],
-        help="the amplifier; MDT694B and KPZ101 have one axis (default: %(default)s)",
+        help="the amplifier; MDT694B, KPZ101 and KPC101 have one axis; KPC101 and BPC303 read the "
+        "gauges themselves (default: %(default)s)",
     )
     parser.add_argument(
         "--dialect",
@@ -141,7 +147,7 @@ def amplifier_knobs(args: argparse.Namespace) -> Mdt693bKnobs | Kpz101Knobs:
     single = args.amplifier == "mdt694b"
     if single and (args.axes, args.axis) != (1, "x"):
         raise BadInput("an MDT694B has the axis x alone: leave out --axis and --axes")
-    if args.amplifier != "kpz101":
+    if args.amplifier not in APT_KNOBS:
         return Mdt693bKnobs(
             axes="x" if single else "xyz",
             dialect=args.dialect,
@@ -150,12 +156,15 @@ def amplifier_knobs(args: argparse.Namespace) -> Mdt693bKnobs | Kpz101Knobs:
             jitter_s=args.jitter_s,
             start_v=args.start_v,
         )
-    for option, value in (("dialect", plain.dialect), ("jitter_s", plain.jitter_s), ("axes", 1)):
+    knobs = APT_KNOBS[args.amplifier]
+    axes = args.axes if args.amplifier == "bpc303" else 1
+    for option, value in (("dialect", plain.dialect), ("jitter_s", plain.jitter_s), ("axes", axes)):
         if getattr(args, option) != value:
             name = option.replace("_", "-")
-            raise BadInput(f"--{name}: not for a KPZ101; leave it out, or use an MDT693B")
+            raise BadInput(f"--{name}: not for a {knobs.model}; leave it out, or use an MDT693B")
     # one that stands at a voltage is enabled
-    return Kpz101Knobs(
+    return structs.replace(
+        knobs,
         limit_v=args.limit_v,
         latency_s=args.latency_s,
         start_v=args.start_v,

@@ -17,6 +17,8 @@ from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.drivers.apt.link import USB_IDS as GAUGES
 from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import DeviceNotFound
+from dehyst.drivers.kpc101 import probe as controllers
+from dehyst.drivers.kpc101.kinds import ONE_CHANNEL, THREE_CHANNELS
 from dehyst.drivers.kpz101 import probe as piezos
 from dehyst.drivers.kpz101.driver import KIND as PIEZOS
 from dehyst.drivers.ksg101 import probe as gauges
@@ -29,13 +31,16 @@ from dehyst.models.errors import BadInput
 
 TIMED = 100
 AMPLIFIER, GAUGE, PIEZO = "mdt693b", "ksg101", "kpz101"
+CONTROLLER, RACK = ONE_CHANNEL.driver, THREE_CHANNELS.driver
+APT_UNITS = (GAUGE, PIEZO, CONTROLLER, RACK)
 NAMES = {AMPLIFIER: "MDT693B or MDT694B", GAUGE: "KSG101", PIEZO: "KPZ101"}
+NAMES |= {CONTROLLER: "KPC101 or BPC301", RACK: "BPC303"}
 
 EPILOG = f"""\
-Finds out whether an MDT693B, MDT694B or KPZ101 (amplifiers) or a KSG101 (gauge reader) is connected
-to the port. Sends requests, to the MDT69xB also an empty line and two unknown words; changes no
-setting and moves no output. PORT is a path or "auto" (the MDT69xB on USB, with --unit ksg101 or
-kpz101 the one APT unit). Stop everything else that uses the unit first.
+Finds out whether an MDT693B, MDT694B or KPZ101 (amplifiers), a KSG101 (gauge reader), or a KPC101,
+BPC301 or BPC303 (both) is connected to the port. Sends requests, to the MDT69xB also an empty line
+and two unknown words; changes no setting and moves no output. PORT is a path or "auto" (the MDT69xB
+on USB, with --unit of another the one APT unit). Stop everything else that uses the unit first.
 
 --sets V times {TIMED} sets of axis x, all to V, and only if the unit reads back V within 1 V. The
 unit does not report its set-point, so give the one that it really has: otherwise the output moves
@@ -55,7 +60,7 @@ examples: dehyst probe /dev/ttyACM0 -o my-amplifier.json
 
 @dataclass(frozen=True)
 class _Probed:
-    """unit: AMPLIFIER, GAUGE, "": neither; facts: for --json and the fixture; lines: for people."""
+    """unit: a key of NAMES, "": none; facts: for --json and the fixture; lines: for people."""
 
     unit: str
     exchanges: list[RecordedExchange]
@@ -71,9 +76,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", metavar="FILE", type=Path, help="open the devices of this configuration"
     )
-    parser.add_argument(
-        "--unit", choices=(AMPLIFIER, GAUGE, PIEZO), help="probe for this unit only"
-    )
+    parser.add_argument("--unit", choices=tuple(NAMES), help="probe for this unit only")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the recording (JSON)")
     parser.add_argument("--baud", type=int, default=115200, help="default: %(default)s")
     parser.add_argument(
@@ -136,7 +139,7 @@ def _report(args: argparse.Namespace) -> int:
 def _path(args: argparse.Namespace) -> str:
     if args.port != "auto":
         return str(args.port)
-    if args.unit not in (GAUGE, PIEZO):
+    if args.unit not in APT_UNITS:
         return find_port(Mdt693bConfig(baud=args.baud))
     ports = find_usb_ports(GAUGES)
     if len(ports) != 1:
@@ -149,14 +152,14 @@ def _probe(port: SerialPort, args: argparse.Namespace) -> _Probed:
     half a command, and the amplifier's probe spoils that one before it asks."""
     asked = args.unit or (AMPLIFIER if args.sets is not None else "")
     heard: list[RecordedExchange] = []
-    for units, probe in (((GAUGE, PIEZO), _probe_apt), ((AMPLIFIER,), _probe_amplifier)):
+    for units, probe in ((APT_UNITS, _probe_apt), ((AMPLIFIER,), _probe_amplifier)):
         if asked in ("", *units):
             found = probe(port, args.sets)
             if found.unit:
                 return found
             heard += found.exchanges
     raw = b"".join(exchange.reply for exchange in heard)
-    what = NAMES[asked] if asked else "MDT693B, MDT694B, KPZ101 or KSG101"
+    what = NAMES[asked] if asked else "MDT693B, MDT694B, KPZ101, KSG101, KPC101 or BPC303"
     says = f"answers {raw[:60]!r}, which is no {what}" if raw else "does not answer"
     return _Probed("", heard, {}, {}, [f"{says}; check port, power and baud rate"])
 
@@ -179,14 +182,53 @@ def _probe_piezo(port: SerialPort, unit: gauges.ProbedGauge) -> _Probed:
     return _Probed(PIEZO, exchanges, facts, {}, lines)
 
 
+def _probe_controller(port: SerialPort, kind: str, heard: list[RecordedExchange]) -> _Probed:
+    """An output and perhaps a gauge for each channel. heard: so far, if nobody is found here."""
+    requests = controllers.RACK_REQUESTS if kind == RACK else controllers.REQUESTS
+    with progress_bar("requests") as progress:
+        exchanges = gauges.record_requests(port, progress, requests=requests)
+    unit = gauges.interpret_requests(exchanges)
+    if not unit.model:
+        return _Probed("", heard + exchanges, {}, {}, [])
+    channels = controllers.interpret_channels(exchanges)
+    facts = {"model": unit.model, "serial": unit.serial_number, "firmware": unit.firmware}
+    found = [asdict(channel) | {"roles": list(channel.roles)} for channel in channels]
+    lines = [
+        f"{unit.model}, firmware {unit.firmware}, serial number {unit.serial_number}; driver {kind}"
+    ]
+    for channel in channels:
+        lines += _lines_of_channel(channel)
+    if not channels:
+        lines.append("no channel answers: every bay is empty")
+    return _Probed(kind, exchanges, facts | {"channels": found}, {}, lines)
+
+
+def _lines_of_channel(channel: controllers.ProbedChannel) -> list[str]:
+    reads = "out of range" if channel.position_um is None else f"{channel.position_um:.4f} um"
+    travel = f"{channel.travel_um:g} um" if channel.travel_um else "not known: set max_travel_um"
+    gauge = f"100 % is {travel}; it reads {reads}" if channel.gauge_connected else "no gauge"
+    named = f"channel {channel.number}"
+    lines = [
+        f"{named}, {' and '.join(channel.roles)}: voltage limit {channel.limit_v:g} V; set-point "
+        f"{channel.output_v:.3f} V; output {'enabled' if channel.enabled else 'disabled'}; {gauge}"
+    ]
+    if not channel.open_loop:
+        lines.append(f"{named} is not in open loop: the driver refuses it")
+    if not channel.software_only:
+        lines.append(f"{named}: its voltage source is not software only: the driver refuses it")
+    return lines
+
+
 def _probe_apt(port: SerialPort, sets: float | None) -> _Probed:
     with progress_bar("requests") as progress:
         exchanges = gauges.record_requests(port, progress)
     unit = gauges.interpret_requests(exchanges)
     if not unit.model:
-        return _Probed("", exchanges, {}, {}, [])
+        return _probe_controller(port, RACK, exchanges)
     if unit.model.startswith(PIEZOS.models):
         return _probe_piezo(port, unit)
+    if unit.model.startswith(ONE_CHANNEL.models):
+        return _probe_controller(port, CONTROLLER, [])
     facts = {
         "model": unit.model,
         "serial": unit.serial_number,

@@ -2,6 +2,8 @@
 
     directory/mdt693b   port of the amplifier        directory/ksg101   port of the strain gauge
     directory/kpz101    the same where it is a KPZ101, which has one axis
+    directory/kpc101    or a KPC101: its gauge is its own, and there is no ksg101
+    directory/bpc303    or a BPC303: the same, its channels are x, y and z
     directory/control   Unix datagram socket that takes faults and changes (control.py)
 
 With several axes each has its KSG101: directory/ksg101-x, ksg101-y, ksg101-z.
@@ -24,14 +26,18 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
-from dehyst.drivers.emulated.kpz101_knobs import Kpz101Knobs
-from dehyst.drivers.emulated.kpz101_port import Kpz101Emulator
+from dehyst.drivers.emulated.amplifiers import (
+    Amplifier,
+    Knobs,
+    check_axes,
+    has_gauges,
+    make_amplifier,
+)
+from dehyst.drivers.emulated.kpc101_unit import Bpc303Unit, Kpc101Knobs, Kpc101Unit
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Knobs
 from dehyst.drivers.emulated.ksg101_unit import Ksg101Unit
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
-from dehyst.drivers.emulated.mdt693b_port import Mdt693bEmulator
 from dehyst.drivers.emulated.pty_device import PtyServer
-from dehyst.drivers.interface import DriverConfigError
 from dehyst.drivers.simulated.axes import Platform
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.drivers.simulated.stage import Stage
@@ -43,10 +49,11 @@ NS_PER_S = 1e9
 class BenchSettings:
     """The parts. axis: the amplifier's axis that drives the stage; more: further axes of the stage,
     each with its own gauge. The voltage of an axis that drives nothing acts through the stage's
-    coupling_um_per_v. gauge: None: a KSG101 whose travel covers the stage."""
+    coupling_um_per_v. gauge: its travel is that of an amplifier's own gauges as well; None: one
+    whose travel covers the stage."""
 
     stage: StageSettings = field(default_factory=StageSettings)
-    amplifier: Mdt693bKnobs | Kpz101Knobs = field(default_factory=Mdt693bKnobs)
+    amplifier: Knobs = field(default_factory=Mdt693bKnobs)
     gauge: Ksg101Knobs | None = None
     axis: str = "x"
     more: Mapping[str, StageSettings] = field(default_factory=dict)
@@ -128,13 +135,7 @@ class Bench:
         self._clock = clock
         knobs = self.settings.amplifier
         stages = self.settings.stages
-        if isinstance(knobs, Kpz101Knobs):
-            if len(stages) > 1:
-                raise DriverConfigError(f"a KPZ101 has one axis, the stage has {', '.join(stages)}")
-        else:
-            for axis in stages:
-                if axis not in knobs.axes:
-                    raise DriverConfigError(f"the amplifier has axes {knobs.axes}, no {axis}")
+        check_axes(knobs, tuple(stages))
         # what the amplifier unit does already, the stage must not do again
         units = {
             "dac_step_v": 0.0,
@@ -147,16 +148,22 @@ class Bench:
         if knobs.start_v:
             for stage in self.stages.values():
                 stage.settle(knobs.start_v)
-        self.amplifier: Mdt693bEmulator | Kpz101Emulator
-        if isinstance(knobs, Kpz101Knobs):
-            drive = functools.partial(self._output, self.settings.axis)
-            self.amplifier = Kpz101Emulator(self.directory / "kpz101", knobs, drive, clock)
-        else:
-            self.amplifier = Mdt693bEmulator(self.directory / "mdt693b", knobs, self._output, clock)
+        gauge = self.settings.gauge
+        self.own_gauges = has_gauges(knobs)
+        if isinstance(knobs, Kpc101Knobs):
+            wanted = [gauge or covering_gauge(one) for one in stages.values()]
+            travel_um = max(one.max_travel_um for one in wanted)
+            knobs = structs.replace(knobs, max_travel_um=travel_um)
+        self.amplifier: Amplifier = make_amplifier(
+            self.directory, knobs, tuple(stages), self._output, self._position, clock
+        )
         self.gauges: dict[str, PtyServer] = {}
-        self.gauge_units: dict[str, Ksg101Unit] = {}
+        self.gauge_units: dict[str, Ksg101Unit | Kpc101Unit | Bpc303Unit] = {}
         for place, (axis, one) in enumerate(stages.items()):
-            knobs_of = self.settings.gauge or covering_gauge(one)
+            if isinstance(self.amplifier.unit, Kpc101Unit | Bpc303Unit):
+                self.gauges[axis], self.gauge_units[axis] = self.amplifier, self.amplifier.unit
+                continue
+            knobs_of = gauge or covering_gauge(one)
             unit = Ksg101Unit(
                 structs.replace(knobs_of, serial_number=knobs_of.serial_number + place),
                 functools.partial(self._position, axis),
@@ -174,7 +181,7 @@ class Bench:
     @property
     def servers(self) -> tuple[PtyServer, ...]:
         """For pty_device.serve(): the amplifier, then the gauges."""
-        return (self.amplifier, *self.gauges.values())
+        return tuple(dict.fromkeys((self.amplifier, *self.gauges.values())))
 
     def ports(self) -> dict[str, str]:
         """The paths that drivers open, by the driver's name, and the control socket."""

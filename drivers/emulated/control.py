@@ -3,11 +3,12 @@
 Each datagram is one object with one or more of these keys:
 
     {"fault": "unplug", "device": "mdt693b" | "ksg101" | "both", "for_s": 2, "dialect": "1.05"}
-                     ("kpz101" where that is the amplifier; left out: the amplifier)
+                     ("kpz101", "kpc101", "bpc303" where that is the amplifier; left out: the
+                     amplifier; where it has gauges of its own there is no "ksg101")
     {"fault": "stall", "device": ..., "for_s": 2}       the host's writes block
     {"fault": "stuck" | "nan" | "range" | "late", "for_s": 2, "late_s": 0.02}   the gauge's readings
-    {"amplifier": {"hang": true}, "for_s": 2}           fields of Mdt693bFaults, or Kpz101Faults
-    {"gauge": {"mute": true}, "for_s": 2}               fields of Ksg101Faults
+    {"amplifier": {"hang": true}, "for_s": 2}           fields of Mdt693bFaults, or of the unit's
+    {"gauge": {"mute": true}, "for_s": 2}               fields of Ksg101Faults, or of the unit's
     {"stage": {"creep_gain_per_decade": 0.05}, "jump": false}    settings of the stage
     {"inputs": {"temperature_k": 3.0, "ext_v": 0.5, "other_v": 40.0}}
     {"clear": true}      a healthy bench again (the stage's settings stay)
@@ -35,9 +36,9 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, structs
 
 from dehyst.drivers.emulated.bench import Bench
-from dehyst.drivers.emulated.ksg101_knobs import Ksg101Faults
 from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
 from dehyst.drivers.emulated.mdt693b_unit import Mdt693bUnit
+from dehyst.drivers.emulated.pty_device import PtyServer
 from dehyst.drivers.interface import DeviceTimeout, DriverConfigError, DriverError
 from dehyst.drivers.settings import Settings, read_settings, read_values
 from dehyst.drivers.simulated.stage import FAULTS as READING_FAULTS
@@ -68,7 +69,7 @@ class Order(Settings, frozen=True):
     axis: Annotated[str, Meta(description="whose gauge and stage; left out: the first")] = ""
     device: (
         Annotated[
-            Literal["mdt693b", "kpz101", "ksg101", "both"],
+            Literal["mdt693b", "kpz101", "kpc101", "bpc303", "ksg101", "both"],
             Meta(description="whose port; left out: the amplifier's"),
         ]
         | None
@@ -81,7 +82,7 @@ class Order(Settings, frozen=True):
     amplifier: (
         Annotated[dict[str, Any], Meta(description="fields of the amplifier's faults")] | None
     ) = None
-    gauge: Annotated[dict[str, Any], Meta(description="fields of Ksg101Faults")] | None = None
+    gauge: Annotated[dict[str, Any], Meta(description="fields of the gauge's faults")] | None = None
     stage: Annotated[dict[str, Any], Meta(description="settings of the stage")] | None = None
     jump: Annotated[bool, Meta(description="a new gain moves the stage at once")] = False
     inputs: Annotated[dict[str, Any], Meta(description="fields of Inputs")] | None = None
@@ -154,10 +155,7 @@ class Control:
         bench = self._bench
         unit, stage = bench.amplifier.unit, bench.stages[axis]
         return {
-            "plugged": {
-                bench.amplifier.link_path.name: bench.amplifier.plugged,
-                "ksg101": bench.gauges[axis].plugged,
-            },
+            "plugged": {name: server.plugged for name, server in self._ports(axis).items()},
             "output_v": unit.output_v(axis),
             "drive_v": stage.drive_v,
             "displacement_um": stage.displacement_um,
@@ -186,7 +184,8 @@ class Control:
             back = {name: getattr(kind(), name) for name in changes}
             self._later(order.for_s, lambda: bench.amplifier.fault(**back))
         if order.gauge:
-            self._gauge_fault(axis, read_values(Ksg101Faults, order.gauge), order.for_s)
+            faults = type(bench.gauge_units[axis].faults)
+            self._gauge_fault(axis, read_values(faults, order.gauge), order.for_s)
         if order.fault is not None:
             self._fault(order, order.fault, axis)
         if order.save:
@@ -203,11 +202,10 @@ class Control:
             bench.follow()
             bench.stages[axis].fault(kind, math.inf if for_s is None else for_s)
             return
-        amplifier = bench.amplifier.link_path.name
-        device = order.device or amplifier
-        if device not in (amplifier, "ksg101", "both"):
-            raise order.wrong("device", f"{amplifier}, ksg101 or both")
-        servers = {amplifier: bench.amplifier, "ksg101": bench.gauges[axis]}
+        servers = self._ports(axis)
+        device = order.device or bench.amplifier.link_path.name
+        if device not in (*servers, "both"):
+            raise order.wrong("device", f"{', '.join(servers)} or both")
         for name, server in servers.items():
             if device not in (name, "both"):
                 continue
@@ -220,10 +218,16 @@ class Control:
                 server.stall_writes(True)
                 self._later(for_s, functools.partial(server.stall_writes, False))
 
+    def _ports(self, axis: str) -> dict[str, PtyServer]:
+        """By the driver's name: that of the amplifier, and that of the gauge if it has one."""
+        bench = self._bench
+        ports: dict[str, PtyServer] = {bench.amplifier.link_path.name: bench.amplifier}
+        return ports if bench.own_gauges else {**ports, "ksg101": bench.gauges[axis]}
+
     def _gauge_fault(self, axis: str, changes: dict[str, Any], for_s: float | None) -> None:
         unit = self._bench.gauge_units[axis]
         unit.faults = structs.replace(unit.faults, **changes)
-        back = {name: getattr(Ksg101Faults(), name) for name in changes}
+        back = {name: getattr(type(unit.faults)(), name) for name in changes}
 
         def end() -> None:
             unit.faults = structs.replace(unit.faults, **back)
@@ -239,10 +243,12 @@ class Control:
         bench.stages[axis].set_inputs(**values)
 
     def _mdt693b(self) -> Mdt693bUnit:
-        """The amplifier's unit, for what a KPZ101 does not have."""
+        """The amplifier's unit, for what no other has."""
         unit = self._bench.amplifier.unit
         if not isinstance(unit, Mdt693bUnit):
-            raise DriverConfigError("the emulated KPZ101 has no dialect and no external input")
+            raise DriverConfigError(
+                f"the emulated {unit.knobs.model} has no dialect and no external input"
+            )
         return unit
 
     def _clear(self) -> None:
@@ -253,7 +259,8 @@ class Control:
         bench.amplifier.clear_faults()
         for axis, stage in bench.stages.items():
             bench.gauges[axis].stall_writes(False)
-            bench.gauge_units[axis].faults = Ksg101Faults()
+            unit = bench.gauge_units[axis]
+            unit.faults = type(unit.faults)()
             stage.clear_fault()
         for server in bench.servers:
             server.plug()

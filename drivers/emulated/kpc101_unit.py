@@ -41,11 +41,24 @@ class Kpc101Knobs(Kpz101Knobs, frozen=True):
 
 RACK_KNOBS = Kpc101Knobs(serial_number=71000123, model="BPC303")
 
+AXES = "xyz"
+"""What the channels of a BPC303 are called, from the first on."""
+
+
+class Kpc101Faults(Kpz101Faults, frozen=True):
+    """Faults while the unit runs; of a BPC303 they act on all channels."""
+
+    driver = "emulated kpc101's faults"
+
+    gauge_pulled: Annotated[bool, Meta(description="no strain gauge is connected")] = False
+
 
 class Kpc101Unit(Kpz101Unit):
-    """A unit of one channel. gauge_connected: may be changed while it runs."""
+    """A unit of one channel. gauge_connected: may be changed while it runs; readings_done: of the
+    gauge so far."""
 
     knobs: Kpc101Knobs
+    faults: Kpc101Faults
     notes = b"emulated piezo controller"
 
     def __init__(
@@ -59,6 +72,8 @@ class Kpc101Unit(Kpz101Unit):
     ) -> None:
         self.addresses = (address,)
         super().__init__(knobs or Kpc101Knobs(), partial(on_output, number), clock)
+        self.faults = Kpc101Faults()
+        self.readings_done = 0
         self._position = partial(position, number)
         self.gauge_connected = self.knobs.gauge
 
@@ -76,6 +91,7 @@ class Kpc101Unit(Kpz101Unit):
                     "pz_get_outputmaxvolts", chan=1, voltage_100mv=10 * limit_v, flags=flag
                 )
             case "pz_req_pzstatusupdate":
+                self.readings_done += 1
                 return self._reply(
                     "pz_get_pzstatusupdate",
                     chan=1,
@@ -88,9 +104,14 @@ class Kpc101Unit(Kpz101Unit):
         return super()._answer(message, now)
 
     def _status(self) -> int:
-        return super()._status() | (codec.GAUGE_CONNECTED if self.gauge_connected else 0)
+        return super()._status() | (codec.GAUGE_CONNECTED if self._has_gauge() else 0)
+
+    def _has_gauge(self) -> bool:
+        return self.gauge_connected and not self.faults.gauge_pulled
 
     def _position_counts(self, now: float) -> int:
+        if not self._has_gauge():
+            return 0
         position_um = self._position(now)
         if math.isnan(position_um):
             return FULL_TRAVEL
@@ -102,8 +123,9 @@ class Bpc303Unit(AptUnit):
     """A rack: its motherboard says who it is, and each bay is a channel of its own."""
 
     knobs: Kpc101Knobs
-    faults: Kpz101Faults
+    faults: Kpc101Faults
     notes = b"emulated piezo controller"
+    sets_of_all = 0  # a command that this unit does not have
     addresses = (codec.RACK, *codec.BAYS)
 
     def __init__(
@@ -113,16 +135,27 @@ class Bpc303Unit(AptUnit):
         position: Position = lambda channel, time_s: 0.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        super().__init__(knobs, Kpz101Faults(), clock)
+        super().__init__(knobs, Kpc101Faults(), clock)
         card = structs.replace(knobs, model="BPC303")
         self.channels = {
             address: Kpc101Unit(card, on_output, position, clock, number, address)
             for number, address in enumerate(codec.BAYS[: knobs.bays], 1)
         }
 
-    def output_v(self, channel: int = 1) -> float:
-        """The voltage at the output of a channel."""
-        return self.channels[codec.BAYS[channel - 1]].output_v()
+    @property
+    def sets_done(self) -> int:
+        """Sets of the voltage so far, of all channels."""
+        return sum(channel.sets_done for channel in self.channels.values())
+
+    @property
+    def readings_done(self) -> int:
+        """Of the gauges so far, of all channels."""
+        return sum(channel.readings_done for channel in self.channels.values())
+
+    def output_v(self, axis: str = "x") -> float:
+        """The voltage at the output of a channel; one of an empty bay has none."""
+        channel = self.channels.get(codec.BAYS[AXES.index(axis)])
+        return channel.output_v() if channel else 0.0
 
     def _answer(self, message: AptMessage, now: float) -> bytes:
         if message.destination in self.channels:

@@ -10,7 +10,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from dehyst.drivers.apt.codec import GAUGE_CONNECTED, ZEROED, Decoder, encode_apt
+from dehyst.drivers.apt.codec import (
+    BAYS,
+    GAUGE_CONNECTED,
+    HOST,
+    RACK,
+    UNIT,
+    ZEROED,
+    Decoder,
+    encode_apt,
+)
 from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import DeviceTimeout
 from dehyst.drivers.ksg101.driver import FULL_SCALE
@@ -42,7 +51,7 @@ TUNING = ProbeTuning()
 
 @dataclass(frozen=True)
 class ProbedGauge:
-    """What the recorded replies say. model: "" where what answers is no gauge reader; travel_um: of
+    """What the recorded replies say. model: "" where what answers is no APT unit; travel_um: of
     100 %, 0: the unit does not know; reading_um: NaN at full scale or without travel; answers: by
     the message's name, its values in words; skipped: bytes that are no message."""
 
@@ -77,8 +86,8 @@ def record_requests(
 
 
 def interpret_requests(exchanges: list[RecordedExchange]) -> ProbedGauge:
-    """What the replies say; pure, so that it works on a fixture file as well."""
-    decoder, found = Decoder(), {}
+    """What the replies say, those of a rack as well; pure, so that it works on a fixture file."""
+    decoder, found = Decoder((HOST,), (UNIT, RACK, *BAYS)), {}
     for exchange in exchanges:
         decoder.reset()
         for message in decoder.feed(exchange.reply):

@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.interface import (
@@ -33,11 +33,17 @@ from dehyst.drivers.interface import (
 )
 from dehyst.drivers.mdt693b.codec import Dialect
 from dehyst.drivers.mdt693b.link import CommandRefused, Mdt693bLink
-from dehyst.drivers.mdt693b.settings import HIGHEST_V, Mdt693bConfig, find_port
+from dehyst.drivers.mdt693b.settings import (
+    HIGHEST_V,
+    Mdt69xConfig,
+    Mdt693bConfig,
+    Mdt694bConfig,
+    find_port,
+)
 from dehyst.drivers.mdt693b.together import JointOutputs
 from dehyst.drivers.mdt693b.tuning import TUNING
 from dehyst.drivers.mdt693b.unit import SharedUnit, unit_of
-from dehyst.drivers.mdt693b.unit_facts import NATIVE, check_serial, learn
+from dehyst.drivers.mdt693b.unit_facts import NATIVE, check_model, check_serial, learn
 from dehyst.drivers.serial_port import SerialPort, place_of
 from dehyst.drivers.settings import read_settings
 
@@ -57,11 +63,11 @@ class Mdt693b:
     and from then on with the sets themselves. stray_bytes: bytes that came in unasked so far.
     """
 
-    settings_type = Mdt693bConfig
+    settings_type: ClassVar[type[Mdt69xConfig]] = Mdt693bConfig
 
     def __init__(
         self,
-        config: Mdt693bConfig,
+        config: Mdt69xConfig,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -263,6 +269,7 @@ class Mdt693b:
         with self.conversation() as link:
             facts = learn(link, config.axis, config.max_v)
         path = link.port.path
+        check_model(path, facts.kind, config.model)
         check_serial(path, facts.serial_number, config.serial_number)
         found = UnitIdentity(facts.serial_number, facts.kind, place_of(path))
         refuse_another(path, found, self._known)
@@ -363,3 +370,12 @@ class Mdt693b:
         except Exception:
             self.close()
             raise
+
+
+class Mdt694b(Mdt693b):
+    """Thorlabs MDT694B piezo amplifier on a serial port: one channel of the MDT693B's firmware.
+
+    Raises ForeignUnit where another model answers.
+    """
+
+    settings_type = Mdt694bConfig

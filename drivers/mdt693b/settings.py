@@ -1,6 +1,6 @@
-"""The settings of the MDT693B driver, and finding its port."""
+"""The settings of the MDT693B and MDT694B drivers, and finding their port."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
@@ -8,7 +8,8 @@ from dehyst.drivers.interface import DeviceNotFound, DriverConfigError
 from dehyst.drivers.serial_port import find_usb_ports, list_serial_ports
 from dehyst.drivers.settings import Settings
 
-USB_IDS = ((0x1313, 0x1003), (0x1313, 0x1004))
+THREE_AXES_ID, ONE_AXIS_ID = (0x1313, 0x1003), (0x1313, 0x1004)
+USB_IDS = (THREE_AXES_ID, ONE_AXIS_ID)
 """Vendor and product of the MDT693B and the MDT694B. Older units sit behind an FTDI converter,
 which many instruments use: for those the port must be given."""
 
@@ -16,16 +17,18 @@ HIGHEST_V = 150.0
 """The highest position of the limit switch."""
 
 
-class Mdt693bConfig(Settings, frozen=True):
-    """Settings of one driver."""
+class Mdt69xConfig(Settings, frozen=True):
+    """What both drivers are set by. model: the only one that is accepted, "": either; usb_ids:
+    those that port = "auto" looks for."""
 
-    driver = "mdt693b"
+    driver = "mdt69x"
+    model: ClassVar[str] = ""
+    usb_ids: ClassVar[tuple[tuple[int, int], ...]] = USB_IDS
 
     port: Annotated[
         str,
         Meta(min_length=1, description='path of the serial port; "auto": the one MDT69xB on USB'),
     ] = "auto"
-    axis: Annotated[Literal["x", "y", "z"], Meta(description="output that drives the stage")] = "x"
     timeout_s: Annotated[float, Meta(gt=0, description="longest wait for a reply")] = 0.25
     write_timeout_s: Annotated[
         float, Meta(gt=0, description="longest time that a write to the port may block")
@@ -55,6 +58,11 @@ class Mdt693bConfig(Settings, frozen=True):
     ) = None
     serial_number: Annotated[str, Meta(description="accept only this unit")] | None = None
 
+    @property
+    def axis(self) -> str:
+        """The output that drives the stage: the only one, where there is no such setting."""
+        return "x"
+
     def check(self) -> None:
         """Refuse a silence that no reply could wait for, and a set-point out of range."""
         if self.idle_s >= self.timeout_s:
@@ -64,20 +72,36 @@ class Mdt693bConfig(Settings, frozen=True):
             raise self.wrong("initial_v", f"at most {highest_v:g}, the highest output")
 
 
-def find_port(config: Mdt693bConfig, serial_number: str | None = None) -> str:
+class Mdt693bConfig(Mdt69xConfig, frozen=True):
+    """Settings of one output of three; an MDT694B has the first alone."""
+
+    driver = "mdt693b"
+
+    axis: Annotated[Literal["x", "y", "z"], Meta(description="output that drives the stage")] = "x"
+
+
+class Mdt694bConfig(Mdt69xConfig, frozen=True):
+    """Settings of the one output of an MDT694B."""
+
+    driver = "mdt694b"
+    model = "MDT694B"
+    usb_ids = (ONE_AXIS_ID,)
+
+
+def find_port(config: Mdt69xConfig, serial_number: str | None = None) -> str:
     """The path to open. serial_number: that of the unit to find again, if it is known.
     Raises DeviceNotFound where "auto" finds none, DriverConfigError where it finds several."""
     if config.port != "auto":
         return config.port
-    found = find_usb_ports(USB_IDS)
+    found = find_usb_ports(config.usb_ids)
     wanted = config.serial_number or serial_number
     if wanted and len(found) > 1:
         found = [p for p in found if p.serial_number == wanted] or found
     if not found:
         seen = ", ".join(p.path for p in list_serial_ports()) or "none"
         raise DeviceNotFound(
-            f'port = "auto": no MDT693B or MDT694B on USB (serial ports here: {seen}); plug it in '
-            "or give the port by its path"
+            f'port = "auto": no {config.model or "MDT693B or MDT694B"} on USB (serial ports here: '
+            f"{seen}); plug it in or give the port by its path"
         )
     if len(found) > 1:
         listed = ", ".join(f"{p.path} ({p.serial_number or 'no serial number'})" for p in found)

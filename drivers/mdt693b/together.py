@@ -7,7 +7,7 @@ from typing import Protocol
 
 from dehyst.drivers.call_times import CallTimes
 from dehyst.drivers.mdt693b.link import CommandRefused, Mdt693bLink
-from dehyst.drivers.mdt693b.settings import Mdt693bConfig
+from dehyst.drivers.mdt693b.settings import Mdt69xConfig
 from dehyst.drivers.mdt693b.tuning import TUNING
 from dehyst.drivers.mdt693b.unit_facts import NATIVE
 
@@ -17,7 +17,7 @@ ALL, ASK_ALL = "xyzvoltage={:.3f},{:.3f},{:.3f}", "xyzvoltage?"
 class Output(Protocol):
     """What is needed of the driver of one output (driver.py)."""
 
-    config: Mdt693bConfig
+    config: Mdt69xConfig
 
     def word(self, name: str, volts: float = 0.0) -> str:
         """A command in this unit's words."""

@@ -13,7 +13,7 @@ from weakref import WeakValueDictionary
 
 from dehyst.drivers.interface import DeviceNotFound, DriverConfigError
 from dehyst.drivers.mdt693b.link import Mdt693bLink
-from dehyst.drivers.mdt693b.settings import Mdt693bConfig
+from dehyst.drivers.mdt693b.settings import Mdt69xConfig
 
 OF_THE_LINK = ("timeout_s", "write_timeout_s", "idle_s", "baud", "serial_number")
 
@@ -21,7 +21,7 @@ OF_THE_LINK = ("timeout_s", "write_timeout_s", "idle_s", "baud", "serial_number"
 class SharedUnit:
     """link: the open one, None: none; lost: why it cannot be used any more, "": it can."""
 
-    def __init__(self, config: Mdt693bConfig) -> None:
+    def __init__(self, config: Mdt69xConfig) -> None:
         self.config = config
         self.lock = threading.RLock()
         self.link: Mdt693bLink | None = None
@@ -33,7 +33,7 @@ class SharedUnit:
         """Whether several outputs are driven."""
         return len(self._outputs) > 1
 
-    def claim(self, config: Mdt693bConfig, output: object) -> None:
+    def claim(self, config: Mdt69xConfig, output: object) -> None:
         """Drive an output. Raises DeviceNotFound where another driver does, DriverConfigError
         where the settings of the link differ."""
         with self.lock:
@@ -83,9 +83,10 @@ _units: WeakValueDictionary[str, SharedUnit] = WeakValueDictionary()
 _making = threading.Lock()
 
 
-def unit_of(config: Mdt693bConfig) -> SharedUnit:
+def unit_of(config: Mdt69xConfig) -> SharedUnit:
     """The unit behind a configured port, the same one for all outputs of it."""
-    key = config.port if config.port == "auto" else os.path.realpath(config.port)
+    auto = config.port == "auto"
+    key = f"auto {config.usb_ids}" if auto else os.path.realpath(config.port)
     with _making:
         unit = _units.get(key)
         if unit is None:

@@ -74,6 +74,14 @@ def learn(link: Mdt693bLink, axis: str, max_v: float | None) -> UnitFacts:
     return UnitFacts(words, minimum_v, maximum_v, serial, kind, identity)
 
 
+def check_model(path: str, kind: str, wanted: str) -> None:
+    """Raise ForeignUnit where a model is wanted and the unit does not say that it is this one."""
+    if not kind.startswith(wanted):
+        raise ForeignUnit(
+            f"{path}: the unit is an {kind}, wanted is an {wanted}; take the driver mdt693b for it"
+        )
+
+
 def check_serial(path: str, serial: str, wanted: str | None) -> None:
     """Raise ForeignUnit unless the unit is the one that the configuration wants. None: any will do;
     "" is a unit whose serial number is blank."""

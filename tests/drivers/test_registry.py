@@ -54,7 +54,9 @@ def made_up_plugins(tmp_path, monkeypatch):
 
 def test_the_drivers_of_this_package_are_found():
     names = {(p.kind, p.name) for p in registry.list_plugins()}
-    assert {("actuator", name) for name in ("mdt693b", "kpz101", "kpc101", "bpc303")} <= names
+    assert {
+        ("actuator", name) for name in ("mdt693b", "mdt694b", "kpz101", "kpc101", "bpc303")
+    } <= names
     assert {("sensor", name) for name in ("ksg101", "kpc101", "bpc303", "simulated")} <= names
     assert registry.load_actuator("mdt693b") is Mdt693b
 

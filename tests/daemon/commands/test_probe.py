@@ -5,15 +5,19 @@ import subprocess
 import sys
 
 import pytest
+from msgspec import structs
 
 from dehyst.daemon.main import main
+from dehyst.drivers.emulated.apt_port import AptEmulator
+from dehyst.drivers.emulated.kpc101_unit import RACK_KNOBS, Bpc303Unit, Kpc101Knobs, Kpc101Unit
 from dehyst.drivers.emulated.kpz101_knobs import Kpz101Knobs
-from dehyst.drivers.emulated.kpz101_port import Kpz101Emulator
+from dehyst.drivers.emulated.kpz101_unit import Kpz101Unit
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Knobs
 from dehyst.drivers.emulated.ksg101_unit import Ksg101Unit
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
 from dehyst.drivers.emulated.mdt693b_port import Mdt693bEmulator
 from dehyst.drivers.emulated.pty_device import PtyServer
+from dehyst.drivers.kpc101.probe import interpret_channels
 from dehyst.drivers.ksg101.probe import REQUESTS, interpret_requests
 from dehyst.drivers.ksg101.probe import ProbeTuning as GaugeTuning
 from dehyst.drivers.mdt693b.probe import QUERIES, interpret
@@ -78,7 +82,10 @@ def test_a_silent_or_strange_port_is_a_finding(tmp_path, capsys):
         assert "does not answer" in capsys.readouterr().out
         emulator.fault(mute=False, garbage=True, count=1000)
         assert main(["probe", emulator.port]) == 1
-        assert "which is no MDT693B, MDT694B, KPZ101 or KSG101" in capsys.readouterr().out
+        assert (
+            "which is no MDT693B, MDT694B, KPZ101, KSG101, KPC101 or BPC303"
+            in capsys.readouterr().out
+        )
     assert main(["probe", emulator.port]) == 2
     assert "there is no port" in capsys.readouterr().err
 
@@ -127,9 +134,9 @@ def test_drivers_with_a_name_lists_the_settings_of_both_kinds(capsys):
     assert (gain["default"], gain["type"]) == (15.0, "a number")
     assert main(["drivers", "mdt693b"]) == 0
     assert "longest wait for a reply" in capsys.readouterr().out
-    assert main(["drivers", "mdt694b"]) == 2
+    assert main(["drivers", "mdt692b"]) == 2
     said = capsys.readouterr().err
-    assert "no driver 'mdt694b'; there are: " in said
+    assert "no driver 'mdt692b'; there are: " in said
     names = sorted({plugin.name for plugin in list_plugins()})
     assert said.strip().rpartition("there are: ")[2].split(", ") == names
 
@@ -155,13 +162,55 @@ def test_the_emulator_as_a_process_takes_commands(tmp_path):
 @pytest.mark.parametrize("unit", [[], ["--unit", "kpz101"]])
 def test_a_piezo_driver_is_recognised_and_not_touched(tmp_path, capsys, unit):
     knobs = Kpz101Knobs(limit_v=75, start_v=30.0, mode=2)
-    with Kpz101Emulator(tmp_path / "port", knobs) as emulator:
+    with AptEmulator(Kpz101Unit(knobs), tmp_path / "port") as emulator:
         assert main(["probe", emulator.port, *unit, "--json"]) == 0
         assert (emulator.unit.sets_done, emulator.unit.output_v()) == (0, 0.0)
     found = json.loads(capsys.readouterr().out)
     assert (found["unit"], found["model"], found["serial"]) == ("kpz101", "KPZ101", "29000123")
     assert (found["limit_v"], found["enabled"], found["open_loop"]) == (75.0, False, False)
     assert found["output_v"] == pytest.approx(30.0, abs=0.01)
+
+
+def test_a_kpc101_and_its_gauge_are_recorded_and_not_touched(tmp_path, capsys):
+    fixture, moves = tmp_path / "unit.json", []
+    knobs = Kpc101Knobs(limit_v=100, start_v=30.0, max_travel_um=40.0)
+    unit = Kpc101Unit(knobs, lambda *move: moves.append(move), lambda channel, time_s: 12.5)
+    with PtyServer(unit, tmp_path / "port") as server:
+        assert main(["probe", server.port, "-o", str(fixture), "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert main(["probe", server.port, "--unit", "kpc101"]) == 0
+    said = capsys.readouterr().out
+    assert "KPC101, firmware 1.0.3, serial number 113000123; driver kpc101" in said
+    assert "channel 1, actuator and sensor: voltage limit 100 V; set-point 30.0" in said
+    assert "output disabled; 100 % is 40 um; it reads 12.5" in said
+    assert (moves, unit.sets_done) == ([], 0)
+    assert (found["unit"], found["serial"]) == ("kpc101", "113000123")
+    (channel,) = found["channels"]
+    assert (channel["roles"], channel["limit_v"]) == (["actuator", "sensor"], 100.0)
+    assert channel["position_um"] == pytest.approx(12.5, abs=40.0 / 32767)
+    exchanges = [
+        RecordedExchange.from_dict(e) for e in json.loads(fixture.read_text())["exchanges"]
+    ]
+    assert exchanges[1].sent == bytes.fromhex("050000005001")
+    assert [c.position_um for c in interpret_channels(exchanges)] == [channel["position_um"]]
+
+
+def test_a_rack_is_recognised_with_its_bays_and_their_roles(tmp_path, capsys):
+    knobs = structs.replace(RACK_KNOBS, bays=2, mode=2, start_v=30.0)
+    unit = Bpc303Unit(knobs, position=lambda channel, time_s: float(channel))
+    unit.channels[0x22].gauge_connected = False
+    with PtyServer(unit, tmp_path / "port") as server:
+        assert main(["probe", server.port, "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert main(["probe", server.port]) == 0
+    said = capsys.readouterr().out
+    assert (found["unit"], found["model"], found["serial"]) == ("bpc303", "BPC303", "71000123")
+    assert [c["number"] for c in found["channels"]] == [1, 2]  # bay 3 is empty
+    assert [c["roles"] for c in found["channels"]] == [["actuator", "sensor"], ["actuator"]]
+    assert found["channels"][0]["position_um"] == pytest.approx(1.0, abs=1e-3)
+    assert "channel 2, actuator: voltage limit 150 V" in said
+    assert "channel 2 is not in open loop: the driver refuses it" in said
+    assert [c.sets_done for c in unit.channels.values()] == [0, 0]
 
 
 CONFIG = """

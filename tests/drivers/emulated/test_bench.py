@@ -161,7 +161,7 @@ def test_the_stage_changes_without_a_jump(rig: Rig) -> None:
         ),
         (
             {"fault": "unplug", "device": "stage"},
-            'device = .stage. must be "both", "kpz101", "ksg101" or "mdt693b"',
+            'device = .stage. must be "both", "bpc303", "kpc101", "kpz101", "ksg101" or "mdt693b"',
         ),
         ({"stage": {"strok_um": 1.0}}, "strok_um"),
         ({"amplifier": {"smoke": True}}, "mdt693b's faults: unknown setting 'smoke'"),

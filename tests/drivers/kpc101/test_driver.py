@@ -11,8 +11,13 @@ import pytest
 
 from dehyst.daemon.setup.units import ask_port, gauge_beside
 from dehyst.drivers.contract import ActuatorContract, SensorContract
-from dehyst.drivers.emulated.kpc101_unit import RACK_KNOBS, Bpc303Unit, Kpc101Knobs, Kpc101Unit
-from dehyst.drivers.emulated.kpz101_knobs import Kpz101Faults
+from dehyst.drivers.emulated.kpc101_unit import (
+    RACK_KNOBS,
+    Bpc303Unit,
+    Kpc101Faults,
+    Kpc101Knobs,
+    Kpc101Unit,
+)
 from dehyst.drivers.emulated.kpz101_unit import Kpz101Unit
 from dehyst.drivers.emulated.pty_device import PtyServer
 from dehyst.drivers.interface import (
@@ -52,7 +57,7 @@ class Rig:
         return {"port": self.server.port, "timeout_s": PATIENCE_S, **more}
 
     def fault(self, **faults: object) -> None:
-        self.server.call(lambda: setattr(self.unit, "faults", Kpz101Faults(**faults)))  # type: ignore[arg-type]
+        self.server.call(lambda: setattr(self.unit, "faults", Kpc101Faults(**faults)))  # type: ignore[arg-type]
 
 
 Make = Callable[..., Rig]
@@ -106,7 +111,7 @@ class TestBpc303Contract(_OnAUnit, ActuatorContract):
         return Bpc303.from_settings(self.rig.settings(channel=2))
 
     def true_output(self, device: Bpc303) -> float:
-        return self.rig.server.call(lambda: self.rig.unit.output_v(2))
+        return self.rig.server.call(lambda: self.rig.unit.output_v("y"))
 
 
 class TestKpc101SensorContract(_OnAUnit, SensorContract):

@@ -12,8 +12,8 @@ from tests.rigs.two_loops import Rig, setpoint
 
 from dehyst.daemon.loop.status import PLACE
 from dehyst.daemon.rings.records import Flag, State
+from dehyst.drivers.emulated.apt_port import AptEmulator
 from dehyst.drivers.emulated.kpz101_knobs import Kpz101Knobs
-from dehyst.drivers.emulated.kpz101_port import Kpz101Emulator
 from dehyst.drivers.emulated.kpz101_unit import Kpz101Unit
 from dehyst.drivers.emulated.ksg101_knobs import Ksg101Faults, Ksg101Knobs
 from dehyst.drivers.emulated.ksg101_unit import Ksg101Unit
@@ -32,8 +32,9 @@ class Bench:
 
     def __init__(self, folder: Path) -> None:
         self.outputs_v = [0.0]
-        self.amplifier = Kpz101Emulator(
-            folder / "kpz101", Kpz101Knobs(), lambda volts, time_s: self.outputs_v.append(volts)
+        self.amplifier = AptEmulator(
+            Kpz101Unit(Kpz101Knobs(), lambda volts, time_s: self.outputs_v.append(volts)),
+            folder / "kpz101",
         )
         gauge = Ksg101Unit(Ksg101Knobs(), lambda time_s: UM_PER_V * self.outputs_v[-1])
         self.gauge = PtyServer(gauge, folder / "ksg101")

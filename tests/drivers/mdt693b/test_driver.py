@@ -19,7 +19,7 @@ from dehyst.drivers.interface import (
 )
 from dehyst.drivers.mdt693b import Mdt693b
 from dehyst.drivers.mdt693b.codec import Dialect
-from dehyst.drivers.mdt693b.settings import Mdt693bConfig, find_port
+from dehyst.drivers.mdt693b.settings import Mdt693bConfig, Mdt694bConfig, find_port
 from dehyst.drivers.serial_port import PortInfo
 from dehyst.drivers.settings import read_settings
 
@@ -315,6 +315,15 @@ def test_auto_finds_the_unit_on_usb(monkeypatch, ports, settings, known, expecte
     else:
         with pytest.raises(expected, match="auto"):
             find_port(config, known)
+
+
+def test_auto_finds_an_mdt694b_beside_an_mdt693b(monkeypatch):
+    ports = [usb("/dev/a", "1"), usb("/dev/b", "2", 0x1004)]
+    monkeypatch.setattr("dehyst.drivers.serial_port.list_serial_ports", lambda: ports)
+    assert find_port(Mdt694bConfig()) == "/dev/b"
+    ports.pop()
+    with pytest.raises(DeviceNotFound, match="no MDT694B on USB"):
+        find_port(Mdt694bConfig())
 
 
 def test_wrong_serial_number_is_refused(bench):

@@ -8,9 +8,20 @@ REPLIES, CODEC = "drivers/mdt693b/replies.py", "drivers/mdt693b/codec.py"
 APT_CODEC, APT_LINK, KPZ = "drivers/apt/codec.py", "drivers/apt/link.py", "drivers/apt/actuator.py"
 OPEN_LOOP, APT_CHANNEL = "drivers/apt/open_loop.py", "drivers/apt/channel.py"
 KPC_KINDS, KPC_SENSOR = "drivers/kpc101/kinds.py", "drivers/kpc101/sensor.py"
+KPC_PROBE = "drivers/kpc101/probe.py"
 OBJECT, ENDPOINT = "drivers/python_object/devices.py", "drivers/python_object/endpoint.py"
 
 CHANGES = [
+    *room(
+        ("tests/drivers/mdt693b/test_contract.py",),
+        Change(
+            "other-model-of-the-firmware",
+            FACTS,
+            "if not kind.startswith(wanted):",
+            "if False:",
+            "an MDT693B is driven as an MDT694B: whichever axis is the first",
+        ),
+    ),
     *room(
         ("tests/drivers/mdt693b/test_driver.py",),
         Change(
@@ -413,6 +424,40 @@ CHANGES = [
             'if to in self._late and wanted != "hw_get_info":',
             "if False:",
             "a late reading is taken for the next one",
+        ),
+    ),
+    *room(
+        ("tests/drivers/emulated/test_kpc101_bench.py",),
+        Change(
+            "bench-gauge-where-no-stage-is",
+            "drivers/emulated/amplifiers.py",
+            "        rack.channels[address].gauge_connected &= axis in axes\n",
+            "        rack.channels[address].gauge_connected = True\n",
+            "a channel that drives no stage is asked for its position, and the bench ends",
+        ),
+        Change(
+            "bench-gauge-stays-plugged",
+            "drivers/emulated/kpc101_unit.py",
+            "self.gauge_connected and not self.faults.gauge_pulled",
+            "self.gauge_connected",
+            "a gauge that was pulled out goes on reading",
+        ),
+    ),
+    *room(
+        ("tests/daemon/commands/test_probe.py",),
+        Change(
+            "probe-gauge-never-asked-for",
+            KPC_PROBE,
+            "(ACTUATOR, SENSOR) if self.gauge_connected else (ACTUATOR,)",
+            "(ACTUATOR, SENSOR)",
+            "a channel without a gauge is reported as a possible sensor",
+        ),
+        Change(
+            "probe-bays-as-one-channel",
+            KPC_PROBE,
+            "BAYS.index(address) + 1 if address in BAYS else 1",
+            "1",
+            "every bay of a rack is reported as the first channel",
         ),
     ),
     *room(
