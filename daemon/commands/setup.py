@@ -123,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from dehyst.daemon.setup.journal import Journal
-    from dehyst.daemon.setup.questions import Questions, Wishes
+    from dehyst.daemon.setup.questions import UserPrompts, Wishes
     from dehyst.daemon.setup.sequence import do_steps
     from dehyst.daemon.setup.workbench import Workbench
 
@@ -156,7 +156,7 @@ def run(args: argparse.Namespace) -> int:
             args.duration,
             axes,
         )
-        asking = Questions(args.yes, Console(stderr=True))
+        asking = UserPrompts(args.yes, Console(stderr=True))
         bench = Workbench(args.folder, wishes, journal, asking, say)
         do_steps(bench, args.first, args.until)
     return _conclude(bench, args)
