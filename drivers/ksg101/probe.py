@@ -29,7 +29,7 @@ READING = encode_apt("tsg_req_reading", chan=1)
 
 
 @dataclass(frozen=True)
-class ProbeTuning:
+class GaugeProbeTuning:
     """Waits [s], generous because a reply that is cut off would make a false recording: an FTDI
     chip holds bytes back for 16 ms. No benchmark sets them."""
 
@@ -37,7 +37,7 @@ class ProbeTuning:
     quiet_s: float = 0.05
 
 
-TUNING = ProbeTuning()
+TUNING = GaugeProbeTuning()
 
 
 @dataclass(frozen=True)
@@ -71,12 +71,12 @@ def record_requests(
         sent = encode_apt(name, **values)
         exchanges.append(record_exchange(port, sent, waits_s, clock, start_s))
         progress((number + 1) / len(requests))
-        if number == 1 and not interpret_requests(exchanges).model:
+        if number == 1 and not interpret_gauge_requests(exchanges).model:
             break
     return exchanges
 
 
-def interpret_requests(exchanges: list[RecordedExchange]) -> ProbedGauge:
+def interpret_gauge_requests(exchanges: list[RecordedExchange]) -> ProbedGauge:
     """What the replies say; pure, so that it works on a fixture file as well."""
     decoder, found = Decoder(), {}
     for exchange in exchanges:

@@ -83,7 +83,7 @@ _units: WeakValueDictionary[str, SharedUnit] = WeakValueDictionary()
 _making = threading.Lock()
 
 
-def unit_of(config: Mdt693bConfig) -> SharedUnit:
+def shared_unit(config: Mdt693bConfig) -> SharedUnit:
     """The unit behind a configured port, the same one for all outputs of it."""
     key = config.port if config.port == "auto" else os.path.realpath(config.port)
     with _making:
