@@ -94,7 +94,7 @@ def list_keys(kind: type[Settings]) -> list[SettingKey]:
             type=allowed_words(field),
             required=field.required,
             default=_default(field),
-            unit=unit_of(field.name),
+            unit=unit_in_name(field.name),
             meaning=_plain_type(field)[1],
         )
         for field in structs.fields(kind)
@@ -108,7 +108,7 @@ def _default(field: structs.FieldInfo) -> Any:
     return field.default if made is msgspec.NODEFAULT else made()
 
 
-def unit_of(name: str) -> str:
+def unit_in_name(name: str) -> str:
     """The unit at the end of a name: "um per V" for scale_um_per_v; "" for none."""
     words = name.split("_")
     unit = ""

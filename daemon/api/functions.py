@@ -12,7 +12,7 @@ from dehyst.daemon.api.inputs import take_model, take_recordings, take_trajector
 from dehyst.daemon.api.prediction import misfit, predict
 from dehyst.daemon.api.results import Diagnosed, Drive, Identified, Simulated, Validated
 from dehyst.daemon.api.trajectories import channels_along, spaced_evenly, target_in_unit
-from dehyst.daemon.files.foreign.reading import Reading, parse_columns
+from dehyst.daemon.files.foreign.reading import ReadOptions, parse_columns
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.models import diagnosis
 from dehyst.models import identify as identification
@@ -53,7 +53,7 @@ def load_recording(
     named = parse_columns(columns) if isinstance(columns, str) else dict(columns or {})
     if rate_hz is not None and not rate_hz > 0.0:
         raise BadInput(f"rate_hz={rate_hz:g}: a number of rows a second above 0 is needed")
-    reading = Reading(named, rate_hz or 0.0, time_unit, drive_unit, unit)
+    reading = ReadOptions(named, rate_hz or 0.0, time_unit, drive_unit, unit)
     return read_recording(path, min_rows=1, reading=reading)
 
 

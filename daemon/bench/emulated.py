@@ -14,7 +14,7 @@ from dehyst.models.errors import BadInput
 NOTE = "emulated.json"
 
 
-def note(folder: Path, arguments: list[str]) -> None:
+def note_bench(folder: Path, arguments: list[str]) -> None:
     """Write down which bench has its ports in `folder`: the options of `dehyst emulate`."""
     write_text(folder / NOTE, json.dumps({"emulate": arguments}) + "\n")
 

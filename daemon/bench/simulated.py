@@ -12,7 +12,7 @@ import numpy as np
 
 from dehyst.daemon.files.models import save_model, write_text
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.errors import BadModel
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.identify import identify
@@ -115,7 +115,7 @@ def simulated_model(settings: StageSettings | None = None) -> Model:
     """A model of a simulated stage (None: the default one), identified from its own simulated
     recording."""
     t_s, volts = exploring_drive()
-    _, reading = Stage(settings).run(t_s, volts)
+    _, reading = SimulatedStage(settings).run(t_s, volts)
     held = np.concatenate([[0.0], volts[:-1]])  # a reading belongs to the voltage before it
     recording = Recording(t_s=t_s, drive=held, displacement=reading, name="simulated stage")
     return identify([recording]).model

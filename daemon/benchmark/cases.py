@@ -15,7 +15,7 @@ from dehyst.daemon.bench.simulated import FULL_SCALE_V, exploring_drive
 from dehyst.daemon.files.recordings import read_recording
 from dehyst.daemon.paper.stages import STAGES
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.drive_design.excitation import design
 from dehyst.models.errors import BadInput, BadRecording
 from dehyst.models.recording import Bools, Floats, Recording
@@ -36,7 +36,7 @@ SIMULATED = {
 
 
 @dataclass(frozen=True)
-class Case:
+class Comparison:
     """One comparison. fitted; held: the recording that is predicted, scored where `scored` (N,)
     is True; made: by this program, so that how many rows are needed is looked into."""
 
@@ -47,7 +47,7 @@ class Case:
     made: bool
 
 
-def made_cases() -> list[Case]:
+def made_cases() -> list[Comparison]:
     """The made stages: simulated stacks, the paper's Eq. 11 and Eq. 12, and a Bouc-Wen stage."""
     out = []
     for name, settings in SIMULATED.items():
@@ -65,18 +65,18 @@ def made_cases() -> list[Case]:
 
 def _read_stage(settings: StageSettings, t_s: Floats, u: Floats) -> Floats:
     """Readings at t_s of a fresh stage whose voltage is u from one row to the next."""
-    return Stage(settings).run(t_s, np.append(u[1:], u[-1]))[1]
+    return SimulatedStage(settings).run(t_s, np.append(u[1:], u[-1]))[1]
 
 
-def _made(name: str, top_v: float, read: Callable[[Floats, Floats], Floats]) -> Case:
+def _made(name: str, top_v: float, read: Callable[[Floats, Floats], Floats]) -> Comparison:
     sines = design(0.0, top_v, BAND_HZ, FITTED_S, RATE_HZ)
     t_s, volts = exploring_drive(RATE_HZ, HELD_S)
     drives = (sines.t_s, sines.u), (t_s, volts * top_v / FULL_SCALE_V)
     fitted, held = (Recording(t, u, read(t, u), name=name) for t, u in drives)
-    return Case(name, fitted, held, np.ones(held.size, np.bool_), True)
+    return Comparison(name, fitted, held, np.ones(held.size, np.bool_), True)
 
 
-def read_cases(folder: Path) -> tuple[list[Case], list[str]]:
+def read_cases(folder: Path) -> tuple[list[Comparison], list[str]]:
     """A case for each recording in the folder (.csv, .csv.gz, .npz, .mat, .mcap), by name, and why
     the others are left out. Raises BadInput where there is none."""
     suffixes = (".csv", ".csv.gz", ".npz", ".mat", ".mcap")
@@ -92,7 +92,7 @@ def read_cases(folder: Path) -> tuple[list[Case], list[str]]:
     return cases, left_out
 
 
-def _recorded(path: Path) -> Case:
+def _recorded(path: Path) -> Comparison:
     whole = read_recording(path, need_displacement=True)
     assert whole.displacement is not None
     good = np.isfinite(whole.drive) & np.isfinite(whole.displacement)
@@ -101,7 +101,7 @@ def _recorded(path: Path) -> Case:
         raise BadRecording(f"{path}: {LEAST_ROWS} whole rows or more are needed, none missing")
     first = round(FITTED_SHARE * n)
     scored = np.arange(n) >= first
-    return Case(path.name, head(whole, first), head(whole, n), scored, False)
+    return Comparison(path.name, head(whole, first), head(whole, n), scored, False)
 
 
 def head(one: Recording, rows: int) -> Recording:

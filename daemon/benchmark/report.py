@@ -13,7 +13,7 @@ REFERENCE = "classical PI"  # of the cost
 TIE = 1.05  # an error within so many times the least one shares the first place
 
 
-def to_json(scores: Sequence[Score], left_out: Sequence[str]) -> dict[str, Any]:
+def scores_to_json(scores: Sequence[Score], left_out: Sequence[str]) -> dict[str, Any]:
     """scores: the same in every run; cost_ratio: it is measured, so it is not."""
     return {
         "scores": [one.to_json() for one in scores],

@@ -12,7 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dehyst.daemon import clock
-from dehyst.daemon.benchmark.cases import Case, head
+from dehyst.daemon.benchmark.cases import Comparison, head
 from dehyst.daemon.benchmark.rivals.interface import Predict, Rival, measured
 from dehyst.models.errors import DehystError
 
@@ -42,22 +42,22 @@ class Score:
         return {
             "case": self.case,
             "model": self.rival,
-            "error": rounded(self.error),
+            "error": round_digits(self.error),
             "unit": self.unit,
-            "error_percent": rounded(self.share),
+            "error_percent": round_digits(self.share),
             "rows_needed": self.rows,
             "refused": self.refused,
         }
 
 
-def rounded(value: float) -> float | None:
+def round_digits(value: float) -> float | None:
     """To DIGITS digits; None: not finite."""
     return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # more threads add in another order
-def run_all(
-    cases: Sequence[Case],
+def run_comparisons(
+    cases: Sequence[Comparison],
     rivals: Sequence[Rival],
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Score]:
@@ -70,7 +70,7 @@ def run_all(
     return out
 
 
-def run_one(case: Case, rival: Rival) -> Score:
+def run_one(case: Comparison, rival: Rival) -> Score:
     """One model on one case, with fewer rows too where the case is made."""
     unit = case.held.displacement_unit
     try:
@@ -85,7 +85,7 @@ def run_one(case: Case, rival: Rival) -> Score:
     return Score(case.name, rival.name, error, 100.0 * error / span, rows, cost, unit)
 
 
-def held_out_error(case: Case, predict: Predict) -> float:
+def held_out_error(case: Comparison, predict: Predict) -> float:
     """Rms of predicted less measured over the rows that are scored."""
     with np.errstate(all="ignore"):
         left = predict(case.held.t_s, case.held.drive) - measured(case.held)
@@ -93,7 +93,7 @@ def held_out_error(case: Case, predict: Predict) -> float:
     return out if math.isfinite(out) else math.inf
 
 
-def rows_needed(case: Case, rival: Rival, error: float) -> int:
+def rows_needed(case: Comparison, rival: Rival, error: float) -> int:
     """The fewest rows, of the shares tried, with which the held-out error is at most ENOUGH times
     the error with all."""
     for share in ROW_SHARES:
@@ -107,7 +107,7 @@ def rows_needed(case: Case, rival: Rival, error: float) -> int:
     return case.fitted.size
 
 
-def _cost_ns(case: Case, predict: Predict) -> float:
+def _cost_ns(case: Comparison, predict: Predict) -> float:
     took = []
     for _ in range(REPEATS):
         begun = clock.monotonic_ns()

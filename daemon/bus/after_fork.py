@@ -20,7 +20,7 @@ from dehyst.drivers import system
 NATIVE = "zenoh.zenoh"
 
 
-class Session(Protocol):
+class LibrarySession(Protocol):
     """What holds objects of the library."""
 
     def of_the_library(self) -> list[Any]: ...
@@ -30,7 +30,7 @@ _sessions: "weakref.WeakSet[Any]" = weakref.WeakSet()
 _stale = False
 
 
-def remember(session: Session) -> None:
+def keep_from_children(session: LibrarySession) -> None:
     """Leave this one's objects alone in a child."""
     _sessions.add(session)
 

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 
-class Code(NamedTuple):
+class RefusalCode(NamedTuple):
     """says: in words; waits: the same command may be admitted later, so a client repeats it;
     otherwise the refusal is final."""
 
@@ -12,25 +12,27 @@ class Code(NamedTuple):
 
 
 CODES = {
-    "ok": Code("done"),
-    "duplicate": Code("this chunk was taken before; nothing happened (the answer has ok: true)"),
-    "bad-message": Code("not a message of this version"),
-    "no-core": Code("the loop does not run", waits=True),
-    "starting": Code("the loop is starting and follows no commands yet", waits=True),
-    "state": Code("the loop follows no commands in its present state"),
-    "no-lease": Code("the sender holds no lease, or an older one"),
-    "lease-taken": Code("another client commands"),
-    "old": Code("older than the newest set-point, or a repeated one"),
-    "late": Code("too long on its way", waits=True),
-    "unit": Code("another unit than the daemon's"),
-    "not-finite": Code("NaN or infinite"),
-    "unreachable": Code("outside the reachable range"),
-    "order": Code("a chunk or time stamp out of order"),
-    "dense": Code("points closer than the loop's period"),
-    "span": Code("one chunk spans more than the daemon accepts ahead"),
-    "over": Code("this trajectory has ended or was withdrawn"),
-    "queue-full": Code("more trajectory ahead than the daemon accepts", waits=True),
-    "stay": Code("the configuration does not allow a place to be kept without a client"),
-    "no-offer": Code("no such offer, or it cannot be taken now"),
-    "flood": Code("more commands than the daemon reads", waits=True),
+    "ok": RefusalCode("done"),
+    "duplicate": RefusalCode(
+        "this chunk was taken before; nothing happened (the answer has ok: true)"
+    ),
+    "bad-message": RefusalCode("not a message of this version"),
+    "no-core": RefusalCode("the loop does not run", waits=True),
+    "starting": RefusalCode("the loop is starting and follows no commands yet", waits=True),
+    "state": RefusalCode("the loop follows no commands in its present state"),
+    "no-lease": RefusalCode("the sender holds no lease, or an older one"),
+    "lease-taken": RefusalCode("another client commands"),
+    "old": RefusalCode("older than the newest set-point, or a repeated one"),
+    "late": RefusalCode("too long on its way", waits=True),
+    "unit": RefusalCode("another unit than the daemon's"),
+    "not-finite": RefusalCode("NaN or infinite"),
+    "unreachable": RefusalCode("outside the reachable range"),
+    "order": RefusalCode("a chunk or time stamp out of order"),
+    "dense": RefusalCode("points closer than the loop's period"),
+    "span": RefusalCode("one chunk spans more than the daemon accepts ahead"),
+    "over": RefusalCode("this trajectory has ended or was withdrawn"),
+    "queue-full": RefusalCode("more trajectory ahead than the daemon accepts", waits=True),
+    "stay": RefusalCode("the configuration does not allow a place to be kept without a client"),
+    "no-offer": RefusalCode("no such offer, or it cannot be taken now"),
+    "flood": RefusalCode("more commands than the daemon reads", waits=True),
 }

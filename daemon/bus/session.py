@@ -105,7 +105,7 @@ class Bus(Closing):
             raise BusError(f"{what} ({str(error).split(' at /')[0]})") from None
         self._kept: list[Any] = []
         self._process = os.getpid()
-        after_fork.remember(self)
+        after_fork.keep_from_children(self)
 
     @property
     def _session(self) -> "zenoh.Session":

@@ -62,7 +62,7 @@ class Doing:
         self._future.result(timeout)
 
 
-class Stage:
+class BlueskyStage:
     """name: prefix of the fields; positioner: None makes one of the daemon that $DEHYST_CONNECT
     names; average_s: how long each reading is averaged; every: of the samples of a flight one in so
     many becomes an event."""

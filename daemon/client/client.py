@@ -40,7 +40,7 @@ from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.bus.topics import SETPOINT, subject
 from dehyst.daemon.client.finding import TIMEOUT_S, chosen_of, find_daemons, not_chosen
 from dehyst.daemon.client.player import LEAD_S, LEARNING_LEAD_S, Played, Report, ignore, play
-from dehyst.daemon.client.questions import Questions
+from dehyst.daemon.client.questions import DaemonQueries
 from dehyst.daemon.client.repeated import Repeated
 from dehyst.models.errors import DehystError
 
@@ -62,7 +62,7 @@ class Refusal(DehystError):
         self.code = code
 
 
-class Client(Questions):
+class Client(DaemonQueries):
     """A connection to one daemon.
 
     name: the controller's name; None: the only one that answers. connect: zenoh address, or

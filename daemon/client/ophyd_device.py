@@ -33,7 +33,7 @@ from dehyst.daemon.client.positioner import Flight, Positioner, Reading
 from dehyst.models.errors import BadInput
 
 
-class Stage(StandardReadable):
+class OphydStage(StandardReadable):
     """connect_to: makes the Positioner when the device is connected; None: the daemon that
     $DEHYST_CONNECT names. average_s: how long each reading is averaged."""
 

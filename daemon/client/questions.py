@@ -34,7 +34,7 @@ LONGEST_START_S = 300.0
 """A first start compiles for one to three minutes."""
 
 
-class Questions(Closing):
+class DaemonQueries(Closing):
     """Asks one daemon. bus, keys: the connection, and the daemon's keys in it; patience_s: how long
     one that does not answer is asked again, it may be starting."""
 

@@ -58,7 +58,7 @@ def differences(samples: NDArray[Any]) -> Disagreement:
     return Disagreement(float(np.mean([p.mean for p in places])), places, int(off.size))
 
 
-def compare(client: Client) -> Disagreement:
+def compare_zero(client: Client) -> Disagreement:
     """Listen for REST_S; moves nothing. Raises NotNow where no telemetry comes."""
     stream = client.stream()
     parts: list[NDArray[Any]] = []

@@ -43,9 +43,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compare and print; 0."""
     from dehyst.daemon.benchmark.cases import made_cases, read_cases
-    from dehyst.daemon.benchmark.report import markdown, to_json
+    from dehyst.daemon.benchmark.report import markdown, scores_to_json
     from dehyst.daemon.benchmark.rivals.table import RIVALS
-    from dehyst.daemon.benchmark.run import run_all
+    from dehyst.daemon.benchmark.run import run_comparisons
 
     if args.output:
         check_outputs([args.output / name for name in FILES], [], force=True)
@@ -59,10 +59,10 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput(f"--only: there is no case {unknown[0]!r}; known: {', '.join(names)}")
     chosen = [one for one in cases if one.name in args.only or not args.only]
     with progress_bar("models compared") as progress:
-        scores = run_all(chosen, RIVALS, progress)
+        scores = run_comparisons(chosen, RIVALS, progress)
     for text in left_out:
         print(f"dehyst bench: left out: {text}", file=sys.stderr)
-    result = json.dumps(to_json(scores, left_out), indent=2)
+    result = json.dumps(scores_to_json(scores, left_out), indent=2)
     table = markdown(scores, RIVALS, left_out)
     if args.output:
         write_page(args.output / JSON, result + "\n")

@@ -22,7 +22,7 @@ from dehyst.drivers.emulated.ksg101_knobs import Ksg101Knobs
 from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
 from dehyst.drivers.emulated.process import ready_line, run_bench
-from dehyst.drivers.simulated.axes import settings_of
+from dehyst.drivers.simulated.axes import settings_by_axis
 from dehyst.drivers.simulated.settings import AXES, StageSettings
 from dehyst.models.errors import BadInput
 
@@ -138,7 +138,7 @@ def stage_settings(pairs: list[str], axes: Sequence[str]) -> dict[str, StageSett
             raise BadInput(f"--stage {pair}: there is no axis {axis}; axes: {', '.join(tables)}")
         for one in [axis] if dot else tables:
             tables[one][key] = number
-    return settings_of(axes, tables)
+    return settings_by_axis(axes, tables)
 
 
 def amplifier_knobs(args: argparse.Namespace) -> Mdt693bKnobs | Kpz101Knobs:

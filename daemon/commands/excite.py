@@ -14,7 +14,7 @@ from dehyst.daemon.files.outputs import add_force, check_outputs, whole_file
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.models.drive_design.coverage import Coverage, measure_coverage
 from dehyst.models.drive_design.excitation import SINES, Excitation, design
-from dehyst.models.drive_design.separation import EFFECTS, Experiment, separate
+from dehyst.models.drive_design.separation import EFFECTS, SeparatingDrive, separate
 from dehyst.models.drive_design.waveforms import Limits
 from dehyst.models.errors import BadInput
 from dehyst.models.model import Model
@@ -259,7 +259,7 @@ def _separate(args: argparse.Namespace) -> int:
 
 
 def _separation_facts(
-    args: argparse.Namespace, experiment: Experiment, model: Model | None
+    args: argparse.Namespace, experiment: SeparatingDrive, model: Model | None
 ) -> dict[str, object]:
     a, b = args.separate
     return {

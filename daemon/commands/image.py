@@ -42,7 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Image and write; 0, or 1 where the pictures are not as much better as they should be."""
     from dehyst.daemon.imaging.nexus import to_hdf5
-    from dehyst.daemon.imaging.report import side_by_side, table, to_json
+    from dehyst.daemon.imaging.report import draw_pictures, picture_table, pictures_to_json
 
     if not MOST_LINES >= args.lines >= LEAST_LINES or args.lines % 2:
         raise BadInput(
@@ -51,10 +51,10 @@ def run(args: argparse.Namespace) -> int:
     check_outputs([args.output / name for name in FILES], [], force=True)
     with progress_bar("three pictures of a grid") as progress:
         imaged = image(progress, args.lines)
-    text = json.dumps(to_json(imaged), indent=2)
+    text = json.dumps(pictures_to_json(imaged), indent=2)
     write_page(args.output / JSON, text + "\n")
     with whole_file(args.output / PNG) as file:
-        file.write(side_by_side(imaged))
+        file.write(draw_pictures(imaged))
     try:
         content = to_hdf5(imaged)
     except ImportError:
@@ -65,5 +65,5 @@ def run(args: argparse.Namespace) -> int:
     else:
         with whole_file(args.output / HDF5) as file:
             file.write(content)
-    print(text if args.json else f"{table(imaged)}\npictures: {args.output / PNG}")
+    print(text if args.json else f"{picture_table(imaged)}\npictures: {args.output / PNG}")
     return 0 if imaged.reached else 1

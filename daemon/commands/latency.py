@@ -10,7 +10,7 @@ from typing import Any
 from dehyst.daemon.config import Config, load_config
 from dehyst.daemon.latency import machine
 from dehyst.daemon.latency.latency import Setup, measure, time_devices
-from dehyst.daemon.latency.latency_report import lines, table
+from dehyst.daemon.latency.latency_report import describe_latency, latency_figures
 from dehyst.daemon.loop.checks import SPARE, devices_of
 from dehyst.daemon.loop.timing.histogram import Histogram
 from dehyst.drivers.direct_calls import Reachable
@@ -68,9 +68,9 @@ def run(args: argparse.Namespace) -> int:
     found = machine.facts(setup.cpu)
     hints = machine.advice(found, outcome.obtained, setup.cpu, setup.priority, setup.rate_hz)
     if args.json:
-        print(json.dumps(table(outcome, found, hints), indent=2))
+        print(json.dumps(latency_figures(outcome, found, hints), indent=2))
     else:
-        print("\n".join(lines(outcome, found, hints, sys.stdout.isatty())))
+        print("\n".join(describe_latency(outcome, found, hints, sys.stdout.isatty())))
     return 0 if outcome.held else 1
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dehyst.daemon.api.results import write_page
 from dehyst.daemon.files.outputs import check_outputs, whole_file
-from dehyst.daemon.paper.experiments import NOISE_NM, run_all
+from dehyst.daemon.paper.experiments import NOISE_NM, run_experiments
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.models.errors import BadInput
 
@@ -36,18 +36,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Repeat the experiments; 0, or 1 where an error of the paper is not reached."""
-    from dehyst.daemon.paper.report import page, pictures, table
+    from dehyst.daemon.paper.report import page, paper_table, pictures
 
     if not 0 < args.noise <= 1000:
         raise BadInput(f"--noise: more than 0 and at most 1000 nm rms, not {args.noise:g}")
     check_outputs([args.output / "paper.html", args.output / "paper.json"], [], force=True)
     with progress_bar("experiments of the paper") as progress:
-        results = run_all(progress, args.noise)
+        results = run_experiments(progress, args.noise)
     text = json.dumps([r.to_json() for r in results], indent=2)
     write_page(args.output / "paper.html", page(results))
     write_page(args.output / "paper.json", text + "\n")
     for name, png in pictures(results).items():
         with whole_file(args.output / name) as file:
             file.write(png)
-    print(text if args.json else f"{table(results)}\nreport: {args.output / 'paper.html'}")
+    print(text if args.json else f"{paper_table(results)}\nreport: {args.output / 'paper.html'}")
     return 0 if all(r.reached for r in results if r.counts) else 1

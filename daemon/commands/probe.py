@@ -167,7 +167,7 @@ def _probe(port: SerialPort, args: argparse.Namespace) -> _Probed:
 def _probe_piezo(port: SerialPort, unit: gauges.ProbedGauge) -> _Probed:
     with progress_bar("requests") as progress:
         exchanges = gauges.record_requests(port, progress, requests=piezos.REQUESTS)
-    piezo = piezos.interpret_requests(exchanges)
+    piezo = piezos.interpret_driver_requests(exchanges)
     facts = {"model": unit.model, "serial": unit.serial_number, "firmware": unit.firmware}
     facts |= asdict(piezo)
     lines = [
@@ -187,7 +187,7 @@ def _probe_controller(port: SerialPort, kind: str, heard: list[RecordedExchange]
     requests = controllers.RACK_REQUESTS if kind == RACK else controllers.REQUESTS
     with progress_bar("requests") as progress:
         exchanges = gauges.record_requests(port, progress, requests=requests)
-    unit = gauges.interpret_requests(exchanges)
+    unit = gauges.interpret_gauge_requests(exchanges)
     if not unit.model:
         return _Probed("", heard + exchanges, {}, {}, [])
     channels = controllers.interpret_channels(exchanges)
@@ -222,7 +222,7 @@ def _lines_of_channel(channel: controllers.ProbedChannel) -> list[str]:
 def _probe_apt(port: SerialPort, sets: float | None) -> _Probed:
     with progress_bar("requests") as progress:
         exchanges = gauges.record_requests(port, progress)
-    unit = gauges.interpret_requests(exchanges)
+    unit = gauges.interpret_gauge_requests(exchanges)
     if not unit.model:
         return _probe_controller(port, RACK, exchanges)
     if unit.model.startswith(PIEZOS.models):

@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         )
         from dehyst.daemon.files.models import load_model
         from dehyst.daemon.service.supervisor import BenchProcess
-        from dehyst.drivers.simulated.axes import settings_of
+        from dehyst.drivers.simulated.axes import settings_by_axis
         from dehyst.drivers.simulated.settings import AXES
 
     axes = AXES[: args.axes or 1]
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     with ended_at_once("dehyst run"), compiling_reported("dehyst run", in_pipes=True):
         imitation, models = Imitation(), {}
         if len(axes) > 1:
-            models = {a: simulated_model(one) for a, one in settings_of(axes, {}).items()}
+            models = {a: simulated_model(one) for a, one in settings_by_axis(axes, {}).items()}
         else:
             model = load_model(args.model) if args.model else simulated_model()
             imitation = Imitation.of(model) if args.model else imitation

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     from dehyst import __version__
     from dehyst.daemon.client.group import Group
     from dehyst.daemon.client.held_axes import HeldAxes
-    from dehyst.daemon.gcs.controller import Controller
+    from dehyst.daemon.gcs.controller import GcsController
     from dehyst.daemon.gcs.server import GcsServer
 
     host, port = address(args.listen, args.without_passwords)
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
     with HeldAxes(connect, tolerance=args.tolerance, by=args.on_target) as held:
         try:
-            server = GcsServer((host, port), Controller(held, __version__))
+            server = GcsServer((host, port), GcsController(held, __version__))
         except OSError as error:
             raise BadInput(f"--listen {args.listen}: {error.strerror or error}") from None
         with server:

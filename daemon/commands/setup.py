@@ -123,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from dehyst.daemon.setup.journal import Journal
-    from dehyst.daemon.setup.questions import Questions, Wishes
+    from dehyst.daemon.setup.questions import UserPrompts, Wishes
     from dehyst.daemon.setup.sequence import do_steps
     from dehyst.daemon.setup.workbench import Workbench
 
@@ -156,7 +156,7 @@ def run(args: argparse.Namespace) -> int:
             args.duration,
             axes,
         )
-        asking = Questions(args.yes, Console(stderr=True))
+        asking = UserPrompts(args.yes, Console(stderr=True))
         bench = Workbench(args.folder, wishes, journal, asking, say)
         do_steps(bench, args.first, args.until)
     return _conclude(bench, args)
@@ -173,7 +173,7 @@ def _noted_amplifier(folder: Path) -> str:
 def _emulated_ports(
     folder: Path, amplifier: str, axes: tuple[str, ...], held: ExitStack
 ) -> tuple[str, ...]:
-    from dehyst.daemon.bench.emulated import note
+    from dehyst.daemon.bench.emulated import note_bench
     from dehyst.daemon.service.supervisor import BenchProcess
 
     if axes and amplifier != "mdt693b":
@@ -190,7 +190,7 @@ def _emulated_ports(
         f"ends with this command, and `dehyst run --config {config}` starts it again"
     )
     bench = BenchProcess(folder, more)
-    note(folder, more)
+    note_bench(folder, more)
     held.callback(bench.close)
     return tuple(path for name, path in bench.ports.items() if name.startswith(UNITS))
 

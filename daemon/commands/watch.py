@@ -117,12 +117,14 @@ class Watched:
             self.window = view.RecentTelemetry(self.seconds, self.period_ns)
         self.window.add(self.stream.read(timeout_s))
 
-    def view(self) -> "view.View":
+    def view(self) -> "view.AxisScreen":
         """What the screen shows of it."""
         from dehyst.daemon.terminal import view
 
         feed = self.feed
-        return view.View(feed.status, self.window, self.stream.lost, feed.events, feed.rejections)
+        return view.AxisScreen(
+            feed.status, self.window, self.stream.lost, feed.events, feed.rejections
+        )
 
     def print_lines(self, head: str) -> None:
         """Events that came, and one line on how it is."""

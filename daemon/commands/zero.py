@@ -88,7 +88,7 @@ def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
         say(f"{of}through {100 * args.share:g} % of the reach, twice, {args.seconds:g} s each")
         found = zero.exercise_and_compare(client, args.share, args.seconds)
     else:
-        found = zero.compare(client)
+        found = zero.compare_zero(client)
     status = client.status()  # newer than the shift that came before this command
     shift = 0.0 if args.look else -found.mean
     if found.samples and shift:

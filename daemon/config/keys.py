@@ -11,7 +11,7 @@ import msgspec
 from msgspec import structs
 
 from dehyst.daemon.config import sections
-from dehyst.drivers.settings import SettingKey, allowed_words, unit_of
+from dehyst.drivers.settings import SettingKey, allowed_words, unit_in_name
 
 NOT_WRITTEN = ((sections.Config, "axis"),)
 """What no file says: a daemon puts it in."""
@@ -50,7 +50,7 @@ def _sections(title: str, kind: type[msgspec.Struct], needed: bool) -> list[Conf
                 allowed_words(field),
                 field.required,
                 default,
-                unit_of(field.name),
+                unit_in_name(field.name),
                 meaning,
             )
             own.append(key)

@@ -59,7 +59,7 @@ class Busy:
 
 
 @dataclass(frozen=True)
-class Spent:
+class ProcessorTicks:
     """Up to now, in ticks of all processors: total, idle, stolen, own (this process and all that it
     started); at_s: when."""
 
@@ -70,18 +70,20 @@ class Spent:
     own: int
 
 
-def read_spent(proc: Path = Path("/proc")) -> Spent:
+def read_spent(proc: Path = Path("/proc")) -> ProcessorTicks:
     """What the processors did since the machine started."""
     try:
         first = (proc / "stat").read_text().partition("\n")[0]
     except OSError:
-        return Spent(clock.monotonic_ns() * 1e-9, 0, 0, 0, 0)
+        return ProcessorTicks(clock.monotonic_ns() * 1e-9, 0, 0, 0, 0)
     ticks = [int(word) for word in first.split()[1:9]]
     own = _time_of_family(os.getpid(), _processes(proc))
-    return Spent(clock.monotonic_ns() * 1e-9, sum(ticks), ticks[3] + ticks[4], ticks[7], own)
+    return ProcessorTicks(
+        clock.monotonic_ns() * 1e-9, sum(ticks), ticks[3] + ticks[4], ticks[7], own
+    )
 
 
-def busy_between(first: Spent, last: Spent, late: float = 0.0) -> Busy:
+def busy_between(first: ProcessorTicks, last: ProcessorTicks, late: float = 0.0) -> Busy:
     """How busy the machine was between two looks. late: share of the samples that were late."""
     total = last.total - first.total
     if total <= 0:

@@ -27,7 +27,7 @@ from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.change.causes import WeighedCause, find_causes, weigh_causes
 from dehyst.models.change.led import lead_in, without_lead
 from dehyst.models.change.naming import (
-    Left,
+    ChangeResiduals,
     find_one_change,
     is_of_sensor,
     pick_models,
@@ -203,14 +203,16 @@ def _tell_beside(findings: Sequence[Finding]) -> str:
     return f"It is a single change; the report, which fits the loop again, shows it as {names}."
 
 
-def _left(in_use: Model, all_found: Model, when_good: float, noise: float, seen: _Evidence) -> Left:
+def _left(
+    in_use: Model, all_found: Model, when_good: float, noise: float, seen: _Evidence
+) -> ChangeResiduals:
     recording = seen.flagged if seen.later is None else seen.later
     try:
         found = validate(all_found, recording).rms
     except BadInput:
         found = 0.0
     good = when_good if seen.good is not None else math.nan
-    return Left(validate(in_use, recording).rms, good, found, noise)
+    return ChangeResiduals(validate(in_use, recording).rms, good, found, noise)
 
 
 def _read(folder: Path, name: str, case: Case) -> Recording | None:

@@ -24,9 +24,9 @@ from dehyst.daemon.files.csv_table import (
 )
 from dehyst.daemon.files.foreign.apart import NEEDS, read_apart
 from dehyst.daemon.files.foreign.arrays import found_in, of_one_length
-from dehyst.daemon.files.foreign.found import Column, Found
+from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.grid import number_of
-from dehyst.daemon.files.foreign.reading import AS_IT_IS, Reading
+from dehyst.daemon.files.foreign.reading import AS_IT_IS, ReadOptions
 from dehyst.daemon.files.foreign.roles import PLAIN, role_of
 from dehyst.daemon.files.foreign.text import read_text_table
 from dehyst.daemon.files.foreign.understand import understand
@@ -54,9 +54,9 @@ class Loaded:
 
 
 @np.errstate(all="ignore")  # damaged numbers overflow; none of it is for the screen
-def load(
+def load_columns(
     path: Path,
-    reading: Reading = AS_IT_IS,
+    reading: ReadOptions = AS_IT_IS,
     unfinished: bool = False,
     wants: Sequence[str] = UNDERSTOOD,
 ) -> Loaded:
@@ -136,7 +136,7 @@ def _first_lines(file: BinaryIO) -> list[str]:
 
 
 def understand_columns(
-    name: str, arrays: Mapping[str, Any], reading: Reading, wants: Sequence[str]
+    name: str, arrays: Mapping[str, Any], reading: ReadOptions, wants: Sequence[str]
 ) -> Loaded:
     """Columns that are in memory already, by name."""
     if "t_s" in arrays and not reading:
@@ -149,14 +149,14 @@ def _numbers(values: Any) -> Any:
     return values.to_numpy() if hasattr(values, "to_numpy") else values
 
 
-def _understood(path: Path, found: Found, reading: Reading, wants: Sequence[str]) -> Loaded:
+def _understood(path: Path, found: Sheet, reading: ReadOptions, wants: Sequence[str]) -> Loaded:
     found = of_one_length(found, [str(v) for v in reading.columns.values()])
     _refuse_absurd(path.name, {c.heading: c.values for c in found.columns})
     read = understand(path.name, found, reading, wants)
     return Loaded(read.columns, found.notes, read.said, read.seconds, found.where)
 
 
-def _load_npz(path: Path, reading: Reading, wants: Sequence[str]) -> Loaded:
+def _load_npz(path: Path, reading: ReadOptions, wants: Sequence[str]) -> Loaded:
     arrays = _read_npz(path)
     notes = {k[1:]: str(v) for k, v in arrays.items() if k.startswith("#")}
     arrays = {k: v for k, v in arrays.items() if k[:1] != "#"}
@@ -167,15 +167,15 @@ def _load_npz(path: Path, reading: Reading, wants: Sequence[str]) -> Loaded:
     return _understood(path, found, reading, wants)
 
 
-def _load_mcap(path: Path, reading: Reading, unfinished: bool, wants: Sequence[str]) -> Loaded:
+def _load_mcap(path: Path, reading: ReadOptions, unfinished: bool, wants: Sequence[str]) -> Loaded:
     columns, notes = read_mcap(path, unfinished)
     if not reading and any(name[:2] in ("u_", "y_") or name[:7] == "target_" for name in columns):
         return Loaded(plain_columns(path.name, columns), notes)
-    found = Found([Column(name, values) for name, values in columns.items()], notes)
+    found = Sheet([Column(name, values) for name, values in columns.items()], notes)
     return _understood(path, found, reading, wants) if columns else Loaded({}, notes)
 
 
-def _read_npy(path: Path) -> Found:
+def _read_npy(path: Path) -> Sheet:
     if path.stat().st_size > MOST_BYTES:
         raise BadRecording(f"{path.name}: more than {MOST_BYTES >> 20} MB; cut it into pieces")
     array = _carefully(path, ".npy", lambda: np.load(path, allow_pickle=False, mmap_mode="r"))

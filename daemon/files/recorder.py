@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dehyst.daemon.files.appended import RecordingFailed
 from dehyst.daemon.files.axis_columns import axis_column
 from dehyst.daemon.files.pieces import Pieces, Rotation
-from dehyst.daemon.files.rows import Columns, Rows, check_kind, open_rows
+from dehyst.daemon.files.rows import Columns, RowWriter, check_kind, open_rows
 from dehyst.daemon.rings.records import Flag
 
 NO_OTHERS: Mapping[str, NDArray[Any]] = {}
@@ -81,7 +81,7 @@ class Recorder:
             *(axis_column(other.name, other.drive_unit, drive=True) for other in others),
         )
         self._complete_rows = 0
-        self._piece: Rows | None = None
+        self._piece: RowWriter | None = None
         self._piece_from_s = 0.0
 
     @property

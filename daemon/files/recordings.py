@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files.axis_columns import targets_as_channels, to_channels
-from dehyst.daemon.files.foreign.reading import AS_IT_IS, Reading
-from dehyst.daemon.files.loading import SUFFIXES, Loaded, load, understand_columns
+from dehyst.daemon.files.foreign.reading import AS_IT_IS, ReadOptions
+from dehyst.daemon.files.loading import SUFFIXES, Loaded, load_columns, understand_columns
 from dehyst.daemon.files.mcap_file import write_mcap
 from dehyst.daemon.files.number_text import number_texts
 from dehyst.daemon.files.outputs import whole_file
 from dehyst.daemon.files.sidecar import write_notes
-from dehyst.daemon.files.times import Times, doubt_seconds, settle
+from dehyst.daemon.files.times import Times, doubt_seconds, repair_times
 from dehyst.models.errors import BadRecording
 from dehyst.models.modelfile import UNIT_NAMES
 from dehyst.models.recording import Floats, Recording, Trajectory
@@ -42,7 +42,7 @@ def read_recording(
     *,
     need_displacement: bool = False,
     min_rows: int = 2,
-    reading: Reading = AS_IT_IS,
+    reading: ReadOptions = AS_IT_IS,
 ) -> Recording:
     """The recording in a file.
 
@@ -64,12 +64,12 @@ def read_recordings(
     *,
     need_displacement: bool = False,
     min_rows: int = 2,
-    reading: Reading = AS_IT_IS,
+    reading: ReadOptions = AS_IT_IS,
 ) -> list[Recording]:
     """As read_recording, and several where the clock went back in the file: it is cut there."""
     path = Path(path)
     wants = ("t", "u", "y") if need_displacement else ("t", "u")
-    loaded = load(path, reading, wants=wants)
+    loaded = load_columns(path, reading, wants=wants)
     parts = _recordings(path.name, loaded, need_displacement, min_rows, reading)
     digest = _sha256(path)
     if len(parts) == 1:
@@ -86,7 +86,7 @@ def recording_of(
     *,
     need_displacement: bool = False,
     min_rows: int = 2,
-    reading: Reading = AS_IT_IS,
+    reading: ReadOptions = AS_IT_IS,
 ) -> Recording:
     """The recording in arrays (N,) by column name, as `read_recording` has it from a file."""
     wants = ("t", "u", "y") if need_displacement else ("t", "u")
@@ -105,7 +105,7 @@ def _several(path: Path, parts: int) -> str:
 
 
 def _recordings(
-    name: str, loaded: Loaded, need_displacement: bool, min_rows: int, reading: Reading
+    name: str, loaded: Loaded, need_displacement: bool, min_rows: int, reading: ReadOptions
 ) -> list[Recording]:
     columns = loaded.columns
     times = _time(name, loaded, min_rows)
@@ -148,7 +148,7 @@ def _say(name: str, loaded: Loaded, times: Times, doubt: str) -> str:
 
 
 def read_trajectory(
-    path: str | Path, *, min_rows: int = 1, column: str = "", reading: Reading = AS_IT_IS
+    path: str | Path, *, min_rows: int = 1, column: str = "", reading: ReadOptions = AS_IT_IS
 ) -> Trajectory:
     """The trajectory in a file with the columns `t_s` and `target_um` (or another unit).
 
@@ -156,7 +156,7 @@ def read_trajectory(
     Raises BadRecording as read_recording does, and when a target is missing somewhere.
     """
     path = Path(path)
-    loaded = load(path, reading, wants=("t",) if column else ("t", "target"))
+    loaded = load_columns(path, reading, wants=("t",) if column else ("t", "target"))
     return replace(_trajectory(path.name, loaded, min_rows, column), sha256=_sha256(path))
 
 
@@ -191,7 +191,7 @@ def _trajectory(name: str, loaded: Loaded, min_rows: int, column: str) -> Trajec
 
 
 def read_columns(
-    path: str | Path, unfinished: bool = False, reading: Reading = AS_IT_IS
+    path: str | Path, unfinished: bool = False, reading: ReadOptions = AS_IT_IS
 ) -> tuple[dict[str, Floats], dict[str, str]]:
     """(columns by name, `t_s` among them; notes) of a file, whatever they mean. unfinished: what
     is whole of a file whose writer was killed. Raises BadRecording."""
@@ -202,12 +202,12 @@ def read_columns(
 
 
 def read_parts(
-    path: str | Path, unfinished: bool = False, reading: Reading = AS_IT_IS
+    path: str | Path, unfinished: bool = False, reading: ReadOptions = AS_IT_IS
 ) -> tuple[list[tuple[dict[str, Floats], dict[str, str]]], str]:
     """As read_columns, and several where the clock went back in the file: it is cut there; and how
     a file of another program was understood, which stands in the notes too."""
     path = Path(path)
-    loaded = load(path, reading, unfinished, wants=("t",))
+    loaded = load_columns(path, reading, unfinished, wants=("t",))
     times = _time(path.name, loaded, 1)
     doubt = ""
     if any(key.startswith("u_") for key in loaded.columns):
@@ -293,7 +293,7 @@ def _time(name: str, loaded: Loaded, min_rows: int) -> Times:
             for v in columns.values()
         )
 
-    return settle(name, t_s, same_row, loaded.where)
+    return repair_times(name, t_s, same_row, loaded.where)
 
 
 def _unit_column(name: str, loaded: Loaded, letter: str, what: str, required: bool) -> str:

@@ -34,7 +34,7 @@ HELD_S = 2.0
 """Of a recording's time, at most, in rows that are not in the file yet."""
 
 
-class Rows(Protocol):
+class RowWriter(Protocol):
     """rows: that the file holds, or will when it is closed; size: bytes on the disk; full: no
     more fits."""
 
@@ -62,7 +62,9 @@ def check_kind(path: Path) -> None:
         raise BadInput(f"{path}: unknown kind of file; {', '.join(WRITTEN)} are written")
 
 
-def open_rows(path: Path, names: Sequence[str], notes: Mapping[str, str], replace: bool) -> Rows:
+def open_rows(
+    path: Path, names: Sequence[str], notes: Mapping[str, str], replace: bool
+) -> RowWriter:
     """A growing recording with these columns, `t_s` first; its suffix says which kind. Raises
     BadInput where it cannot be made."""
     check_kind(path)
@@ -99,7 +101,7 @@ class CsvRows:
         return self._file.size
 
     def add(self, columns: Columns) -> None:
-        """See Rows."""
+        """See RowWriter."""
         texts = [number_texts(column, "") for column in columns]
         lines = [",".join(row) for row in zip(*texts, strict=True)]
         if not lines:
@@ -111,7 +113,7 @@ class CsvRows:
             self._pack()
 
     def close(self) -> None:
-        """See Rows."""
+        """See RowWriter."""
         try:
             if not self._failed:
                 self._pack()
@@ -173,7 +175,7 @@ class NpzRows:
         return 8 * self.rows * len(self._names) > MOST_BYTES // 2
 
     def add(self, columns: Columns) -> None:
-        """See Rows."""
+        """See RowWriter."""
         if self.full:
             raise RecordingFailed(
                 f"{self._path}: an .npz file takes no more than {self.rows} rows; begin another "
@@ -192,7 +194,7 @@ class NpzRows:
             raise failed.after(self.rows, "convert --unfinished") from None
 
     def close(self) -> None:
-        """See Rows."""
+        """See RowWriter."""
         if self._closed:
             return
         self._closed = True

@@ -37,7 +37,7 @@ class Times:
     said: list[str]
 
 
-def settle(
+def repair_times(
     name: str, t_s: Floats, same_row: Callable[[int], bool], where: Callable[[int], str]
 ) -> Times:
     """same_row(i): whether row i holds the same numbers as the one before, in all columns; where:

@@ -4,7 +4,7 @@
 import re
 from pathlib import Path
 
-from dehyst.daemon.files.foreign.reading import AS_IT_IS, Reading
+from dehyst.daemon.files.foreign.reading import AS_IT_IS, ReadOptions
 from dehyst.daemon.files.recordings import read_columns, read_trajectory
 from dehyst.models.errors import BadRecording
 from dehyst.models.modelfile import UNIT_NAMES
@@ -14,7 +14,7 @@ OF_AXIS = re.compile(rf"target_([a-z0-9]{{1,8}})_({'|'.join(UNIT_NAMES)})")
 
 
 def read_trajectories(
-    path: str | Path, *, min_rows: int = 1, column: str = "", reading: Reading = AS_IT_IS
+    path: str | Path, *, min_rows: int = 1, column: str = "", reading: ReadOptions = AS_IT_IS
 ) -> dict[str, Trajectory]:
     """What each axis is to do, by its short name, in the file's order; "" for the only one of a
     file with `target_um`, or where `column` says which. Raises BadRecording as read_trajectory."""

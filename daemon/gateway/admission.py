@@ -22,8 +22,7 @@ from dehyst.daemon.gateway.in_play import InPlay
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.gateway.loop_records import NOTHING, make_records
 from dehyst.daemon.gateway.refusals import NotAdmitted
-from dehyst.daemon.rings.records import Command as Kind
-from dehyst.daemon.rings.records import State
+from dehyst.daemon.rings.records import LoopCommand, State
 
 DecideOffer = Callable[[str, int], str]
 """(action, number of the offer): why not, in words; "": it is being done."""
@@ -190,7 +189,9 @@ class Admission:
         self.lease.sequence = command.sequence
         self.lease.heard(now_ns, command.sent_ns)
         self._end_trajectory("a set-point replaced it")
-        records = make_records(Kind.SETPOINT, command.client, value=np.array([command.value]))
+        records = make_records(
+            LoopCommand.SETPOINT, command.client, value=np.array([command.value])
+        )
         records["last"] = command.stay
         return records
 
@@ -222,7 +223,9 @@ class Admission:
         now.over = "it is complete" if command.last else ""
         self._passed.append((now_ns, span_ns * 1e-9))
         self.lease.heard(now_ns, command.sent_ns)
-        records = make_records(Kind.POINT, command.client, command.trajectory, values, offsets)
+        records = make_records(
+            LoopCommand.POINT, command.client, command.trajectory, values, offsets
+        )
         records["last"][-1] = command.last
         records["correction"] = learned
         if len(command.axes) > 1:
@@ -325,7 +328,7 @@ class Admission:
                 f"the gauge's zero cannot move by {command.value:g} {self.unit}: that is more than "
                 f"the stage's whole reach of {high - low:g}",
             )
-        return make_records(Kind.ZERO, command.client, value=np.array([command.value]))
+        return make_records(LoopCommand.ZERO, command.client, value=np.array([command.value]))
 
     def _check_stay(self, stay: bool) -> None:
         if stay and not self.may_stay:
@@ -339,7 +342,7 @@ class Admission:
         self.core.check_state(self._room)
         self._check_stay(command.stay)
         self._end_trajectory("its stage is held where it is")
-        records = make_records(Kind.HOLD, command.client)
+        records = make_records(LoopCommand.HOLD, command.client)
         records["last"] = command.stay
         return records
 
@@ -380,7 +383,9 @@ class Admission:
             self._end_trajectory("it was stopped")
             if lease.check(now_ns, client, command.lease):
                 lease.heard(now_ns, command.sent_ns)
-            return make_records(Kind.STOP_MOTION if action == "stop" else Kind.RELEASE, client)
+            return make_records(
+                LoopCommand.STOP_MOTION if action == "stop" else LoopCommand.RELEASE, client
+            )
         if action in ("accept", "reject"):  # whoever may command; it moves nothing by itself
             if why := self.decide_offer(action, command.offer):
                 raise NotAdmitted("no-offer", why)
@@ -397,7 +402,7 @@ class Admission:
             self.core.check(self._room)
             if command.trajectory == self._trajectory.number:
                 self._end_trajectory("its client withdrew it")
-            return make_records(Kind.CLEAR, client, command.trajectory)
+            return make_records(LoopCommand.CLEAR, client, command.trajectory)
         return NOTHING
 
 

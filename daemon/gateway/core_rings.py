@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, Command
+from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, LoopCommand
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS
 from dehyst.models.errors import BadInput
@@ -97,7 +97,7 @@ class CoreRings:
     def newest_point(self) -> NDArray[Any]:
         """(0,) or (1,): the last command in the ring, where it is a trajectory point."""
         last = self.before("command", 1)
-        return last[last["kind"] == Command.POINT]
+        return last[last["kind"] == LoopCommand.POINT]
 
     @property
     def room(self) -> int:

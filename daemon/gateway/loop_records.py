@@ -3,14 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dehyst.daemon.rings.records import COMMAND
-from dehyst.daemon.rings.records import Command as Kind
+from dehyst.daemon.rings.records import COMMAND, LoopCommand
 
 NOTHING: NDArray[np.void] = np.zeros(0, COMMAND)
 
 
 def make_records(
-    kind: Kind,
+    kind: LoopCommand,
     client: int,
     trajectory: int = 0,
     value: NDArray[np.float64] | None = None,
@@ -29,4 +28,4 @@ def make_records(
 def trust(trusted: bool) -> NDArray[np.void]:
     """The COMMAND record by which the gateway itself tells the loop whether the mismatch watch
     trusts stage and gauge."""
-    return make_records(Kind.TRUST, 0, value=np.array([float(trusted)]))
+    return make_records(LoopCommand.TRUST, 0, value=np.array([float(trusted)]))

@@ -39,7 +39,7 @@ from dehyst.models.mismatch.trial import (
     TRIAL,
     ErrorMeter,
     Errors,
-    Promise,
+    OfferErrors,
     Samples,
     Verdict,
     judge_trial,
@@ -156,7 +156,7 @@ class ModelTrial:
             return None
         with self._lock:
             full, after = self._meter.full, self._meter.errors
-        promise = Promise(tested.in_use, tested.offered, tested.noise)
+        promise = OfferErrors(tested.in_use, tested.offered, tested.noise)
         judged = _errors_before(trial), after, promise, self._unit
         verdict = judge_trial(*judged) if full else Verdict("open", "")
         if verdict.outcome == "goes" and not late and not self._doubt:

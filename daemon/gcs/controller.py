@@ -14,14 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dehyst.daemon.client.held_axes import AxisView, HeldAxes
-from dehyst.daemon.gcs.grammar import (
-    Code,
-    GcsError,
-    groups,
-    integer,
-    lines,
-    number,
-)
+from dehyst.daemon.gcs.grammar import GcsCode, GcsError, groups, integer, join_lines, parse_number
 from dehyst.daemon.gcs.waves import MOST_CYCLES, MOST_POINTS, MOST_RATE, TABLES, Waves, segment
 from dehyst.models.errors import DehystError
 
@@ -37,15 +30,15 @@ UNITS = {"um": "UM", "nm": "NM", "mrad": "MRAD", "urad": "URAD"}
 
 
 @dataclass
-class Session:
+class GcsSession:
     """What belongs to one connection: its last error."""
 
-    error: Code = Code.NO_ERROR
+    error: GcsCode = GcsCode.NO_ERROR
     commands: set[str] = field(default_factory=set)
     """Names of axes that it was the last to switch on."""
 
 
-class Controller:
+class GcsController:
     """held: the axes; version: of this program. Used by one thread for each connection."""
 
     def __init__(self, held: HeldAxes, version: str) -> None:
@@ -58,7 +51,7 @@ class Controller:
 
     # -- a connection ---------------------------------------------------------------------------
 
-    def leave(self, session: Session) -> None:
+    def leave(self, session: GcsSession) -> None:
         """The connection has ended: what it commanded is let go, as after any other client."""
         with self.lock:
             if not session.commands:
@@ -76,14 +69,14 @@ class Controller:
         """Names of the axes that are asked about: all where none is given. Raises GcsError."""
         for name in args:
             if name.upper() not in self.names:
-                raise GcsError(Code.INVALID_AXIS, f"there is no axis {name}")
+                raise GcsError(GcsCode.INVALID_AXIS, f"there is no axis {name}")
         return [name.upper() for name in args] or list(self.names)
 
     def view_of(self, name: str) -> AxisView:
         return self.held.look()[self.names[name]]
 
     def each(self, args: Sequence[str], value: Callable[[str, AxisView], str]) -> str:
-        return lines(f"{name}={value(name, self.view_of(name))}" for name in self._axes(args))
+        return join_lines(f"{name}={value(name, self.view_of(name))}" for name in self._axes(args))
 
     def _pairs(self, args: Sequence[str]) -> list[tuple[str, str]]:
         """(axis, value) pairs. Raises GcsError."""
@@ -99,17 +92,19 @@ class Controller:
     def _need_servo(self, name: str) -> None:
         if not self.is_held(name):
             lost = self.view_of(name).lost
-            raise GcsError(Code.NO_SERVO, f"the servo of axis {name} is off; {lost or 'SVO first'}")
+            raise GcsError(
+                GcsCode.NO_SERVO, f"the servo of axis {name} is off; {lost or 'SVO first'}"
+            )
         if self.view_of(name).flying:
-            raise GcsError(Code.WAVE_GENERATOR_ACTIVE, f"axis {name} plays a wave")
+            raise GcsError(GcsCode.WAVE_GENERATOR_ACTIVE, f"axis {name} plays a wave")
 
-    def _move(self, session: Session, targets: dict[str, float]) -> str:
+    def _move(self, session: GcsSession, targets: dict[str, float]) -> str:
         for name, value in targets.items():
             self._need_servo(name)
             view = self.view_of(name)
             if not view.low <= value <= view.high:
                 raise GcsError(
-                    Code.OUT_OF_LIMITS,
+                    GcsCode.OUT_OF_LIMITS,
                     f"axis {name}: {value:g} {view.unit} is outside {view.low:g} to {view.high:g}",
                 )
         self.held.go({self.names[name]: value for name, value in targets.items()})
@@ -122,7 +117,7 @@ class Controller:
 
     # -- motion ---------------------------------------------------------------------------------
 
-    def set_servo(self, session: Session, args: Sequence[str]) -> str:
+    def set_servo(self, session: GcsSession, args: Sequence[str]) -> str:
         """SVO: on takes the lease and moves nothing; off lets go."""
         for name, text in self._pairs(args):
             on = bool(integer(text, 0, 1, "servo"))
@@ -137,31 +132,33 @@ class Controller:
                     self.held.let_go()
         return ""
 
-    def move(self, session: Session, args: Sequence[str]) -> str:
+    def move(self, session: GcsSession, args: Sequence[str]) -> str:
         """MOV."""
-        return self._move(session, {name: number(text) for name, text in self._pairs(args)})
+        return self._move(session, {name: parse_number(text) for name, text in self._pairs(args)})
 
-    def move_by(self, session: Session, args: Sequence[str]) -> str:
+    def move_by(self, session: GcsSession, args: Sequence[str]) -> str:
         """MVR: from the last target."""
-        by = {name: number(text) for name, text in self._pairs(args)}
+        by = {name: parse_number(text) for name, text in self._pairs(args)}
         return self._move(session, {name: self.asked(name) + step for name, step in by.items()})
 
-    def go_home(self, session: Session, args: Sequence[str]) -> str:
+    def go_home(self, session: GcsSession, args: Sequence[str]) -> str:
         """GOH: to 0."""
         return self._move(session, dict.fromkeys(self._axes(args), 0.0))
 
-    def stop(self, session: Session, args: Sequence[str]) -> str:
+    def stop(self, session: GcsSession, args: Sequence[str]) -> str:
         """STP, HLT: all axes, as one amplifier's axes stop together."""
         self._axes(args)
         self.held.stop()
-        raise GcsError(Code.STOP, "stopped by command")
+        raise GcsError(GcsCode.STOP, "stopped by command")
 
     # -- waves ----------------------------------------------------------------------------------
 
-    def write_wave(self, session: Session, args: Sequence[str]) -> str:
+    def write_wave(self, session: GcsSession, args: Sequence[str]) -> str:
         """WAV."""
         if len(args) < 3:
-            raise GcsError(Code.PARAM_COUNT, "WAV takes a table, X, & or +, a kind and its numbers")
+            raise GcsError(
+                GcsCode.PARAM_COUNT, "WAV takes a table, X, & or +, a kind and its numbers"
+            )
         table = integer(args[0], 1, TABLES, "wave table")
         self.waves.write(table, args[1].upper(), segment(args[2].upper(), args[3:]))
         return ""
@@ -171,30 +168,30 @@ class Controller:
 
     def _idle(self, axis: str) -> str:
         if self.view_of(axis).flying:
-            raise GcsError(Code.WAVE_GENERATOR_ACTIVE, f"the generator of axis {axis} runs")
+            raise GcsError(GcsCode.WAVE_GENERATOR_ACTIVE, f"the generator of axis {axis} runs")
         return axis
 
-    def select_wave(self, session: Session, args: Sequence[str]) -> str:
+    def select_wave(self, session: GcsSession, args: Sequence[str]) -> str:
         """WSL."""
         for generator, table in groups(args, 2):
             axis = self._idle(self._generator(generator))
             self.waves.chosen[axis] = integer(table, 0, TABLES, "wave table")
         return ""
 
-    def set_cycles(self, session: Session, args: Sequence[str]) -> str:
+    def set_cycles(self, session: GcsSession, args: Sequence[str]) -> str:
         """WGC."""
         for generator, count in groups(args, 2):
             axis = self._idle(self._generator(generator))
             self.waves.cycles[axis] = integer(count, 0, MOST_CYCLES, "number of cycles")
         return ""
 
-    def set_offset(self, session: Session, args: Sequence[str]) -> str:
+    def set_offset(self, session: GcsSession, args: Sequence[str]) -> str:
         """WOS."""
         for generator, offset in groups(args, 2):
-            self.waves.offset[self._idle(self._generator(generator))] = number(offset)
+            self.waves.offset[self._idle(self._generator(generator))] = parse_number(offset)
         return ""
 
-    def set_rate(self, session: Session, args: Sequence[str]) -> str:
+    def set_rate(self, session: GcsSession, args: Sequence[str]) -> str:
         """WTR: one rate for all generators; interpolation is what the loop does by itself."""
         for generator, rate, interpolation in groups(args, 3):
             if integer(generator, 0, len(self.waves.axes), "wave generator") == 0:
@@ -204,7 +201,7 @@ class Controller:
             self.waves.rate = integer(rate, 1, MOST_RATE, "table rate")
         return ""
 
-    def start_waves(self, session: Session, args: Sequence[str]) -> str:
+    def start_waves(self, session: GcsSession, args: Sequence[str]) -> str:
         """WGO: modes 0 (stop) and 1 (start at once)."""
         modes = {
             self._generator(generator): integer(mode, 0, 1, "start mode")
@@ -222,7 +219,7 @@ class Controller:
         session.commands.update(begin)
         return ""
 
-    def clear_waves(self, session: Session, args: Sequence[str]) -> str:
+    def clear_waves(self, session: GcsSession, args: Sequence[str]) -> str:
         """WCL."""
         for (table,) in groups(args, 1):
             self.waves.tables.pop(integer(table, 1, TABLES, "wave table"), None)
@@ -230,27 +227,27 @@ class Controller:
 
     def generators(self, args: Sequence[str], value: Callable[[str], str]) -> str:
         wanted = [self._generator(text) for text in args] or list(self.waves.axes)
-        return lines(f"{self.waves.axes.index(axis) + 1}={value(axis)}" for axis in wanted)
+        return join_lines(f"{self.waves.axes.index(axis) + 1}={value(axis)}" for axis in wanted)
 
-    def wave_lengths(self, session: Session, args: Sequence[str]) -> str:
+    def wave_lengths(self, session: GcsSession, args: Sequence[str]) -> str:
         """WAV?: parameter 1 is the number of points."""
         wanted = [integer(t, 1, TABLES, "wave table") for t, _ in groups(args, 2)] if args else []
         tables = self.waves.tables
-        return lines(
+        return join_lines(
             f"{table} 1={tables[table].size if table in tables else 0:d}"
             for table in wanted or range(1, TABLES + 1)
         )
 
-    def wave_points(self, session: Session, args: Sequence[str]) -> str:
+    def wave_points(self, session: GcsSession, args: Sequence[str]) -> str:
         """GWD?: start, number, table: the points with the header of a GCS array."""
         if len(args) < 2:
-            raise GcsError(Code.PARAM_COUNT, "GWD? takes a start point, a number and a table")
+            raise GcsError(GcsCode.PARAM_COUNT, "GWD? takes a start point, a number and a table")
         start = integer(args[0], 1, MOST_POINTS, "start point")
         count = integer(args[1], 1, MOST_POINTS, "number of points")
         wanted = [integer(text, 1, TABLES, "wave table") for text in args[2:]]
         columns = [self.waves.tables.get(t, np.zeros(0)) for t in wanted]
         if not columns or any(start - 1 + count > column.size for column in columns):
-            raise GcsError(Code.PARAM_OUT_OF_RANGE, "the table does not have these points")
+            raise GcsError(GcsCode.PARAM_OUT_OF_RANGE, "the table does not have these points")
         step_s = self.view_of(self.waves.axes[0]).period_s * self.waves.rate
         header = [
             "# TYPE = 1",
@@ -262,16 +259,16 @@ class Controller:
             "# END_HEADER",
         ]
         rows = np.column_stack([column[start - 1 : start - 1 + count] for column in columns])
-        return lines([*header, *(" ".join(f"{v:.6f}" for v in row) for row in rows)])
+        return join_lines([*header, *(" ".join(f"{v:.6f}" for v in row) for row in rows)])
 
     # -- questions ------------------------------------------------------------------------------
 
-    def last_error(self, session: Session, args: Sequence[str]) -> str:
+    def last_error(self, session: GcsSession, args: Sequence[str]) -> str:
         """ERR?: the code of the last error, once."""
-        code, session.error = session.error, Code.NO_ERROR
+        code, session.error = session.error, GcsCode.NO_ERROR
         return f"{int(code)}\n"
 
-    def identify(self, session: Session, args: Sequence[str]) -> str:
+    def identify(self, session: GcsSession, args: Sequence[str]) -> str:
         """*IDN?, IDN?."""
         return f"dehyst, {self.held.name}, 0, {self.version}\n"
 
@@ -280,7 +277,7 @@ class Controller:
         bits = sum(which(self.view_of(name)) << bit for bit, name in enumerate(self.names))
         return f"{bits:X}\n"
 
-    def status_register(self, session: Session, args: Sequence[str]) -> str:
+    def status_register(self, session: GcsSession, args: Sequence[str]) -> str:
         """#4, STA?: for each axis 16 bits: moving 0x2000, on target 0x8000, servo on 0x1000."""
         value = 0
         for place, name in enumerate(self.names):
@@ -289,7 +286,7 @@ class Controller:
             value |= bits << 16 * place
         return f"0x{value:X}\n"
 
-    def parameters(self, session: Session, args: Sequence[str]) -> str:
+    def parameters(self, session: GcsSession, args: Sequence[str]) -> str:
         """SPA?: the few parameters that programs ask for."""
         rows = []
         for name, text in self._pairs(args) if args else []:
@@ -301,16 +298,16 @@ class Controller:
                 AXIS_UNIT: UNITS.get(view.unit, view.unit.upper()),
             }
             if which not in known:
-                raise GcsError(Code.UNKNOWN_PARAMETER, f"parameter 0x{which:X} is not known")
+                raise GcsError(GcsCode.UNKNOWN_PARAMETER, f"parameter 0x{which:X} is not known")
             rows.append(f"{name} 0x{which:X}={known[which]}")
         if not rows:
-            raise GcsError(Code.PARAM_COUNT, "SPA? takes pairs of axis and parameter")
-        return lines(rows)
+            raise GcsError(GcsCode.PARAM_COUNT, "SPA? takes pairs of axis and parameter")
+        return join_lines(rows)
 
-    def parameter_help(self, session: Session, args: Sequence[str]) -> str:
+    def parameter_help(self, session: GcsSession, args: Sequence[str]) -> str:
         """HPA?."""
         rows = [
             f"0x{p:X}=\t0\t1\t{'CHAR' if p == AXIS_UNIT else 'FLOAT'}\taxis\t{says}"
             for p, says in PARAMETERS.items()
         ]
-        return lines(["The following parameters are valid:", *rows, "end of help"])
+        return join_lines(["The following parameters are valid:", *rows, "end of help"])

@@ -6,26 +6,26 @@ from dataclasses import dataclass
 
 from dehyst.daemon.client.client import Refusal
 from dehyst.daemon.client.held_axes import AxisView
-from dehyst.daemon.gcs.controller import UNITS, Controller, Session
-from dehyst.daemon.gcs.grammar import Code, Command, GcsError, lines
+from dehyst.daemon.gcs.controller import UNITS, GcsController, GcsSession
+from dehyst.daemon.gcs.grammar import GcsCode, GcsCommand, GcsError, join_lines
 from dehyst.daemon.gcs.waves import TABLES
 from dehyst.models.errors import BadInput, DehystError
 
 log = logging.getLogger(__name__)
 REFUSED = {
-    "lease-taken": Code.NO_SERVO,
-    "no-lease": Code.NO_SERVO,
-    "unreachable": Code.OUT_OF_LIMITS,
+    "lease-taken": GcsCode.NO_SERVO,
+    "no-lease": GcsCode.NO_SERVO,
+    "unreachable": GcsCode.OUT_OF_LIMITS,
 }
 """Codes of the standard for the daemon's refusals; the others are COMMUNICATION."""
 
 
-def answer(controller: Controller, session: Session, command: Command) -> str:
+def answer_command(controller: GcsController, session: GcsSession, command: GcsCommand) -> str:
     """The answer to one command, "" where there is none; its error is kept for `ERR?`."""
     word = command.word
     try:
         if word not in TABLE:
-            code = Code.UNKNOWN_COMMAND if word else Code.COMMAND_TOO_LONG
+            code = GcsCode.UNKNOWN_COMMAND if word else GcsCode.COMMAND_TOO_LONG
             raise GcsError(code, "it is not spoken here" if word else "the line is too long")
         if word in STOPS:  # never waits for another command
             return TABLE[word].do(controller, session, command.args)
@@ -34,38 +34,38 @@ def answer(controller: Controller, session: Session, command: Command) -> str:
     except GcsError as error:
         session.error, why = error.code, str(error)
     except Refusal as error:
-        session.error, why = REFUSED.get(error.code, Code.COMMUNICATION), str(error)
+        session.error, why = REFUSED.get(error.code, GcsCode.COMMUNICATION), str(error)
     except BadInput as error:
-        session.error, why = Code.OUT_OF_LIMITS, str(error)
+        session.error, why = GcsCode.OUT_OF_LIMITS, str(error)
     except DehystError as error:
-        session.error, why = Code.COMMUNICATION, str(error)
-    if session.error != Code.STOP:
+        session.error, why = GcsCode.COMMUNICATION, str(error)
+    if session.error != GcsCode.STOP:
         log.info("%s %s: %s", word, " ".join(command.args)[:60], why)
     return ""
 
 
-def _help(controller: Controller, session: Session, args: Sequence[str]) -> str:
+def _help(controller: GcsController, session: GcsSession, args: Sequence[str]) -> str:
     rows = [f"{word} {entry.says}" for word, entry in TABLE.items()]
-    return lines(["The following commands are valid:", *rows, "end of help"])
+    return join_lines(["The following commands are valid:", *rows, "end of help"])
 
 
 @dataclass(frozen=True)
 class Entry:
     """One command: what it does, and its line in the answer to HLP?."""
 
-    do: Callable[[Controller, Session, Sequence[str]], str]
+    do: Callable[[GcsController, GcsSession, Sequence[str]], str]
     says: str
 
 
-def _each(value: Callable[[Controller, str, AxisView], str]) -> Callable[..., str]:
-    def answer(controller: Controller, session: Session, args: Sequence[str]) -> str:
+def _each(value: Callable[[GcsController, str, AxisView], str]) -> Callable[..., str]:
+    def answer(controller: GcsController, session: GcsSession, args: Sequence[str]) -> str:
         return controller.each(args, lambda name, view: value(controller, name, view))
 
     return answer
 
 
-def _generators(value: Callable[[Controller, str], str]) -> Callable[..., str]:
-    def answer(controller: Controller, session: Session, args: Sequence[str]) -> str:
+def _generators(value: Callable[[GcsController, str], str]) -> Callable[..., str]:
+    def answer(controller: GcsController, session: GcsSession, args: Sequence[str]) -> str:
         return controller.generators(args, lambda axis: value(controller, axis))
 
     return answer
@@ -78,34 +78,38 @@ def _constant(text: str) -> Callable[..., str]:
 AXES = "[{<AxisID>}]"
 GENERATORS = "[{<WaveGenID>}]"
 TABLE: dict[str, Entry] = {
-    "#4": Entry(Controller.status_register, "- Request Status Register"),
+    "#4": Entry(GcsController.status_register, "- Request Status Register"),
     "#5": Entry(lambda c, s, a: c.mask(lambda v: v.moving), "- Request Motion Status"),
     "#7": Entry(_constant("\xb1\n"), "- Request Controller Ready Status"),
     "#9": Entry(lambda c, s, a: c.mask(lambda v: v.flying), "- Get Wave Generator Status"),
-    "#24": Entry(Controller.stop, "- Stop All Axes"),
-    "*IDN?": Entry(Controller.identify, "- Get Device Identification"),
-    "IDN?": Entry(Controller.identify, "- Get Device Identification"),
+    "#24": Entry(GcsController.stop, "- Stop All Axes"),
+    "*IDN?": Entry(GcsController.identify, "- Get Device Identification"),
+    "IDN?": Entry(GcsController.identify, "- Get Device Identification"),
     "CSV?": Entry(_constant("2.0\n"), "- Get Current Syntax Version"),
     "VER?": Entry(lambda c, s, a: f"dehyst: {c.version}\n", "- Get Versions Of Firmware"),
-    "ERR?": Entry(Controller.last_error, "- Get Error Number"),
+    "ERR?": Entry(GcsController.last_error, "- Get Error Number"),
     "HLP?": Entry(_help, "- Get List of Available Commands"),
-    "HPA?": Entry(Controller.parameter_help, "- Get List Of Available Parameters"),
-    "SAI?": Entry(lambda c, s, a: lines(c.names), "[ALL] - Get List Of Current Axis Identifiers"),
+    "HPA?": Entry(GcsController.parameter_help, "- Get List Of Available Parameters"),
+    "SAI?": Entry(
+        lambda c, s, a: join_lines(c.names), "[ALL] - Get List Of Current Axis Identifiers"
+    ),
     "CST?": Entry(_each(lambda c, n, v: "DEHYST"), f"{AXES} - Get Assignment Of Stages To Axes"),
     "PUN?": Entry(
         _each(lambda c, n, v: UNITS.get(v.unit, v.unit.upper())),
         f"{AXES} - Get Position Unit",
     ),
-    "SPA?": Entry(Controller.parameters, "[{<ItemID> <PamID>}] - Get Volatile Memory Parameters"),
-    "STA?": Entry(Controller.status_register, "- Query Status Register Value"),
-    "SVO": Entry(Controller.set_servo, "{<AxisID> <ServoState>} - Set Servo Mode"),
+    "SPA?": Entry(
+        GcsController.parameters, "[{<ItemID> <PamID>}] - Get Volatile Memory Parameters"
+    ),
+    "STA?": Entry(GcsController.status_register, "- Query Status Register Value"),
+    "SVO": Entry(GcsController.set_servo, "{<AxisID> <ServoState>} - Set Servo Mode"),
     "SVO?": Entry(_each(lambda c, n, v: f"{int(c.is_held(n))}"), f"{AXES} - Get Servo Mode"),
-    "MOV": Entry(Controller.move, "{<AxisID> <Position>} - Set Target Position"),
+    "MOV": Entry(GcsController.move, "{<AxisID> <Position>} - Set Target Position"),
     "MOV?": Entry(_each(lambda c, n, v: f"{c.asked(n):.6f}"), f"{AXES} - Get Target Position"),
-    "MVR": Entry(Controller.move_by, "{<AxisID> <Distance>} - Set Target Relative To Target"),
-    "GOH": Entry(Controller.go_home, f"{AXES} - Go To Home Position"),
-    "HLT": Entry(Controller.stop, f"{AXES} - Halt Motion Smoothly"),
-    "STP": Entry(Controller.stop, "- Stop All Axes"),
+    "MVR": Entry(GcsController.move_by, "{<AxisID> <Distance>} - Set Target Relative To Target"),
+    "GOH": Entry(GcsController.go_home, f"{AXES} - Go To Home Position"),
+    "HLT": Entry(GcsController.stop, f"{AXES} - Halt Motion Smoothly"),
+    "STP": Entry(GcsController.stop, "- Stop All Axes"),
     "POS?": Entry(_each(lambda c, n, v: f"{v.place:.6f}"), f"{AXES} - Get Real Position"),
     "ONT?": Entry(_each(lambda c, n, v: f"{int(v.on_target)}"), f"{AXES} - Get On-Target State"),
     "TMN?": Entry(_each(lambda c, n, v: f"{v.low:.6f}"), f"{AXES} - Get Minimum Travel Range"),
@@ -116,40 +120,43 @@ TABLE: dict[str, Entry] = {
     "TWG?": Entry(lambda c, s, a: f"{len(c.names)}\n", "- Get Number Of Wave Generators"),
     "TWT?": Entry(_constant(f"{TABLES}\n"), "- Get Number Of Wave Tables"),
     "WAV": Entry(
-        Controller.write_wave,
+        GcsController.write_wave,
         "<WaveTableID> <AppendWave> <WaveType> <WaveTypeParameters> - Set Waveform Definition",
     ),
-    "WAV?": Entry(Controller.wave_lengths, "[{<WaveTableID> <ParamID>}] - Get Waveform Definition"),
-    "GWD?": Entry(
-        Controller.wave_points, "<StartPoint> <Number> {<WaveTableID>} - Get Wave Table Data"
+    "WAV?": Entry(
+        GcsController.wave_lengths, "[{<WaveTableID> <ParamID>}] - Get Waveform Definition"
     ),
-    "WCL": Entry(Controller.clear_waves, "{<WaveTableID>} - Clear Wave Table Data"),
+    "GWD?": Entry(
+        GcsController.wave_points, "<StartPoint> <Number> {<WaveTableID>} - Get Wave Table Data"
+    ),
+    "WCL": Entry(GcsController.clear_waves, "{<WaveTableID>} - Clear Wave Table Data"),
     "WSL": Entry(
-        Controller.select_wave, "{<WaveGenID> <WaveTableID>} - Set Connection Of Wave Table"
+        GcsController.select_wave, "{<WaveGenID> <WaveTableID>} - Set Connection Of Wave Table"
     ),
     "WSL?": Entry(
         _generators(lambda c, a: f"{c.waves.chosen.get(a, 0)}"),
         f"{GENERATORS} - Get Connection Of Wave Table",
     ),
-    "WGC": Entry(Controller.set_cycles, "{<WaveGenID> <Cycles>} - Set Number Of Cycles"),
+    "WGC": Entry(GcsController.set_cycles, "{<WaveGenID> <Cycles>} - Set Number Of Cycles"),
     "WGC?": Entry(
         _generators(lambda c, a: f"{c.waves.cycles.get(a, 0)}"),
         f"{GENERATORS} - Get Number Of Cycles",
     ),
-    "WOS": Entry(Controller.set_offset, "{<WaveGenID> <Offset>} - Set Wave Generator Offset"),
+    "WOS": Entry(GcsController.set_offset, "{<WaveGenID> <Offset>} - Set Wave Generator Offset"),
     "WOS?": Entry(
         _generators(lambda c, a: f"{c.waves.offset.get(a, 0.0):.6f}"),
         f"{GENERATORS} - Get Wave Generator Offset",
     ),
     "WTR": Entry(
-        Controller.set_rate, "{<WaveGenID> <Rate> <Interpolation>} - Set Wave Generator Table Rate"
+        GcsController.set_rate,
+        "{<WaveGenID> <Rate> <Interpolation>} - Set Wave Generator Table Rate",
     ),
     "WTR?": Entry(
         _generators(lambda c, a: f"{c.waves.rate} 1"),
         f"{GENERATORS} - Get Wave Generator Table Rate",
     ),
     "WGO": Entry(
-        Controller.start_waves, "{<WaveGenID> <StartMode>} - Set Wave Generator Start/Stop Mode"
+        GcsController.start_waves, "{<WaveGenID> <StartMode>} - Set Wave Generator Start/Stop Mode"
     ),
     "WGO?": Entry(
         _generators(lambda c, a: f"{int(c.view_of(a).flying)}"),

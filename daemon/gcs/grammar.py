@@ -16,7 +16,7 @@ CONTROL = frozenset((4, 5, 7, 9, 24))
 """Single characters that are commands: status, motion, ready, wave generators, stop."""
 
 
-class Code(IntEnum):
+class GcsCode(IntEnum):
     """Errors of the standard that `ERR?` reports."""
 
     NO_ERROR = 0
@@ -42,13 +42,13 @@ class Code(IntEnum):
 class GcsError(Exception):
     """A command failed with a code of the standard; `why` goes into the log."""
 
-    def __init__(self, code: Code, why: str) -> None:
+    def __init__(self, code: GcsCode, why: str) -> None:
         super().__init__(why)
         self.code, self.why = code, why
 
 
 @dataclass(frozen=True)
-class Command:
+class GcsCommand:
     """One command: its word in capitals (`#24` for a control character) and its arguments."""
 
     word: str
@@ -62,34 +62,34 @@ class Splitter:
         self._line = bytearray()
         self._too_long = False
 
-    def feed(self, data: bytes) -> Iterator[Command]:
+    def feed(self, data: bytes) -> Iterator[GcsCommand]:
         """The commands that these bytes complete, in order. Raises nothing: a line that is too
         long becomes the command "" with no argument."""
         for byte in data:
             if byte in CONTROL:
-                yield Command(f"#{byte}")
+                yield GcsCommand(f"#{byte}")
             elif byte in b"\r\n":
                 line, too_long = bytes(self._line), self._too_long
                 self._line.clear()
                 self._too_long = False
                 if too_long:
-                    yield Command("")
+                    yield GcsCommand("")
                 elif words := line.decode("cp1252", "replace").split():
-                    yield Command(words[0].upper(), tuple(words[1:]))
+                    yield GcsCommand(words[0].upper(), tuple(words[1:]))
             elif len(self._line) >= LONGEST:
                 self._too_long = True
             else:
                 self._line.append(byte)
 
 
-def number(text: str) -> float:
+def parse_number(text: str) -> float:
     """A finite number. Raises GcsError."""
     try:
         value = float(text)
     except ValueError:
-        raise GcsError(Code.INVALID_NUMBER, f"{text!r} is not a number") from None
+        raise GcsError(GcsCode.INVALID_NUMBER, f"{text!r} is not a number") from None
     if not abs(value) < float("inf"):
-        raise GcsError(Code.INVALID_NUMBER, f"{text!r} is not finite")
+        raise GcsError(GcsCode.INVALID_NUMBER, f"{text!r} is not finite")
     return value
 
 
@@ -98,19 +98,19 @@ def integer(text: str, low: int, high: int, what: str) -> int:
     try:
         value = int(text, 16) if text.lower().startswith("0x") else int(text)
     except ValueError:
-        raise GcsError(Code.PARAM_SYNTAX, f"{what} {text!r} is not a whole number") from None
+        raise GcsError(GcsCode.PARAM_SYNTAX, f"{what} {text!r} is not a whole number") from None
     if not low <= value <= high:
-        raise GcsError(Code.PARAM_OUT_OF_RANGE, f"{what} {value} is not within {low} to {high}")
+        raise GcsError(GcsCode.PARAM_OUT_OF_RANGE, f"{what} {value} is not within {low} to {high}")
     return value
 
 
 def groups(args: Sequence[str], size: int) -> list[tuple[str, ...]]:
     """The arguments in groups of `size`, at least one. Raises GcsError."""
     if not args or len(args) % size:
-        raise GcsError(Code.PARAM_COUNT, f"{len(args)} arguments, expected a multiple of {size}")
+        raise GcsError(GcsCode.PARAM_COUNT, f"{len(args)} arguments, expected a multiple of {size}")
     return [tuple(args[i : i + size]) for i in range(0, len(args), size)]
 
 
-def lines(texts: Iterable[str]) -> str:
+def join_lines(texts: Iterable[str]) -> str:
     """An answer of one line a text."""
     return " \n".join(texts) + "\n"

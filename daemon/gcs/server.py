@@ -5,8 +5,8 @@ import socket
 import socketserver
 import threading
 
-from dehyst.daemon.gcs.controller import Controller, Session
-from dehyst.daemon.gcs.dialect import answer
+from dehyst.daemon.gcs.controller import GcsController, GcsSession
+from dehyst.daemon.gcs.dialect import answer_command
 from dehyst.daemon.gcs.grammar import Splitter
 
 log = logging.getLogger(__name__)
@@ -21,7 +21,7 @@ class GcsServer(socketserver.ThreadingTCPServer):
     allow_reuse_address = True
     daemon_threads = True
 
-    def __init__(self, address: tuple[str, int], controller: Controller) -> None:
+    def __init__(self, address: tuple[str, int], controller: GcsController) -> None:
         if ":" in address[0]:
             self.address_family = socket.AF_INET6
         super().__init__(address, _Handler)
@@ -47,12 +47,12 @@ class _Handler(socketserver.BaseRequestHandler):
         connection: socket.socket = self.request
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        controller, session, splitter = self.server.controller, Session(), Splitter()
+        controller, session, splitter = self.server.controller, GcsSession(), Splitter()
         log.info("%s connects", self.client_address)
         try:
             while data := connection.recv(PIECE):
                 for command in splitter.feed(data):
-                    if text := answer(controller, session, command):
+                    if text := answer_command(controller, session, command):
                         connection.sendall(text.encode("cp1252", "replace"))
         except OSError as error:
             log.info("%s: %s", self.client_address, error)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dehyst.daemon.gcs.grammar import Code, GcsError, integer, number
+from dehyst.daemon.gcs.grammar import GcsCode, GcsError, integer, parse_number
 
 Floats = NDArray[np.float64]
 MOST_POINTS = 1 << 18
@@ -28,11 +28,11 @@ def segment(kind: str, args: Sequence[str]) -> Floats:
         return _points(args)
     takes = {"SIN_P": 6, "LIN": 6, "RAMP": 7}
     if kind not in takes:
-        raise GcsError(Code.PARAM_SYNTAX, f"wave {kind}: PNT, SIN_P, LIN and RAMP are known")
+        raise GcsError(GcsCode.PARAM_SYNTAX, f"wave {kind}: PNT, SIN_P, LIN and RAMP are known")
     if len(args) != takes[kind]:
-        raise GcsError(Code.PARAM_COUNT, f"WAV {kind} takes {takes[kind]} numbers")
+        raise GcsError(GcsCode.PARAM_COUNT, f"WAV {kind} takes {takes[kind]} numbers")
     length = integer(args[0], 1, MOST_POINTS, "segment length")
-    amplitude, offset = number(args[1]), number(args[2])
+    amplitude, offset = parse_number(args[1]), parse_number(args[2])
     curve = integer(args[3], 1, length, "curve length")
     start = integer(args[4], 0, length - 1, "start point")
     if kind == "SIN_P":
@@ -46,7 +46,9 @@ def segment(kind: str, args: Sequence[str]) -> Floats:
         else:
             center = integer(args[6], 0, curve, "centre point")
             if 2 * speed_up > min(center, curve - center) > 0:
-                raise GcsError(Code.PARAM_OUT_OF_RANGE, "speed up/down is longer than a half flank")
+                raise GcsError(
+                    GcsCode.PARAM_OUT_OF_RANGE, "speed up/down is longer than a half flank"
+                )
             share = _up_down(_flank(center, speed_up), _flank(curve - center, speed_up))
             end = 0.0
     whole = np.full(length, end)
@@ -58,12 +60,12 @@ def segment(kind: str, args: Sequence[str]) -> Floats:
 
 def _points(args: Sequence[str]) -> Floats:
     if len(args) < 3:
-        raise GcsError(Code.PARAM_COUNT, "WAV PNT takes a first point, a length and the points")
+        raise GcsError(GcsCode.PARAM_COUNT, "WAV PNT takes a first point, a length and the points")
     integer(args[0], 1, MOST_POINTS, "first point")
     length = integer(args[1], 1, MOST_POINTS, "number of points")
-    values = np.array([number(text) for text in args[2:]])
+    values = np.array([parse_number(text) for text in args[2:]])
     if values.size != length:
-        raise GcsError(Code.PARAM_COUNT, f"{values.size} points where {length} were announced")
+        raise GcsError(GcsCode.PARAM_COUNT, f"{values.size} points where {length} were announced")
     return values
 
 
@@ -109,9 +111,9 @@ class Waves:
             longer[: points.size] += points
             points = longer
         elif how != "X":
-            raise GcsError(Code.PARAM_SYNTAX, f"{how!r}: X, & and + are known")
+            raise GcsError(GcsCode.PARAM_SYNTAX, f"{how!r}: X, & and + are known")
         if points.size > MOST_POINTS:
-            raise GcsError(Code.WAVE_TOO_LARGE, f"{points.size} points, at most {MOST_POINTS}")
+            raise GcsError(GcsCode.WAVE_TOO_LARGE, f"{points.size} points, at most {MOST_POINTS}")
         self.tables[table] = points
 
     def play_of(self, axes: Sequence[str], step_s: float) -> tuple[Floats, dict[str, Floats], int]:
@@ -121,11 +123,15 @@ class Waves:
         for axis in axes:
             points = self.tables.get(self.chosen.get(axis, 0))
             if points is None:
-                raise GcsError(Code.NO_WAVE_SELECTED, f"no wave table is selected for axis {axis}")
+                raise GcsError(
+                    GcsCode.NO_WAVE_SELECTED, f"no wave table is selected for axis {axis}"
+                )
             waves[axis] = self.offset.get(axis, 0.0) + points
             counts.add(self.cycles.get(axis, 0))
         if len(counts) > 1:
-            raise GcsError(Code.DIFFERENT_LENGTH, "axes that start together take one cycle count")
+            raise GcsError(
+                GcsCode.DIFFERENT_LENGTH, "axes that start together take one cycle count"
+            )
         length = math.lcm(*(wave.size for wave in waves.values()))
         if (
             length > MOST_POINTS
@@ -133,7 +139,7 @@ class Waves:
             or (len({w.size for w in waves.values()}) > 1 and 0 not in counts)
         ):
             raise GcsError(
-                Code.DIFFERENT_LENGTH, "axes that start together take waves of one length"
+                GcsCode.DIFFERENT_LENGTH, "axes that start together take waves of one length"
             )
         t_s = np.asarray(np.arange(length) * (self.rate * step_s), np.float64)
         targets = {axis: np.tile(wave, length // wave.size) for axis, wave in waves.items()}

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from dehyst.daemon.imaging.microscope import Frame
-from dehyst.daemon.imaging.platform_run import Followed, PlatformRun, record_axes
+from dehyst.daemon.imaging.platform_run import PlatformRun, TrackingRun, record_platform
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.models.drive_design.excitation import design
 from dehyst.models.drive_design.scans import Scan, scan_raster
@@ -47,7 +47,7 @@ class Picture:
     name: str
     says: str
     frame: Frame
-    followed: Followed
+    followed: TrackingRun
 
 
 @dataclass(frozen=True)
@@ -108,8 +108,8 @@ def _learn(
     run: PlatformRun,
     models: Mapping[str, Model],
     targets: Mapping[str, Floats],
-    before: Followed,
-) -> Iterator[Followed]:
+    before: TrackingRun,
+) -> Iterator[TrackingRun]:
     """LESSONS frames that are learned from, and one that is not. before: the frame before them, by
     which the gauges' zeros are set."""
     learners, expected = {}, {}
@@ -133,7 +133,7 @@ def _learn(
 def identify_axes() -> dict[str, Model]:
     """The model of each axis, from a recording of its own."""
     drive = design(0.0, TOP_V, BAND_HZ, RECORD_S, RECORD_HZ).u
-    known = record_axes(AXES, drive, RECORD_HZ)
+    known = record_platform(AXES, drive, RECORD_HZ)
     return {axis: identify([one]).model for axis, one in known.items()}
 
 
@@ -147,5 +147,5 @@ def _approached(
     return run
 
 
-def _frame(scan: Scan, followed: Followed, lines: int) -> Frame:
+def _frame(scan: Scan, followed: TrackingRun, lines: int) -> Frame:
     return Frame(scan, followed.true["x"], followed.true["y"], CENTRE_UM, lines, SIZE_UM)

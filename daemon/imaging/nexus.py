@@ -12,7 +12,7 @@ import numpy as np
 from dehyst import __version__
 from dehyst.daemon.imaging.experiment import CENTRE_UM, PERIOD_S, Imaged, Picture
 from dehyst.daemon.imaging.microscope import PITCH_UM
-from dehyst.daemon.imaging.report import PIXELS, percent
+from dehyst.daemon.imaging.report import PIXELS, distortion_percent
 
 
 def to_hdf5(imaged: Imaged) -> bytes:
@@ -55,7 +55,7 @@ def _add_picture(entry: Any, one: Picture) -> None:
     ):
         _field(data, axis, centre + frame.size_um * at, "um")
     _field(data, "distortion", frame.distortion_nm, "nm")
-    _field(data, "distortion_of_width", percent(one), "percent")
+    _field(data, "distortion_of_width", distortion_percent(one), "percent")
     _field(data, "seam", frame.seam_nm, "nm")
 
 

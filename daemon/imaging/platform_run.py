@@ -10,7 +10,7 @@ import numpy as np
 
 from dehyst.daemon.acquire.axes import PACES
 from dehyst.daemon.bench.simulated import FULL_SCALE_V
-from dehyst.drivers.simulated.axes import Platform, settings_of
+from dehyst.drivers.simulated.axes import Platform, settings_by_axis
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Model
 from dehyst.models.recording import Floats, Recording
@@ -19,11 +19,11 @@ SLEW_V_PER_S = 4000.0  # of the emulated bench
 EXERCISE_S = 5.0
 
 
-def record_axes(axes: Sequence[str], drive: Floats, rate_hz: float) -> dict[str, Recording]:
+def record_platform(axes: Sequence[str], drive: Floats, rate_hz: float) -> dict[str, Recording]:
     """A recording of each axis, readings of its gauge: after an exercise each axis goes through the
     drive (N,) [V] alone, then all do so together, each at its own pace."""
     period_s = 1.0 / rate_hz
-    stage = Platform(settings_of(axes, {}))
+    stage = Platform(settings_by_axis(axes, {}))
     n, whole, count = drive.size, int(drive.size / min(PACES[: len(axes)])), len(axes)
     plan = np.zeros((count * n + whole, count))
     for k, pace in enumerate(PACES[:count]):
@@ -56,7 +56,7 @@ def record_axes(axes: Sequence[str], drive: Floats, rate_hz: float) -> dict[str,
 
 
 @dataclass(frozen=True)
-class Followed:
+class TrackingRun:
     """What came of following targets: true displacement, reading and volts of each axis (N,)."""
 
     true: dict[str, Floats]
@@ -73,7 +73,7 @@ class PlatformRun:
 
     def __init__(self, models: Mapping[str, Model], period_s: float, linear: bool = False) -> None:
         self.period_s, self._linear = period_s, linear
-        self._stage = Platform(settings_of(tuple(models), {}))
+        self._stage = Platform(settings_by_axis(tuple(models), {}))
         self._comps = {
             axis: Compensator(model, period_s, 0.0, FULL_SCALE_V, SLEW_V_PER_S, "static")
             for axis, model in models.items()
@@ -81,7 +81,7 @@ class PlatformRun:
         self._states = {axis: comp.init(0.0) for axis, comp in self._comps.items()}
         self._volts = dict.fromkeys(models, 0.0)
 
-    def follow(self, targets: Mapping[str, Floats]) -> Followed:
+    def follow(self, targets: Mapping[str, Floats]) -> TrackingRun:
         """Follow targets (N,) [um] of each axis, from wherever the stage is now."""
         n = next(iter(targets.values())).size
         out = [{axis: np.empty(n) for axis in targets} for _ in range(3)]
@@ -96,7 +96,7 @@ class PlatformRun:
                 stage = self._stage.axes[axis]
                 true[axis][i], shown[axis][i] = stage.displacement_um, stage.reading_um()
                 volts[axis][i] = self._volts[axis]
-        return Followed(true, shown, volts)
+        return TrackingRun(true, shown, volts)
 
     def _drive(self, axis: str, row: Mapping[str, float]) -> float:
         comp, state = self._comps[axis], self._states[axis]

@@ -21,7 +21,7 @@ HEAD = ("picture", "distortion, nm", "of the width, %", "worst, nm", "seam, nm",
 LEAST = {"raw": 0.0, "compensated": COMPENSATED_LEAST, "learned": LEARNED_LEAST}
 
 
-def to_json(imaged: Imaged) -> dict[str, Any]:
+def pictures_to_json(imaged: Imaged) -> dict[str, Any]:
     """The figures by picture."""
     pictures = {}
     for one in imaged.pictures:
@@ -29,7 +29,7 @@ def to_json(imaged: Imaged) -> dict[str, Any]:
         pictures[one.name] = {
             "says": one.says,
             "distortion_nm": frame.distortion_nm,
-            "distortion_percent": percent(one),
+            "distortion_percent": distortion_percent(one),
             "distortion_with_scale_nm": frame.uncalibrated_nm,
             "worst_nm": frame.worst_nm,
             "seam_nm": frame.seam_nm,
@@ -39,12 +39,12 @@ def to_json(imaged: Imaged) -> dict[str, Any]:
     return {"pictures": pictures, "reached": imaged.reached}
 
 
-def percent(one: Picture) -> float:
+def distortion_percent(one: Picture) -> float:
     """Distortion as a share of the picture's width [%]."""
     return 0.1 * one.frame.distortion_nm / one.frame.size_um
 
 
-def table(imaged: Imaged) -> str:
+def picture_table(imaged: Imaged) -> str:
     """The figures for a terminal."""
     lines = [HEAD]
     for one in imaged.pictures:
@@ -55,7 +55,7 @@ def table(imaged: Imaged) -> str:
             (
                 one.name,
                 f"{frame.distortion_nm:.1f}",
-                f"{percent(one):.3f}",
+                f"{distortion_percent(one):.3f}",
                 f"{frame.worst_nm:.1f}",
                 f"{frame.seam_nm:.1f}",
                 f"{imaged.better(one.name):.1f} times{bar}",
@@ -67,7 +67,7 @@ def table(imaged: Imaged) -> str:
     )
 
 
-def side_by_side(imaged: Imaged) -> bytes:
+def draw_pictures(imaged: Imaged) -> bytes:
     """PNG: the three pictures, and below each how far it is off along a line."""
     most = 1.3 * max(np.abs(errors).max() for errors in _along_lines(imaged.pictures[0]))
     return draw_rows(
@@ -91,7 +91,7 @@ def draw_image(one: Picture, axes: Axes) -> str:
         interpolation="nearest",
     )
     axes.grid(False)
-    title = f"{one.name}: {one.frame.distortion_nm:.3g} nm rms, {percent(one):.2g} %"
+    title = f"{one.name}: {one.frame.distortion_nm:.3g} nm rms, {distortion_percent(one):.2g} %"
     axes.set(xlabel="wanted x, um", ylabel="wanted y, um", title=title)
     return (
         f"The grid as it is imaged, {one.name}: {one.says}; distortion "

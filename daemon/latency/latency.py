@@ -27,7 +27,7 @@ from dehyst.daemon.loop.step import Stepper
 from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.loop.timing.histogram import Histogram
 from dehyst.daemon.loop.timing.witness import Witness
-from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, Command, MissCause
+from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, LoopCommand, MissCause
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS
 from dehyst.daemon.service.supervisor import BenchProcess
@@ -120,7 +120,7 @@ def _sine(setup: Setup) -> np.ndarray:
     step_s = max(0.02, setup.seconds / 30_000)
     t_s = np.arange(0.0, setup.seconds + 5.0, step_s)
     points = np.zeros(t_s.size, COMMAND)
-    points["kind"], points["trajectory"] = Command.POINT, 1
+    points["kind"], points["trajectory"] = LoopCommand.POINT, 1
     points["offset_ns"] = np.round(t_s * 1e9)
     points["value"] = 0.3 * STROKE_UM * (1.0 - np.cos(2 * np.pi * t_s))
     return points

@@ -14,7 +14,9 @@ def _figures(histogram: Histogram) -> dict[str, float]:
     return dict(zip(names, (round(v, 1) for v in histogram.summary()), strict=True))
 
 
-def table(outcome: LatencyOutcome, found: dict[str, str], hints: list[str]) -> dict[str, Any]:
+def latency_figures(
+    outcome: LatencyOutcome, found: dict[str, str], hints: list[str]
+) -> dict[str, Any]:
     """The figures for machines. found, hints: dehyst.daemon.latency.machine.facts and advice."""
     setup, obtained = outcome.setup, outcome.obtained
     return {
@@ -51,7 +53,7 @@ def table(outcome: LatencyOutcome, found: dict[str, str], hints: list[str]) -> d
     }
 
 
-def lines(
+def describe_latency(
     outcome: LatencyOutcome, found: dict[str, str], hints: list[str], pictures: bool
 ) -> list[str]:
     """What a person reads; pictures: the histograms as well."""

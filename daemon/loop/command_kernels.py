@@ -13,10 +13,10 @@ from dehyst.daemon.loop.records_in_memory import (
     NAN,
     Note,
     Table,
+    add_note,
+    as_int64,
     drop_targets,
     happens,
-    note,
-    number,
     points_of,
     queue_of,
     takes,
@@ -24,7 +24,7 @@ from dehyst.daemon.loop.records_in_memory import (
     trim_setting_of,
 )
 from dehyst.daemon.loop.states import LoopEvent
-from dehyst.daemon.rings.records import Command, State
+from dehyst.daemon.rings.records import LoopCommand, State
 from dehyst.models.inverse.state import inverse_at
 from dehyst.models.learning import trim
 
@@ -33,23 +33,23 @@ LARGEST_TARGET = 1e6
 LONGEST_OFFSET_NS = 10**9 * 86_400 * 365
 
 # enumerations as integers, which compile in less time
-READY, RUNNING = number(State.READY), number(State.RUNNING)
-HOLDING = number(State.HOLDING)
-TARGET, HALT, RELEASE = number(LoopEvent.TARGET), number(LoopEvent.HALT), number(LoopEvent.RELEASE)
-STALE = number(LoopEvent.STALE)
-SETPOINT, POINT, CLEAR = number(Command.SETPOINT), number(Command.POINT), number(Command.CLEAR)
-TRUST, ZERO = number(Command.TRUST), number(Command.ZERO)
-STOP_MOTION, GIVE_BACK = number(Command.STOP_MOTION), number(Command.RELEASE)
-HOLD, HELD = number(Command.HOLD), number(Note.HELD)
-BAD_VALUE, WITHDRAWN, STOPPED = number(Note.BAD_VALUE), number(Note.WITHDRAWN), number(Note.STOPPED)
-RELEASED, POINT_FULL = number(Note.RELEASED), number(Note.POINT_FULL)
-POINT_LATE, RUN_DRY, NO_SETPOINT = (
-    number(Note.POINT_LATE),
-    number(Note.RUN_DRY),
-    number(Note.NO_SETPOINT),
-)
-GROUP_WAITS = number(Note.GROUP_WAITS)
-ZEROED, BAD_CORRECTION = number(Note.ZEROED), number(Note.BAD_CORRECTION)
+READY, RUNNING = as_int64(State.READY), as_int64(State.RUNNING)
+HOLDING = as_int64(State.HOLDING)
+TARGET, HALT = as_int64(LoopEvent.TARGET), as_int64(LoopEvent.HALT)
+RELEASE = as_int64(LoopEvent.RELEASE)
+STALE = as_int64(LoopEvent.STALE)
+SETPOINT, POINT = as_int64(LoopCommand.SETPOINT), as_int64(LoopCommand.POINT)
+CLEAR = as_int64(LoopCommand.CLEAR)
+TRUST, ZERO = as_int64(LoopCommand.TRUST), as_int64(LoopCommand.ZERO)
+STOP_MOTION, GIVE_BACK = as_int64(LoopCommand.STOP_MOTION), as_int64(LoopCommand.RELEASE)
+HOLD, HELD = as_int64(LoopCommand.HOLD), as_int64(Note.HELD)
+BAD_VALUE, WITHDRAWN = as_int64(Note.BAD_VALUE), as_int64(Note.WITHDRAWN)
+STOPPED = as_int64(Note.STOPPED)
+RELEASED, POINT_FULL = as_int64(Note.RELEASED), as_int64(Note.POINT_FULL)
+POINT_LATE, RUN_DRY = as_int64(Note.POINT_LATE), as_int64(Note.RUN_DRY)
+NO_SETPOINT = as_int64(Note.NO_SETPOINT)
+GROUP_WAITS = as_int64(Note.GROUP_WAITS)
+ZEROED, BAD_CORRECTION = as_int64(Note.ZEROED), as_int64(Note.BAD_CORRECTION)
 
 
 @njit(cache=True, nogil=True)
@@ -62,7 +62,7 @@ def admit(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
     if not takes(c, TARGET):
         return  # the gateway has refused these with words; late ones are dropped here
     if not abs(value) <= LARGEST_TARGET or not abs(command.offset_ns) <= LONGEST_OFFSET_NS:
-        note(table, c, BAD_VALUE, value)
+        add_note(table, c, BAD_VALUE, value)
     elif kind == SETPOINT:
         _setpoint(table, c, p, now_ns, value)
         c.stays = 1 if command.last != 0 else 0
@@ -79,7 +79,7 @@ def admit(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
         _release(table, c, p, now_ns)
     elif kind == ZERO:
         trim.move_zero(trim_of(table), value)
-        note(table, c, ZEROED, value)
+        add_note(table, c, ZEROED, value)
 
 
 @njit(cache=True, nogil=True)
@@ -116,7 +116,7 @@ def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
         return  # this axis has left it, with words
     most = trim_setting_of(table).learned
     if not abs(correction) <= most:
-        note(table, c, BAD_CORRECTION, correction)
+        add_note(table, c, BAD_CORRECTION, correction)
         correction = 0.0 if math.isnan(correction) else min(max(correction, -most), most)
     if command.trajectory != q.id or q.count == 0:
         moving = c.state == RUNNING and not math.isnan(c.target)
@@ -136,7 +136,7 @@ def _point(table: Table, c: Any, p: Any, now_ns: int, command: Any) -> None:
         c.corrected = 1
     if not targets.append(q, points, offset_ns, value, correction, last):
         full = q.count == points.times.size
-        note(table, c, POINT_FULL if full else POINT_LATE, offset_ns * 1e-9)
+        add_note(table, c, POINT_FULL if full else POINT_LATE, offset_ns * 1e-9)
 
 
 @njit(cache=True, nogil=True)
@@ -167,7 +167,7 @@ def _approach(
 @njit(cache=True, nogil=True)
 def _hold(table: Table, c: Any, now_ns: int, why: int, hold_ns: int) -> None:
     if happens(c, HALT, now_ns):
-        note(table, c, why, 0.0)
+        add_note(table, c, why, 0.0)
         targets.clear(queue_of(table))
         c.hold_ns = hold_ns
     elif c.state == HOLDING and c.stays != 0:  # a hold that would have lasted
@@ -180,7 +180,7 @@ def _keep(table: Table, c: Any, p: Any, now_ns: int, stays: bool) -> None:
     if c.state == READY:
         return
     if c.state == RUNNING:
-        note(table, c, HELD, 0.0)
+        add_note(table, c, HELD, 0.0)
     happens(c, HALT, now_ns)
     if c.state == HOLDING:
         drop_targets(c, queue_of(table))
@@ -192,7 +192,7 @@ def _release(table: Table, c: Any, p: Any, now_ns: int) -> None:
     if c.state == READY and c.volts == p.safe_v:
         return  # it is where it is to go
     if c.state != READY:
-        note(table, c, RELEASED, 0.0)
+        add_note(table, c, RELEASED, 0.0)
     happens(c, RELEASE, now_ns)
     targets.clear(queue_of(table))
     c.hold_ns, c.stays = 0, 0
@@ -216,12 +216,12 @@ def age(table: Table, c: Any, p: Any, now_ns: int) -> None:
     starved = targets.starved(q, times, now_ns)
     if starved and c.starved == 0:
         c.target_ns = now_ns
-        note(table, c, GROUP_WAITS if q.dry == targets.OTHER else RUN_DRY, 0.0)
+        add_note(table, c, GROUP_WAITS if q.dry == targets.OTHER else RUN_DRY, 0.0)
     elif c.starved != 0 and not starved and q.count > 0 and q.group == 0:
         c.glide = NAN  # time has gone on; a group's stood still
     c.starved = 1 if starved else 0
     if c.stays == 0 and (starved or q.count == 0) and now_ns - c.target_ns > p.stale_ns:
-        note(table, c, NO_SETPOINT, p.stale_ns * 1e-9)
+        add_note(table, c, NO_SETPOINT, p.stale_ns * 1e-9)
         targets.clear(q)
         c.hold_ns = p.hold_ns
         happens(c, STALE, now_ns)

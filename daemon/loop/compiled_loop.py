@@ -22,7 +22,7 @@ from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, finish
 from dehyst.daemon.loop.status import PLACE, LoopMonitor, addresses_of, begin_together
 from dehyst.daemon.loop.step_kernel import stopped
 from dehyst.daemon.loop.timing import realtime
-from dehyst.daemon.rings.records import COMMAND, Command, Flag
+from dehyst.daemon.rings.records import COMMAND, Flag, LoopCommand
 from dehyst.drivers.direct_calls import Direct, Reachable, call, whole_at
 from dehyst.models.errors import BadInput
 
@@ -159,9 +159,9 @@ def warm_up(monitors: Sequence[LoopMonitor], compiled: bool) -> None:
 def _warming_commands() -> Sequence[NDArray[Any]]:
     """What comes in before each sample: a trajectory, nothing, and a set-point twice."""
     points, single = np.zeros(2, COMMAND), np.zeros(1, COMMAND)
-    points["kind"], points["trajectory"] = Command.POINT, 1
+    points["kind"], points["trajectory"] = LoopCommand.POINT, 1
     points["offset_ns"], points["last"] = (0, 1_000_000), (0, 1)
-    single["kind"] = Command.SETPOINT
+    single["kind"] = LoopCommand.SETPOINT
     return points, points[:0], single, single, points[:0]
 
 

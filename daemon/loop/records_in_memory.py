@@ -222,7 +222,7 @@ TEXTS = {
 }
 
 
-def number(member: int) -> int:
+def as_int64(member: int) -> int:
     """A member of an enumeration as kernels take it: numba compiles a function anew for every plain
     integer that it is called with, and only once for these."""
     return cast(int, np.int64(member))
@@ -240,7 +240,7 @@ def control_of(table: Table) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def settings_of(table: Table) -> Any:
+def settings_record_of(table: Table) -> Any:
     """The SETTINGS_T record."""
     return record(table[3 * SETTINGS], SETTINGS_T)
 
@@ -290,7 +290,7 @@ def follows_of(table: Table) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def note(table: Table, c: Any, code: int, value: float) -> None:
+def add_note(table: Table, c: Any, code: int, value: float) -> None:
     """Say what happened; the oldest of many notes are lost."""
     notes = carray(pointer(table[3 * NOTE_RING]), (table[3 * NOTE_RING + 1],), NOTE_T)
     slot = notes[c.notes % notes.size]

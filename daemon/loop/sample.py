@@ -16,16 +16,16 @@ from dehyst.daemon.loop.records_in_memory import (
     NAN,
     Note,
     Table,
+    add_note,
+    as_int64,
     bytes_at,
     command_ring_of,
     commands_of,
     control_of,
     meter_of,
-    note,
-    number,
     record_of,
     ring_of,
-    settings_of,
+    settings_record_of,
 )
 from dehyst.daemon.loop.step_kernel import (
     begin_step,
@@ -41,16 +41,16 @@ from dehyst.daemon.loop.timing.histogram import count
 from dehyst.daemon.loop.timing.witness import excuse
 from dehyst.daemon.rings.layout import FARTHEST, HEAD, TAIL
 from dehyst.daemon.rings.records import Flag, MissCause, State
-from dehyst.daemon.rings.ring import digest, load, store
+from dehyst.daemon.rings.ring import digest, load_word, store
 from dehyst.drivers.direct_calls import floats_at, whole_at, whole_grid_at
 
-READY, FAULT = number(State.READY), number(State.FAULT)
-MISSED, WRITE_FAILED = number(Flag.MISSED), number(Flag.WRITE_FAILED)
-COMMANDS_LOST, RELOADED = number(Note.COMMANDS_LOST), number(Note.RELOADED)
-COMMANDS_DAMAGED = number(Note.COMMANDS_DAMAGED)
-PAGE_FAULT, PREEMPTED = number(MissCause.PAGE_FAULT), number(MissCause.PREEMPTED)
-DRIVER_IO, COMPUTE = number(MissCause.DRIVER_IO), number(MissCause.COMPUTE)
-LATE_WAKE = number(MissCause.LATE_WAKE)
+READY, FAULT = as_int64(State.READY), as_int64(State.FAULT)
+MISSED, WRITE_FAILED = as_int64(Flag.MISSED), as_int64(Flag.WRITE_FAILED)
+COMMANDS_LOST, RELOADED = as_int64(Note.COMMANDS_LOST), as_int64(Note.RELOADED)
+COMMANDS_DAMAGED = as_int64(Note.COMMANDS_DAMAGED)
+PAGE_FAULT, PREEMPTED = as_int64(MissCause.PAGE_FAULT), as_int64(MissCause.PREEMPTED)
+DRIVER_IO, COMPUTE = as_int64(MissCause.DRIVER_IO), as_int64(MissCause.COMPUTE)
+LATE_WAKE = as_int64(MissCause.LATE_WAKE)
 NOT_WRITTEN, WRITTEN, REFUSED = 0, 1, 2
 ANSWER_NS = 200_000
 """What may lie between the output's change and the end of the call that made it, at the least: an
@@ -66,7 +66,7 @@ def take_requests(table: Table, clock_ns: int) -> None:
     clock_ns: the time now, which may be late: the slew limit holds by the clock, so a sample that
     follows a late one closely moves less.
     """
-    m, c, p = meter_of(table), control_of(table), settings_of(table)
+    m, c, p = meter_of(table), control_of(table), settings_record_of(table)
     now_ns = m.scheduled_ns
     since_ns = clock_ns - c.wrote_ns if c.wrote_ns != 0 else p.period_ns
     c.move_ns = min(max(since_ns, 0), p.period_ns)
@@ -77,7 +77,7 @@ def take_requests(table: Table, clock_ns: int) -> None:
         swap(table, m.swap, m.swap_origin)
         table[3 * at.FOLLOWS], table[3 * at.FOLLOWS + 1] = m.swap_rows, m.swap_n_rows
         follow_output(table, c.volts)
-        note(table, c, RELOADED, m.swap_origin)
+        add_note(table, c, RELOADED, m.swap_origin)
         m.swap = 0
     if m.actuator_back != 0:
         recover(table, now_ns, m.back_v)
@@ -107,13 +107,13 @@ def _take(table: Table, m: Any, c: Any) -> int:
     if table[3 * at.COMMAND_WORDS] == 0:
         return 0
     words = whole_at(table, at.COMMAND_WORDS)
-    head = load(words, HEAD)
+    head = load_word(words, HEAD)
     if head == m.tail:
         return 0
     ring, out = command_ring_of(table), commands_of(table)
     data, checks = bytes_at(table, at.COMMAND_DATA), whole_at(table, at.COMMAND_CHECKS)
     if not 0 <= head - m.tail < FARTHEST:  # overwritten: the gateway counts on from what was taken
-        note(table, c, COMMANDS_DAMAGED, 1.0)
+        add_note(table, c, COMMANDS_DAMAGED, 1.0)
         store(words, HEAD, m.tail)
         return 0
     start = max(m.tail, head - ring.size)
@@ -126,9 +126,9 @@ def _take(table: Table, m: Any, c: Any) -> int:
         if checks[place] == digest(data[place], i):
             taken += 1
     if start > m.tail:
-        note(table, c, COMMANDS_LOST, float(start - m.tail))
+        add_note(table, c, COMMANDS_LOST, float(start - m.tail))
     if taken < end - start:
-        note(table, c, COMMANDS_DAMAGED, float(end - start - taken))
+        add_note(table, c, COMMANDS_DAMAGED, float(end - start - taken))
     m.tail = end
     store(words, TAIL, end)
     return taken
@@ -150,7 +150,7 @@ def finish(
     finished_ns, io_ns: of all axes; written_ns, call_ns: when this axis' write ended, and how long
     one takes at the least.
     """
-    m, c, p, r = meter_of(table), control_of(table), settings_of(table), record_of(table)
+    m, c, p, r = meter_of(table), control_of(table), settings_record_of(table), record_of(table)
     scheduled_ns = m.scheduled_ns
     if wrote == REFUSED:
         fault(table, scheduled_ns)
@@ -177,7 +177,7 @@ def finish(
     if missed > 0:
         m.missed += missed
         flags |= MISSED
-        spent = Spent(
+        spent = ThreadUsage(
             major - m.major_faults,
             minor - m.minor_faults,
             switches - m.switches,
@@ -202,7 +202,7 @@ def finish(
     return missed
 
 
-class Spent(NamedTuple):
+class ThreadUsage(NamedTuple):
     """What the thread spent since the sample before: page faults, changes of thread, time that it
     was ready without a CPU, time within the drivers; and the CPU that it runs on."""
 
@@ -231,7 +231,7 @@ def _cause(
     scheduled_ns: int,
     woke_ns: int,
     finished_ns: int,
-    spent: Spent,
+    spent: ThreadUsage,
 ) -> int:
     """Why a deadline was missed: the largest part of the time that has a known reason."""
     took_ns = finished_ns - scheduled_ns

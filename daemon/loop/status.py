@@ -30,7 +30,7 @@ _STATE = (CONTROL_T.names or ()).index("state")
 _NOTES = (CONTROL_T.names or ()).index("notes")
 
 
-class Reading(NamedTuple):
+class SensorConversion(NamedTuple):
     """How the sensor is read: at every n-th sample, and from its unit to the model's."""
 
     scale: float = 1.0
@@ -38,7 +38,7 @@ class Reading(NamedTuple):
     every: int = 1
 
 
-AS_IT_COMES = Reading()
+AS_IT_COMES = SensorConversion()
 SEEN_NS = 1_000_000_000  # of readings, before gauge and model are compared
 FAR = 0.02
 """Of the reach: at a start a larger difference between gauge and model is an unknown place, and
@@ -73,7 +73,7 @@ class LoopMonitor:
         actuator: DeviceLink,
         sensor: DeviceLink,
         rings: dict[str, Ring],
-        reading: Reading = AS_IT_COMES,
+        reading: SensorConversion = AS_IT_COMES,
         spin_ns: int = 0,
         fill_status: Callable[[NDArray[Any]], None] = lambda _: None,
     ) -> None:

@@ -19,16 +19,16 @@ from dehyst.daemon.loop.records_in_memory import (
     NAN,
     Note,
     Table,
+    add_note,
+    as_int64,
     commands_of,
     control_of,
     drop_targets,
     happens,
-    note,
-    number,
     points_of,
     queue_of,
     record_of,
-    settings_of,
+    settings_record_of,
     trim_of,
     trim_setting_of,
 )
@@ -43,16 +43,17 @@ from dehyst.models.model import Floats
 STOP_GRACE_NS = 5_000_000_000  # beyond the ramp's own time
 
 # enumerations as integers, which compile in less time
-READY, RUNNING = number(State.READY), number(State.RUNNING)
-HOLDING, STOPPING = number(State.HOLDING), number(State.STOPPING)
-END, FAULT, ARRIVED = number(LoopEvent.END), number(LoopEvent.FAULT), number(LoopEvent.ARRIVED)
-RAMP, STAY = number(LoopEvent.RAMP), number(LoopEvent.STAY)
-MODE_NONE, MODE_HOLD = number(Mode.NONE), number(Mode.HOLD)
-UNREACHABLE, SLEW, RANGE = number(Flag.UNREACHABLE), number(Flag.SLEW), number(Flag.RANGE)
-INVALID, OUTSIDE = number(Flag.SENSOR_INVALID), number(Flag.OUTSIDE_VALIDITY)
-FALLBACK, APPROACH = number(Flag.FALLBACK), number(Flag.APPROACH)
-TRIM_FROZEN = number(Flag.TRIM_FROZEN)
-NOTHING, OFF, NOT_RUNNING = number(Why.NOTHING), number(Why.OFF), number(Why.NOT_RUNNING)
+READY, RUNNING = as_int64(State.READY), as_int64(State.RUNNING)
+HOLDING, STOPPING = as_int64(State.HOLDING), as_int64(State.STOPPING)
+END, FAULT = as_int64(LoopEvent.END), as_int64(LoopEvent.FAULT)
+ARRIVED = as_int64(LoopEvent.ARRIVED)
+RAMP, STAY = as_int64(LoopEvent.RAMP), as_int64(LoopEvent.STAY)
+MODE_NONE, MODE_HOLD = as_int64(Mode.NONE), as_int64(Mode.HOLD)
+UNREACHABLE, SLEW, RANGE = as_int64(Flag.UNREACHABLE), as_int64(Flag.SLEW), as_int64(Flag.RANGE)
+INVALID, OUTSIDE = as_int64(Flag.SENSOR_INVALID), as_int64(Flag.OUTSIDE_VALIDITY)
+FALLBACK, APPROACH = as_int64(Flag.FALLBACK), as_int64(Flag.APPROACH)
+TRIM_FROZEN = as_int64(Flag.TRIM_FROZEN)
+NOTHING, OFF, NOT_RUNNING = as_int64(Why.NOTHING), as_int64(Why.OFF), as_int64(Why.NOT_RUNNING)
 NOTES_OF_TRIM = np.array(
     [
         Note.TRIM_GOES_ON,
@@ -67,7 +68,7 @@ NOTES_OF_TRIM = np.array(
     ]
 )
 """By Why; 0: nothing is said."""
-STOP_FAILED, STOOD_STILL = number(Note.STOP_FAILED), number(Note.STOOD_STILL)
+STOP_FAILED, STOOD_STILL = as_int64(Note.STOP_FAILED), as_int64(Note.STOOD_STILL)
 STILL_NS = 100_000_000  # a loop that stood still for longer glides to where the target has gone
 GLIDE_NS = 100_000_000  # shortest time of a glide: it also takes up the targets' own speed
 MOST_STEEP = 1.5  # of 3 s^2 - 2 s^3
@@ -80,7 +81,7 @@ BEYOND = sample.BEYOND_SATURATION | sample.BEYOND_DRIVE | sample.BAD_TARGET
 @njit(cache=True, nogil=True)
 def stop(table: Table, now_ns: int) -> None:
     """Begin to end: the output goes to its configured state."""
-    c, p = control_of(table), settings_of(table)
+    c, p = control_of(table), settings_record_of(table)
     if happens(c, END, now_ns):
         ramps = abs(p.safe_v - c.volts) / p.ramp_v
         c.stop_by_ns = now_ns + int(ramps * p.period_ns) + STOP_GRACE_NS
@@ -89,13 +90,13 @@ def stop(table: Table, now_ns: int) -> None:
 @njit(cache=True, nogil=True)
 def stopped(table: Table, now_ns: int) -> bool:
     """True when the output has reached its state at the end of the daemon, or cannot."""
-    c, p = control_of(table), settings_of(table)
+    c, p = control_of(table), settings_record_of(table)
     if c.state != STOPPING:
         return False
     if p.ramp_on_stop == 0 or c.volts == p.safe_v:
         return True
     if now_ns > c.stop_by_ns:
-        note(table, c, STOP_FAILED, c.volts)
+        add_note(table, c, STOP_FAILED, c.volts)
         return True
     return False
 
@@ -111,7 +112,7 @@ def fault(table: Table, now_ns: int) -> None:
 @njit(cache=True, nogil=True)
 def recover(table: Table, now_ns: int, volts: float) -> None:
     """The devices are back and the output stands at `volts`."""
-    c, p = control_of(table), settings_of(table)
+    c, p = control_of(table), settings_record_of(table)
     c.found = 1
     follow_output(table, volts)
     if happens(c, RAMP if p.ramp_on_fault != 0 else STAY, now_ns):
@@ -121,7 +122,7 @@ def recover(table: Table, now_ns: int, volts: float) -> None:
 @njit(cache=True, nogil=True)
 def swap(table: Table, inverse: int, origin: float) -> None:
     """Another model, its state already led along the past drive; the output does not jump."""
-    c, p = control_of(table), settings_of(table)
+    c, p = control_of(table), settings_record_of(table)
     c.inverse, c.pending = inverse, 0
     p.origin = origin
     c.predicted = inverse_at(inverse).result[0].reading - origin
@@ -137,18 +138,18 @@ def take_step(table: Table, now_ns: int, measured: float, n_commands: int) -> No
     the COMMANDS array are admitted.
     """
     begin_step(table, now_ns, n_commands)
-    age(table, control_of(table), settings_of(table), now_ns)
+    age(table, control_of(table), settings_record_of(table), now_ns)
     make_step(table, now_ns, measured)
 
 
 @njit(cache=True, nogil=True)
 def begin_step(table: Table, now_ns: int, n_commands: int) -> None:
     """The sample's first part: its commands."""
-    c, p = control_of(table), settings_of(table)
+    c, p = control_of(table), settings_record_of(table)
     c.made = 0
     still_ns = now_ns - c.step_ns if c.step_ns != 0 else 0
     if still_ns > max(STILL_NS, 3 * p.period_ns):
-        note(table, c, STOOD_STILL, still_ns * 1e-9)
+        add_note(table, c, STOOD_STILL, still_ns * 1e-9)
         c.glide = NAN
     c.step_ns = now_ns
     for i in range(n_commands):
@@ -158,7 +159,7 @@ def begin_step(table: Table, now_ns: int, n_commands: int) -> None:
 @njit(cache=True, nogil=True)
 def make_step(table: Table, now_ns: int, measured: float) -> None:
     """The sample's last part: the voltage, and the record."""
-    c, p, r = control_of(table), settings_of(table), record_of(table)
+    c, p, r = control_of(table), settings_record_of(table), record_of(table)
     flags, mode = 0, MODE_HOLD
     reading = measured - p.origin + trim_of(table).zero
     flags |= _trim(table, c, reading)
@@ -195,7 +196,7 @@ def make_step(table: Table, now_ns: int, measured: float) -> None:
 @njit(cache=True, nogil=True)
 def follow_output(table: Table, volts: float) -> None:
     """The output now stands at `volts`; the model follows what was really applied."""
-    c, p = control_of(table), settings_of(table)
+    c, p = control_of(table), settings_record_of(table)
     c.volts = volts
     c.predicted = _applied(c, volts / p.gain) - p.origin
 
@@ -209,7 +210,7 @@ def _trim(table: Table, c: Any, reading: float) -> int:
         silent = state.lasting == NOTHING and before in (NOT_RUNNING, OFF)
         words = NOTES_OF_TRIM[state.lasting]
         if words != 0 and not silent:
-            note(table, c, words, state.seen)
+            add_note(table, c, words, state.seen)
     frozen = setting.on != 0 and c.state == RUNNING and state.why != NOTHING
     return TRIM_FROZEN if frozen else 0
 

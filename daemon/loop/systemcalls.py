@@ -68,7 +68,7 @@ def usage(buffer: Words) -> tuple[int, int, int, int]:
 
 
 @njit(cache=True, nogil=True)
-def number_in(buffer: Words, file: int, column: int) -> int:
+def read_proc_number(buffer: Words, file: int, column: int) -> int:
     """The n-th number in a /proc file's first line (words count as columns); -1: unreadable."""
     if file < 0:
         return -1
@@ -95,7 +95,7 @@ def number_in(buffer: Words, file: int, column: int) -> int:
 @njit(cache=True, nogil=True)
 def waited_ns(buffer: Words, schedstat: int) -> int:
     """How long this thread was ready to run and had no CPU, so far; 0 where it is not known."""
-    return max(0, number_in(buffer, schedstat, 1))
+    return max(0, read_proc_number(buffer, schedstat, 1))
 
 
 @njit(cache=True, nogil=True)

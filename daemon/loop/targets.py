@@ -105,7 +105,7 @@ def drop_until(queue: Any, times: NDArray[np.int64], at_ns: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def target_at(queue: Any, points: Points, time_ns: int) -> float:
+def queued_target(queue: Any, points: Points, time_ns: int) -> float:
     """The target at a time, without what was learned; the nearest point's where none is there."""
     times, capacity = points.times, points.times.size
     at = time_ns - queue.shift_ns

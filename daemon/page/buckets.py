@@ -19,7 +19,7 @@ BACKWARDS_NS = 1_000_000_000
 """Telemetry that is so much older than the newest is of a clock that was started anew."""
 
 
-class Piece(NamedTuple):
+class BucketPiece(NamedTuple):
     """Buckets number[i] with least and largest values (n, len(SIGNALS)), NaN: no sample had one;
     cursor: where the next piece begins; anew: forget what came before."""
 
@@ -61,7 +61,7 @@ class Level:
         self.end += finished[0].size
         return finished
 
-    def since(self, cursor: int, first: int) -> Piece:
+    def since(self, cursor: int, first: int) -> BucketPiece:
         """What was finished since `cursor`, from bucket `first` on; everything where the cursor is
         too old or -1."""
         anew = not max(0, self.end - KEPT) <= cursor <= self.end
@@ -69,7 +69,7 @@ class Level:
         places = np.arange(start, self.end) % KEPT
         if anew:
             places = places[self._number[places] >= first]
-        return Piece(
+        return BucketPiece(
             self._number[places], self._least[places], self._largest[places], self.end, anew
         )
 
@@ -107,7 +107,7 @@ class Buckets:
                 return
             number = number >> 1
 
-    def since(self, level: int, cursor: int, window_s: float) -> Piece:
+    def since(self, level: int, cursor: int, window_s: float) -> BucketPiece:
         """The level's buckets since a cursor of an earlier piece; -1: the last window_s."""
         first_ns = self.newest_ns - round(window_s * 1e9)
         return self._levels[level].since(cursor, first_ns // (FINEST_NS << level))

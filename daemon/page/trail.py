@@ -13,7 +13,7 @@ POINT_NS = 5_000_000
 KEPT = 6000
 
 
-class Piece(NamedTuple):
+class TrailPoints(NamedTuple):
     """Points by ascending number, (n,) each; NaN: no target, no reading."""
 
     number: NDArray[np.int64]
@@ -21,7 +21,7 @@ class Piece(NamedTuple):
     measured: NDArray[np.float64]
 
 
-NOTHING = Piece(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+NOTHING = TrailPoints(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
 
 
 class Trail:
@@ -39,20 +39,20 @@ class Trail:
         newest = int(held.number[-1]) if held.number.size else -1
         first = np.flatnonzero(np.diff(number, prepend=newest) > 0)  # the first in each POINT_NS
         first = first[number[first] > newest]
-        self._piece = Piece(
+        self._piece = TrailPoints(
             np.concatenate([held.number, number[first]])[-KEPT:],
             np.concatenate([held.target, samples["target"][first]])[-KEPT:],
             np.concatenate([held.measured, samples["measured"][first]])[-KEPT:],
         )
 
-    def since(self, number: int) -> Piece:
+    def since(self, number: int) -> TrailPoints:
         """The points behind this number."""
         start = int(np.searchsorted(self._piece.number, number, side="right"))
         held = self._piece
-        return Piece(held.number[start:], held.target[start:], held.measured[start:])
+        return TrailPoints(held.number[start:], held.target[start:], held.measured[start:])
 
 
-def join_trails(pieces: list[Piece]) -> list[Piece]:
+def join_trails(pieces: list[TrailPoints]) -> list[TrailPoints]:
     """The points that all of these axes have, side by side."""
     if not pieces:
         return []
@@ -62,5 +62,5 @@ def join_trails(pieces: list[Piece]) -> list[Piece]:
     out = []
     for piece in pieces:
         place = np.searchsorted(piece.number, common)
-        out.append(Piece(common, piece.target[place], piece.measured[place]))
+        out.append(TrailPoints(common, piece.target[place], piece.measured[place]))
     return out

@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Meta
 
 from dehyst.daemon.client.offer_change import describe_change
-from dehyst.daemon.page.buckets import FINEST_NS, Piece
+from dehyst.daemon.page.buckets import FINEST_NS, BucketPiece
 from dehyst.daemon.page.commanding import LONGEST_S
 from dehyst.daemon.page.trail import POINT_NS, join_trails
 from dehyst.daemon.page.wakeups import edges_us
@@ -112,7 +112,9 @@ def read_ask(message: Mapping[str, Any]) -> Ask:
         raise BadInput("not understood: it is nested too deeply") from None
 
 
-def plot_frame(piece: Piece, level: int, wall_offset_ns: int, magic: int = MAGIC_LIVE) -> bytes:
+def plot_frame(
+    piece: BucketPiece, level: int, wall_offset_ns: int, magic: int = MAGIC_LIVE
+) -> bytes:
     """A binary frame."""
     bucket_s = (FINEST_NS << level) * 1e-9
     first = int(piece.number[0]) if piece.number.size else 0
@@ -247,7 +249,7 @@ def describe_model(watch: Watch) -> str:
     )
 
 
-def draw_loop(model: Model) -> dict[str, list[float]]:
+def loops_for_picture(model: Model) -> dict[str, list[float]]:
     """The model's loops, full and of half the range about the middle, slow: for a picture."""
     v = model.validity
     middle, half = 0.5 * (v.drive_min + v.drive_max), 0.5 * (v.drive_max - v.drive_min)
@@ -273,7 +275,7 @@ def _model(model: Model) -> dict[str, Any]:
         "blocks": [
             {"kind": b.kind, "place": b.place, "params": dict(b.params)} for b in model.blocks
         ],
-        "loop": draw_loop(model),
+        "loop": loops_for_picture(model),
         "source": model.provenance.source,
         "created": model.provenance.created,
         "recordings": [name for name, _ in model.provenance.recordings],

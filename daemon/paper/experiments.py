@@ -44,14 +44,14 @@ def triangle(t: Floats) -> Floats:
     return 10.0 * (1.0 - np.abs(1.0 - 2.0 * np.mod(t, 1.0)))
 
 
-def sweep(t: Floats) -> Floats:
+def linear_sweep(t: Floats) -> Floats:
     """0.1 to 20 Hz, the frequency linear in time over the whole of t."""
     phase = 2 * np.pi * (0.1 * t + 0.5 * (20.0 - 0.1) / t[-1] * t**2)
     return 0.5 * SWEEP_V * (1.0 - np.cos(phase))
 
 
 @dataclass(frozen=True)
-class Experiment:
+class PaperExperiment:
     """One line of section 3. paper: (mean, standard deviation) [nm], or (maximum,) of the last
     second; own_stage: the stage whose equation the paper's model is: there it counts."""
 
@@ -85,12 +85,12 @@ def four_sines(t: Floats) -> Floats:
 
 
 EXPERIMENTS = (
-    Experiment("1 Hz sine, fit", "3", one_sine, 4.0, False, True, (5.287, 62.41)),
-    Experiment("two sines, fit", "4", two_sines, 4.0, True, True, (3.526, 45.55)),
-    Experiment("1 Hz triangle", "5", triangle, 4.0, False, False, (79.56, 77.6)),
-    Experiment("four sines, static", "6", four_sines, 4.0, False, False, (88.10, 86.29)),
-    Experiment("four sines, rate", "6", four_sines, 4.0, True, False, (-48.77, 57.22)),
-    Experiment("0.1-20 Hz sweep", "7", sweep, 10.0, True, False, (94.11,)),
+    PaperExperiment("1 Hz sine, fit", "3", one_sine, 4.0, False, True, (5.287, 62.41)),
+    PaperExperiment("two sines, fit", "4", two_sines, 4.0, True, True, (3.526, 45.55)),
+    PaperExperiment("1 Hz triangle", "5", triangle, 4.0, False, False, (79.56, 77.6)),
+    PaperExperiment("four sines, static", "6", four_sines, 4.0, False, False, (88.10, 86.29)),
+    PaperExperiment("four sines, rate", "6", four_sines, 4.0, True, False, (-48.77, 57.22)),
+    PaperExperiment("0.1-20 Hz sweep", "7", linear_sweep, 10.0, True, False, (94.11,)),
 )
 
 
@@ -103,7 +103,7 @@ class Result:
     target the inverse can reach; tracking_rms, tracking_max: target - displacement under the
     inverse's drive on those rows [nm], whole_rms: on all."""
 
-    experiment: Experiment
+    experiment: PaperExperiment
     stage: str
     t_s: Floats
     drive: Floats
@@ -162,7 +162,7 @@ class Result:
         }
 
 
-def run_all(
+def run_experiments(
     progress: Callable[[float], None] = lambda share: None,
     noise_nm: float = NOISE_NM,
     shorten: float = 1.0,
@@ -181,7 +181,7 @@ def run_all(
 
 
 def _run(
-    experiment: Experiment,
+    experiment: PaperExperiment,
     name: str,
     models: dict[tuple[bool, bool], Model],
     rng: np.random.Generator,

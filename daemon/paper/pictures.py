@@ -26,7 +26,7 @@ def figures(results: Sequence[Result]) -> dict[str, list[Draw]]:
     out: dict[str, list[Draw]] = {}
     for name in "345":
         (one,) = of[name]
-        out[name] = [partial(draw_time, [one]), partial(draw_loop, one)]
+        out[name] = [partial(draw_time, [one]), partial(draw_drive_loop, one)]
     out["6"] = [partial(draw_time, of["6"]), partial(draw_errors, of["6"])]
     out["7"] = [
         partial(draw_time, of["7"]),
@@ -57,7 +57,7 @@ def draw_end(one: Result, axes: Axes) -> str:
     return f"The last {END_S:g} s on the stage of {one.stage}: {one.experiment.name}."
 
 
-def draw_loop(one: Result, axes: Axes) -> str:
+def draw_drive_loop(one: Result, axes: Axes) -> str:
     """Displacement over drive."""
     u, y, m = thin_rows(one.drive, one.measured, one.predicted)
     axes.plot(u, y, ".", color=MEASURED, ms=1.5, label="measured")

@@ -35,7 +35,7 @@ def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
     ]
 
 
-def table(results: Sequence[Result]) -> str:
+def paper_table(results: Sequence[Result]) -> str:
     """The table for a terminal, and its rule."""
     lines = [HEAD, *rows(results)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(HEAD))]

@@ -16,7 +16,7 @@ REACH_V = 1.6  # drive after a reversal in which the hysteretic part turns
 SOFTENING = 0.004  # 1/V: the stroke saturates by 4 % at 10 V, as a stack does
 
 
-def bouc_wen(drive: Floats, period_s: float) -> Floats:
+def bouc_wen_stage(drive: Floats, period_s: float) -> Floats:
     """Displacement (N,) [um] of a Bouc-Wen stage: no play operators, no odd polynomial.
 
     The hysteretic variable of exponent 1 with beta = 1 and gamma = 0, dh = dv - |dv| h, solved
@@ -40,5 +40,5 @@ def _paper(name: str) -> Stage:
 STAGES: dict[str, Stage] = {
     "Eq. 11": _paper("paper-eq11"),
     "Eq. 12": _paper("paper-eq12"),
-    "Bouc-Wen": bouc_wen,
+    "Bouc-Wen": bouc_wen_stage,
 }

@@ -25,7 +25,7 @@ from dehyst.daemon.report.plotting import (
     scale_by_decades,
     white_density,
 )
-from dehyst.models.diagnosis import Diagnosis, View
+from dehyst.models.diagnosis import Diagnosis, FitView
 from dehyst.models.recording import Bools, Floats
 from dehyst.models.units import pick_unit, spell_unit
 
@@ -43,7 +43,7 @@ def choose_scale(diagnosis: Diagnosis) -> tuple[float, str]:
     return pick_unit(diagnosis.unit, max(error, diagnosis.noise))
 
 
-def draw_model_error(diagnosis: Diagnosis, view: View, axes: Axes) -> str:
+def draw_model_error(diagnosis: Diagnosis, view: FitView, axes: Axes) -> str:
     """The error of one recording before and after."""
     k, unit = choose_scale(diagnosis)
     said = []
@@ -58,7 +58,7 @@ def draw_model_error(diagnosis: Diagnosis, view: View, axes: Axes) -> str:
     return f"Error of {view.name} over time: {', '.join(said)}."
 
 
-def draw_close_look(diagnosis: Diagnosis, view: View, axes: Axes) -> str:
+def draw_close_look(diagnosis: Diagnosis, view: FitView, axes: Axes) -> str:
     """The stretch of 2 % in which the augmented model gains most."""
     gain = (view.displacement - view.base) ** 2 - (view.displacement - view.augmented) ** 2
     width = max(60, min(gain.size // 50, 1500))
@@ -160,7 +160,7 @@ def _loop_samples(diagnosis: Diagnosis) -> tuple[Floats, Floats, Bools]:
     return drive, error, rising
 
 
-def _swing(view: View) -> Floats:
+def _swing(view: FitView) -> Floats:
     """Way of the drive since its direction last changed."""
     turned = np.r_[True, np.diff(_last_direction(view)) != 0]
     at = np.maximum.accumulate(np.where(turned, np.arange(turned.size), 0))
@@ -249,12 +249,12 @@ def _log_edges(x: Floats) -> Floats:
     return np.geomspace(max(good.min(), good.max() * 1e-5), good.max() * 1.0001, 16)
 
 
-def _period_s(view: View) -> float:
+def _period_s(view: FitView) -> float:
     """Step of the time stamps [s]; 1 where there is one row."""
     return float(np.median(np.diff(view.t_s))) if view.t_s.size > 1 else 1.0
 
 
-def _one_clock(views: tuple[View, ...]) -> Floats:
+def _one_clock(views: tuple[FitView, ...]) -> Floats:
     """Times [s], one recording after the other."""
     clock, edge = [], 0.0
     for v in views:
@@ -263,7 +263,7 @@ def _one_clock(views: tuple[View, ...]) -> Floats:
     return np.concatenate(clock)
 
 
-def _last_direction(view: View) -> Floats:
+def _last_direction(view: FitView) -> Floats:
     return _carried(np.sign(np.diff(view.drive, prepend=view.drive[0])), lambda s: s != 0)
 
 
@@ -273,21 +273,21 @@ def _carried(x: Floats, good: Callable[[Floats], np.ndarray]) -> Floats:
     return np.asarray(x[np.maximum.accumulate(at)])
 
 
-def _since_turn(view: View) -> Floats:
+def _since_turn(view: FitView) -> Floats:
     direction = _last_direction(view)
     turn = np.r_[True, np.diff(direction) != 0]
     start = np.maximum.accumulate(np.where(turn, np.arange(turn.size), 0))
     return view.t_s - view.t_s[start] + _period_s(view)
 
 
-def _rate(view: View) -> Floats:
+def _rate(view: FitView) -> Floats:
     """Of the drive, without its sign; 0 where there is one row."""
     if view.t_s.size < 2:
         return np.zeros(view.t_s.size)
     return np.abs(np.gradient(view.drive, view.t_s))
 
 
-def _in_hold(view: View, span: float) -> Floats:
+def _in_hold(view: FitView, span: float) -> Floats:
     """Time since the drive came to rest; 0 where it moves."""
     moves = np.abs(np.diff(view.drive, prepend=view.drive[0])) > STILL * span / 20
     start = np.maximum.accumulate(np.where(moves, np.arange(moves.size), 0))

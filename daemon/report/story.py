@@ -132,10 +132,10 @@ def list_close_looks(story: StoryData) -> list[Draw]:
     shown = np.concatenate([x[w] for _, w in windows for x in (story.target, story.measured)])
     shown = shown[np.isfinite(shown)]
     limits = (float(shown.min()), float(shown.max())) if shown.size else (0.0, 0.0)
-    return [partial(draw_close_look, story, one.name, one.color, w, limits) for one, w in windows]
+    return [partial(draw_one_second, story, one.name, one.color, w, limits) for one, w in windows]
 
 
-def draw_close_look(
+def draw_one_second(
     story: StoryData, name: str, color: str, window: slice, limits: tuple[float, float], axes: Axes
 ) -> str:
     """Target and measured of one second."""

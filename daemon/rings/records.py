@@ -44,7 +44,7 @@ EVENT = np.dtype(
 
 COMMAND = np.dtype(
     [
-        ("kind", "u1"),  # Command
+        ("kind", "u1"),  # LoopCommand
         ("last", "u1"),  # POINT: the trajectory ends here; SETPOINT, HOLD: until another command
         ("client", "<u8"),
         ("trajectory", "<u8"),
@@ -106,7 +106,7 @@ class Mode(IntEnum):
     HOLD = 4
 
 
-class Command(IntEnum):
+class LoopCommand(IntEnum):
     """Requests to the loop."""
 
     SETPOINT = 1  # value: target

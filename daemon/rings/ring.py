@@ -65,7 +65,7 @@ def store(words: NDArray[np.int64], index: int, value: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def load(words: NDArray[np.int64], index: int) -> int:
+def load_word(words: NDArray[np.int64], index: int) -> int:
     """Read a header word anew."""
     _fence()
     value = words[index]
@@ -221,12 +221,12 @@ class Ring:
     @property
     def head(self) -> int:
         """Number of records written since the ring was made."""
-        return counted(load(self.words, HEAD))
+        return counted(load_word(self.words, HEAD))
 
     @property
     def tail(self) -> int:
         """How far the reader has read (see `taken`); survives the reader."""
-        head, tail = self.head, counted(load(self.words, TAIL))
+        head, tail = self.head, counted(load_word(self.words, TAIL))
         return tail if 0 <= head - tail < FARTHEST else head - self.capacity
 
     @property

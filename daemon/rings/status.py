@@ -42,7 +42,7 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True)
-class Column:
+class StatusField:
     """A row's part of the record. dtype, size: of the record's field (size 0: one number); read:
     from there to the message's value; view: what the live view shows, None: nothing."""
 
@@ -150,30 +150,30 @@ class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
     """False: the loop's process has said nothing for 2.5 s; the rest is its last word."""
     run: Id
     """Number of the loop's run; another one: it was started anew and counts from 0 again."""
-    unit: Annotated[Unit, Column("S16", _text)]
+    unit: Annotated[Unit, StatusField("S16", _text)]
     """Of displacements: that of the model which this run uses."""
-    drive_unit: Annotated[Unit, Column("S16", _text)]
-    time_ns: Annotated[int, Column("<i8", int)]
-    wall_ns: Annotated[int, Column("<i8", int)]
+    drive_unit: Annotated[Unit, StatusField("S16", _text)]
+    time_ns: Annotated[int, StatusField("<i8", int)]
+    wall_ns: Annotated[int, StatusField("<i8", int)]
     """Wall clock at time_ns."""
-    state: Annotated[Name, Column("u1", _name(State))]
-    policy: Annotated[Name, Column("u1", lambda fifo: "fifo" if fifo else "other")]
+    state: Annotated[Name, StatusField("u1", _name(State))]
+    policy: Annotated[Name, StatusField("u1", lambda fifo: "fifo" if fifo else "other")]
     """Scheduling policy obtained."""
-    priority: Annotated[int, Column("u1", int, view=lambda s: f"{s.policy} {s.priority}")]
-    mode: Annotated[Name, Column("u1", _name(Mode))]
+    priority: Annotated[int, StatusField("u1", int, view=lambda s: f"{s.policy} {s.priority}")]
+    mode: Annotated[Name, StatusField("u1", _name(Mode))]
     """Of the inverse."""
     samples: Annotated[
-        int, Column("<i8", int, view=lambda s: f"samples {s.samples}, missed {s.missed}")
+        int, StatusField("<i8", int, view=lambda s: f"samples {s.samples}, missed {s.missed}")
     ]
-    missed: Annotated[int, Column("<i8", int)]
+    missed: Annotated[int, StatusField("<i8", int)]
     """Deadlines missed: sample started a period or more late, or skipped."""
     missed_by: Annotated[
         dict[str, int],
-        Column("<i8", _causes, len(MissCause), lambda s: f"by cause: {counts(s.missed_by)}"),
+        StatusField("<i8", _causes, len(MissCause), lambda s: f"by cause: {counts(s.missed_by)}"),
     ]
     wake_us: Annotated[
         Timing,
-        Column(
+        StatusField(
             "<f4",
             _timing,
             4,
@@ -184,59 +184,59 @@ class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
         ),
     ]
     """Lateness of the wake-up over the last window."""
-    exec_us: Annotated[Timing, Column("<f4", _timing, 4, _p99("step", "exec_us"))]
+    exec_us: Annotated[Timing, StatusField("<f4", _timing, 4, _p99("step", "exec_us"))]
     """Wake-up to end of write."""
-    io_us: Annotated[Timing, Column("<f4", _timing, 4, _p99("I/O", "io_us"))]
+    io_us: Annotated[Timing, StatusField("<f4", _timing, 4, _p99("I/O", "io_us"))]
     """Time spent in driver calls."""
-    actuator_ok: Annotated[bool, Column("u1", bool, view=_device("actuator"))]
-    sensor_ok: Annotated[bool, Column("u1", bool, view=_device("sensor"))]
-    actuator_errors: Annotated[int, Column("<i8", int)]
-    sensor_errors: Annotated[int, Column("<i8", int)]
-    volts: Annotated[float, Column("<f8", float)]
-    queue_s: Annotated[float, Column("<f8", _finite)]
+    actuator_ok: Annotated[bool, StatusField("u1", bool, view=_device("actuator"))]
+    sensor_ok: Annotated[bool, StatusField("u1", bool, view=_device("sensor"))]
+    actuator_errors: Annotated[int, StatusField("<i8", int)]
+    sensor_errors: Annotated[int, StatusField("<i8", int)]
+    volts: Annotated[float, StatusField("<f8", float)]
+    queue_s: Annotated[float, StatusField("<f8", _finite)]
     """Trajectory still ahead."""
-    trajectory: Annotated[Id, Column("<u8", lambda number: int(number) & (2**63 - 1))]
+    trajectory: Annotated[Id, StatusField("<u8", lambda number: int(number) & (2**63 - 1))]
     """The trajectory being played or played last; 0: none."""
-    trajectory_done: Annotated[bool, Column("u1", bool)]
-    origin: Annotated[float, Column("<f8", float)]
+    trajectory_done: Annotated[bool, StatusField("u1", bool)]
+    origin: Annotated[float, StatusField("<f8", float)]
     """Model displacement at set-point 0."""
-    reach_min: Annotated[float, Column("<f8", float)]
+    reach_min: Annotated[float, StatusField("<f8", float)]
     """Reachable set-points."""
     reach_max: Annotated[
         float,
-        Column(
+        StatusField(
             "<f8", float, view=lambda s: f"reach {s.reach_min:.4g} to {s.reach_max:.4g} {s.unit}"
         ),
     ]
-    latency_s: Annotated[float, Column("<f8", _finite)]
+    latency_s: Annotated[float, StatusField("<f8", _finite)]
     """Of the inverse (preview window)."""
-    period_ns: Annotated[int, Column("<i8", int, view=lambda s: rate(s))]
-    pid: Annotated[int, Column("<i8", int)]
-    trimmed: Annotated[bool, Column("u1", bool)]
+    period_ns: Annotated[int, StatusField("<i8", int, view=lambda s: rate(s))]
+    pid: Annotated[int, StatusField("<i8", int)]
+    trimmed: Annotated[bool, StatusField("u1", bool)]
     """The slow trim is configured."""
-    trim: Annotated[float, Column("<f8", float)]
+    trim: Annotated[float, StatusField("<f8", float)]
     """What it adds to the target."""
-    trim_frozen: Annotated[Name, Column("u1", _why)]
+    trim_frozen: Annotated[Name, StatusField("u1", _why)]
     """Why it stands still, in one word (off, not_running, no_reading, stuck, jumped, beyond,
     distrusted or settling); "": it does not."""
-    stays: Annotated[bool, Column("u1", bool)] = False
+    stays: Annotated[bool, StatusField("u1", bool)] = False
     """The set-point or hold lasts until another command, with its client gone."""
-    learned: Annotated[bool, Column("u1", bool)]
+    learned: Annotated[bool, StatusField("u1", bool)]
     """What is played has corrections that were learned from earlier passes."""
-    differs: Annotated[float, Column("<f8", float, view=lambda s: positioning(s))]
+    differs: Annotated[float, StatusField("<f8", float, view=lambda s: positioning(s))]
     """By how much the gauge stands above what the model expects of it; NaN: no reading."""
-    gauge_zero: Annotated[float, Column("<f8", float)]
+    gauge_zero: Annotated[float, StatusField("<f8", float)]
     """Added to every reading, see `dehyst zero`."""
-    trajectory_start_ns: Annotated[int, Column("<i8", int)]
+    trajectory_start_ns: Annotated[int, StatusField("<i8", int)]
     """Time 0 of the trajectory that is played; 0: none is."""
 
 
-def _columns() -> dict[str, Column]:
+def _columns() -> dict[str, StatusField]:
     hints = get_type_hints(LoopStatus, include_extras=True)
     found = {}
     for name, hint in hints.items():
         for extra in getattr(hint, "__metadata__", ()):
-            if isinstance(extra, Column):
+            if isinstance(extra, StatusField):
                 found[name] = extra
     return found
 

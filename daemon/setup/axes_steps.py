@@ -24,7 +24,7 @@ from dehyst.daemon.setup.steps import (
     rate_found,
     replace_configuration,
     say_what_next,
-    settings_of,
+    settings_of_unit,
 )
 from dehyst.daemon.setup.workbench import CONFIG, Workbench
 from dehyst.models.errors import BadInput
@@ -49,7 +49,7 @@ def ask_limits_of_all(bench: Workbench) -> Result:
     )
 
 
-def write_configuration(bench: Workbench) -> Result:
+def write_axes_configuration(bench: Workbench) -> Result:
     """The rate that the units sustain with all axes driven, and the file with comments."""
     if bench.has_own_config():
         configs = bench.configs()
@@ -74,7 +74,7 @@ def _text_of(bench: Workbench, rate_hz: float) -> str:
         {
             "": {"name": bench.name},
             "loop": {"rate_hz": rate_hz},
-            "actuator": {"driver": actuator["driver"], "settings": settings_of(actuator)},
+            "actuator": {"driver": actuator["driver"], "settings": settings_of_unit(actuator)},
             **limits_within(limits["min_v"], limits["max_v"], limits["slew_v_per_s"]),
         }
     )
@@ -87,11 +87,11 @@ def _text_of(bench: Workbench, rate_hz: float) -> str:
             f"[axis.{axis}.sensor.settings]\n"
         )
         # texts of TOML are those of JSON
-        text += "".join(f"{k} = {json.dumps(v)}\n" for k, v in settings_of(gauge).items())
+        text += "".join(f"{k} = {json.dumps(v)}\n" for k, v in settings_of_unit(gauge).items())
     return text
 
 
-def exercise_gently(bench: Workbench) -> Result:
+def exercise_axes_gently(bench: Workbench) -> Result:
     """Small loops of one axis after the other: whose gauge is which? Then all of them, fully."""
     owners = moving_axes.find_owners(bench)
     wrong = [axis for axis, owner in owners.items() if axis != owner]
@@ -106,7 +106,7 @@ def exercise_gently(bench: Workbench) -> Result:
         units["sensors"] = {axis: units["sensors"][owner] for axis, owner in owners.items()}
         bench.journal.keep("units", options, units)
         bench.say(f"   the gauge readers stand in another order: {words}")
-        write_configuration(bench)
+        write_axes_configuration(bench)
     return together(moving_axes.exercise_fully(bench), "each gauge follows its axis")
 
 
@@ -149,7 +149,7 @@ def validate_models(bench: Workbench) -> Result:
     return together(axes, "validation-NAME.html")
 
 
-def offer_service(bench: Workbench) -> Result:
+def offer_axes_service(bench: Workbench) -> Result:
     """What to type next; nothing is installed."""
     return say_what_next(
         bench,
@@ -165,14 +165,14 @@ AXES_STEPS = (
     Step(
         "configuration",
         "measure the rate, write the configuration",
-        write_configuration,
+        write_axes_configuration,
         ("name", "rate_hz"),
     ),
-    Step("exercise", "exercise gently", exercise_gently, (), moving_axes.describe_gentle),
+    Step("exercise", "exercise gently", exercise_axes_gently, (), moving_axes.describe_gentle_axes),
     Step(
         "record",
         "excite and record",
-        lambda bench: together(moving_axes.record_axes(bench)),
+        lambda bench: together(moving_axes.record_axes_in_turn(bench)),
         ("band_hz", "seconds"),
         moving_axes.describe_record,
     ),
@@ -191,5 +191,5 @@ AXES_STEPS = (
         (),
         moving_axes.describe_sines,
     ),
-    Step("service", "run it", offer_service),
+    Step("service", "run it", offer_axes_service),
 )

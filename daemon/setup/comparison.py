@@ -115,7 +115,7 @@ def track_sine(bench: Workbench) -> dict[str, Any]:
             return found
 
         played[name] = play_in_time(once, plan.t_s.size - 1)
-    return compare(plan, played, rate_hz, bench.folder / PICTURE)
+    return summarise_comparison(plan, played, rate_hz, bench.folder / PICTURE)
 
 
 def stem_of(name: str) -> str:
@@ -135,7 +135,7 @@ def play_in_time(once: Callable[[], Recording], samples: int) -> tuple[Recording
     return min(runs, key=lambda run: run[1])
 
 
-def compare(
+def summarise_comparison(
     plan: SinePlan,
     played: Mapping[str, tuple[Recording, float]],
     rate_hz: float,

@@ -47,7 +47,7 @@ def for_each(texts: Mapping[str, str]) -> str:
 # -- gentle loops ---------------------------------------------------------------------------------
 
 
-def describe_gentle(bench: Workbench) -> str:
+def describe_gentle_axes(bench: Workbench) -> str:
     """What `exercise_gently` moves."""
     now, ranges, small = [], {}, {}
     for axis, config in bench.configs().items():
@@ -133,7 +133,7 @@ def exercise_fully(bench: Workbench) -> Result:
     for pace, config in zip(paces(len(configs)), configs.values(), strict=True):
         t_s, volts = gentle_loops(config, TUNING.gentle_shares[-1])
         blocks.append(np.interp(np.arange(0.0, t_s[-1] / pace, t_s[1]) * pace, t_s, volts))
-    volts_at = side_by_side(blocks)
+    volts_at = stack_columns(blocks)
     times = np.arange(volts_at.shape[0]) / next(iter(configs.values())).loop.rate_hz
     found = bench.play_axes(times, volts_at, 0.0, "loops of the whole range, all axes")
     bench.keep_axes(found, "gentle")
@@ -156,7 +156,7 @@ def paces(count: int) -> list[float]:
     return [PACES[k % len(PACES)] ** (1 + k // len(PACES)) for k in range(count)]
 
 
-def side_by_side(blocks: Sequence[Floats]) -> Floats:
+def stack_columns(blocks: Sequence[Floats]) -> Floats:
     """(N, axes) of columns of several lengths; the shorter stay at their last value."""
     longest = max(block.size for block in blocks)
     return np.stack([np.pad(b, (0, longest - b.size), mode="edge") for b in blocks], axis=1)
@@ -171,11 +171,11 @@ def drives_for(bench: Workbench, seed: int) -> tuple[Floats, Floats]:
     for k, config in enumerate(bench.configs().values()):
         drives.append(drive_for(config, bench.wishes, seed + k * (seed > 0)))
     longest = max(drives, key=lambda drive: drive.t_s.size)
-    return longest.t_s, side_by_side([drive.u for drive in drives])
+    return longest.t_s, stack_columns([drive.u for drive in drives])
 
 
 def describe_record(bench: Workbench) -> str:
-    """What `record_axes` moves."""
+    """What `record_axes_in_turn` moves."""
     t_s, volts = drives_for(bench, 0)
     gains = np.array([config.actuator.gain for config in bench.configs().values()])
     whole_s = plan_axes(list(bench.configs().values()), t_s, volts / gains)[0][-1]
@@ -205,7 +205,7 @@ def _within(bench: Workbench, volts: Floats) -> str:
     return f"{for_each(texts)}; they end where they were"
 
 
-def record_axes(bench: Workbench) -> Result:
+def record_axes_in_turn(bench: Workbench) -> Result:
     """One axis after the other, then together. Raises NotNow where that excites too little."""
     t_s, volts = drives_for(bench, 0)
     configs = list(bench.configs().values())
@@ -310,5 +310,7 @@ def track_sines(bench: Workbench) -> Result:
     axes = {}
     for axis, plan in plans.items():
         picture = bench.in_folder(comparison.PICTURE, axis)
-        axes[axis] = comparison.compare(plan, played[axis], configs[axis].loop.rate_hz, picture)
+        axes[axis] = comparison.summarise_comparison(
+            plan, played[axis], configs[axis].loop.rate_hz, picture
+        )
     return axes

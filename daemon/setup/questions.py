@@ -30,7 +30,7 @@ class Wishes:
     axes: tuple[str, ...] = ()
 
 
-class Questions:
+class UserPrompts:
     """yes: take defaults, and go on without asking. console: where it asks; answers: where they
     are typed, None: the terminal."""
 

@@ -116,7 +116,7 @@ def _described(unit: FoundUnit) -> dict[str, Any]:
     }
 
 
-def settings_of(unit: dict[str, Any]) -> dict[str, Any]:
+def settings_of_unit(unit: dict[str, Any]) -> dict[str, Any]:
     """Of the driver of a unit that was found; an older journal has the port alone."""
     return dict(unit.get("settings") or {"port": unit["port"]})
 
@@ -178,12 +178,12 @@ def write_configuration(bench: Workbench) -> Result:
             "loop": {"rate_hz": rate_hz},
             "actuator": {
                 "driver": units["actuator"]["driver"],
-                "settings": settings_of(units["actuator"])
+                "settings": settings_of_unit(units["actuator"])
                 | output_of(units["actuator"]["driver"], units["axis"]),
             },
             "sensor": {
                 "driver": units["sensor"]["driver"],
-                "settings": settings_of(units["sensor"]),
+                "settings": settings_of_unit(units["sensor"]),
             },
             **limits_within(limits["min_v"], limits["max_v"], limits["slew_v_per_s"]),
         }

@@ -15,7 +15,7 @@ from dehyst.daemon.files.known_units import ACTUATOR, open_known
 from dehyst.daemon.files.outputs import file_of_axis
 from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.setup.journal import Journal
-from dehyst.daemon.setup.questions import Questions, Wishes
+from dehyst.daemon.setup.questions import UserPrompts, Wishes
 from dehyst.daemon.terminal.progress import progress_bar
 from dehyst.drivers.interface import DeviceSpec
 from dehyst.drivers.registry import load_actuator
@@ -35,7 +35,7 @@ class Workbench:
         folder: Path,
         wishes: Wishes,
         journal: Journal,
-        ask: Questions,
+        ask: UserPrompts,
         say: Callable[[str], None],
     ) -> None:
         self.folder, self.wishes, self.journal = folder, wishes, journal

@@ -53,7 +53,7 @@ def find_troubles(status: Status) -> list[str]:
         found.append(f"the trim is frozen: {FROZEN[s.trim_frozen]}")
     if s.missed > MOST_MISSED * max(1, s.samples):
         found.append(
-            f"{percent(s.missed, s.samples)} of the deadlines were missed "
+            f"{describe_share(s.missed, s.samples)} of the deadlines were missed "
             f"({counts(s.missed_by)}): `dehyst latency` shows what is too slow"
         )
     if gateway.log_dropped:
@@ -63,7 +63,7 @@ def find_troubles(status: Status) -> list[str]:
     return found
 
 
-def percent(part: int, whole: int) -> str:
+def describe_share(part: int, whole: int) -> str:
     """A share in words, two digits below 10 %. A start that is under way may have missed more
     deadlines than it has samples."""
     share = 100.0 * min(1.0, part / max(1, whole))

@@ -135,7 +135,7 @@ def screen(
     return layout
 
 
-class View(NamedTuple):
+class AxisScreen(NamedTuple):
     """What is shown of one axis, as `screen` takes it."""
 
     status: Status | None
@@ -145,7 +145,7 @@ class View(NamedTuple):
     rejections: deque[Rejection]
 
 
-def screens(views: Sequence[View], size: tuple[int, int]) -> Layout:
+def screens(views: Sequence[AxisScreen], size: tuple[int, int]) -> Layout:
     """The whole view of several axes, one over the other; of one alone: `screen`."""
     if len(views) == 1:
         return screen(*views[0], size)

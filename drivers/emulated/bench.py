@@ -40,7 +40,7 @@ from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
 from dehyst.drivers.emulated.pty_device import PtyServer
 from dehyst.drivers.simulated.axes import Platform
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 
 NS_PER_S = 1e9
 
@@ -174,7 +174,7 @@ class Bench:
             self.gauges[axis] = PtyServer(unit, self.directory / name, clock)
 
     @property
-    def stage(self) -> Stage:
+    def stage(self) -> SimulatedStage:
         """That of the first axis."""
         return self.stages[self.settings.axis]
 

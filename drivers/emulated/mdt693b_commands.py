@@ -1,7 +1,7 @@
 """What the emulated MDT693B does with each command line (firmware 1.10 help text and manual).
 
-`answer` takes the registers of the unit, one line without its terminator and a way to read the
-ADC, changes them and returns the bytes of the reply. Two tables, QUERIES and SETTERS,
+`execute_line` takes the registers of the unit, one line without its terminator and a way to read
+the ADC, changes them and returns the bytes of the reply. Two tables, QUERIES and SETTERS,
 hold the commands that are the same for every axis; the axis commands are parsed by letter.
 """
 
@@ -105,7 +105,9 @@ class Mdt693bRegisters:
         self.intensity, self.dac_step, self.rotary_mode, self.push_disable = 15, 1, 0, 0
 
 
-def answer(registers: Mdt693bRegisters, style: ReplyStyle, line: str, read: ReadVolts) -> bytes:
+def execute_line(
+    registers: Mdt693bRegisters, style: ReplyStyle, line: str, read: ReadVolts
+) -> bytes:
     """Carry out one command line; the bytes of the reply, echo not included."""
     prompted = registers.compatibility and style.prompt  # as it was when the command came
     try:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from msgspec import structs
 
-from dehyst.drivers.emulated.mdt693b_commands import Mdt693bRegisters, answer
+from dehyst.drivers.emulated.mdt693b_commands import Mdt693bRegisters, execute_line
 from dehyst.drivers.emulated.mdt693b_dialects import DIALECTS, ReplyStyle
 from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bFaults, Mdt693bKnobs
 
@@ -154,7 +154,7 @@ class Mdt693bUnit:
             return
         self.commands_done += 1
         before = self.registers.set_v  # a set puts a new table in its place
-        reply = answer(
+        reply = execute_line(
             self.registers, self.style, waiting.line, lambda axis: self._read(axis, waiting.due_s)
         )
         if self.registers.set_v is not before:

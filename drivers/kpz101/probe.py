@@ -35,7 +35,7 @@ class ProbedPiezo:
     software_only: bool = False
 
 
-def interpret_requests(exchanges: list[RecordedExchange]) -> ProbedPiezo:
+def interpret_driver_requests(exchanges: list[RecordedExchange]) -> ProbedPiezo:
     """What the replies say; pure, so that it works on a fixture file as well."""
     decoder, found = Decoder(), {}
     for exchange in exchanges:

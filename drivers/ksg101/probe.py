@@ -38,7 +38,7 @@ READING = encode_apt("tsg_req_reading", chan=1)
 
 
 @dataclass(frozen=True)
-class ProbeTuning:
+class GaugeProbeTuning:
     """Waits [s], generous because a reply that is cut off would make a false recording: an FTDI
     chip holds bytes back for 16 ms. No benchmark sets them."""
 
@@ -46,7 +46,7 @@ class ProbeTuning:
     quiet_s: float = 0.05
 
 
-TUNING = ProbeTuning()
+TUNING = GaugeProbeTuning()
 
 
 @dataclass(frozen=True)
@@ -80,12 +80,12 @@ def record_requests(
         sent = encode_apt(name, **values)
         exchanges.append(record_exchange(port, sent, waits_s, clock, start_s))
         progress((number + 1) / len(requests))
-        if number == 1 and not interpret_requests(exchanges).model:
+        if number == 1 and not interpret_gauge_requests(exchanges).model:
             break
     return exchanges
 
 
-def interpret_requests(exchanges: list[RecordedExchange]) -> ProbedGauge:
+def interpret_gauge_requests(exchanges: list[RecordedExchange]) -> ProbedGauge:
     """What the replies say, those of a rack as well; pure, so that it works on a fixture file."""
     decoder, found = Decoder((HOST,), (UNIT, RACK, *BAYS)), {}
     for exchange in exchanges:

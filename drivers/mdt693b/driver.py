@@ -42,7 +42,7 @@ from dehyst.drivers.mdt693b.settings import (
 )
 from dehyst.drivers.mdt693b.together import JointOutputs
 from dehyst.drivers.mdt693b.tuning import TUNING
-from dehyst.drivers.mdt693b.unit import SharedUnit, unit_of
+from dehyst.drivers.mdt693b.unit import SharedUnit, shared_unit
 from dehyst.drivers.mdt693b.unit_facts import NATIVE, check_model, check_serial, learn
 from dehyst.drivers.serial_port import SerialPort, place_of
 from dehyst.drivers.settings import read_settings
@@ -246,7 +246,7 @@ class Mdt693b:
 
     def _connect(self) -> None:
         """Everything of open() and reconnect() that does not touch the set-point."""
-        unit = unit_of(self.config)
+        unit = shared_unit(self.config)
         unit.claim(self.config, self)
         self._unit = unit
         self._link = self._or_close(lambda: unit.connect(self._new_link))

@@ -83,7 +83,7 @@ _units: WeakValueDictionary[str, SharedUnit] = WeakValueDictionary()
 _making = threading.Lock()
 
 
-def unit_of(config: Mdt69xConfig) -> SharedUnit:
+def shared_unit(config: Mdt69xConfig) -> SharedUnit:
     """The unit behind a configured port, the same one for all outputs of it."""
     auto = config.port == "auto"
     key = f"auto {config.usb_ids}" if auto else os.path.realpath(config.port)

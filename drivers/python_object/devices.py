@@ -24,7 +24,7 @@ from dehyst.drivers.interface import (
     UnitIdentity,
     refuse_another,
 )
-from dehyst.drivers.python_object.endpoint import getter, number_in, setter
+from dehyst.drivers.python_object.endpoint import getter, one_number_of, setter
 from dehyst.drivers.python_object.settings import (
     PythonActuatorSettings,
     PythonSensorSettings,
@@ -206,7 +206,7 @@ class PythonActuator(_PythonDevice):
         self._set = self._report = None
 
     def _reported_v(self) -> float:
-        return number_in(self._call(self._report), self.settings.output) * self.settings.gain
+        return one_number_of(self._call(self._report), self.settings.output) * self.settings.gain
 
     def _timed_call(self) -> Callable[[], object] | None:
         return self._reported_v if self.settings.output else None
@@ -235,7 +235,7 @@ class PythonSensor(_PythonDevice):
         """One reading [um]; NaN where it is out of range. Raises DeviceTimeout, DeviceGone,
         ProtocolError."""
         settings = self.settings
-        value = number_in(self._call(self._get), settings.read)
+        value = one_number_of(self._call(self._get), settings.read)
         um = (value - settings.zero) * settings.um_per_unit
         return um if settings.min_um <= um <= settings.max_um else math.nan
 

@@ -32,7 +32,7 @@ def getter(owner: Any, name: str, arguments: Sequence[Any]) -> Callable[[], Any]
     return lambda: getattr(holder, last)
 
 
-def number_in(value: Any, name: str) -> float:
+def one_number_of(value: Any, name: str) -> float:
     """The number, or the one number in a list, an array or a table by axes; NaN stays NaN.
 
     Raises ProtocolError for anything else.

@@ -1,4 +1,4 @@
-"""A stage of several axes: each is a Stage of its own, and each moves the others a little.
+"""A stage of several axes: each is a SimulatedStage of its own, and each moves the others a little.
 
     x = own motion of x + from_y (own motion of y) + from_z (own motion of z),  a share of the
     sum behind a mode of the platform; likewise y and z.
@@ -19,7 +19,7 @@ from dehyst.drivers.simulated import kernels, parts
 from dehyst.drivers.simulated.kernels import PlatformArrays
 from dehyst.drivers.simulated.maxwell_slip import COUNT
 from dehyst.drivers.simulated.settings import AXES, StageSettings
-from dehyst.drivers.simulated.stage import NS, Stage
+from dehyst.drivers.simulated.stage import NS, SimulatedStage
 
 # How a shared stage is switched, by the compiled loop too: for each axis 1 when it is plugged in, 1
 # while its amplifier is open, 1 when it was written since time passed last; and the origin of time
@@ -54,7 +54,7 @@ OTHERS: dict[str, dict[str, float]] = {
 """What makes a stage of several axes: each has its own hysteresis, and each feels the others."""
 
 
-def settings_of(
+def settings_by_axis(
     axes: Sequence[str], given: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, StageSettings]:
     """Settings for each axis of a stage: the plain stage where it is alone, else OTHERS, and over
@@ -81,12 +81,12 @@ class Platform:
             random=np.zeros(N, dtype=np.uint64),
             present=np.zeros(N, dtype=np.int64),
         )
-        self.axes: dict[str, Stage] = {}
+        self.axes: dict[str, SimulatedStage] = {}
         self._epoch_ns: int | None = None
         for axis, one in (settings or {}).items():
             self.add(axis, one)
 
-    def add(self, axis: str, settings: StageSettings) -> Stage:
+    def add(self, axis: str, settings: StageSettings) -> SimulatedStage:
         """One more axis, at rest from now on. Raises DriverConfigError."""
         if axis not in AXES or axis in self.axes:
             raise DriverConfigError(f"simulated stage: axis '{axis}' is not a new one of x, y, z")
@@ -95,7 +95,7 @@ class Platform:
                 f"simulated stage: from_{axis} of axis {axis} must be 0; an axis moves the others"
             )
         place = AXES.index(axis)
-        stage = Stage(settings, kernels.axis_of.py_func(self.arrays, place), self.advance)
+        stage = SimulatedStage(settings, kernels.axis_of.py_func(self.arrays, place), self.advance)
         self.arrays.random[place] = settings.seed + SEED_STEP * place
         stage.plant.state["time_s"] = self.time_s
         self.arrays.present[place] = 1

@@ -23,7 +23,7 @@ from dehyst.drivers.simulated.settings import (
     SimulatedSettings,
 )
 from dehyst.drivers.simulated.shared_stage import SharedStage, shared_stage
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 
 if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
     from dehyst.drivers.direct_calls import Direct
@@ -84,7 +84,7 @@ class _Simulated:
     def _switch(self, on: bool) -> None:
         """Opened or closed."""
 
-    def _ready(self) -> Stage:
+    def _ready(self) -> SimulatedStage:
         if not self._open:
             raise DeviceGone(f"the {self.settings.driver} is not open")
         self.shared.require_plug()

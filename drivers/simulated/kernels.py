@@ -26,8 +26,8 @@ from dehyst.drivers.simulated.parts import (
     displacement,
     electrical,
     mode_factors,
+    quantised,
     reading,
-    rounded,
 )
 from dehyst.drivers.simulated.tuning import TUNING
 
@@ -71,7 +71,7 @@ def advance_stage(plant: StageArrays, dt: float, v0: float, v1: float) -> None:
     while dt - done > 1e-12 * max(1.0, dt):
         h = min(small_h, dt - done)
         held = v0 + (v1 - v0) * (done + 0.5 * h) / dt
-        wanted = rounded(held, p.dac_step_v) + p.ext_gain * s.ext_v
+        wanted = quantised(held, p.dac_step_v) + p.ext_gain * s.ext_v
         wanted = min(p.clip_max_v, max(p.clip_min_v, wanted))
         tiny = SETTLED * p.full_scale_v
         rest = v0 == v1 and abs(wanted - s.amplifier_v) < tiny

@@ -59,7 +59,7 @@ RING = 8192  # samples of the delay line
 
 
 @njit(cache=True, nogil=True)
-def rounded(value: float, step: float) -> float:
+def quantised(value: float, step: float) -> float:
     """The nearest multiple of step; step 0: the value itself."""
     return value if step == 0.0 else step * np.round(value / step)
 
@@ -69,7 +69,7 @@ def electrical(
     p: Record, s: Record, command_v: float, h: float, rc_decay: float, amplifier_decay: float
 ) -> None:
     """DAC, EXT, clip, amplifier lag, slew, RC over h seconds: updates s, returns nothing."""
-    wanted = rounded(command_v, p.dac_step_v) + p.ext_gain * s.ext_v
+    wanted = quantised(command_v, p.dac_step_v) + p.ext_gain * s.ext_v
     limited = min(p.clip_max_v, max(p.clip_min_v, wanted))
     s.clipped = 1.0 if limited != wanted else 0.0
     s.amplifier_v = limited + (s.amplifier_v - limited) * amplifier_decay
@@ -199,4 +199,4 @@ def reading(parameters: Record, state: Record, ring: Floats, random: NDArray[np.
             s.spare_normal = radius * math.sin(angle)
             s.has_spare = 1.0
         shown += p.sensor_noise_um * normal
-    return rounded(shown, p.adc_step_um)
+    return quantised(shown, p.adc_step_um)

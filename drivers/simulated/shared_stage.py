@@ -15,7 +15,7 @@ import numpy as np
 from dehyst.drivers.interface import DeviceGone, DriverConfigError
 from dehyst.drivers.simulated.axes import DRIVEN, EPOCH, PLUGGED, WRITTEN, N, Platform
 from dehyst.drivers.simulated.settings import AXES, STAGE_KEYS, StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 
 if TYPE_CHECKING:  # the compiled functions are made where somebody asks for them
     from dehyst.drivers.direct_calls import Addresses
@@ -41,7 +41,7 @@ class SharedPlatform:
         if not self.period_s:
             self.platform.advance_to(self.clock_ns())
 
-    def write(self, place: int, stage: Stage, volts: float) -> None:
+    def write(self, place: int, stage: SimulatedStage, volts: float) -> None:
         """An axis is written. In virtual time, time passes when all have been, and before one is
         for the second time."""
         written, driven = self.switches[WRITTEN:EPOCH], self.switches[DRIVEN:WRITTEN]
@@ -106,7 +106,7 @@ class SharedStage:
         return self.users == 0 and self.axis in self.platform.platform.axes
 
     @property
-    def stage(self) -> Stage:
+    def stage(self) -> SimulatedStage:
         """The axis; made when it is first needed."""
         made = self.platform.platform
         return made.axes.get(self.axis) or made.add(self.axis, self.settings())

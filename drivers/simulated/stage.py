@@ -28,7 +28,7 @@ RANGE_FACTOR = 4.0  # a reading out of range: so many strokes above the origin
 _slip = functools.lru_cache(maxsize=32)(build)
 
 
-class Stage:
+class SimulatedStage:
     """A simulated stage; deterministic for given settings, commands and times.
 
     Faults of the reading (`fault`): "stuck" repeats the last one, "nan", "range" shows a value

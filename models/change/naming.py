@@ -16,7 +16,7 @@ from dehyst.models.model import Model
 EXPLAINED = 0.15  # of the power beyond the noise, that one change may leave
 
 
-class Left(NamedTuple):
+class ChangeResiduals(NamedTuple):
     """rms that is left: by the model in use of later telemetry, and of the good recording (NaN:
     there is none); by all that the diagnosis found, of later telemetry; noise."""
 
@@ -47,7 +47,7 @@ def rank_findings(
 
 
 def find_one_change(
-    findings: Sequence[Finding], causes: Sequence[WeighedCause], left: Left
+    findings: Sequence[Finding], causes: Sequence[WeighedCause], left: ChangeResiduals
 ) -> WeighedCause | None:
     """The cause that alone explains all that is new, where the diagnosis does not name it and
     needs more than one name, or a shape. findings, causes: what is new first."""
@@ -68,7 +68,9 @@ def find_one_change(
     return best if best.left**2 <= min(enough, explained) else None
 
 
-def state_one_change(one: WeighedCause, causes: Sequence[WeighedCause], left: Left) -> Finding:
+def state_one_change(
+    one: WeighedCause, causes: Sequence[WeighedCause], left: ChangeResiduals
+) -> Finding:
     """That cause as what was found, with the names of those that do as well but for the noise."""
     noise2, cause = left.noise**2, one.cause
     near = [o.cause.name for o in causes if o.new >= one.new - noise2]

@@ -18,7 +18,7 @@ handout.py sees to it that it goes nowhere astray, and steps.py puts it together
 of result.py.
 """
 
-from dehyst.models.diagnosis.result import DataQuality, Diagnosis, Finding, Limit, Value, View
+from dehyst.models.diagnosis.result import DataQuality, Diagnosis, Finding, FitView, Limit, Value
 from dehyst.models.diagnosis.steps import diagnose
 
-__all__ = ["DataQuality", "Diagnosis", "Finding", "Limit", "Value", "View", "diagnose"]
+__all__ = ["DataQuality", "Diagnosis", "Finding", "FitView", "Limit", "Value", "diagnose"]

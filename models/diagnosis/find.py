@@ -25,7 +25,7 @@ FED = ("resonance", "lag-sensor")  # what shows how it is fed
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """The search's result, and the same over the rich base."""
 
     search: SearchState
@@ -34,7 +34,7 @@ class Found:
 
 def find(
     problem: Problem, sigma: float, null: JointFit, say: Progress, forbidden: Sequence[str] = ()
-) -> Found:
+) -> SearchResult:
     """The effects over the rich base, or over a compact one where the rich one is too rich for what
     was recorded. Where an effect is taken whose size is not known then, they are looked for again
     without it: what it stood for may be another's. forbidden: keys that are not tried."""
@@ -49,13 +49,13 @@ def find(
         if second < first:
             found, reported = other, again
     if found.over_rich is found.search:
-        return Found(reported, reported)
-    return Found(reported, only_reported(worth_reporting(found.over_rich)))
+        return SearchResult(reported, reported)
+    return SearchResult(reported, only_reported(worth_reporting(found.over_rich)))
 
 
 def _find(
     problem: Problem, sigma: float, null: JointFit, say: Progress, forbidden: Sequence[str]
-) -> Found:
+) -> SearchResult:
     if problem.few_places:
         return _find_in_few_places(problem, sigma, null, say, forbidden)
     found = over_rich = _search(problem, sigma, null, say, forbidden)
@@ -67,12 +67,12 @@ def _find(
         rich_error = by_blocks(problem, found.accepted).mean_square
         if by_blocks(plain, other.accepted).mean_square < rich_error:
             found = other
-    return Found(found, over_rich)
+    return SearchResult(found, over_rich)
 
 
 def _find_in_few_places(
     problem: Problem, sigma: float, null: JointFit, say: Progress, forbidden: Sequence[str]
-) -> Found:
+) -> SearchResult:
     """The same where the drive repeats itself within so few samples that a rich base can give each
     its own value, and takes all that the drive causes within a period. What comes late is reported
     over a compact base alone, and only where it takes by far the most of what this leaves: a loop
@@ -88,12 +88,14 @@ def _find_in_few_places(
     alone, share = plain.solve([]), TUNING.few_places_share
     other = _search(plain, sigma, alone, say, (*forbidden, *unseen), share)
     caused = any(e.candidate.late for e in other.accepted.effects)
-    return Found(other if caused and tells_what_is_late(problem, sigma) else over_rich, over_rich)
+    return SearchResult(
+        other if caused and tells_what_is_late(problem, sigma) else over_rich, over_rich
+    )
 
 
 def find_above_noise(
     problem: Problem, null: JointFit, say: Progress, forbidden: Sequence[str] = ()
-) -> Found:
+) -> SearchResult:
     """The same with the noise of what it leaves: where the drive fills the band, what an effect
     leaves in it stands for noise until the effect is known."""
     sigma = noise_rms(problem.data, null.residual(problem.data))
@@ -105,7 +107,7 @@ def find_above_noise(
     first, second = (by_blocks(f.search.problem, f.search.accepted) for f in (found, again))
     if second.mean_square < first.mean_square - (TUNING.helps * left) ** 2:
         return again
-    return Found(replace(found.search, sigma=left), replace(found.over_rich, sigma=left))
+    return SearchResult(replace(found.search, sigma=left), replace(found.over_rich, sigma=left))
 
 
 def on_the_model(problem: Problem, null: JointFit) -> Problem:

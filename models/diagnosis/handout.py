@@ -14,10 +14,10 @@ import numpy as np
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis.augment import REACH_S, slow_ways, stays_in_reach
 from dehyst.models.diagnosis.base import Leaning, rich_base
-from dehyst.models.diagnosis.findings.weigh import Weighed
+from dehyst.models.diagnosis.findings.weigh import Conclusion
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
-from dehyst.models.diagnosis.left_out import Choice, Left, Refitted, leave_out
+from dehyst.models.diagnosis.left_out import HeldOutErrors, Refitted, WritableFit, leave_out
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
 from dehyst.models.signals.joined import Data
@@ -34,8 +34,8 @@ class Handed:
     """
 
     model: Model
-    held: Left
-    held_in_use: Left
+    held: HeldOutErrors
+    held_in_use: HeldOutErrors
     contains: tuple[str, ...] = ()
     contains_shape: bool = False
     gained: bool = False
@@ -45,7 +45,7 @@ class Handed:
         return self.gained and self.held.known <= (TUNING.near_noise * noise) ** 2
 
 
-def hand_out(data: Data, bare: Problem, weighed: Weighed, sigma: float) -> Handed:
+def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Handed:
     """Of the models with what was found, the plainest that predicts what it was not fitted to as
     well as the best does, and its worst recording no worse than the model in use its own; the model
     in use, where none predicts better than it or all would go astray. data: all samples."""
@@ -64,7 +64,7 @@ def hand_out(data: Data, bare: Problem, weighed: Weighed, sigma: float) -> Hande
     if not final.effects and not problem.base.width:
         return best
 
-    def better(choice: Choice) -> Handed | None:
+    def better(choice: WritableFit) -> Handed | None:
         held = left_out.left_by(choice.write_without)
         if held.mean_square > best.held.mean_square - noise:
             return None
@@ -88,14 +88,14 @@ def hand_out(data: Data, bare: Problem, weighed: Weighed, sigma: float) -> Hande
     return best
 
 
-def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Choice]:
+def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[WritableFit]:
     """What may be written, the plainest first: the effects around the model in use, without each
     of them, around a hysteresis that was fitted again beside them, and with the shape of the base,
     the stiffer held the earlier."""
     effects = final.effects
     subsets = [effects, *([e for e in effects if e is not one] for one in effects)]
     for some in subsets[: 1 if len(effects) < 2 else None]:
-        yield Choice(bare, bare.refit(some) if some else bare.solve([]), False)
+        yield WritableFit(bare, bare.refit(some) if some else bare.solve([]), False)
     if not problem.base.width or _knows_each_alone(problem) or problem.one_loop_alone:
         return  # one loop says nothing of another's shape, whichever of its rows are left out
     output = problem.output_of(final)
@@ -104,10 +104,10 @@ def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Choic
     lightly = lean_on_the_model(problem, TUNING.leanings[0])
     for stiffness in TUNING.stiffnesses:
         held_to = replace(lightly, stiffness=stiffness)
-        yield Choice(held_to, held_to.solve(effects, output), True)
+        yield WritableFit(held_to, held_to.solve(effects, output), True)
     for weight in TUNING.leanings[1:]:
         held_to = lean_on_the_model(problem, weight)
-        yield Choice(held_to, held_to.solve(effects, output), True)
+        yield WritableFit(held_to, held_to.solve(effects, output), True)
 
 
 def as_blocks(problem: Problem, fit: JointFit) -> tuple[Problem, JointFit]:

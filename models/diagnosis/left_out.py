@@ -24,7 +24,7 @@ from dehyst.models.signals.joined import Bools, Data, Floats, alone
 
 
 @dataclass(frozen=True)
-class Choice:
+class WritableFit:
     """A fit that can be written as a model. shape: whether the base's shape is written with it."""
 
     problem: Problem
@@ -41,7 +41,7 @@ class Choice:
             if e.candidate.blocks(e.theta, a, data)
         )
 
-    def without(self, effect: Effect) -> "Choice":
+    def without(self, effect: Effect) -> "WritableFit":
         """The same without one of its effects."""
         rest = [e for e in self.fit.effects if e is not effect]
         return replace(self, fit=self.problem.solve(rest, self.problem.output_of(self.fit)))
@@ -56,7 +56,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Refitted(Choice):
+class Refitted(WritableFit):
     """The effects around a hysteresis of the plain class, fitted to what the base found behind the
     effects: what the model in use had learned in an effect's place gives way to it."""
 
@@ -79,7 +79,7 @@ class Refitted(Choice):
         return augmented(over, over.solve(fit.effects))
 
 
-class Left(NamedTuple):
+class HeldOutErrors(NamedTuple):
     """On rows that were left out. mean_square, known: all of them, with and without what belongs to
     one recording alone, as the phase of a line, which no model can know of another recording;
     worst: rms of the recording that is predicted worst."""
@@ -97,7 +97,7 @@ class LeftOut:
     groups: tuple[Bools, ...]  # (N,) each
     own: tuple[Floats, ...]  # columns on the counted rows of each group
 
-    def left_by(self, write: Callable[[Bools], Model]) -> Left:
+    def left_by(self, write: Callable[[Bools], Model]) -> HeldOutErrors:
         """What the models leave, each written without its group; levels aside."""
         sums, each = np.zeros(2), np.zeros((2, len(self.data.names)))
         for group, own in zip(self.groups, self.own, strict=True):
@@ -108,7 +108,7 @@ class LeftOut:
         count = sum(int((g & self.data.rows).sum()) for g in self.groups)
         sums = np.where(np.isfinite(sums), sums, np.inf) / max(count, 1)
         worst = np.sqrt((each[0] / np.maximum(each[1], 1.0)).max())
-        return Left(float(sums[0]), float(sums[1]), float(worst))
+        return HeldOutErrors(float(sums[0]), float(sums[1]), float(worst))
 
     def _error(self, model: Model, group: Bools) -> Floats:
         """Of the group's counted rows, about the level of the recording's other rows, or, where

@@ -111,7 +111,7 @@ class Limit:
 
 
 @dataclass(frozen=True)
-class View:
+class FitView:
     """One recording for pictures; arrays (M,). base: the model in use; augmented: the augmented
     model; each as simulated, its mean error taken off; held_out: samples that count."""
 
@@ -139,7 +139,7 @@ class Diagnosis:
     next_experiment: str
     model: Model
     base_model: Model
-    views: tuple[View, ...] = field(repr=False)
+    views: tuple[FitView, ...] = field(repr=False)
     locate: Mapping[str, Any] = field(repr=False)
     tried: tuple[Mapping[str, Any], ...] = ()
 

@@ -24,7 +24,7 @@ from dehyst.models.diagnosis.judge import (
 )
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.shortlist import (
-    Promise,
+    ScreenedCandidate,
     in_order_of_promise,
     may_be_tried,
     still_open,
@@ -126,12 +126,12 @@ def _go_round(
 
 
 def refit_each(
-    state: SearchState, short: Sequence[Promise], say: Say, number: int
+    state: SearchState, short: Sequence[ScreenedCandidate], say: Say, number: int
 ) -> list[CandidateTrial]:
     """Trials of a short list, the most worth first. number: of the round."""
     problem, sigma, current = state.problem, state.sigma, state.accepted
 
-    def attempt(one: Promise) -> CandidateTrial:
+    def attempt(one: ScreenedCandidate) -> CandidateTrial:
         c = one.candidate
         starts = [one.theta, *one.further, *_from_afar(problem, current, c)]
         starts += [double for theta in starts for double in c.doubles(theta)]

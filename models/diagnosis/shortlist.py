@@ -55,7 +55,7 @@ def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:
 
 
 @dataclass(frozen=True)
-class Promise:
+class ScreenedCandidate:
     """A candidate's best start, the fall of the sum of squares that the screen makes of it, and the
     further starts that are refitted too."""
 
@@ -67,12 +67,12 @@ class Promise:
 
 def in_order_of_promise(
     state: SearchState, screened: Iterable[tuple[Candidate, Sequence[tuple[float, Theta]]]]
-) -> list[Promise]:
+) -> list[ScreenedCandidate]:
     """The candidates that could be worth a refit, the strongest first. screened: each with its
     starts, the best first."""
     n = int(state.problem.data.rows.sum())
     promises = [
-        Promise(c, starts[0][1], starts[0][0], _further(c, starts))
+        ScreenedCandidate(c, starts[0][1], starts[0][0], _further(c, starts))
         for c, starts in screened
         if starts and starts[0][0] > n * (0.5 * least_size(state.problem, c) * state.sigma) ** 2
     ]
@@ -86,12 +86,14 @@ def _further(c: Candidate, starts: Sequence[tuple[float, Theta]]) -> tuple[Theta
     )
 
 
-def not_weak(some: Sequence[Promise], ranked: Sequence[Promise]) -> list[Promise]:
+def not_weak(
+    some: Sequence[ScreenedCandidate], ranked: Sequence[ScreenedCandidate]
+) -> list[ScreenedCandidate]:
     """Those that promise more than a small part of what the first of all does."""
     return [p for p in some if p.gain > TUNING.weak_gain * ranked[0].gain]
 
 
-def to_be_refitted(ranked: Sequence[Promise], most: int) -> list[Promise]:
+def to_be_refitted(ranked: Sequence[ScreenedCandidate], most: int) -> list[ScreenedCandidate]:
     """At most `most` of the strongest that the drive causes, the causes beside the drive that are
     among them or behind them, and those that take nobody's place."""
     strong = not_weak(ranked, ranked)

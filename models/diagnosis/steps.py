@@ -44,7 +44,7 @@ from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.reported import without_kind
 from dehyst.models.diagnosis.findings.shape import not_contained, not_written
 from dehyst.models.diagnosis.findings.sightings import accept, retell, sightings
-from dehyst.models.diagnosis.findings.weigh import weigh, with_episode
+from dehyst.models.diagnosis.findings.weigh import conclude, with_episode
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.handout import Handed, hand_out
 from dehyst.models.diagnosis.judge import (
@@ -54,9 +54,9 @@ from dehyst.models.diagnosis.judge import (
     excess,
     tells_what_is_late,
 )
-from dehyst.models.diagnosis.left_out import Left
+from dehyst.models.diagnosis.left_out import HeldOutErrors
 from dehyst.models.diagnosis.pasts import begin_as_found, explained_heads, rows_with_heads
-from dehyst.models.diagnosis.result import Diagnosis, View
+from dehyst.models.diagnosis.result import Diagnosis, FitView
 from dehyst.models.diagnosis.subject import identify_plain, take_subject
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Model
@@ -173,7 +173,7 @@ def _conclude(
     shown: keys of effects that a recording shows directly, beside any fit."""
     sigma, subject = found.sigma, bare.subject
     say("holding out", 0.88)
-    weighed = weigh(bare, found, shown, episode)
+    weighed = conclude(bare, found, shown, episode)
     problem, final, findings = weighed.problem, weighed.final, list(weighed.findings)
     say("intervals and rivals", 0.92)
     data = problem.data
@@ -207,7 +207,7 @@ def _conclude(
     if not follows(data, unexplained) and not shown:
         findings, verdict = [f for f in findings if f.name != "shape"], "unknown"
     bare_left = left_of(recorded, subject.whole(recorded))
-    in_use = Left(weighed.bare, weighed.bare, float(np.sqrt(weighed.bare)))
+    in_use = HeldOutErrors(weighed.bare, weighed.bare, float(np.sqrt(weighed.bare)))
     if BUTTERFLY in warnings:  # nothing that follows it can be inverted
         handed = Handed(subject.model, in_use, in_use)
     else:
@@ -283,7 +283,7 @@ def _describe_trial(t: CandidateTrial, n: int) -> str:
     return text + (f" ({t.refused})" if t.refused else "")
 
 
-def _views(data: Data, recordings: Sequence[Recording], models: Sequence[Model]) -> list[View]:
+def _views(data: Data, recordings: Sequence[Recording], models: Sequence[Model]) -> list[FitView]:
     """Each recording with what the model in use and the written one, simulated on it as it is, say
     of it; data: all samples."""
     out = []
@@ -292,7 +292,7 @@ def _views(data: Data, recordings: Sequence[Recording], models: Sequence[Model])
         said = [replay_recording(m, one).predicted[data.raw_index[k]] for m in models]
         y, counted = data.y[k], data.rows[k]
         base, full = (x + _level(y - x, counted) for x in said)
-        out.append(View(one.name, data.t[k], data.u[k], y, base, full, counted))
+        out.append(FitView(one.name, data.t[k], data.u[k], y, base, full, counted))
     return out
 
 

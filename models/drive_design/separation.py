@@ -38,7 +38,7 @@ class Separation:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class SeparatingDrive:
     """The chosen drive (N,) with its times, what it separates by, and all that were tried."""
 
     t_s: Floats
@@ -48,7 +48,7 @@ class Experiment:
     says: str
 
 
-def separate(a: str, b: str, limits: Limits, model: Model | None = None) -> Experiment:
+def separate(a: str, b: str, limits: Limits, model: Model | None = None) -> SeparatingDrive:
     """The drive that tells effect a from effect b. model: of the stage; None: a typical one.
 
     Raises BadInput on unknown names and on equal ones.
@@ -92,7 +92,7 @@ def separate(a: str, b: str, limits: Limits, model: Model | None = None) -> Expe
         )
     tried.sort(key=lambda s: -s.worth)
     best = tried[0]
-    return Experiment(
+    return SeparatingDrive(
         limits.times, best.waveform.make(limits), best, tuple(tried), _explain(a, b, best, bare)
     )
 

@@ -16,7 +16,7 @@ from dehyst.models.identify.data.comparison_drive import make_comparison_drive
 from dehyst.models.identify.data.outliers import thin
 from dehyst.models.identify.equations import Equations, Params, linearise
 from dehyst.models.identify.final import Fitted
-from dehyst.models.identify.fit import make_bounds, solve
+from dehyst.models.identify.fit import fit_shape, make_bounds
 from dehyst.models.identify.pull import predict_lot
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, pays
@@ -85,7 +85,7 @@ def _settle(setup: FitSetup, r: Floats, lots: list[Equations], one: Candidate) -
     """Parameters of a structure at the minimum of its misfit within the bounds."""
     bounds = make_bounds(one.params, setup.limits, r, TUNING.narrow * setup.span * one.loose)
     prior = Prior(r, setup.slope, 0.5 * setup.span)
-    return solve(
+    return fit_shape(
         lambda: lots, one.shape, one.params, bounds, prior, one.strength, one.loose, (12, 1e-4)
     ).params
 

@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from dehyst.models.identify.data.rows import Rows, compute_rates
+from dehyst.models.identify.data.rows import RecordingRows, compute_rates
 from dehyst.models.model import Block
 from dehyst.models.physics import KINDS
 from dehyst.models.recording import Bools, Floats
-from dehyst.models.signals.filters import free_decay, settle, swing
+from dehyst.models.signals.filters import free_decay, lag_step, swing
 
 SAME = 1e-9  # sampling intervals that differ by less than this part count as equal
 
@@ -80,7 +80,7 @@ class Dynamics:
         lag they must not."""
         return self.kind in ("lead", "delay")
 
-    def before(self, rows: Rows) -> Rows:
+    def before(self, rows: RecordingRows) -> RecordingRows:
         """The rows with the drive as it reaches the hysteresis."""
         if self.place != "drive":
             return rows
@@ -136,7 +136,7 @@ def _filter_columns(
         for i in range(x.shape[1]):
             ramp = (x[t, i] - before[i]) / dt
             if theta.size == 1:
-                y[i] = settle(y[i], before[i], x[t, i], trail * ramp, fall)
+                y[i] = lag_step(y[i], before[i], x[t, i], trail * ramp, fall)
             else:
                 y[i], speed[i] = swing(
                     y[i], speed[i], before[i], x[t, i], ramp, trail * ramp, decay

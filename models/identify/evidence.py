@@ -20,7 +20,7 @@ from dehyst.models.recording import Floats
 
 
 @dataclass(frozen=True)
-class Weighed:
+class ProbableStructure:
     """A structure at the prior that makes the recording the most probable. evidence: its
     logarithm, but for a constant that structures of one kind share; noise: power of the noise that
     it was computed with."""
@@ -34,7 +34,7 @@ class Weighed:
 Strengths = tuple[float, float]  # of the prior, and its share for the rate
 
 
-def weigh(trial: Trial, shape: Shape, noise: float | None = None) -> Weighed:
+def maximise_evidence(trial: Trial, shape: Shape, noise: float | None = None) -> ProbableStructure:
     """A structure at the strengths of the prior that make the recording the most probable, of those
     that can be inverted and that hold-out does not speak against.
 
@@ -60,11 +60,11 @@ def weigh(trial: Trial, shape: Shape, noise: float | None = None) -> Weighed:
         trial.prior = replace(plain, rate_share=at[1])
         found = trial.score(shape, at[:1])
         if found.invertible and not pays(found, best, clear=0.0):
-            return Weighed(found, trial.prior, tried[at], noise)
+            return ProbableStructure(found, trial.prior, tried[at], noise)
     trial.prior = plain
     at = (best.strength, plain.rate_share)
     _weigh(trial, shape, [at], noise, tried)
-    return Weighed(best, plain, tried[at], noise)
+    return ProbableStructure(best, plain, tried[at], noise)
 
 
 def _measure_noise(trial: Trial, shape: Shape, strengths: Sequence[float]) -> float:

@@ -18,8 +18,8 @@ from dehyst.models.identify.equations import (
     assemble,
     measure_misfit,
 )
-from dehyst.models.identify.evidence import weigh
-from dehyst.models.identify.fit import Solution, make_bounds, make_start, solve
+from dehyst.models.identify.evidence import maximise_evidence
+from dehyst.models.identify.fit import Solution, fit_shape, make_bounds, make_start
 from dehyst.models.identify.pull import find_share, make_pull, weigh_pull
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Candidate, Trial
@@ -96,13 +96,13 @@ def _fit(
     start = regrid(best.params, coarse, r, shape, shares)
     trial = Trial(setup, some, r, offset, lag, best.loose)
     trial.linearise(start, shape, shape.powers)
-    weighed = weigh(trial, shape)
+    weighed = maximise_evidence(trial, shape)
     if (bent := find_bent(setup, best, tried)) is not None:
         known = dict(zip(shape.powers, start.c, strict=True))
         curved = start._replace(c=np.array([known.get(p, 0.0) for p in bent.powers]))
         trial.prior = Prior(r, setup.slope, 0.5 * setup.span)
         trial.linearise(curved, bent, bent.powers)
-        other = weigh(trial, bent, weighed.noise)
+        other = maximise_evidence(trial, bent, weighed.noise)
         if other.candidate.invertible and other.evidence > weighed.evidence - TUNING.bent:
             weighed, shape, start = other, bent, curved
     scored, prior = weighed.candidate, weighed.prior
@@ -114,7 +114,7 @@ def _fit(
 
     def run(lots: list[Equations], begin: Params, above: float, close: float = 1e-4) -> Solution:
         bounds, loose = make_bounds(begin, setup.limits, r, above), above > 0.0
-        return solve(lambda: lots, shape, begin, bounds, prior, strength, loose, (12, close))
+        return fit_shape(lambda: lots, shape, begin, bounds, prior, strength, loose, (12, close))
 
     begins = (scored.params, start)  # the first was fitted to linear equations about the second
     begin = min(begins, key=lambda p: measure_misfit(equations, shape, p))

@@ -62,7 +62,7 @@ def make_bounds(
     return low, high
 
 
-def solve(
+def fit_shape(
     equations: Source,
     shape: Shape,
     start: Params,

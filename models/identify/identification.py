@@ -16,13 +16,13 @@ from dehyst.models.cascade.figures import describe
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
-from dehyst.models.identify.data.rows import Rows, read_rows
+from dehyst.models.identify.data.rows import RecordingRows, read_rows
 from dehyst.models.identify.data.stretches import take_stretches
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
 from dehyst.models.identify.final import Fitted, fit_all
 from dehyst.models.identify.fit import make_start
-from dehyst.models.identify.identified import Identification, Left, Options
+from dehyst.models.identify.identified import Identification, Options, RecordingResidual
 from dehyst.models.identify.plausibility.own_input import require_ordinary_loop, require_own_input
 from dehyst.models.identify.plausibility.recordings import (
     note_slow_times,
@@ -116,7 +116,7 @@ def _identify(
     return replace(result, notes=(*result.notes, *said))
 
 
-def _leave_start(rows: Sequence[Rows], options: Options) -> FitSetup:
+def _leave_start(rows: Sequence[RecordingRows], options: Options) -> FitSetup:
     """The setting without the rows that depend on the start."""
     return set_up(rows, options.monotone, trust_start=False)
 
@@ -209,7 +209,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     return _Found(setup, best, search.r, fitted, tried, notes)
 
 
-def _is_one_loop(rows: Sequence[Rows], span: float) -> bool:
+def _is_one_loop(rows: Sequence[RecordingRows], span: float) -> bool:
     """Whether all recordings together repeat one loop at one rate."""
     known = [~np.isnan(one.u) for one in rows]
     return repeats_one_loop(
@@ -333,7 +333,7 @@ def _result(
         orders=fitted.orders,
         noise_rms=noise,
         recordings=tuple(
-            Left(one.name, rms(e[p]), estimate_noise(e))
+            RecordingResidual(one.name, rms(e[p]), estimate_noise(e))
             for one, e, p in zip(setup.rows, residuals, picks, strict=True)
         ),
         notes=(
@@ -348,7 +348,7 @@ def _has_drive(recording: Recording) -> bool:
     return bool(np.any(~recording.missing_drive))
 
 
-def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
+def _find_validity(setup: FitSetup, rows: Sequence[RecordingRows]) -> Validity:
     slowest = []
     for one in rows:
         known = ~np.isnan(one.u)

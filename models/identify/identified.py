@@ -33,7 +33,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Left:
+class RecordingResidual:
     """What the model leaves in one recording: rms, and the rms of its noise."""
 
     name: str
@@ -63,6 +63,6 @@ class Identification:
     tried: tuple[Candidate, ...]
     orders: tuple[tuple[int, float], ...]
     noise_rms: float
-    recordings: tuple[Left, ...]
+    recordings: tuple[RecordingResidual, ...]
     couplings: tuple[Coupled, ...] = ()
     notes: tuple[str, ...] = field(default_factory=tuple)

@@ -9,7 +9,7 @@ import numpy as np
 from dehyst.models.identify.data.outliers import thin
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Equations, Shape
-from dehyst.models.identify.evidence import Weighed, weigh
+from dehyst.models.identify.evidence import ProbableStructure, maximise_evidence
 from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.lags import LagSearch
 from dehyst.models.identify.setup import FitSetup
@@ -205,12 +205,12 @@ class Search:
         at_sample = [self._weigh(c, before.noise) for c in found if c.shape in shapes]
         return found if max(w.evidence for w in at_sample) > before.evidence else []
 
-    def _weigh(self, found: Candidate, noise: float | None = None) -> Weighed:
+    def _weigh(self, found: Candidate, noise: float | None = None) -> ProbableStructure:
         """The evidence for a candidate, linearised about itself."""
         trial = Trial(self.setup, self.picks, self.r, found.offset, found.lag, found.loose)
         trial.linearise(found.params, found.shape, found.shape.powers)
         trial.linearise(trial.refine(found), found.shape, found.shape.powers)
-        return weigh(trial, found.shape, noise)
+        return maximise_evidence(trial, found.shape, noise)
 
 
 def _compare_beyond(noise: float, static: Candidate, rate: Candidate) -> float:

@@ -21,7 +21,7 @@ from dehyst.models.identify.equations import (
     assemble,
     sort_by_piece,
 )
-from dehyst.models.identify.fit import make_bounds, make_start, solve
+from dehyst.models.identify.fit import fit_shape, make_bounds, make_start
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.thresholds import Prior
 from dehyst.models.identify.tuning import TUNING
@@ -253,7 +253,7 @@ class Trial:
         bounds = make_bounds(
             found.params, self.setup.limits, self.r, TUNING.narrow * self.setup.span * self.loose
         )
-        return solve(
+        return fit_shape(
             lambda: self.lots,
             found.shape,
             found.params,

@@ -16,7 +16,7 @@ from dehyst.models.units import spell_unit
 MODES = ("hold", "static", "causal", "preview")
 
 
-class Choice(NamedTuple):
+class ModeChoice(NamedTuple):
     """mode: "static", "causal" or "preview"; reason: why, for telemetry; planned: whether a
     window of drive values is solved for, or the exact static inverse walks."""
 
@@ -27,7 +27,7 @@ class Choice(NamedTuple):
 
 def choose_mode(
     model: Model, dynamic: Sequence[str], price: float, mode: str, preview_s: float
-) -> Choice:
+) -> ModeChoice:
     """Which mode suits the model and the look-ahead that the stream can give.
 
     dynamic: kinds of its blocks that want targets ahead; price: rms difference of the nearest
@@ -39,7 +39,7 @@ def choose_mode(
     stroke = abs(signed_slope(model, low, high)) * (high - low)
     if price > TUNING.too_far * stroke:
         why = f"the weights are so far from monotone ({price:.3g} {unit} rms) that only the"
-        return Choice("static", f"{why} nearest monotone model is of use", False)
+        return ModeChoice("static", f"{why} nearest monotone model is of use", False)
     if not h.static:
         why = "the model depends on the rate"
         planned = True
@@ -52,16 +52,16 @@ def choose_mode(
     else:
         why, planned = "the model is rate-independent and monotone", False
         if mode == "auto":
-            return Choice("static", why, False)
+            return ModeChoice("static", why, False)
     if mode == "static":
-        return Choice("static", "asked for", False)
+        return ModeChoice("static", "asked for", False)
     if mode == "auto":
         if h.static and not dynamic:
-            return Choice("static", why, False)
+            return ModeChoice("static", why, False)
         if preview_s > 0.0:
-            return Choice("preview", f"{why}, targets are known ahead", planned)
-        return Choice("static", f"{why}, no look-ahead", False)
-    return Choice(mode, f"asked for; {why}", planned)
+            return ModeChoice("preview", f"{why}, targets are known ahead", planned)
+        return ModeChoice("static", f"{why}, no look-ahead", False)
+    return ModeChoice(mode, f"asked for; {why}", planned)
 
 
 def check(

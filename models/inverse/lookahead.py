@@ -21,7 +21,7 @@ PAST = 3  # nodes before the first one, for derivatives
 
 
 @njit(cache=True, nogil=True)
-def remember(inv: Inverse, window: Floats, valid: int) -> int:
+def take_window(inv: Inverse, window: Floats, valid: int) -> int:
     """Take the newest window (`valid` targets of it) into `inv.ahead`: how many are known now."""
     state, ahead = inv.state[0], inv.ahead
     valid = min(valid, ahead.size)
@@ -60,7 +60,7 @@ def _at(inv: Inverse, state: Any, i: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def target_at(inv: Inverse, at: float) -> float:
+def interpolate_target(inv: Inverse, at: float) -> float:
     """Target at any position: the cubic through four samples, a line at the window's end."""
     state = inv.state[0]
     i = math.floor(at + 1e-9)
@@ -90,7 +90,7 @@ def gather_targets(inv: Inverse) -> None:
     known = min(n, max(0, math.floor((newest - first + 1e-9) / per_node) + 1))
     state.nodes = known
     for q in range(PAST + known):
-        seq[q] = target_at(inv, first + (q - PAST) * per_node)
+        seq[q] = interpolate_target(inv, first + (q - PAST) * per_node)
     step_s = setting.period * per_node
     trust[:] = 1.0
     if known < n:
@@ -124,10 +124,10 @@ def present(inv: Inverse) -> float:
     setting, state = inv.setting[0], inv.state[0]
     late, period = setting.late, setting.period
     if setting.stage_blocks == 0:
-        return target_at(inv, late)
+        return interpolate_target(inv, late)
     three = inv.seq[:3]
     for q in range(3):
-        three[q] = target_at(inv, late + q - 1.0)
+        three[q] = interpolate_target(inv, late + q - 1.0)
     if state.known - 1 < late + 1.0:
         three[2] = 2.0 * three[1] - three[0]
     undo(inv.chain, inv.blocks, inv.scratch, inv.channels, 1, period, period, three)

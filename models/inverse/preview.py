@@ -17,7 +17,7 @@ from dehyst.models.inverse import fallback
 from dehyst.models.inverse.state import Inverse
 from dehyst.models.inverse.static import inverse_step
 from dehyst.models.inverse.tuning import TUNING
-from dehyst.models.inverse.window import between, evaluate, sweep
+from dehyst.models.inverse.window import between, evaluate, gauss_newton_step
 from dehyst.models.model import Floats
 
 
@@ -72,7 +72,7 @@ def improve(inv: Inverse) -> float:
     for j in range(x.size):
         known += nodes.trust[j]
     for attempt in range(sweeps):
-        sweep(nodes, x, state.damping)
+        gauss_newton_step(nodes, x, state.damping)
         for j in range(x.size):
             trial[j] = x[j] - nodes.bands[3, j]
             if not np.isfinite(trial[j]):

@@ -17,7 +17,7 @@ from dehyst.models.hysteresis.operators import Operators
 from dehyst.models.inverse.compensator import Compensator, CompensatorState
 from dehyst.models.inverse.state import FRAME, Nodes
 from dehyst.models.inverse.tuning import TUNING
-from dehyst.models.inverse.window import evaluate, sweep
+from dehyst.models.inverse.window import evaluate, gauss_newton_step
 from dehyst.models.model import Floats
 
 HELD = 1e12  # times slope^2: a damping that nothing moves
@@ -160,7 +160,7 @@ def swept(comp: Compensator, x: Floats, start: CompensatorState, target: Floats)
     damping = comp.slope**2
     stalled = 0
     for _ in range(TUNING.whole_sweeps):
-        sweep(nodes, x, damping)
+        gauss_newton_step(nodes, x, damping)
         trial = x - nodes.bands[3]
         new = cost(trial) if np.all(np.isfinite(trial)) else np.inf
         if new < best:

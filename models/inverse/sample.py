@@ -101,7 +101,7 @@ def step(inv: Inverse, window: Floats, n_valid: int) -> None:
     flags = STARVED if limit < setting.wanted else 0
     if valid == 0 and limit > 0:
         flags |= BAD_TARGET
-    if lookahead.remember(inv, window, valid) > 0:
+    if lookahead.take_window(inv, window, valid) > 0:
         if state.begun == 0:
             lookahead.forget_plan(inv)
         lookahead.see(inv)

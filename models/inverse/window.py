@@ -97,7 +97,7 @@ def evaluate(
 
 
 @njit(cache=True, nogil=True)
-def sweep(nodes: Nodes, x: Floats, damping: float) -> None:
+def gauss_newton_step(nodes: Nodes, x: Floats, damping: float) -> None:
     """One damped Gauss-Newton step from the plan x (P,): `nodes.rows` as `evaluate` left them;
     on return the new plan is x - nodes.bands[3]."""
     trust, smooth, rows, bands = nodes.trust, nodes.smooth, nodes.rows, nodes.bands

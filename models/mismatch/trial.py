@@ -80,7 +80,7 @@ def longest_trial_s(motion_s: float, limit_s: float | None) -> float:
     return max(TRIAL.limit_s, TRIAL.limit * motion_s) if limit_s is None else limit_s
 
 
-class Promise(NamedTuple):
+class OfferErrors(NamedTuple):
     """What its test on later telemetry left of the model before and of the offered one, and the
     noise: rms."""
 
@@ -186,7 +186,7 @@ def _spread(n: float, first: float, square: float) -> float:
     return math.sqrt(max(0.0, square / n - (first / n) ** 2)) if n else math.nan
 
 
-def judge_trial(before: Errors, after: Errors, promise: Promise, unit: str) -> Verdict:
+def judge_trial(before: Errors, after: Errors, promise: OfferErrors, unit: str) -> Verdict:
     """Whether the model on trial stays. before: of the model before, NaN where nothing moved before
     the switch; after: of the one on trial."""
     if not math.isfinite(after.model):
@@ -275,7 +275,7 @@ def _say_proven(before: Errors, after: Errors, had: str, unit: str) -> str:
 
 
 def settle_trial(
-    before: Errors, after: Errors, promise: Promise, unit: str, limit_s: float
+    before: Errors, after: Errors, promise: OfferErrors, unit: str, limit_s: float
 ) -> Verdict:
     """The same when the time is up: without evidence against it the model stays. It was better on
     later telemetry than it was fitted to, somebody has accepted it, and the watch goes on; going

@@ -27,7 +27,7 @@ from dehyst.models.physics.candidate import (
 from dehyst.models.physics.entry import OTHER_AXIS, Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Solved, Values
 from dehyst.models.recording import AXIS_CHANNEL
-from dehyst.models.signals.filters import lowpass, plays, settle
+from dehyst.models.signals.filters import lag_step, lowpass, plays
 from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("gain", "reference")
@@ -65,7 +65,7 @@ def _with_memory(p_at: int, n_p: int, s_at: int, n_s: int, x: float, dt: float, 
         s.started = 1.0
     elif p.tau > 0.0 and dt > 0.0:
         trail = p.tau * (c - s.before) / dt
-        s.c = settle(s.c, s.before, c, trail, math.exp(-dt / p.tau))
+        s.c = lag_step(s.c, s.before, c, trail, math.exp(-dt / p.tau))
         s.before = c
     else:
         s.before = s.c = c

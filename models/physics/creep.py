@@ -22,7 +22,7 @@ from dehyst.models.physics.address import Kernel, behind, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe, Sighting
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import SAME, Kind, Param, Solved, Values, named
-from dehyst.models.signals.filters import relaxed, settle
+from dehyst.models.signals.filters import lag_step, relaxed
 from dehyst.models.signals.held import longest_hold
 from dehyst.models.signals.joined import Data, Floats
 
@@ -64,7 +64,7 @@ def _forward(p_at: int, n_p: int, s_at: int, n_s: int, x: float, dt: float) -> f
     for j in range(n):
         if dt > 0.0:
             trail = taus[j] * (x - s.x) / dt
-            inner[j] = settle(inner[j], s.x, x, trail, inner[n + j])
+            inner[j] = lag_step(inner[j], s.x, x, trail, inner[n + j])
         total += inner[j]
     s.x = x
     return x + p.third * (total - p.mean * x)

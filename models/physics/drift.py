@@ -16,7 +16,7 @@ from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe, small
 from dehyst.models.physics.entry import TEMPERATURE, Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Param, Solved
-from dehyst.models.signals.filters import lowpass, settle
+from dehyst.models.signals.filters import lag_step, lowpass
 from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("gain", "expansion", "reference")
@@ -55,7 +55,7 @@ def _warmed(p_at: int, s_at: int, dt: float, ch: float) -> float:
         s.started = 1.0
     else:
         trail = p.tau * (warm - s.before) / dt
-        s.warm = settle(s.warm, s.before, warm, trail, math.exp(-dt / p.tau))
+        s.warm = lag_step(s.warm, s.before, warm, trail, math.exp(-dt / p.tau))
     s.before = warm
     return s.warm
 

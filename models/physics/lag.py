@@ -15,7 +15,7 @@ from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.delay import ahead, lead_before
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import SAME, Kind, Led, Param, named
-from dehyst.models.signals.filters import lowpass, second_order, settle
+from dehyst.models.signals.filters import lag_step, lowpass, second_order
 from dehyst.models.signals.joined import Data, Floats
 
 PACKED = fields("tau")
@@ -33,7 +33,7 @@ def step(
             s.dt = dt
             s.decay = math.exp(-dt / p.tau)
         trail = p.tau * ((x - s.x) / dt)
-        s.y = settle(s.y, s.x, x, trail, s.decay)
+        s.y = lag_step(s.y, s.x, x, trail, s.decay)
     s.x = x
     return s.y
 

@@ -17,7 +17,7 @@ Decay = tuple[float, float, float, float]
 
 
 @njit(cache=True, nogil=True)
-def settle(y: float, before: float, x: float, trail: float, decay: float) -> float:
+def lag_step(y: float, before: float, x: float, trail: float, decay: float) -> float:
     """Output of tau dy/dt + y = x after a sample in which the input ran straight from `before` to
     x, from the output y. trail: tau times the input's slope; decay: exp(-dt / tau)."""
     return x - trail + decay * (y - before + trail)
@@ -112,7 +112,7 @@ def lowpass(x: Floats, ratio: Floats, starts: Bools, stepped: bool = False) -> F
         for j in range(x.shape[1]):
             before = x[t, j] if stepped else x[t - 1, j]
             trail = (x[t, j] - before) / last
-            out[t, j] = settle(out[t - 1, j], before, x[t, j], trail, decay)
+            out[t, j] = lag_step(out[t - 1, j], before, x[t, j], trail, decay)
     return out
 
 

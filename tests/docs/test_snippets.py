@@ -30,7 +30,7 @@ from tests.rigs.stage_model import model_text
 from dehyst.daemon.bench.simulated import exploring_drive
 from dehyst.daemon.config import load_controller
 from dehyst.daemon.files.recordings import write_recording
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 
 MOST_LEFT_OUT = 5
 LEFT_OUT = {
@@ -106,7 +106,7 @@ def recordings(folder: Path) -> tuple[str, ...]:
     made = []
     for name, seconds in (("run.csv", 12.0), ("another.csv", 10.0), ("holds.csv", 14.0)):
         t_s, volts = exploring_drive(seconds=seconds)
-        _, reading = Stage(None).run(t_s, volts)
+        _, reading = SimulatedStage(None).run(t_s, volts)
         columns = {"u_v": np.concatenate([[0.0], volts[:-1]]), "y_um": reading}
         for kind in (name, name.replace(".csv", ".npz")):
             write_recording(folder / kind, t_s, columns, {})

@@ -8,7 +8,7 @@ from msgspec import Meta, structs
 
 from dehyst.drivers.interface import DriverConfigError
 from dehyst.drivers.registry import list_plugins, list_settings
-from dehyst.drivers.settings import Settings, list_keys, read_settings, read_values, unit_of
+from dehyst.drivers.settings import Settings, list_keys, read_settings, read_values, unit_in_name
 
 
 class Gauge(Settings, frozen=True):
@@ -104,7 +104,7 @@ def test_keys_are_listed_with_type_default_unit_and_meaning() -> None:
     ],
 )
 def test_the_unit_stands_in_the_name(name: str, unit: str) -> None:
-    assert unit_of(name) == unit
+    assert unit_in_name(name) == unit
 
 
 def test_every_driver_here_declares_every_key_with_its_meaning() -> None:

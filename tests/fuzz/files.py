@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files import cases, recordings
-from dehyst.daemon.files.foreign.reading import Reading
+from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.rows import open_rows
 from dehyst.daemon.files.sidecar import read_notes
 from dehyst.models.errors import BadInput
 
 FOLDER = Path(tempfile.mkdtemp(prefix="dehyst-fuzz-", dir="/dev/shm"))
 READINGS = (
-    Reading(),
-    Reading(unit="um"),
-    Reading({"t": 0, "u": 1, "y": 2}, unit="nm"),
-    Reading({"u": "u", "y": "y"}, rate_hz=1000.0, unit="um"),
-    Reading(time_unit="ms"),
+    ReadOptions(),
+    ReadOptions(unit="um"),
+    ReadOptions({"t": 0, "u": 1, "y": 2}, unit="nm"),
+    ReadOptions({"u": "u", "y": "y"}, rate_hz=1000.0, unit="um"),
+    ReadOptions(time_unit="ms"),
 )
 READERS: tuple[Callable[..., Any], ...] = (recordings.read_recording, recordings.read_trajectory)
 LIBRARY = ("a.h5", "a.xlsx", "a.tdms", "a.parquet", "a.mat")
@@ -41,7 +41,7 @@ def require_one_line(error: BadInput) -> None:
     assert len(str(error)) < 1000
 
 
-def tables(path: Path, reading: Reading = READINGS[0]) -> bool:
+def tables(path: Path, reading: ReadOptions = READINGS[0]) -> bool:
     """Read it as a recording and as a trajectory: nothing but BadInput, no warning either."""
     read = 0
     readers: tuple[Callable[..., Any], ...] = (

@@ -20,7 +20,7 @@ from dehyst.daemon.files import recordings
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.lease import Lease
-from dehyst.daemon.rings.records import TELEMETRY, Command, State
+from dehyst.daemon.rings.records import TELEMETRY, LoopCommand, State
 from dehyst.drivers.apt.codec import Decoder, encode_apt
 from dehyst.drivers.mdt693b.codec import (
     Ack,
@@ -64,7 +64,7 @@ def command(data: bytes) -> bool:
     reply, records = gate.handle(NOW_NS, message, 65536)
     encoding.decode(messages.Reply, encoding.encode(reply))
     assert reply.ok or not records.size
-    moves = records[np.isin(records["kind"], (Command.SETPOINT, Command.POINT))]
+    moves = records[np.isin(records["kind"], (LoopCommand.SETPOINT, LoopCommand.POINT))]
     assert np.all(np.isfinite(moves["value"]))
     if moves.size and not getattr(message, "allow_unreachable", False):
         assert REACH[0] - 1e-6 <= moves["value"].min() <= moves["value"].max() <= REACH[1] + 1e-6

@@ -25,7 +25,7 @@ from tests.rigs.gateway_bench import Bench, free_port
 from dehyst.daemon.bench.simulated import exploring_drive
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.daemon.main import COMMANDS, NEEDS_LINUX
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("daemon", "drivers", "models")
@@ -140,7 +140,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     folder = made.path.parent
     for name, seconds in (("run", 12.0), ("another", 6.0)):
         t_s, volts = exploring_drive(seconds=seconds)
-        _, reading = Stage(None).run(t_s, volts)
+        _, reading = SimulatedStage(None).run(t_s, volts)
         columns = {"u_v": np.concatenate([[0.0], volts[:-1]]), "y_um": reading}
         write_recording(folder / f"{name}.csv", t_s, columns, {})
     with h5py.File(folder / "run.h5", "w") as file:

@@ -9,7 +9,7 @@ from dehyst.daemon.config import parse_config
 from dehyst.daemon.files.recordings import read_recording, read_trajectory
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.step import Stepper
-from dehyst.daemon.rings.records import COMMAND, Command, Flag, State
+from dehyst.daemon.rings.records import COMMAND, Flag, LoopCommand, State
 from dehyst.models.cascade.reach import displacement_range, set_point_origin
 from dehyst.models.identify import Options, identify
 from dehyst.models.inverse.compensator import Compensator
@@ -45,7 +45,7 @@ def test_the_target_of_a_real_experiment_is_followed_to_its_end(data_dir: Path) 
     stepper = Stepper(LoopSettings.from_config(config, zero, 0.0, 150.0, slope), compensator, 0.0)
     trajectory = read_trajectory(data_dir / "recordings" / "stack-am.csv")
     points = np.zeros(trajectory.t_s.size, COMMAND)
-    points["kind"], points["trajectory"] = Command.POINT, 1
+    points["kind"], points["trajectory"] = LoopCommand.POINT, 1
     points["offset_ns"] = np.round((trajectory.t_s - trajectory.t_s[0]) * 1e9)
     points["value"] = trajectory.target
     points["last"][-1] = 1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.rigs.outside import plays
 
-from dehyst.daemon.files.foreign.reading import Reading
+from dehyst.daemon.files.foreign.reading import ReadOptions
 
 N, STEP_S = 400, 0.005
 T = STEP_S * np.arange(N)
@@ -44,43 +44,43 @@ RIGOL = f"X,CH1,CH2,Start,Increment,\nSequence,VOLT,VOLT,0.0,{STEP_S:e},\n" + ""
     f"{i},{u:.5f},{y:.5f},\n" for i, (u, y) in enumerate(zip(U, Y, strict=True))
 )
 KEYSIGHT = "x-axis,1,2\nsecond,Volt,Volt\n" + lines("{:+.7E}")
-BOTH = Reading({"u": "CH1", "y": "CH2"}, unit="um")
+BOTH = ReadOptions({"u": "CH1", "y": "CH2"}, unit="um")
 
-TEXTS: dict[str, tuple[bytes, Reading]] = {
-    "us.csv": (f"{','.join(NAMES)}\n{lines()}".encode(), Reading()),
-    "german.csv": (GERMAN.encode("cp1252"), Reading()),
-    "german-utf8.csv": (b"\xef\xbb\xbf" + GERMAN.replace("\n", "\r\n").encode(), Reading()),
-    "german-unicode.txt": (GERMAN.encode("utf-16"), Reading()),
-    "no-mark.txt": (GERMAN.encode("utf-16-le"), Reading()),
+TEXTS: dict[str, tuple[bytes, ReadOptions]] = {
+    "us.csv": (f"{','.join(NAMES)}\n{lines()}".encode(), ReadOptions()),
+    "german.csv": (GERMAN.encode("cp1252"), ReadOptions()),
+    "german-utf8.csv": (b"\xef\xbb\xbf" + GERMAN.replace("\n", "\r\n").encode(), ReadOptions()),
+    "german-unicode.txt": (GERMAN.encode("utf-16"), ReadOptions()),
+    "no-mark.txt": (GERMAN.encode("utf-16-le"), ReadOptions()),
     "tabs.tsv": (("T_s\tU_V\tY_nm\n" + "".join(
         f"{t:.5f}\t{u:.5f}\t{1e3 * y:.5f}\n" for t, u, y in zip(T, U, Y, strict=True)
-    )).encode(), Reading()),
-    "din.txt": (("t / s; U / V; s / µm\n" + lines(separator="; ")).encode(), Reading()),
+    )).encode(), ReadOptions()),
+    "din.txt": (("t / s; U / V; s / µm\n" + lines(separator="; ")).encode(), ReadOptions()),
     "quoted.csv": (
-        ('"Time, s","Voltage, V","Displacement, um"\n' + lines()).encode(), Reading()),
-    "units.csv": (f"time,drive,sensor\ns,V,um\n{lines()}".encode(), Reading()),
-    "trailing.csv": (f"t_s,u_v,y_um,\n{lines(end=',')}".encode(), Reading()),
-    "trailing2.csv": (f"t_s,u_v,y_um\n{lines(end=',,')}".encode(), Reading()),
-    "cr.csv": (f"t_s,u_v,y_um\n{lines()}".replace("\n", "\r").encode(), Reading()),
-    "notes.csv": (("t_s,u_v,y_um,note\n" + lines(end=",ok here")).encode(), Reading()),
-    "savetxt.dat": (("# t_s u_v y_um\n" + lines("{:.18e}", " ")).encode(), Reading()),
+        ('"Time, s","Voltage, V","Displacement, um"\n' + lines()).encode(), ReadOptions()),
+    "units.csv": (f"time,drive,sensor\ns,V,um\n{lines()}".encode(), ReadOptions()),
+    "trailing.csv": (f"t_s,u_v,y_um,\n{lines(end=',')}".encode(), ReadOptions()),
+    "trailing2.csv": (f"t_s,u_v,y_um\n{lines(end=',,')}".encode(), ReadOptions()),
+    "cr.csv": (f"t_s,u_v,y_um\n{lines()}".replace("\n", "\r").encode(), ReadOptions()),
+    "notes.csv": (("t_s,u_v,y_um,note\n" + lines(end=",ok here")).encode(), ReadOptions()),
+    "savetxt.dat": (("# t_s u_v y_um\n" + lines("{:.18e}", " ")).encode(), ReadOptions()),
     "percent.dat": (("% made in MATLAB\n% Time (s)  Voltage (V)  Position (um)\n"
-                     + lines("{:>14.6f}", "  ")).encode(), Reading()),
-    "headless.dat": (lines("{:>14.6f}", " ").encode(), Reading(
+                     + lines("{:>14.6f}", "  ")).encode(), ReadOptions()),
+    "headless.dat": (lines("{:>14.6f}", " ").encode(), ReadOptions(
         {"t": 0, "u": 1, "y": 2}, unit="um")),
     "no-time.txt": ("\n".join(f"{u:.5f} {y:.5f}" for u, y in zip(U, Y, strict=True)).encode(),
-                    Reading({"u": 0, "y": 1}, rate_hz=200.0, unit="µm")),
-    "labview.lvm": (LVM.encode(), Reading()),
+                    ReadOptions({"u": 0, "y": 1}, rate_hz=200.0, unit="µm")),
+    "labview.lvm": (LVM.encode(), ReadOptions()),
     "tektronix.csv": (TEKTRONIX.encode(), BOTH),
     "rigol.csv": (RIGOL.encode(), BOTH),
-    "keysight.csv": (KEYSIGHT.encode(), Reading({"u": "1", "y": "2"}, unit="um")),
+    "keysight.csv": (KEYSIGHT.encode(), ReadOptions({"u": "1", "y": "2"}, unit="um")),
     "ms.csv": (("t_ms,u_mV,y_mm\n" + "".join(
         f"{1e3 * t:.5f},{1e3 * u:.5f},{1e-3 * y:.9f}\n" for t, u, y in zip(T, U, Y, strict=True)
-    )).encode(), Reading()),
+    )).encode(), ReadOptions()),
     "clock.csv": (("time,voltage (V),pos (um)\n" + "".join(
         f"{datetime(2024, 3, 5, 12) + timedelta(seconds=t):%Y-%m-%d %H:%M:%S.%f},{u:.5f},{y:.5f}\n"
         for t, u, y in zip(T, U, Y, strict=True)
-    )).encode(), Reading()),
+    )).encode(), ReadOptions()),
 }  # fmt: skip
 
 
@@ -171,17 +171,17 @@ def npz(path: Path) -> None:
     np.savez(path, t=T, u=U, y=Y, note="x")
 
 
-BY_NUMBER = Reading({"t": 0, "u": 1, "y": 2}, unit="um")
-KINDS: dict[str, tuple[Callable[[Path], None], Reading]] = {
-    "a.h5": (h5, Reading()),
-    "table.h5": (h5_table, Reading()),
-    "seven.mat": (mat73, Reading()),
-    "nested.mat": (mat, Reading()),
-    "a.tdms": (tdms, Reading()),
-    "a.xlsx": (xlsx, Reading()),
-    "a.parquet": (parquet, Reading()),
-    "pandas.csv": (pandas_csv, Reading()),
+BY_NUMBER = ReadOptions({"t": 0, "u": 1, "y": 2}, unit="um")
+KINDS: dict[str, tuple[Callable[[Path], None], ReadOptions]] = {
+    "a.h5": (h5, ReadOptions()),
+    "table.h5": (h5_table, ReadOptions()),
+    "seven.mat": (mat73, ReadOptions()),
+    "nested.mat": (mat, ReadOptions()),
+    "a.tdms": (tdms, ReadOptions()),
+    "a.xlsx": (xlsx, ReadOptions()),
+    "a.parquet": (parquet, ReadOptions()),
+    "pandas.csv": (pandas_csv, ReadOptions()),
     "a.npy": (npy, BY_NUMBER),
-    "fields.npy": (npy_fields, Reading()),
-    "a.npz": (npz, Reading(unit="um")),
+    "fields.npy": (npy_fields, ReadOptions()),
+    "a.npz": (npz, ReadOptions(unit="um")),
 }

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, Command, State
+from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, LoopCommand, State
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS
 
@@ -197,14 +197,14 @@ class Rings:
             nonlocal given
             if time.monotonic() - given > 0.3:
                 given = time.monotonic()
-                self.command(Command.SETPOINT, value)
+                self.command(LoopCommand.SETPOINT, value)
             last = self.last()
             return last if last is not None and done(last) else None
 
         given = 0.0
         return until(there, seconds, f"{value} is followed")
 
-    def command(self, kind: Command, value: float = 0.0) -> None:
+    def command(self, kind: LoopCommand, value: float = 0.0) -> None:
         """Give one command as the gateway would."""
         row = np.zeros(1, COMMAND)
         row["kind"], row["value"] = kind, value

@@ -11,7 +11,7 @@ from tests.rigs.gateway_bench import free_port
 from tests.rigs.processes import DTYPES, EmulatedBench, Rings, dehyst, until
 
 from dehyst.daemon.client.client import Client
-from dehyst.daemon.rings.records import Command
+from dehyst.daemon.rings.records import LoopCommand
 from dehyst.daemon.rings.ring_file import RingFile
 from dehyst.drivers.emulated.control import ask
 from dehyst.models.errors import DehystError
@@ -65,7 +65,7 @@ class Service:
 
     def hold_high(self) -> None:
         """Once more, so that the set-point does not go stale at once."""
-        self.rings.command(Command.SETPOINT, HIGH_UM)
+        self.rings.command(LoopCommand.SETPOINT, HIGH_UM)
 
     def output(self) -> float:
         """The amplifier's output, by the amplifier."""

@@ -5,7 +5,7 @@ import numpy as np
 from dehyst.daemon.config import parse_config
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.step import Stepper
-from dehyst.daemon.rings.records import COMMAND, Command, State
+from dehyst.daemon.rings.records import COMMAND, LoopCommand, State
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Hysteresis, Model, Validity
 
@@ -49,7 +49,7 @@ class Bench:
         self.now = 0
         self.volts = [volts]
 
-    def tick(self, *commands: tuple[Command, float], n: int = 1) -> np.void:
+    def tick(self, *commands: tuple[LoopCommand, float], n: int = 1) -> np.void:
         batch = np.zeros(len(commands), COMMAND)
         for row, (kind, value) in zip(batch, commands, strict=True):
             row["kind"], row["value"] = kind, value
@@ -67,7 +67,7 @@ class Bench:
 
 def points(trajectory: int, values: list[float], first: int, last: bool) -> np.ndarray:
     batch = np.zeros(len(values), COMMAND)
-    batch["kind"], batch["trajectory"] = Command.POINT, trajectory
+    batch["kind"], batch["trajectory"] = LoopCommand.POINT, trajectory
     batch["offset_ns"] = (first + np.arange(len(values))) * PERIOD_NS
     batch["value"] = values
     batch["last"][-1:] = last

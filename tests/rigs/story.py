@@ -29,7 +29,7 @@ from dehyst.daemon.files.models import save_model, write_text
 from dehyst.daemon.gateway.history import TelemetryHistory
 from dehyst.daemon.gateway.mismatch import MismatchWatch
 from dehyst.daemon.gateway.model_trial import ModelTrial
-from dehyst.daemon.rings.records import COMMAND, TELEMETRY, Command, Flag, model_digest
+from dehyst.daemon.rings.records import COMMAND, TELEMETRY, Flag, LoopCommand, model_digest
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.models.model import Model
 from dehyst.models.modelfile import dumps
@@ -145,7 +145,7 @@ class OfflineStory:
         if self._sent - len(self.rig.records) > AHEAD:
             return np.zeros(0, COMMAND)
         batch = np.zeros(self._target.size, COMMAND)
-        batch["kind"], batch["trajectory"] = Command.POINT, 1
+        batch["kind"], batch["trajectory"] = LoopCommand.POINT, 1
         batch["offset_ns"] = (self._sent + np.arange(batch.size)) * self.rig.period_ns
         batch["value"] = self._target
         self._sent += batch.size

@@ -20,7 +20,7 @@ from dehyst.daemon.files.chosen import choose_model
 from dehyst.daemon.files.models import save_model, write_text
 from dehyst.daemon.gateway.history import TelemetryHistory
 from dehyst.daemon.gateway.model_trial import ModelTrial, Over
-from dehyst.daemon.rings.records import COMMAND, TELEMETRY, Command, Flag, model_digest
+from dehyst.daemon.rings.records import COMMAND, TELEMETRY, Flag, LoopCommand, model_digest
 from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.models.model import Block, Floats, Model
 from dehyst.models.modelfile import dumps
@@ -158,7 +158,7 @@ class TrialRig:
             return np.zeros(0, COMMAND)
         self._asked = place
         command = np.zeros(1, COMMAND)
-        command["kind"], command["value"] = Command.SETPOINT, place
+        command["kind"], command["value"] = LoopCommand.SETPOINT, place
         return command
 
     def _points(self, motion: Motion) -> np.ndarray:
@@ -166,7 +166,7 @@ class TrialRig:
             return np.zeros(0, COMMAND)
         batch = np.zeros(AHEAD, COMMAND)
         at = self._sent + np.arange(AHEAD)
-        batch["kind"], batch["trajectory"] = Command.POINT, 1
+        batch["kind"], batch["trajectory"] = LoopCommand.POINT, 1
         batch["offset_ns"] = at * self.rig.period_ns
         batch["value"] = [motion(k / RATE_HZ) for k in at]
         self._sent += AHEAD

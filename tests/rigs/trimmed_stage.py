@@ -11,9 +11,9 @@ from dehyst.daemon.loop.checks import REPLAY_SAMPLES
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.step import Stepper
 from dehyst.daemon.loop.trim import trim_setting
-from dehyst.daemon.rings.records import COMMAND, TELEMETRY, Command
+from dehyst.daemon.rings.records import COMMAND, TELEMETRY, LoopCommand
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.cascade.reach import displacement_range
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Floats, Model
@@ -63,7 +63,7 @@ class TrimmedStage:
             0.0,
             trim_setting(config, model, most - least),
         )
-        self.stage = Stage(stage)
+        self.stage = SimulatedStage(stage)
         self.now_ns = 0
         self.records: list[Any] = []
         self.true: list[float] = []
@@ -108,7 +108,7 @@ class TrimmedStage:
     def go(self, um: float, seconds: float, tamper: Tamper | None = None) -> None:
         """To a set-point, and stay."""
         command = np.zeros(1, COMMAND)
-        command["kind"], command["value"] = Command.SETPOINT, um
+        command["kind"], command["value"] = LoopCommand.SETPOINT, um
         for i in range(round(seconds * 1e9 / self.period_ns)):
             self.tick(command if i == 0 else command[:0], tamper)
 
@@ -149,7 +149,7 @@ class Player:
         """The next piece; which samples are its own. missed: places in it that the loop misses."""
         rig, n = self.rig, target.size
         batch = np.zeros(n, COMMAND)
-        batch["kind"], batch["trajectory"] = Command.POINT, self.number
+        batch["kind"], batch["trajectory"] = LoopCommand.POINT, self.number
         batch["offset_ns"] = (self.sent + np.arange(n)) * rig.period_ns
         batch["value"] = target
         batch["correction"] = 0.0 if correction is None else correction

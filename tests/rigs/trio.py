@@ -9,7 +9,7 @@ from tests.rigs.two_loops import PERIOD_NS, Rig, VirtualClock
 from dehyst.daemon.loop import records_in_memory
 from dehyst.daemon.loop.compiled_loop import CompiledLoop
 from dehyst.daemon.loop.python_loop import Axis, PythonLoop, Together
-from dehyst.daemon.rings.records import COMMAND, Command
+from dehyst.daemon.rings.records import COMMAND, LoopCommand
 from dehyst.models.model import Block
 
 
@@ -23,7 +23,7 @@ def group_points(
 ) -> np.ndarray:
     """Points of a trajectory that `members` axes play together, one a period, from `first` on."""
     batch = np.zeros(len(values), COMMAND)
-    batch["kind"], batch["trajectory"] = Command.POINT, trajectory
+    batch["kind"], batch["trajectory"] = LoopCommand.POINT, trajectory
     batch["group"], batch["members"] = group, members
     batch["offset_ns"] = (first + np.arange(len(values))) * PERIOD_NS
     batch["value"] = values

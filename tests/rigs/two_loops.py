@@ -14,7 +14,7 @@ from dehyst.daemon.loop.python_loop import PythonLoop
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.status import PLACE, LoopMonitor
 from dehyst.daemon.loop.step import Stepper
-from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, Command
+from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, LoopCommand
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS
 from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor
@@ -56,7 +56,7 @@ def model(tau_s: float = 0.0, blocks: tuple[Block, ...] = ()) -> Model:
 def setpoint(um: float) -> np.ndarray:
     """One command: go to this displacement."""
     batch = np.zeros(1, COMMAND)
-    batch["kind"], batch["value"] = Command.SETPOINT, um
+    batch["kind"], batch["value"] = LoopCommand.SETPOINT, um
     return batch
 
 

@@ -62,7 +62,7 @@ def measured(recording: Recording) -> Floats:
     return recording.displacement
 
 
-def solve(columns: Floats, y: Floats) -> Floats:
+def solve_ridge(columns: Floats, y: Floats) -> Floats:
     """(m,) weights of columns (N, m), least squares with a little ridge."""
     gram = columns.T @ columns
     gram[np.diag_indices_from(gram)] += RIDGE * float(gram.diagonal().max())

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from dehyst.daemon.benchmark.rivals.interface import Predict, Rival, Scale, measured, solve
+from dehyst.daemon.benchmark.rivals.interface import Predict, Rival, Scale, measured, solve_ridge
 from dehyst.models.recording import Floats, Recording
 
 SPACINGS = (1, 2, 4, 8, 16, 32)  # samples
@@ -67,7 +67,7 @@ def free_run(d: int, weights: Floats, u: Floats, rest: float) -> Floats:
     return y
 
 
-def fit(recording: Recording) -> Predict:
+def fit_narx(recording: Recording) -> Predict:
     """Every spacing is fitted, and the one kept that runs freely best."""
     scale = Scale.of(recording)
     u, y = scale.drive(recording.drive), scale.displacement(measured(recording))
@@ -75,7 +75,7 @@ def fit(recording: Recording) -> Predict:
     for d in SPACINGS:
         if u.size <= 2 * d + TERMS:
             continue
-        weights = solve(one_step(d, u, y), y[2 * d :])
+        weights = solve_ridge(one_step(d, u, y), y[2 * d :])
         error = float(np.mean((free_run(d, weights, u, float(y[0])) - y) ** 2))
         if error < least or not best[0]:
             best, least = (d, weights), error
@@ -85,5 +85,5 @@ def fit(recording: Recording) -> Predict:
 
 
 NARX = Rival(
-    "NARX", fit, "by iteration", "Martins and Aguirre, Mech. Syst. Signal Process. 75, 2016"
+    "NARX", fit_narx, "by iteration", "Martins and Aguirre, Mech. Syst. Signal Process. 75, 2016"
 )

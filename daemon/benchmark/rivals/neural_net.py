@@ -31,7 +31,7 @@ def features(t_s: Floats, u: Floats) -> Floats:
     return np.stack(columns, axis=1)
 
 
-def fit(recording: Recording) -> Predict:
+def fit_neural_net(recording: Recording) -> Predict:
     """All inputs to a standard deviation of 1, weights by L-BFGS."""
     try:
         from sklearn.exceptions import ConvergenceWarning
@@ -61,7 +61,7 @@ def fit(recording: Recording) -> Predict:
 
 NEURAL_NET = Rival(
     "neural net",
-    fit,
+    fit_neural_net,
     "no",
     "one hidden layer of 16 on 8 plays; Dang and Tan, Sens. Actuators A 2007",
 )

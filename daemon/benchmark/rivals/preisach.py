@@ -57,7 +57,7 @@ def plane() -> tuple[Floats, Floats]:
     return level[i] + 1e-9, level[j] - 1e-9  # on the diagonal: a relay without width
 
 
-def fit(recording: Recording) -> Predict:
+def fit_preisach(recording: Recording) -> Predict:
     """Weights by least squares, none below 0; those of value 0 are left out."""
     scale, (up, down) = Scale.of(recording), plane()
     columns = relay_matrix(up, down, scale.drive(recording.drive))
@@ -71,7 +71,7 @@ def fit(recording: Recording) -> Predict:
 
 PREISACH = Rival(
     "Preisach plane",
-    fit,
+    fit_preisach,
     "by iteration",
     "Mayergoyz, Mathematical Models of Hysteresis, 1991",
 )

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.optimize
 from numba import njit
 
-from dehyst.daemon.benchmark.rivals.interface import Predict, Rival, Scale, measured, solve
+from dehyst.daemon.benchmark.rivals.interface import Predict, Rival, Scale, measured, solve_ridge
 from dehyst.models.recording import Floats, Recording
 
 STEP = 0.05  # largest change of h within a step of its integration
@@ -51,7 +51,7 @@ def fit_bouc_wen(recording: Recording) -> Predict:
 
     def left(p: Floats) -> Floats:
         x = columns(p, u)
-        return np.asarray(x @ solve(x, y) - y)
+        return np.asarray(x @ solve_ridge(x, y) - y)
 
     found = [
         scipy.optimize.least_squares(
@@ -60,7 +60,7 @@ def fit_bouc_wen(recording: Recording) -> Predict:
         for rho, sigma, n in STARTS
     ]
     p = min(found, key=lambda one: one.cost).x
-    weights = solve(columns(p, u), y)
+    weights = solve_ridge(columns(p, u), y)
     return lambda t_s, u: scale.back(columns(p, scale.drive(u)) @ weights)
 
 
@@ -94,13 +94,13 @@ def fit_duhem(recording: Recording) -> Predict:
 
     def cost(log_alpha: float) -> float:
         x = columns(log_alpha, u)
-        return float(np.mean((x @ solve(x, y) - y) ** 2))
+        return float(np.mean((x @ solve_ridge(x, y) - y) ** 2))
 
     grid = np.log(np.geomspace(*ALPHAS, 12))
     best = int(np.argmin([cost(at) for at in grid]))
     around = (float(grid[max(0, best - 1)]), float(grid[min(grid.size - 1, best + 1)]))
     at = float(scipy.optimize.minimize_scalar(cost, bounds=around, method="bounded").x)
-    weights = solve(columns(at, u), y)
+    weights = solve_ridge(columns(at, u), y)
     return lambda t_s, u: scale.back(columns(at, scale.drive(u)) @ weights)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dehyst.daemon.files.foreign.found import Column, Found
+from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.drivers import system
 from dehyst.models.errors import BadRecording
 
@@ -31,7 +31,7 @@ NEEDS = {
 """What it is, the library that reads it, the extra of dehyst that brings it."""
 
 
-def read_apart(path: Path) -> Found:
+def read_apart(path: Path) -> Sheet:
     """Columns of a file of one of these kinds. Raises BadRecording: the library is not there, or
     cannot read the file, or dies of it."""
     what, _, _ = NEEDS[path.suffix.lower()]
@@ -56,7 +56,7 @@ def read_apart(path: Path) -> Found:
                 Column(one["heading"], data[f"c{i}"], one["unit"], one["clock"])
                 for i, one in enumerate(head["columns"])
             ]
-    return Found(columns, head["notes"], head["step_s"], head["start_s"], head["said"])
+    return Sheet(columns, head["notes"], head["step_s"], head["start_s"], head["said"])
 
 
 def main(source: str, target: str) -> None:

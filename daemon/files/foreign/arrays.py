@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files.csv_table import MOST_COLUMNS
-from dehyst.daemon.files.foreign.found import Column, Found
+from dehyst.daemon.files.foreign.found import Column, Sheet
 
 MOST_WIDE = 64  # columns of one array with two dimensions
 MOST_DEEP = 16
 MOST_NOTE = 200
 
 
-def found_in(arrays: Iterable[tuple[str, str, Any]], notes: Mapping[str, str]) -> Found:
+def found_in(arrays: Iterable[tuple[str, str, Any]], notes: Mapping[str, str]) -> Sheet:
     """Columns of arrays: (name, unit, values). Those of the length that most have are columns;
     others, and single numbers, go into the notes or are left out, which is said."""
     columns: list[Column] = []
@@ -39,13 +39,13 @@ def found_in(arrays: Iterable[tuple[str, str, Any]], notes: Mapping[str, str]) -
             left.append(name)
         if len(columns) > 4 * MOST_COLUMNS:
             break
-    found = Found(columns, kept)
+    found = Sheet(columns, kept)
     if left:
         found.said.append(f"without numbers and left out: {', '.join(left[:5])}")
     return found
 
 
-def of_one_length(found: Found, wanted: Iterable[str] = ()) -> Found:
+def of_one_length(found: Sheet, wanted: Iterable[str] = ()) -> Sheet:
     """Those columns that belong to each other: of the length of the wanted ones, or of most."""
     sizes = [column.values.size for column in found.columns]
     named = {str(text).lower() for text in wanted}

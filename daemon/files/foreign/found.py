@@ -17,7 +17,7 @@ class Column:
 
 
 @dataclass
-class Found:
+class Sheet:
     """Columns in the file's order; notes: by name; step_s: the sampling period that the file
     states; start_s: the time of its first row; said: what else was understood of the form.
     where: a place of the file in words, from a row."""

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files.csv_table import LARGEST, MOST_COLUMNS
-from dehyst.daemon.files.foreign.found import Column, Found
-from dehyst.daemon.files.foreign.units import unit_of
+from dehyst.daemon.files.foreign.found import Column, Sheet
+from dehyst.daemon.files.foreign.units import find_unit_key
 from dehyst.models.errors import BadRecording
 
 MISSING = {"", "nan", "na", "n/a", "#n/a", "#nv", "null", "none", "-", "--", "---", "#num!", "nil"}
@@ -81,7 +81,7 @@ def moment_of(text: str) -> float | None:
 
 
 @dataclass
-class Layout:
+class GridLayout:
     """first: row where the numbers begin; width: columns; headings, units: (width,) texts; notes:
     the preamble; numeric: which columns hold numbers; step_s: that the preamble states."""
 
@@ -139,7 +139,7 @@ def score(rows: Sequence[Row], decimal: str) -> tuple[int, int, int]:
     return gain, begin, width
 
 
-def lay_out(name: str, rows: Sequence[Row], decimal: str) -> Layout:
+def lay_out(name: str, rows: Sequence[Row], decimal: str) -> GridLayout:
     """The layout of the first rows. Raises BadRecording where there are no numbers."""
     gain, first, width = score(rows, decimal)
     if not gain:
@@ -171,7 +171,7 @@ def lay_out(name: str, rows: Sequence[Row], decimal: str) -> Layout:
     numeric = [
         sum(f[j] for f in flags if len(f) > j) > (1 - MOSTLY_EMPTY) * most for j in range(width)
     ]
-    return Layout(first, width, _apart(headings), units, numeric, notes, step_s, start_s)
+    return GridLayout(first, width, _apart(headings), units, numeric, notes, step_s, start_s)
 
 
 def _stripped(row: Row) -> list[Any]:
@@ -192,7 +192,7 @@ def _fit(cells: Row, width: int) -> list[str]:
 def _are_units(cells: Row) -> bool:
     texts = [str(cell).strip().strip("\"'") for cell in cells if cell is not None]
     texts = [text for text in texts if text]
-    known = [text for text in texts if unit_of(text) or text.lower() == "sequence"]
+    known = [text for text in texts if find_unit_key(text) or text.lower() == "sequence"]
     return bool(known) and 2 * len(known) > len(texts)
 
 
@@ -244,11 +244,11 @@ def _apart(headings: Sequence[str]) -> list[str]:
 
 def fill(
     name: str,
-    layout: Layout,
+    layout: GridLayout,
     rows: Iterable[tuple[int, Row]],
     decimal: str,
     where: Callable[[int], str],
-) -> Found:
+) -> Sheet:
     """The columns below a layout. rows: (place, fields); where: a place in words. Raises
     BadRecording naming the place of what is no number."""
     kept = [j for j in range(layout.width) if layout.numeric[j]]
@@ -279,7 +279,7 @@ def fill(
                 clock[j] = True
         clocks = 1
         places.append(place)
-    found = Found(
+    found = Sheet(
         [
             Column(layout.headings[j], np.array(part), layout.units[j], clock[j])
             for part, j in zip(values, kept, strict=True)
@@ -293,7 +293,7 @@ def fill(
     return found
 
 
-def tell(found: Found, layout: Layout, texts: int) -> None:
+def tell(found: Sheet, layout: GridLayout, texts: int) -> None:
     """What else was understood of the form."""
     if layout.notes:
         lines = "1 line" if len(layout.notes) == 1 else f"{len(layout.notes)} lines"

@@ -9,14 +9,14 @@ import numpy as np
 
 from dehyst.daemon.files.csv_table import MOST_BYTES
 from dehyst.daemon.files.foreign.arrays import flattened, found_in
-from dehyst.daemon.files.foreign.found import Column, Found
+from dehyst.daemon.files.foreign.found import Column, Sheet
 from dehyst.daemon.files.foreign.grid import LOOKED_AT, fill, lay_out
 from dehyst.models.errors import BadRecording
 
 MOST_ROWS = 4_000_000
 
 
-def read_mat(path: Path) -> Found:
+def read_mat(path: Path) -> Sheet:
     """A MATLAB file: to version 7 by scipy, of 7.3 by h5py."""
     from scipy.io import loadmat
 
@@ -29,7 +29,7 @@ def read_mat(path: Path) -> Found:
     return found_in(((name, "", value) for name, value in flat), {})
 
 
-def read_hdf5(path: Path) -> Found:
+def read_hdf5(path: Path) -> Sheet:
     """An HDF5 file, MATLAB's own among them."""
     import h5py
 
@@ -73,12 +73,12 @@ def _unit_in(attributes: Any) -> str:
     return ""
 
 
-def read_xlsx(path: Path) -> Found:
+def read_xlsx(path: Path) -> Sheet:
     """The sheets of a spreadsheet; headings are `Sheet/Heading` where several hold numbers."""
     from openpyxl import load_workbook
 
     book = load_workbook(path, read_only=True, data_only=True)
-    sheets: list[tuple[str, Found]] = []
+    sheets: list[tuple[str, Sheet]] = []
     formulas = False
     for sheet in book.worksheets:
         rows = []
@@ -110,7 +110,7 @@ def read_xlsx(path: Path) -> Found:
         if len(book.sheetnames) > 1:
             found.said.append(f"from the sheet '{sheets[0][0]}'")
     else:
-        found = Found(
+        found = Sheet(
             [
                 Column(f"{title}/{c.heading}", c.values, c.unit, c.clock)
                 for title, one in sheets
@@ -123,7 +123,7 @@ def read_xlsx(path: Path) -> Found:
     return found
 
 
-def read_tdms(path: Path) -> Found:
+def read_tdms(path: Path) -> Sheet:
     """A TDMS file of LabVIEW; headings are `Group/Channel` where there are several groups."""
     from nptdms import TdmsFile
 
@@ -154,7 +154,7 @@ def read_tdms(path: Path) -> Found:
     return found
 
 
-def read_parquet(path: Path) -> Found:
+def read_parquet(path: Path) -> Sheet:
     """A Parquet file; nested columns by their path."""
     import pyarrow.parquet
 
@@ -171,7 +171,7 @@ def read_parquet(path: Path) -> Found:
     return found_in(plain, {})
 
 
-READERS: dict[str, Callable[[Path], Found]] = {
+READERS: dict[str, Callable[[Path], Sheet]] = {
     ".mat": read_mat,
     ".h5": read_hdf5,
     ".hdf5": read_hdf5,

@@ -7,14 +7,14 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-from dehyst.daemon.files.foreign.units import DRIVE_UNITS, TIME_UNITS, unit_of
+from dehyst.daemon.files.foreign.units import DRIVE_UNITS, TIME_UNITS, find_unit_key
 from dehyst.models.errors import BadInput
 
 _PAIR = re.compile(r"""\s*([A-Za-z_]\w*)\s*=\s*(?:"([^"]*)"|'([^']*)'|([^,]*?))\s*(?:,|$)""")
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadOptions:
     """columns: heading or number (from 0) by what it is: t, u, y, target, or a channel's own name;
     rate_hz: rows a second, 0: the file has times; time_unit, drive_unit, unit: of the numbers, "":
     as the headings say."""
@@ -33,14 +33,14 @@ class Reading:
             ("--drive-unit", self.drive_unit, DRIVE_UNITS),
             ("--unit", self.unit, DRIVE_UNITS),
         ):
-            if given and unit_of(given) not in {unit_of(name) for name in known}:
+            if given and find_unit_key(given) not in {find_unit_key(name) for name in known}:
                 raise BadInput(f"{option} {given}: is not known; known are {', '.join(known)}")
 
     def __bool__(self) -> bool:
         return self != AS_IT_IS
 
 
-AS_IT_IS = Reading()
+AS_IT_IS = ReadOptions()
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
@@ -95,7 +95,7 @@ def parse_columns(text: str) -> dict[str, str | int]:
     return out
 
 
-def reading_of(args: argparse.Namespace) -> Reading:
+def reading_of(args: argparse.Namespace) -> ReadOptions:
     """What the command line says. Raises BadInput."""
 
     def given(name: str) -> Any:
@@ -104,7 +104,7 @@ def reading_of(args: argparse.Namespace) -> Reading:
     rate_hz = given("rate_hz")
     if rate_hz is not None and not rate_hz > 0.0:
         raise BadInput(f"--rate {rate_hz:g}: a number of rows a second above 0 is needed")
-    return Reading(
+    return ReadOptions(
         parse_columns(given("columns")) if given("columns") else {},
         rate_hz or 0.0,
         given("time_unit") or "",

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from dehyst.daemon.files.csv_table import LARGEST, LONGEST_LINE, MOST_PACKED, TRUSTED_BYTES
-from dehyst.daemon.files.foreign.found import Column, Found
-from dehyst.daemon.files.foreign.grid import LOOKED_AT, Layout, fill, lay_out, score, tell
+from dehyst.daemon.files.foreign.found import Column, Sheet
+from dehyst.daemon.files.foreign.grid import LOOKED_AT, GridLayout, fill, lay_out, score, tell
 from dehyst.models.errors import BadRecording
 
 MOST_TEXT = 256 << 20
@@ -40,7 +40,7 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-def decode(name: str, data: bytes) -> str:
+def decode_text(name: str, data: bytes) -> str:
     """Text of the usual encodings. Raises BadRecording where it is no text."""
     for mark, encoding in MARKS:
         if data.startswith(mark):
@@ -65,12 +65,12 @@ def decode(name: str, data: bytes) -> str:
         return data.decode("cp1252", errors="replace")
 
 
-def read_text_table(path: Path) -> Found:
+def read_text_table(path: Path) -> Sheet:
     """Columns of a text. Raises BadRecording naming the line."""
-    return understand_text(path.name, decode(path.name, read_bytes(path)))
+    return understand_text(path.name, decode_text(path.name, read_bytes(path)))
 
 
-def understand_text(name: str, text: str) -> Found:
+def understand_text(name: str, text: str) -> Sheet:
     """Columns of a text that is in memory."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     places = [i for i, line in enumerate(lines[: 3 * LOOKED_AT]) if line.strip()][:LOOKED_AT]
@@ -138,11 +138,11 @@ def _note(line: str) -> bool:
 def _quickly(
     lines: Sequence[str],
     first: int,
-    layout: Layout,
+    layout: GridLayout,
     separator: str,
     decimal: str,
     split: Callable[[str], list[str]],
-) -> Found | None:
+) -> Sheet | None:
     """By numpy's own reader; None where a row is not as plain as that takes."""
     kept = [j for j in range(layout.width) if layout.numeric[j]]
     if any(":" in cell for cell in split(lines[first])):
@@ -157,7 +157,7 @@ def _quickly(
     if np.any(np.abs(table[np.isfinite(table)]) > LARGEST):
         return None
     full = all(line.strip() for line in lines[first : first + table.shape[0]])
-    found = Found(
+    found = Sheet(
         [
             Column(layout.headings[j], np.ascontiguousarray(table[:, i]), layout.units[j])
             for i, j in enumerate(kept)
@@ -172,7 +172,7 @@ def _quickly(
 
 
 def _refuse_two_commas(
-    name: str, layout: Layout, rows: Sequence[Sequence[Any]], separator: str
+    name: str, layout: GridLayout, rows: Sequence[Sequence[Any]], separator: str
 ) -> None:
     """A comma that separates and is the decimal mark too: twice as many fields as headings."""
     if separator == "," and layout.first and not any(layout.headings):
@@ -184,7 +184,7 @@ def _refuse_two_commas(
             )
 
 
-def _join_headings(layout: Layout, sample: Sequence[str]) -> None:
+def _join_headings(layout: GridLayout, sample: Sequence[str]) -> None:
     """Headings that have blanks of their own: cut at two blanks or more, or behind a bracket."""
     if layout.first == 0 or any(layout.headings):
         return

@@ -10,10 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dehyst.daemon.files.foreign.found import Column, Found
-from dehyst.daemon.files.foreign.reading import Reading
+from dehyst.daemon.files.foreign.found import Column, Sheet
+from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.foreign.roles import BY_UNIT, NAMES, PLAIN, counts_rows, role_of
-from dehyst.daemon.files.foreign.units import LENGTH, TIME, UNITS, VOLTAGE, split_heading, unit_of
+from dehyst.daemon.files.foreign.units import (
+    LENGTH,
+    TIME,
+    UNITS,
+    VOLTAGE,
+    find_unit_key,
+    split_heading,
+)
 from dehyst.models.errors import BadRecording
 from dehyst.models.modelfile import UNIT_NAMES
 from dehyst.models.recording import Floats
@@ -33,7 +40,7 @@ class Understood:
     seconds: bool
 
 
-def understand(name: str, found: Found, reading: Reading, wants: Sequence[str]) -> Understood:
+def understand(name: str, found: Sheet, reading: ReadOptions, wants: Sequence[str]) -> Understood:
     """The recording in a file. wants: what has to be there, of t, u, y, target; the rest may be.
     Raises BadRecording: what is not known, and the options that say it."""
     if not found.columns or not len(found.columns[0].values):
@@ -66,7 +73,7 @@ def _is_own(column: Column) -> bool:
     return role_of(column.heading, "")[1] == PLAIN and not column.unit
 
 
-def _without_row_numbers(columns: Sequence[Column], reading: Reading) -> list[Column]:
+def _without_row_numbers(columns: Sequence[Column], reading: ReadOptions) -> list[Column]:
     """All but a column that counts the rows; none goes where columns are given by number."""
     if any(isinstance(c, int) for c in reading.columns.values()):
         return list(columns)
@@ -89,7 +96,7 @@ def _label(column: Column, number: int) -> str:
 def _choose(
     name: str,
     columns: Sequence[Column],
-    reading: Reading,
+    reading: ReadOptions,
     wants: Sequence[str],
     asked: list[str],
 ) -> dict[str, int]:
@@ -103,7 +110,7 @@ def _choose(
     if not any(columns[i].heading or columns[i].unit or columns[i].clock for i in free):
         _ask_by_number(columns, free, chosen, reading, wants, asked)
         return chosen
-    roles = {i: role_of(columns[i].heading, unit_of(columns[i].unit)) for i in free}
+    roles = {i: role_of(columns[i].heading, find_unit_key(columns[i].unit)) for i in free}
     roles |= {i: ("t", BY_UNIT) for i in free if columns[i].clock and roles[i][0] != "t"}
     if "target" in wants and not any(role == "target" for role, _ in roles.values()):
         roles = {i: ("target", sure) if r == "y" else (r, sure) for i, (r, sure) in roles.items()}
@@ -152,7 +159,7 @@ def _ask_by_number(
     columns: Sequence[Column],
     free: Sequence[int],
     chosen: Mapping[str, int],
-    reading: Reading,
+    reading: ReadOptions,
     wants: Sequence[str],
     asked: list[str],
 ) -> None:
@@ -194,14 +201,14 @@ def _named(name: str, columns: Sequence[Column], role: str, wanted: str | int) -
 
 def _unit(column: Column) -> str:
     """Key of the unit that the file gives, "" where it gives none."""
-    return unit_of(column.unit) or split_heading(column.heading)[1]
+    return find_unit_key(column.unit) or split_heading(column.heading)[1]
 
 
 def _take_time(
     number: int | None,
     columns: Sequence[Column],
-    found: Found,
-    reading: Reading,
+    found: Sheet,
+    reading: ReadOptions,
     out: dict[str, Floats],
     said: list[str],
     asked: list[str],
@@ -217,7 +224,7 @@ def _take_time(
             asked.append("no column of times: add --rate HZ (rows a second), or --columns t=...")
         return
     column = columns[number]
-    label, unit = _label(column, number), unit_of(reading.time_unit) or _unit(column)
+    label, unit = _label(column, number), find_unit_key(reading.time_unit) or _unit(column)
     values = np.asarray(column.values, dtype=np.float64)
     if column.clock and not unit:
         unit = "s"
@@ -252,7 +259,7 @@ def _take(
     asked: list[str],
 ) -> None:
     """Drive, displacement or target into a unit that recordings have."""
-    unit, label = unit_of(given) or _unit(column), _label(column, number)
+    unit, label = find_unit_key(given) or _unit(column), _label(column, number)
     if not unit and role == "u":
         unit, label = "v", f"{label}, taken as volts"
     if not unit:
@@ -275,10 +282,10 @@ def _take(
     said.append(f"{NAMES[role]} from {label}")
 
 
-def _keep(column: Column, reading: Reading, out: dict[str, Floats]) -> None:
+def _keep(column: Column, reading: ReadOptions, out: dict[str, Floats]) -> None:
     """A further channel, under a name that a recording may have."""
     name, own = split_heading(column.heading.rpartition("/")[2])
-    unit = unit_of(column.unit) or own
+    unit = find_unit_key(column.unit) or own
     plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "channel"
     if unit and UNITS[unit][0] in (TIME, VOLTAGE, LENGTH) and UNITS[unit][2] != 1.0:
         plain = f"{plain}_{unit}"

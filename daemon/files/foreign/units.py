@@ -74,7 +74,7 @@ SPELLED = {
 }  # fmt: skip
 
 
-def unit_of(text: str) -> str:
+def find_unit_key(text: str) -> str:
     """The unit's key in UNITS, "" where it is none: "µm", "Volt", "[ms]"."""
     plain = text.strip().strip("[](){}<>").strip().lower().replace("µ", "u").replace("μ", "u")
     plain = SPELLED.get(plain, plain)
@@ -95,10 +95,10 @@ def split_heading(text: str) -> tuple[str, str]:
     text = text.strip().strip("\"'").strip()
     if len(text) > LONGEST_HEADING:  # patterns take time that grows with its square
         return text, ""
-    if unit := unit_of(text):
+    if unit := find_unit_key(text):
         return ("", unit) if len(text) > 1 or unit in ("v", "s") else (text, "")
     for form in (_IN_BRACKETS, _BEHIND_A_MARK, _LAST_WORD):
         found = form.fullmatch(text)
-        if found and (unit := unit_of(found[2])):
+        if found and (unit := find_unit_key(found[2])):
             return found[1].strip(), unit
     return text, ""

@@ -19,7 +19,7 @@ from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.daemon.loop.readback import ReadbackCheck
 from dehyst.daemon.loop.records_in_memory import FOLLOW_T
 from dehyst.daemon.loop.settings import LoopSettings
-from dehyst.daemon.loop.status import LoopMonitor, Reading
+from dehyst.daemon.loop.status import LoopMonitor, SensorConversion
 from dehyst.daemon.loop.step import Stepper
 from dehyst.daemon.loop.trim import trim_setting
 from dehyst.daemon.rings.records import (
@@ -48,7 +48,7 @@ FOLLOWED = "axis."
 
 
 @dataclass(frozen=True)
-class Followed:
+class ChannelSource:
     """What a channel of a model is of another axis: its drive, or its displacement."""
 
     axis: str
@@ -57,7 +57,7 @@ class Followed:
     zero: float = 0.0
 
 
-def followed_by(config: Config, channels: tuple[str, ...]) -> dict[str, Followed]:
+def followed_by(config: Config, channels: tuple[str, ...]) -> dict[str, ChannelSource]:
     """What an axis' model follows of other axes, by channel: as the configuration binds it, or by
     its name."""
     found = {}
@@ -65,11 +65,11 @@ def followed_by(config: Config, channels: tuple[str, ...]) -> dict[str, Followed
         bound = config.channels.get(name)
         if bound is not None and bound.axis:
             drive = bound.quantity == "drive"
-            found[name] = Followed(bound.axis, drive, bound.scale, bound.zero)
+            found[name] = ChannelSource(bound.axis, drive, bound.scale, bound.zero)
         elif bound is None and name.startswith(FOLLOWED):
             axis, _, quantity = name.removeprefix(FOLLOWED).partition(".")
             if quantity in ("", "drive") and axis != config.axis:
-                found[name] = Followed(axis, quantity == "drive")
+                found[name] = ChannelSource(axis, quantity == "drive")
     return found
 
 
@@ -140,7 +140,7 @@ class AxisCore:
             self.actuator,
             self.sensor,
             rings,
-            Reading(config.sensor.scale, config.sensor.zero, every),
+            SensorConversion(config.sensor.scale, config.sensor.zero, every),
             spin_ns,
             self._fill_status,
         )
@@ -220,7 +220,7 @@ class AxisCore:
             compensator.applied(state, drive)
         return state
 
-    def followed(self, compensator: Compensator) -> dict[str, Followed]:
+    def followed(self, compensator: Compensator) -> dict[str, ChannelSource]:
         """What this model follows of axes that are there, by channel."""
         found = followed_by(self.config, compensator.channels)
         return {name: what for name, what in found.items() if what.axis in self._beside}

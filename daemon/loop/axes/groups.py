@@ -17,21 +17,21 @@ from dehyst.daemon.loop.records_in_memory import (
     N_TABLE,
     Note,
     Table,
+    add_note,
+    as_int64,
     control_of,
     happens,
-    note,
-    number,
     points_of,
     queue_of,
-    settings_of,
+    settings_record_of,
 )
 from dehyst.daemon.loop.states import LoopEvent
 from dehyst.daemon.rings.records import State
 from dehyst.drivers.direct_calls import table_at
 from dehyst.models.inverse.state import inverse_at
 
-RUNNING, FAULT = number(State.RUNNING), number(State.FAULT)
-HALT, GROUP_BROKEN = number(LoopEvent.HALT), number(Note.GROUP_BROKEN)
+RUNNING, FAULT = as_int64(State.RUNNING), as_int64(State.FAULT)
+HALT, GROUP_BROKEN = as_int64(LoopEvent.HALT), as_int64(Note.GROUP_BROKEN)
 
 
 @njit(cache=True, nogil=True)
@@ -88,8 +88,8 @@ def _hold_all(axes: NDArray[np.int64], group: int, now_ns: int) -> None:
         c, q = control_of(table), queue_of(table)
         if q.group == group:
             if happens(c, HALT, now_ns):
-                note(table, c, GROUP_BROKEN, 0.0)
-                c.hold_ns = settings_of(table).hold_ns
+                add_note(table, c, GROUP_BROKEN, 0.0)
+                c.hold_ns = settings_record_of(table).hold_ns
             targets.clear(q)
             c.left = group
             c.group = 0
@@ -110,7 +110,7 @@ def _gather(axes: NDArray[np.int64], group: int, now_ns: int) -> None:
         if now_ns - q.shift_ns >= q.stop_ns:
             arrived += 1
         preview = inverse_at(control_of(table).inverse).targets.size
-        ahead_ns = max(ahead_ns, preview * settings_of(table).period_ns)
+        ahead_ns = max(ahead_ns, preview * settings_record_of(table).period_ns)
         first_ns = min(first_ns, q.stop_ns - q.start_ns)
     for i in range(axes.size):
         table = table_at(axes[i], N_TABLE)

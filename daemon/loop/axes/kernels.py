@@ -23,14 +23,14 @@ from dehyst.daemon.loop.records_in_memory import (
     FOLLOWS,
     N_TABLE,
     Table,
+    as_int64,
     control_of,
     follows_of,
     meter_of,
-    number,
     points_of,
     queue_of,
     record_of,
-    settings_of,
+    settings_record_of,
     trim_of,
 )
 from dehyst.daemon.loop.sample import make_voltage, take_requests
@@ -38,8 +38,8 @@ from dehyst.daemon.rings.records import Flag, State
 from dehyst.drivers.direct_calls import table_at
 from dehyst.models.inverse.state import inverse_at
 
-RUNNING = number(State.RUNNING)
-HELD_BACK = number(Flag.UNREACHABLE | Flag.SLEW | Flag.RANGE)
+RUNNING = as_int64(State.RUNNING)
+HELD_BACK = as_int64(Flag.UNREACHABLE | Flag.SLEW | Flag.RANGE)
 
 
 @njit(cache=True, nogil=True)
@@ -58,7 +58,7 @@ def begin_axes(axes: NDArray[np.int64], clock_ns: int, volts: NDArray[np.float64
     groups.coordinate(axes, now_ns)
     for i in range(axes.size):
         table = axis_at(axes[i])
-        age(table, control_of(table), settings_of(table), now_ns)
+        age(table, control_of(table), settings_record_of(table), now_ns)
     for _ in range(axes.size):
         i = next_axis(axes)
         table = axis_at(axes[i])
@@ -103,12 +103,12 @@ def displacement_of(table: Table, now_ns: int) -> float:
     """Where an axis is one period on, as its model counts (the set-point and its origin: what a
     recording of its gauge has), without its trim and what it has learned: its target; where it does
     not follow one (none, held back, gliding): what its model predicts."""
-    c, p, q = control_of(table), settings_of(table), queue_of(table)
+    c, p, q = control_of(table), settings_record_of(table), queue_of(table)
     held_back = record_of(table).flags & HELD_BACK
     if c.state != RUNNING or held_back != 0 or c.glide != 0.0:
         return c.predicted + p.origin - trim_of(table).trim
     if q.count > 0:
-        return targets.target_at(q, points_of(table), now_ns + p.period_ns) + p.origin
+        return targets.queued_target(q, points_of(table), now_ns + p.period_ns) + p.origin
     return c.target + p.origin
 
 
@@ -117,4 +117,4 @@ def drive_of(table: Table) -> float:
     """An axis' drive [its model's drive unit]: of this sample where it is made, else the last."""
     c = control_of(table)
     volts = record_of(table).volts if c.made != 0 else c.volts
-    return volts / settings_of(table).gain
+    return volts / settings_record_of(table).gain

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from dehyst.daemon import clock
 from dehyst.daemon.loop.systemcalls import (
-    number_in,
     open_schedstat,
     open_stat,
     read_clock_ns,
+    read_proc_number,
     sleep_until_ns,
     usage,
     waited_ns,
@@ -53,7 +53,7 @@ def log_late_wakeups(
     """
     buffer = np.zeros(32, np.int64)
     _, _, slept, _ = usage(buffer)
-    waited, steal = waited_ns(buffer, schedstat), number_in(buffer, stat, 8)
+    waited, steal = waited_ns(buffer, schedstat), read_proc_number(buffer, stat, 8)
     deadline = start_ns
     while stop[0] == 0:
         sleep_until_ns(buffer, deadline)
@@ -68,7 +68,7 @@ def log_late_wakeups(
             elif slept_now - slept > 1:  # it slept more often than it asked to
                 cause = SUSPENDED
             elif late >= STEAL_TICK_NS:
-                steal_now = number_in(buffer, stat, 8)
+                steal_now = read_proc_number(buffer, stat, 8)
                 if 2 * (steal_now - steal) * STEAL_TICK_NS >= late:
                     cause = STEAL
                 steal = steal_now

@@ -13,7 +13,7 @@ from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.search import accept_best, refit_each
 from dehyst.models.diagnosis.shortlist import (
-    Promise,
+    ScreenedCandidate,
     in_order_of_promise,
     may_be_tried,
     not_weak,
@@ -69,7 +69,9 @@ class AskedAgain:
         reported = only_reported(worth_reporting(state)).accepted
         return {e.candidate.name for e in reported.effects}
 
-    def _rank(self, state: SearchState, look: Screen, anew: Collection[str]) -> list[Promise]:
+    def _rank(
+        self, state: SearchState, look: Screen, anew: Collection[str]
+    ) -> list[ScreenedCandidate]:
         """Candidates by what they promise; anew: names whose starts come from this residual."""
         return in_order_of_promise(
             state,
@@ -80,7 +82,7 @@ class AskedAgain:
         )
 
     def _has_rivals(
-        self, state: SearchState, own: CandidateTrial, ranked: Sequence[Promise]
+        self, state: SearchState, own: CandidateTrial, ranked: Sequence[ScreenedCandidate]
     ) -> bool:
         """Whether another candidate could take the place of the one that was put in: it leaves more
         than there was before, or a plainer one promises as much."""

@@ -12,7 +12,7 @@ from dehyst.models.diagnosis.effects import Effect, on_bound
 from dehyst.models.diagnosis.evidence import Constancy, by_blocks, constancy, contribution
 from dehyst.models.diagnosis.findings.growth import Growth, growth
 from dehyst.models.diagnosis.findings.reported import unidentified
-from dehyst.models.diagnosis.findings.rivals import Rival, rivals
+from dehyst.models.diagnosis.findings.rivals import RivalEffect, rivals
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.intervals import intervals
 from dehyst.models.diagnosis.judge import SearchState
@@ -105,7 +105,9 @@ def _in_units(key: str, units: dict[str, str]) -> str:
     return key.replace("_v_", units["_v_"], 1)
 
 
-def _other_names(c: Candidate, near: Sequence[Rival], beside: Sequence[Effect]) -> tuple[str, ...]:
+def _other_names(
+    c: Candidate, near: Sequence[RivalEffect], beside: Sequence[Effect]
+) -> tuple[str, ...]:
     """Names that would do as well. A drift beside creep may be that creep's own past, in another
     form than the library's."""
     names = [r.name for r in near]
@@ -116,7 +118,7 @@ def _other_names(c: Candidate, near: Sequence[Rival], beside: Sequence[Effect]) 
 
 def _reservations(
     effect: Effect,
-    near: Sequence[Rival],
+    near: Sequence[RivalEffect],
     others: Sequence[str],
     steady: Constancy,
     changed: Growth | None,

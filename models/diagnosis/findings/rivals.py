@@ -13,7 +13,7 @@ from dehyst.models.physics.candidate import Candidate
 
 
 @dataclass(frozen=True)
-class Rival:
+class RivalEffect:
     """Another candidate in an effect's place, all else refitted; loss: mean square misfit that it
     leaves more than the effect."""
 
@@ -23,7 +23,7 @@ class Rival:
     loss: float
 
 
-def rivals(found: SearchState, effect: Effect) -> list[Rival]:
+def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
     """Candidates that do as well in the place of an accepted effect, best first."""
     final, sigma = found.accepted, found.sigma
     problem = found.problem.light(found.counted)
@@ -66,7 +66,7 @@ def rivals(found: SearchState, effect: Effect) -> list[Rival]:
             continue
         if loss < limit and _instead(problem, fit, effect, gain * n):
             c = other.candidate
-            out.append(Rival(key, c.name, c.place, loss))
+            out.append(RivalEffect(key, c.name, c.place, loss))
     return sorted(out, key=lambda r: r.loss)
 
 

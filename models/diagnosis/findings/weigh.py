@@ -17,7 +17,7 @@ from dehyst.models.diagnosis.tuning import TUNING
 
 
 @dataclass(frozen=True)
-class Weighed:
+class Conclusion:
     """What is concluded: findings with shares, what was fitted, and mean squares on held-out
     samples (all of the model in use: it was not fitted here)."""
 
@@ -28,9 +28,9 @@ class Weighed:
     held: float
 
 
-def weigh(
+def conclude(
     bare: Problem, found: SearchState, shown: Collection[str], episode: Episode | None = None
-) -> Weighed:
+) -> Conclusion:
     """What helps against the model in use, on held-out samples. Where it all does not: what a
     recording shows directly (shown: keys), and the model in use as it is. episode: what was taken
     off before the search."""
@@ -47,7 +47,7 @@ def weigh(
         found = over_the_model(found, freed, alone)
         held = by_blocks(found.problem, found.accepted).mean_square
     in_part = [] if episode is None else [episode.finding]
-    nothing = Weighed(_shared(in_part, first, without, sigma), freed, alone, first, without)
+    nothing = Conclusion(_shared(in_part, first, without, sigma), freed, alone, first, without)
     if held > without - (TUNING.helps * sigma) ** 2:
         seen = [f for f in named(found.problem, found, held) if f.key in shown] if shown else []
         return replace(
@@ -68,7 +68,7 @@ def weigh(
             shape_finding(found.problem, found.accepted, sigma, correction, correction.gain)
         )
     shared = _shared([*findings, *in_part], first, held, sigma)
-    return Weighed(shared, found.problem, found.accepted, first, held)
+    return Conclusion(shared, found.problem, found.accepted, first, held)
 
 
 def over_the_model(found: SearchState, bare: Problem, null: JointFit) -> SearchState:
@@ -85,7 +85,7 @@ def _shared(
 
 
 def with_episode(
-    findings: Sequence[Finding], episode: Episode, weighed: Weighed, sigma: float
+    findings: Sequence[Finding], episode: Episode, weighed: Conclusion, sigma: float
 ) -> list[Finding]:
     """Findings with one that is there for a part of the time."""
     explainable = max(weighed.bare - sigma**2, 1e-300)

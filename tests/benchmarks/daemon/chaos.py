@@ -24,7 +24,7 @@ from tests.rigs.chaos.rig import RATE_HZ, SLEW, Rig
 
 from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.daemon.files.models import save_model
-from dehyst.drivers.simulated.axes import settings_of
+from dehyst.drivers.simulated.axes import settings_by_axis
 
 RAMP = (
     *faults.PROCESSES,
@@ -99,7 +99,7 @@ def main() -> int:
     print("|---|---|---|---|---|")
     with tempfile.TemporaryDirectory(prefix="dehyst-chaos-") as folder:
         models = {axis: Path(folder) / f"model-{axis}.toml" for axis in "xyz"[: args.axes]}
-        for axis, stage in settings_of(list(models), {}).items():
+        for axis, stage in settings_by_axis(list(models), {}).items():
             save_model(simulated_model(stage), models[axis])
         more = axes.AXES if args.axes > 1 else ()
         for group, on_fault in (((*more, *RAMP), "ramp"), (HOLD, "hold")):

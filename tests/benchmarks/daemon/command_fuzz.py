@@ -28,7 +28,7 @@ from tests.rigs.chaos.rig import Rig, until
 from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.files.models import save_model
-from dehyst.drivers.simulated.axes import settings_of
+from dehyst.drivers.simulated.axes import settings_by_axis
 from dehyst.models.errors import DehystError
 
 ERRORS = ("BusError", "NoAnswer", "Nobody", "Refusal", "BadMessage")
@@ -86,7 +86,7 @@ def main() -> int:
 def rig_of(folder: Path, axes: int) -> Rig:
     """Bench and daemon with models of the stage as it is."""
     models = {axis: folder / f"identified-{axis}.toml" for axis in "xyz"[:axes]}
-    for axis, stage in settings_of(list(models), {}).items():
+    for axis, stage in settings_by_axis(list(models), {}).items():
         save_model(simulated_model(stage), models[axis])
     return AxesRig(folder, models) if axes > 1 else Rig(folder, models["x"])
 

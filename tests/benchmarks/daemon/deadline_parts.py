@@ -20,7 +20,7 @@ from tests.rigs.gateway_bench import free_port
 
 from dehyst.daemon.config import load_config
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.rings.records import COMMAND, TELEMETRY, Command, MissCause
+from dehyst.daemon.rings.records import COMMAND, TELEMETRY, LoopCommand, MissCause
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS
 from dehyst.models.errors import BadInput
@@ -144,7 +144,7 @@ class Core:
         self.start_s = time.monotonic() - begin
         self.status = self._attach("status", STATUS)
         row = np.zeros(1, COMMAND)
-        row["kind"], row["value"] = Command.SETPOINT, 5.0
+        row["kind"], row["value"] = LoopCommand.SETPOINT, 5.0
         commands = self._attach("command", COMMAND)
         commands.push(row[0])
         self.tail = 0

@@ -24,7 +24,7 @@ from tests.rigs.processes import EmulatedBench, Rings, core
 from tests.rigs.two_loops import model
 
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.rings.records import Command, Flag, MissCause, name_of
+from dehyst.daemon.rings.records import Flag, LoopCommand, MissCause, name_of
 
 MISSED_BAR = 1e-4
 OURS = ("compute", "driver_io", "page_fault")
@@ -80,7 +80,7 @@ def measured(config: Path, axes: str, seconds: float) -> dict[str, np.ndarray]:
     with core(config, axes[0]):
         rings = {axis: Rings(config.parent, axis) for axis in axes}
         for i, ring in enumerate(rings.values()):
-            ring.command(Command.SETPOINT, 4.0 + i)
+            ring.command(LoopCommand.SETPOINT, 4.0 + i)
         time.sleep(2.5)  # warm, and there
         begun_ns = time.monotonic_ns()
         time.sleep(seconds)

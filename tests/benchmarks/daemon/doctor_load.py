@@ -12,14 +12,14 @@ from dehyst.daemon.files.cases import Case
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 
 RATE_HZ = 200.0
 
 
 def lay_cases(config: Config, count: int) -> None:
     """So many cases of 20 s each, 200 Hz, in the watch's folder."""
-    stage = Stage(StageSettings(creep_gain_per_decade=0.05, amplifier_tau_s=0.01))
+    stage = SimulatedStage(StageSettings(creep_gain_per_decade=0.05, amplifier_tau_s=0.01))
     t_s, volts = pattern(75.0, 66.0, RATE_HZ)
     _, measured = stage.run(t_s, volts)
     columns = {"u_v": np.r_[volts[0], volts[:-1]], "y_um": measured}

@@ -8,8 +8,8 @@ dependence and a lag of the amplifier. The model is identified from the stage's 
 symmetric: creep moves its zero by half a micrometre within the run, alike in all modes, and what
 the model cannot represent would hide what tells the modes apart.
 `dehyst play` streams sines; the error is that of the reading against the target in the same record,
-for which the voltage one period before was made. Offline, Compensator and Stage.run do the same
-without a daemon.
+for which the voltage one period before was made. Offline, Compensator and SimulatedStage.run do the
+same without a daemon.
 Exit status 1 unless preview is clearly better than linear and static in the daemon, and every two
 modes that clearly differ offline differ the same way.
 """
@@ -37,7 +37,7 @@ from dehyst.daemon.files.models import save_model
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.daemon.rings.ring import Ring
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.identify import Options, identify
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.model import Hysteresis, Model
@@ -112,7 +112,7 @@ def identified() -> tuple[Model, Model]:
 def answers(volts: Floats) -> Floats:
     """The reading one period after each voltage was commanded, of a fresh stage."""
     t = np.arange(volts.size + 1) / RATE_HZ
-    _, reading = Stage(StageSettings(**PLANT)).run(t, np.append(volts, volts[-1]))  # type: ignore[arg-type]
+    _, reading = SimulatedStage(StageSettings(**PLANT)).run(t, np.append(volts, volts[-1]))  # type: ignore[arg-type]
     return np.asarray(reading[1:])
 
 

@@ -22,7 +22,7 @@ from tests.rigs.trimmed_stage import SLEW, Tamper, TrimmedStage
 from dehyst.daemon.bench.simulated import exploring_drive, simulated_model
 from dehyst.daemon.loop.step_kernel import follow_output, take_step
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.identify import identify
 from dehyst.models.learning.passes import Learner, Pass
 from dehyst.models.model import Block, Floats, Model
@@ -112,7 +112,7 @@ def models(plain: Model, passes: int, bars: Bars) -> None:
     creep = Block("creep", "stage", {"gain_per_decade": 0.012, "tau_min_s": 0.01, "tau_max_s": 1e4})
     other = StageSettings(stroke_um=17.4 * 1.1, hysteresis_width=0.132)
     t_s, volts = exploring_drive()
-    _, reading = Stage(other).run(t_s, volts)
+    _, reading = SimulatedStage(other).run(t_s, volts)
     held = np.concatenate([[0.0], volts[:-1]])
     recording = Recording(t_s=t_s, drive=held, displacement=reading)
     kinds = {

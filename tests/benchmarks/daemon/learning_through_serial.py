@@ -36,7 +36,7 @@ from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.daemon.rings.records import Flag
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.model import Floats
 
 SINES = ((1.0, 8.0), (5.0, 6.0))
@@ -59,7 +59,7 @@ def true_at(logged: dict[str, np.ndarray], moments_ns: np.ndarray) -> Floats:
     log_ns, volts = logged["time_ns"], logged["volts"]
     every, where = np.unique(np.concatenate([log_ns, moments_ns]), return_inverse=True)
     held = volts[np.clip(np.searchsorted(log_ns, every, side="right") - 1, 0, None)]
-    true, _ = Stage().run((every - every[0]) * 1e-9, held)
+    true, _ = SimulatedStage().run((every - every[0]) * 1e-9, held)
     return np.asarray(true[where[log_ns.size :]])
 
 

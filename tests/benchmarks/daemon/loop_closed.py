@@ -22,7 +22,7 @@ import numpy as np
 from tests.benchmarks.bars import Bars
 
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.diagnosis import diagnose
 from dehyst.models.identify import Options, identify
 from dehyst.models.inverse.compensator import Compensator
@@ -72,12 +72,12 @@ class Run:
         )  # fmt: skip
 
 
-def stage_with(trial: Trial, seed: int) -> Stage:
+def stage_with(trial: Trial, seed: int) -> SimulatedStage:
     """Hysteresis and noise, and the one effect."""
     quiet = StageSettings(seed=seed).quiet(
         hysteresis_width=0.12, asymmetry=0.15, sensor_noise_um=0.01, **trial.settings
     )
-    return Stage(quiet)
+    return SimulatedStage(quiet)
 
 
 def surroundings(samples: int, seed: int) -> dict[str, Floats]:
@@ -118,7 +118,7 @@ def exploring(seed: int, seconds: float = 20.0) -> Floats:
 
 
 def run(
-    stage: Stage, volts: Floats | None, around: dict[str, Floats], track: "Track | None"
+    stage: SimulatedStage, volts: Floats | None, around: dict[str, Floats], track: "Track | None"
 ) -> Run:
     """Sample by sample: command at the start of each period, reading at its end."""
     n = around["temp_c"].size

@@ -20,7 +20,7 @@ from tests.benchmarks.bars import Bars
 from tests.benchmarks.models.identify_faults import data_folder
 from tests.rigs.other_programs import KINDS, TEXTS
 
-from dehyst.daemon.files.foreign.reading import Reading
+from dehyst.daemon.files.foreign.reading import ReadOptions
 from dehyst.daemon.files.loading import SUFFIXES
 from dehyst.daemon.main import main as dehyst
 
@@ -60,7 +60,7 @@ def run(*words: str) -> Said:
     return Said(code, out.getvalue(), err.getvalue())
 
 
-def options_of(reading: Reading) -> list[str]:
+def options_of(reading: ReadOptions) -> list[str]:
     """The options that say it on a command line."""
     words = []
     if reading.columns:
@@ -70,7 +70,7 @@ def options_of(reading: Reading) -> list[str]:
     return words
 
 
-def made(folder: Path) -> Iterator[tuple[Path, Reading]]:
+def made(folder: Path) -> Iterator[tuple[Path, ReadOptions]]:
     """A file of each kind, and what has to be said of it."""
     for name, (data, reading) in TEXTS.items():
         (folder / name).write_bytes(data)

@@ -19,7 +19,7 @@ import numpy as np
 from tests.benchmarks.bars import Bars
 
 from dehyst.daemon.bench.simulated import AXES_RATE_HZ, exploring_drive
-from dehyst.daemon.imaging.platform_run import Followed, PlatformRun, record_axes
+from dehyst.daemon.imaging.platform_run import PlatformRun, TrackingRun, record_platform
 from dehyst.models.drive_design.scans import Scan, scan_lissajous, scan_raster
 from dehyst.models.identify import identify
 from dehyst.models.learning.passes import Learner, Pass
@@ -39,14 +39,14 @@ FIGURES = {
 
 def follow(
     models: Mapping[str, Model], targets: Mapping[str, Floats], linear: bool
-) -> tuple[PlatformRun, Followed]:
+) -> tuple[PlatformRun, TrackingRun]:
     """Follow targets (N,) of each axis from rest, in virtual time, open loop."""
     run = PlatformRun(models, PERIOD_S, linear)
     run.follow({axis: np.full(APPROACH, target[0]) for axis, target in targets.items()})
     return run, run.follow(targets)
 
 
-def error_nm(found: Followed, targets: Mapping[str, Floats], axis: str) -> Floats:
+def error_nm(found: TrackingRun, targets: Mapping[str, Floats], axis: str) -> Floats:
     """About its mean, which is the trim's business (N,)."""
     error = 1e3 * (found.true[axis] - targets[axis])
     return np.asarray(error - error.mean())
@@ -58,7 +58,7 @@ def targets_of(scan: Scan) -> dict[str, Floats]:
     return {"x": scan.x + MIDDLE_UM["x"], "y": scan.y + MIDDLE_UM["y"], "z": still}
 
 
-def cross_talk_nm(models: Mapping[str, Model], scan: Scan, together: Followed) -> float:
+def cross_talk_nm(models: Mapping[str, Model], scan: Scan, together: TrackingRun) -> float:
     """Rms over the axes of what the others bring: with them, less alone."""
     whole, found = targets_of(scan), []
     for axis in AXES:
@@ -68,7 +68,7 @@ def cross_talk_nm(models: Mapping[str, Model], scan: Scan, together: Followed) -
     return float(np.sqrt(np.mean(np.square(found))))
 
 
-def rms_nm(found: Followed, targets: Mapping[str, Floats]) -> float:
+def rms_nm(found: TrackingRun, targets: Mapping[str, Floats]) -> float:
     """Of the path in the plane: both axes."""
     x, y = (error_nm(found, targets, axis) for axis in "xy")
     return float(np.sqrt(np.mean(x**2 + y**2)))
@@ -97,7 +97,7 @@ def main() -> int:
     parser.add_argument("--passes", type=int, default=8)
     args = parser.parse_args()
     _, drive = exploring_drive(AXES_RATE_HZ, 20.0)
-    bars, known = Bars(), record_axes(AXES, drive, AXES_RATE_HZ)
+    bars, known = Bars(), record_platform(AXES, drive, AXES_RATE_HZ)
     with_others = {axis: identify([one]).model for axis, one in known.items()}
     alone = {axis: identify([replace(one, channels={})]).model for axis, one in known.items()}
     for axis, model in with_others.items():

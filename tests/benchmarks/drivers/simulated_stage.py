@@ -8,7 +8,7 @@ import numpy as np
 from tests.benchmarks.bars import Bars, too_busy
 
 from dehyst.drivers.simulated.axes import compile_stage
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 
 STEPS = 20_000
 
@@ -21,18 +21,18 @@ def main() -> int:
     """Print a table: microseconds a step, one call at a time and as an array."""
     busy, bars = too_busy(), Bars()
     compile_stage()
-    Stage().run(np.arange(2) * 1e-3, np.zeros(2))
+    SimulatedStage().run(np.arange(2) * 1e-3, np.zeros(2))
     print("period_us  advance+reading_us  run_us")
     for period_s in (1e-2, 1e-3, 1e-4):
         t = np.arange(STEPS) * period_s
         volts = 75.0 - 70.0 * np.cos(2 * math.pi * 3.0 * t)
-        stage = Stage()
+        stage = SimulatedStage()
         start = time.perf_counter()
         for v in volts:
             stage.advance(period_s, v)
             stage.reading_um()
         single = (time.perf_counter() - start) / STEPS * 1e6
-        stage = Stage()
+        stage = SimulatedStage()
         start = time.perf_counter()
         stage.run(t, volts)
         whole = (time.perf_counter() - start) / STEPS * 1e6

@@ -23,7 +23,7 @@ from tests.benchmarks.models import identify_faults  # noqa: E402
 from dehyst.daemon.api.prediction import outside_validity  # noqa: E402
 from dehyst.daemon.files.recordings import read_recording  # noqa: E402
 from dehyst.drivers.simulated.settings import StageSettings  # noqa: E402
-from dehyst.drivers.simulated.stage import Stage  # noqa: E402
+from dehyst.drivers.simulated.stage import SimulatedStage  # noqa: E402
 from dehyst.models.errors import DehystError  # noqa: E402
 from dehyst.models.hysteresis.forward import simulate_hysteresis  # noqa: E402
 from dehyst.models.identify import Identification, Options, identify  # noqa: E402
@@ -149,7 +149,7 @@ def paper() -> None:
     """The paper's experiments on the simulated stage with 100 nm sensor noise."""
 
     def measure(u: Floats, seed: int) -> Recording:
-        stage = Stage(StageSettings(stroke_um=11.6, sensor_noise_um=0.1, seed=seed))
+        stage = SimulatedStage(StageSettings(stroke_um=11.6, sensor_noise_um=0.1, seed=seed))
         t = np.arange(u.size) * cases.T_S
         return Recording(t, u, stage.run(t, 15.0 * u)[1])
 

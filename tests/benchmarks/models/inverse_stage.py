@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.cascade.step import pack, undo
 from dehyst.models.identify import Options, identify
 from dehyst.models.inverse.compensator import Compensator
@@ -20,7 +20,7 @@ SETTINGS = StageSettings()
 
 def _run(volts: Floats) -> tuple[Floats, Floats]:
     """True displacement and reading one period after each voltage was commanded."""
-    stage = Stage(SETTINGS)
+    stage = SimulatedStage(SETTINGS)
     t = np.arange(volts.size + 1) / RATE_HZ
     true, reading = stage.run(t, np.append(volts, volts[-1]))
     return true[1:], reading[1:]

@@ -30,7 +30,7 @@ from tests.benchmarks.bars import Bars
 
 from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.mismatch.monitor import MismatchMonitor
@@ -174,7 +174,7 @@ def drive(model: Model, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
             now_v = min(max(wanted, now_v - step), now_v + step)
         volts[i] = now_v
         compensator.applied(state, now_v)
-    stage, measured, block = Stage(), np.empty(targets.size), round(5 * RATE)
+    stage, measured, block = SimulatedStage(), np.empty(targets.size), round(5 * RATE)
     for start in range(0, targets.size, block):
         part = volts[start : start + block]
         times = (np.arange(part.size) + (start > 0)) / RATE
@@ -198,7 +198,7 @@ def drive_quickly(
         now_v = min(max(wanted, now_v - step), now_v + step)
         volts[i] = now_v
     in_force = np.concatenate([[0.0], volts[:-1]])
-    stage = Stage(StageSettings(rc_tau_s=0.0, mode_hz=0.0, seed=seed))
+    stage = SimulatedStage(StageSettings(rc_tau_s=0.0, mode_hz=0.0, seed=seed))
     measured = stage.run(np.arange(volts.size) / RATE, volts)[1]
     return in_force, simulate_hysteresis(model.hysteresis, in_force, 1 / RATE), measured
 

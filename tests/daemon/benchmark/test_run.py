@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dehyst.daemon.benchmark.cases import Case, read_cases
+from dehyst.daemon.benchmark.cases import Comparison, read_cases
 from dehyst.daemon.benchmark.report import lost, markdown
 from dehyst.daemon.benchmark.rivals.interface import Predict, Rival
-from dehyst.daemon.benchmark.run import run_all, run_one
+from dehyst.daemon.benchmark.run import run_comparisons, run_one
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.models.errors import BadInput, BadRecording
 from dehyst.models.recording import Floats, Recording
@@ -18,12 +18,12 @@ N = 1000
 T = np.arange(N) * 0.01
 
 
-def case(made: bool = True) -> Case:
+def case(made: bool = True) -> Comparison:
     """A straight line of 2 um/V; the last half is held out."""
     u = 5.0 - 5.0 * np.cos(T)
     whole = Recording(T, u, 2.0 * u, name="line")
     half = Recording(T[: N // 2], u[: N // 2], 2.0 * u[: N // 2], name="line")
-    return Case("line", half, whole, np.arange(N) >= N // 2, made)
+    return Comparison("line", half, whole, np.arange(N) >= N // 2, made)
 
 
 def gain(of: float) -> Predict:
@@ -63,7 +63,7 @@ def test_a_model_that_diverges_or_refuses_is_said_so() -> None:
         rival("wild", lambda r: lambda t_s, u: np.full(u.size, np.inf)),
         rival("shy", refuse),
     ]
-    scores = run_all([case()], rivals)
+    scores = run_comparisons([case()], rivals)
     assert scores[3].refused == "too little of the loop is shown"
     text = markdown(scores, rivals, ["other.csv: no displacement"])
     row = next(line for line in text.splitlines() if line.startswith("| line |"))
@@ -78,7 +78,7 @@ def test_a_model_that_diverges_or_refuses_is_said_so() -> None:
 
 def test_a_tie_is_not_lost() -> None:
     rivals = [rival("this project", lambda r: gain(2.104)), rival("b", lambda r: gain(2.1))]
-    scores = run_all([case()], rivals)
+    scores = run_comparisons([case()], rivals)
     assert lost(scores) == []
     assert lost([replace(scores[0], share=scores[1].share * 1.06), scores[1]])
 

@@ -141,7 +141,7 @@ def test_a_second_run_on_the_same_address_is_refused_at_once(shared: Bench) -> N
 def test_run_speaks_at_once_and_brings_its_emulated_bench_back(tmp_path: Path) -> None:
     folder = tmp_path / "bench"
     bench = EmulatedBench(tmp_path)
-    emulated_bench.note(folder, [])
+    emulated_bench.note_bench(folder, [])
     address = f"tcp/127.0.0.1:{free_port()}"
     config = write_bench(tmp_path, bench.ports, "stage-1", address, kept_model())
     bench.close()

@@ -18,8 +18,8 @@ from dehyst.drivers.emulated.mdt693b_knobs import Mdt693bKnobs
 from dehyst.drivers.emulated.mdt693b_port import Mdt693bEmulator
 from dehyst.drivers.emulated.pty_device import PtyServer
 from dehyst.drivers.kpc101.probe import interpret_channels
-from dehyst.drivers.ksg101.probe import REQUESTS, interpret_requests
-from dehyst.drivers.ksg101.probe import ProbeTuning as GaugeTuning
+from dehyst.drivers.ksg101.probe import REQUESTS, interpret_gauge_requests
+from dehyst.drivers.ksg101.probe import GaugeProbeTuning as GaugeTuning
 from dehyst.drivers.mdt693b.probe import QUERIES, interpret
 from dehyst.drivers.mdt693b.tuning import ProbeTuning
 from dehyst.drivers.recorded import RecordedExchange
@@ -111,7 +111,7 @@ def test_a_gauge_reader_is_recorded_and_understood(tmp_path, capsys):
     assert len(exchanges) == len(REQUESTS)
     assert exchanges[1].sent == bytes.fromhex("050000005001")  # MGMSG_HW_REQ_INFO
     assert exchanges[4].sent == bytes.fromhex("dd0701005001")
-    assert interpret_requests(exchanges).answers == printed["answers"]
+    assert interpret_gauge_requests(exchanges).answers == printed["answers"]
 
 
 def test_drivers_lists_every_plugin(capsys):

@@ -15,7 +15,7 @@ from dehyst.daemon.demo.busy import (
     MOST_STRETCH,
     Busy,
     Patience,
-    Spent,
+    ProcessorTicks,
     busy_between,
     read_spent,
 )
@@ -44,7 +44,7 @@ def test_what_this_process_and_its_children_took_is_no_work_of_others(tmp_path: 
     first = read_spent(lay_proc(tmp_path / "a", "100 0 100 1000 0 0 0 20 0 0", family))
     assert first.own == 10 + 20 + 30 + 3 * 3
     assert (first.total, first.idle, first.stolen) == (1220, 1000, 20)
-    last = Spent(first.at_s + 1.0, first.total + 200, first.idle + 60, first.stolen + 20,
+    last = ProcessorTicks(first.at_s + 1.0, first.total + 200, first.idle + 60, first.stolen + 20,
                  first.own + 70)  # fmt: skip
     busy = busy_between(first, last)
     assert busy.others == pytest.approx(0.25)  # 200 less 60 idle, 20 stolen, 70 of its own

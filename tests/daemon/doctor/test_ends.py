@@ -18,7 +18,7 @@ from dehyst.daemon.files.cases import Examined
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models import diagnosis
 from dehyst.models.errors import BadRecording
 
@@ -33,7 +33,7 @@ def at_rest(folder: Path, step_um: float) -> Path:
     volts = 75.0 + 2.7 * np.minimum(t_s / 12.0, 1.0)
     steps = step_um * np.repeat(STEPS, -(-t_s.size // len(STEPS)))[: t_s.size]
     for name in (cases.GOOD, cases.FLAGGED, cases.LATER):
-        _, measured = Stage(StageSettings(seed=4)).run(t_s, volts)
+        _, measured = SimulatedStage(StageSettings(seed=4)).run(t_s, volts)
         measured = measured + (steps if name != cases.GOOD else 0.0)
         write_recording(folder / name, t_s, {"u_v": volts, "y_um": measured}, {})
     save_model(kept_model(), folder / cases.IN_USE)

@@ -20,7 +20,7 @@ from dehyst.daemon.files.models import load_model, save_model
 from dehyst.daemon.files.recordings import read_recording, write_recording
 from dehyst.daemon.main import main
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 
 RATE_HZ = 200.0
 LAG_S = 0.015
@@ -40,7 +40,7 @@ def lay(folder: Path, stuck: bool = False, **change: float) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     t_s, volts = pattern(75.0, 66.0, RATE_HZ)
     seconds = t_s.size / RATE_HZ
-    stage, drive, reading = Stage(StageSettings(seed=4)), [], []
+    stage, drive, reading = SimulatedStage(StageSettings(seed=4)), [], []
     leads: dict[str, float] = {}
     for name in ("", cases.GOOD, cases.FLAGGED, cases.LATER):
         if name == cases.FLAGGED:

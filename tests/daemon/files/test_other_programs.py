@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.rigs.other_programs import KINDS, NAMES, TEXTS, N, T, U, Y, lines
 
-from dehyst.daemon.files.foreign.reading import Reading, parse_columns
+from dehyst.daemon.files.foreign.reading import ReadOptions, parse_columns
 from dehyst.daemon.files.recordings import read_recording, read_recordings, recording_of
 from dehyst.models.errors import BadInput, BadRecording
 from dehyst.models.recording import Recording
@@ -45,17 +45,18 @@ def test_files_made_by_the_library(tmp_path: Path, name: str) -> None:
 
 
 ASKED = {
-    "which is the drive": (("CH1 (V),CH2 (V)\n1,2\n1,3\n" * 3, "u="), Reading(rate_hz=1.0)),
-    "the unit of the displacement": (("t_s,u_v,position\n0,1,2\n1,2,3\n", "--unit um"), Reading()),
-    "seconds or not": (("time,u_v,y_um\n0,1,2\n5,2,3\n", "--time-unit s, ms or us"), Reading()),
-    "no time": (("voltage (V),pos (um)\n1,2\n2,3\n", "--rate HZ"), Reading()),
-    "two of them": (("t_s,u_v,pos a (um),pos b (um)\n0,1,2,3\n1,2,3,4\n", "y="), Reading()),
-    "no headings": (("0;1;2\n1;2;3\n", "--columns t=0,u=1,y=2"), Reading()),
-    "no such column": (("t_s,u_v,y_um\n0,1,2\n1,2,3\n", "no such column"), Reading({"y": "z"})),
-    "two commas": (("t_s,u_v\n0,0,1,5\n0,1,2,5\n", "decimal marks and separators"), Reading()),
-    "no numbers": (("a,b\nc,d\n", "no rows of numbers"), Reading()),
+    "which is the drive": (("CH1 (V),CH2 (V)\n1,2\n1,3\n" * 3, "u="), ReadOptions(rate_hz=1.0)),
+    "the unit of the displacement": (("t_s,u_v,position\n0,1,2\n1,2,3\n", "--unit um"),
+                                     ReadOptions()),
+    "seconds or not": (("time,u_v,y_um\n0,1,2\n5,2,3\n", "--time-unit s, ms or us"), ReadOptions()),
+    "no time": (("voltage (V),pos (um)\n1,2\n2,3\n", "--rate HZ"), ReadOptions()),
+    "two of them": (("t_s,u_v,pos a (um),pos b (um)\n0,1,2,3\n1,2,3,4\n", "y="), ReadOptions()),
+    "no headings": (("0;1;2\n1;2;3\n", "--columns t=0,u=1,y=2"), ReadOptions()),
+    "no such column": (("t_s,u_v,y_um\n0,1,2\n1,2,3\n", "no such column"), ReadOptions({"y": "z"})),
+    "two commas": (("t_s,u_v\n0,0,1,5\n0,1,2,5\n", "decimal marks and separators"), ReadOptions()),
+    "no numbers": (("a,b\nc,d\n", "no rows of numbers"), ReadOptions()),
     "a letter": (("Time (s),U (V),Y (um)\n0,1,2\n1,2,x7\n2,2,2\n", "line 3: Y (um) is 'x7'"),
-                 Reading()),
+                 ReadOptions()),
 }  # fmt: skip
 
 

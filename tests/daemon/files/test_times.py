@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dehyst.daemon.files.times import doubt_seconds, settle
+from dehyst.daemon.files.times import doubt_seconds, repair_times
 from dehyst.models.errors import BadRecording
 
 
 def settled(t_s: np.ndarray, same: bool = False):
-    return settle("a.csv", t_s, lambda row: same, lambda row: f"line {row + 2}")
+    return repair_times("a.csv", t_s, lambda row: same, lambda row: f"line {row + 2}")
 
 
 @settings(max_examples=30)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.rigs.gate import Gate, S, grid
 
-from dehyst.daemon.rings.records import Command, State
+from dehyst.daemon.rings.records import LoopCommand, State
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def test_a_good_setpoint_becomes_one_record(gate: Gate) -> None:
     assert gate.setpoint(0, 2.5).ok
     assert gate.records.size == 1
     record = gate.records[0]
-    assert (record["kind"], record["value"], record["client"]) == (Command.SETPOINT, 2.5, 1)
+    assert (record["kind"], record["value"], record["client"]) == (LoopCommand.SETPOINT, 2.5, 1)
 
 
 @pytest.mark.parametrize(
@@ -124,12 +124,12 @@ def test_take_over_ends_the_others_trajectory(gate: Gate) -> None:
 def test_anybody_may_stop_and_it_ends_the_trajectory(gate: Gate) -> None:
     assert gate.chunk(0, grid(0, 0.5)).ok
     assert gate.request(2, "stop").ok
-    assert gate.records["kind"].tolist() == [Command.STOP_MOTION]
+    assert gate.records["kind"].tolist() == [LoopCommand.STOP_MOTION]
     reply = gate.chunk(1, grid(0.5, 0.5))
     assert reply.code == "over"
     assert "stopped" in reply.text
     assert gate.request(2, "release").ok
-    assert gate.records["kind"].tolist() == [Command.RELEASE]
+    assert gate.records["kind"].tolist() == [LoopCommand.RELEASE]
 
 
 @pytest.mark.parametrize("state", [State.START, State.FAULT, State.STOPPING])
@@ -259,7 +259,7 @@ def test_the_gauges_zero_moves_within_reason(gate: Gate, value: float, code: str
     reply = gate.request(1, "zero", value=value)
     assert reply.code == code
     if reply.ok:
-        assert (gate.records[-1]["kind"], gate.records[-1]["value"]) == (Command.ZERO, value)
+        assert (gate.records[-1]["kind"], gate.records[-1]["value"]) == (LoopCommand.ZERO, value)
 
 
 def test_the_gauges_zero_is_the_leaseholders_to_move(gate: Gate) -> None:
@@ -282,5 +282,8 @@ def test_what_lasts_without_a_client_is_the_configurations_to_allow(
         else:
             assert "setpoint.stay is false" in reply.text
     assert gate.request(1, "hold").ok
-    assert (gate.records["kind"].tolist(), gate.records["last"].tolist()) == ([Command.HOLD], [0])
+    assert (gate.records["kind"].tolist(), gate.records["last"].tolist()) == (
+        [LoopCommand.HOLD],
+        [0],
+    )
     assert gate.request(2, "hold").code == "lease-taken"

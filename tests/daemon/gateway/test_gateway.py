@@ -17,7 +17,7 @@ from dehyst.daemon.bus import encoding, messages, topics
 from dehyst.daemon.bus.session import Bus, BusError
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.files.models import load_model
-from dehyst.daemon.rings.records import Command, State
+from dehyst.daemon.rings.records import LoopCommand, State
 
 
 def collect(client: Client, count: int) -> np.ndarray:
@@ -151,7 +151,7 @@ def test_a_flood_neither_stops_telemetry_nor_a_stop(shared: Bench) -> None:
     assert np.all(np.diff(samples["seq"]) == 1)
     assert stream.lost == 0
     given = shared.loop.commands
-    assert np.any((given["kind"] == Command.STOP_MOTION) & (given["client"] == other.client))
+    assert np.any((given["kind"] == LoopCommand.STOP_MOTION) & (given["client"] == other.client))
     assert other.status().core_alive
 
 
@@ -217,7 +217,7 @@ def test_a_trajectory_survives_a_killed_gateway(bench: Bench) -> None:
     assert played.completed, played.reason
     assert played.tracking.samples == played.tracking.expected
     assert played.lost == 0
-    points = bench.loop.commands[bench.loop.commands["kind"] == Command.POINT]
+    points = bench.loop.commands[bench.loop.commands["kind"] == LoopCommand.POINT]
     assert np.all(np.diff(points["offset_ns"]) > 0)  # nothing was sent twice
     assert points.size == t_s.size
     assert np.allclose(points["value"], 5.0 + 3.0 * np.sin(2 * np.pi * t_s))

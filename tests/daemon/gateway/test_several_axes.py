@@ -13,10 +13,10 @@ from dehyst.daemon.bus import encoding, topics
 from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.client.group import Group
-from dehyst.daemon.rings.records import Command, Flag, State
+from dehyst.daemon.rings.records import Flag, LoopCommand, State
 from dehyst.models.errors import BadInput
 
-Kinds = Callable[[str, Command], int]
+Kinds = Callable[[str, LoopCommand], int]
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def kinds(stage: AxesBench) -> Iterator[Kinds]:
     """How many commands of a kind an axis was given since the test began."""
     before = {axis: loop.commands.size for axis, loop in stage.loops.items()}
 
-    def count(axis: str, kind: Command) -> int:
+    def count(axis: str, kind: LoopCommand) -> int:
         return int(np.count_nonzero(stage.loops[axis].commands["kind"][before[axis] :] == kind))
 
     yield count
@@ -61,7 +61,7 @@ def test_each_axis_has_its_own_name_and_says_whose_it_is(stage: AxesBench, kinds
     x = stage.client("x")
     x.send(4.0)
     wait_until("x goes there", lambda: x.history(0.1)["target"][-1] == 4.0)
-    assert (kinds("x", Command.SETPOINT), kinds("y", Command.SETPOINT)) == (1, 0)
+    assert (kinds("x", LoopCommand.SETPOINT), kinds("y", LoopCommand.SETPOINT)) == (1, 0)
     assert np.isnan(group["y"].history(0.1)["target"]).all()
 
 
@@ -86,7 +86,7 @@ def test_a_lease_is_for_all_that_are_asked_for_or_for_none(stage: AxesBench, kin
     assert other.status().gateway.lease_client == 0  # nothing is held back
     with pytest.raises(Refusal, match="stage-1-y: the first"):
         group.play([0.0, 0.1], {"x": [2.0, 3.0], "y": [2.0, 3.0]})
-    assert kinds("x", Command.POINT) == kinds("y", Command.POINT) == 0
+    assert kinds("x", LoopCommand.POINT) == kinds("y", LoopCommand.POINT) == 0
     group.take_over()
     assert group["x"]._lease == group["y"]._lease != 0
     with pytest.raises(Refusal, match="the group commands this daemon"):
@@ -99,9 +99,9 @@ def test_a_set_point_out_of_reach_at_one_axis_moves_none(stage: AxesBench, kinds
     group = stage.group("xy")
     with pytest.raises(BadInput, match="axis y: 1000 um cannot be reached"):
         group.send({"x": 3.0, "y": 1000.0})
-    assert kinds("x", Command.SETPOINT) == 0
+    assert kinds("x", LoopCommand.SETPOINT) == 0
     group.send({"x": 3.0, "y": 2.0})
-    assert kinds("x", Command.SETPOINT) == kinds("y", Command.SETPOINT) == 1
+    assert kinds("x", LoopCommand.SETPOINT) == kinds("y", LoopCommand.SETPOINT) == 1
     with pytest.raises(BadInput, match="there are: x, y"):
         group.send({"z": 3.0})
 
@@ -109,10 +109,10 @@ def test_a_set_point_out_of_reach_at_one_axis_moves_none(stage: AxesBench, kinds
 def test_one_stop_reaches_all_axes_of_a_group_and_no_other(stage: AxesBench, kinds: Kinds) -> None:
     group = stage.group("xz")
     group.stop()
-    wait_until("x and z have it", lambda: kinds("x", Command.STOP_MOTION) == 1)
-    assert [kinds(axis, Command.STOP_MOTION) for axis in "xyz"] == [1, 0, 1]
+    wait_until("x and z have it", lambda: kinds("x", LoopCommand.STOP_MOTION) == 1)
+    assert [kinds(axis, LoopCommand.STOP_MOTION) for axis in "xyz"] == [1, 0, 1]
     group.release()
-    assert [kinds(axis, Command.RELEASE) for axis in "xyz"] == [1, 0, 1]
+    assert [kinds(axis, LoopCommand.RELEASE) for axis in "xyz"] == [1, 0, 1]
 
 
 def test_a_trajectory_is_played_by_all_axes(stage: AxesBench, kinds: Kinds) -> None:
@@ -125,7 +125,7 @@ def test_a_trajectory_is_played_by_all_axes(stage: AxesBench, kinds: Kinds) -> N
         assert one.tracking.samples == 300
         assert one.tracking.rms_error < 0.2, axis
     assert played["x"].trajectory == played["y"].trajectory
-    assert (kinds("z", Command.POINT), kinds("x", Command.POINT)) == (0, 300)
+    assert (kinds("z", LoopCommand.POINT), kinds("x", LoopCommand.POINT)) == (0, 300)
 
 
 def test_they_start_on_the_same_sample_however_far_each_comes(
@@ -161,7 +161,7 @@ def test_what_one_axis_refuses_moves_none(stage: AxesBench, kinds: Kinds) -> Non
     wait_until("a few samples", lambda: stage.loops["x"].seq > before + 40)
     volts = group["x"].history(0.2)["volts"]
     assert np.ptp(volts) == 0.0
-    assert kinds("x", Command.POINT) == kinds("y", Command.POINT) == 0
+    assert kinds("x", LoopCommand.POINT) == kinds("y", LoopCommand.POINT) == 0
     played = group.play([0.0, 0.1], {"x": [4.0, 4.1], "y": [4.0, 4.1]})  # and the next one begins
     assert all(one.completed for one in played.values())
 
@@ -207,7 +207,7 @@ def test_where_one_is_stopped_by_another_client_the_other_holds(
     begun = stage.loops["x"].seq
 
     def stop(at_s: float, _total_s: float) -> None:
-        if at_s > 0.3 and kinds("y", Command.STOP_MOTION) == 0:
+        if at_s > 0.3 and kinds("y", LoopCommand.STOP_MOTION) == 0:
             other.stop()
 
     played = group.play(t_s, {"x": 4.0 + 0.2 * t_s, "y": 4.0 + 0.2 * t_s}, progress=stop)
@@ -224,7 +224,7 @@ def test_a_group_with_an_axis_that_is_not_there_is_refused(stage: AxesBench, kin
     offsets, values = np.array([0, 5_000_000]), np.array([4.0, 4.1])
     with pytest.raises(Refusal, match="there are stage-1-x, stage-1-y, stage-1-z"):
         x.chunk(9, 0, offsets, values, True, False, None, ["stage-1-x", "stage-1-w"])
-    assert kinds("x", Command.POINT) == 0
+    assert kinds("x", LoopCommand.POINT) == 0
 
 
 def test_the_gateway_may_be_killed_while_a_group_plays(stage: AxesBench, kinds: Kinds) -> None:
@@ -255,7 +255,7 @@ def test_an_axis_that_cannot_play_it_keeps_the_others_still(stage: AxesBench, ki
     group = stage.group("xy")
     with pytest.raises(BadInput, match="axis y: 2000 um"):
         group.play([0.0, 0.1], {"x": [2.0, 3.0], "y": [2.0, 2000.0]})
-    assert kinds("x", Command.POINT) == 0
+    assert kinds("x", LoopCommand.POINT) == 0
 
 
 def test_the_roles_hold_at_every_axis(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from tests.rigs.gate import ROOM, Gate
 
 from dehyst.daemon.bus.messages import Reply, Request
 from dehyst.daemon.gateway.together import handle_together
-from dehyst.daemon.rings.records import Command
+from dehyst.daemon.rings.records import LoopCommand
 
 AXES = ("x", "y", "z")
 
@@ -95,12 +95,12 @@ def test_a_stop_reaches_all_it_can_and_tells_where_it_cannot(gates: Gates) -> No
     assert (reply.ok, reply.code) == (False, "no-core")
     assert reply.text.startswith("y: ")
     assert {a: r["kind"].tolist() for a, r in gates.records.items()} == {
-        "x": [Command.STOP_MOTION], "y": [], "z": [Command.STOP_MOTION],
+        "x": [LoopCommand.STOP_MOTION], "y": [], "z": [LoopCommand.STOP_MOTION],
     }  # fmt: skip
     gates.gates["y"].gate.core.alive = True
     assert gates.ask(2, "release", "zy").ok
     assert {a: r["kind"].tolist() for a, r in gates.records.items()} == {
-        "z": [Command.RELEASE], "y": [Command.RELEASE],
+        "z": [LoopCommand.RELEASE], "y": [LoopCommand.RELEASE],
     }  # fmt: skip
 
 

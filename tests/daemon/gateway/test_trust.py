@@ -10,7 +10,7 @@ from dehyst.daemon.files.models import save_model
 from dehyst.daemon.gateway.history import TelemetryHistory
 from dehyst.daemon.gateway.loop_records import trust
 from dehyst.daemon.gateway.mismatch import MismatchWatch
-from dehyst.daemon.rings.records import TELEMETRY, Command, State
+from dehyst.daemon.rings.records import TELEMETRY, LoopCommand, State
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 
 
@@ -92,4 +92,4 @@ def test_the_record_for_the_loop() -> None:
     for trusted in (True, False):
         record = trust(trusted)
         assert record.size == 1
-        assert (record["kind"][0], record["value"][0]) == (Command.TRUST, float(trusted))
+        assert (record["kind"][0], record["value"][0]) == (LoopCommand.TRUST, float(trusted))

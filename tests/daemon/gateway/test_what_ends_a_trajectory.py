@@ -6,7 +6,7 @@ from tests.rigs.gate import Gate, S, grid
 
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.lease import Lease
-from dehyst.daemon.rings.records import COMMAND, Command
+from dehyst.daemon.rings.records import COMMAND, LoopCommand
 
 
 @pytest.fixture
@@ -44,7 +44,9 @@ def test_a_refused_setpoint_does_not_end_the_trajectory(gate: Gate) -> None:
 def test_a_clear_ends_the_trajectory_that_it_names_and_tells_the_loop(gate: Gate) -> None:
     assert gate.chunk(0, grid(0, 0.5)).ok
     assert gate.request(1, "clear", trajectory=9).ok
-    assert gate.records[["kind", "client", "trajectory"]].tolist() == [(int(Command.CLEAR), 1, 9)]
+    assert gate.records[["kind", "client", "trajectory"]].tolist() == [
+        (int(LoopCommand.CLEAR), 1, 9)
+    ]
     reply = gate.chunk(1, grid(0.5, 0.5))
     assert (reply.code, gate.records.size) == ("over", 0)
     assert "its client withdrew it" in reply.text

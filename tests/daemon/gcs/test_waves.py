@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dehyst.daemon.gcs.grammar import LONGEST, Code, Command, GcsError, Splitter, lines
+from dehyst.daemon.gcs.grammar import LONGEST, GcsCode, GcsCommand, GcsError, Splitter, join_lines
 from dehyst.daemon.gcs.waves import MOST_POINTS, Waves, segment
 
 
@@ -54,18 +54,18 @@ def test_a_ramp_goes_up_and_comes_back_the_same_way() -> None:
 @pytest.mark.parametrize(
     ("kind", "args", "code"),
     [
-        ("SQUARE", "1", Code.PARAM_SYNTAX),
-        ("PNT", "1 3 1 2", Code.PARAM_COUNT),
-        ("PNT", "1 2 1 nan", Code.INVALID_NUMBER),
-        ("PNT", "1 2 1 x", Code.INVALID_NUMBER),
-        ("SIN_P", "100 8 1 120 0 50", Code.PARAM_OUT_OF_RANGE),
-        ("SIN_P", "100 8 1 100 0", Code.PARAM_COUNT),
-        ("RAMP", "100 8 1 100 0 30 50", Code.PARAM_OUT_OF_RANGE),
-        ("LIN", f"{MOST_POINTS + 1} 8 1 100 0 0", Code.PARAM_OUT_OF_RANGE),
+        ("SQUARE", "1", GcsCode.PARAM_SYNTAX),
+        ("PNT", "1 3 1 2", GcsCode.PARAM_COUNT),
+        ("PNT", "1 2 1 nan", GcsCode.INVALID_NUMBER),
+        ("PNT", "1 2 1 x", GcsCode.INVALID_NUMBER),
+        ("SIN_P", "100 8 1 120 0 50", GcsCode.PARAM_OUT_OF_RANGE),
+        ("SIN_P", "100 8 1 100 0", GcsCode.PARAM_COUNT),
+        ("RAMP", "100 8 1 100 0 30 50", GcsCode.PARAM_OUT_OF_RANGE),
+        ("LIN", f"{MOST_POINTS + 1} 8 1 100 0 0", GcsCode.PARAM_OUT_OF_RANGE),
     ],
 )
 def test_a_wave_that_cannot_be_is_refused_with_the_standards_code(
-    kind: str, args: str, code: Code
+    kind: str, args: str, code: GcsCode
 ) -> None:
     with pytest.raises(GcsError) as error:
         segment(kind, words(args))
@@ -100,18 +100,18 @@ def test_commands_are_the_same_however_the_bytes_arrive(data: st.DataObject) -> 
     for start, end in zip([0, *cuts], [*cuts, len(text)], strict=True):
         found += splitter.feed(text[start:end])
     assert found == [
-        Command("MOV", ("X", "1.5", "y", "2")),
-        Command("#5"),
-        Command("POS?", ("X",)),
-        Command("#24"),
-        Command("ERR?"),
+        GcsCommand("MOV", ("X", "1.5", "y", "2")),
+        GcsCommand("#5"),
+        GcsCommand("POS?", ("X",)),
+        GcsCommand("#24"),
+        GcsCommand("ERR?"),
     ]
 
 
 def test_a_line_without_an_end_is_bounded_and_the_next_one_is_understood() -> None:
     splitter = Splitter()
     assert list(splitter.feed(b"A" * (3 * LONGEST))) == []
-    assert list(splitter.feed(b"\nERR?\n")) == [Command(""), Command("ERR?")]
+    assert list(splitter.feed(b"\nERR?\n")) == [GcsCommand(""), GcsCommand("ERR?")]
 
 
 @given(st.binary(max_size=400))
@@ -121,4 +121,4 @@ def test_no_bytes_break_the_splitter(data: bytes) -> None:
 
 
 def test_lines_of_an_answer_have_a_blank_before_each_end_but_the_last() -> None:
-    assert lines(["X=1", "Y=2"]) == "X=1 \nY=2\n"
+    assert join_lines(["X=1", "Y=2"]) == "X=1 \nY=2\n"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dehyst.daemon.imaging.experiment import image
-from dehyst.daemon.imaging.report import to_json
+from dehyst.daemon.imaging.report import pictures_to_json
 from dehyst.daemon.main import main
 
 LINES = "12"  # what counts does not depend on how many there are
@@ -38,7 +38,7 @@ def test_compensated_and_learned_are_as_much_better_as_they_must_be(facts: dict[
 
 
 def test_two_runs_give_the_same_figures(facts: dict[str, Any]) -> None:
-    assert to_json(image(lines=int(LINES))) == facts
+    assert pictures_to_json(image(lines=int(LINES))) == facts
 
 
 def test_the_distortion_is_that_of_the_places_in_the_file(

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from tests.rigs.two_loops import LOOK_NS, PERIOD_NS, Rig
 
 from dehyst.daemon.loop.status import PLACE
-from dehyst.daemon.rings.records import COMMAND, Command, Flag, State
+from dehyst.daemon.rings.records import COMMAND, Flag, LoopCommand, State
 
 names = (f"engine-{i}" for i in itertools.count())
 
 
-def command(kind: Command, value: float = 0.0, count: int = 1, first: int = 0) -> np.ndarray:
+def command(kind: LoopCommand, value: float = 0.0, count: int = 1, first: int = 0) -> np.ndarray:
     batch = np.zeros(count, COMMAND)
     batch["kind"], batch["trajectory"] = kind, 7
     batch["offset_ns"] = (first + np.arange(count)) * PERIOD_NS
@@ -27,14 +27,16 @@ def command(kind: Command, value: float = 0.0, count: int = 1, first: int = 0) -
 
 batches = st.lists(
     st.one_of(
-        st.builds(command, st.just(Command.SETPOINT), st.floats(-5, 30) | st.just(float("nan"))),
         st.builds(
-            command, st.just(Command.POINT), st.floats(0, 12), st.integers(1, 60),
+            command, st.just(LoopCommand.SETPOINT), st.floats(-5, 30) | st.just(float("nan")),
+        ),
+        st.builds(
+            command, st.just(LoopCommand.POINT), st.floats(0, 12), st.integers(1, 60),
             st.integers(0, 200),
         ),
         st.builds(
             command,
-            st.sampled_from([Command.STOP_MOTION, Command.RELEASE, Command.CLEAR]),
+            st.sampled_from([LoopCommand.STOP_MOTION, LoopCommand.RELEASE, LoopCommand.CLEAR]),
         ),
         st.just(np.zeros(0, COMMAND)),
     ),
@@ -79,7 +81,7 @@ def test_late_wake_ups_do_not_add_up(compiled: bool) -> None:
 @pytest.mark.parametrize("compiled", [False, True])
 def test_missed_deadlines_are_flagged_counted_and_never_made_up(compiled: bool) -> None:
     rig = Rig(next(names), lateness_ns=[0] * 9 + [3_400_000])
-    records = rig.play([command(Command.SETPOINT, 4.0)], 400, compiled)
+    records = rig.play([command(LoopCommand.SETPOINT, 4.0)], 400, compiled)
     flagged = records["flags"] & Flag.MISSED > 0
     passed = (rig.scheduled_ns - records["scheduled_ns"][0]) // PERIOD_NS
     assert rig.monitor.missed == 3 * flagged.sum()
@@ -91,10 +93,10 @@ def test_missed_deadlines_are_flagged_counted_and_never_made_up(compiled: bool) 
 @pytest.mark.parametrize("compiled", [False, True])
 def test_an_unplugged_stage_is_a_fault_and_comes_back(compiled: bool) -> None:
     rig = Rig(next(names))
-    rig.play([command(Command.SETPOINT, 4.0)], 30, compiled)
+    rig.play([command(LoopCommand.SETPOINT, 4.0)], 30, compiled)
     held = rig.stepper.volts
     rig.stage.plugged = False
-    records = rig.play([command(Command.SETPOINT, 5.0)], 60, compiled)[30:]
+    records = rig.play([command(LoopCommand.SETPOINT, 5.0)], 60, compiled)[30:]
     assert records["flags"][0] & (Flag.WRITE_FAILED | Flag.SENSOR_INVALID)
     assert State(records["state"][-1]) is State.FAULT
     assert (records["volts"][1:] == records["volts"][1]).all()
@@ -114,7 +116,7 @@ def test_an_unplugged_stage_is_a_fault_and_comes_back(compiled: bool) -> None:
 @pytest.mark.parametrize("compiled", [False, True])
 def test_asked_to_stop_it_ends_in_the_configured_state(compiled: bool) -> None:
     rig = Rig(next(names))
-    rig.play([command(Command.SETPOINT, 9.0)], 90, compiled)
+    rig.play([command(LoopCommand.SETPOINT, 9.0)], 90, compiled)
     assert rig.stepper.volts > 60.0
     rig.monitor.stop()
     records = rig.play([np.zeros(0, COMMAND)], 100_000, compiled)
@@ -127,7 +129,7 @@ def test_asked_to_stop_it_ends_in_the_configured_state(compiled: bool) -> None:
 def test_a_look_at_the_clock_costs_time_in_both(  # the virtual clocks themselves agree
 ) -> None:
     rig = Rig(next(names), lateness_ns=[0])
-    records = rig.play([command(Command.SETPOINT, 4.0)], 20, True)
+    records = rig.play([command(LoopCommand.SETPOINT, 4.0)], 20, True)
     assert records["io_us"][1] == pytest.approx(2 * LOOK_NS * 1e-3)
 
 
@@ -137,13 +139,13 @@ def test_memory_does_not_grow_from_sample_to_sample(compiled: bool) -> None:
     long that this is little beside a byte a sample."""
     samples = 4000
     rig = Rig(next(names))
-    rig.play([command(Command.SETPOINT, 4.0)], 600, compiled)
+    rig.play([command(LoopCommand.SETPOINT, 4.0)], 600, compiled)
     grown = []
     tracemalloc.start()
     try:
         while len(grown) < 10 and min(grown, default=math.inf) >= samples:
             before = tracemalloc.get_traced_memory()[0]
-            rig.play([command(Command.POINT, 3.0, 50)] * 4, samples, compiled)
+            rig.play([command(LoopCommand.POINT, 3.0, 50)] * 4, samples, compiled)
             grown.append(tracemalloc.get_traced_memory()[0] - before)
     finally:
         tracemalloc.stop()

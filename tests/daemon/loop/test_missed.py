@@ -15,7 +15,7 @@ from tests.rigs.two_loops import Rig
 
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.loop.python_loop import PythonLoop
-from dehyst.daemon.rings.records import COMMAND, Command, Flag, MissCause
+from dehyst.daemon.rings.records import COMMAND, Flag, LoopCommand, MissCause
 
 HOG = """
 import os, sys, time
@@ -56,7 +56,7 @@ def test_a_slow_driver_is_named() -> None:
     PythonLoop(rig.monitor).run(5)  # kernels are in memory before a set-point's age counts
     rig.monitor.actuator.device.write = slow
     batch = np.zeros(1, COMMAND)
-    batch["kind"], batch["value"] = Command.SETPOINT, 9.0
+    batch["kind"], batch["value"] = LoopCommand.SETPOINT, 9.0
     rig.rings["command"].push_many(batch)
     PythonLoop(rig.monitor).run(155)
     records = rig.rings["telemetry"].read(0)[0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.rigs.stepper import CONFIG, GAIN, PERIOD_NS, Bench, compensator, model, points
 
-from dehyst.daemon.rings.records import COMMAND, Command, Flag, State
+from dehyst.daemon.rings.records import COMMAND, Flag, LoopCommand, State
 
 RAMP_V, SLEW_V, APPROACH_UM = 0.04, 2.0, 0.02
 
@@ -27,7 +27,7 @@ def test_an_approach_begins_where_the_stage_stands(volts: float, kind: str) -> N
     stands = float(bench.stepper.record[0]["predicted"])
     first = len(bench.volts)
     if kind == "set-point":
-        record = bench.tick((Command.SETPOINT, 5.0), n=2)
+        record = bench.tick((LoopCommand.SETPOINT, 5.0), n=2)
     else:
         record = bench.send(points(4, [5.0] * 50, 0, False), n=2)
     assert abs(record["target"] - stands) <= 2 * APPROACH_UM + 1e-9
@@ -41,7 +41,7 @@ def test_an_approach_in_motion_begins_at_the_present_target() -> None:
     bench = Bench()
     bench.send(points(4, np.linspace(0.0, 4.0, 400).tolist(), 0, False), n=300)
     now = float(bench.stepper.record[0]["target"])
-    record = bench.tick((Command.SETPOINT, 0.5), n=2)
+    record = bench.tick((LoopCommand.SETPOINT, 0.5), n=2)
     assert abs(record["target"] - now) <= 2 * APPROACH_UM + 1e-9
 
 
@@ -121,7 +121,7 @@ def test_only_the_clear_of_the_trajectory_that_is_played_stops_it() -> None:
     bench = Bench()
     bench.send(points(4, wave(900), 0, False), n=300)
     clear = np.zeros(1, COMMAND)
-    clear["kind"], clear["trajectory"] = Command.CLEAR, 3
+    clear["kind"], clear["trajectory"] = LoopCommand.CLEAR, 3
     bench.send(clear, n=5)
     assert bench.stepper.state is State.RUNNING
     clear["trajectory"] = 4
@@ -131,9 +131,9 @@ def test_only_the_clear_of_the_trajectory_that_is_played_stops_it() -> None:
 
 def test_a_stop_holds_for_five_seconds_and_ramps_then() -> None:
     bench = Bench()
-    bench.tick((Command.SETPOINT, 4.0), n=500)
+    bench.tick((LoopCommand.SETPOINT, 4.0), n=500)
     first = len(bench.volts)
-    bench.tick((Command.STOP_MOTION, 0.0), n=4900)
+    bench.tick((LoopCommand.STOP_MOTION, 0.0), n=4900)
     assert bench.stepper.state is State.HOLDING
     assert steps(bench, first + 1).max() == 0.0
     bench.tick(n=200)
@@ -145,7 +145,7 @@ def test_a_release_ramps_at_once_also_where_nobody_commands() -> None:
     bench.tick(n=5)
     assert bench.stepper.state is State.READY
     first = len(bench.volts)
-    bench.tick((Command.RELEASE, 0.0), n=100)
+    bench.tick((LoopCommand.RELEASE, 0.0), n=100)
     assert steps(bench, first)[1:].min() == pytest.approx(RAMP_V)
     bench.tick(n=700)
     assert bench.stepper.state is State.READY
@@ -155,24 +155,24 @@ def test_a_release_ramps_at_once_also_where_nobody_commands() -> None:
 def test_a_new_model_brings_its_own_origin() -> None:
     """Another origin, the same stage: what is reported of the stage is shifted by it."""
     bench = Bench()
-    bench.tick((Command.SETPOINT, 4.0), n=500)
+    bench.tick((LoopCommand.SETPOINT, 4.0), n=500)
     fresh = compensator(model())
     state = fresh.init(0.0)
     for volts in bench.volts:
         fresh.applied(state, volts / GAIN)
     bench.stepper.reload(fresh, state, 1.5)
-    record = bench.tick((Command.SETPOINT, 2.5), n=5)
+    record = bench.tick((LoopCommand.SETPOINT, 2.5), n=5)
     assert bench.stepper.origin == 1.5
     assert record["measured"] == pytest.approx(1.0 - 1.5)
     bench.tick(n=400)
-    record = bench.tick((Command.SETPOINT, 2.5), n=100)
+    record = bench.tick((LoopCommand.SETPOINT, 2.5), n=100)
     assert record["predicted"] == pytest.approx(2.5, abs=1e-6)
     assert bench.stepper.volts == pytest.approx(bench.volts[500], abs=1e-6)
 
 
 def test_after_a_fault_the_model_is_led_from_the_output_as_it_was_found() -> None:
     bench = Bench()
-    bench.tick((Command.SETPOINT, 4.0), n=500)
+    bench.tick((LoopCommand.SETPOINT, 4.0), n=500)
     bench.stepper.fault(bench.now, "unplugged")
     bench.tick(n=10)
     bench.stepper.recover(bench.now, 60.0)
@@ -192,14 +192,14 @@ def test_the_first_step_from_a_reported_output_is_half_as_long() -> None:
     bench = Bench(30.0, fast)
     bench.tick(n=20)
     first = len(bench.volts)
-    bench.tick((Command.SETPOINT, 5.0), n=5)
+    bench.tick((LoopCommand.SETPOINT, 5.0), n=5)
     assert steps(bench, first)[:3] == pytest.approx([1.0, 2.0, 2.0])
     bench.stepper.fault(bench.now, "unplugged")
     bench.tick(n=10)
     bench.stepper.recover(bench.now, 20.0)
     bench.tick()
     first = len(bench.volts)
-    bench.tick((Command.SETPOINT, 5.0), n=5)
+    bench.tick((LoopCommand.SETPOINT, 5.0), n=5)
     assert steps(bench, first)[:3] == pytest.approx([1.0, 2.0, 2.0])
 
 
@@ -219,7 +219,7 @@ def test_a_fault_forgets_the_targets() -> None:
 
 def test_on_fault_ramp_begins_at_once_when_the_device_is_back() -> None:
     bench = Bench(config=CONFIG + 'on_fault = "ramp"\n')
-    bench.tick((Command.SETPOINT, 4.0), n=500)
+    bench.tick((LoopCommand.SETPOINT, 4.0), n=500)
     bench.stepper.fault(bench.now, "unplugged")
     bench.tick(n=10)
     bench.stepper.recover(bench.now, bench.stepper.volts)
@@ -229,10 +229,10 @@ def test_on_fault_ramp_begins_at_once_when_the_device_is_back() -> None:
 
 
 @pytest.mark.parametrize("wild", [np.nan, np.inf, -np.inf, 1e7])
-@pytest.mark.parametrize("kind", [Command.SETPOINT, Command.POINT])
-def test_a_wild_value_that_passed_the_gate_changes_nothing(wild: float, kind: Command) -> None:
+@pytest.mark.parametrize("kind", [LoopCommand.SETPOINT, LoopCommand.POINT])
+def test_a_wild_value_that_passed_the_gate_changes_nothing(wild: float, kind: LoopCommand) -> None:
     bench = Bench()
-    bench.tick((Command.SETPOINT, 4.0), n=500)
+    bench.tick((LoopCommand.SETPOINT, 4.0), n=500)
     first = len(bench.volts)
     bad = np.zeros(1, COMMAND)
     bad["kind"], bad["value"], bad["trajectory"] = kind, wild, 7
@@ -245,7 +245,7 @@ def test_a_wild_value_that_passed_the_gate_changes_nothing(wild: float, kind: Co
 def test_an_inverse_that_says_nan_leaves_the_output_where_it_is_and_flags_it() -> None:
     """The last wall before the amplifier: its own settings are spoilt here."""
     bench = Bench()
-    bench.tick((Command.SETPOINT, 4.0), n=500)
+    bench.tick((LoopCommand.SETPOINT, 4.0), n=500)
     held = bench.stepper.volts
     bench.stepper._numbers["gain"] = np.nan
     record = bench.tick()
@@ -258,7 +258,7 @@ def test_the_last_wall_holds_range_and_slew(wild_v: float, end_v: float) -> None
     """A safe voltage far outside, and a ramp without end, as no configuration can ask for them."""
     bench = Bench(30.0)
     bench.stepper._numbers["safe_v"], bench.stepper._numbers["ramp_v"] = wild_v, 1e6
-    bench.tick((Command.RELEASE, 0.0), n=2)
+    bench.tick((LoopCommand.RELEASE, 0.0), n=2)
     for _ in range(60):
         record = bench.tick()
         assert 0.0 <= record["volts"] <= 75.0

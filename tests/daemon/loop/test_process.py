@@ -13,9 +13,9 @@ from tests.rigs.processes import SLEW, EmulatedBench, Rings, core, dehyst, simul
 from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.files.models import load_model, save_model
-from dehyst.daemon.rings.records import Command, Flag, MissCause, State
+from dehyst.daemon.rings.records import Flag, LoopCommand, MissCause, State
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.model import Block
 
@@ -57,7 +57,7 @@ def test_one_kilohertz_on_the_simulated_stage(tmp_path: Path, model: Path, engin
     with core(simulated_config(tmp_path, 1000.0, model, engine)):
         rings = Rings(tmp_path)
         until(lambda: rings.read("telemetry").size > 500)
-        rings.command(Command.SETPOINT, 9.0)
+        rings.command(LoopCommand.SETPOINT, 9.0)
         until(lambda: rings.read("telemetry").size > 2500)
         said = rings.last("status")["samples"]
         until(lambda: rings.last("status")["samples"] > said, 5.0, "a status")
@@ -97,7 +97,7 @@ def check_reached(records: np.ndarray, followed: np.ndarray, model: Path, origin
     )
     assert np.abs(promised - 9.0).max() < 1e-3
     t_s = (records["scheduled_ns"] - records["scheduled_ns"][0]) * 1e-9
-    true_um, _ = Stage(StageSettings()).run(t_s, records["volts"])
+    true_um, _ = SimulatedStage(StageSettings()).run(t_s, records["volts"])
     error = records["measured"][settled] + origin - true_um[settled]
     noise = StageSettings().sensor_noise_um
     assert noise / 2 < np.std(error) < 2 * noise  # its filter takes some of it
@@ -143,7 +143,7 @@ def test_reload_swaps_a_good_model_and_refuses_a_broken_one(
         save_model(replace(load_model(own), blocks=(coupled,)), own)
         process.send_signal(signal.SIGHUP)
         until(lambda: "not compensated: u2_v" in rings.events(), 20, "what is not measured")
-        rings.command(Command.SETPOINT, 9.0)
+        rings.command(LoopCommand.SETPOINT, 9.0)
         time.sleep(0.5)
         assert process.poll() is None
         volts = rings.read("telemetry")["volts"]
@@ -155,7 +155,7 @@ def test_serial_bench_unplug_and_back(bench: EmulatedBench, model: Path) -> None
     with core(bench.config(100.0, model)):
         rings.drive(9.0, lambda last: last["volts"] > 60.0)
         bench.control(fault="unplug", device="mdt693b", for_s=1.5)
-        rings.command(Command.SETPOINT, 4.0)
+        rings.command(LoopCommand.SETPOINT, 4.0)
         until(lambda: rings.state() is State.FAULT, 20, "fault")
         until(lambda: rings.state() is not State.FAULT, 30, "recovery")
         until(lambda: "back" in rings.events(), 20, "the event")
@@ -229,7 +229,7 @@ def test_a_trimmed_stage_stands_where_the_gauge_says(
         rings = Rings(tmp_path)
         until(lambda: rings.read("telemetry").size > 500)
         for _ in range(12):
-            rings.command(Command.SETPOINT, 9.0)
+            rings.command(LoopCommand.SETPOINT, 9.0)
             time.sleep(0.5)
         status, records = rings.last("status"), rings.read("telemetry")
     newest = records[records["target"] == 9.0][-1000:]

@@ -20,7 +20,7 @@ from dehyst.daemon.bus.messages import Request, Setpoint
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.loop.records_in_memory import SETTINGS
-from dehyst.daemon.rings.records import COMMAND, Command, State
+from dehyst.daemon.rings.records import COMMAND, LoopCommand, State
 
 SAFE_V, RAMP_V_PER_S, LEASE_NS = 3.0, 40.0, 500_000_000
 CLIENTS = st.sampled_from([11, 22])
@@ -124,13 +124,13 @@ class Life(RuleBasedStateMachine):
         """Past the gate: the step itself must bear any points."""
         self.trajectory += 1
         batch = np.zeros(len(values), COMMAND)
-        batch["kind"], batch["trajectory"] = Command.POINT, self.trajectory
+        batch["kind"], batch["trajectory"] = LoopCommand.POINT, self.trajectory
         batch["offset_ns"] = np.arange(len(values)) * PERIOD_NS
         batch["value"], batch["last"][-1:] = values, last
         self.tick(batch)
 
     @rule(
-        kind=st.sampled_from([Command.STOP_MOTION, Command.RELEASE, Command.CLEAR, 77]),
+        kind=st.sampled_from([LoopCommand.STOP_MOTION, LoopCommand.RELEASE, LoopCommand.CLEAR, 77]),
         value=st.floats(allow_nan=True, allow_infinity=True),
     )
     def command(self, kind: int, value: float) -> None:

@@ -19,7 +19,7 @@ from tests.rigs.two_loops import PERIOD_NS, Rig, VirtualClock, setpoint
 from dehyst.daemon.files.models import save_model
 from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.daemon.loop.records_in_memory import SETTINGS
-from dehyst.daemon.rings.records import COMMAND, Command, Flag
+from dehyst.daemon.rings.records import COMMAND, Flag, LoopCommand
 from dehyst.drivers.interface import DeviceTimeout
 from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor
 
@@ -51,7 +51,7 @@ def test_late_samples_are_not_caught_up_with(compiled: bool) -> None:
     batches = []
     for i in range(40):
         batch = np.zeros(1, COMMAND)
-        batch["kind"], batch["value"] = Command.SETPOINT, (10.0, 1.0)[i % 2]
+        batch["kind"], batch["value"] = LoopCommand.SETPOINT, (10.0, 1.0)[i % 2]
         batches.append(batch)
     rig.stepper.table.kept[SETTINGS]["approach_um_per_s"] = 1e5
     records = rig.play(batches, 60, compiled)
@@ -206,7 +206,7 @@ def test_the_amplifiers_own_log_while_the_gauge_is_late(tmp_path: Path) -> None:
             end = time.monotonic() + 7.0
             while time.monotonic() < end:
                 for value in (9.0, 2.0):
-                    rings.command(Command.SETPOINT, value)
+                    rings.command(LoopCommand.SETPOINT, value)
                     time.sleep(0.11)
             until(lambda: rings.last("status")["missed"] > 5, 20.0, "missed deadlines")
         time_ns, volts = bench.output()

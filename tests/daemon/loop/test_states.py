@@ -12,7 +12,7 @@ from tests.daemon.loop.test_step import GAIN, Bench, compensator, model, points
 
 from dehyst.daemon.loop.records_in_memory import SETTINGS
 from dehyst.daemon.loop.states import NEXT, NOTHING, TABLE, LoopEvent
-from dehyst.daemon.rings.records import Command, State
+from dehyst.daemon.rings.records import LoopCommand, State
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "loop-states.md"
 SAFE_V, START_V = 3.0, 20.0
@@ -43,7 +43,7 @@ def in_state(state: State) -> Bench:
     elif state in (S.RUNNING, S.HOLDING):
         bench.send(points(7, np.linspace(2.0, 4.0, 1000).tolist(), 0, True), n=100)
         if state is S.HOLDING:
-            bench.tick((Command.STOP_MOTION, 0.0))
+            bench.tick((LoopCommand.STOP_MOTION, 0.0))
     elif state is S.FAULT:
         bench.stepper.fault(bench.now, "pulled")
     elif state is S.STOPPING:
@@ -55,19 +55,19 @@ def in_state(state: State) -> Bench:
 def inject(bench: Bench, event: LoopEvent, way: str = "") -> None:
     """Let this happen to a controller."""
     if way == "set-point":
-        bench.tick((Command.SETPOINT, 2.0))
+        bench.tick((LoopCommand.SETPOINT, 2.0))
     elif way == "trajectory":
         bench.send(points(9, [2.0, 2.1], 0, True))
     elif way == "stop":
-        bench.tick((Command.STOP_MOTION, 0.0))
+        bench.tick((LoopCommand.STOP_MOTION, 0.0))
     elif way == "hold":
-        bench.tick((Command.HOLD, 0.0))
+        bench.tick((LoopCommand.HOLD, 0.0))
     elif way == "clear":
         clear = points(7, [0.0], 0, False)
-        clear["kind"] = Command.CLEAR
+        clear["kind"] = LoopCommand.CLEAR
         bench.send(clear)
     elif event is E.RELEASE:
-        bench.tick((Command.RELEASE, 0.0))
+        bench.tick((LoopCommand.RELEASE, 0.0))
     elif event is E.STALE:
         bench.tick(n=3500)  # the trajectory's last second, stale_s 2 s; hold_s is 5 s
     elif event is E.ARRIVED:
@@ -123,17 +123,17 @@ def test_after_a_fault_the_model_follows_the_output_as_it_was_found() -> None:
         fresh.applied(state, volts / GAIN)
     assert bench.stepper.volts == 45.0
     # up from below: the backlash is taken up, so the branch is known whatever came before
-    bench.tick((Command.SETPOINT, 5.0), n=3)
+    bench.tick((LoopCommand.SETPOINT, 5.0), n=3)
     assert bench.stepper.state is S.RUNNING
     assert abs(bench.stepper.volts - 45.0) <= 2.0
 
 
 def test_release_goes_to_the_safe_voltage_at_once_and_stop_holds_first() -> None:
-    for command, moved in ((Command.RELEASE, True), (Command.STOP_MOTION, False)):
+    for command, moved in ((LoopCommand.RELEASE, True), (LoopCommand.STOP_MOTION, False)):
         bench = in_state(S.RUNNING)
         before = bench.stepper.volts
         bench.tick((command, 0.0), n=100)
         assert bench.stepper.state is S.HOLDING
         assert (bench.stepper.volts != before) == moved
-    bench.tick((Command.RELEASE, 0.0), n=10)  # and a release ends a hold
+    bench.tick((LoopCommand.RELEASE, 0.0), n=10)  # and a release ends a hold
     assert bench.stepper.volts == pytest.approx(before - 10 * 0.04)  # ramp 40 V/s at 1 kHz

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.rigs.stepper import Bench, points
 
-from dehyst.daemon.rings.records import COMMAND, Command, State
+from dehyst.daemon.rings.records import COMMAND, LoopCommand, State
 
 LONG = 60_000  # samples: a minute, far beyond stale_s and hold_s
 
 
-def command(kind: Command, value: float = 0.0, lasts: bool = False) -> np.ndarray:
+def command(kind: LoopCommand, value: float = 0.0, lasts: bool = False) -> np.ndarray:
     record = np.zeros(1, COMMAND)
     record["kind"], record["value"], record["last"] = kind, value, lasts
     return record
@@ -23,7 +23,7 @@ def command(kind: Command, value: float = 0.0, lasts: bool = False) -> np.ndarra
 def at_a_place(lasts: bool) -> Bench:
     bench = Bench()
     bench.tick()
-    bench.send(command(Command.SETPOINT, 4.0, lasts), n=400)
+    bench.send(command(LoopCommand.SETPOINT, 4.0, lasts), n=400)
     return bench
 
 
@@ -42,35 +42,35 @@ def test_a_hold_keeps_the_voltage_in_mid_motion_and_on_the_way_down() -> None:
     bench.tick()
     bench.send(points(7, np.linspace(2.0, 8.0, 2000).tolist(), 0, True), n=600)
     moving = bench.stepper.volts
-    bench.send(command(Command.HOLD, lasts=True), n=LONG)
+    bench.send(command(LoopCommand.HOLD, lasts=True), n=LONG)
     assert bench.stepper.state is State.HOLDING
     assert bench.stepper.volts == pytest.approx(moving, abs=0.2)  # a step of the motion
     assert np.isnan(bench.stepper.record[0]["target"])
-    bench.send(command(Command.STOP_MOTION), n=5500)  # a stop ends it: 5 s, then down
+    bench.send(command(LoopCommand.STOP_MOTION), n=5500)  # a stop ends it: 5 s, then down
     down = bench.stepper.volts
     assert 0.0 < down < moving
-    bench.send(command(Command.HOLD), n=4900)
+    bench.send(command(LoopCommand.HOLD), n=4900)
     assert bench.stepper.volts == pytest.approx(down, abs=0.05)
     bench.tick(n=200)
     assert bench.stepper.volts < down - 1.0  # that one did not last
 
 
 ENDS = {
-    "set-point": lambda b: b.send(command(Command.SETPOINT, 3.0)),
+    "set-point": lambda b: b.send(command(LoopCommand.SETPOINT, 3.0)),
     "trajectory": lambda b: b.send(points(9, [3.0, 3.1], 0, True)),
-    "stop": lambda b: b.send(command(Command.STOP_MOTION)),
-    "release": lambda b: b.send(command(Command.RELEASE)),
-    "hold": lambda b: b.send(command(Command.HOLD)),
+    "stop": lambda b: b.send(command(LoopCommand.STOP_MOTION)),
+    "release": lambda b: b.send(command(LoopCommand.RELEASE)),
+    "hold": lambda b: b.send(command(LoopCommand.HOLD)),
     "fault": lambda b: (b.stepper.fault(b.now, "pulled"), b.stepper.recover(b.now, 20.0)),
     "end": lambda b: b.stepper.stop(b.now),
 }
 
 
-@pytest.mark.parametrize("kind", [Command.SETPOINT, Command.HOLD])
+@pytest.mark.parametrize("kind", [LoopCommand.SETPOINT, LoopCommand.HOLD])
 @pytest.mark.parametrize("end", list(ENDS))
-def test_every_other_command_ends_it(end: str, kind: Command) -> None:
+def test_every_other_command_ends_it(end: str, kind: LoopCommand) -> None:
     bench = at_a_place(True)
-    if kind is Command.HOLD:
+    if kind is LoopCommand.HOLD:
         bench.send(command(kind, lasts=True), n=10)
     ENDS[end](bench)
     bench.tick(n=2)
@@ -91,7 +91,7 @@ def test_what_lasts_is_the_newest_command(todo: list[str]) -> None:
         if what == "end":
             continue
         if what == "lasting":
-            bench.send(command(Command.SETPOINT, 4.0, True))
+            bench.send(command(LoopCommand.SETPOINT, 4.0, True))
             lasts = True
         elif what != "wait":
             ENDS[what](bench)

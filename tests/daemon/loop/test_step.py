@@ -19,7 +19,7 @@ from tests.rigs.stepper import (
     points,
 )
 
-from dehyst.daemon.rings.records import COMMAND, Command, Flag, State
+from dehyst.daemon.rings.records import COMMAND, Flag, LoopCommand, State
 
 
 def brute_force(drives: list[float]) -> np.ndarray:
@@ -49,13 +49,13 @@ def test_volts_stay_in_range_and_slew_whatever_happens(todo: list, end: bool) ->
     bench.tick()
     for number, (what, value) in enumerate(todo):
         if what == "set":
-            bench.tick((Command.SETPOINT, value))
+            bench.tick((LoopCommand.SETPOINT, value))
         elif what == "play":
             bench.send(points(number + 1, value, 0, True))
         elif what == "stop":
-            bench.tick((Command.STOP_MOTION, 0.0))
+            bench.tick((LoopCommand.STOP_MOTION, 0.0))
         elif what == "release":
-            bench.tick((Command.RELEASE, 0.0))
+            bench.tick((LoopCommand.RELEASE, 0.0))
         elif what == "fault":
             bench.stepper.fault(bench.now, "pulled")
         elif what == "back":
@@ -80,7 +80,7 @@ def test_volts_stay_in_range_and_slew_whatever_happens(todo: list, end: bool) ->
 
 def test_a_set_point_is_approached_slowly_and_then_held_exactly() -> None:
     bench = Bench()
-    bench.tick((Command.SETPOINT, 4.0))
+    bench.tick((LoopCommand.SETPOINT, 4.0))
     assert bench.stepper.state is State.RUNNING
     record = bench.tick(n=100)
     assert record["target"] == pytest.approx(20.0 * 0.1, abs=0.05)  # approach_um_per_s = 20
@@ -95,7 +95,7 @@ def test_a_set_point_is_approached_slowly_and_then_held_exactly() -> None:
 
 def test_stale_set_point_holds_then_ramps_to_the_safe_voltage() -> None:
     bench = Bench()
-    bench.tick((Command.SETPOINT, 4.0))
+    bench.tick((LoopCommand.SETPOINT, 4.0))
     bench.tick(n=1990)
     assert bench.stepper.state is State.RUNNING
     held = bench.volts[-1]
@@ -138,7 +138,7 @@ def test_a_client_that_dies_in_mid_trajectory_leaves_hold_then_ramp() -> None:
 
 def test_unreachable_targets_are_flagged_not_hidden() -> None:
     bench = Bench()
-    bench.tick((Command.SETPOINT, 40.0))
+    bench.tick((LoopCommand.SETPOINT, 40.0))
     record = bench.tick(n=2100)  # the approach takes 2 s
     assert record["flags"] & Flag.UNREACHABLE
     assert record["target"] == 40.0
@@ -147,7 +147,7 @@ def test_unreachable_targets_are_flagged_not_hidden() -> None:
 
 def test_reload_does_not_jump_and_arrives_at_the_target_of_the_new_model() -> None:
     bench = Bench()
-    bench.tick((Command.SETPOINT, 4.0))
+    bench.tick((LoopCommand.SETPOINT, 4.0))
     bench.tick(n=500)
     fresh = compensator(model(1.25))
     state = fresh.init(0.0)
@@ -155,25 +155,25 @@ def test_reload_does_not_jump_and_arrives_at_the_target_of_the_new_model() -> No
         fresh.applied(state, volts / GAIN)
     before = bench.stepper.volts
     bench.stepper.reload(fresh, state, 0.0)
-    bench.tick((Command.SETPOINT, 4.0))
+    bench.tick((LoopCommand.SETPOINT, 4.0))
     assert abs(bench.stepper.volts - before) <= 40.0 * 1e-3 * (1 + 1e-9)
     for _ in range(6):
-        bench.tick((Command.SETPOINT, 4.0), n=300)
+        bench.tick((LoopCommand.SETPOINT, 4.0), n=300)
     assert bench.stepper.record[0]["predicted"] == pytest.approx(4.0, abs=1e-6)
     assert bench.stepper.volts < before
 
 
 def test_fault_stops_all_voltage_until_the_device_is_back() -> None:
     bench = Bench()
-    bench.tick((Command.SETPOINT, 4.0))
+    bench.tick((LoopCommand.SETPOINT, 4.0))
     bench.tick(n=500)
     bench.stepper.fault(bench.now, "unplugged")
     held = bench.stepper.volts
-    bench.tick((Command.SETPOINT, 1.0), n=50)
+    bench.tick((LoopCommand.SETPOINT, 1.0), n=50)
     assert bench.stepper.volts == held
     bench.stepper.recover(bench.now, held)
     assert bench.stepper.state is State.READY  # on_fault = "hold"
-    bench.tick((Command.SETPOINT, 4.0), n=400)
+    bench.tick((LoopCommand.SETPOINT, 4.0), n=400)
     assert bench.stepper.state is State.RUNNING
 
 

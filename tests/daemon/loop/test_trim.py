@@ -14,7 +14,7 @@ from dehyst.daemon.config import parse_config
 from dehyst.daemon.loop.settings import LoopSettings
 from dehyst.daemon.loop.step import Stepper
 from dehyst.daemon.loop.trim import trim_setting
-from dehyst.daemon.rings.records import COMMAND, Command, Flag, State
+from dehyst.daemon.rings.records import COMMAND, Flag, LoopCommand, State
 from dehyst.models.errors import BadInput
 from dehyst.models.learning import trim
 from dehyst.models.model import Block, Model
@@ -60,9 +60,9 @@ class Trimmed(Bench):
 
 def test_a_set_point_is_reached_by_the_gauge() -> None:
     bench = Trimmed()
-    bench.tick((Command.SETPOINT, 4.0))
+    bench.tick((LoopCommand.SETPOINT, 4.0))
     for _ in range(30):
-        bench.tick((Command.SETPOINT, 4.0), n=100)
+        bench.tick((LoopCommand.SETPOINT, 4.0), n=100)
     record = bench.records[-1]
     assert record["target"] == 4.0
     assert record["measured"] == pytest.approx(4.0, abs=2e-3)
@@ -75,7 +75,7 @@ def test_without_trim_nothing_is_added() -> None:
     off, none = Trimmed(on=False), Trimmed(on=False)
     none.stepper = Stepper(none.settings, compensator(model()), 0.0)
     for bench in (off, none):
-        bench.tick((Command.SETPOINT, 4.0), n=300)
+        bench.tick((LoopCommand.SETPOINT, 4.0), n=300)
         bench.send(points(3, [4.0, 5.0, 6.0, 2.0], 0, True), n=300)
     assert off.volts == none.volts
     assert not np.any([r["trim"] for r in off.records])
@@ -85,10 +85,10 @@ def test_a_trimmed_stage_that_held_goes_on_from_where_it_stands() -> None:
     """Stop, hold, a new set-point at the same place: the output hardly moves."""
     bench = Trimmed()
     for _ in range(30):
-        bench.tick((Command.SETPOINT, 4.0), n=100)
-    bench.tick((Command.STOP_MOTION, 0.0), n=200)
+        bench.tick((LoopCommand.SETPOINT, 4.0), n=100)
+    bench.tick((LoopCommand.STOP_MOTION, 0.0), n=200)
     before = bench.volts[-1]
-    bench.tick((Command.SETPOINT, 4.0), n=50)
+    bench.tick((LoopCommand.SETPOINT, 4.0), n=50)
     moved = np.abs(np.array(bench.volts[-50:]) - before)
     assert moved.max() < 0.01 * GAIN / 0.8
     assert np.abs(np.diff(bench.volts[-50:])).max() < 0.02 * GAIN
@@ -97,11 +97,11 @@ def test_a_trimmed_stage_that_held_goes_on_from_where_it_stands() -> None:
 def test_another_model_lets_go_of_the_trim_in_a_glide() -> None:
     bench = Trimmed()
     for _ in range(30):
-        bench.tick((Command.SETPOINT, 4.0), n=100)
+        bench.tick((LoopCommand.SETPOINT, 4.0), n=100)
     fresh = compensator(model(1.05))
     bench.stepper.reload(fresh, fresh.init(bench.stepper.volts / GAIN), 0.0)
     bench.off = 0.0
-    bench.tick((Command.SETPOINT, 4.0), n=500)
+    bench.tick((LoopCommand.SETPOINT, 4.0), n=500)
     steps = np.abs(np.diff(bench.volts[-501:]))
     assert steps.max() < 0.1 * SLEW * 1e-3
     assert abs(bench.records[-1]["trim"]) < 0.01
@@ -111,33 +111,33 @@ def test_another_model_lets_go_of_the_trim_in_a_glide() -> None:
 def test_a_bad_reading_freezes_is_flagged_and_reported(bad: float) -> None:
     bench = Trimmed()
     for _ in range(20):
-        bench.tick((Command.SETPOINT, 4.0), n=100)
+        bench.tick((LoopCommand.SETPOINT, 4.0), n=100)
     assert not bench.records[-1]["flags"] & Flag.TRIM_FROZEN
     before = bench.records[-1]["trim"]
     bench.reading = bad
-    bench.tick((Command.SETPOINT, 4.0), n=300)
+    bench.tick((LoopCommand.SETPOINT, 4.0), n=300)
     assert bench.records[-1]["flags"] & Flag.TRIM_FROZEN
     assert bench.records[-1]["trim"] == before
     assert any("trim frozen" in text for text in bench.stepper.events)
     bench.reading = None
-    bench.tick((Command.SETPOINT, 4.0), n=300)
+    bench.tick((LoopCommand.SETPOINT, 4.0), n=300)
     assert any("trim goes on" in text for text in bench.stepper.events)
 
 
 def test_the_gateway_may_distrust_the_gauge_in_any_state() -> None:
     bench = Trimmed()
-    bench.tick((Command.TRUST, 0.0))
+    bench.tick((LoopCommand.TRUST, 0.0))
     for _ in range(10):
-        bench.tick((Command.SETPOINT, 4.0), n=100)
+        bench.tick((LoopCommand.SETPOINT, 4.0), n=100)
     assert bench.records[-1]["trim"] == 0.0
-    bench.tick((Command.TRUST, 1.0), n=3000)
+    bench.tick((LoopCommand.TRUST, 1.0), n=3000)
     assert bench.records[-1]["trim"] == pytest.approx(-0.3, abs=2e-3)
 
 
 def test_a_moved_zero_shifts_every_reading() -> None:
     bench = Trimmed(on=False)
-    before = bench.tick((Command.SETPOINT, 4.0), n=300)
-    after = bench.tick((Command.ZERO, -0.3), n=2)
+    before = bench.tick((LoopCommand.SETPOINT, 4.0), n=300)
+    after = bench.tick((LoopCommand.ZERO, -0.3), n=2)
     assert after["measured"] - before["measured"] == pytest.approx(-0.3, abs=3e-3)
     assert after["measured"] == pytest.approx(after["predicted"], abs=2e-3)
 
@@ -173,7 +173,7 @@ def test_what_was_learned_fades_after_its_trajectory() -> None:
     bench.send(learned(points(5, [4.0] * 300, 0, True), 0.25), n=700)
     path = np.array([r["learned"] for r in bench.records])
     assert path.max() == 0.25
-    bench.tick((Command.SETPOINT, 4.0), n=1500)
+    bench.tick((LoopCommand.SETPOINT, 4.0), n=1500)
     path = np.array([r["learned"] for r in bench.records])
     assert path[-1] == 0.0
     assert np.abs(np.diff(path[400:])).max() <= 0.02 * 10.0 * 1e-3 * (1 + 1e-9)
@@ -199,11 +199,11 @@ def test_volts_keep_range_and_slew_whatever_the_gauge_says(todo: list) -> None:
     bench = Trimmed()
     for number, (what, value) in enumerate(todo):
         if what == "set":
-            bench.tick((Command.SETPOINT, value))
+            bench.tick((LoopCommand.SETPOINT, value))
         elif what == "play":
             bench.send(learned(points(number + 1, value, 0, True), 0.5))
         elif what in ("stop", "release"):
-            bench.tick((Command.STOP_MOTION if what == "stop" else Command.RELEASE, 0.0))
+            bench.tick((LoopCommand.STOP_MOTION if what == "stop" else LoopCommand.RELEASE, 0.0))
         elif what == "fault":
             bench.stepper.fault(bench.now, "pulled")
         elif what == "back":
@@ -212,7 +212,7 @@ def test_volts_keep_range_and_slew_whatever_the_gauge_says(todo: list) -> None:
             fresh = compensator(model(1.3))
             bench.stepper.reload(fresh, fresh.init(bench.stepper.volts / GAIN), 0.0)
         elif what in ("trust", "zero"):
-            bench.tick((Command.TRUST if what == "trust" else Command.ZERO, value))
+            bench.tick((LoopCommand.TRUST if what == "trust" else LoopCommand.ZERO, value))
         elif what == "off":
             bench.off = value
         elif what == "reading":
@@ -231,7 +231,7 @@ def test_a_moved_zero_is_in_the_status_at_once() -> None:
     """For whoever compares readings with those before it."""
     rig = Rig(next(names))
     shift = setpoint(-0.25)
-    shift["kind"] = Command.ZERO
+    shift["kind"] = LoopCommand.ZERO
     rig.play([setpoint(4.0)], 30, compiled=False)
     rig.play([shift], 3, compiled=False)
     status, _, _ = rig.rings["status"].read(0)

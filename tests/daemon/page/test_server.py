@@ -16,7 +16,7 @@ from tests.rigs.stage_model import kept_model
 from websockets.exceptions import InvalidStatus
 
 from dehyst.daemon.main import main
-from dehyst.daemon.rings.records import Command, State
+from dehyst.daemon.rings.records import LoopCommand, State
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 
 
@@ -189,7 +189,7 @@ def test_what_is_not_understood_is_said_and_nothing_else_happens(
     for number, text in enumerate(NONSENSE, 1):
         browser.socket.send(text)
         browser.until("it is said", lambda n=number: len(browser.texts()) == n)  # type: ignore[misc]
-    assert set(still_bench.loop.commands["kind"][begun:]) <= {Command.TRUST}
+    assert set(still_bench.loop.commands["kind"][begun:]) <= {LoopCommand.TRUST}
     browser.ask("stop")  # it goes on
     browser.until("stopped", lambda: "stopped" in browser.texts()[-1])
     browser.close()
@@ -366,7 +366,7 @@ def test_with_passwords_nothing_without_one_and_an_observer_cannot_command(
             observer.until("refused", lambda n=reported: len(observer.texts()) > n)  # type: ignore[misc]
             assert "observer may look" in observer.texts()[-1]
         later = shared.loop.commands["kind"][begun:]
-        assert set(later) <= {Command.TRUST}  # the mismatch watch's own
+        assert set(later) <= {LoopCommand.TRUST}  # the mismatch watch's own
         page.http.cookies.set("dehyst", cookie)
         refused = page.post("/upload/identify", content=b"x")
         page.http.cookies.clear()
@@ -542,7 +542,7 @@ def test_all_axes_of_a_controller_their_path_and_one_stop(tmp_path: Path) -> Non
         browser.until("stopped", lambda: "stopped" in browser.said.get("said", {}).get("text", ""))
         for axis, loop in axes.loops.items():
             wait_until(f"{axis} is stopped", lambda one=loop, n=before[axis]: one.commands.size > n)
-            assert Command.STOP_MOTION in loop.commands["kind"][before[axis] :]
+            assert LoopCommand.STOP_MOTION in loop.commands["kind"][before[axis] :]
         group.close()  # who commanded until now
         for axis, value in (("x", 4.0), ("y", 5.5)):
             browser.ask("go", name=f"stage-1-{axis}", value=value, seconds=60)
@@ -565,7 +565,7 @@ def test_all_axes_of_a_controller_their_path_and_one_stop(tmp_path: Path) -> Non
         assert look()["state"] == "done", look()["text"]
         assert list(look()["result"]["axes"]) == ["x", "y"]
         points = lambda: [  # noqa: E731
-            int((loop.commands["kind"] == Command.POINT).sum()) for loop in axes.loops.values()
+            int((loop.commands["kind"] == LoopCommand.POINT).sum()) for loop in axes.loops.values()
         ]
         assert points() == [0, 0]
         browser.ask("play", job=number)  # its own set-points give way

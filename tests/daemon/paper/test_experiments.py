@@ -9,16 +9,16 @@ import pytest
 
 from dehyst.daemon.paper import experiments
 from dehyst.daemon.paper.deviations import DEVIATIONS
-from dehyst.daemon.paper.experiments import EXPERIMENTS, PERIOD_S, Result, run_all
-from dehyst.daemon.paper.report import maximum_says, pictures, table
-from dehyst.daemon.paper.stages import bouc_wen
+from dehyst.daemon.paper.experiments import EXPERIMENTS, PERIOD_S, Result, run_experiments
+from dehyst.daemon.paper.report import maximum_says, paper_table, pictures
+from dehyst.daemon.paper.stages import bouc_wen_stage
 
 ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture(scope="module")
 def results() -> list[Result]:
-    return run_all(shorten=0.3, stages=("Eq. 11",))
+    return run_experiments(shorten=0.3, stages=("Eq. 11",))
 
 
 def test_every_drive_starts_de_energised_and_stays_in_the_range() -> None:
@@ -30,7 +30,7 @@ def test_every_drive_starts_de_energised_and_stays_in_the_range() -> None:
 
 
 def test_the_sweep_ends_at_20_hz() -> None:
-    u = experiments.sweep(experiments.times(10.0))[-2000:] - 0.5 * experiments.SWEEP_V
+    u = experiments.linear_sweep(experiments.times(10.0))[-2000:] - 0.5 * experiments.SWEEP_V
     crossings = np.flatnonzero(np.diff(np.sign(u)))
     assert 0.5 / np.mean(np.diff(crossings[-5:]) * PERIOD_S) == pytest.approx(20.0, rel=0.03)
 
@@ -38,7 +38,7 @@ def test_the_sweep_ends_at_20_hz() -> None:
 def test_static_figures_of_the_paper_are_reached_on_eq_11(results: list[Result]) -> None:
     counted = [r for r in results if r.counts]
     assert [r.experiment.figure for r in counted] == ["3", "5", "6"]
-    assert all(r.reached for r in counted), table(results)
+    assert all(r.reached for r in counted), paper_table(results)
 
 
 def test_noise_is_part_of_the_error(results: list[Result]) -> None:
@@ -67,11 +67,11 @@ def test_every_figure_is_drawn(results: list[Result]) -> None:
 
 def test_the_bouc_wen_stage_has_a_rate_independent_loop() -> None:
     u = experiments.one_sine(experiments.times(2.0))
-    y = bouc_wen(u, PERIOD_S)
+    y = bouc_wen_stage(u, PERIOD_S)
     up, down = y[1250], y[1750]  # the same drive of the second period, rising and falling
     assert u[1250] == pytest.approx(u[1750])
     assert down - up > 0.5
-    assert bouc_wen(u[::2], 2 * PERIOD_S)[625] == pytest.approx(up, abs=0.02)
+    assert bouc_wen_stage(u[::2], 2 * PERIOD_S)[625] == pytest.approx(up, abs=0.02)
 
 
 def test_the_inverse_is_judged_on_rows_that_can_be_reached(results: list[Result]) -> None:

@@ -27,7 +27,7 @@ from dehyst.daemon.report.story import (
     story_picture,
 )
 from dehyst.daemon.report.tracking import Track
-from dehyst.models.diagnosis import Diagnosis, View
+from dehyst.models.diagnosis import Diagnosis, FitView
 from dehyst.models.diagnosis.result import DataQuality
 from dehyst.models.drive_design.coverage import Coverage
 from dehyst.models.identify import Identification
@@ -77,7 +77,7 @@ def world(y: Floats) -> dict[Any, Any]:
     used: NDArray[np.bool_] = np.ones(n, bool)
     model = kept_model()
     few = np.resize(y, model.hysteresis.n)
-    view = View("rest.csv", t_s, y, y, y * 0.9, y * 0.99, used)
+    view = FitView("rest.csv", t_s, y, y, y * 0.9, y * 0.99, used)
     diagnosis = Diagnosis(
         verdict="partly", data=DataQuality(n, 0, 0), noise=float(abs(y[0])), unit="um",
         drive_unit="v", findings=(), would_have_seen=(), rms={}, next_experiment="", model=model,
@@ -95,7 +95,7 @@ def world(y: Floats) -> dict[Any, Any]:
         accepted_s=np.nan, over_s=np.nan, state="", rms={"before": float(y[0])},
     )  # fmt: skip
     return {
-        Diagnosis: diagnosis, View: view, Identification: result,
+        Diagnosis: diagnosis, FitView: view, Identification: result,
         Recording: Recording(t_s, y, y), StoryData: story,
         Validation: Validation("rest.csv", "um", 0.1, 0.0, 1.0, 0.1, None, "", y, lags[1:], lags,
                                float(y[0]), 0.0, 0.0, None),

@@ -13,7 +13,7 @@ from tests.rigs.chaos.axes_rig import AXES, AxesRig
 
 from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.daemon.files.models import save_model
-from dehyst.drivers.simulated.axes import settings_of
+from dehyst.drivers.simulated.axes import settings_by_axis
 
 pytestmark = pytest.mark.timing  # ramps and slew are judged by the clock
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.timing  # ramps and slew are judged by the clock
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[AxesRig, Path]]:
     folder = tmp_path_factory.mktemp("chaos-axes")
     models = {axis: folder / f"identified-{axis}.toml" for axis in AXES}
-    for axis, stage in settings_of(AXES, {}).items():
+    for axis, stage in settings_by_axis(AXES, {}).items():
         save_model(simulated_model(stage), models[axis])
     rig = AxesRig(folder, models)
     try:

@@ -11,7 +11,7 @@ from tests.rigs.processes import EmulatedBench, Rings, core, dehyst, end, simula
 from tests.rigs.stage_model import kept_model
 
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.rings.records import Command
+from dehyst.daemon.rings.records import LoopCommand
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def test_one_port_two_run_folders(tmp_path: Path, model: Path) -> None:
             assert bench.ports["mdt693b"] in words
             assert str(running.pid) in words
             assert str(config) in words
-            rings.command(Command.SETPOINT, 5.0)
+            rings.command(LoopCommand.SETPOINT, 5.0)
             assert running.poll() is None
     finally:
         bench.close()

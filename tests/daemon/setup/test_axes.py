@@ -13,11 +13,11 @@ from tests.rigs.processes import EmulatedBench, dehyst
 from dehyst.daemon.config import load_controller
 from dehyst.daemon.files.models import load_model
 from dehyst.daemon.files.recordings import read_recording
-from dehyst.daemon.setup.axes_steps import AXES_STEPS, write_configuration
+from dehyst.daemon.setup.axes_steps import AXES_STEPS, write_axes_configuration
 from dehyst.daemon.setup.journal import Journal
 from dehyst.daemon.setup.moving_axes import small_loops, whose_gauges
 from dehyst.daemon.setup.names import NAMES
-from dehyst.daemon.setup.questions import Questions, Wishes
+from dehyst.daemon.setup.questions import UserPrompts, Wishes
 from dehyst.daemon.setup.sequence import do_steps
 from dehyst.daemon.setup.steps import STEPS
 from dehyst.daemon.setup.workbench import Workbench
@@ -41,7 +41,7 @@ MORE = {"x": "from_y = 0.03, stroke_um = 15.0", "y": "from_x = -0.02, stroke_um 
 
 
 def workbench(folder: Path, **wishes: object) -> Workbench:
-    asking = Questions(True, Console(file=io.StringIO()))
+    asking = UserPrompts(True, Console(file=io.StringIO()))
     said: list[str] = []
     bench = Workbench(folder, Wishes(**wishes), Journal(folder), asking, said.append)  # type: ignore[arg-type]
     return bench
@@ -145,7 +145,7 @@ def test_one_file_says_what_is_for_all_axes_and_what_is_an_axis_own(tmp_path: Pa
     bench.journal.keep("units", {}, units | {"sustained_hz": 130.0})
     limits = {"words": "", "min_v": 0.0, "max_v": 60.0, "slew_v_per_s": 900.0}
     bench.journal.keep("limits", {}, limits)
-    assert write_configuration(bench)["rate_hz"] == 120.0  # of 123.5
+    assert write_axes_configuration(bench)["rate_hz"] == 120.0  # of 123.5
     controller = load_controller(bench.config_path)
     assert controller.axis_names == ("x", "z")
     for config in controller.axes:

@@ -10,7 +10,7 @@ from rich.console import Console
 from dehyst.daemon.setup import sequence
 from dehyst.daemon.setup.journal import Journal
 from dehyst.daemon.setup.names import NAMES
-from dehyst.daemon.setup.questions import Questions, Wishes
+from dehyst.daemon.setup.questions import UserPrompts, Wishes
 from dehyst.daemon.setup.steps import STEPS, Step
 from dehyst.daemon.setup.workbench import MADE, Workbench
 from dehyst.models.errors import BadInput, NotNow
@@ -44,9 +44,9 @@ class Desk:
         """What was done by one call; answers: typed, None: --yes."""
         self.did.clear()
         first = wishes.pop("first", None)
-        asking = Questions(answers is None, Console(file=io.StringIO()))
+        asking = UserPrompts(answers is None, Console(file=io.StringIO()))
         if answers is not None:
-            asking = Questions(False, Console(file=io.StringIO()), io.StringIO(answers))
+            asking = UserPrompts(False, Console(file=io.StringIO()), io.StringIO(answers))
         journal = Journal(self.folder)
         bench = Workbench(self.folder, Wishes(**wishes), journal, asking, self.said.append)
         sequence.do_steps(bench, first)
@@ -120,15 +120,15 @@ def test_a_damaged_journal_is_one_line(tmp_path: Path, text: str) -> None:
 
 def test_no_voltage_is_taken_for_granted() -> None:
     with pytest.raises(BadInput, match="--range"):
-        Questions(True, Console()).number("highest voltage", "--range", 0.0, 150.0)
-    asked = Questions(False, Console(file=io.StringIO()), io.StringIO("many\n200\n90\n"))
+        UserPrompts(True, Console()).number("highest voltage", "--range", 0.0, 150.0)
+    asked = UserPrompts(False, Console(file=io.StringIO()), io.StringIO("many\n200\n90\n"))
     assert asked.number("highest voltage", "--range", 0.0, 150.0) == 90.0
 
 
 def test_the_users_own_configuration_stays_and_what_setup_wrote_is_put_aside(
     tmp_path: Path,
 ) -> None:
-    bench = Workbench(tmp_path, Wishes(), Journal(tmp_path), Questions(True, Console()), print)
+    bench = Workbench(tmp_path, Wishes(), Journal(tmp_path), UserPrompts(True, Console()), print)
     assert not bench.has_own_config()
     bench.config_path.write_text(MADE + "x = 1\n")
     assert not bench.has_own_config()
@@ -152,7 +152,7 @@ def test_the_users_own_configuration_stays_and_what_setup_wrote_is_put_aside(
 def test_each_folder_is_a_controller_of_its_own(
     tmp_path: Path, folder: str, wished: str | None, name: str
 ) -> None:
-    asking = Questions(True, Console(file=io.StringIO()))
+    asking = UserPrompts(True, Console(file=io.StringIO()))
     path = tmp_path / folder
     path.mkdir()
     bench = Workbench(path, Wishes(name=wished), Journal(path), asking, print)

@@ -12,7 +12,7 @@ from dehyst.daemon.setup import moving
 from dehyst.daemon.setup.comparison import SinePlan, judged
 from dehyst.daemon.setup.journal import Journal
 from dehyst.daemon.setup.moving import check_gauge_follows
-from dehyst.daemon.setup.questions import Questions, Wishes
+from dehyst.daemon.setup.questions import UserPrompts, Wishes
 from dehyst.daemon.setup.steps import ask_limits, find_units, write_configuration
 from dehyst.daemon.setup.workbench import Workbench
 from dehyst.models.errors import BadInput, NotNow
@@ -30,7 +30,7 @@ safe = {{voltage_v = 10.0, ramp_v_per_s = 500.0}}
 
 
 def workbench(folder: Path, **wishes: object) -> Workbench:
-    asking = Questions(True, Console(file=io.StringIO()))
+    asking = UserPrompts(True, Console(file=io.StringIO()))
     return Workbench(folder, Wishes(**wishes), Journal(folder), asking, lambda text: None)  # type: ignore[arg-type]
 
 

@@ -197,7 +197,7 @@ def test_the_screen_fits_one() -> None:
 
 def test_several_axes_share_the_rows_and_each_has_its_plots_and_newest_event() -> None:
     event = Event(time_ns=1, wall_ns=WALL_NS, level=1, code="core", text="it is there")
-    views = [view.View(status(), window(), 0, deque([event]), deque()) for _ in range(3)]
+    views = [view.AxisScreen(status(), window(), 0, deque([event]), deque()) for _ in range(3)]
     for size in ((120, 60), (80, 36)):
         file = io.StringIO()
         Console(width=size[0], height=size[1], file=file, force_terminal=True, no_color=True).print(

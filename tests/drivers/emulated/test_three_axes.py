@@ -14,7 +14,7 @@ from dehyst.drivers.emulated.process import run_bench
 from dehyst.drivers.interface import DeviceGone, DriverConfigError
 from dehyst.drivers.ksg101 import Ksg101
 from dehyst.drivers.mdt693b import Mdt693b
-from dehyst.drivers.simulated.axes import settings_of
+from dehyst.drivers.simulated.axes import settings_by_axis
 
 PATIENCE_S = 20.0
 QUIET = {"sensor_noise_um": 0.0, "creep_gain_per_decade": 0.0, "cross_share": 0.0}
@@ -40,7 +40,7 @@ class Axes(NamedTuple):
 @pytest.fixture(scope="module")
 def axes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Axes]:
     folder = tmp_path_factory.mktemp("bench")
-    stages = settings_of("xyz", dict.fromkeys("xyz", QUIET))
+    stages = settings_by_axis("xyz", dict.fromkeys("xyz", QUIET))
     settings = BenchSettings(
         stages.pop("x"), Mdt693bKnobs(latency_s=0.0, jitter_s=0.0), None, "x", stages
     )

@@ -21,7 +21,7 @@ from tests.rigs.daqmx.standin import (
 from tests.rigs.direct_calls import direct_of
 from tests.rigs.two_loops import Rig, model
 
-from dehyst.daemon.rings.records import COMMAND, Command, State
+from dehyst.daemon.rings.records import COMMAND, LoopCommand, State
 from dehyst.drivers.contract import ActuatorContract, SensorContract
 from dehyst.drivers.interface import DeviceGone, DeviceTimeout, DriverConfigError
 from dehyst.drivers.nidaqmx import NidaqmxActuator, NidaqmxSensor
@@ -190,7 +190,7 @@ def raster() -> np.ndarray:
     """Six lines of 8 um at 10 kHz, and the way back, as one trajectory."""
     scan = scan_raster(8.0, 4.0, 6, 0.04, PERIOD_NS * 1e-9)
     batch = np.zeros(scan.x.size, COMMAND)
-    batch["kind"], batch["trajectory"] = Command.POINT, 1
+    batch["kind"], batch["trajectory"] = LoopCommand.POINT, 1
     batch["offset_ns"] = np.arange(scan.x.size) * PERIOD_NS
     batch["value"] = 6.0 + scan.x
     batch["last"][-1] = 1

@@ -9,7 +9,7 @@ from dehyst.drivers.interface import DeviceGone, DriverConfigError
 from dehyst.drivers.simulated.axes import Platform
 from dehyst.drivers.simulated.devices import SimulatedActuator, SimulatedSensor
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.drivers.simulated.tuning import TUNING
 
 QUIET = {"sensor_noise_um": 0.0, "adc_step_um": 0.0}
@@ -17,7 +17,10 @@ QUIET = {"sensor_noise_um": 0.0, "adc_step_um": 0.0}
 
 def test_one_axis_is_the_stage_itself() -> None:
     """Bit for bit, noise too."""
-    plain, one = Stage(StageSettings(seed=3)), Platform({"x": StageSettings(seed=3)}).axes["x"]
+    plain, one = (
+        SimulatedStage(StageSettings(seed=3)),
+        Platform({"x": StageSettings(seed=3)}).axes["x"],
+    )
     for volts in 75.0 + 60.0 * np.sin(np.arange(200) * 0.1):
         plain.advance(2e-3, volts)
         one.advance(2e-3, volts)
@@ -32,7 +35,7 @@ def test_each_axis_moves_the_others_by_its_own_motion() -> None:
     }
     bench = Platform(settings)
     alone = dict.fromkeys(("from_x", "from_y", "from_z"), 0.0)
-    lone = {name: Stage(structs.replace(s, **alone)) for name, s in settings.items()}
+    lone = {name: SimulatedStage(structs.replace(s, **alone)) for name, s in settings.items()}
     for k in range(300):
         for name, phase in (("x", 0.0), ("y", 1.0), ("z", 2.0)):
             volts = 60.0 + 50.0 * np.sin(0.05 * k + phase)

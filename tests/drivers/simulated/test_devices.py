@@ -15,7 +15,7 @@ from dehyst.drivers.simulated.devices import (
     shared_stage,
 )
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 
 
 class TestSimulatedActuator(ActuatorContract):
@@ -58,14 +58,14 @@ def pair(stage: str, settings: dict[str, Any], **clock: Any) -> tuple:
 
 
 def test_virtual_time_is_the_stage_itself() -> None:
-    """Reading, then writing, at a period: bit for bit what Stage.run gives."""
+    """Reading, then writing, at a period: bit for bit what SimulatedStage.run gives."""
     actuator, sensor = pair("virtual", {"period_s": 1e-3, "seed": 7, "rc_tau_s": 1e-3})
     volts = 75 - 75 * np.cos(2 * np.pi * 5 * np.arange(300) * 1e-3)
     shown = []
     for v in volts:
         shown.append(sensor.read())
         actuator.write(v)
-    stage = Stage(StageSettings(seed=7, rc_tau_s=1e-3))
+    stage = SimulatedStage(StageSettings(seed=7, rc_tau_s=1e-3))
     expected = []
     for v in volts:
         expected.append(stage.reading_um())

@@ -6,7 +6,7 @@ import pytest
 from dehyst.drivers.interface import DriverConfigError
 from dehyst.drivers.simulated import maxwell_slip
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 
 ONLY = StageSettings().quiet(hysteresis_width=0.12, asymmetry=0.15)
 
@@ -33,7 +33,7 @@ def plain(slip: maxwell_slip.Slip, asymmetry: float, x: np.ndarray) -> np.ndarra
 
 
 def test_against_a_plain_loop() -> None:
-    stage = Stage(ONLY)
+    stage = SimulatedStage(ONLY)
     t = np.arange(400) * 1e-3
     rng = np.random.default_rng(3)
     volts = np.clip(75 + np.cumsum(rng.normal(0, 12, t.size)), 0, 150)
@@ -46,7 +46,7 @@ def loop_width(low: float, high: float) -> float:
     """Widest place of the second full loop between two voltages, as a share of its stroke."""
     up = np.linspace(low, high, 300)
     volts = np.concatenate([up, up[::-1], up, up[::-1], [0.0]])
-    true_um, _ = Stage(ONLY).run(np.arange(volts.size) * 1e-3, volts)
+    true_um, _ = SimulatedStage(ONLY).run(np.arange(volts.size) * 1e-3, volts)
     true_um = true_um[1:]
     rise, fall = true_um[600:900], true_um[900:1200][::-1]
     return float(np.max(fall - rise) / (rise[-1] - rise[0]))
@@ -61,7 +61,7 @@ def test_loop_widths_of_a_real_stack() -> None:
 
 
 def test_stroke_of_a_pzs001() -> None:
-    stage = Stage(ONLY)
+    stage = SimulatedStage(ONLY)
     stage.advance(1e-3, 100.0)
     assert 9.6 < stage.displacement_um < 13.6  # 11.6 +- 2 um
     stage.advance(1e-3, 150.0)
@@ -71,7 +71,7 @@ def test_stroke_of_a_pzs001() -> None:
 @pytest.mark.parametrize("scale", [(3.6, 50.0, 0.0), (10.0, 11.6, -4.0)])
 def test_scale_and_origin(scale: tuple[float, float, float]) -> None:
     volts, stroke, origin = scale
-    stage = Stage(ONLY.quiet(full_scale_v=volts, stroke_um=stroke, origin_um=origin))
+    stage = SimulatedStage(ONLY.quiet(full_scale_v=volts, stroke_um=stroke, origin_um=origin))
     assert stage.displacement_um == origin
     stage.advance(1e-3, volts)
     assert stage.displacement_um == pytest.approx(origin + stroke)
@@ -82,7 +82,7 @@ def test_rate_independent_unless_asked() -> None:
     volts = np.concatenate([up, up[::-1], up, up[::-1]])
 
     def width(period_s: float, rate: float) -> float:
-        stage = Stage(ONLY.quiet(hysteresis_width=0.12, rate_per_decade=rate))
+        stage = SimulatedStage(ONLY.quiet(hysteresis_width=0.12, rate_per_decade=rate))
         y, _ = stage.run(np.arange(volts.size) * period_s / 1000, volts, straight=True)
         return float(np.max(y[1500:][::-1] - y[1000:1500]) / 17.4)
 
@@ -97,7 +97,7 @@ def test_too_wide_a_loop_is_refused() -> None:
 
 def test_creep_follows_the_logarithmic_law() -> None:
     gain = 0.015
-    stage = Stage(StageSettings().quiet(creep_gain_per_decade=gain))
+    stage = SimulatedStage(StageSettings().quiet(creep_gain_per_decade=gain))
     t = np.concatenate([[0.0], np.geomspace(0.05, 2000.0, 120)])
     y, _ = stage.run(t, np.full(t.size, 100.0))
     expected = 11.6 * (1 + gain * np.log10(t[1:] / 0.1))
@@ -106,7 +106,7 @@ def test_creep_follows_the_logarithmic_law() -> None:
 
 
 def test_creep_after_a_step_down_goes_down() -> None:
-    stage = Stage(StageSettings().quiet(creep_gain_per_decade=0.015))
+    stage = SimulatedStage(StageSettings().quiet(creep_gain_per_decade=0.015))
     stage.settle(100.0, rest_s=1000.0)
     stage.advance(0.1, 50.0)
     early = stage.displacement_um

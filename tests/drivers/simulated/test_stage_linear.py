@@ -7,13 +7,13 @@ import pytest
 from scipy import signal
 
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 
 LINEAR = StageSettings(full_scale_v=100.0, stroke_um=10.0).quiet()
 
 
-def with_(**settings: float) -> Stage:
-    return Stage(LINEAR.quiet(**settings))
+def with_(**settings: float) -> SimulatedStage:
+    return SimulatedStage(LINEAR.quiet(**settings))
 
 
 def test_quiet_stage_is_a_straight_line() -> None:
@@ -88,7 +88,7 @@ def test_rc_mode_and_bridge_against_lsim(dt_s: float) -> None:
     t = np.arange(150) * dt_s
     volts = np.where(np.arange(t.size) % 37 < 18, 60.0, 10.0)
     volts[-40:] = 30.0
-    _, shown = Stage(settings).run(t, volts)
+    _, shown = SimulatedStage(settings).run(t, volts)
     expected = reference(settings, t, volts, 200)
     assert np.abs(shown - expected).max() < 0.004 * 6.0  # of the largest step, 6 um
     assert np.sqrt(np.mean((shown - expected) ** 2)) < 0.008
@@ -96,7 +96,7 @@ def test_rc_mode_and_bridge_against_lsim(dt_s: float) -> None:
 
 def test_sub_steps_do_not_change_the_answer() -> None:
     """The same second in steps of 10 ms and of 0.1 ms."""
-    coarse, fine = Stage(), Stage()
+    coarse, fine = SimulatedStage(), SimulatedStage()
     for n in range(30):
         volts = 40.0 if n % 10 < 5 else 90.0
         coarse.advance(1e-2, volts)
@@ -106,7 +106,7 @@ def test_sub_steps_do_not_change_the_answer() -> None:
 
 
 def test_long_rest_is_one_step_and_stable() -> None:
-    stage = Stage()
+    stage = SimulatedStage()
     stage.advance(1.0, 100.0)
     before = stage.displacement_um
     stage.advance(86400.0)
@@ -141,7 +141,9 @@ def test_additive_effects() -> None:
     )
     t = np.arange(1000) * 1e-3
     warm, other = np.linspace(0, 3, t.size), 50 + 50 * np.sin(3 * t)
-    true_um, _ = Stage(settings).run(t, np.full(t.size, 40.0), temperature_k=warm, other_v=other)
+    true_um, _ = SimulatedStage(settings).run(
+        t, np.full(t.size, 40.0), temperature_k=warm, other_v=other
+    )
     now, before = slice(1, None), slice(None, -1)
     expected = 7.0 + 4.0 * (1 + 0.01 * warm[before]) + 0.2 * warm[before] + 0.1 * t[now]
     expected += 0.002 * other[before] + 0.05 * np.sin(2 * np.pi * 50 * t[now])

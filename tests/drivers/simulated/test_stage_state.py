@@ -8,7 +8,7 @@ import pytest
 from dehyst.drivers.interface import DriverConfigError
 from dehyst.drivers.settings import read_settings
 from dehyst.drivers.simulated.settings import STAGE_KEYS, StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 
 T = np.arange(600) * 1e-3
 VOLTS = 75 - 75 * np.cos(2 * np.pi * 3 * T)
@@ -16,8 +16,8 @@ VOLTS = 75 - 75 * np.cos(2 * np.pi * 3 * T)
 
 def test_run_is_the_same_as_step_by_step() -> None:
     settings = StageSettings(sensor_delay_s=2e-3, hum_um=0.05, rate_per_decade=0.05)
-    whole = Stage(settings).run(T, VOLTS)
-    stage = Stage(settings)
+    whole = SimulatedStage(settings).run(T, VOLTS)
+    stage = SimulatedStage(settings)
     true_um, shown_um = np.empty(T.size), np.empty(T.size)
     for n, volts in enumerate(VOLTS):
         if n:
@@ -29,14 +29,14 @@ def test_run_is_the_same_as_step_by_step() -> None:
 
 
 def test_seed_repeats_and_differs() -> None:
-    first, again, other = (Stage(StageSettings(seed=s)).run(T, VOLTS) for s in (5, 5, 6))
+    first, again, other = (SimulatedStage(StageSettings(seed=s)).run(T, VOLTS) for s in (5, 5, 6))
     np.testing.assert_array_equal(first[1], again[1])
     assert not np.array_equal(first[1], other[1])
     np.testing.assert_array_equal(first[0], other[0])
 
 
 def test_noise_is_white_normal_and_as_large_as_asked() -> None:
-    stage = Stage(StageSettings().quiet(sensor_noise_um=0.02))
+    stage = SimulatedStage(StageSettings().quiet(sensor_noise_um=0.02))
     noise = np.array([stage.reading_um() for _ in range(20_000)])
     assert noise.std() == pytest.approx(0.02, rel=0.03)
     assert abs(noise.mean()) < 0.0006
@@ -46,7 +46,7 @@ def test_noise_is_white_normal_and_as_large_as_asked() -> None:
 
 
 def test_advance_to_follows_a_clock() -> None:
-    stage = Stage(StageSettings().quiet(rc_tau_s=1e-3))
+    stage = SimulatedStage(StageSettings().quiet(rc_tau_s=1e-3))
     stage.advance_to(5_000_000_000, 100.0)  # the origin of time
     stage.advance_to(5_001_000_000)
     assert stage.drive_v == pytest.approx(100 * (1 - math.exp(-1)))
@@ -55,7 +55,7 @@ def test_advance_to_follows_a_clock() -> None:
 
 
 def test_settle_ends_at_rest() -> None:
-    stage = Stage()
+    stage = SimulatedStage()
     stage.settle(80.0)
     before = stage.displacement_um
     stage.advance(0.1)
@@ -76,7 +76,7 @@ def test_settle_ends_at_rest() -> None:
     ],
 )
 def test_change_at_run_time_does_not_jump(change: dict[str, float]) -> None:
-    stage = Stage(StageSettings(sensor_noise_um=0.0))
+    stage = SimulatedStage(StageSettings(sensor_noise_um=0.0))
     stage.run(T, VOLTS)
     stage.set_inputs(temperature_k=2.0)
     stage.advance(0.5)
@@ -90,19 +90,19 @@ def test_change_at_run_time_does_not_jump(change: dict[str, float]) -> None:
 
 
 def test_change_acts_from_then_on() -> None:
-    stage = Stage(StageSettings().quiet())
+    stage = SimulatedStage(StageSettings().quiet())
     stage.advance(1e-3, 75.0)
     stage.change(stroke_um=8.7)
     stage.advance(1e-3, 150.0)
     assert stage.displacement_um == pytest.approx(8.7 + 4.35)
-    jumping = Stage(StageSettings().quiet())
+    jumping = SimulatedStage(StageSettings().quiet())
     jumping.advance(1e-3, 75.0)
     jumping.change(jump=True, stroke_um=8.7)
     assert jumping.displacement_um == pytest.approx(4.35)
 
 
 def test_faults_of_the_reading() -> None:
-    stage = Stage()
+    stage = SimulatedStage()
     stage.advance(0.01, 50.0)
     last = stage.reading_um()
     stage.fault("stuck", for_s=0.05)
@@ -154,4 +154,4 @@ IMPOSSIBLE = {
 @pytest.mark.parametrize("name", IMPOSSIBLE)
 def test_impossible_commands_are_refused(name: str) -> None:
     with pytest.raises(DriverConfigError, match="stage"):
-        IMPOSSIBLE[name](Stage())
+        IMPOSSIBLE[name](SimulatedStage())

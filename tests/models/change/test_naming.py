@@ -7,7 +7,7 @@ import pytest
 
 from dehyst.models.change.causes import Cause, WeighedCause
 from dehyst.models.change.naming import (
-    Left,
+    ChangeResiduals,
     find_one_change,
     is_of_sensor,
     pick_models,
@@ -78,7 +78,7 @@ def test_what_was_named_is_tried_before_what_it_cannot_be_distinguished_from() -
     assert picked == ["rate-stage"]
 
 
-LEFT = Left(in_use=0.40, when_good=0.05, found=0.18, noise=0.03)
+LEFT = ChangeResiduals(in_use=0.40, when_good=0.05, found=0.18, noise=0.03)
 
 
 def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis() -> None:
@@ -111,7 +111,7 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
         ([F("shape")], 0.05, LEFT._replace(found=0.03, when_good=math.nan)),
     ],
 )
-def test_else_the_diagnosis_stands(found: list[F], left: float, limits: Left) -> None:
+def test_else_the_diagnosis_stands(found: list[F], left: float, limits: ChangeResiduals) -> None:
     new = 0.16 - left**2
     causes = [alone("resonance", new, left=left), alone("lag", new - 0.0008)]
     assert find_one_change(found, causes, limits) is None  # type: ignore[arg-type]

@@ -17,10 +17,10 @@ from dehyst.models.diagnosis.augment import REACH_S, augmented, slow_ways
 from dehyst.models.diagnosis.base import no_base, rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect
-from dehyst.models.diagnosis.findings.weigh import Weighed
+from dehyst.models.diagnosis.findings.weigh import Conclusion
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.handout import as_blocks, hand_out, lean_on_the_model
-from dehyst.models.diagnosis.left_out import Choice, leave_out
+from dehyst.models.diagnosis.left_out import WritableFit, leave_out
 from dehyst.models.diagnosis.subject import THRESHOLDS, Subject, fit_plain
 from dehyst.models.modelfile import dumps, loads
 from dehyst.models.physics import library
@@ -107,7 +107,7 @@ def test_a_model_that_predicts_no_other_recording_is_not_written(changes: bool) 
     problem = Problem(data, rich_base(data), subject)
     bare = Problem(data, no_base(data), replace(subject, carries=True))
     fit = problem.solve([])
-    weighed = Weighed((), problem, fit, 0.0, 0.0)
+    weighed = Conclusion((), problem, fit, 0.0, 0.0)
     handed = hand_out(data, bare, weighed, NOISE)
     assert handed.gained is not changes
     assert (handed.model is subject.model) is changes
@@ -123,7 +123,7 @@ def test_a_model_is_written_from_the_other_rows_alone() -> None:
     fit = problem.solve([])
     without = Problem(replace(data, rows=data.rows & ~here), rich_base(data), subject)
     u = np.linspace(LEVEL - SWING, LEVEL + SWING, 200)
-    ours = simulate(Choice(problem, fit, True).write_without(here), DT, u)
+    ours = simulate(WritableFit(problem, fit, True).write_without(here), DT, u)
     theirs = simulate(augmented(without, without.solve([])), DT, u)
     assert np.std(ours - theirs) < 1e-3 * NOISE
     assert np.std(ours - simulate(augmented(problem, fit), DT, u)) > 0.03 * NOISE

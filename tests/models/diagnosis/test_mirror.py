@@ -9,7 +9,7 @@ from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.judge import SearchState, effect_of
 from dehyst.models.diagnosis.search import refit_each
-from dehyst.models.diagnosis.shortlist import Promise
+from dehyst.models.diagnosis.shortlist import ScreenedCandidate
 from dehyst.models.physics import library
 from dehyst.models.recording import Recording
 
@@ -38,7 +38,7 @@ def test_a_mode_is_not_named_at_its_mirror_above_half_the_sampling_rate(
     null = problem.solve([])
     (mode,) = (c for c in library(data) if c.key == "resonance")
     mirror = RATE_HZ - frequency_hz
-    short = [Promise(mode, (mirror, damping * frequency_hz / mirror, 1.0), 1.0)]
+    short = [ScreenedCandidate(mode, (mirror, damping * frequency_hz / mirror, 1.0), 1.0)]
     state = SearchState(problem, NOISE_UM, null, null)
     (trial,) = refit_each(state, short, lambda text, share: None, 0)
     found, ratio, _ = effect_of(trial.fit, "resonance").theta

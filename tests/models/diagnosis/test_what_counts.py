@@ -24,7 +24,7 @@ from dehyst.models.diagnosis.judge import (
 )
 from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.search import search
-from dehyst.models.diagnosis.shortlist import Promise, to_be_refitted
+from dehyst.models.diagnosis.shortlist import ScreenedCandidate, to_be_refitted
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import library
 from dehyst.models.physics.candidate import Candidate
@@ -359,6 +359,6 @@ def test_forms_of_what_the_drive_causes_keep_no_other_cause_off_the_list() -> No
     data = make()
     late = ("delay", "lag-drive", "lag2-drive", "lag-sensor", "lag2-sensor", "lag-second", "slew")
     keys = ("friction", *late, "coupling-u2_v")
-    ranked = [Promise(candidate(data, key), (), 20.0 - k) for k, key in enumerate(keys)]
+    ranked = [ScreenedCandidate(candidate(data, key), (), 20.0 - k) for k, key in enumerate(keys)]
     listed = [p.candidate.key for p in to_be_refitted(ranked, 5)]
     assert listed == ["friction", *late[:5], "coupling-u2_v"]

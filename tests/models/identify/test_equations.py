@@ -8,7 +8,7 @@ import pytest
 from dehyst.models.hysteresis.forward import simulate_hysteresis
 from dehyst.models.identify.data.rows import read_rows
 from dehyst.models.identify.equations import Params, Shape, assemble, linearise, make_equations
-from dehyst.models.identify.fit import make_bounds, make_start, solve
+from dehyst.models.identify.fit import fit_shape, make_bounds, make_start
 from dehyst.models.identify.setup import set_up
 from dehyst.models.recording import Recording
 
@@ -80,7 +80,7 @@ def test_static_fit_without_saturation_is_plain_least_squares() -> None:
     blocks = setup.equations(setup.picks, r, 0.0)
     shape = Shape(False, (0,))
     start = make_start(3, shape, 1.0, 1)
-    found = solve(lambda: blocks, shape, start, make_bounds(start, None))
+    found = fit_shape(lambda: blocks, shape, start, make_bounds(start, None))
     h = np.zeros(3)
     plays = []
     for u in rec.drive:  # Eq. 1, written out

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.identify.data.rows import read_rows
 from dehyst.models.identify.setup import set_up
 from dehyst.models.identify.start import start_agrees
@@ -38,7 +38,7 @@ def recorded(effect: str, exercised: bool, seed: int) -> Recording:
     quiet = StageSettings(seed=seed).quiet(
         hysteresis_width=0.12, asymmetry=0.15, sensor_noise_um=0.01, **EFFECTS[effect]
     )
-    stage = Stage(quiet)
+    stage = SimulatedStage(quiet)
     if exercised:
         for volts in 75.0 * (1.0 - np.cos(2.0 * np.pi * np.arange(0.0, 5.0, 0.005))):
             stage.advance(0.005, volts)

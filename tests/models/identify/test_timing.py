@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.identify import identify
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.inverse.offline import invert_streamed
@@ -30,8 +30,8 @@ def drive(seconds: float = 12.0) -> Floats:
     return 0.5 * FULL_V * (1.0 - size * np.cos(2 * np.pi * t)) * fade
 
 
-def exercised() -> Stage:
-    stage = Stage(StageSettings(sensor_noise_um=NOISE_UM))
+def exercised() -> SimulatedStage:
+    stage = SimulatedStage(StageSettings(sensor_noise_um=NOISE_UM))
     for volts in 0.5 * FULL_V * (1.0 - np.cos(2 * np.pi * np.arange(0.0, 5.0, T))):
         stage.advance(T, volts)
     stage.settle(0.0, ramp_s=1.0, rest_s=0.0)

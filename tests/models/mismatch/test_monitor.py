@@ -5,7 +5,7 @@ import copy
 import numpy as np
 import pytest
 
-from dehyst.drivers.simulated.stage import Stage
+from dehyst.drivers.simulated.stage import SimulatedStage
 from dehyst.models.identify import identify
 from dehyst.models.inverse.compensator import Compensator
 from dehyst.models.mismatch.monitor import MismatchMonitor
@@ -30,13 +30,13 @@ class Run:
         amplitude = 75.0 * np.abs(np.cos(np.pi * t / 20))
         volts = 75.0 - amplitude * np.cos(2 * np.pi * t) * np.minimum(1.0, t)
         volts *= np.minimum(1.0, t)
-        stage = Stage()
+        stage = SimulatedStage()
         _, reading = stage.run(t, volts)
         held = np.concatenate([[0.0], volts[:-1]])
         self.model: Model = identify([Recording(t_s=t, drive=held, displacement=reading)]).model
         self.volts = stirring(seconds)
         t = np.arange(self.volts.size) / RATE
-        _, self.measured = Stage().run(t, self.volts)
+        _, self.measured = SimulatedStage().run(t, self.volts)
         compensator = Compensator(self.model, 1 / RATE, 0.0, 150.0, 1e6)
         state = compensator.init(0.0)
         self.predicted = np.empty(t.size)
@@ -149,7 +149,7 @@ def test_it_says_that_it_still_learns_until_it_has_seen_enough_motion(
 def test_a_stage_that_was_moved_before_is_no_other_stage(run: Run) -> None:
     """It stands a tenth of its stroke above where it would stand de-energised, until the drive
     has been through its range; the model does not know."""
-    stage = Stage()
+    stage = SimulatedStage()
     for volts in (0.0, 150.0, 0.0):
         stage.settle(volts, rest_s=1.0)
     volts = run.volts[: round(30 * RATE)]

@@ -10,7 +10,7 @@ from dehyst.models.mismatch.gauge import find_gauge_fault
 from dehyst.models.mismatch.trial import (
     ErrorMeter,
     Errors,
-    Promise,
+    OfferErrors,
     Samples,
     judge_trial,
     settle_trial,
@@ -92,7 +92,7 @@ def test_the_model_before_counts_where_it_is_known_of_all_samples_alone() -> Non
     assert math.isnan(meter.errors.other)
 
 
-PROMISE = Promise(0.3, 0.03, NOISE)
+PROMISE = OfferErrors(0.3, 0.03, NOISE)
 NAN = math.nan
 
 

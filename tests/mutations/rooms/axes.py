@@ -57,8 +57,8 @@ CHANGES = [
         Change(
             "target-of-now",
             KERNELS,
-            "return targets.target_at(q, points_of(table), now_ns + p.period_ns)",
-            "return targets.target_at(q, points_of(table), now_ns)",
+            "return targets.queued_target(q, points_of(table), now_ns + p.period_ns)",
+            "return targets.queued_target(q, points_of(table), now_ns)",
             "the other axis' displacement is compensated one sample late",
         ),
         Change(

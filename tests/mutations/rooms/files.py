@@ -104,8 +104,9 @@ CHANGES += room(
     (OTHERS,),
     Change(
         "unit-of-heading-lost", f"{FOREIGN}/understand.py",
-        "return unit_of(column.unit) or split_heading(column.heading)[1]",
-        "return unit_of(column.unit)", "millivolts and micrometres of a heading are not understood",
+        "return find_unit_key(column.unit) or split_heading(column.heading)[1]",
+        "return find_unit_key(column.unit)",
+        "millivolts and micrometres of a heading are not understood",
     ),
     Change(
         "first-of-two-drives", f"{FOREIGN}/understand.py",

@@ -91,7 +91,8 @@ CHANGES = room(
     ),
     Change(
         "release-is-stop", GATE,
-        'Kind.STOP_MOTION if action == "stop" else Kind.RELEASE', "Kind.STOP_MOTION",
+        'LoopCommand.STOP_MOTION if action == "stop" else LoopCommand.RELEASE',
+        "LoopCommand.STOP_MOTION",
         "a release waits for the hold time",
     ),
     Change(

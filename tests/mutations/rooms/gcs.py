@@ -57,8 +57,8 @@ CHANGES = [
         Change(
             "stop-has-no-error",
             CONTROLLER,
-            "        raise GcsError(Code.STOP",
-            "        return str(Code.STOP",
+            "        raise GcsError(GcsCode.STOP",
+            "        return str(GcsCode.STOP",
             "a program does not learn that it was stopped",
         ),
     ),

@@ -79,8 +79,8 @@ CHANGES = [
         Change(
             "no-glide-after-a-stand-still",
             STEP,
-            "        note(table, c, STOOD_STILL, still_ns * 1e-9)\n        c.glide = NAN\n",
-            "        note(table, c, STOOD_STILL, still_ns * 1e-9)\n",
+            "        add_note(table, c, STOOD_STILL, still_ns * 1e-9)\n        c.glide = NAN\n",
+            "        add_note(table, c, STOOD_STILL, still_ns * 1e-9)\n",
             "after a stand-still the stage jumps to where the target has gone",
         ),
         Change(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.rigs.trio import Trio, group_points
 from tests.rigs.two_loops import setpoint
 
-from dehyst.daemon.rings.records import COMMAND, Command, Flag, State
+from dehyst.daemon.rings.records import COMMAND, Flag, LoopCommand, State
 
 names = (f"group-{i}" for i in itertools.count())
 N = 400
@@ -18,7 +18,7 @@ RAMP_Y = 9.0 - 0.02 * np.arange(N)
 APPROACH = int(Flag.APPROACH)
 
 
-def order(kind: Command, value: float = 0.0) -> np.ndarray:
+def order(kind: LoopCommand, value: float = 0.0) -> np.ndarray:
     batch = np.zeros(1, COMMAND)
     batch["kind"], batch["value"], batch["trajectory"] = kind, value, 5
     return batch
@@ -96,8 +96,8 @@ def test_one_that_stays_dry_makes_all_hold() -> None:
 
 
 @pytest.mark.parametrize("compiled", [False, True])
-@pytest.mark.parametrize("why", [Command.RELEASE, Command.STOP_MOTION, Command.CLEAR])
-def test_when_one_leaves_the_others_hold(compiled: bool, why: Command) -> None:
+@pytest.mark.parametrize("why", [LoopCommand.RELEASE, LoopCommand.STOP_MOTION, LoopCommand.CLEAR])
+def test_when_one_leaves_the_others_hold(compiled: bool, why: LoopCommand) -> None:
     trio = Trio(next(names), "xyz")
     z = setpoint(3.0)
     begun = {"x": group_points(RAMP_X, last=True), "y": group_points(RAMP_Y, last=True), "z": z}
@@ -156,7 +156,7 @@ def test_one_that_has_played_to_its_end_may_go() -> None:
     trio.play(
         {"x": group_points(RAMP_X, last=True), "y": group_points(RAMP_Y[:60], last=True)}, 200
     )
-    reported = trio.play({"y": order(Command.RELEASE)}, 20)
+    reported = trio.play({"y": order(LoopCommand.RELEASE)}, 20)
     assert State(reported["x"]["state"][-1]) is State.RUNNING
 
 

@@ -11,7 +11,7 @@ from tests.rigs.processes import EmulatedBench, Rings, core, until
 from tests.rigs.two_loops import model
 
 from dehyst.daemon.files.models import save_model
-from dehyst.daemon.rings.records import COMMAND, Command, State
+from dehyst.daemon.rings.records import COMMAND, LoopCommand, State
 from dehyst.drivers.emulated.control import ask
 
 COMMON = """
@@ -110,7 +110,7 @@ def serial(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 
 def together(um: float) -> np.ndarray:
     batch = np.zeros(1, COMMAND)
-    batch["kind"], batch["value"] = Command.SETPOINT, um
+    batch["kind"], batch["value"] = LoopCommand.SETPOINT, um
     return batch
 
 
@@ -139,7 +139,7 @@ def test_a_dead_gauge_is_its_own_axis_affair(serial: Running) -> None:
 def test_a_dead_amplifier_faults_all_axes_and_nothing_moves(serial: Running) -> None:
     for axis, um in (("x", 4.0), ("y", 6.0)):
         serial.goes_to(axis, um)
-    serial.rings["z"].command(Command.RELEASE)
+    serial.rings["z"].command(LoopCommand.RELEASE)
     until(lambda: serial.states()["z"] is State.READY, 20.0, "z is at rest")
     stood = {a: ask(serial.ports["control"], {"axis": a})["output_v"] for a in "xyz"}
     ask(serial.ports["control"], {"fault": "unplug"})
