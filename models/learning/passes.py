@@ -24,8 +24,9 @@ Contraction is checked where the correction has changed enough to be seen: P in 
 octave, by regression of the change of the error on that of the correction. Where |1 - a P| is not
 below `contracts` and the error grows, nothing more is learned. When the error of whole passes has
 grown, the best correction comes back and the gain is halved. Where the error of the whole pass
-follows the correction by a factor far from 1 (a gauge of the wrong sign or scale), the measured
-error may fall while the true one grows: the correction of the beginning comes back for good.
+follows the correction by a factor far from 1 (a gauge of the wrong sign, scale or delay), the
+measured error may fall while the true one grows: the correction of the beginning comes back for
+good (models/learning/following.py).
 """
 
 import math
@@ -37,11 +38,10 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from dehyst.models.errors import BadInput
+from dehyst.models.learning.following import Following, Spectrum, power_of
 from dehyst.models.learning.gaps import bridge, running_mean, say_missing
 from dehyst.models.learning.tuning import TUNING
 from dehyst.models.model import Floats
-
-Spectrum = NDArray[np.complex128] | Floats
 
 
 @dataclass(frozen=True)
@@ -119,8 +119,7 @@ class Learner:
         self._best: tuple[float, Spectrum] | None = None
         self._grown = 0
         self._given_up: Spectrum | None = None
-        self._first: tuple[Spectrum, Spectrum] | None = None  # error, correction
-        self._strange = 0  # passes in a row
+        self._following = Following(self._spectrum(target))
         self._stopped = ""  # why nothing is learned any more
 
     # -- one pass ---------------------------------------------------------------------------------
@@ -222,25 +221,12 @@ class Learner:
 
     def _does_not_follow(self, e: Spectrum, u: Spectrum) -> bool:
         """Go back for good where the error of the whole pass does not follow the correction."""
-        if self._first is None:
-            self._first = e, u
+        wrong = self._following.wrong(e, u, self._noise_power)
+        if not wrong or self._following.first is None:
             return False
-        de, du = (x[1:] - x0[1:] for x, x0 in zip((e, u), self._first, strict=True))
-        lines = np.abs(du) ** 2 > TUNING.seen * self._noise_power[1:]
-        power = _power(du[lines])
-        if power == 0.0:
-            return False
-        factor = complex(np.vdot(du[lines], de[lines])) / power
-        strange = not abs(factor - 1.0) < TUNING.follows
-        self._strange = self._strange + 1 if strange else 0
-        if self._strange < TUNING.strange_passes:
-            return False
-        self._repeats = -self._first[1]
-        self.correction = self._bounded(self._back(self._first[1]))
-        self._stopped = (
-            f"the gauge follows the correction by a factor of {factor.real:.2g}, not 1 "
-            "(check its sign, scale and delay); the correction of the beginning is back"
-        )
+        self._repeats = -self._following.first[1]
+        self.correction = self._bounded(self._back(self._following.first[1]))
+        self._stopped = f"{wrong}; the correction of the beginning is back"
         return True
 
     def _growth(self, e: Spectrum, u: Spectrum) -> str:
@@ -248,7 +234,7 @@ class Learner:
         figure = max(self._figure(e), 0.0)
         if self._given_up is not None:  # what was sent before may still play
             there = -self._repeats
-            if _power(u - there) > TUNING.taken_up * _power(self._given_up - there):
+            if power_of(u - there) > TUNING.taken_up * power_of(self._given_up - there):
                 return ""
             self._given_up = None
         if self._best is None or figure < self._best[0]:
@@ -260,7 +246,7 @@ class Learner:
             self._grown = 0
             return ""
         self._grown += 1
-        if (self._grown < 2 and not at_once) or _power(u - self._best[1]) == 0.0:
+        if (self._grown < 2 and not at_once) or power_of(u - self._best[1]) == 0.0:
             return ""
         self._repeats, self._given_up = -self._best[1], u
         self._factor = max(0.5 * self._factor, TUNING.least_factor)
@@ -317,8 +303,8 @@ class Learner:
     def _begin_anew(self) -> None:
         """What was reported of the error before counts no more; what repeats is kept."""
         self.learned, self._best, self._grown = min(self.learned, 1), None, 0
-        self._before = self._doubted = self._first = None
-        self._strange = 0
+        self._before = self._doubted = None
+        self._following.begin_anew()
 
     # -- spectrum ---------------------------------------------------------------------------------
 
@@ -338,10 +324,6 @@ class Learner:
         """Within the bound: as a whole less, so that its shape stays."""
         most = float(np.abs(x).max())
         return x if most <= self.bound else x * (self.bound / most)
-
-
-def _power(x: Spectrum) -> float:
-    return float(np.sum(np.abs(x) ** 2))
 
 
 def _thirds(hertz: Floats) -> list[slice]:

@@ -18,8 +18,11 @@ class Tuning(NamedTuple):
     least_noise: float = 0.5  # of the model's noise power
     contracts: float = 0.9
     seen: float = 10.0  # noise powers by which a correction must change for P to be reported
-    follows: float = 0.5  # from 1: factor between error and correction of a gauge that is right,
-    strange_passes: int = 2  # which so many passes in a row contradict, before all is taken back
+    follows: float = 0.5  # from 1: factor between error and correction of a gauge that is right;
+    follows_explained: float = 0.25  # the same where that factor accounts for the first error,
+    explained: float = 0.125  # of whose power it then leaves less: with a right gauge, a stage of
+    # which the model knows no hysteresis leaves 0.16 and more, a gauge of half the scale 0.02
+    strange_passes: int = 2  # so many in a row contradict it, before all is taken back
     grown: float = 1.25  # times the best error, twice in a row,
     grown_at_once: float = 2.5  # or once by so much,
     grown_noises: float = 5.0  # and by so many standard deviations of the noise's power

@@ -134,6 +134,7 @@ def test_no_color_is_respected(monkeypatch: pytest.MonkeyPatch) -> None:
         ({"trimmed": True, "trim_frozen": "not_running"}, {}, ""),
         ({"missed": 100, "missed_by": {"stall": 100}}, {}, ""),
         ({"missed": 101, "missed_by": {"stall": 101}}, {}, "0.1 % of the deadlines were missed"),
+        ({"missed": 170_000, "missed_by": {}}, {}, "100 % of the deadlines were missed"),
         ({}, {"samples_lost": 3}, "3 samples were lost"),
     ],
 )

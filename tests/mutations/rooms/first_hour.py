@@ -12,6 +12,13 @@ CHANGES = [
             "False",
             "status and watch divide by a period of 0 while the daemon starts",
         ),
+        Change(
+            "more-missed-than-due",
+            "daemon/terminal/overview.py",
+            "100.0 * min(1.0, part / max(1, whole))",
+            "100.0 * part / max(1, whole)",
+            "the status says that 170 % of the deadlines were missed",
+        ),
     ),
     *room(
         ("tests/daemon/commands/test_starting.py",),
@@ -52,6 +59,23 @@ CHANGES = [
             'path.read_text("utf-8-sig")',
             'path.read_text("utf-8")',
             "a configuration saved by an editor of Windows is refused at line 1",
+        ),
+    ),
+    *room(
+        ("tests/packaging/test_service_lines.py",),
+        Change(
+            "the-service-needs-folders",
+            "README.md",
+            "install -D -m 0644 systemd/dehyst.sysusers.conf /etc",
+            "cp systemd/dehyst.sysusers.conf /etc",
+            "the service has no user where /etc/sysusers.d does not exist",
+        ),
+        Change(
+            "the-configuration-is-everybodys",
+            "README.md",
+            "install -D -m 0640 stage-1/stage.toml",
+            "install -D -m 0644 stage-1/stage.toml",
+            "every user of the machine reads the service's passwords",
         ),
     ),
     *room(

@@ -3,6 +3,7 @@
 from tests.mutations.change import Change, room
 
 TRIM, PASSES = "models/learning/trim.py", "models/learning/passes.py"
+FOLLOWING = "models/learning/following.py"
 TUNING, GAPS = "models/learning/tuning.py", "models/learning/gaps.py"
 STEP, COMMANDS = "daemon/loop/step_kernel.py", "daemon/loop/command_kernels.py"
 GATE = "daemon/gateway/admission.py"
@@ -16,7 +17,7 @@ CHANGES = [
         ("tests/models/learning/test_wrong_gauge.py",),
         Change(
             "learning-believes-any-gauge",
-            PASSES,
+            FOLLOWING,
             "if self._strange < TUNING.strange_passes:",
             "if True:",
             "a gauge of another sign or scale makes the stage worse from pass to pass",
@@ -24,9 +25,23 @@ CHANGES = [
         Change(
             "learning-stops-where-it-is",
             PASSES,
-            "        self._repeats = -self._first[1]\n",
+            "        self._repeats = -self._following.first[1]\n",
             "        return False\n",
             "a wrong gauge is noticed, and its correction stays in force",
+        ),
+        Change(
+            "half-a-scale-is-a-stage",
+            FOLLOWING,
+            " or self._explains(factor, noise)",
+            "",
+            "a gauge of half or twice the scale, or a late one, puts its own error into the motion",
+        ),
+        Change(
+            "any-factor-is-the-gauge",
+            FOLLOWING,
+            "return rest < TUNING.explained * whole",
+            "return True",
+            "a stage whose model knows no hysteresis is never learned",
         ),
     ),
     *room(

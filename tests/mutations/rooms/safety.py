@@ -5,6 +5,7 @@ from tests.mutations.change import Change, room
 LIFE, STATES = "daemon/service/life.py", "daemon/loop/states.py"
 HEARTBEAT, SUPERVISOR = "daemon/service/heartbeat.py", "daemon/service/supervisor.py"
 FOLDER, SAMPLE = "daemon/rings/run_folder.py", "daemon/loop/sample.py"
+GATE = "daemon/gateway/admission.py"
 SESSION, RECORDINGS = "daemon/bus/session.py", "daemon/files/loading.py"
 RUNS, HOSTILE = "tests/daemon/service/test_supervisor.py", "tests/daemon/bus/test_hostile.py"
 TWO, BOUNDS = "tests/daemon/service/test_two_daemons.py", "tests/daemon/files/test_bounds.py"
@@ -51,6 +52,33 @@ CHANGES = [
             "        except OSError:\n            return False",
             "        except OSError:\n            return True",
             "a healthy loop is killed because its run folder was removed",
+        ),
+    ),
+    *room(
+        ("tests/daemon/service/test_bad_logs.py",),
+        Change(
+            "supervisor-writes-its-log-itself", "daemon/main.py",
+            "        log_lines.keep_going(command)\n", "",
+            "a terminal that was stopped stops supervisor, loop and safe state",
+        ),
+    ),
+    *room(
+        ("tests/daemon/service/test_damaged_rings.py",),
+        Change(
+            "damaged-ring-stays", "daemon/loop/status.py",
+            "                    self.stepper.events.append(f\"{name}.ring was damaged;",
+            "                    [].append(f\"{name}.ring was damaged;",
+            "a ring that was overwritten is put right and nobody learns of it",
+        ),
+    ),
+    *room(
+        ("tests/daemon/loop/test_random_life.py",),
+        Change(
+            "give-up-by-anybody", GATE,
+            "        self._check_lease(now_ns, client, command.lease)\n"
+            "        lease.heard(now_ns, command.sent_ns)\n        if action == \"zero\":",
+            "        if action == \"zero\":",
+            "whoever may command at all ends the lease of the client that moves the stage",
         ),
     ),
     *room(
@@ -209,6 +237,14 @@ CHANGES = [
             "if not self._ready and self._heartbeat.gateway_moves and", "if not self._ready and",
             "ready is said though no client can connect",
             tests=(f"{RUNS}::test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready",),
+        ),
+        Change(
+            "full-disk-leaves-its-rest", "daemon/rings/ring.py",
+            "            fresh.unlink(missing_ok=True)\n            raise NotNow(",
+            "            raise NotNow(", "a disk that was full at the start never has room again",
+            tests=(
+                f"{RUNS}::test_a_full_disk_at_the_start_is_said_and_it_comes_when_there_is_room",
+            ),
         ),
         Change(
             "ramp-cut", SUPERVISOR, "return self.controller.longest_ramp_s + SPARE_S",
