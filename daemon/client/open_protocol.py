@@ -41,14 +41,14 @@ def check_tolerance(tolerance: float) -> None:
 def check_exposure(listen: str, host: str, allowed: bool, protocol: str, ways: str) -> None:
     """Raises BadInput where others than this machine would reach the server and nobody allowed it.
 
-    listen: as it was given; host: an address or a name; protocol: what knows no passwords; ways:
-    the options that allow it, for the message."""
+    listen: as it was given; host: an address or a name; protocol: one without passwords; ways: the
+    options that allow it, for the message."""
     try:
         local = ipaddress.ip_address(host).is_loopback
     except ValueError:
         local = host == "localhost"
     if not local and not allowed:
         raise BadInput(
-            f"--listen {listen}: {protocol} knows no passwords, so that whoever reaches this "
-            f"address would command the stage; {ways}"
+            f"--listen {listen}: {protocol} has no passwords, so anybody who reaches this "
+            f"address could command the stage; {ways}"
         )
