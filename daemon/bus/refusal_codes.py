@@ -13,7 +13,7 @@ class Code(NamedTuple):
 
 CODES = {
     "ok": Code("done"),
-    "duplicate": Code("this chunk was taken before; nothing happened (the answer has ok: true)"),
+    "duplicate": Code("this chunk was accepted before; nothing happened (the answer has ok: true)"),
     "bad-message": Code("not a message of this version"),
     "no-core": Code("the loop does not run", waits=True),
     "starting": Code("the loop is starting and follows no commands yet", waits=True),
@@ -21,7 +21,7 @@ CODES = {
     "no-lease": Code("the sender holds no lease, or an older one"),
     "lease-taken": Code("another client commands"),
     "old": Code("older than the newest set-point, or a repeated one"),
-    "late": Code("too long on its way", waits=True),
+    "late": Code("too old on arrival", waits=True),
     "unit": Code("another unit than the daemon's"),
     "not-finite": Code("NaN or infinite"),
     "unreachable": Code("outside the reachable range"),
@@ -30,7 +30,7 @@ CODES = {
     "span": Code("one chunk spans more than the daemon accepts ahead"),
     "over": Code("this trajectory has ended or was withdrawn"),
     "queue-full": Code("more trajectory ahead than the daemon accepts", waits=True),
-    "stay": Code("the configuration does not allow a place to be kept without a client"),
-    "no-offer": Code("no such offer, or it cannot be taken now"),
+    "stay": Code("the configuration does not allow keeping a position without a client"),
+    "no-offer": Code("no such offer, or it cannot be accepted now"),
     "flood": Code("more commands than the daemon reads", waits=True),
 }
