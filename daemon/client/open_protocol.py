@@ -20,14 +20,14 @@ def add_serving(parser: argparse.ArgumentParser) -> None:
         "--on-target",
         choices=("model", "gauge"),
         default="model",
-        help="what decides whether the stage is on target",
+        help="criterion for on target",
     )
     parser.add_argument(
         "--tolerance",
         type=float,
         default=0.0,
         metavar="UM",
-        help="how near counts as on target, in the stage's unit (default: 0.2 %% of the reach)",
+        help="distance that counts as on target, stage's unit (default: 0.2 %% of the reach)",
     )
     add_connection(parser)
 
