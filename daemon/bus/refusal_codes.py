@@ -14,7 +14,7 @@ class RefusalCode(NamedTuple):
 CODES = {
     "ok": RefusalCode("done"),
     "duplicate": RefusalCode(
-        "this chunk was taken before; nothing happened (the answer has ok: true)"
+        "this chunk was accepted before; nothing happened (the answer has ok: true)"
     ),
     "bad-message": RefusalCode("not a message of this version"),
     "no-core": RefusalCode("the loop does not run", waits=True),
@@ -23,7 +23,7 @@ CODES = {
     "no-lease": RefusalCode("the sender holds no lease, or an older one"),
     "lease-taken": RefusalCode("another client commands"),
     "old": RefusalCode("older than the newest set-point, or a repeated one"),
-    "late": RefusalCode("too long on its way", waits=True),
+    "late": RefusalCode("too old on arrival", waits=True),
     "unit": RefusalCode("another unit than the daemon's"),
     "not-finite": RefusalCode("NaN or infinite"),
     "unreachable": RefusalCode("outside the reachable range"),
@@ -32,7 +32,7 @@ CODES = {
     "span": RefusalCode("one chunk spans more than the daemon accepts ahead"),
     "over": RefusalCode("this trajectory has ended or was withdrawn"),
     "queue-full": RefusalCode("more trajectory ahead than the daemon accepts", waits=True),
-    "stay": RefusalCode("the configuration does not allow a place to be kept without a client"),
-    "no-offer": RefusalCode("no such offer, or it cannot be taken now"),
+    "stay": RefusalCode("the configuration does not allow keeping a position without a client"),
+    "no-offer": RefusalCode("no such offer, or it cannot be accepted now"),
     "flood": RefusalCode("more commands than the daemon reads", waits=True),
 }

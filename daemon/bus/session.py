@@ -98,7 +98,7 @@ class Bus(Closing):
                 config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
             reason = str(error).split(" at /")[0].rpartition('msg: "')[2]
-            raise BusError(f"an address of the bus is wrong: {reason}") from None
+            raise BusError(f"an address of the bus is invalid: {reason}") from None
         try:
             self._opened = zenoh.open(config)
         except zenoh.ZError as error:
@@ -196,8 +196,8 @@ class Bus(Closing):
         where = ", ".join(addresses)
         return cls(
             settings,
-            f"no daemon reached at {where}: is it running, is the address right, and does it ask "
-            "for credentials?",
+            f"no daemon reached at {where}: is it running, is the address correct, and does it "
+            "require credentials?",
         )
 
     def close(self) -> None:

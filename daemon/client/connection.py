@@ -35,8 +35,8 @@ def add_connection(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--name",
         "--to",
-        help="the controller's name, where several answer; with several axes also that of one of "
-        "them, such as stage-1-x",
+        help="the controller's name, if several answer; with several axes also an axis name, "
+        "such as stage-1-x",
     )
     group.add_argument(
         "--base", default="dehyst", help="first chunks of the keys (default: dehyst)"

@@ -49,7 +49,7 @@ def find_daemons(
     if not names:
         raise BusError(
             f"something listens at {', '.join(addresses)}, but no daemon with keys below {base}/ "
-            "answers; it may not let these credentials see it"
+            "answers; it may hide itself from these credentials"
         )
     return names
 
@@ -82,7 +82,7 @@ def daemons(bus: Bus, base: str = "dehyst", passed_over: set[str] | None = None)
             found.append(keys.parse(key).name)
         except BadInput as error:
             if key not in known:
-                log.warning("passed over, it is no daemon of ours: %s", error)
+                log.warning("ignored, because it is not a dehyst daemon: %s", error)
             known.add(key)
     return sorted(found)
 

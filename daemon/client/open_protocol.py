@@ -20,14 +20,14 @@ def add_serving(parser: argparse.ArgumentParser) -> None:
         "--on-target",
         choices=("model", "gauge"),
         default="model",
-        help="what decides whether the stage is on target",
+        help="criterion for on target",
     )
     parser.add_argument(
         "--tolerance",
         type=float,
         default=0.0,
         metavar="UM",
-        help="how near counts as on target, in the stage's unit (default: 0.2 %% of the reach)",
+        help="distance that counts as on target, stage's unit (default: 0.2 %% of the reach)",
     )
     add_connection(parser)
 
@@ -41,14 +41,14 @@ def check_tolerance(tolerance: float) -> None:
 def check_exposure(listen: str, host: str, allowed: bool, protocol: str, ways: str) -> None:
     """Raises BadInput where others than this machine would reach the server and nobody allowed it.
 
-    listen: as it was given; host: an address or a name; protocol: what knows no passwords; ways:
-    the options that allow it, for the message."""
+    listen: as it was given; host: an address or a name; protocol: one without passwords; ways: the
+    options that allow it, for the message."""
     try:
         local = ipaddress.ip_address(host).is_loopback
     except ValueError:
         local = host == "localhost"
     if not local and not allowed:
         raise BadInput(
-            f"--listen {listen}: {protocol} knows no passwords, so that whoever reaches this "
-            f"address would command the stage; {ways}"
+            f"--listen {listen}: {protocol} has no passwords, so anybody who reaches this "
+            f"address could command the stage; {ways}"
         )

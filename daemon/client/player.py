@@ -348,7 +348,7 @@ class Player:
             # the reason travels on a topic of its own and may come a little later
             return self.why(status) if said or now_ns - self.ended_ns > WORDS_NS else None
         if status.run != self.before.run:
-            return "the loop was started anew"
+            return "the loop was restarted"
         return None
 
     def new_events(self) -> list[Event]:

@@ -222,7 +222,7 @@ class Positioner(Closing):
             self._repeat_ns = now_ns + round(self._stale_s / REPEATS * clock.NS)
 
     def _begin_going(self, client: Client, value: float, future: "Future[Reading]") -> None:
-        self._leave("another place was asked for")
+        self._leave("another position was requested")
         self._stopping.clear()
         client.send(value)
         now_ns = clock.monotonic_ns()
@@ -290,7 +290,7 @@ class Positioner(Closing):
             )
         for one in [one for one in self._collecting if now_ns > one.end_ns]:
             self._collecting.remove(one)
-            one.future.set_exception(NotNow("no telemetry came"))
+            one.future.set_exception(NotNow("no telemetry arrived"))
 
     def _fly(
         self,
@@ -299,7 +299,7 @@ class Positioner(Closing):
         value: NDArray[np.float64],
         future: "Future[Flight]",
     ) -> None:
-        self._leave("a trajectory was asked for")
+        self._leave("a trajectory was requested")
         self._stopping.clear()
         self._held = None
         parts: list[NDArray[Any]] = []

@@ -89,7 +89,7 @@ def exercise_and_compare(client: Client, share: float, seconds: float) -> Disagr
     parts: list[NDArray[Any]] = []
     client.play(t_s, target, on_samples=parts.append)
     if not parts:
-        raise NotNow("no telemetry came while the stage was exercised")
+        raise NotNow("no telemetry arrived while the stage was exercised")
     samples: NDArray[Any] = np.concatenate(parts)
     own = np.isfinite(samples["target"]) & ((samples["flags"] & int(Flag.APPROACH)) == 0)
     samples = samples[own]

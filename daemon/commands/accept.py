@@ -8,15 +8,16 @@ from dehyst.daemon.client.offer_change import CUTS, cuts_trajectory, describe_ch
 from dehyst.daemon.commands.reject import add_offer, find_offer, offer_of_axes
 from dehyst.models.errors import BadInput, NotNow
 
-EPILOG = """The loop takes the model without a jump, within range and slew; the configured file is
-not touched. The model is on trial: if its error has not fallen after `doctor.trial_s` of motion,
-the previous model returns by itself, and an event names the reason; after `doctor.trial_limit_s`
-the trial is settled on what was seen. An offer that is accepted while another is on trial waits
-until that is over. Before it acts, the command shows what changes: reach, error, rate. If a
-trajectory is playing and the reach shrinks, it asks first; --yes answers. With several axes it
-takes the offer of the one axis that has one, or of --name.
-Exit 0: it is done, or with --wait proven; 1: nothing is offered, or with --wait it went back; 2:
-refused (the reason is printed) or no daemon.
+EPILOG = """\
+The loop switches to the model without a jump, within range and slew; the configured file stays
+unchanged. The model is on trial: if its error has not fallen after `doctor.trial_s` of motion, the
+loop returns to the previous model, and an event names the reason. After `doctor.trial_limit_s` the
+trial ends with the motion seen so far. An offer that is accepted during another trial waits until
+that trial ends. The command first shows the change in reach, error and rate. If a trajectory is
+playing and the reach shrinks, it asks for confirmation; --yes confirms. With several axes it
+accepts the offer of the axis that has one, or of --name.
+Exit 0: accepted, or with --wait confirmed; 1: there is no offer, or with --wait the loop returned
+to the previous model; 2: refused (the reason is printed) or no daemon.
 
 examples: dehyst accept
           dehyst accept --wait 60
@@ -45,8 +46,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def require_consent() -> None:
     """Ask whether to go on. Raises BadInput where nobody can be asked, NotNow on a no."""
     if not sys.stdin.isatty():
-        raise BadInput(f"{CUTS}; --yes accepts all the same: they are played at the nearest place")
-    say(f"{CUTS}: these are played at the nearest place, and flagged. Accept? [y/N]")
+        raise BadInput(f"{CUTS}; --yes accepts: they are played at the nearest position")
+    say(f"{CUTS}: these are played at the nearest position and flagged. Accept? [y/N]")
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise NotNow("not accepted; the offer stays")
 
@@ -67,7 +68,8 @@ def run(args: argparse.Namespace) -> int:
         waits = f"it waits until the trial of {others[-1]} is over; then it is " if others else ""
         say(
             f"{report.case}: accepted; {waits}on trial for {report.offer.trial_s:g} s of motion, "
-            f"at most {report.offer.trial_limit_s:g} s in all; then it stays or goes back by itself"
+            f"at most {report.offer.trial_limit_s:g} s in all; then the loop keeps it "
+            "or returns to the previous model"
         )
         end_ns = clock.monotonic_ns() + round(args.wait * clock.NS)
         while clock.monotonic_ns() < end_ns:

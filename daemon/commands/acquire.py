@@ -22,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=5.0,
         metavar="S",
-        help="time of full loops before the recording, so that creep is over (default: 5 s)",
+        help="time of full loops before the recording, which let creep decay (default: 5 s)",
     )
     parser.add_argument(
         "--axis", default="", metavar="NAME", help="serve only this axis of several"
@@ -30,12 +30,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_reading(parser)
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="result as JSON on stdout")
-    parser.epilog = """Ctrl-C ends it: the output goes back to where it was, and what was recorded
-is written.
-Of a controller with several axes each goes through the drive alone while the others rest, then all
-together, each at its own pace: REC-x.csv, REC-y.csv, ..., in which axis_y_um and axis_y_drive_v say
-what the others did, so that `dehyst identify` finds what they bring. --axis NAME: that one alone.
-Exit 0: the whole drive was recorded; 1: it ended before; 2: nothing was recorded.
+    parser.epilog = """Ctrl-C ends it: the output returns to its earlier voltage, and the samples
+recorded so far are written.
+On a controller with several axes, each axis plays the drive alone while the others rest, then all
+play together, each at its own pace. REC-x.csv, REC-y.csv, ... have the columns axis_y_um and
+axis_y_drive_v of the other axes, from which `dehyst identify` finds the coupling. --axis NAME
+selects a single axis.
+Exit 0: the whole drive was recorded; 1: the recording ended early; 2: nothing was recorded.
 
 example: dehyst acquire drive.csv --config stage.toml -o recording.csv"""
 

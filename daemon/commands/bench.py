@@ -18,8 +18,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Fit this project's model, a classical Prandtl-Ishlinskii model, a Preisach plane, "
         "Bouc-Wen, Duhem, NARX and a small neural net (with scikit-learn) to the same recordings, "
-        "and predict from the drive alone what they have not seen. Without --recordings: made "
-        "stages. All figures but the cost are the same in every run on a machine."
+        "and predict held-out rows from the drive alone. Without --recordings the stages are "
+        "simulated. All figures except the cost are the same in every run on a machine."
     )
     parser.epilog = "example: dehyst bench --recordings recordings -o bench"
     add = parser.add_argument
@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--recordings",
         type=Path,
         metavar="DIR",
-        help="compare on the recordings in this folder too: the first 60 %% of each is fitted",
+        help="also compare on the recordings in this folder: the first 60 %% of each is fitted",
     )
     add(
         "--only",

@@ -20,14 +20,14 @@ from dehyst.models.errors import BadInput
 
 EPILOG = """\
 `dehyst config init` writes a configuration with every key: the values that you give, and all other
-keys as comments with their default, meaning and allowed values. It moves nothing; where
-the units answer, it writes their serial numbers, too. The voltage limits are required. All keys:
-docs/reference-configuration.md.
+keys as comments with their default, meaning and allowed values. It moves nothing; if the units
+answer, it also writes their serial numbers. The voltage limits are required.
+docs/reference-configuration.md lists all keys.
 
-`dehyst config pin` accepts the units that are plugged in now as those of a configuration: the
-daemon sets a voltage on no other unit than the one that it knows, and names the other one.
+`dehyst config pin` registers the units that are plugged in now as those of a configuration: the
+daemon sets a voltage only on these units, and names any other unit that it finds.
 
-exit status: 0; 2 where something is wrong, or the file exists (--force replaces it).
+exit status: 0; 2 if an input is wrong, or the file exists (--force replaces it).
 
 examples: dehyst config init --range 0 100 -o stage.toml
           dehyst config pin --config stage.toml
@@ -46,13 +46,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs=2,
         type=float,
         metavar=("MIN", "MAX"),
-        help="init: voltages the stage may see, V",
+        help="init: voltage limits of the stage, V",
     )
     parser.add_argument(
         "--slew",
         type=float,
         metavar="V_PER_S",
-        help="largest rate of the voltage (default: 20 ranges a second)",
+        help="largest rate of the voltage (default: 20 ranges per second)",
     )
     parser.add_argument(
         "--rate",
@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
     if args.config is not None:
         raise BadInput("--config goes with pin")
     if args.range is None:
-        raise BadInput("init: give the voltages that the stage may see: --range MIN MAX")
+        raise BadInput("init: give the voltage limits of the stage: --range MIN MAX")
     low, high = args.range
     check_range(low, high, args.slew)
     if not 0.0 < args.rate < float("inf"):

@@ -13,10 +13,10 @@ from dehyst.daemon.files.recordings import SUFFIXES, WRITTEN, read_parts, write_
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst convert`."""
     parser.description = (
-        "Write a recording or a trajectory in another kind of file; the suffix says which. Every "
-        f"column is kept, to the last bit. Read: {', '.join(SUFFIXES)}; written: "
-        f"{', '.join(WRITTEN)}. MCAP opens in Foxglove and PlotJuggler. Where the clock went back "
-        "in the file it is cut there: OUT-part1.csv, OUT-part2.csv, ..."
+        "Convert a recording or a trajectory to another file format; the suffix selects it. Every "
+        f"column is kept with full precision. Formats read: {', '.join(SUFFIXES)}; written: "
+        f"{', '.join(WRITTEN)}. Foxglove and PlotJuggler open MCAP. If the clock went back, the "
+        "file is cut there: OUT-part1.csv, OUT-part2.csv, ..."
     )
     parser.epilog = "example: dehyst convert run.csv run.mcap"
     parser.add_argument("input", type=Path, metavar="IN")
@@ -24,11 +24,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unfinished",
         action="store_true",
-        help="keep the complete part of an .mcap whose writer was killed or met a full disk",
+        help="keep the complete part of a file whose writer was killed or met a full disk",
     )
     add_reading(parser)
     add_force(parser)
-    parser.add_argument("--json", action="store_true", help="print what was done as JSON on stdout")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from dehyst.daemon.demo.second_act import Story
 
 DESCRIPTION = """\
-The whole story on the simulated stage in some minutes: excite and record it through the serial
-drivers, identify a model, run the daemon, stream a 1 Hz full-stroke sine to it from a separate
-process over zenoh, once with a linear gain and once with the identified model, print the tracking
-errors, save a picture. Second act: an effect drawn by chance appears in the stage while it runs;
-the watch flags it, the doctor names it, the model that it offers is accepted, the error falls; a
-picture of the story, and what was drawn."""
+Demonstrate dehyst on the simulated stage in some minutes: excite and record the stage through the
+serial drivers, identify a model, run the daemon, stream a 1 Hz full-stroke sine to it from a
+separate process over zenoh, once with a linear gain and once with the identified model, print the
+tracking errors and save a plot. In the second part a randomly drawn effect appears in the running
+stage: the watch flags it, the doctor names it and offers a model, the demo accepts the model, and
+the error falls. The demo saves a plot and prints which effect was drawn."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -31,17 +31,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=Path("out"),
         metavar="DIR",
-        help="where picture, recordings and model are saved (default: out)",
+        help="folder for plots, recordings and model (default: out)",
     )
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of act two")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of the second part")
     parser.add_argument(
-        "--first-act", action="store_true", help="run the first act only, about a minute"
+        "--first-act", action="store_true", help="run the first part only, about a minute"
     )
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="result as JSON on stdout")
-    parser.epilog = """exit status: 0: compensation made the error smaller, in both acts, and the
-effect was named right; 1: it was not so; 77: this machine was too busy to judge, and the reason is
-said: run it again with less beside it.
+    parser.epilog = """exit status: 0: compensation reduced the error in both parts, and the effect
+was named correctly; 1: it did not, or the effect was not named correctly; 77: this machine was too
+busy to judge (the reason is printed): run it again with less other load.
 
 examples: dehyst demo -o out
           dehyst demo --seed 7 --force"""

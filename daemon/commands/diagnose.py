@@ -21,12 +21,12 @@ from dehyst.models.recording import Recording
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst diagnose`."""
     parser.description = (
-        "Locate what the model in use leaves unexplained, name the physics, model it, and show the "
-        "fit improve. The model in use is that of --model, or the plain one identified from these "
+        "Find the physics that the model in use lacks, model it, and show by how much the error "
+        "falls. The model in use is that of --model, or a plain model identified from these "
         "recordings. Give all recordings of one stage together: several "
-        "waveforms, holds, and a rest show more than one. Writes diagnosis.json, model.toml (the "
-        "augmented model) and report.html into DIR. Exit status 1: the "
-        "model in use leaves something out."
+        "waveforms, holds and a rest reveal more than one recording. Writes diagnosis.json, "
+        "model.toml (the augmented model) and report.html to DIR. Exit status 1: the "
+        "model in use lacks something."
     )
     parser.epilog = (
         "examples: dehyst diagnose sweep.csv holds.csv -o findings\n"

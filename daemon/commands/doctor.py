@@ -15,10 +15,11 @@ if TYPE_CHECKING:
 
     from dehyst.daemon.bus.messages import DoctorReport
 
-EPILOG = """When the mismatch watch raises its flag, the doctor diagnoses the kept recording, and
-where it has a better model it offers it: `dehyst accept`, `dehyst reject`. With --config FILE this
-command is the doctor itself: the service starts it; lowest priority, no devices, no network.
-Exit 0: nothing is open; 1: an offer waits for a decision; 2: no daemon.
+EPILOG = """\
+When the mismatch watch raises a flag, the doctor diagnoses the kept recording and offers a better
+model if it finds one: `dehyst accept`, `dehyst reject`. With --config FILE this command runs the
+doctor itself, as the service does, at the lowest priority, without devices or network.
+Exit 0: no decision is pending; 1: an offer waits for a decision; 2: no daemon.
 
 examples: dehyst doctor
           dehyst doctor --report report.html
@@ -34,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--report", type=Path, metavar="FILE", help="write the newest report (HTML)"
     )
     add_force(parser)
-    parser.add_argument("--json", action="store_true", help="print everything that is kept as JSON")
+    parser.add_argument("--json", action="store_true", help="print all kept reports as JSON")
     add_connection(parser)
 
 
@@ -74,7 +75,7 @@ def _tell(args: argparse.Namespace) -> int:
     for name, reports in {} if args.json else by_name.items():
         whose = f"{name}: " if several else ""
         if not reports:
-            print(f"{whose}the doctor has nothing to say: no mismatch is kept")
+            print(f"{whose}the doctor has no report: no mismatch was recorded")
         for report in reports[-3:]:
             print(whose + "\n".join(describe_doctor(report)))
     if args.report:

@@ -14,7 +14,7 @@ from dehyst.drivers.registry import Plugin, find_plugins, list_plugins, list_set
 from dehyst.drivers.settings import SettingKey
 
 EPILOG = """\
-exit status: 0; 1 when a plugin is broken; 2 when there is no driver of this name.
+exit status: 0; 1 if a plugin is broken; 2 if there is no driver of this name.
 
 example: dehyst drivers
          dehyst drivers mdt693b

@@ -36,9 +36,9 @@ BENCH_PRIORITY = 60
 
 EPILOG = """\
 Prints one line of JSON with the paths of the ports and of the control socket when they can be
-opened, and runs until SIGTERM or Ctrl-C. Faults and changes go to the control socket, one JSON
-object a datagram, e.g. {"fault": "unplug", "for_s": 2} or {"stage": {"stroke_um": 15.0}}; with
-several axes "axis": "y" says whose.
+opened, and runs until SIGTERM or Ctrl-C. Send faults and changes to the control socket, one JSON
+object per datagram, e.g. {"fault": "unplug", "for_s": 2} or {"stage": {"stroke_um": 15.0}}; with
+several axes, "axis": "y" selects the axis.
 
 examples: dehyst emulate --dir /tmp/bench --dialect 1.05 --stage creep_gain_per_decade=0.02
           dehyst emulate --axes 3 --stage x.from_y=0.03
@@ -74,7 +74,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=int,
         choices=(1, 2, 3),
         default=1,
-        help="number of axes (x, y, z), which move each other a little, each with its gauge",
+        help="number of axes (x, y, z), slightly coupled, each with its gauge",
     )
     parser.add_argument(
         "--limit-v",

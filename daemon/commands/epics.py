@@ -9,9 +9,10 @@ from dehyst.daemon.client.open_protocol import add_serving, check_exposure, chec
 from dehyst.models.errors import BadInput
 
 DEFAULT = "127.0.0.1"
-EPILOG = """Each axis is a motor record (VAL, RBV, DMOV, STOP, VELO, limits, alarms) and a few more
-PVs: volts, error, trim, state, the doctor's offer. docs/epics.md lists them. Channel Access knows
-no passwords: whoever reaches the address commands the stage, so an address beyond this machine
+EPILOG = """\
+Each axis is a motor record (VAL, RBV, DMOV, STOP, VELO, limits, alarms) with further PVs for volts,
+error, trim, state and the doctor's offer. docs/epics.md lists them. Channel Access has no
+passwords: anybody who reaches the address can command the stage, so an address beyond this machine
 needs --without-passwords; --observe refuses every put.
 
 examples: dehyst epics
@@ -77,5 +78,5 @@ def check_address(text: str, allowed: bool) -> None:
         ipaddress.ip_address(text)
     except ValueError:
         raise BadInput(f"--listen {text}: it is an address such as 127.0.0.1") from None
-    ways = "add --without-passwords where the network is trusted, or --observe"
+    ways = "add --without-passwords if the network is trusted, or --observe"
     check_exposure(text, text, allowed, "Channel Access", ways)

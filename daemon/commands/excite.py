@@ -28,9 +28,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst excite`."""
     parser.description = (
         "Design a drive of superimposed sines that covers the range and all rates evenly, with "
-        "loops of all sizes, a gentle start and a safe end; or, with --check, say whether a "
+        "loops of all sizes, a gentle start and a safe end; or, with --check, report whether a "
         "recording excites enough; or, with --separate, design the drive that distinguishes "
-        "two effects. Exit status 1: --check found something missing."
+        "two effects. Exit status 1: --check found that the recording lacks excitation."
     )
     parser.epilog = (
         "examples: dehyst excite --range 0 75 --band 10 --duration 20 -o drive.csv\n"
@@ -60,7 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="samples per second (default: --config's, else 1000)",
     )
     parser.add_argument(
-        "--sines", type=int, default=SINES, metavar="N", help=f"how many (default {SINES})"
+        "--sines", type=int, default=SINES, metavar="N", help=f"number of sines (default {SINES})"
     )
     parser.add_argument("--slew", type=float, metavar="PER_S", help="largest rate allowed, unit/s")
     parser.add_argument("-o", "--output", type=Path, metavar="DRIVE.csv")
@@ -79,7 +79,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--model", metavar="MODEL.toml", help="the stage's model, for --separate")
     parser.add_argument(
-        "--picture", type=Path, metavar="FILE.png", help="draw what the drive covers"
+        "--picture", type=Path, metavar="FILE.png", help="plot the drive and rate that are covered"
     )
     add_reading(parser)
     add_force(parser)

@@ -7,8 +7,9 @@ import signal
 from dehyst.daemon.loop.timing import realtime
 from dehyst.daemon.rings import run_folder
 
-EPILOG = """It may be started before or after `dehyst core`, and restarted at any time: the loop
-does not notice. Ends on SIGTERM.
+EPILOG = """\
+The gateway may be started before or after `dehyst core`, and restarted at any time without an
+effect on the loop. It ends on SIGTERM.
 
 example: dehyst gateway --config /etc/dehyst/stage.toml
 """

@@ -21,8 +21,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst identify`."""
     parser.description = (
         "Identify one invertible hysteresis model from one or more recordings of a stage. "
-        "Thresholds, weights, rate-dependence and saturation are all found from the data; what "
-        "is not given below is chosen on held-out rows and reported."
+        "Thresholds, weights, rate-dependence and saturation are all found from the data; options "
+        "that are not given are chosen on held-out rows and reported."
     )
     parser.epilog = (
         "examples: dehyst identify run.csv -o stage.toml --report findings\n"

@@ -18,14 +18,15 @@ FILES = PNG, JSON, HDF5 = "image.png", "image.json", "image.h5"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst image`."""
     parser.description = (
-        "Image a calibration grid with the simulated stage of two axes, scanning each line in both "
+        "Image a calibration grid with the simulated two-axis stage, scanning each line in both "
         "directions: with volts proportional to the target position, with the inverse model, and "
         f"with learning from the gauges. Writes DIR/{PNG} (the three pictures side by side), "
-        f"DIR/{JSON} and, with h5py, DIR/{HDF5} with NeXus names. Distortion: rms distance "
-        "between true and target position, after the shift and the scale of each axis have been "
-        "removed, as a calibration does. Seam: rms distance between trace and retrace. Exit status "
-        f"0: the compensated picture is distorted at least {COMPENSATED_LEAST:g} times less than "
-        f"the raw one, the learned one {LEARNED_LEAST:g} times; 1: it is not. No daemon is needed."
+        f"DIR/{JSON} and, with h5py, DIR/{HDF5} with NeXus names. Distortion is the rms distance "
+        "between true and target position without the shift and the scale of each axis, which a "
+        "calibration corrects. Seam is the rms distance between trace and retrace. Exit status "
+        f"0: the distortion of the compensated picture is at least {COMPENSATED_LEAST:g} times "
+        f"smaller than that of the raw one, that of the learned one {LEARNED_LEAST:g} times; 1: "
+        "it is not. No daemon is needed."
     )
     parser.epilog = "example: dehyst image -o pictures"
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")

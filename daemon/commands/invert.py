@@ -16,11 +16,11 @@ from dehyst.daemon.files.outputs import add_force, check_outputs
 from dehyst.daemon.files.recordings import read_trajectory
 
 EPILOG = """\
-Writes t_s, target, the drive, what the model predicts, and flags (a sum of:
+Writes t_s, target, the drive, the model's prediction, and flags (a sum of:
 1 beyond the saturation, 2 beyond the drive range, 4 limited by the slew rate, 8 fewer targets
-ahead than the mode wants, 32 outside the range or rate that the model was identified in).
+ahead than the mode needs, 32 outside the range or rate of the model's recording).
 
-exit status: 0; 1 when part of the trajectory cannot be reached (flag 1 or 2).
+exit status: 0; 1 if part of the trajectory cannot be reached (flag 1 or 2).
 
 example: dehyst invert paper-eq12 trajectory.csv -o drive.csv
          dehyst invert stage.toml trajectory.csv -o drive.csv --preview 0.05 --slew 200
@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--preview",
         type=float,
         metavar="SECONDS",
-        help="run what the daemon would with this look-ahead (0: none); default: the whole "
+        help="compute the daemon's drive with this look-ahead (0: none); default: the whole "
         "trajectory at once, to convergence",
     )
     parser.add_argument(

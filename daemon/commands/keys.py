@@ -7,9 +7,10 @@ from pathlib import Path
 from dehyst.models.errors import BadInput
 
 MOST_DAYS = 36_500
-EPILOG = """DIR/authority holds the authority's key: keep it off the controller. DIR/NAME of each
-certificate holds ca.pem, certificate.pem and key.pem. Call it again with the same DIR to add
-clients. On the controller, in the configuration:
+EPILOG = """\
+DIR/authority contains the authority's key: do not keep it on the controller. DIR/NAME of each
+certificate contains ca.pem, certificate.pem and key.pem. To add clients, run the command again with
+the same DIR. In the controller's configuration:
 
   [bus]
   listen = ["tls/0.0.0.0:7447"]
@@ -33,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--host",
         action="append",
         default=[],
-        help="name or address under which clients reach the controller (several times)",
+        help="name or address under which clients reach the controller; may be repeated",
     )
     parser.add_argument(
         "--client", action="append", default=[], metavar="NAME", help="make a client's certificate"

@@ -18,11 +18,11 @@ from dehyst.models.errors import BadInput
 
 EPILOG = """\
 Runs the daemon's own loop on a simulated stage, in this process, with the priority, CPU and engine
-of --config where there is one, and times the devices' calls: of an emulated MDT693B and KSG101, or
-with --config of the configured sensor. It writes nothing to a configured amplifier.
+of --config if given, and times the device calls of an emulated MDT693B and KSG101, or with
+--config those of the configured sensor. It writes nothing to a configured amplifier.
 
-exit status: 0 when the rate was held; 1 when more than one deadline, and more than one in 10 000,
-was missed, or when the device calls do not fit into the period.
+exit status: 0 if the rate was sustained; 1 if more than one deadline, and more than one in 10 000,
+was missed, or if the device calls do not fit into the period.
 
 examples: dehyst latency
           dehyst latency --rate 10000 --for 60
@@ -52,7 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--priority", type=int, help="FIFO priority; 0: ordinary; default: 80")
     parser.add_argument("--cpu", type=int, help="pin the loop to this CPU; default: none")
     parser.add_argument("--spin", type=float, metavar="US", help="loop.spin_us")
-    parser.add_argument("--no-io", action="store_true", help="leave out the device calls")
+    parser.add_argument("--no-io", action="store_true", help="do not time the device calls")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 

@@ -14,13 +14,14 @@ from dehyst.daemon.config import PageConfig, load_controller
 from dehyst.drivers import system
 from dehyst.models.errors import BadInput
 
-EPILOG = """Who opens the page on this machine may look and command. Beyond it only with TLS
-and passwords, for operators (command and look) and observers (look). /metrics is for Prometheus.
+EPILOG = """\
+Anybody on this machine may view the page and command. Beyond this machine the page needs TLS and
+passwords, for operators (view and command) and observers (view). /metrics is for Prometheus.
 
 examples: dehyst page
           dehyst page --connect tcp/stage-pc:7447 --credentials observer/ --observe
           dehyst page --connect tcp/10.0.0.5:7447,tcp/10.0.0.6:7447        (several controllers)
-          dehyst page --config /etc/dehyst/stage.toml      (what its [page] says)
+          dehyst page --config /etc/dehyst/stage.toml      (with the settings of its [page])
 """
 
 
@@ -34,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--public-url",
         metavar="URL",
-        help="the address that people type, where a reverse proxy on this machine serves the page",
+        help="the address that people type, if a reverse proxy on this machine serves the page",
     )
     parser.add_argument("--observe", action="store_true", help="allow no commands from the page")
     parser.add_argument("--certificate", metavar="FILE", help="certificate for TLS (PEM)")
@@ -114,7 +115,7 @@ def settings_of(args: argparse.Namespace) -> tuple[PageConfig, list[str], str, s
     ):
         if getattr(args, name):
             option = name.replace("_", "-")
-            raise BadInput(f"--{option} goes without --config: its [page] says it itself")
+            raise BadInput(f"--{option} cannot be combined with --config, whose [page] sets it")
     controller = load_controller(args.config)
     page, net = controller.page or PageConfig(), controller.bus
     addresses = [*(page.connect or (*net.listen, *net.connect)[:1])]

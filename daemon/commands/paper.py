@@ -14,13 +14,14 @@ from dehyst.models.errors import BadInput
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst paper`."""
     parser.description = (
-        "Repeat the experiments of the paper's section 3 on stages that are its Eq. 11 and "
+        "Repeat the experiments of the paper's section 3 on stages given by its Eq. 11 and "
         "Eq. 12 and on a Bouc-Wen stage: identify, predict, draw Figures 3 to 7, and track each "
-        "signal with the inverse. Writes DIR/paper.html, DIR/paper.json and pictures. Exit "
-        "status 0: every error of the paper is reached: the standard deviation is at most the "
-        "paper's and the mean at most the paper's mean with its standard deviation; of the sweep "
-        "the maximum of the last second. 1: one is not. Static models count on the stage of "
-        "Eq. 11, rate-dependent ones on that of Eq. 12."
+        "signal with the inverse. Writes DIR/paper.html, DIR/paper.json and plots. Exit "
+        "status 0: every figure of the paper is reached: the standard deviation is at most the "
+        "paper's, and the mean at most the paper's mean plus its standard deviation; for the "
+        "sweep, the maximum of the last second is at most the paper's. 1: a figure is not "
+        "reached. Static models are judged on the stage of Eq. 11, rate-dependent ones on that "
+        "of Eq. 12."
     )
     parser.epilog = "example: dehyst paper -o paper-again"
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")

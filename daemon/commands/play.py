@@ -33,12 +33,12 @@ if TYPE_CHECKING:
 
 LONGEST_FILTER_S = 0.1
 EPILOG = """The file has the columns t_s and target_um (or the daemon's own unit); further columns
-are ignored. With target_x_um, target_y_um ... it is for several axes of one controller: they start
-on the same sample and hold together, and the command is taken of all of them or of none.
-Targets count from the daemon's set-point origin. The trajectory is checked against
+are ignored. With target_x_um, target_y_um ... it moves several axes of one controller: they start
+on the same sample and hold together, and the lease covers all of them or none.
+Targets are relative to the daemon's set-point origin. The trajectory is checked against
 the daemon's reach before anything moves.
-With --learn the error of each pass corrects the targets of the next: what repeats goes, what the
-gauge's noise adds does not come in. It needs a gauge, and acts beside the daemon's slow trim.
+With --learn the error of each pass corrects the targets of the next: the repeating error falls,
+and the gauge's noise is filtered out. This needs a gauge, and works together with the slow trim.
 At the end the stage holds its last point as after `dehyst send`; --stay keeps it there.
 
 exit status: 0: played to the end; 1: ended early, samples missing or out of reach; 2: refused, or
@@ -80,16 +80,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--learned",
         type=Path,
         metavar="FILE",
-        help="take up what was learned, and save it; belongs to one model and one trajectory "
-        "(implies --learn)",
+        help="continue from the learned correction in this file, and save it; it belongs to one "
+        "model and one trajectory (implies --learn)",
     )
     parser.add_argument(
         "--gauge-filter-s",
         type=float,
         default=0.0,
         metavar="TAU",
-        help="time constant of the gauge's filter, from its data sheet: --learn then makes up for "
-        "what it shows late of a stage that rings",
+        help="time constant of the gauge's filter, from its data sheet: --learn then compensates "
+        "the filter's lag on a ringing stage",
     )
     parser.add_argument(
         "--picture",
@@ -100,8 +100,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--allow-unreachable",
         action="store_true",
-        help="play it even where it leaves the reach: the daemon goes as near as it can and flags "
-        "every such sample",
+        help="play it even if it leaves the reach: the daemon goes as near as it can and flags "
+        "each such sample",
     )
     parser.add_argument(
         "--stay",

@@ -37,20 +37,21 @@ NAMES = {AMPLIFIER: "MDT693B or MDT694B", GAUGE: "KSG101", PIEZO: "KPZ101"}
 NAMES |= {CONTROLLER: "KPC101 or BPC301", RACK: "BPC303"}
 
 EPILOG = f"""\
-Finds out whether an MDT693B, MDT694B or KPZ101 (amplifiers), a KSG101 (gauge reader), or a KPC101,
-BPC301 or BPC303 (both) is connected to the port. Sends requests, to the MDT69xB also an empty line
-and two unknown words; changes no setting and moves no output. PORT is a path or "auto" (the MDT69xB
-on USB, with --unit of another the one APT unit). Stop everything else that uses the unit first.
+Determines whether an MDT693B, MDT694B or KPZ101 (amplifiers), a KSG101 (gauge reader), or a KPC101,
+BPC301 or BPC303 (both) is connected to the port. Sends requests, and to the MDT69xB also an empty
+line and two unknown words; changes no setting and moves no output. PORT is a path or "auto" (the
+MDT69xB on USB; with --unit of another kind the only APT unit). Stop all other programs that use the
+unit first.
 
 --sets V times {TIMED} sets of axis x, all to V, and only if the unit reads back V within 1 V. The
-unit does not report its set-point, so give the one that it really has: otherwise the output moves
-by the difference.
+unit does not report its set-point, so give its actual set-point: otherwise the output moves by the
+difference.
 
---config opens the devices of a configuration, of any driver, as the daemon does: identity, range,
-resolution, time of a call, rate that they sustain. Nothing moves; a disabled KPZ101 is enabled, at
-0 V.
+--config opens the devices of a configuration, with any driver, as the daemon does, and prints their
+identity, range, resolution, time per call and the rate that they sustain. Nothing moves; a disabled
+KPZ101 is enabled, at 0 V.
 
-exit status: 0; 1 when what answers is none of them, or nothing answers.
+exit status: 0; 1 if another device answers, or nothing does.
 
 examples: dehyst probe /dev/ttyACM0 -o my-amplifier.json
           dehyst probe /dev/ttyUSB0 -o my-gauge.json

@@ -19,13 +19,14 @@ if TYPE_CHECKING:
     from dehyst.daemon.files.recorder import OtherAxis, Recorder
 
 LATE_S, LOOP_S = 10.0, 60.0
-EPILOG = """Columns: t_s, the drive in the model's unit (u_v), the measured displacement (y_um), the
-target (target_um), trim_um, learned_um, missed and flags; `dehyst identify` reads the file back.
-Of a controller with several axes each gets a file of its own (run-x.csv, run-y.csv), with the other
-axes' displacements and drives beside (axis_y_um, axis_y_drive_v).
-Displacements count from the daemon's set-point origin; --frame model counts from the model's own
-zero, for a file from which a new model for the same configuration is identified. Samples that did
-not arrive are fetched from the daemon's history; what cannot be had is a gap in t_s, never bridged.
+EPILOG = """\
+The columns are t_s, the drive in the model's unit (u_v), the measured displacement (y_um), the
+target (target_um), trim_um, learned_um, missed and flags; `dehyst identify` reads the file.
+On a controller with several axes each axis gets its own file (run-x.csv, run-y.csv), with the
+displacements and drives of the other axes (axis_y_um, axis_y_drive_v).
+Displacements are relative to the daemon's set-point origin; with --frame model they are relative to
+the model's own zero, for identifying a new model for the same configuration. Missing samples are
+fetched from the daemon's history; samples that are no longer there leave a gap in t_s.
 Ctrl-C ends the recording.
 
 The suffix says which kind of file: .csv grows line by line and is readable at every moment, what

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from dehyst.daemon.client.group import Group
 
 NOTHING_OFFERED = "nothing is offered; `dehyst doctor` says what was found"
-EPILOG = """Of several axes: that of the one axis that has an offer, or of --name.
-Exit 0: done; 1: nothing is offered; 2: refused (the reason is printed) or no daemon.
+EPILOG = """With several axes it rejects the offer of the axis that has one, or of --name.
+Exit 0: rejected; 1: there is no offer; 2: refused (the reason is printed) or no daemon.
 
 example: dehyst reject
 """

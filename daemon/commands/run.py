@@ -16,12 +16,12 @@ from dehyst.models.errors import BadInput, DehystError
 
 NAME, LISTEN = "bench", "tcp/127.0.0.1:7447"
 DESCRIPTION = """\
-The daemon in the foreground: the loop's process, the network's process, and their restarts.
+Run the daemon in the foreground: the loop and the gateway, with restarts when they fail.
 
-Without --config it runs on the simulated stage: an emulated MDT693B and KSG101 on pseudo
-terminals, which the real serial drivers talk to.
+Without --config it runs on the simulated stage: the real serial drivers use an emulated MDT693B and
+KSG101 on pseudo terminals.
 
-SIGTERM or Ctrl-C ends it in the state that [safe] names; SIGHUP loads the model file again."""
+SIGTERM or Ctrl-C ends it in the state that [safe] names; SIGHUP reloads the model file."""
 
 UNIT_STOP_S, SPARE_S = 90.0, 20.0
 """TimeoutStopSec= of systemd/dehyst.service; what devices may need beyond a ramp's own time."""
@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--check",
         metavar="FILE",
         type=Path,
-        help="read a configuration and its model and print what they mean; nothing moves",
+        help="check a configuration and its model and print reach and settings; nothing moves",
     )
     parser.add_argument(
         "--listen",

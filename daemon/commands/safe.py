@@ -12,8 +12,8 @@ from dehyst.models.errors import DehystError
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", required=True, metavar="FILE", help="configuration (TOML)")
     parser.description = (
-        "After the loop's process has died: ramp the output of every axis to safe.voltage_v, or "
-        "leave it, as safe.on_fault says."
+        "After the loop's process has died, ramp the output of every axis to safe.voltage_v or "
+        "leave it, depending on safe.on_fault."
     )
     parser.epilog = "example: dehyst safe --config /etc/dehyst/stage.toml"
 

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 SAMPLING_HZ = 100.0  # every bench takes it: a daemon interpolates between points
 FREE_SLEW = 1e12  # where only models are given
-EPILOG = """The file has the columns t_s, target_x_um, target_y_um (with --axes and --unit others);
-`dehyst play` streams it. Every path begins and ends at rest at one place, so that it can be
-repeated and learned, and has no corner. With --config (or --model) every target is inverted as the
-daemon would: a path that leaves an axis' reach, or is faster than its slew limit, is refused, and
-nothing is written. Without them the daemon that runs at --connect gives reach, slew and rate, where
-one runs. Targets count from the set-point origin of each axis.
+EPILOG = """The file has the columns t_s, target_x_um, target_y_um (others with --axes and --unit);
+`dehyst play` streams it. Every path begins and ends at rest at the same position, so that it can be
+repeated and learned, and has no corners. With --config (or --model) every target is inverted as in
+the daemon: a path that leaves an axis' reach, or exceeds its slew limit, is refused, and nothing is
+written. Without them, reach, slew and rate are those of the daemon at --connect, if one is running.
+Targets are relative to the set-point origin of each axis.
 
 examples: dehyst scan raster --size 5 5 --lines 20 --config stage.toml -o raster.csv
           dehyst scan spiral --radius 2.5 --pitch 0.25 --center 8 8 -o spiral.csv
@@ -77,7 +77,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=2.0,
         metavar="HZ",
-        help="highest number of turns a second, near the middle (default: 2)",
+        help="highest number of turns per second, near the middle (default: 2)",
     )
     add(
         "--ratio",

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from dehyst.daemon.client.group import Group
     from dehyst.daemon.config import Config
 
-EPILOG = """The stage goes to the place at `setpoint.approach_um_per_s` and holds it for
+EPILOG = """The stage moves to the target at `setpoint.approach_um_per_s` and stays there for
 `setpoint.stale_s` of the daemon's configuration (2 s by default) and `setpoint.hold_s` (5 s); then
-the output ramps to its safe voltage. --for S keeps the stage there for S seconds, --stay until
-another command, also when this one has ended (`setpoint.stay = true` in the daemon's configuration
-allows that). --hold keeps the present voltage, wherever the stage is.
+the output ramps to its safe voltage. --for S keeps the stage there for S seconds; --stay keeps it
+there until another command, also after this one has ended (if the daemon's configuration has
+`setpoint.stay = true`). --hold keeps the present voltage at any position.
 
 exit status: 0: the daemon accepted the command; 2: it refused (the reason is printed), or there is
 no daemon.

@@ -14,9 +14,10 @@ from dehyst.models.errors import BadInput
 DEFAULT = "127.0.0.1:50000"
 EPILOG = """Programs that speak PI's General Command Set 2.0 over TCP (PIPython, PIMikroMove's TCP
 port, LabVIEW drivers) then drive the stage as a closed-loop controller: SVO takes the command
-lease, MOV moves, ONT? is by the model's word or the gauge's, the wave generator plays scans on the
-loop's own samples. docs/gcs.md lists what is spoken. The protocol knows no passwords: whoever
-reaches the port commands the stage, so an address beyond this machine needs --without-passwords.
+lease, MOV moves, ONT? follows the model or the gauge, and the wave generator plays scans on the
+loop's own samples. docs/gcs.md lists the supported commands. The protocol has no passwords: anybody
+who reaches the port can command the stage, so an address beyond this machine needs
+--without-passwords.
 
 examples: dehyst serve --as gcs
           dehyst serve --as gcs --name stage-1 --on-target gauge --tolerance 0.02
@@ -94,6 +95,6 @@ def address(text: str, anywhere: bool) -> tuple[str, int]:
     host = host.strip("[]")
     if not host or not port.isdigit() or int(port) > 65535:
         raise BadInput(f"--listen {text}: it is HOST:PORT with a port from 0 to 65535")
-    ways = "add --without-passwords where the network is trusted"
+    ways = "add --without-passwords if the network is trusted"
     check_exposure(text, host, anywhere, "the protocol", ways)
     return host, int(port)

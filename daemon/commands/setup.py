@@ -14,25 +14,26 @@ OUTPUTS = ("x", "y", "z")
 AMPLIFIERS = {"mdt693b": "MDT693B", "mdt694b": "MDT694B", "kpz101": "KPZ101"}
 UNITS = ("mdt693b", "kpz101", "ksg101")  # how the ports of an emulated bench begin
 DESCRIPTION = """\
-From two plugged-in units to a validated model: finds the units, asks for the stage's limits,
-measures the rate, writes the configuration, exercises the stage gently, excites and records it,
-identifies a model, validates it on a fresh drive, follows a sine without and with it, and says how
-to run it.
+Sets up a stage, from two plugged-in units to a validated model: finds the units, asks for the
+stage's limits, measures the rate, writes the configuration, exercises the stage gently, excites and
+records it, identifies a model, validates it on a new drive, tracks a sine without and with it, and
+prints how to run it.
 
-Each step announces what it will move, and how far, before it moves, and asks. FOLDER/setup.json
-records what is done: the same command resumes where it stopped, --from STEP repeats from that step,
-and changing an option repeats the steps that depend on it. Recordings are never replaced. A
-stage.toml of your own in FOLDER is used as it is, with the drivers that it names.
+Before it moves anything, each step announces what it will move, and how far, and asks for
+confirmation. FOLDER/setup.json records which steps are done: the same command resumes where it
+stopped, --from STEP repeats from that step, and changing an option repeats the steps that depend on
+it. Recordings are never overwritten. If FOLDER contains your own stage.toml, the set-up uses it
+unchanged, with the drivers that it names.
 
-With --axes, several axes of one amplifier: the gentle loops show which gauge is on which axis; the
+--axes sets up several axes of one amplifier: the exercise finds which gauge is on which axis; the
 axes are recorded one after another, then together; each model includes coupling from the others."""
 
 EPILOG = """\
 steps: {steps}
 
-exit status: 0: all steps are done, the model is as good as it claims, and it makes the error
-smaller; 1: a step found something (it says what), or was interrupted; 2: bad input, or a unit that
-cannot be used.
+exit status: 0: all steps are done, the model is as good as it claims, and it reduces the error;
+1: a step found a problem, which it names, or was interrupted; 2: bad input, or a unit that cannot
+be used.
 
 examples: dehyst setup stage-1
           dehyst setup stage-1 --yes --ports /dev/ttyACM0 /dev/ttyUSB0 --range 0 100
@@ -53,7 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--yes",
         action="store_true",
-        help="ask nothing: continue after each announcement, with defaults; needs --range",
+        help="run without questions, with defaults; needs --range",
     )
     parser.add_argument(
         "--ports",
@@ -74,7 +75,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="several axes, each with a gauge: x,y or x,y,z, or their number: 2, 3",
     )
     parser.add_argument(
-        "--range", nargs=2, type=float, metavar=("MIN", "MAX"), help="voltages the stage may see, V"
+        "--range",
+        nargs=2,
+        type=float,
+        metavar=("MIN", "MAX"),
+        help="voltage limits of the stage, V",
     )
     parser.add_argument(
         "--slew",

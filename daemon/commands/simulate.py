@@ -15,9 +15,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Add the model's displacement to a recording, as the column y_model_<unit>. Only the "
         "columns that the model reads are needed: t_s, the drive, and the channels of its blocks. "
-        "Without a measured displacement the stage is taken as de-energised before the first row; "
-        "with one it has come from there, from above or from below, whichever fits, and the error "
-        "is also given for the rows that no longer depend on that."
+        "Without a measured displacement the stage is assumed to be de-energised before the first "
+        "row. With one, the start (de-energised, from above or from below) is the one that fits "
+        "best, and the error is also given for the rows that no longer depend on the start."
     )
     parser.epilog = "example: dehyst simulate stage.toml drive.csv -o predicted.csv"
     parser.add_argument("model", metavar="MODEL.toml", help="a file, or a shipped model by name")
@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv")
     add_reading(parser)
     add_force(parser)
-    parser.add_argument("--json", action="store_true", help="print what was done as JSON on stdout")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:

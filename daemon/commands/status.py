@@ -10,12 +10,13 @@ if TYPE_CHECKING:
     from dehyst.daemon.client.client import Client
     from dehyst.models.model import Model
 
-EPILOG = """State and reason, position, output, model, inverse, deadline, health, who commands, and
-the newest events. Asking changes nothing and needs no lease.
+EPILOG = """\
+Prints state and reason, position, output, model, inverse, deadlines, health, the commanding client,
+and the newest events. It changes nothing and needs no lease.
 
-exit status: 0: all is well; 1: something needs a look (lines that begin with !: no loop, a device
-that fails, a mismatch, a frozen trim, missed deadlines, lost samples); 2: no daemon, or bad usage.
---json: {"ok", "attention", "status", "model", "events"}; of several axes {"ok", "axes": {"x": the
+exit status: 0: no problem; 1: something needs attention (lines that begin with !: no loop, a failed
+device, a mismatch, a frozen trim, missed deadlines, lost samples); 2: no daemon, or bad usage.
+--json: {"ok", "attention", "status", "model", "events"}; for several axes {"ok", "axes": {"x": the
 same, ...}}.
 
 example: dehyst status || echo "look at the stage"

@@ -16,10 +16,11 @@ from dehyst.models.identify.validation import CLAIM, Validation
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst validate`."""
     parser.description = (
-        "Run models on the drives of recordings and compare: error, its share of the span, whether "
-        "the residual is white and whether it follows the drive. A recording may begin anywhere in "
-        "the stage's history; a new zero of the sensor is reported as an offset. Exit status 1: a "
-        f"model is worse than it claims (more than {CLAIM:g} times its held-out error)."
+        "Run models on the drives of recordings and report the error, its share of the span, "
+        "whether the residual is white and whether it follows the drive. A recording may begin "
+        "anywhere in the stage's history; a new zero of the sensor is reported as an offset. Exit "
+        "status 1: a model is worse than it claims (its error is more than "
+        f"{CLAIM:g} times its held-out error)."
     )
     parser.epilog = (
         "examples: dehyst validate stage.toml another-run.csv\n"
@@ -39,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     models = [name for name in args.inputs if _is_model(name)]
     paths = [Path(name) for name in args.inputs if not _is_model(name)]
     if not models or not paths:
-        raise BadInput("one model (.toml, or a shipped one) and one recording at least are needed")
+        raise BadInput("at least one model (.toml, or a shipped one) and one recording are needed")
     page = args.report / "validation.html" if args.report else None
     check_outputs([page], [*map(Path, models), *paths], args.force)
     recordings = read_given(paths, args)

@@ -5,8 +5,8 @@ import sys
 
 EPILOG = """\
 Kernels are compiled once for each installation and kept on disk. A start without them takes a
-minute or two longer; `make` does it beforehand. On a terminal it shows what is compiled and how
-long it will take; what is there already is not compiled again.
+minute or two longer; `make` compiles them beforehand. On a terminal the command shows which kernels
+it compiles and how long this will take; existing kernels are not compiled again.
 
 example: dehyst warm
 """
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     if compilations.count:
         done = f"compiled {compilations.count} kernels in {compilations.seconds:.0f} s"
     else:
-        done = "all kernels are there already"
+        done = "all kernels are already compiled"
     print(f"dehyst warm: {done}", file=sys.stderr)
     return 0
 

@@ -19,13 +19,14 @@ if TYPE_CHECKING:
     from dehyst.daemon.client.client import Client
     from dehyst.daemon.terminal import view
 
-EPILOG = """On a terminal: where the stage is, large; target, measured and error as plots; state,
-deadlines, devices, events. q or Ctrl-C leaves. In a pipe: one line a second, and each event when it
-happens. --json: one JSON status a second. All axes of a controller are shown, by their short names
-(x, y, ...). Watching changes nothing and needs no lease.
+EPILOG = """\
+On a terminal it shows the position in large digits, plots of target, measured and error, state,
+deadlines, devices and events; q or Ctrl-C quits. In a pipe it prints one line per second, and each
+event when it happens; with --json, one JSON status per second. It shows all axes of a controller by
+their short names (x, y, ...). Watching changes nothing and needs no lease.
 
 examples: dehyst watch --for 10
-          dehyst watch --list --connect tcp/127.0.0.1:7447     (which controllers are there)
+          dehyst watch --list --connect tcp/127.0.0.1:7447     (list the controllers)
 """
 
 
@@ -38,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--window", type=float, default=10.0, metavar="S", help="length of the plots (default: 10)"
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON status a second")
+    parser.add_argument("--json", action="store_true", help="print one JSON status per second")
     parser.add_argument(
         "--list", action="store_true", help="list the controllers, one per line, and exit"
     )

@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     from dehyst.daemon.client.client import Client
     from dehyst.daemon.client.zero import Disagreement
 
-EPILOG = """A stage that was switched on, or warms up, stands elsewhere than its model believes:
-what it did before is not known, and the gauge's zero wanders. This compares the two, and moves
-the gauge's zero by their mean difference, so that `dehyst send 5` stands at 5. Without
---exercise nothing moves by itself: the difference is that of the place where the stage stands.
---exercise goes slowly through the reach first, twice, within the limits: after that the model
-knows the stage's past.
-Of a controller with several axes it is done with one after the other, or with --to stage-1-x.
-The shift lasts until the loop's process ends; the line that keeps it is printed.
+EPILOG = """After power-on or warm-up, a stage is not where its model predicts: its history is
+unknown, and the gauge's zero drifts. This command compares gauge and model, and shifts the gauge's
+zero by their mean difference, so that `dehyst send 5` goes to 5 on the gauge. Without --exercise
+nothing moves, and the difference is measured at the present position. --exercise first moves slowly
+through the reach twice, within the limits, after which the model knows the stage's history.
+On a controller with several axes it treats one axis after the other, or only that of --to
+stage-1-x. The shift lasts until the loop's process ends; the command prints the configuration line
+that keeps it.
 Exit 0: done; 1: the gauge gives no reading; 2: refused or no daemon.
 
 examples: dehyst zero --look
@@ -30,19 +30,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `dehyst zero`."""
     parser.epilog = EPILOG
     parser.add_argument(
-        "--exercise", action="store_true", help="go through the reach first, slowly"
+        "--exercise", action="store_true", help="move slowly through the reach first"
     )
     parser.add_argument(
         "--share",
         type=_share,
         default=0.9,
         metavar="X",
-        help="share of the reach that --exercise goes through, about its middle (default: 0.9)",
+        help="share of the reach that --exercise covers, about its middle (default: 0.9)",
     )
     parser.add_argument(
         "--seconds", type=_seconds, default=10.0, metavar="S", help="time of one way there and back"
     )
-    parser.add_argument("--look", action="store_true", help="print the difference, set nothing")
+    parser.add_argument("--look", action="store_true", help="only print the difference")
     parser.add_argument(
         "--take-over", action="store_true", help="take the command from another client"
     )
@@ -114,7 +114,7 @@ def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
 def tell(found: "Disagreement", shift: float, keep: str, unit: str) -> None:
     """The same in words. keep: the line that keeps the zero."""
     if not found.samples:
-        print("the gauge gives no valid reading: nothing to compare, nothing set")
+        print("the gauge gives no valid reading, so the zero was not set")
         return
     for place in found.places:
         if math.isfinite(place.mean):

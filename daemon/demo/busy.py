@@ -42,9 +42,9 @@ class Busy:
         if self.late > MOST_LATE:
             said.append(f"{100 * self.late:.0f} % of the samples missed their deadline")
         if self.others > MOST_OTHERS:
-            said.append(f"other work took {100 * self.others:.0f} % of its processors")
+            said.append(f"other processes used {100 * self.others:.0f} % of its processors")
         if self.stolen > MOST_STOLEN:
-            said.append(f"its hypervisor kept {100 * self.stolen:.0f} % of its time")
+            said.append(f"its hypervisor took {100 * self.stolen:.0f} % of its time")
         if self.load > MOST_LOAD:
             said.append(f"{self.load:.1f} processes waited for each processor")
         return ", ".join(said)

@@ -40,7 +40,7 @@ def _delay(chance: random.Random) -> tuple[str, dict[str, float]]:
 
 def _friction(chance: random.Random) -> tuple[str, dict[str, float]]:
     half = chance.uniform(0.2, 0.4)
-    return f"friction of the guide, {1e3 * half:.0f} nm to both sides", {"friction_um": half}
+    return f"friction of the guide, {1e3 * half:.0f} nm in both directions", {"friction_um": half}
 
 
 def _resonance(chance: random.Random) -> tuple[str, dict[str, float]]:

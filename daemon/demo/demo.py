@@ -136,7 +136,7 @@ class Demo:
         t_s, target = pattern(middle, half, self.rate_hz)
         trajectory = folder / "trajectory.csv"
         write_recording(trajectory, t_s, {"target_um": target}, {})
-        self.say(f"6. second act: the watch learns the stage, {LEARN_S:.0f} s of motion")
+        self.say(f"6. second part: the watch learns the stage, {LEARN_S:.0f} s of motion")
         for command in ("core", "gateway", "doctor"):
             self._start(command, "--config", str(config))
         self._ready()
@@ -249,7 +249,7 @@ def compare_errors(linear: float, compensated: float, late_share: float) -> tupl
     if late_share > MOST_LATE:
         return TOO_BUSY, (
             f"this machine was too busy to judge: {100 * late_share:.0f} % of the samples missed "
-            "their deadline; run it again with less beside it"
+            "their deadline; run it again with less other load"
         )
     if compensated < linear:
         return SO_IT_WAS, f"compensation makes the error {linear / compensated:.1f} times smaller"

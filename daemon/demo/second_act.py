@@ -178,7 +178,9 @@ class SecondAct:
         with Client(connect=self._endpoint, label="the demo") as client:
             self._client, self._stream, self._feed = client, client.stream(), client.feed()
             if not self._is_in_order(self._chance.wait_s):
-                story.why = "the watch has not learned the stage in time, or flags it as it is"
+                story.why = (
+                    "the watch did not learn the stage in time, or flagged it before the change"
+                )
             else:
                 self._appeared_ns = clock.monotonic_ns()
                 self._chance.appear()
@@ -208,12 +210,10 @@ class SecondAct:
             story.why = f"the watch flagged nothing within {patience.spent_s:.0f} s"
             return
         story.flagged_s = self._now_s()
-        say(
-            f"8. flagged after {story.flagged_s - story.appeared_s:.0f} s; the doctor looks into it"
-        )
-        patience = Patience(WORD_S, "for the doctor, who has the lowest priority", say)
+        say(f"8. flagged after {story.flagged_s - story.appeared_s:.0f} s; the doctor diagnoses it")
+        patience = Patience(WORD_S, "for the doctor, which runs at the lowest priority", say)
         if not self._until(lambda: self._word() not in ("", "working"), patience):
-            story.why = f"the doctor said nothing within {patience.spent_s:.0f} s"
+            story.why = f"the doctor reported nothing within {patience.spent_s:.0f} s"
             return
         story.reported_s = self._now_s()
         report = story.report
@@ -227,7 +227,7 @@ class SecondAct:
         say(f"9. accepted; on trial for {report.offer.trial_s:g} s of motion")
         patience = Patience(TRIAL_S, "for the end of the trial", say)
         if not self._until(lambda: self._word() in OVER, patience):
-            story.why = f"the trial was not over within {patience.spent_s:.0f} s"
+            story.why = f"the trial did not end within {patience.spent_s:.0f} s"
             return
         story.over_s = self._now_s()
         if story.state != "accepted":
@@ -290,7 +290,7 @@ class SecondAct:
         story, drawn = self.story, self._chance.drawn()
         story.drawn, story.drawn_says = drawn.name, drawn.says
         if not self._parts:
-            raise DehystError("no telemetry came")
+            raise DehystError("no telemetry arrived")
         samples = np.concatenate(self._parts)
         self._counted = samples.size
         story.missed = int(np.count_nonzero(samples["flags"] & int(Flag.MISSED)))
@@ -329,7 +329,7 @@ def tell_end(story: Story) -> list[str]:
         lines.append(f"  {story.why}")
     if story.too_busy:
         lines.append(f"  this machine was too busy to judge: {story.too_busy}")
-    right = "named right" if story.named_right else "not named right"
+    right = "named right" if story.named_right else "not correctly named"
     lines.append(f"  drawn:  {story.drawn_says} (seed {story.seed})")
     lines.append(f"  named:  {story.named or 'nothing'}: {right}")
     return lines

@@ -38,5 +38,5 @@ def examined_or_why(
     except Exception as error:  # a fault of ours: the case says which, the log where
         logging.getLogger(__name__).exception("%s", place.name)
         what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        why = f"The examination failed by a fault of its own, not of the stage: {what}"
+        why = f"The examination failed through an error in dehyst, not in the stage: {what}"
     return Examined(failed=True, says=why[:2000])

@@ -78,7 +78,7 @@ def examine(folder: Path) -> Examined:
     if fault:
         return Examined(
             verdict=GAUGE,
-            says=f"{fault[0].upper()}{fault[1:]}: no model is offered. Look at the gauge and its "
+            says=f"{fault[0].upper()}{fault[1:]}: no model is offered. Check the gauge and its "
             "reader first.",
             unit=model.displacement_unit,
         )
@@ -87,8 +87,8 @@ def examine(folder: Path) -> Examined:
     if moved:
         return Examined(
             verdict=GAUGE,
-            says=f"{moved}: no model is offered. It is the gauge's zero, or the mount's; the trim "
-            "follows it within its limit, and `dehyst zero` sets it.",
+            says=f"{moved}: no model is offered. The gauge or its mount has moved; the trim "
+            "follows this within its limit, and `dehyst zero` sets the zero.",
             unit=model.displacement_unit,
         )
     found = Diagnosed(diagnosis.diagnose([flagged], model, with_limits=False), (flagged,))
@@ -134,9 +134,9 @@ def _conclude(
     of_sensor = bool(named) and is_of_sensor(named[0], seen.causes, noise2)
     offered, tested, why = None, None, ""
     if of_sensor:
-        why = "What has changed is the gauge: no model is offered."
+        why = "The gauge has changed, so no model is offered."
     elif named and seen.later is None:
-        why = "No model is offered: no telemetry came on which it could be tested."
+        why = "No model is offered, because no telemetry arrived on which it could be tested."
     elif named and seen.later is not None:
         models = [*pick_models(named[0], seen.causes), *models]
         offered, tested, why = _try(case, model, models, seen.later, details.noise)
@@ -192,7 +192,7 @@ def _tell(
     names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
     text = f"Found: {names} ({verdict}); {before:.3g} {unit} rms with the model in use"
     if offered or after < before:
-        which = "the model that is offered" if offered else "what was found"
+        which = "the offered model" if offered else "the findings added"
         text += f", {after:.3g} with {which}"
     return f"{text}."
 
@@ -200,7 +200,7 @@ def _tell(
 def _tell_beside(findings: Sequence[Finding]) -> str:
     """What the report says that the one change does not need."""
     names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
-    return f"It is a single change; the report, which fits the loop again, shows it as {names}."
+    return f"It is a single change; the report fits the loop again and shows it as {names}."
 
 
 def _left(
@@ -235,7 +235,7 @@ def _try(
             Compensator(candidate, 1.0 / case.rate_hz, case.low, case.high, case.slew)
             tried.append((replay_both(model, candidate, later, noise, case.later_s), candidate))
         except (DehystError, ValueError, ArithmeticError) as error:
-            why = f"No model is offered: the augmented one cannot be used here ({error})."
+            why = f"No model is offered, because the augmented one cannot be used here ({error})."
     if not tried:
         return None, None, why
     best, offered = tried[0]
@@ -248,9 +248,9 @@ def _try(
             None,
             None,
             (
-                "No model is offered: on later telemetry the augmented one leaves "
-                f"{best.offered:.3g} "
-                f"{unit}, the one in use {best.in_use:.3g}; it is no better by more than the noise."
+                "No model is offered: on later telemetry the augmented model leaves "
+                f"{best.offered:.3g} {unit} and the model in use {best.in_use:.3g}; the "
+                "improvement does not exceed the noise."
             ),
         )
     test = OfferTest(

@@ -94,7 +94,7 @@ def end_of(code: int | None) -> str:
     except ValueError:
         name = f"signal {-code}"
     if -code == signal.SIGKILL:
-        return f"its process was ended from outside ({name}), as a system does without memory"
+        return f"its process was killed from outside ({name}), as happens when memory runs out"
     return f"its process was ended by {name}"
 
 
@@ -105,8 +105,8 @@ def why_over(time_s: float, spent_s: float, worked_s: float) -> str:
         return f"it was not done within {worked_s:.0f} s of a processor"
     if spent_s > STARVED * time_s:
         return (
-            f"other work left it {worked_s:.0f} s of a processor in {spent_s:.0f} s; it may take "
-            f"{time_s:g} s of one"
+            f"other processes left it {worked_s:.0f} s of a processor in {spent_s:.0f} s; it "
+            f"may take {time_s:g} s of one"
         )
     return ""
 

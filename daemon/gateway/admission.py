@@ -54,7 +54,7 @@ class Admission:
         self.core = CoreView()
         self.rejected: Counter[str] = Counter()
         self.commands = 0
-        self.decide_offer: DecideOffer = lambda action, offer: "there is no doctor here"
+        self.decide_offer: DecideOffer = lambda action, offer: "this controller has no doctor"
         self.tell: Callable[[int, str, str], None] = lambda level, code, text: None
         self.keep: Callable[[InPlay], None] = lambda begun: None
         self.begun = InPlay()
@@ -78,7 +78,7 @@ class Admission:
         """The loop's own word on the trajectory that it has; one that it has left (it ran dry,
         a fault) is not taken up again."""
         if trajectory == self._trajectory.number and not running:
-            self._trajectory.over = self._trajectory.over or "the loop follows it no longer"
+            self._trajectory.over = self._trajectory.over or "the loop no longer follows it"
 
     def queue_ahead_s(self, now_ns: int) -> float:
         """Trajectory ahead of the loop at most: its own last word and what was passed on since."""
@@ -136,7 +136,7 @@ class Admission:
             return
         if self.lease.held(now_ns) and client != self.lease.client:
             raise NotAdmitted("lease-taken", self._taken(now_ns))
-        raise NotAdmitted("no-lease", "no lease, or one that has ended: acquire one first")
+        raise NotAdmitted("no-lease", "no lease, or an expired one: acquire one first")
 
     def _taken(self, now_ns: int) -> str:
         who = self.lease.label or f"client {self.lease.client}"

@@ -64,7 +64,7 @@ class Answers:
             except DehystError as error:
                 asked.refuse(str(error))
             except Exception:
-                log.exception("a question could not be answered: %s", asked.key)
+                log.exception("a query could not be answered: %s", asked.key)
                 asked.refuse("an error in the daemon; its log has the details")
             finally:
                 asked.done()
@@ -98,7 +98,7 @@ def _model_text(publisher: Publisher) -> str:
     """The model that the loop runs: its own copy, no other."""
     path = publisher.model_path
     if path is None:
-        raise NotNow("the loop does not run yet: which model it uses is not known")
+        raise NotNow("the loop does not run yet, so its model is not known")
     return dumps(load_model(path))
 
 

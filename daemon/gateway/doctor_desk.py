@@ -83,21 +83,21 @@ class DoctorDesk:
                     return file.read(LONGEST_REPORT)
         except OSError:
             pass
-        raise NotNow("the doctor has written no report, or it is not kept any more")
+        raise NotNow("the doctor has written no report, or it is no longer kept")
 
     def decide(self, action: str, offer: int) -> str:
         """Accept or reject an offer; why not, in words, or "": it is being done."""
         with self._lock:
             found = [n for n, (case, *_) in self._known.items() if case.number == offer]
             if not found:
-                return "there is no such offer, or it is not kept any more"
+                return "there is no such offer, or it is no longer kept"
             state = self._state(found[0])
             if action == "accept":
                 why = self._why_not(found[0], state)
                 if why:
                     return why
             elif state not in (*OPEN, *AT_WORK):
-                return f"this offer is {state} already"
+                return f"this offer is already {state}"
             self._wishes.put((action, found[0]))
         return ""
 
@@ -107,9 +107,9 @@ class DoctorDesk:
     def _why_not(self, name: str, state: str) -> str:
         _, examined, _ = self._known[name]
         if examined is None or examined.tested is None:
-            return "nothing is offered: the doctor has no model that is better"
+            return "there is no offer: the doctor has no better model"
         if state not in OPEN:
-            return f"this offer is {state} already"
+            return f"this offer is already {state}"
         if self._trial.on_trial:
             return ""  # it waits, and is asked again
         return self._trial.why_not(self._folders[name] / cases.IN_USE)
@@ -166,7 +166,7 @@ class DoctorDesk:
                 return  # the loop may be taking the model before back
             self._waiting = ""
             if why:
-                self._decided(name, "found", f"it was not put to work after waiting: {why}")
+                self._decided(name, "found", f"it was not put into use after waiting: {why}")
             elif name in self._known:
                 self._carry_out("accept", name)
 

@@ -34,11 +34,11 @@ STUCK, SILENT = "stuck", "silent"
 LOST, SILENT_S = 0.2, 2
 """Share of a second's readings that are not valid, and seconds of it: the gauge is silent."""
 MEANS = {
-    "gain": "it moves by another amount, or creeps in another way",
+    "gain": "its gain or its creep has changed",
     "offset": "its zero has moved",
-    "whole": "it moves in another way",
-    "all": "it moves in another way, or its zero has moved",
-    "ringing": "it rings, or something shakes it",
+    "whole": "its motion has changed",
+    "all": "its motion has changed, or its zero has moved",
+    "ringing": "it rings, or something vibrates it",
     "short": "its reading is noisier",
     "fit": "the model fits far worse than it states",
     STUCK: "its reading is stuck",
@@ -138,7 +138,7 @@ class MismatchWatch:
         """Another run of the loop, or another model: what was learned does not count any more."""
         path = self._model_used = self.model_path
         if path is None:
-            raise BadModel("the loop has not said yet which model it runs")
+            raise BadModel("the loop has not yet reported its model")
         self._watch = MismatchMonitor(
             load_model(path), self._config.period_ns * 1e-9, self._config.watch.learn_s
         )

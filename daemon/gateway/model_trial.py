@@ -95,7 +95,7 @@ class ModelTrial:
         if running is None:
             return "the loop does not run"
         if self._digest_of(made_for) != running.stem.removeprefix("model-"):
-            return "the loop runs another model by now; this offer was about the one before"
+            return "the loop now runs another model; this offer was for the previous one"
         return ""
 
     def begin(self, name: str, offer: int, folder: Path, tested: OfferTest) -> None:
@@ -195,7 +195,7 @@ class ModelTrial:
         self._other_ns = self._other_ns or now_ns
         if not late and now_ns - self._other_ns <= TAKEN_S * clock.NS:
             return ""
-        return "the loop runs another model" if self._was_taken else "the loop did not take it"
+        return "the loop runs another model" if self._was_taken else "the loop did not accept it"
 
     def progress(self, now_ns: int) -> str:
         """How far the trial is, in words; "": none is on."""
@@ -211,7 +211,7 @@ class ModelTrial:
             seen = "the motion so far does not distinguish it from the model before"
         else:
             seen = f"{seconds:.1f} of {wanted_s:g} s of motion seen"
-            seen += ", once more after a first window against it" if self._doubt else ""
+            seen += ", again after a first window against it" if self._doubt else ""
             seen += ", waiting for the stage to move" if still_s > MOVED_S else ""
         return (
             f"the model offered for {trial.case} is on trial: {seen}; it ends in {left_s:.0f} s at "
@@ -230,7 +230,7 @@ class ModelTrial:
         self._on_trial = self._before = None
         self._begin_meter()
         if accepted is None or accepted.case != name:
-            return f"the model is not at work any more: {why}"
+            return f"the model is no longer in use: {why}"
         try:
             if accepted.before:
                 write_accepted(self._config.directory, _before(accepted))
@@ -238,8 +238,8 @@ class ModelTrial:
                 forget_accepted(self._config.directory)
             self._reload()
         except (OSError, DehystError) as error:
-            return f"the model before could not be put back ({error}), although {why}"
-        return f"the model before comes back: {why}"
+            return f"the previous model could not be restored ({error}), although {why}"
+        return f"the previous model is restored: {why}"
 
     def see(self, samples: NDArray[Any]) -> None:
         """Samples (n,) of the loop, in their order."""
@@ -301,7 +301,7 @@ class ModelTrial:
             os.kill(pid, signal.SIGHUP)
         except (ProcessLookupError, PermissionError):
             raise NotNow(
-                "the loop cannot be asked to reload; it takes the model at its start"
+                "the loop cannot be asked to reload; it loads the model at its start"
             ) from None
 
     @staticmethod

@@ -95,7 +95,7 @@ class Gateway:
             ]
             notify.send("READY=1")
             where = (*net.listen, *(f"the router {r}" for r in net.connect))
-            log.info("gateway of %s is reached at %s", controller.name, ", ".join(where))
+            log.info("gateway of %s listens at %s", controller.name, ", ".join(where))
             try:
                 self._publish([axis.publisher for axis in axes])
             finally:

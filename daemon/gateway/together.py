@@ -32,7 +32,7 @@ def handle_together(
         text = f"axes {', '.join(request.axes)}: there are {', '.join(gates)}, each at most once"
         return first.refuse(now_ns, "bad-message", text), {}
     if request.action not in TOGETHER:
-        text = f"{request.action} is for one axis; ask each for itself"
+        text = f"{request.action} is for one axis; send it to each axis"
         return first.refuse(now_ns, "bad-message", text), {}
     if request.action in ("acquire", "take-over"):
         return _lease_all(now_ns, request, {name: gates[name][0] for name in request.axes}, asked)

@@ -67,7 +67,7 @@ class Channels:
             self._measured(name, value)
             self._known.add(name)
         if wrong != self._said.get(name, ""):
-            until_then = "its last value stays" if name in self._known else "not compensated"
+            until_then = "its last value is kept" if name in self._known else "not compensated"
             self._tell(
                 f"channel {name}: {wrong}; {until_then}" if wrong else f"channel {name}: back"
             )

@@ -190,21 +190,20 @@ class Note(IntEnum):
 
 
 TEXTS = {
-    Note.BAD_VALUE: "set-point {:g} dropped: not a number a stage can follow",
+    Note.BAD_VALUE: "set-point {:g} dropped: not a finite number",
     Note.WITHDRAWN: "trajectory withdrawn by its client",
     Note.STOPPED: "stopped by a client",
-    Note.HELD: "a client holds the output where it is",
+    Note.HELD: "a client holds the present output",
     Note.RELEASED: "released by a client: ramping to the safe voltage",
     Note.POINT_FULL: "trajectory point at {:.3f} s dropped: the queue is full",
-    Note.POINT_LATE: "trajectory point at {:.3f} s dropped: its time is not after the last",
+    Note.POINT_LATE: "trajectory point at {:.3f} s dropped: it is not later than the last point",
     Note.RUN_DRY: "the trajectory has run dry: holding its last target",
     Note.NO_SETPOINT: "no set-point for {:g} s: holding, then to the safe voltage",
-    Note.COMMANDS_LOST: "{:.0f} commands overwritten before the loop took them",
-    Note.STOP_FAILED: "ending although the output stands at {:g} V: it does not reach its safe "
-    "voltage",
-    Note.STOOD_STILL: "the loop stood still for {:.2f} s; it glides to the target now",
+    Note.COMMANDS_LOST: "{:.0f} commands overwritten before the loop read them",
+    Note.STOP_FAILED: "ending although the output is at {:g} V: it does not reach its safe voltage",
+    Note.STOOD_STILL: "the loop paused for {:.2f} s; it now glides to the target",
     Note.COMMANDS_DAMAGED: "{:.0f} damaged commands dropped",
-    Note.TRIM_GOES_ON: "the trim goes on, gauge and model differ by {:.4g}",
+    Note.TRIM_GOES_ON: "the trim resumes, gauge and model differ by {:.4g}",
     Note.TRIM_NO_READING: "trim frozen: no valid reading",
     Note.TRIM_STUCK: "trim frozen: the reading has not changed while the stage was moved",
     Note.TRIM_JUMPED: "trim frozen: the reading has jumped, gauge and model differ by {:.4g}; it "
@@ -215,8 +214,8 @@ TEXTS = {
     "`dehyst zero` sets the gauge's zero",
     Note.TRIM_DISTRUSTED: "trim frozen: the mismatch watch does not trust the stage or its gauge",
     Note.ZEROED: "the gauge's zero was moved by {:.6g}",
-    Note.BAD_CORRECTION: "learned correction {:g} held at the largest that is taken",
-    Note.GROUP_WAITS: "holding its target until the other axes of the trajectory can go on",
+    Note.BAD_CORRECTION: "learned correction {:g} limited to the largest allowed",
+    Note.GROUP_WAITS: "holding its target until the other axes of the trajectory can continue",
     Note.GROUP_BROKEN: "holding: another axis of the trajectory has left it",
     Note.RELOADED: "the new model is in use, set-point 0 is its {:.6g}",
 }

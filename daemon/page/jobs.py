@@ -67,7 +67,7 @@ class Job:
     controller: str = ""
     """The one that was shown when the file came: what was found holds for it."""
     state: str = "waiting"
-    text: str = "waits for its turn"
+    text: str = "waiting for the previous file"
     share: float = 0.0
     result: dict[str, Any] = field(default_factory=dict)
 
@@ -127,7 +127,7 @@ class Jobs:
         """Begin a job. Raises NotNow where too many wait."""
         with self._wake:
             if sum(j.state == "waiting" for j in self._jobs.values()) >= WAITING:
-                raise NotNow("too many files wait already; try again when they are done")
+                raise NotNow("too many files are waiting; try again when they are done")
             while len(self._jobs) >= KEPT:
                 old = next(n for n, j in self._jobs.items() if j.state in ("done", "failed"))
                 shutil.rmtree(self._jobs.pop(old).folder, ignore_errors=True)

@@ -132,7 +132,7 @@ class Site:
         if person is None:
             raise HTTPException(401, "log in first", {"www-authenticate": "FormBased"})
         if operator and not person.commands:
-            raise HTTPException(403, "an observer may look, not command")
+            raise HTTPException(403, "an observer may view, not command")
         return person
 
     async def me(self, request: Request) -> Response:
@@ -160,11 +160,11 @@ class Site:
             body = await _body(request, SMALL_BYTES, SMALL_S)
             given = msgspec.json.decode(body, type=dict[str, str])
         except (msgspec.MsgspecError, RecursionError):
-            raise HTTPException(400, "name and password are wanted, as JSON") from None
+            raise HTTPException(400, "name and password are required, as JSON") from None
         name, password = given.get("name", ""), given.get("password", "")
         person = self.people.check(name, password, _address(request))
         if person is None:
-            raise HTTPException(401, "no such name and password")
+            raise HTTPException(401, "wrong name or password")
         answer = JSONResponse({"name": person.name, "role": person.role})
         answer.set_cookie(
             COOKIE,
@@ -252,7 +252,7 @@ class Site:
         self._known(request, operator=True)
         job = self.jobs.get(request.path_params["number"])
         if job is None:
-            raise HTTPException(404, "this job is not kept any more")
+            raise HTTPException(404, "this job is no longer kept")
         return job
 
     async def job(self, request: Request) -> Response:

@@ -204,12 +204,12 @@ class Visit:
             return
         watch = self._watch()
         if watch is None:
-            raise BadInput("no controller is chosen, or it is not known any more")
+            raise BadInput("no controller is chosen, or it is no longer known")
         if isinstance(ask, wire.Past):
             self._past = ask  # the newest counts
             return
         if not self.person.commands:
-            raise BadInput("an observer may look, not command")
+            raise BadInput("an observer may view, not command")
         if isinstance(ask, wire.DecideOffer):
             if ask.action == "accept" and not ask.confirmed and watch.is_cut_by(int(ask.offer)):
                 await self._send(wire.encode_view("question", text=CUTS, offer=ask.offer))
@@ -240,12 +240,12 @@ class Visit:
         for one in self.controllers.of_one(watch):
             if name in ("", one.name):
                 return one if name else watch
-        raise BadInput(f"{name}: is no axis of this controller")
+        raise BadInput(f"{name}: is not an axis of this controller")
 
     def _play(self, watch: Watch, commander: Commander, ask: wire.Play) -> None:
         job = self.jobs.get(ask.job)
         if job is None:
-            raise BadInput("this trajectory is not kept any more; give it again")
+            raise BadInput("this trajectory is no longer kept; upload it again")
         of_one = self.controllers.of_one(watch)
         names = {one.name for one in of_one} if job.result.get("axes") else {watch.name}
         if job.controller not in names:
@@ -281,7 +281,7 @@ class Visit:
         with watch.lock:
             newest_ns = watch.buckets.newest_ns
             if not end_ns - first_ns > 0 or newest_ns < 0:
-                raise BadInput("this stretch of the past holds nothing")
+                raise BadInput("this section of the past has no data")
             level = level_between(newest_ns, first_ns, end_ns, ask.width_px)
             piece = watch.buckets.since(level, -1, (newest_ns - first_ns) * 1e-9)
         inside = piece.number * (FINEST_NS << level) <= end_ns

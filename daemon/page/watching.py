@@ -59,7 +59,7 @@ class Watch:
         self.config: Config | None = None
         self.model: Model | None = None
         self.newest: Any = None
-        self.problem = "no word yet"
+        self.problem = "no answer yet"
         self.lost = 0
         self.wall_offset_ns = 0
         self.events: deque[tuple[int, dict[str, Any]]] = deque(maxlen=EVENTS)

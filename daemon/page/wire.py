@@ -103,7 +103,7 @@ def read_ask(message: Mapping[str, Any]) -> Ask:
     """What a message of a browser asks for. BadInput where it asks for nothing that there is."""
     text = message.get("text")
     if text is None:
-        raise BadInput("not understood: a message is text")
+        raise BadInput("not understood: a message must be text")
     try:
         return ASK.decode(text)
     except msgspec.MsgspecError as error:

@@ -13,13 +13,13 @@ DEVIATIONS: tuple[tuple[str, ...], tuple[tuple[str, ...], ...]] = (
             "order of c in Eq. 11 and 12",
             "[.., 0, .., 0, ..] without powers",
             "descending: c5, 0, c3, 0, c1",
-            "only so do 10 V give 11.69 and 11.49 µm, the stack's 11.6 µm",
+            "only then do 10 V give 11.69 and 11.49 µm, the stack's 11.6 µm",
         ),
         (
             "sign of the weights",
             "partial sums below zero (w1 = -2.31)",
             "positive partial sums in identified models; the stages keep the paper's",
-            "else the output runs the wrong way after each reversal, and there is no inverse",
+            "otherwise the output moves the wrong way after each reversal, and no inverse exists",
         ),
         (
             "initial state",
@@ -47,16 +47,16 @@ DEVIATIONS: tuple[tuple[str, ...], tuple[tuple[str, ...], ...]] = (
         ),
         (
             "sweep",
-            "amplitude and length are not printed",
+            "amplitude and length are not given",
             "1 V peak to peak, 10 s, frequency linear in time",
-            "94.11 nm are 8.25 % of 1.14 µm, about 1 V; the length is a choice, "
+            "94.11 nm are 8.25 % of 1.14 µm, about 1 V; the length is our choice "
             "and keeps the run short",
         ),
         (
             "sampling",
-            "not printed",
+            "not given",
             "1 kHz; 4 s of every other signal",
-            "fifty samples a period at 20 Hz",
+            "fifty samples per period at 20 Hz",
         ),
     ),
 )

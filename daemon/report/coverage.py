@@ -20,7 +20,7 @@ def draw_drive_and_rate(covered: Coverage, unit: str, axes: Axes) -> str:
     axes.grid(False)
     assert axes.figure is not None
     axes.figure.colorbar(image, ax=axes, label="log10 samples")
-    return f"How often the recordings hold which drive at which rate: {title}."
+    return f"How often each drive occurs at each rate in the recordings: {title}."
 
 
 def draw_loop_sizes(covered: Coverage, axes: Axes) -> str:

@@ -41,14 +41,14 @@ def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:
     if diagnosis.next_experiment:
         out.add_heading("Next experiment")
         out.add_text(diagnosis.next_experiment)
-    out.add_heading("Where the misfit sits")
+    out.add_heading("Where the misfit occurs")
     out.add_text(
         "Rms error where the recording was at that time, drive, rate and so on. Orange above green "
         "is what the model in use misses, blue above green what the augmented model still misses.",
         "soft",
     )
     out.add_pictures(*pictures.list_places(diagnosis))
-    out.add_heading("What remains against the noise")
+    out.add_heading("Residual against the noise")
     out.add_pictures(partial(pictures.draw_error_spectrum, diagnosis))
     _errors_by_recording(out, diagnosis)
     return out.to_html()
@@ -76,7 +76,7 @@ def _data(out: Page, diagnosis: Diagnosis, names: list[str]) -> None:
     data = diagnosis.data
     recorded = f"Recordings: {', '.join(names)} ({data.rows} rows)"
     if not data.says:
-        out.add_text(f"{recorded}; no reading is missing, no stall.", "soft")
+        out.add_text(f"{recorded}; no reading is missing, and the recorder did not stall.", "soft")
         return
     out.add_text(recorded, "soft")
     with out.open_box(warn=True):
@@ -131,7 +131,7 @@ def _parameter(key: str, value: Value) -> list[str]:
 def _limits(out: Page, diagnosis: Diagnosis) -> None:
     if not diagnosis.would_have_seen:
         return
-    out.add_heading("What is excluded")
+    out.add_heading("Excluded effects")
     out.add_text(
         "Effects that were not found, and the size from which these recordings would have shown "
         "them.",

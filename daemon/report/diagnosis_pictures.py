@@ -214,7 +214,7 @@ def _draw_place(
         axes.text(
             0.5,
             0.5,
-            "these recordings\nhave none",
+            "none in these\nrecordings",
             ha="center",
             va="center",
             transform=axes.transAxes,

@@ -19,7 +19,7 @@ Z95 = 1.96
 OF_A_RECORDING = (
     ("Measured and model", (pictures.draw_few_cycles, pictures.draw_hysteresis_loop)),
     (
-        "What is left",
+        "Residual",
         (
             pictures.draw_residual_over_time,
             pictures.draw_residual_over_drive,
@@ -79,7 +79,7 @@ def report_identification(
     out.add_text(ABOUT_PARAMETERS, "soft")
     out.add_pictures(partial(pictures.draw_slopes, result))
     _parameters(out, result)
-    out.add_heading("What to do next")
+    out.add_heading("Next step")
     out.add_text(
         "Record another waveform of the same stage, slower and faster, smaller and larger, and "
         f"check that the model predicts it: dehyst validate {model_name} REC.csv"

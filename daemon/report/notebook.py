@@ -75,7 +75,7 @@ def show_validation(rows: Sequence[tuple[str, Recording, Validation]]) -> str:
     """A line for each model and recording, and the first one's pictures."""
     out = Page("Validation")
     out.add_table(
-        ["model", "recording", "error rms", "of the span", "claimed", "offset", "what is left"],
+        ["model", "recording", "error rms", "of the span", "claimed", "offset", "residual"],
         [
             [
                 name,

@@ -113,7 +113,7 @@ def draw_story_bands(story: StoryData, axes: Axes) -> str:
     axes.set(
         xlabel="time, s",
         ylabel="measured - target, nm",
-        title="tracking error: all of it (grey) and its rms (bands)",
+        title="tracking error (grey) and its rms (bands)",
     )
     if said:
         axes.legend(loc="lower left", ncols=3, frameon=True, framealpha=0.85, edgecolor="white")

@@ -55,5 +55,5 @@ def draw_measured_over_target(before: Track, after: Track, axes: Axes) -> str:
     """Where the stage should be and where it is."""
     for track, color in ((before, BEFORE), (after, MODEL)):
         axes.plot(track.target_um, track.measured_um, color=color, lw=1)
-    axes.set(xlabel="set-point, um", ylabel="measured, um", title="where it should be, where it is")
+    axes.set(xlabel="set-point, um", ylabel="measured, um", title="measured over set-point")
     return "Measured displacement over the set-point: a loop without compensation, a line with it."

@@ -21,7 +21,7 @@ from dehyst.models.recording import Recording
 
 def say_validation(model: str, v: Validation) -> str:
     """One line on how well a model predicts a recording, and one where its validity is left."""
-    claim = "it claims nothing" if v.claim is None else f"it claims {v.claim:.4g}"
+    claim = "no claim to compare" if v.claim is None else f"it claims {v.claim:.4g}"
     verdict = "WORSE than it claims" if v.worse else "as good as it claims"
     text = (
         f"{model} on {v.name}: {v.rms:.4g} {v.unit} rms, {v.share:.3%} of the span, {claim}"
@@ -67,7 +67,7 @@ def draw_over_time(recording: Recording, result: Validation, axes: Axes) -> str:
     axes.set(
         xlabel="time, s", ylabel=f"displacement, {result.unit}", title="measured and predicted"
     )
-    return "Measured displacement and what the model predicts, over time."
+    return "Measured and predicted displacement over time."
 
 
 def draw_left(recording: Recording, result: Validation, axes: Axes) -> str:
@@ -76,8 +76,8 @@ def draw_left(recording: Recording, result: Validation, axes: Axes) -> str:
     error = recording.displacement - result.predicted - result.offset
     draw_trace(axes, recording.t_s, error, MODEL, "left")
     limit_to(axes, error)
-    axes.set(xlabel="time, s", ylabel=f"measured - model, {result.unit}", title="what is left")
-    return f"What the model leaves over time: {result.rms:.3g} {result.unit} rms."
+    axes.set(xlabel="time, s", ylabel=f"measured - model, {result.unit}", title="residual")
+    return f"Residual of the model over time: {result.rms:.3g} {result.unit} rms."
 
 
 def draw_correlations(result: Validation, axes: Axes) -> str:
@@ -87,5 +87,5 @@ def draw_correlations(result: Validation, axes: Axes) -> str:
     axes.plot(at, result.with_drive, ".-", color=MEASURED, label="with the drive")
     axes.axhspan(-result.chance, result.chance, color=MEASURED, alpha=0.15, lw=0)
     add_legend(axes, 0.18)
-    axes.set(xlabel="rows before", ylabel="correlation", ylim=(-1, 1), title="what is left is like")
-    return "Correlation of what is left with itself and with the drive; the band is chance."
+    axes.set(xlabel="rows before", ylabel="correlation", ylim=(-1, 1), title="correlation")
+    return "Correlation of the residual with itself and with the drive; the band is chance."

@@ -19,7 +19,7 @@ def verdict(result: Identification) -> str:
     if ratio <= AT_NOISE:
         return (
             f"The residual is at the noise: the model leaves {rms:.3g} {unit} rms, the noise is "
-            f"about {noise:.3g} {unit}. There is little left to explain in this recording."
+            f"about {noise:.3g} {unit}. This recording leaves little to explain."
         )
     excess = math.sqrt(max(rms**2 - noise**2, 0.0))
     return (

@@ -78,7 +78,9 @@ def _text_of(bench: Workbench, rate_hz: float) -> str:
             **limits_within(limits["min_v"], limits["max_v"], limits["slew_v_per_s"]),
         }
     )
-    text += "\n# The axes: what stands above is for all of them, unless an axis says otherwise.\n"
+    text += (
+        "\n# The axes: the settings above apply to all axes; a section of an axis overrides them.\n"
+    )
     for axis, gauge in units["sensors"].items():
         text += (
             f'\n[axis.{axis}.model]\nfile = "{bench.model_path_of(axis).name}"\n'
@@ -105,9 +107,9 @@ def exercise_axes_gently(bench: Workbench) -> Result:
         units, options = bench.journal.result("units"), bench.journal.options("units")
         units["sensors"] = {axis: units["sensors"][owner] for axis, owner in owners.items()}
         bench.journal.keep("units", options, units)
-        bench.say(f"   the gauge readers stand in another order: {words}")
+        bench.say(f"   the gauge readers are in another order: {words}")
         write_axes_configuration(bench)
-    return together(moving_axes.exercise_fully(bench), "each gauge follows its axis")
+    return together(moving_axes.exercise_fully(bench), "each gauge responds to its axis")
 
 
 def identify_models(bench: Workbench) -> Result:
@@ -179,14 +181,14 @@ AXES_STEPS = (
     Step("identify", "identify a model of each axis", identify_models),
     Step(
         "validate",
-        "validate them on fresh drives",
+        "validate them on new drives",
         validate_models,
         (),
         partial(moving_axes.describe_fresh, seed=FRESH),
     ),
     Step(
         "track",
-        "follow sines without and with the models",
+        "track sines without and with the models",
         lambda bench: together(moving_axes.track_sines(bench)),
         (),
         moving_axes.describe_sines,

@@ -99,7 +99,7 @@ def describe_sine(bench: Workbench) -> str:
     return (
         f"moves: a sine of {plan.stroke:.4g} {plan.unit} peak to peak at {plan.f_hz:.3g} Hz, "
         f"{TUNING.cycles} times, with a linear gain and with the model's inverse: {low:.4g} to "
-        f"{high:.4g} V (again where this machine was too busy); it ends where it was"
+        f"{high:.4g} V (again where this machine was too busy); then it returns"
     )
 
 

@@ -101,7 +101,7 @@ def whose_gauges(
     if twice:
         raise NotNow(
             f"the axes {', '.join(twice)} move the same gauge most: does each axis of the stage "
-            "have its gauge, and its own output of the amplifier?"
+            "have its own gauge and its own amplifier output?"
         )
     return owners
 
@@ -135,7 +135,7 @@ def exercise_fully(bench: Workbench) -> Result:
         blocks.append(np.interp(np.arange(0.0, t_s[-1] / pace, t_s[1]) * pace, t_s, volts))
     volts_at = stack_columns(blocks)
     times = np.arange(volts_at.shape[0]) / next(iter(configs.values())).loop.rate_hz
-    found = bench.play_axes(times, volts_at, 0.0, "loops of the whole range, all axes")
+    found = bench.play_axes(times, volts_at, 0.0, "loops of the full range, all axes")
     bench.keep_axes(found, "gentle")
     axes: Result = {}
     for axis, one in found.items():
@@ -202,7 +202,7 @@ def _within(bench: Workbench, volts: Floats) -> str:
             f"from {volts[:, k].min():.4g} to {volts[:, k].max():.4g} V at up to {fastest:.3g} V/s "
             f"(limits: {range_of(config)}, {config.limits.slew_v_per_s:g} V/s)"
         )
-    return f"{for_each(texts)}; they end where they were"
+    return f"{for_each(texts)}; then they return"
 
 
 def record_axes_in_turn(bench: Workbench) -> Result:
@@ -216,7 +216,9 @@ def record_axes_in_turn(bench: Workbench) -> Result:
         )
     if ended:
         bench.keep_axes(found, "unfinished")
-        raise NotNow(f"{ended}; what was recorded before is kept. The same command repeats it")
+        raise NotNow(
+            f"{ended}; the samples recorded before are kept. The same command repeats the recording"
+        )
     return _judged(bench, found, "recording")
 
 
@@ -284,7 +286,7 @@ def describe_sines(bench: Workbench) -> str:
         )
     return (
         f"moves: a sine of each axis, all together: {'; '.join(texts)}; with linear gains and with "
-        "the models' inverses (again where this machine was too busy); they end where they were"
+        "the models' inverses (again where this machine was too busy); then they return"
     )
 
 

@@ -44,7 +44,7 @@ class UserPrompts:
         where nobody is asked and there is no default."""
         if self.yes:
             if default is None:
-                raise BadInput(f"{text}: give it with {option}; --yes takes no voltage for granted")
+                raise BadInput(f"{text}: give it with {option}; --yes assumes no voltage")
             return default
 
         def ask() -> float:
@@ -71,7 +71,7 @@ class UserPrompts:
             return
         asked = Confirm("go on?", console=self._console)
         if not asked(default=True, stream=self._answers):
-            raise NotNow(f"ended before {step}; the same command goes on there")
+            raise NotNow(f"ended before {step}; the same command resumes there")
 
     def _until(
         self, ask: Callable[[], float], good: Callable[[float], bool], allowed: str

@@ -125,7 +125,7 @@ def _one_of(bench: Workbench, units: list[FoundUnit], what: str) -> FoundUnit:
     if not units:
         here = ", ".join(p.path for p in list_serial_ports()) or "none"
         raise NotNow(
-            f"no {what} answers; plug it in, or name the ports that may be asked who they are with "
+            f"no {what} answers; plug it in, or name the ports that may be probed with "
             f"--ports (serial ports here: {here}). Other drivers: write {bench.config_path} with "
             "`dehyst config init`, and give this command again"
         )
@@ -200,7 +200,7 @@ def chosen_rate(bench: Workbench) -> float:
     rate_hz = bench.wishes.rate_hz or 10.0 * (most_hz // 10.0) or most_hz
     if rate_hz > sustained:
         raise BadInput(
-            f"--rate {rate_hz:g}: as measured these units have room for late replies up to "
+            f"--rate {rate_hz:g}: as measured, these units leave time for late replies up to "
             f"{sustained:g} Hz"
         )
     return rate_hz
@@ -209,7 +209,7 @@ def chosen_rate(bench: Workbench) -> float:
 def rate_found(bench: Workbench, rate_hz: float) -> Result:
     """What the step says of the rate."""
     sustained = bench.journal.result("units")["sustained_hz"]
-    words = f"{CONFIG}: {rate_hz:g} Hz (up to {sustained:g} Hz leaves room for late replies)"
+    words = f"{CONFIG}: {rate_hz:g} Hz (up to {sustained:g} Hz leaves time for late replies)"
     return {"words": words, "rate_hz": rate_hz, "sustained_hz": sustained}
 
 
@@ -217,7 +217,7 @@ def replace_configuration(bench: Workbench, text: str) -> None:
     """Write the file; what it said before is put aside. It names the units that were found, so what
     an earlier set-up of this name has learned of its units is forgotten."""
     if aside := bench.put_aside(bench.config_path, MADE + text):
-        bench.say(f"   the configuration that was there is {aside.name} now")
+        bench.say(f"   the previous configuration is now {aside.name}")
     write_text(bench.config_path, MADE + text)
     for config in bench.configs().values():
         for which in (ACTUATOR, SENSOR):
@@ -295,14 +295,14 @@ STEPS = (
     Step("identify", "identify a model", identify_model),
     Step(
         "validate",
-        "validate it on a fresh drive",
+        "validate it on a new drive",
         validate_model,
         (),
         partial(moving.describe_drive, seed=FRESH, exercise_s=moving.TUNING.exercise_s),
     ),
     Step(
         "track",
-        "follow a sine without and with the model",
+        "track a sine without and with the model",
         comparison.track_sine,
         (),
         comparison.describe_sine,

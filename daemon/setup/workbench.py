@@ -24,7 +24,7 @@ from dehyst.models.recording import Floats, Recording
 
 CONFIG, MODEL = "stage.toml", "stage.model.toml"
 NAME = "stage-1"
-MADE = "# Made by `dehyst setup`, which replaces it where its limits, units or rate change.\n"
+MADE = "# Written by `dehyst setup`, which replaces it if its limits, units or rate change.\n"
 
 
 class Workbench:

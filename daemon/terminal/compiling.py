@@ -111,9 +111,7 @@ class CompilingTeller:
         if seconds <= SILENT_S or self._silent:
             return
         if not self._said_s:
-            self._say(
-                "compiling kernels, once for this installation: a minute or two; then it is quick"
-            )
+            self._say("compiling kernels, once for this installation: this takes a minute or two")
             self._said_s = seconds
         elif self._terminal:
             words = f"{self._by}: compiling, {seconds:.0f} s: {self._of.count} done, "

@@ -20,11 +20,11 @@ REASONS = {
     "start": "kernels are compiled and devices opened; the output stays as found",
     "ready": "no client commands the stage; the output stays where it is",
     "running": "the stage follows set-points or a trajectory",
-    "holding": "set-points have stopped; the output stays, then ramps to its safe voltage",
+    "holding": "no more set-points arrive; the output stays, then ramps to its safe voltage",
     "fault": "a device does not answer, or contradicts what was written; nothing is written",
     "stopping": "the daemon is shutting down",
 }
-STAYS = "the place or voltage that was asked for stays until another command"
+STAYS = "the requested position or voltage stays until another command"
 
 
 def find_troubles(status: Status) -> list[str]:
@@ -43,7 +43,7 @@ def find_troubles(status: Status) -> list[str]:
         if not ok:
             found.append(f"the {name} does not answer ({errors} errors); it reconnects by itself")
     if s.state == "fault" and s.actuator_ok and s.sensor_ok:
-        found.append("the loop is in the state fault; the events say why")
+        found.append("the loop is in the state fault; the events give the reason")
     if gateway.mismatch:
         found.append(
             f"the stage does not behave like its model ({gateway.mismatch}, {gateway.health:.2g} "

@@ -27,7 +27,7 @@ ROOMY = 100, 32
 """Columns and rows from which all numbers are shown; below, the plots get the room."""
 SHORT_HEAD = 4
 STARTING = (
-    "starting: kernels are compiled and devices opened; set-points are taken once it is ready"
+    "starting: kernels are compiled and devices opened; set-points are accepted once it is ready"
 )
 STATES = {"running": "green", "ready": "cyan", "holding": "yellow", "fault": "bold red"}
 
@@ -122,7 +122,7 @@ def screen(
     head: RenderableType
     if small:
         head, height = _short_head(status, window, lost), SHORT_HEAD
-        foot: RenderableType = said[-1] if said else Text("no event yet", style="dim")
+        foot: RenderableType = said[-1] if said else Text("no events yet", style="dim")
     else:
         head, height = _head(status, window, lost)
         foot = Panel(Group(*(said or [Text("none yet", style="dim")])), title="events")

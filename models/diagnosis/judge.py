@@ -134,7 +134,7 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
     index = trial.candidate.size_index
     size = effect.parameters[index] if index is not None else None
     if not why and size and not size.whole and size.key in on_bound(effect):
-        why = "its size stands on a bound: not identified"
+        why = "its size is at a bound: not identified"
     if trial.worth <= 0:
         why = why or "not worth its parameters"
     elif mean_square < least_power(state, trial.candidate) and not is_sure(state, trial, left):
@@ -147,7 +147,7 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
         if trial.candidate.last and leaves > max((0.3 * sigma) ** 2, 0.25 * left):
             why = why or "structure remains that it does not explain"
         if not why and (steady.wrong > 0.3 or steady.spread > trial.candidate.widest_spread):
-            why = "not the same everywhere"
+            why = "not constant over the recordings"
     return replace(trial, constancy=steady, refused=why, impossible=impossible)
 
 

@@ -187,7 +187,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         if not (strays or (turns and options.monotone)) or shape.powers == (0,):
             break
         others = []
-        why = "did not settle on all rows" if strays else "would turn over within reach"
+        why = "did not converge on all rows" if strays else "would turn over within reach"
         notes.append(f"{shape.name}: {why} and was not taken")
         fewer = [
             c

@@ -263,7 +263,7 @@ def _compare_motion(before: Errors, after: Errors) -> float:
 def _say_proven(before: Errors, after: Errors, had: str, unit: str) -> str:
     """In words, that the model on trial stays."""
     says = (
-        f"the offered model is proven over {after.seconds:.0f} s of motion: its error is "
+        f"the offered model is confirmed over {after.seconds:.0f} s of motion: its error is "
         f"{after.model:.3g} {unit}"
     )
     if math.isfinite(after.other) or math.isfinite(before.model):
@@ -280,7 +280,7 @@ def settle_trial(
     """The same when the time is up: without evidence against it the model stays. It was better on
     later telemetry than it was fitted to, somebody has accepted it, and the watch goes on; going
     back would put a model to work that is known not to fit."""
-    seen = f"the trial is over after its limit of {limit_s:.0f} s"
+    seen = f"the trial ends after its limit of {limit_s:.0f} s"
     if after.seconds >= TRIAL.least_s:
         verdict = judge_trial(before, after, promise, unit)
         if verdict.outcome != "open":
@@ -291,5 +291,5 @@ def settle_trial(
     else:
         why = "the stage has not moved with a valid reading"
     return Verdict(
-        "stays", f"{seen}: the offered model stays, unproven: {why}; nothing speaks against it"
+        "stays", f"{seen}: the offered model stays, unconfirmed: {why}; no evidence contradicts it"
     )

@@ -68,7 +68,7 @@ def _start(p: Floats, s: Floats, x: float) -> None:
 
 KIND = Kind(
     name="bristles",
-    says="friction in the guide that fades with the speed",
+    says="friction in the guide that falls with the speed",
     places=("stage",),
     params=(
         Param("length_{y}", "length", "", 1e-9, 1e9, "path before it slides"),
@@ -142,8 +142,9 @@ class Friction(Candidate):
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
-            f"The guide rubs: after each turn the stage lags by {small(values['extra_um'])} "
-            "more at low speed than at high speed; check the guide and its preload."
+            "The guide has friction: after each turn the stage lags by "
+            f"{small(values['extra_um'])} more at low speed than at high speed; check the guide "
+            "and its preload."
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:

@@ -111,7 +111,7 @@ class Clip(Candidate):
         ]
         return (
             f"The drive has no effect {' and '.join(ends)}: the amplifier's limit is reached. "
-            "Keep the trajectory inside, or raise the limit."
+            "Keep the trajectory within the limit, or raise it."
         )
 
 

@@ -193,7 +193,7 @@ class CoupledMode(Coupling):
         modes = " and ".join(f"{g} by one at {f} Hz" for g, f in zip(gains, at, strict=False))
         return (
             f"{self.whose} moves this reading through modes, {modes}: the axes are "
-            "not decoupled, and the drives should stay away from there."
+            "not decoupled, and the drives should avoid these frequencies."
         )
 
 

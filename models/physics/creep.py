@@ -204,7 +204,7 @@ class Creep(Candidate):
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         g = values["gain_per_decade"][0]
         return (
-            f"After every move the stage creeps on in the same direction by {100 * g:.2g} % of "
+            f"After every move the stage creeps in the same direction by {100 * g:.2g} % of "
             "the move for each tenfold of time; wait, or let the controller lead."
         )
 

@@ -183,8 +183,8 @@ class Delay(Candidate):
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         d = values["delay_s"][0]
         return (
-            f"The reading follows the drive {1e3 * d:.3g} ms late, by the same time at every "
-            "speed: look for a buffer, a conversion time or the communication with the amplifier."
+            f"The reading follows the drive {1e3 * d:.3g} ms late at every speed: "
+            "look for a buffer, a conversion time or the communication with the amplifier."
         )
 
 

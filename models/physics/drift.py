@@ -167,7 +167,7 @@ class Drift(Candidate):
         b, a = small(values["expansion_um_per_k"]), values["gain_per_k"][0]
         return (
             f"The stage follows the temperature: the zero moves {b} and the gain "
-            f"{100 * a:.2g} % per kelvin; feed the temperature to the controller or shield it."
+            f"{100 * a:.2g} % per kelvin; connect the temperature to the controller or shield it."
         )
 
 

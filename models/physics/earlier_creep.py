@@ -114,9 +114,10 @@ class EarlierCreep(Candidate):
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
-            f"The stage still creeps from a move that ended about {values['since_s'][0]:.2g} s "
-            f"before the recording began, by {small(values['per_decade_um'])} for each tenfold of "
-            "time: wait before recording, or record the move as well."
+            "The stage is still creeping from a move that ended about "
+            f"{values['since_s'][0]:.2g} s before the recording began, by "
+            f"{small(values['per_decade_um'])} for each tenfold of time: wait before "
+            "recording, or record the move as well."
         )
 
     def company(self) -> str:

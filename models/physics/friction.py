@@ -174,7 +174,7 @@ class DryFriction(Candidate):
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
-            f"The guide sticks: after each turn the stage lags by up to "
+            f"The guide has friction: after each turn the stage lags by up to "
             f"{small(values['sliding_um'])} to either side; check the guide and its preload."
         )
 

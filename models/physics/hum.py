@@ -156,8 +156,8 @@ class Hum(Candidate):
         a = [small(v) for k, v in values.items() if k.startswith("amplitude")]
         lines = ", ".join(f"{y} at {x:.4g} Hz" for x, y in zip(f, a, strict=True))
         mains = any(abs(x / m - round(x / m)) < 0.004 and x > 40 for x in f for m in (50.0, 60.0))
-        source = "the mains: check shielding and earth" if mains else "something that runs nearby"
-        return f"The reading carries {lines}, whatever the drive does; look for {source}."
+        source = "the mains: check shielding and earth" if mains else "a machine that runs nearby"
+        return f"The reading carries {lines}, independent of the drive; look for {source}."
 
 
 def _variants(s: Scales) -> list[Block]:

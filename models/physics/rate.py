@@ -175,7 +175,7 @@ class Rate(Candidate):
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
             "The loops change with the rate in a way that no lag of the amplifier or the sensor "
-            "makes: identify with rate-dependent weights over the band that you use."
+            "explains: identify with rate-dependent weights over the band that you use."
         )
 
 

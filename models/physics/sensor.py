@@ -164,8 +164,8 @@ class Sensor(Candidate):
         period, unit = values["period_um"]
         return (
             f"The reading errs by {small(values['amplitude_um'])} in a pattern that "
-            f"repeats every {period:.3g} {unit} along the range: calibrate the sensor; the "
-            " drive must not correct this."
+            f"repeats every {period:.3g} {unit} along the range: calibrate the sensor; "
+            "the drive must not correct this."
         )
 
 

@@ -261,9 +261,9 @@ class Asymmetry(Candidate):
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
-            "Rising and falling differ by more than a hysteresis of any usual shape would make; "
+            "Rising and falling differ by more than hysteresis of a usual shape explains; "
             "the identified loop needs its asymmetric terms. A nonlinear sensor or friction in the "
-            "guide can look alike."
+            "guide can look the same."
         )
 
 

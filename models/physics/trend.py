@@ -108,8 +108,8 @@ class Trend(Candidate):
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         return (
             f"The zero drifts by {small(values['rise_um'])} in each recording with a time "
-            f"constant of {values['tau_s'][0]:.3g} s, whatever the drive does: let it warm up, and "
-            "record a temperature."
+            f"constant of {values['tau_s'][0]:.3g} s, independent of the drive: let it warm up, "
+            "and record a temperature."
         )
 
     def implausible(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> str:

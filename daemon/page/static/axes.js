@@ -98,7 +98,7 @@ export class Axes {
         cell.textContent = text;
         return cell;
       }));
-      row.title = a.commander ? `commanded by ${a.commander}` : "nobody commands it";
+      row.title = a.commander ? `commanded by ${a.commander}` : "no client commands it";
       row.addEventListener("click", () => this.chosen(a.name));
       return row;
     });

@@ -183,7 +183,7 @@ function showStatus(said) {
   const s = said.status;
   const silent = said.silent_s > SILENT_S;
   document.body.classList.toggle("stale", silent || !s);
-  if (!s) { pill("link", said.problem || "no word yet", false); return; }
+  if (!s) { pill("link", said.problem || "no answer yet", false); return; }
   if (silent) pill("link", `silent for ${Math.round(said.silent_s)} s${said.problem ? `: ${said.problem}` : ""}`, false);
   else pill("link", "connected", true);
   $("state").textContent = said.state;

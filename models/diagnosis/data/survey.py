@@ -93,13 +93,13 @@ def survey(
         )
     if fitted.early:
         said.append(
-            "the reading leads the drive by half a sample: each command is held, not ramped; the "
-            "diagnosis has taken it so"
+            "the reading leads the drive by half a sample, because each command is held, not "
+            "ramped; the diagnosis accounts for this"
         )
     if fitted.stepped:
         said.append(
-            "lags and modes lead by half a sample: each command is held, not ramped; the diagnosis "
-            "has taken it so"
+            "lags and modes lead by half a sample, because each command is held, not ramped; the "
+            "diagnosis accounts for this"
         )
     if len(data.names) == 1:
         said.append("one recording only: nothing was held out on another waveform")

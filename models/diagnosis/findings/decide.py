@@ -129,11 +129,11 @@ def _reservations(
     if any(r.name == c.name and r.place != c.place for r in near):
         text += " These recordings cannot show whether it is the amplifier or the sensor."
     if others:
-        text += f" It could as well be {' or '.join(others)}."
+        text += f" It could also be {' or '.join(others)}."
     if changed is not None:
         text += f" {changed.says}"
     elif steady.spread > 0.5:
-        text += " Its size is not the same everywhere, so treat it as unconfirmed."
+        text += " Its size is not constant, so treat it as unconfirmed."
     bounds = list(dict.fromkeys([*on_bound(effect), *wide]))
     if bounds and c.reports_bounds:
         text += f" Not identified here: {', '.join(bounds)}."
@@ -157,14 +157,14 @@ def unknown(left: float, share: float, where: dict[str, str], unit: str, when: s
         ambiguous_with=(),
         where=where,
         says=(
-            f"Something acts here that nothing in the library explains ({small((left, unit))} rms)"
+            f"No effect in the library explains this part ({small((left, unit))} rms)"
             + (f"; {when}" if when else "")
             + (
-                f"; it sits at {places}."
+                f"; it occurs at {places}."
                 if places
                 else "."
                 if when
-                else ", spread over everything."
+                else ", spread over the whole recording."
             )
         ),
     )

@@ -18,7 +18,7 @@ from tests.rigs.chaos.rig import RATE_HZ, SLEW
 from tests.rigs.long_scan import LongScan, scaled
 from tests.rigs.output import DAC_STEP_V
 
-STOOD = "the loop stood still"
+STOOD = "the loop paused"
 LEAST_MINUTES = 5.0
 """Each change has half a minute to come to its end."""
 

@@ -40,7 +40,7 @@ def tell_story(folder: Path, model: Model, seed: int) -> dict[str, Any]:
     }  # fmt: skip
     with OfflineStory(folder, model, seed) as story:
         if not story.until(story.learned, 3.0 * LEARN_S + 60.0):
-            return facts | {"why": "the watch has not learned the stage in time"}
+            return facts | {"why": "the watch did not learn the stage in time"}
         story.wait(chance.wait_s)
         drawn = chance.drawn()
         facts |= {"drawn": drawn.name, "drawn_says": drawn.says}

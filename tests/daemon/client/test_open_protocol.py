@@ -24,7 +24,7 @@ def test_an_address_beyond_this_machine_needs_leave(
     listen = host if server == ("epics",) else f"[{host}]:50000" if ":" in host else f"{host}:50000"
     assert main([*server, "--listen", listen]) == 2
     said = capsys.readouterr().err
-    assert "knows no passwords" in said
+    assert "has no passwords" in said
     assert "--without-passwords" in said
     assert len(said.strip().splitlines()) == 1
 

@@ -107,7 +107,7 @@ def test_a_loop_that_dies_ends_it_in_words_in_the_last_line(bench: Bench) -> Non
     out, err = process.communicate(timeout=120)
     result = json.loads(out)
     assert not result["completed"]
-    assert "the loop was started anew" in result["reason"], err
+    assert "the loop was restarted" in result["reason"], err
     assert process.returncode == 1
 
 

@@ -114,7 +114,7 @@ def test_what_cannot_be_is_said_in_the_daemons_words(rig: Bench, stage: Position
     stage.timeout_s = 20.0
     first = stage.go(4.0)
     second = stage.go(5.0)
-    with pytest.raises(NotNow, match="another place was asked for"):
+    with pytest.raises(NotNow, match="another position was requested"):
         first.result(30)
     stage.stop()
     with pytest.raises(NotNow, match="it was stopped"):

@@ -112,7 +112,7 @@ def test_report_says_things_in_the_order_in_which_they_are_needed(written):
         "What was left out",
         "Before and after",
         "The loop",
-        "What is excluded",
+        "Excluded effects",
         "Next experiment",
     )
     places = [text.index(part) for part in parts]

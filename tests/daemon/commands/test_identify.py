@@ -59,7 +59,7 @@ def test_identify_writes_model_and_report(
     pictures = re.findall(r'<img alt="([^"]*)" src="data:image/png;base64,', page)
     assert len(pictures) == page.count("<img") == 8
     for shown in ("over a few cycles", "hysteresis loop", "Residual over time", "Residual over the "
-                  "drive", "Spectrum", "drive at which rate", "Sizes of the loops",
+                  "drive", "Spectrum", "each drive occurs at each rate", "Sizes of the loops",
                   "Slope after a reversal"):  # fmt: skip
         assert any(shown in said for said in pictures)
     assert not re.search(r'(src|href)="(?!data:)', page)

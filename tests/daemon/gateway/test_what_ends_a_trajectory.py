@@ -73,7 +73,7 @@ def test_a_trajectory_that_the_loop_has_left_is_not_taken_up_again(gate: Gate) -
     gate.gate.loop_says(9, running=False)
     reply = gate.chunk(2, grid(1.0, 0.5))
     assert (reply.code, gate.records.size) == ("over", 0)
-    assert "the loop follows it no longer" in reply.text
+    assert "the loop no longer follows it" in reply.text
 
 
 def test_a_new_gateway_knows_that_the_trajectory_was_complete(gate: Gate) -> None:

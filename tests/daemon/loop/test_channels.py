@@ -48,7 +48,7 @@ def test_values_arrive_scaled_and_a_failure_keeps_the_last(tmp_path: Path) -> No
         assert len(seen) == 1
         assert len(said) == 1
         assert "ProtocolError" in said[0]
-        assert "last value stays" in said[0]
+        assert "last value is kept" in said[0]
         set_to(tmp_path / "iio", "8388607\n")  # the end of the converter's range: no reading
         channels.read("temp_c")
         assert len(seen) == 1
@@ -116,7 +116,7 @@ um_per_mv = 0.001
         rings.drive(9.0, lambda _: np.ptp(rings.read("telemetry")["volts"][-50:]) == 0.0)
         volts = rings.read("telemetry")["volts"]
         set_to(folder, "broken\n")
-        until(lambda: "last value stays" in rings.events(), 20, "the failure is reported")
+        until(lambda: "last value is kept" in rings.events(), 20, "the failure is reported")
         after = rings.drive(9.0, lambda last: last["target"] == 9.0)["volts"]
     drift_um = PER_K_UM * (25.0 - REFERENCE_C)
     path = np.concatenate([[0.0], volts])

@@ -364,7 +364,7 @@ def test_with_passwords_nothing_without_one_and_an_observer_cannot_command(
             reported = len(observer.texts())
             observer.socket.send(json.dumps(ask))
             observer.until("refused", lambda n=reported: len(observer.texts()) > n)  # type: ignore[misc]
-            assert "observer may look" in observer.texts()[-1]
+            assert "observer may view" in observer.texts()[-1]
         later = shared.loop.commands["kind"][begun:]
         assert set(later) <= {LoopCommand.TRUST}  # the mismatch watch's own
         page.http.cookies.set("dehyst", cookie)

@@ -233,7 +233,7 @@ def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(
             assert status.gateway.unreachable_s > sum(pauses[:2])
             assert "cannot listen on" in status.gateway.refused_because
         os.kill(status.gateway.pid, signal.SIGKILL)  # what comes after it has not waited
-        until(lambda: service.words().count("is reached at") == 2, 60.0, "the next gateway")
+        until(lambda: service.words().count("listens at") == 2, 60.0, "the next gateway")
         with service.client() as client:
             assert client.status().gateway.starts_refused == 0
 

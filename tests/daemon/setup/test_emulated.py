@@ -84,7 +84,7 @@ def test_the_output_never_left_the_limits_that_were_asked_for(done: Any) -> None
 def test_each_step_that_moves_said_how_far_before_it_moved(done: Any) -> None:
     *_, err = done
     lines = err.splitlines()
-    for title in ("exercise gently", "excite and record", "validate it", "follow a sine"):
+    for title in ("exercise gently", "excite and record", "validate it", "track a sine"):
         at = next(i for i, line in enumerate(lines) if title in line)
         assert "moves: " in lines[at + 1]
         assert " V" in lines[at + 1]

@@ -113,7 +113,7 @@ def found_units(bench: Workbench) -> None:
 def test_limits_are_asked_for_and_lie_within_the_unit(tmp_path: Path) -> None:
     bench = workbench(tmp_path)
     found_units(bench)
-    with pytest.raises(BadInput, match="--yes takes no voltage for granted"):
+    with pytest.raises(BadInput, match="--yes assumes no voltage"):
         ask_limits(bench)
     for low, high in ((0.0, 100.0), (-1.0, 50.0), (50.0, 50.0), (0.0, float("nan"))):
         bench.wishes = Wishes(range_v=(low, high))

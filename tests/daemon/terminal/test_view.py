@@ -124,7 +124,7 @@ def test_no_color_is_respected(monkeypatch: pytest.MonkeyPatch) -> None:
         ({}, {}, ""),
         ({"core_alive": False}, {}, "has ended, was killed, or hangs"),
         ({"sensor_ok": False, "sensor_errors": 7}, {}, "the sensor does not answer (7 errors)"),
-        ({"state": "fault"}, {}, "the events say why"),
+        ({"state": "fault"}, {}, "the events give the reason"),
         (
             {},
             {"mismatch": "slow", "health": 1.4},

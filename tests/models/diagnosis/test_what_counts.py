@@ -190,12 +190,12 @@ def test_a_cause_that_is_the_same_everywhere_is_not_refused() -> None:
 
 def test_a_cause_that_one_recording_contradicts_is_refused() -> None:
     by_block = np.array([1.4] * 5 + [-0.4] * 5)
-    assert judged(make(), by_block) == "not the same everywhere"
+    assert judged(make(), by_block) == "not constant over the recordings"
 
 
 def test_a_cause_that_is_there_in_a_fifth_of_the_time_is_refused() -> None:
     by_block = np.array([5.0, 0.0, 0.0, 0.0, 0.0] * 2)
-    assert judged(make(), by_block) == "not the same everywhere"
+    assert judged(make(), by_block) == "not constant over the recordings"
 
 
 def left_with(data: Data, y: Floats) -> float:

@@ -177,7 +177,7 @@ def stop_core(rig: Rig, seconds: float = 2.0, silent_s: float = 4.0) -> str:
             rig.check_held(begun_ns)
 
     check_glide(rig, stand_still)
-    rig.until_event("stood still", 20.0)
+    rig.until_event("the loop paused", 20.0)
     until(lambda: rig.flags() & Flag.MISSED, 10.0, "missed deadlines")
     stand_still(silent_s)
     rig.until_event("does not respond", 10.0)
