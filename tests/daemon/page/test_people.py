@@ -122,7 +122,7 @@ def test_the_command_says_so_in_one_line(capsys: pytest.CaptureFixture[str]) -> 
     assert "anybody could move the stage" in said
     assert said.count("\n") == 1
     assert main(["page", "--config", "x.toml", "--observe"]) == 2
-    assert "--observe goes without --config" in capsys.readouterr().err
+    assert "--observe cannot be combined with --config" in capsys.readouterr().err
 
 
 MINIMAL = """
