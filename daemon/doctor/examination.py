@@ -138,7 +138,7 @@ def _conclude(
     elif named and seen.later is None:
         why = "No model is offered, because no telemetry arrived on which it could be tested."
     elif named and seen.later is not None:
-        models = [*pick_models(named[0], seen.causes), *models]
+        models = [*pick_models(named[0], seen.causes, noise2), *models]
         offered, tested, why = _try(case, model, models, seen.later, details.noise)
     if offered is not None:
         save_model(offered, folder / cases.OFFERED)

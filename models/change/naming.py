@@ -100,11 +100,13 @@ def is_of_sensor(first: Finding, causes: Sequence[WeighedCause], noise2: float) 
     return not elsewhere or max(elsewhere) < max(here, default=0.0) - noise2
 
 
-def pick_models(first: Finding, causes: Sequence[WeighedCause]) -> list[Model]:
-    """What was named, then what it cannot be distinguished from; what a gauge does is not
-    compensated."""
+def pick_models(first: Finding, causes: Sequence[WeighedCause], noise2: float) -> list[Model]:
+    """What was named, then what it cannot be distinguished from where that does better by more than
+    the noise; what a gauge does is not compensated."""
     fit = [o for o in _of_names(first, causes) if o.new > 0.0 and o.cause.place != "sensor"]
-    return [o.cause.model for o in sorted(fit, key=lambda o: o.cause.name != first.name)]
+    named = [o for o in fit if o.cause.name == first.name]
+    least = max((o.new + noise2 for o in named), default=0.0)
+    return [o.cause.model for o in (*named, *(o for o in fit if o.new > least))]
 
 
 def _of_names(first: Finding, causes: Sequence[WeighedCause]) -> list[WeighedCause]:

@@ -65,17 +65,18 @@ def test_the_gauge_has_changed_where_nothing_else_does_as_well() -> None:
     assert not is_of_sensor(tied, causes, 0.0004)  # type: ignore[arg-type]
 
 
-def test_what_was_named_is_tried_before_what_it_cannot_be_distinguished_from() -> None:
+def test_what_was_named_is_tried_and_what_does_better_among_its_ties() -> None:
     causes = [
         alone("rate", 0.05), alone("lag", 0.045, "sensor"), alone("lag", 0.04, "drive"),
         alone("creep", 0.01), alone("delay", -0.01),
     ]  # fmt: skip
     first = F("lag", near=("rate", "delay"))
-    picked = [m.drive_unit for m in pick_models(first, causes)]  # type: ignore[arg-type]
-    assert picked == ["lag-drive", "rate-stage"]
+    for noise2, expected in ((0.005, ["lag-drive", "rate-stage"]), (0.02, ["lag-drive"])):
+        picked = pick_models(first, causes, noise2)  # type: ignore[arg-type]
+        assert [m.drive_unit for m in picked] == expected
     del causes[2]
-    picked = [m.drive_unit for m in pick_models(first, causes)]  # type: ignore[arg-type]
-    assert picked == ["rate-stage"]
+    picked = pick_models(first, causes, 0.02)  # type: ignore[arg-type]
+    assert [m.drive_unit for m in picked] == ["rate-stage"]
 
 
 LEFT = ChangeResiduals(in_use=0.40, when_good=0.05, found=0.18, noise=0.03)

@@ -83,6 +83,11 @@ CHANGES = [
             "a lag of the amplifier is blamed on the gauge",
         ),
         Change(
+            "tie-by-chance", NAMING,
+            "least = max((o.new + noise2 for o in named), default=0.0)", "least = 0.0",
+            "a model of another name is offered that did better by chance",
+        ),
+        Change(
             "gauge-by-its-name", NAMING,
             "elsewhere = [one.new for one in _of_names(first, causes) if",
             "elsewhere = [one.new for one in causes if one.cause.name == first.name and",
