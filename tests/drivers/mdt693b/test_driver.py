@@ -260,7 +260,7 @@ def test_rate_is_measured_or_declared(bench):
 @pytest.mark.parametrize(
     ("settings", "text"),
     [
-        ({"prot": "/dev/x"}, "'prot'.*port, axis"),
+        ({"prot": "/dev/x"}, "'prot'.*port, .*axis"),
         ({"axis": "w"}, "axis"),
         ({"port": 3}, "port = 3"),
         ({"timeout_s": "fast"}, "timeout_s"),
