@@ -78,6 +78,13 @@ def install() -> str:
     return text
 
 
+def recorder() -> str:
+    """The unit of docs/record.md, put beside the others."""
+    found = re.search(r"```ini\n(.*?)```", (ROOT / "docs" / "record.md").read_text(), re.S)
+    assert found
+    return f"cat > /etc/systemd/system/dehyst-record.service << 'END'\n{found[1]}END"
+
+
 def remove() -> str:
     """What the README says of taking the service away, as commands."""
     found = re.search(r"The service: (.*?)\n\n", README, re.S)
@@ -103,7 +110,7 @@ def test_the_lines_of_the_readme_install_the_service_and_remove_it(tmp_path: Pat
     (tmp_path / "stage-1").mkdir()
     for name in ("stage.toml", "stage.model.toml"):
         (tmp_path / "stage-1" / name).write_text(f'name = "{name}"\n')
-    lines = [PRIVATE, "set -x", install(), CHECKS, remove(), GONE]
+    lines = [PRIVATE, "set -x", install(), recorder(), CHECKS, remove(), GONE]
     path = os.pathsep.join([*os.environ["PATH"].split(os.pathsep), "/usr/sbin", "/sbin"])
     done = subprocess.run(
         ["unshare", "--mount", "bash", "-c", "\n".join(lines), "-", "/mnt"],

@@ -2,8 +2,10 @@
 and in PyMeasure's worker."""
 
 import csv
+import os
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
@@ -103,6 +105,16 @@ def test_a_stage_that_gives_no_reading_is_not_there(by: Literal["model", "gauge"
         words = "the gauge gives no valid reading" if by == "model" else "according to the gauge"
         with pytest.raises(NotNow, match=words):
             going.future.result()
+
+
+def test_one_that_another_process_made_says_so_and_waits_for_nothing() -> None:
+    """As a forked child has it: no thread of it lives there."""
+    stage = Positioner.__new__(Positioner)
+    stage._process, stage._stopping = os.getppid(), threading.Event()
+    for ask in (lambda: stage.go(4.0), stage.read, stage.stop):
+        with pytest.raises(NotNow, match=r"before the process was forked.*make a new Positioner"):
+            ask()
+    stage.close()
 
 
 def test_what_cannot_be_is_said_in_the_daemons_words(rig: Bench, stage: Positioner) -> None:

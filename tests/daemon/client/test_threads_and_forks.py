@@ -6,11 +6,15 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import suppress
 
+import numpy as np
 import pytest
 from tests.rigs.gateway_bench import ROOT, Bench
 
 from dehyst.daemon.client.client import Client
+from dehyst.daemon.client.positioner import Positioner
+from dehyst.models.errors import NotNow
 
 INHERITED = "before the process was forked"
 
@@ -124,3 +128,60 @@ def test_a_pool_of_forked_workers(shared: Bench) -> None:
     context = multiprocessing.get_context("fork")
     with ProcessPoolExecutor(3, mp_context=context) as pool:
         assert list(pool.map(ask, [shared.address] * 6)) == ["bench"] * 6
+
+
+POSITIONER = """
+import os, sys, dehyst
+from dehyst.client import Client
+make = lambda: Client("bench", sys.argv[1], label="scan")
+stage = dehyst.Positioner(make)
+stage.go(4.0).result(60)
+child = os.fork()
+if not child:
+    for ask in (lambda: stage.go(5.0), stage.read, stage.stop):
+        try:
+            ask()
+            print("worked")
+        except Exception as error:
+            print(error)
+    stage.close()
+    with dehyst.Positioner(make) as own:
+        print(own.read().result(60).target)
+    sys.stdout.flush()
+    sys.exit(7)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+print(stage.go(3.0).result(60).target)
+stage.close()
+"""
+
+
+def test_in_a_forked_child_a_fresh_positioner_works_and_an_inherited_one_says_so(
+    shared: Bench,
+) -> None:
+    shared.client().close()
+    done = subprocess.run(
+        [sys.executable, "-c", POSITIONER, shared.address],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        capture_output=True,
+        text=True,
+        timeout=180,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    said = done.stdout.splitlines()
+    assert all(INHERITED in line and "make a new Positioner" in line for line in said[:3])
+    assert said[3:] == ["4.0", "7", "3.0"]
+
+
+def test_a_positioner_may_be_used_by_several_threads(shared: Bench) -> None:
+    shared.client().close()
+    with Positioner(lambda: Client("bench", shared.address, label="scan")) as stage:
+
+        def work(number: int) -> float:
+            with suppress(NotNow):  # a later thread sent it elsewhere
+                assert stage.go(3.0 + 0.5 * number).result(60).target == 3.0 + 0.5 * number
+            return stage.read(0.05).result(60).target
+
+        with ThreadPoolExecutor(4) as pool:
+            assert np.isfinite(list(pool.map(work, range(4)))).all()
+        assert stage.go(4.0).result(60).target == 4.0
