@@ -51,7 +51,7 @@ def _imports(text: str, known: dict[str, Path]) -> set[str]:
     return {name for name in found if name in known}
 
 
-def newest_ns() -> dict[tuple[str, str], int]:
+def newest_sources_ns() -> dict[tuple[str, str], int]:
     """By folder and file name: when it, or what it imports directly or not, last changed."""
     files = _sources()
     texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()}
@@ -146,7 +146,7 @@ def drop_stale() -> int:
             found = index.stat()
             if found.st_mtime_ns >= last_change_ns:
                 continue
-            newest = newest or newest_ns()
+            newest = newest or newest_sources_ns()
             if found.st_mtime_ns < newest.get(_kernel_file(Path(index.path)), 0):
                 os.unlink(index.path)
                 dropped += 1

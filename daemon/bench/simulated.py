@@ -23,6 +23,18 @@ RATE_HZ = 200.0  # what an MDT693B sustains over serial
 AXES_RATE_HZ = 100.0  # with several axes on it
 FULL_SCALE_V = 150.0
 
+LIMITS_TRIM_BUS = """
+[limits]
+min_v = 0.0
+max_v = {full_scale_v}
+slew_v_per_s = 4000.0
+
+[trim]
+enabled = {trim}
+
+[bus]
+listen = ["{listen}"]
+"""
 TEMPLATE = """\
 # The emulated bench: an MDT693B and a KSG101 on pseudo terminals, connected to a simulated stage.
 name = "{name}"
@@ -45,17 +57,6 @@ driver = "ksg101"
 zero = {zero}
 [sensor.settings]
 port = "{sensor}"
-
-[limits]
-min_v = 0.0
-max_v = {full_scale_v}
-slew_v_per_s = 4000.0
-
-[trim]
-enabled = {trim}
-
-[bus]
-listen = ["{listen}"]
 """
 
 
@@ -72,17 +73,6 @@ rate_hz = {rate_hz}
 driver = "mdt693b"
 [actuator.settings]
 port = "{actuator}"
-
-[limits]
-min_v = 0.0
-max_v = {full_scale_v}
-slew_v_per_s = 4000.0
-
-[trim]
-enabled = {trim}
-
-[bus]
-listen = ["{listen}"]
 """
 
 MAY_STAY = """
@@ -171,7 +161,7 @@ def write_bench(
         save_model(model, directory / "model.toml")
     write_text(
         config,
-        TEMPLATE.format(
+        (TEMPLATE + LIMITS_TRIM_BUS).format(
             name=name,
             directory=directory,
             rate_hz=RATE_HZ,
@@ -204,7 +194,7 @@ def write_axes_bench(
     ports: {"mdt693b": path, "ksg101-x": path, ...}, as `dehyst emulate --axes 3` prints them;
     models: by axis; trim, more: as in write_bench.
     """
-    text = AXES_TEMPLATE.format(
+    text = (AXES_TEMPLATE + LIMITS_TRIM_BUS).format(
         name=name,
         directory=directory,
         rate_hz=rate_hz,

@@ -35,7 +35,7 @@ def keep_from_children(session: LibrarySession) -> None:
     _sessions.add(session)
 
 
-def library(present: ModuleType) -> ModuleType:
+def usable_library(present: ModuleType) -> ModuleType:
     """The library as this process can use it: the one that is loaded, or after a fork a fresh
     one. Raises OSError where there is no memory for it."""
     global _stale

@@ -23,7 +23,7 @@ from dehyst.models.errors import BadInput
 _PRIVATE, _PUBLIC = 0o600, 0o644
 
 
-def write(path: Path, data: bytes, mode: int) -> None:
+def write_new_file(path: Path, data: bytes, mode: int) -> None:
     """A new file with this mode from its first byte on. BadInput where it exists already."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -49,8 +49,8 @@ class Authority:
             builder = builder.add_extension(constraints, critical=True)
             builder = builder.add_extension(_usage(sign_certificates=True), critical=True)
             certificate = builder.sign(key, hashes.SHA256())
-            write(home / KEY, _key_bytes(key), _PRIVATE)
-            write(home / CA, _certificate_bytes(certificate), _PUBLIC)
+            write_new_file(home / KEY, _key_bytes(key), _PRIVATE)
+            write_new_file(home / CA, _certificate_bytes(certificate), _PUBLIC)
         try:
             loaded = serialization.load_pem_private_key((home / KEY).read_bytes(), None)
             self._certificate = x509.load_pem_x509_certificate((home / CA).read_bytes())
@@ -74,9 +74,9 @@ class Authority:
         use = ExtendedKeyUsageOID.SERVER_AUTH if hosts else ExtendedKeyUsageOID.CLIENT_AUTH
         builder = builder.add_extension(x509.ExtendedKeyUsage([use]), critical=False)
         certificate = builder.sign(self._key, hashes.SHA256())
-        write(folder / KEY, _key_bytes(key), _PRIVATE)
-        write(folder / CERTIFICATE, _certificate_bytes(certificate), _PUBLIC)
-        write(folder / CA, _certificate_bytes(self._certificate), _PUBLIC)
+        write_new_file(folder / KEY, _key_bytes(key), _PRIVATE)
+        write_new_file(folder / CERTIFICATE, _certificate_bytes(certificate), _PUBLIC)
+        write_new_file(folder / CA, _certificate_bytes(self._certificate), _PUBLIC)
 
 
 def _builder(

@@ -91,7 +91,7 @@ class Bus(Closing):
 
     def __init__(self, settings: dict[str, Any], what: str) -> None:
         global zenoh
-        zenoh = after_fork.library(zenoh)
+        zenoh = after_fork.usable_library(zenoh)
         config = zenoh.Config()
         try:
             for key, value in settings.items():

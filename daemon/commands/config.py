@@ -115,8 +115,8 @@ def run(args: argparse.Namespace) -> int:
     if not 0.0 < args.rate < float("inf"):
         raise BadInput(f"--rate {args.rate:g}: a sampling rate in Hz, greater than 0")
     slew = args.slew or SLEW_SPANS * (high - low)
-    actuator = with_serial(ACTUATOR, args.actuator, settings_of(args.set))
-    sensor = with_serial(SENSOR, args.sensor, settings_of(args.sensor_set))
+    actuator = with_serial(ACTUATOR, args.actuator, parse_settings(args.set))
+    sensor = with_serial(SENSOR, args.sensor, parse_settings(args.sensor_set))
     text = write_commented(
         {
             "": {"name": args.name},
@@ -143,7 +143,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def settings_of(pairs: list[str]) -> dict[str, Any]:
+def parse_settings(pairs: list[str]) -> dict[str, Any]:
     """Settings from KEY=VALUE words; a value as TOML has it, else a text."""
     import tomllib
 

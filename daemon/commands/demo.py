@@ -47,7 +47,7 @@ examples: dehyst demo -o out
           dehyst demo --seed 7 --force"""
 
 
-def say(text: str) -> None:
+def say_on_stderr(text: str) -> None:
     """One line on stderr."""
     print(text, file=sys.stderr, flush=True)
 
@@ -56,7 +56,9 @@ def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.demo.outputs import OUTPUTS
 
     check_outputs([args.output / name for name in OUTPUTS], [], args.force)
-    say("dehyst demo: a stage, an amplifier and a gauge reader are simulated; nothing real moves")
+    say_on_stderr(
+        "dehyst demo: a stage, an amplifier and a gauge reader are simulated; nothing real moves"
+    )
     from dehyst.daemon.demo.busy import TOO_BUSY, busy_between, read_spent
 
     args.output.mkdir(parents=True, exist_ok=True)
@@ -67,17 +69,17 @@ def run(args: argparse.Namespace) -> int:
         busy = busy_between(first, read_spent())
         if not busy.why:
             raise
-        say(f"dehyst demo: {error}; this machine is too busy to judge: {busy.why}")
+        say_on_stderr(f"dehyst demo: {error}; this machine is too busy to judge: {busy.why}")
         return TOO_BUSY
 
 
 def _tell(args: argparse.Namespace) -> int:
     """Both acts; the exit status."""
-    from dehyst.daemon.demo.demo import Demo, compare_errors, draw, join_acts
+    from dehyst.daemon.demo.demo import Demo, compare_errors, draw_demo, join_acts
 
     story = None
     with tempfile.TemporaryDirectory(prefix="dehyst-demo-") as folder:
-        demo = Demo(Path(folder), args.output, say)
+        demo = Demo(Path(folder), args.output, say_on_stderr)
         try:
             with progress_bar("recording") as progress:
                 demo.excite_and_record(progress)
@@ -88,7 +90,7 @@ def _tell(args: argparse.Namespace) -> int:
         finally:
             demo.close()
     picture = args.output / "demo.png"
-    draw(demo, picture)
+    draw_demo(demo, picture)
     linear, compensated = results["linear gain"], results["compensated"]
     code, says = compare_errors(linear, compensated, demo.late_share)
     codes = [code]

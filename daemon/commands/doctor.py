@@ -65,7 +65,9 @@ def _tell(args: argparse.Namespace) -> int:
     with connect_axes(args, "doctor") as stage:
         by_name = {client.name: client.doctor() for client in stage.clients.values()}
         if args.report:
-            newest = max(stage.clients.values(), key=lambda one: newest_ns(by_name[one.name]))
+            newest = max(
+                stage.clients.values(), key=lambda one: newest_report_ns(by_name[one.name])
+            )
             page = newest.doctor_page()
             with whole_file(args.report) as file:
                 file.write(page)
@@ -84,7 +86,7 @@ def _tell(args: argparse.Namespace) -> int:
     return 1 if open_offers else 0
 
 
-def newest_ns(reports: "Sequence[DoctorReport]") -> int:
+def newest_report_ns(reports: "Sequence[DoctorReport]") -> int:
     """When the newest mismatch was seen; -1: there is none."""
     return reports[-1].time_ns if reports else -1
 

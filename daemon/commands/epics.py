@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Until SIGTERM or Ctrl-C."""
-    check_address(args.listen, args.without_passwords or args.observe)
+    check_listening_address(args.listen, args.without_passwords or args.observe)
     check_tolerance(args.tolerance)
     if not 0 <= args.port <= 65535:
         raise BadInput(f"--port {args.port}: it is from 0 to 65535")
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def check_address(text: str, allowed: bool) -> None:
+def check_listening_address(text: str, allowed: bool) -> None:
     """BadInput where it is no address, or not this machine's alone and not allowed."""
     try:
         ipaddress.ip_address(text)

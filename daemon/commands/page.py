@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.loop.timing import realtime
 
     realtime.die_with_parent(signal.SIGTERM)
-    config, addresses, credentials, base = settings_of(args)
+    config, addresses, credentials, base = page_settings(args)
     from dehyst.daemon.kernel_cache import load_lightly
 
     load_lightly()
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
             controllers.close()
 
 
-def settings_of(args: argparse.Namespace) -> tuple[PageConfig, list[str], str, str]:
+def page_settings(args: argparse.Namespace) -> tuple[PageConfig, list[str], str, str]:
     """([page], addresses of the bus, credentials, base of the keys)."""
     if args.config is None:
         where, credentials = address_of(args)

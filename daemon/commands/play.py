@@ -153,14 +153,14 @@ def run(args: argparse.Namespace) -> int:
             stage.take_over()
         t_s, name = next(iter(trajectories.values())).t_s, Path(args.trajectory).name
         if not learn:
-            played = play(stage, t_s, targets, args, name)
+            played = play_on_stage(stage, t_s, targets, args, name)
             say_what_follows(clients, targets, args, played)
-            return report(played, args.json)
+            return report_played(played, args.json)
         lessons = learn_of(stage, t_s, targets, args, learned, name)
         say_what_follows(clients, targets, args, {a: one.played for a, one in lessons.items()})
     for axis, one in lessons.items():
-        draw(one, pictures[axis], one.played.unit)
-    return report(
+        draw_learning(one, pictures[axis], one.played.unit)
+    return report_played(
         {axis: one.played for axis, one in lessons.items()},
         args.json,
         {axis: one.outcomes for axis, one in lessons.items()},
@@ -195,7 +195,7 @@ def say_what_follows(
             say(f"{client.name}: {STAYS if stays else follows(client.config())}")
 
 
-def play(
+def play_on_stage(
     stage: "Client | Group",
     t_s: "Floats",
     targets: "Mapping[str, Floats]",
@@ -223,7 +223,7 @@ def learn_of(
 
     def course(axis: str, client: "Client") -> Course:
         head, unit = f"{axis}: " if axis else "", client.status().unit
-        report = lambda one: say(head + words(one, unit))  # noqa: E731
+        report = lambda one: say(head + describe_pass(one, unit))  # noqa: E731
         return Course(
             client, t_s, targets[axis], args.repeat, learned[axis], report, args.gauge_filter_s
         )
@@ -296,7 +296,7 @@ def check_asked(args: argparse.Namespace, learn: bool, written: Sequence[Path | 
         check_outputs(written, [args.trajectory, args.credentials], False)
 
 
-def words(one: "Outcome", unit: str) -> str:
+def describe_pass(one: "Outcome", unit: str) -> str:
     """One pass in a line."""
     text = f"pass {one.number}: error {one.rms:.3g} {unit} rms without the noise"
     text += f", mean {one.mean:+.2g}"
@@ -305,7 +305,7 @@ def words(one: "Outcome", unit: str) -> str:
     return text + (f"; {one.says}" if one.says else "")
 
 
-def draw(lessons: "Lessons", path: Path, unit: str) -> None:
+def draw_learning(lessons: "Lessons", path: Path, unit: str) -> None:
     """The picture at the end, where there was a pass."""
     from dehyst.daemon.files.outputs import whole_file
     from dehyst.daemon.report.learning import learning_picture
@@ -344,7 +344,7 @@ def check_reach(
     )
 
 
-def report(
+def report_played(
     played: "Mapping[str, Played]",
     as_json: bool,
     outcomes: "Mapping[str, Sequence[Outcome]] | None" = None,

@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
         axis: outcome(file, axes[axis].stream, late, rotation is not None)
         for axis, file in recorders.items()
     }
-    return report(results, args.json)
+    return report_recorded(results, args.json)
 
 
 class Recorded:
@@ -200,7 +200,7 @@ def notes(status: "Status", frame: str) -> dict[str, str]:
     }
 
 
-def report(results: dict[str, dict[str, Any]], as_json: bool) -> int:
+def report_recorded(results: dict[str, dict[str, Any]], as_json: bool) -> int:
     """Print the result of each axis; the exit code."""
     if as_json:
         print_json(results if len(results) > 1 else next(iter(results.values())))

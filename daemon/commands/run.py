@@ -59,14 +59,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def say(text: str) -> None:
+def say_of_run(text: str) -> None:
     """One line on stderr."""
     print(f"dehyst run: {text}", file=sys.stderr, flush=True)
 
 
 def run(args: argparse.Namespace) -> int:
     if args.check:
-        return check(args.check)
+        return check_configuration(args.check)
     for option in ("model", "name", "listen", "axes"):
         if args.config and getattr(args, option):
             raise BadInput(f"--{option} goes without --config: the configuration says it itself")
@@ -74,7 +74,9 @@ def run(args: argparse.Namespace) -> int:
         return supervise(args.config)
     check_open([args.listen or LISTEN], authenticated=False)
     check_free(args.listen or LISTEN)
-    say("starting an emulated MDT693B and KSG101 with a simulated stage (no --config was given)")
+    say_of_run(
+        "starting an emulated MDT693B and KSG101 with a simulated stage (no --config was given)"
+    )
     with ended_at_once("dehyst run"):  # what brings numba with it
         from dehyst.daemon.bench.simulated import (
             MAY_STAY,
@@ -113,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
                 path = write_bench(
                     directory, bench.ports, name, listen, model, imitation, more=MAY_STAY
                 )
-            say(f"its configuration is {path}; try `dehyst watch` in another terminal")
+            say_of_run(f"its configuration is {path}; try `dehyst watch` in another terminal")
             return supervise(path)
         finally:
             bench.close()
@@ -123,16 +125,16 @@ def supervise(path: Path) -> int:
     """Core and gateway of a configuration, until a signal; and its emulated bench, where it has
     one that does not run yet."""
     controller = load_controller(path)
-    say(f"starting {controller.name} with {path}")
+    say_of_run(f"starting {controller.name} with {path}")
     with ended_at_once("dehyst run"):
         from dehyst.daemon.bench.emulated import started_for
         from dehyst.daemon.service.supervisor import Supervisor
 
     with (
         run_folder.at_work(controller.directory, run_folder.SUPERVISOR, "run", path),
-        started_for(controller, say),
+        started_for(controller, say_of_run),
     ):
-        return Supervisor(controller, path, say).run()
+        return Supervisor(controller, path, say_of_run).run()
 
 
 def check_free(listen: str) -> None:
@@ -146,7 +148,7 @@ def check_free(listen: str) -> None:
         )
 
 
-def check(path: Path) -> int:
+def check_configuration(path: Path) -> int:
     """Print what a configuration means."""
     from dehyst.daemon.gateway.process import security_of
 

@@ -98,7 +98,7 @@ def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
         if config.axis:
             print(f"{client.name}:")
         section = f"[axis.{config.axis}.sensor]" if config.axis else "[sensor]"
-        tell(found, shift, f"{section} zero = {keep:.6g}", status.unit)
+        print_disagreement(found, shift, f"{section} zero = {keep:.6g}", status.unit)
     return {
         "unit": status.unit,
         "samples": found.samples,
@@ -111,7 +111,7 @@ def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def tell(found: "Disagreement", shift: float, keep: str, unit: str) -> None:
+def print_disagreement(found: "Disagreement", shift: float, keep: str, unit: str) -> None:
     """The same in words. keep: the line that keeps the zero."""
     if not found.samples:
         print("the gauge gives no valid reading, so the zero was not set")

@@ -263,7 +263,7 @@ def join_acts(codes: Sequence[int]) -> int:
     return next((code for code in (IT_WAS_NOT, TOO_BUSY) if code in codes), SO_IT_WAS)
 
 
-def draw(demo: Demo, path: Path) -> None:
+def draw_demo(demo: Demo, path: Path) -> None:
     """Target, measured and error over time, and the loop target to measured, as a PNG file."""
     from dehyst.daemon.report import tracking
     from dehyst.daemon.report.plotting import draw_side_by_side

@@ -26,7 +26,7 @@ class RefusedStarts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     because: Text = ""
 
 
-def read(folder: Path) -> RefusedStarts:
+def read_refused_starts(folder: Path) -> RefusedStarts:
     """The note in a run folder; none where there is none, or none that can be read."""
     try:
         with (folder / FILE).open("rb") as file:
@@ -37,7 +37,7 @@ def read(folder: Path) -> RefusedStarts:
 
 def add(folder: Path, because: str) -> None:
     """One more try that came to nothing. A folder that takes no file costs the note alone."""
-    before, now_ns = read(folder), clock.monotonic_ns()
+    before, now_ns = read_refused_starts(folder), clock.monotonic_ns()
     since_ns = before.since_ns if 0 < before.since_ns <= now_ns else now_ns
     note = RefusedStarts(before.starts + 1, since_ns, because[:500])
     try:
@@ -48,7 +48,7 @@ def add(folder: Path, because: str) -> None:
 
 def take_refusals(folder: Path) -> RefusedStarts:
     """The note, and it is taken away: the gateway has begun."""
-    note = read(folder)
+    note = read_refused_starts(folder)
     try:
         (folder / FILE).unlink(missing_ok=True)
     except OSError:

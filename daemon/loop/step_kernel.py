@@ -252,7 +252,7 @@ def _follow(table: Table, c: Any, p: Any, now_ns: int) -> tuple[float, int, int]
         _glide(c, p, result.predicted, window)
         flags |= APPROACH
     # the voltage written now is judged by the next reading, one period on
-    sample.step(inverse, window[1:], known - 1)
+    sample.propose_drive(inverse, window[1:], known - 1)
     c.pending = 1
     volts, bits = result.drive * p.gain, result.flags
     if bits & BEYOND:

@@ -131,7 +131,7 @@ class Visit:
             await self._send(share((watch, "model"), lambda: wire.describe_model(watch)))
         if watch.findings != self._findings:
             self._findings = watch.findings
-            await self._send(share((watch, "doctor"), lambda: wire.describe_doctor(watch)))
+            await self._send(share((watch, "doctor"), lambda: wire.encode_doctor_reports(watch)))
         frame, self._cursor, self._run = share(
             (watch, level_for(look.window_s, look.width_px), self._cursor, self._run),
             lambda: self._frame(watch, look),

@@ -222,7 +222,7 @@ def _axis(watch: Watch) -> dict[str, Any]:
     }
 
 
-def describe_doctor(watch: Watch) -> str:
+def encode_doctor_reports(watch: Watch) -> str:
     """What the doctor found, the newest last; numbers of offers as text, and what accepting one
     changes (`change`)."""
     reports = []

@@ -42,7 +42,7 @@ def ask_limits_of_all(bench: Workbench) -> Result:
         return ask_limits(bench)
     return together(
         {
-            axis: {"words": f"{moving_axes.range_of(one)}, {one.limits.slew_v_per_s:g} V/s"}
+            axis: {"words": f"{moving_axes.range_in_words(one)}, {one.limits.slew_v_per_s:g} V/s"}
             for axis, one in bench.configs().items()
         },
         f"as in {CONFIG}",

@@ -31,7 +31,7 @@ from dehyst.models.recording import Floats, Recording
 Result = dict[str, Any]
 
 
-def range_of(config: Config) -> str:
+def range_in_words(config: Config) -> str:
     """The limits in words."""
     return f"{config.limits.min_v:g} to {config.limits.max_v:g} V"
 
@@ -55,7 +55,7 @@ def describe_gentle_axes(bench: Workbench) -> str:
         limits = config.limits
         top = limits.min_v + TUNING.gentle_shares[0] * (limits.max_v - limits.min_v)
         small[axis] = f"{limits.min_v:g} to {top:g} V"
-        ranges[axis] = range_of(config)
+        ranges[axis] = range_in_words(config)
     return (
         f"moves: from where the outputs stand ({', '.join(now)}); {TUNING.loops} slow loops of one "
         f"axis after the other, {for_each(small)}; where each gauge follows its axis, "
@@ -200,7 +200,7 @@ def _within(bench: Workbench, volts: Floats) -> str:
         fastest = float(np.abs(np.diff(volts[:, k])).max()) * config.loop.rate_hz
         texts[axis] = (
             f"from {volts[:, k].min():.4g} to {volts[:, k].max():.4g} V at up to {fastest:.3g} V/s "
-            f"(limits: {range_of(config)}, {config.limits.slew_v_per_s:g} V/s)"
+            f"(limits: {range_in_words(config)}, {config.limits.slew_v_per_s:g} V/s)"
         )
     return f"{for_each(texts)}; then they return"
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from dehyst.drivers.iio.channel import Channel, range_of
+from dehyst.drivers.iio.channel import Channel, count_range
 from dehyst.drivers.iio.settings import IioActuatorSettings
 from dehyst.drivers.interface import DeviceNotFound, DeviceSpec, DriverConfigError, OutOfRange
 from dehyst.drivers.settings import read_settings
@@ -100,7 +100,7 @@ class IioActuator:
                 "is not known"
             )
         c["scale_mv"], c["offset"] = scale_mv, channel.attribute("offset") or 0.0
-        low, high = range_of(settings.bits, settings.unsigned)
+        low, high = count_range(settings.bits, settings.unsigned)
         c["low"] = math.ceil(self._exact_counts(settings.min_v) - HAIR)
         c["high"] = math.floor(self._exact_counts(settings.max_v) + HAIR)
         if not low <= c["low"] < c["high"] <= high:

@@ -152,7 +152,7 @@ class Channel:
         return int(self.context["file"][0])
 
 
-def range_of(bits: int, unsigned: bool) -> tuple[int, int]:
+def count_range(bits: int, unsigned: bool) -> tuple[int, int]:
     """Smallest and largest counts of a converter."""
     if unsigned:
         return 0, 2**bits - 1

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Self
 
 from dehyst.drivers.call_times import typical_s
-from dehyst.drivers.iio.channel import Channel, range_of
+from dehyst.drivers.iio.channel import Channel, count_range
 from dehyst.drivers.iio.settings import IioSensorSettings
 from dehyst.drivers.interface import DeviceSpec
 from dehyst.drivers.settings import read_settings
@@ -32,7 +32,7 @@ class IioSensor:
         context = self._channel.context
         context["scale_mv"], context["gain"] = 1.0, settings.um_per_mv
         context["zero_mv"] = settings.zero_mv
-        context["low"], context["high"] = range_of(settings.bits, settings.unsigned)
+        context["low"], context["high"] = count_range(settings.bits, settings.unsigned)
         self.spec = self._spec("", 0.0)
 
     @classmethod

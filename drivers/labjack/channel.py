@@ -60,11 +60,11 @@ def vendor() -> Any:
             "the LabJack package is not installed: pip install dehyst[labjack], and the LJM "
             f"library from LabJack ({error})"
         ) from None
-    library()  # the package only prints that it is absent
+    load_ljm()  # the package only prints that it is absent
     return ljm
 
 
-def library() -> ctypes.CDLL:
+def load_ljm() -> ctypes.CDLL:
     """LJM itself, as the package finds it; DeviceNotFound where it is not installed."""
     try:
         return ctypes.CDLL(LIBRARY)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from dehyst.drivers.analog import INT, call_c, scaled_mean
 from dehyst.drivers.direct_calls import SIGNATURE, Direct
 from dehyst.drivers.interface import DeviceGone, DriverError, OutOfRange
-from dehyst.drivers.labjack.channel import CONTEXT_T, fault_of, library
+from dehyst.drivers.labjack.channel import CONTEXT_T, fault_of, load_ljm
 
 CLOSED, NOT_IN_RANGE = 1, 2
 
@@ -99,7 +99,7 @@ def sensor(channel: str, context: NDArray[Any], ljm: Any) -> Direct | None:
 def _direct(channel: str, context: NDArray[Any], ljm: Any, ours: int, theirs: str) -> Direct | None:
     if context["handle"][0] == 0:
         return None
-    vendors = library()
+    vendors = load_ljm()
     context["function"] = ctypes.cast(getattr(vendors, theirs), ctypes.c_void_p).value
     return Direct(ours, context.ctypes.data, _explain(channel, ljm), (context, vendors))
 

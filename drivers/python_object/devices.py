@@ -30,7 +30,7 @@ from dehyst.drivers.python_object.settings import (
     PythonSensorSettings,
     PythonSettings,
 )
-from dehyst.drivers.python_object.shared import object_of, words
+from dehyst.drivers.python_object.shared import describe_error, object_of
 from dehyst.drivers.settings import read_settings
 
 BATCHES = Batches()
@@ -121,7 +121,7 @@ class _PythonDevice:
             self._shared.drop(self._object)
             self.close()
             kind = DeviceTimeout if isinstance(error, TimeoutError) else DeviceGone
-            raise kind(f"python {self.settings.object}: {words(error)}") from None
+            raise kind(f"python {self.settings.object}: {describe_error(error)}") from None
 
     def _identify(self) -> None:
         name = self.settings.serial_number

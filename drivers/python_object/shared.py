@@ -21,7 +21,7 @@ def object_of(settings: PythonSettings) -> Shared:
         try:
             made = factory(**settings.arguments)
         except Exception as error:  # whatever somebody else's code raises
-            raise DeviceNotFound(f"python {settings.object}: {words(error)}") from None
+            raise DeviceNotFound(f"python {settings.object}: {describe_error(error)}") from None
         if made is None:
             raise DriverConfigError(f"python: {settings.object} returned no object")
         return made
@@ -45,14 +45,14 @@ def find_factory(settings: PythonSettings) -> Callable[..., Any]:
             found = getattr(found, part)
     except Exception as error:  # an import runs somebody else's code
         raise DriverConfigError(
-            f"python: object = {settings.object!r} cannot be had: {words(error)}; install its "
-            "package where dehyst is installed, or name its folder with the setting folder"
+            f"python: object = {settings.object!r} cannot be had: {describe_error(error)}; install "
+            "its package where dehyst is installed, or name its folder with the setting folder"
         ) from None
     if not callable(found):
         raise DriverConfigError(f"python: object = {settings.object!r} cannot be called")
     return found
 
 
-def words(error: Exception) -> str:
+def describe_error(error: Exception) -> str:
     """An error of somebody else's code in one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}".rstrip(": ")

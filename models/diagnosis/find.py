@@ -17,7 +17,7 @@ from dehyst.models.diagnosis.judge import SearchState, excess, tells_what_is_lat
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.search import search
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import small
 
 Progress = Callable[[str, float], None]
@@ -77,7 +77,7 @@ def _find_in_few_places(
     its own value, and takes all that the drive causes within a period. What comes late is reported
     over a compact base alone, and only where it takes by far the most of what this leaves: a loop
     of another class leaves less."""
-    within = [c for c in library(problem.data) if c.driven and not c.lasting]
+    within = [c for c in list_candidates(problem.data) if c.driven and not c.lasting]
     unseen = [c.key for c in within if not c.late]
     keys = [c.key for c in within]
     over_rich = _search(problem, sigma, null, say, (*forbidden, *keys))
@@ -187,7 +187,7 @@ def _least_left(problem: Problem, start: JointFit, sigma: float) -> float:
     through a recording is none of the stage's: so a line of the surroundings is copied."""
     shortest_s = float((np.bincount(problem.data.rec) * problem.data.period).min())
     look, left = Screen(problem, start), [excess(problem, start, sigma)]
-    for candidate in (c for c in library(problem.data) if c.key in FED):
+    for candidate in (c for c in list_candidates(problem.data) if c.key in FED):
         ranked = look.starts(candidate)
         if ranked and ranked[0][0] > 0:
             trial = tried(problem, sigma, start, candidate, ranked[0][1])

@@ -10,7 +10,6 @@ from dehyst.models.signals.joined import Bools, Floats
 
 FORMAT = 2
 DIGITS = 6
-VERDICTS = ("clean", "explained", "partly", "unknown")
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState, least_size
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.joined import Data
 
@@ -22,7 +22,7 @@ def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Can
     few = hardly_turns(data)
     return [
         c
-        for c in library(data)
+        for c in list_candidates(data)
         if c.key not in forbidden
         and not (strict and c.static)
         and (not few or can_be_distinguished(c, data))

@@ -19,7 +19,7 @@ from dehyst.models.identify.final import Fitted
 from dehyst.models.identify.fit import fit_shape, make_bounds
 from dehyst.models.identify.pull import predict_lot
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, pays
+from dehyst.models.identify.structure import TriedStructure, pays
 from dehyst.models.identify.thresholds import Prior
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Floats
@@ -52,7 +52,7 @@ def estimate_band(
     return Z95 * float(np.sqrt(max(power / count, spread**2, unseen, fitted.unreachable**2, 0.0)))
 
 
-def is_rival(best: Candidate, other: Candidate) -> bool:
+def is_rival(best: TriedStructure, other: TriedStructure) -> bool:
     """Do the recordings not decide between these two, of one kind?"""
     kind = (best.shape.rate, best.offset, best.lag, best.loose)
     if not other.invertible or other.superseded:
@@ -62,7 +62,7 @@ def is_rival(best: Candidate, other: Candidate) -> bool:
 
 
 def measure_spread(
-    setup: FitSetup, r: Floats, best: Candidate, rivals: Sequence[Candidate]
+    setup: FitSetup, r: Floats, best: TriedStructure, rivals: Sequence[TriedStructure]
 ) -> float:
     """Rms of what the farthest of these structures, on thresholds r, differs from the best on a
     drive of all kinds. Each is fitted anew to the recordings: the parameters that it was compared
@@ -81,7 +81,7 @@ def measure_spread(
     return float(np.sqrt(np.max(powers) / count))
 
 
-def _settle(setup: FitSetup, r: Floats, lots: list[Equations], one: Candidate) -> Params:
+def _settle(setup: FitSetup, r: Floats, lots: list[Equations], one: TriedStructure) -> Params:
     """Parameters of a structure at the minimum of its misfit within the bounds."""
     bounds = make_bounds(one.params, setup.limits, r, TUNING.narrow * setup.span * one.loose)
     prior = Prior(r, setup.slope, 0.5 * setup.span)

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from dehyst.models.identify.data.rows import RecordingRows, compute_rates
+from dehyst.models.identify.data.rows import Rows, compute_rates
 from dehyst.models.model import Block
 from dehyst.models.physics import KINDS
 from dehyst.models.recording import Bools, Floats
@@ -80,7 +80,7 @@ class Dynamics:
         lag they must not."""
         return self.kind in ("lead", "delay")
 
-    def before(self, rows: RecordingRows) -> RecordingRows:
+    def before(self, rows: Rows) -> Rows:
         """The rows with the drive as it reaches the hysteresis."""
         if self.place != "drive":
             return rows

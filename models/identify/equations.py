@@ -25,7 +25,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dehyst.models.hysteresis.play import play_step
-from dehyst.models.identify.data.rows import RecordingRows
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats
 
@@ -121,7 +121,7 @@ def _run_plays(
 
 
 def make_equations(
-    rows: Sequence[RecordingRows],
+    rows: Sequence[Rows],
     picks: Sequence[Bools],
     r: Floats,
     offsets: tuple[float, float],

@@ -13,7 +13,7 @@ import numpy as np
 
 from dehyst.models.identify.bounded import bounded_solve
 from dehyst.models.identify.equations import Shape
-from dehyst.models.identify.structure import Candidate, Trial, pays
+from dehyst.models.identify.structure import Trial, TriedStructure, pays
 from dehyst.models.identify.thresholds import Prior
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Floats
@@ -25,7 +25,7 @@ class ProbableStructure:
     logarithm, but for a constant that structures of one kind share; noise: power of the noise that
     it was computed with."""
 
-    candidate: Candidate
+    candidate: TriedStructure
     prior: Prior
     evidence: float
     noise: float

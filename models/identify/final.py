@@ -22,7 +22,7 @@ from dehyst.models.identify.evidence import maximise_evidence
 from dehyst.models.identify.fit import Solution, fit_shape, make_bounds, make_start
 from dehyst.models.identify.pull import find_share, make_pull, weigh_pull
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, Trial
+from dehyst.models.identify.structure import Trial, TriedStructure
 from dehyst.models.identify.thresholds import (
     Prior,
     at_one_rate,
@@ -48,7 +48,7 @@ class Fitted:
     shape: Shape
     params: Params
     free: Bools
-    scored: Candidate
+    scored: TriedStructure
     costly: bool
     unreachable: float
     equations: list[Equations]
@@ -58,10 +58,10 @@ class Fitted:
 
 def fit_all(
     setup: FitSetup,
-    best: Candidate,
+    best: TriedStructure,
     coarse: Floats,
     order: int | None,
-    tried: Sequence[Candidate] = (),
+    tried: Sequence[TriedStructure] = (),
 ) -> Fitted:
     """Fit the structure of a candidate, found on `coarse` thresholds, to all rows. tried: others,
     of which one with the second power of z may take its place.
@@ -79,10 +79,10 @@ def fit_all(
 
 def _fit(
     setup: FitSetup,
-    best: Candidate,
+    best: TriedStructure,
     coarse: Floats,
     order: int | None,
-    tried: Sequence[Candidate],
+    tried: Sequence[TriedStructure],
 ) -> Fitted | None:
     """None where the bounds cost, and the freedom after a turn would loosen them."""
     finest = TUNING.fine if order is None else max(TUNING.finest, order)
@@ -162,7 +162,9 @@ def _fit(
     )
 
 
-def find_bent(setup: FitSetup, best: Candidate, tried: Sequence[Candidate]) -> Shape | None:
+def find_bent(
+    setup: FitSetup, best: TriedStructure, tried: Sequence[TriedStructure]
+) -> Shape | None:
     """A structure with one power of z more, which the evidence is asked about; None: there is none.
 
     A sine or two tell a saturation and what the rate does nearly alike, so hold-out does not see

@@ -16,7 +16,7 @@ from dehyst.models.cascade.figures import describe
 from dehyst.models.errors import BadInput, BadRecording, NotInvertible
 from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
-from dehyst.models.identify.data.rows import RecordingRows, read_rows
+from dehyst.models.identify.data.rows import Rows, read_rows
 from dehyst.models.identify.data.stretches import take_stretches
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
@@ -38,7 +38,7 @@ from dehyst.models.identify.plausibility.recordings import (
 from dehyst.models.identify.search import Search
 from dehyst.models.identify.setup import FitSetup, set_up
 from dehyst.models.identify.start import start_agrees
-from dehyst.models.identify.structure import Candidate, choose_structure, list_shapes
+from dehyst.models.identify.structure import TriedStructure, choose_structure, list_shapes
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import (
     estimate_covariance,
@@ -116,7 +116,7 @@ def _identify(
     return replace(result, notes=(*result.notes, *said))
 
 
-def _leave_start(rows: Sequence[RecordingRows], options: Options) -> FitSetup:
+def _leave_start(rows: Sequence[Rows], options: Options) -> FitSetup:
     """The setting without the rows that depend on the start."""
     return set_up(rows, options.monotone, trust_start=False)
 
@@ -126,10 +126,10 @@ class _Found:
     """What the search ends with."""
 
     setup: FitSetup
-    best: Candidate
+    best: TriedStructure
     coarse: Floats
     fitted: Fitted
-    tried: list[Candidate]
+    tried: list[TriedStructure]
     notes: list[str]
 
     @property
@@ -176,7 +176,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         tried = search.run()
         best = search.choose(tried)
     require_following(setup, best.held_rms)
-    others: list[Candidate] = tried  # once a curve has turned over, none is tried again
+    others: list[TriedStructure] = tried  # once a curve has turned over, none is tried again
     while True:
         progress(f"fitting {best.shape.name} to all rows")
         fitted = fit_all(setup, best, search.r, options.order, others)
@@ -209,7 +209,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     return _Found(setup, best, search.r, fitted, tried, notes)
 
 
-def _is_one_loop(rows: Sequence[RecordingRows], span: float) -> bool:
+def _is_one_loop(rows: Sequence[Rows], span: float) -> bool:
     """Whether all recordings together repeat one loop at one rate."""
     known = [~np.isnan(one.u) for one in rows]
     return repeats_one_loop(
@@ -217,7 +217,7 @@ def _is_one_loop(rows: Sequence[RecordingRows], span: float) -> bool:
     )
 
 
-def _left(best: Candidate, fitted: Fitted, picks: Sequence[Bools]) -> float:
+def _left(best: TriedStructure, fitted: Fitted, picks: Sequence[Bools]) -> float:
     """Rms of what is left of these rows."""
     setup, shape = fitted.setup, fitted.shape
     errors = setup.residuals(fitted.r, shape, fitted.params, best.offset, best.lag)
@@ -348,7 +348,7 @@ def _has_drive(recording: Recording) -> bool:
     return bool(np.any(~recording.missing_drive))
 
 
-def _find_validity(setup: FitSetup, rows: Sequence[RecordingRows]) -> Validity:
+def _find_validity(setup: FitSetup, rows: Sequence[Rows]) -> Validity:
     slowest = []
     for one in rows:
         known = ~np.isnan(one.u)

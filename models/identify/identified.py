@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from dehyst.models.errors import BadInput
 from dehyst.models.identify.coupling import Coupled
 from dehyst.models.identify.equations import Params, Shape
-from dehyst.models.identify.structure import Candidate
+from dehyst.models.identify.structure import TriedStructure
 from dehyst.models.model import Model
 from dehyst.models.recording import Bools, Floats
 
@@ -60,7 +60,7 @@ class Identification:
     errors: Params
     rates: Floats
     at_bound: Bools
-    tried: tuple[Candidate, ...]
+    tried: tuple[TriedStructure, ...]
     orders: tuple[tuple[int, float], ...]
     noise_rms: float
     recordings: tuple[RecordingResidual, ...]

@@ -14,7 +14,7 @@ import numpy as np
 
 from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, Trial, pays, predicts_better, shows
+from dehyst.models.identify.structure import Trial, TriedStructure, pays, predicts_better, shows
 from dehyst.models.identify.thresholds import regrid, space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
@@ -29,7 +29,7 @@ class LagSearch:
     """Fits with one piece of linear dynamics for a structure that is given."""
 
     def __init__(
-        self, setup: FitSetup, picks: Sequence[Bools], r: Floats, candidate: Candidate
+        self, setup: FitSetup, picks: Sequence[Bools], r: Floats, candidate: TriedStructure
     ) -> None:
         self.setup, self.picks, self.r, self.candidate = setup, picks, r, candidate
         self.fine = space_thresholds(TUNING.lag_operators, setup.span)
@@ -43,7 +43,7 @@ class LagSearch:
         self.longest = min(longest, TUNING.longest_lag_s)
         self.period = float(np.median([one.period_s for one in setup.rows]))
 
-    def find(self) -> Candidate | None:
+    def find(self) -> TriedStructure | None:
         """What the recording needs; None: nothing.
 
         A part of a sample is reported by the fit alone; more must predict what it has not seen, and
@@ -69,7 +69,7 @@ class LagSearch:
                 found = best
         return found
 
-    def _helps(self, scored: Candidate, lag: Dynamics) -> bool:
+    def _helps(self, scored: TriedStructure, lag: Dynamics) -> bool:
         if not lag.delay_s > TUNING.jitters * self._measure_jitter(scored):
             return False
         if lag.delay_s > self.period:
@@ -80,7 +80,7 @@ class LagSearch:
         here, there = (self._trial(x, True).score(shape, lightest) for x in (None, lag))
         return shows(here, there)
 
-    def _measure_jitter(self, scored: Candidate) -> float:
+    def _measure_jitter(self, scored: TriedStructure) -> float:
         """How far readings lie from their times, as far as the fit tells [s]: the part of the
         error from row to row that grows with the speed (what a wrong structure leaves is smooth).
         Readings late by chance are late on average, too."""
@@ -97,12 +97,14 @@ class LagSearch:
         x = x - x.mean()
         return float(np.sqrt(max(0.0, float(x @ y) / max(float(x @ x), 1e-300))))
 
-    def _score(self, lag: Dynamics) -> Candidate:
+    def _score(self, lag: Dynamics) -> TriedStructure:
         """The structure with this lag, as it predicts."""
         trial, shape = self._trial(lag, False), self.candidate.shape
         return trial.score(shape, TUNING.strengths[::2])
 
-    def compare_sides(self, choose: Callable[[Dynamics], Candidate]) -> tuple[Candidate, bool]:
+    def compare_sides(
+        self, choose: Callable[[Dynamics], TriedStructure]
+    ) -> tuple[TriedStructure, bool]:
         """The chosen candidate's lag on the side that predicts better, each with the structure and
         the time constant that suit it; and whether it does so by more than chance.
 
@@ -125,7 +127,9 @@ class LagSearch:
         decided = drive.lag is not None and drive.lag.kind != "delay"
         return drive, decided and predicts_better(drive, sensor)
 
-    def _refine(self, lag: Dynamics, choose: Callable[[Dynamics], Candidate]) -> Candidate:
+    def _refine(
+        self, lag: Dynamics, choose: Callable[[Dynamics], TriedStructure]
+    ) -> TriedStructure:
         """The structure chosen anew beside a lag, and the lag sought anew with it, in turn: what
         was chosen without a lag stood in for it."""
         found = choose(lag)
@@ -133,7 +137,7 @@ class LagSearch:
             (before,) = lag.theta
             near = sorted({min(f * before, self.longest) for f in TUNING.lag_nearby})
 
-            def cost(tau: float, like: Dynamics = lag, about: Candidate = found) -> float:
+            def cost(tau: float, like: Dynamics = lag, about: TriedStructure = found) -> float:
                 return self._misfit(replace(like, theta=(tau,)), False, about)
 
             tau = _search(cost, near, 3)
@@ -148,7 +152,7 @@ class LagSearch:
         lag: Dynamics | None,
         fine: bool,
         split: bool = True,
-        about: Candidate | None = None,
+        about: TriedStructure | None = None,
     ) -> Trial:
         c = about or self.candidate
         r, params = self.begin[fine] if about is None else (self.r, c.params)
@@ -156,7 +160,9 @@ class LagSearch:
         trial.linearise(params, c.shape, c.shape.powers)
         return trial
 
-    def _misfit(self, lag: Dynamics | None, loose: bool, about: Candidate | None = None) -> float:
+    def _misfit(
+        self, lag: Dynamics | None, loose: bool, about: TriedStructure | None = None
+    ) -> float:
         """What is left with a lag. about: the structure and its parameters; None: the given."""
         c = about or self.candidate
         strength = TUNING.strengths[0] if loose else min(c.strength, TUNING.strengths[2])
@@ -183,7 +189,7 @@ class LagSearch:
         best = _search(lambda x: self._misfit(make(x), False), np.log(self._grid(LAGS)), 6, enough)
         return make(best) if best is not None else None
 
-    def _find_second(self, first: Dynamics, about: Candidate | None = None) -> Dynamics:
+    def _find_second(self, first: Dynamics, about: TriedStructure | None = None) -> Dynamics:
         def make(log_f: float, damping: float) -> Dynamics:
             return Dynamics("second", "sensor", (float(np.exp(log_f)), float(damping)))
 

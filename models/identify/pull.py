@@ -13,7 +13,7 @@ import numpy as np
 
 from dehyst.models.identify.bounded import bounded_solve
 from dehyst.models.identify.data.comparison_drive import make_comparison_drive
-from dehyst.models.identify.data.rows import RecordingRows
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.equations import Equations, Normal, Params, Shape
 from dehyst.models.identify.fit import Bounds
 from dehyst.models.identify.setup import FitSetup
@@ -21,9 +21,7 @@ from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Floats
 
 
-def make_pull(
-    setup: FitSetup, r: Floats, shape: Shape, offset: float, params: Params
-) -> RecordingRows:
+def make_pull(setup: FitSetup, r: Floats, shape: Shape, offset: float, params: Params) -> Rows:
     """The comparison drive with the displacements that these parameters give for it."""
     rate_max = setup.rate_max if shape.rate else 0.0
     rows = make_comparison_drive(setup.drive_min, setup.drive_max, rate_max)
@@ -52,7 +50,7 @@ def predict_lot(lot: Equations, shape: Shape, params: Params) -> Floats:
 
 
 def weigh_pull(
-    setup: FitSetup, pull: RecordingRows, r: Floats, offset: float, rate: bool, weight: float
+    setup: FitSetup, pull: Rows, r: Floats, offset: float, rate: bool, weight: float
 ) -> list[Equations]:
     """Equations of the pull, each of which counts so often."""
     alone = replace(setup, rows=[pull], picks=[pull.use])

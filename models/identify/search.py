@@ -13,7 +13,7 @@ from dehyst.models.identify.evidence import ProbableStructure, maximise_evidence
 from dehyst.models.identify.fit import make_start
 from dehyst.models.identify.lags import LagSearch
 from dehyst.models.identify.setup import FitSetup
-from dehyst.models.identify.structure import Candidate, Trial, choose_structure, pays, shows
+from dehyst.models.identify.structure import Trial, TriedStructure, choose_structure, pays, shows
 from dehyst.models.identify.thresholds import space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import estimate_noise
@@ -36,9 +36,9 @@ class Search:
         self.picks: list[Bools] = thin(setup.picks, TUNING.rows_compared)
         self.untold: list[Dynamics] = []  # lags of the drive that may as well be the sensor's
 
-    def run(self) -> list[Candidate]:
+    def run(self) -> list[TriedStructure]:
         """All candidates, the simple ones first."""
-        tried: list[Candidate] = []
+        tried: list[TriedStructure] = []
         for number, offset in enumerate(self.setup.offsets):
             shapes = self.wanted
             if number and offset != self.setup.running:  # a static model is the same about any
@@ -56,13 +56,13 @@ class Search:
         offset: float,
         lag: Dynamics | None,
         loose: bool | None = None,
-    ) -> list[Candidate]:
+    ) -> list[TriedStructure]:
         """Every one of the shapes, linearised about the straight fit and then about the best."""
         if not shapes:
             return []
         shapes = [replace(s, free_offset=s.rate and self.setup.is_free(offset)) for s in shapes]
         trial = Trial(self.setup, self.picks, self.r, offset, lag, loose)
-        out: list[Candidate] = []
+        out: list[TriedStructure] = []
         for rate in sorted({s.rate for s in shapes}):
             same = [s for s in shapes if s.rate == rate]
             powers = tuple(sorted({p for s in same for p in s.powers}))
@@ -71,7 +71,7 @@ class Search:
             trial.linearise(start, flat, powers)
             straight = trial.score(flat, (1.0,))
             trial.linearise(straight.params, flat, powers)
-            found: list[Candidate] = []
+            found: list[TriedStructure] = []
             for turn in range(2):
                 for shape in same:
                     self.progress(f"trying: {shape.name}")
@@ -84,25 +84,25 @@ class Search:
             out += found
         return out
 
-    def _bests(self, tried: Sequence[Candidate]) -> list[Candidate]:
+    def _bests(self, tried: Sequence[TriedStructure]) -> list[TriedStructure]:
         """The chosen static and the chosen rate-dependent one."""
         groups = [[c for c in tried if c.shape.rate == rate] for rate in (False, True)]
         return [choose_structure(group) for group in groups if group]
 
-    def choose(self, tried: Sequence[Candidate]) -> Candidate:
+    def choose(self, tried: Sequence[TriedStructure]) -> TriedStructure:
         """The structure to take: rate-dependence only where it predicts ways of the drive that it
         has not seen, as a rate and a place on one loop go together."""
         bests = self._bests(tried)
         best = bests[0] if len(bests) == 1 else self._choose_rate(*bests)
         return self._drop_constant(self._choose_side(best))
 
-    def _choose_side(self, best: Candidate) -> Candidate:
+    def _choose_side(self, best: TriedStructure) -> TriedStructure:
         """The same with its lag on the side that predicts better."""
         if best.lag is None or best.lag.kind == "lead":
             return best
         same = [s for s in self.wanted if s.rate == best.shape.rate]
 
-        def choose(lag: Dynamics) -> Candidate:
+        def choose(lag: Dynamics) -> TriedStructure:
             return choose_structure(self._try(same, best.offset, lag))
 
         sought = LagSearch(self.setup, self.picks, self.r, best)
@@ -111,7 +111,7 @@ class Search:
             self.untold.append(best.lag)
         return best
 
-    def _choose_rate(self, static: Candidate, rate: Candidate) -> Candidate:
+    def _choose_rate(self, static: TriedStructure, rate: TriedStructure) -> TriedStructure:
         if rate.held.sum() < TUNING.clear_rate * static.held.sum():
             return rate
         if not pays(static, rate):
@@ -128,14 +128,14 @@ class Search:
         enough = enough or beyond < TUNING.clear_beyond
         return rate if enough and self._is_no_place(static, rate) else static
 
-    def _is_no_place(self, static: Candidate, rate: Candidate) -> bool:
+    def _is_no_place(self, static: TriedStructure, rate: TriedStructure) -> bool:
         """Whether the rate predicts more than as many unknowns of a static stage, whose slopes
         depend on the place; it need not where it takes most of what is left without it."""
         if rate.held.sum() < TUNING.clear * static.held.sum():
             return True
         return pays(self._score_rival(static), rate)
 
-    def _score_rival(self, static: Candidate) -> Candidate:
+    def _score_rival(self, static: TriedStructure) -> TriedStructure:
         """The static structure with slopes that depend on the place."""
         shape = replace(static.shape, rate=True)
         both = static.params._replace(slopes=np.tile(static.params.slopes, 2))
@@ -143,12 +143,12 @@ class Search:
         trial.linearise(both, shape, shape.powers)
         return trial.score(shape, self.setup.strengths[::2])
 
-    def _measure_noise(self, found: Candidate) -> float:
+    def _measure_noise(self, found: TriedStructure) -> float:
         """Power of the noise in what this leaves."""
         errors = self.setup.residuals(self.r, found.shape, found.params, found.offset, found.lag)
         return float(np.nanmedian([estimate_noise(e) for e in errors])) ** 2
 
-    def _drop_constant(self, best: Candidate) -> Candidate:
+    def _drop_constant(self, best: TriedStructure) -> TriedStructure:
         """The same without a constant where a de-energised stage shows none (Eq. 3 has none): what
         is not there is not estimated."""
         if not self.setup.virgin or 0 not in best.shape.powers:
@@ -165,9 +165,9 @@ class Search:
             without = rest if loose == best.loose else without
         return without
 
-    def _find_lags(self, tried: Sequence[Candidate]) -> list[Candidate]:
+    def _find_lags(self, tried: Sequence[TriedStructure]) -> list[TriedStructure]:
         """Candidates with linear dynamics, where the rate alone has something to say."""
-        out: list[Candidate] = []
+        out: list[TriedStructure] = []
         least = min(c.held_rms for c in tried)
         for best in self._bests(tried):
             if self.setup.rate_max <= 0.0:
@@ -185,7 +185,7 @@ class Search:
                 out += self._try(same, best.offset, found.lag, loose)
         return out
 
-    def _try_derivative(self, best: Candidate) -> list[Candidate]:
+    def _try_derivative(self, best: TriedStructure) -> list[TriedStructure]:
         """Candidates whose rate is the derivative at the sample, as a stage in continuous time has
         it, and not the difference to the sample before; none where one tells the recording clearly
         worse.
@@ -205,7 +205,7 @@ class Search:
         at_sample = [self._weigh(c, before.noise) for c in found if c.shape in shapes]
         return found if max(w.evidence for w in at_sample) > before.evidence else []
 
-    def _weigh(self, found: Candidate, noise: float | None = None) -> ProbableStructure:
+    def _weigh(self, found: TriedStructure, noise: float | None = None) -> ProbableStructure:
         """The evidence for a candidate, linearised about itself."""
         trial = Trial(self.setup, self.picks, self.r, found.offset, found.lag, found.loose)
         trial.linearise(found.params, found.shape, found.shape.powers)
@@ -213,7 +213,7 @@ class Search:
         return maximise_evidence(trial, found.shape, noise)
 
 
-def _compare_beyond(noise: float, static: Candidate, rate: Candidate) -> float:
+def _compare_beyond(noise: float, static: TriedStructure, rate: TriedStructure) -> float:
     """Share of what the static one leaves beyond noise of this power, that the other leaves."""
     here, there = (float(c.held.sum() - noise * c.sizes.sum()) for c in (rate, static))
     return max(here, 0.0) / there if there > 0.0 else 1.0

@@ -17,7 +17,7 @@ from dehyst.models.hysteresis.z_range import find_least_slope, find_rates
 from dehyst.models.identify.data.folds import assign_pieces
 from dehyst.models.identify.data.outliers import measure_deviation, measure_jumps, sample, thin
 from dehyst.models.identify.data.rows import (
-    RecordingRows,
+    Rows,
     find_acceleration,
     find_drive_range,
     find_rate_range,
@@ -44,7 +44,7 @@ class FitSetup:
     the longest sampling period; by_turns: after a turn a slope is bounded up to the rate that the
     drive can have there, and not up to the largest rate of all."""
 
-    rows: Sequence[RecordingRows]
+    rows: Sequence[Rows]
     picks: Sequence[Bools]
     drive_min: float
     drive_max: float
@@ -241,7 +241,7 @@ class FitSetup:
         return (replace(self, picks=picks), count) if count else (self, 0)
 
 
-def set_up(rows: Sequence[RecordingRows], monotone: bool, trust_start: bool = True) -> FitSetup:
+def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> FitSetup:
     """The setting that some recordings make.
 
     trust_start: a start that looks de-energised is taken as such; False, or where it does not:
@@ -303,7 +303,7 @@ def set_up(rows: Sequence[RecordingRows], monotone: bool, trust_start: bool = Tr
     )
 
 
-def _memory_is_known(one: RecordingRows, virgin: bool) -> Bools:
+def _memory_is_known(one: Rows, virgin: bool) -> Bools:
     """(N,) rows that do not depend on an unknown memory. virgin: the start is known; behind a long
     gap, where the drive may have been anywhere, nothing is."""
     first_gap = int(one.resets[1]) if one.resets.size > 1 else one.u.size

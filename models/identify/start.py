@@ -18,7 +18,7 @@ import numpy as np
 
 from dehyst.models.identify.bounded import bounded_solve
 from dehyst.models.identify.data.outliers import thin
-from dehyst.models.identify.data.rows import RecordingRows
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.equations import Equations, Normal, Params, Shape, linearise
 from dehyst.models.identify.fit import make_bounds, make_start
 from dehyst.models.identify.setup import FitSetup
@@ -108,7 +108,7 @@ class _StartFit:
         return Params.unpacked(p[: p.size - more], about), normal.misfit_at(p)
 
 
-def _cut(one: RecordingRows, size: int) -> RecordingRows:
+def _cut(one: Rows, size: int) -> Rows:
     """The first rows of a recording."""
     if one.u.size <= size:
         return one
@@ -117,7 +117,7 @@ def _cut(one: RecordingRows, size: int) -> RecordingRows:
     return replace(one, resets=one.resets[one.resets < size], **parts)
 
 
-def _describe_time(one: RecordingRows) -> Floats:
+def _describe_time(one: Rows) -> Floats:
     """(N, columns) what a lag, creep and a slow drift could add, in units of the drive; 0 where
     the drive is unknown."""
     known = np.flatnonzero(~np.isnan(one.u))

@@ -50,7 +50,7 @@ def list_shapes(rate: bool | None, saturation: int | None, bias: bool | None) ->
 
 
 @dataclass(frozen=True)
-class Candidate:
+class TriedStructure:
     """One structure tried. held: (pieces,) misfit of each stretch predicted without it, over sizes:
     (pieces,) its rows; fitted: the same fitted to all;
     strength: of the prior; params: fitted to all stretches; lag: linear dynamics; loose: narrow
@@ -81,7 +81,7 @@ class Candidate:
         return base + 2 * (self.lag is not None)
 
 
-def pays(simple: Candidate, rich: Candidate, clear: float = TUNING.clear) -> bool:
+def pays(simple: TriedStructure, rich: TriedStructure, clear: float = TUNING.clear) -> bool:
     """Does the richer one predict better, by more than chance over the stretches? clear: the share
     of the misfit below which chance is not asked."""
     if rich.held.sum() > simple.held.sum() * (1.0 - TUNING.tolerance):
@@ -91,7 +91,7 @@ def pays(simple: Candidate, rich: Candidate, clear: float = TUNING.clear) -> boo
     return predicts_better(rich, simple)
 
 
-def predicts_better(one: Candidate, other: Candidate) -> bool:
+def predicts_better(one: TriedStructure, other: TriedStructure) -> bool:
     """Does this one predict better than the other by more than chance over the stretches?"""
     used = (other.sizes > 0) & (other.held > 0.0) & (one.held > 0.0)
     if not used.any():
@@ -101,7 +101,7 @@ def predicts_better(one: Candidate, other: Candidate) -> bool:
     return _is_sure(share) or (_is_sure(power) and float(np.median(share)) > 0.0)
 
 
-def shows(simple: Candidate, rich: Candidate, least: float = TUNING.worth_trying) -> bool:
+def shows(simple: TriedStructure, rich: TriedStructure, least: float = TUNING.worth_trying) -> bool:
     """Does the richer one, of few unknowns more, fit better by more than chance over the pieces?
     least: share of the misfit that it must take away."""
     gain = simple.fitted - rich.fitted
@@ -116,20 +116,20 @@ def _is_sure(gain: Floats) -> bool:
     return float(np.mean(gain)) > TUNING.sure * error
 
 
-def _extends(simple: Candidate, rich: Candidate) -> bool:
+def _extends(simple: TriedStructure, rich: TriedStructure) -> bool:
     """Has the richer one all powers of the other, and do the further ones show?"""
     nested = set(simple.shape.powers) <= set(rich.shape.powers)
     return nested and shows(simple, rich, TUNING.climb)
 
 
-def choose_structure(tried: Sequence[Candidate]) -> Candidate:
+def choose_structure(tried: Sequence[TriedStructure]) -> TriedStructure:
     """The simplest candidate that can be inverted against which no richer one pays.
 
     Of one kind (rate, offset, lag) first, where they differ in a few powers of z: there what shows
     in the fit counts as well, unless held-out stretches speak against it. Then of the kinds.
     """
     known = [c for c in tried if c.invertible and not c.superseded] or list(tried[:1])
-    kinds: dict[tuple[bool, float, Dynamics | None, bool], list[Candidate]] = {}
+    kinds: dict[tuple[bool, float, Dynamics | None, bool], list[TriedStructure]] = {}
     for c in known:
         kinds.setdefault((c.shape.rate, c.offset, c.lag, c.loose), []).append(c)
     firsts = [_climb(sorted(group, key=lambda c: c.size)) for group in kinds.values()]
@@ -138,7 +138,7 @@ def choose_structure(tried: Sequence[Candidate]) -> Candidate:
     return min(good, key=lambda c: (c.size, c.held_rms))
 
 
-def _climb(group: Sequence[Candidate]) -> Candidate:
+def _climb(group: Sequence[TriedStructure]) -> TriedStructure:
     """From the simplest to richer ones, as long as one pays, or shows with powers beside these."""
     now = group[0]
     while True:
@@ -196,7 +196,7 @@ class Trial:
         shape: Shape,
         strengths: Sequence[float],
         judged: Sequence[Normal] | None = None,
-    ) -> Candidate:
+    ) -> TriedStructure:
         """A structure by what it predicts, at the best of these strengths of the prior.
 
         judged: normal equations of what is to be predicted of each stretch; None: all of it.
@@ -229,7 +229,7 @@ class Trial:
         sizes = np.array([float(goal.count) for goal in goals])
         whole_p[at] = best[2]
         fitted = np.array([goal.misfit_at(whole_p) for goal in goals])
-        return Candidate(
+        return TriedStructure(
             shape,
             self.offset,
             best[1],
@@ -248,7 +248,7 @@ class Trial:
         narrow = TUNING.narrow * self.setup.span if self.loose else 0.0
         return make_bounds(like, self.setup.limits, self.r, narrow)
 
-    def refine(self, found: Candidate) -> Params:
+    def refine(self, found: TriedStructure) -> Params:
         """The candidate's parameters after a few more steps, about themselves."""
         bounds = make_bounds(
             found.params, self.setup.limits, self.r, TUNING.narrow * self.setup.span * self.loose

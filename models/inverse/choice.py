@@ -64,7 +64,7 @@ def choose_mode(
     return ModeChoice(mode, f"asked for; {why}", planned)
 
 
-def check(
+def check_inverse_settings(
     period_s: float, low: float, high: float, slew_per_s: float, mode: str, preview_s: float
 ) -> None:
     if not 0 < period_s < math.inf:

@@ -29,7 +29,7 @@ from dehyst.models.hysteresis.play import play_step
 from dehyst.models.inverse import lookahead, preview, sample
 from dehyst.models.inverse.choice import (
     MODES,
-    check,
+    check_inverse_settings,
     choose_mode,
     limits_of,
     noise_of,
@@ -126,7 +126,7 @@ class Compensator:
         mode: str = "auto",
         preview_s: float = 0.1,
     ) -> None:
-        check(period_s, drive_min, drive_max, slew_per_s, mode, preview_s)
+        check_inverse_settings(period_s, drive_min, drive_max, slew_per_s, mode, preview_s)
         self.model, self.period_s = model, period_s
         self._packed = pack(with_delays_behind(model), period_s, TUNING.node_s)
         self.channels = self._packed.channels

@@ -90,7 +90,7 @@ def _rest(inv: Inverse) -> float:
 
 
 @njit(cache=True, nogil=True)
-def step(inv: Inverse, window: Floats, n_valid: int) -> None:
+def propose_drive(inv: Inverse, window: Floats, n_valid: int) -> None:
     """Propose a drive: fills `inv.result`. window: targets from the present sample on, of which
     n_valid count."""
     setting, state, limits = inv.setting[0], inv.state[0], inv.static.limits[0]
@@ -158,8 +158,8 @@ def applied(inv: Inverse, u: float, stepped: bool) -> None:
 
 @njit(cache=True, nogil=True)
 def step_at(address: int, window: Floats, n_valid: int) -> None:
-    """`step` for Python: the tuple by the address of its table."""
-    step(inverse_at(address), window, n_valid)
+    """`propose_drive` for Python: the tuple by the address of its table."""
+    propose_drive(inverse_at(address), window, n_valid)
 
 
 @njit(cache=True, nogil=True)

@@ -287,7 +287,7 @@ def _take_short(plant: Plant, state: MonitorState, e: float, at: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def run(
+def watch_sample(
     plant: Plant, state: MonitorState, drive: Floats, predicted: Floats, measured: Floats
 ) -> int:
     """Samples until the sums of one second are complete, or the batch ends; how many were taken.

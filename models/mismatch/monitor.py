@@ -170,7 +170,7 @@ class MismatchMonitor:
         measured = np.where(good, measured - correction, np.nan)
         judged = False
         while drive.size:
-            taken = kernel.run(self._plant, self._state, drive, predicted, measured)
+            taken = kernel.watch_sample(self._plant, self._state, drive, predicted, measured)
             drive, predicted, measured = drive[taken:], predicted[taken:], measured[taken:]
             if self._state.now[0]["second_s"] >= 1.0:
                 self._judge()

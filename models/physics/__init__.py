@@ -11,7 +11,7 @@ from dehyst.models.physics.registry import (
     PLACES,
     changes_alone,
     check_block,
-    library,
+    list_candidates,
 )
 from dehyst.models.physics.shape import DriveScale, bent_loops, curved_plays
 
@@ -26,5 +26,5 @@ __all__ = [
     "changes_alone",
     "check_block",
     "curved_plays",
-    "library",
+    "list_candidates",
 ]

@@ -21,7 +21,7 @@ from numba.extending import intrinsic
 from dehyst.models.addresses import pointer, record
 from dehyst.models.model import Floats
 
-__all__ = ("Kernel", "behind", "call_at", "fields", "numbers", "record", "run")
+__all__ = ("Kernel", "behind", "call_at", "call_kernel", "fields", "numbers", "record")
 
 _WORD, _NUMBER = types.int64, types.float64
 SIGNATURE = _NUMBER(*[_WORD] * 4, *[_NUMBER] * 4)
@@ -87,7 +87,9 @@ def _once(kernel: int, p: Floats, s: Floats, x: float, t: float, dt: float, ch: 
 
 
 @njit(cache=True, nogil=True)
-def run(kernel: int, p: Floats, s: Floats, x: Floats, t: Floats, ch: Floats, y: Floats) -> None:
+def call_kernel(
+    kernel: int, p: Floats, s: Floats, x: Floats, t: Floats, ch: Floats, y: Floats
+) -> None:
     """The whole record through one kernel: y (N,) for x (N,) at times t (N,); ch (N,), or (0,)
     where no channel is read."""
     words = (p.ctypes.data, p.size, s.ctypes.data, s.size)

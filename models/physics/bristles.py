@@ -24,7 +24,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Context, Parameter, small
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import Kind, Param, Subtracted, named
+from dehyst.models.physics.kind import Kind, Param, Subtracted, head_record
 from dehyst.models.signals.joined import Bools, Data, Floats
 
 PACKED = fields("length", "stribeck", "excess", "sliding", "gain", "viscous")
@@ -62,8 +62,8 @@ def step(
 
 
 def _start(p: Floats, s: Floats, x: float) -> None:
-    state = named(s, STATE)
-    state["x"], state["z"] = named(p, PACKED)["gain"] * x, 0.0
+    state = head_record(s, STATE)
+    state["x"], state["z"] = head_record(p, PACKED)["gain"] * x, 0.0
 
 
 KIND = Kind(

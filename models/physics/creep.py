@@ -21,7 +21,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, behind, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe, Sighting
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import SAME, Kind, Param, Solved, Values, named
+from dehyst.models.physics.kind import SAME, Kind, Param, Solved, Values, head_record
 from dehyst.models.signals.filters import lag_step, relaxed
 from dehyst.models.signals.held import longest_hold
 from dehyst.models.signals.joined import Data, Floats
@@ -114,7 +114,7 @@ def _pack(values: Values, dt: float) -> Floats:
 
 
 def _start(p: Floats, s: Floats, x: float) -> None:
-    state = named(s, STATE)
+    state = head_record(s, STATE)
     state["x"], state["dt"] = x, 0.0
     s[HEAD : p.size] = x
 

@@ -17,7 +17,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, behind, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import Kind, Led, Param, Shifted, named
+from dehyst.models.physics.kind import Kind, Led, Param, Shifted, head_record
 from dehyst.models.signals.filters import delayed
 from dehyst.models.signals.joined import Data, Floats
 
@@ -73,7 +73,7 @@ def step(
 
 def _start(p: Floats, s: Floats, x: float) -> None:
     s[:] = 0.0
-    named(s, STATE)["newest"] = -1.0
+    head_record(s, STATE)["newest"] = -1.0
 
 
 KIND = Kind(
@@ -107,7 +107,7 @@ def step_lead(
 
 
 def _start_lead(p: Floats, s: Floats, x: float) -> None:
-    named(s, LEAD_STATE)["x"] = x
+    head_record(s, LEAD_STATE)["x"] = x
 
 
 LEAD = Kind(

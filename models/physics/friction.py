@@ -21,7 +21,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Context, Parameter, small
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import Kind, Param, Solved, Values, named
+from dehyst.models.physics.kind import Kind, Param, Solved, Values, head_record
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
 
@@ -103,7 +103,7 @@ def solve(
 
 
 def _start(p: Floats, s: Floats, x: float) -> None:
-    state = named(s, STATE)
+    state = head_record(s, STATE)
     state["x"], state["z"] = x, 0.0
 
 

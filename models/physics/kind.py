@@ -15,7 +15,7 @@ import numpy as np
 
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Block, Floats
-from dehyst.models.physics.address import Kernel, fields, run
+from dehyst.models.physics.address import Kernel, call_kernel, fields
 
 UNITS = ("v", "um", "nm", "counts", "mrad", "urad")
 SAME = 1e-9  # sampling intervals that differ by less than this part count as equal
@@ -112,7 +112,7 @@ def forgotten(p: Floats, s: Floats, x: float) -> None:
     s[:] = 0.0
 
 
-def named(numbers: Floats, dtype: np.dtype[Any]) -> Any:
+def head_record(numbers: Floats, dtype: np.dtype[Any]) -> Any:
     """The head of a flat array as a record, to read and write by name."""
     return numbers[: len(dtype.names or ())].view(dtype)[0]
 
@@ -218,7 +218,7 @@ class Kind:
         s = np.zeros(size)
         self.start(p, s, float(x[0]))
         ch = np.zeros(0) if channel is None else np.ascontiguousarray(channel, np.float64)
-        run(self.step.address, p, s, x, t_s, ch, y)
+        call_kernel(self.step.address, p, s, x, t_s, ch, y)
         return y
 
 

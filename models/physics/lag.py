@@ -14,7 +14,7 @@ from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.delay import ahead, lead_before
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import SAME, Kind, Led, Param, named
+from dehyst.models.physics.kind import SAME, Kind, Led, Param, head_record
 from dehyst.models.signals.filters import lag_step, lowpass, second_order
 from dehyst.models.signals.joined import Data, Floats
 
@@ -39,7 +39,7 @@ def step(
 
 
 def _start(p: Floats, s: Floats, x: float) -> None:
-    state = named(s, STATE)
+    state = head_record(s, STATE)
     state["y"] = state["x"] = x
 
 

@@ -18,7 +18,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, behind, fields, record
 from dehyst.models.physics.candidate import Candidate, Context, Parameter
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import Kind, Param, Subtracted, Values, named
+from dehyst.models.physics.kind import Kind, Param, Subtracted, Values, head_record
 from dehyst.models.signals.joined import Bools, Data, Floats
 
 PACKED = fields("center", "scale", "power", "dilation", "tau")  # behind: r / scale, g, k of n
@@ -29,7 +29,7 @@ HEAD_P, HEAD_S = 5, 3
 
 
 @njit(cache=True, nogil=True)
-def play(h: float, v: float, r: float) -> float:
+def play_operator(h: float, v: float, r: float) -> float:
     """A play of half width r, last at h, at the drive v."""
     return max(v - r, min(v + r, h))
 
@@ -52,8 +52,8 @@ def step(
     more = p.dilation * s.speed**p.power
     y = 0.0
     for i in range(n):
-        h[i] = play(h[i], v, rows[i])
-        h[n + i] = play(h[n + i], v, rows[i] + more)
+        h[i] = play_operator(h[i], v, rows[i])
+        h[n + i] = play_operator(h[n + i], v, rows[i] + more)
         y += rows[n + i] * (h[n + i] - h[i]) + rows[2 * n + i] * s.rate * h[i]
     return y
 
@@ -67,8 +67,8 @@ def _pack(values: Values, dt: float) -> Floats:
 
 def _start(p: Floats, s: Floats, x: float) -> None:
     s[:] = 0.0
-    packed = named(p, PACKED)
-    named(s, STATE)["before"] = (x - packed["center"]) / packed["scale"]
+    packed = head_record(p, PACKED)
+    head_record(s, STATE)["before"] = (x - packed["center"]) / packed["scale"]
 
 
 def _check(values: Values) -> str:
@@ -205,8 +205,8 @@ def _columns(
             speed = keep * speed + (1.0 - keep) * abs(rate)
         more = dilation * speed**power
         for i in range(n):
-            h[i] = play(h[i], v[t], r[i])
-            wider[i] = play(wider[i], v[t], r[i] + more)
+            h[i] = play_operator(h[i], v[t], r[i])
+            wider[i] = play_operator(wider[i], v[t], r[i] + more)
             out[t, i] = wider[i] - h[i]
             out[t, n + i] = slope * h[i]
     return out

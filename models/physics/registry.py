@@ -38,7 +38,7 @@ PHYSICS: dict[str, Physics] = _found()  # by file
 KINDS: dict[str, Kind] = {kind.name: kind for one in PHYSICS.values() for kind in one.kinds}
 
 
-def library(data: Data) -> list[Candidate]:
+def list_candidates(data: Data) -> list[Candidate]:
     """Every candidate that these recordings allow, in the order of their place in the cascade."""
     found = [c for one in PHYSICS.values() for c in one.candidates(data)]
     return sorted(found, key=lambda c: c.order)

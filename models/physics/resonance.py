@@ -16,7 +16,7 @@ from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.delay import ahead, lead_before
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import SAME, STATES, Kind, Led, Param, named
+from dehyst.models.physics.kind import SAME, STATES, Kind, Led, Param, head_record
 from dehyst.models.signals.filters import free_decay, second_order, swing
 from dehyst.models.signals.joined import Data, Floats
 from dehyst.models.signals.peaks import peaks
@@ -101,7 +101,7 @@ def _is_solved(p: Floats, dt: float) -> bool:
 
 
 def _start(p: Floats, s: Floats, x: float) -> None:
-    state = named(s, STATE)
+    state = head_record(s, STATE)
     state["q"] = state["x"] = x
 
 

@@ -19,7 +19,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Context, Parameter
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import Kind, Param, Solved, named
+from dehyst.models.physics.kind import Kind, Param, Solved, head_record
 from dehyst.models.signals.joined import Bools, Data, Floats
 
 PACKED = fields("gain", "tau")
@@ -63,7 +63,7 @@ def solve(
 
 
 def _start(p: Floats, s: Floats, x: float) -> None:
-    state = named(s, STATE)
+    state = head_record(s, STATE)
     state["x"], state["level"], state["heat"] = x, x, 0.0
 
 

@@ -19,7 +19,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, numbers, record
 from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe, small
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import Kind, Never, Param, Solved, Values, named
+from dehyst.models.physics.kind import Kind, Never, Param, Solved, Values, head_record
 from dehyst.models.signals.joined import Data, Floats
 
 GUESS = fields("input")  # where the inverse begins; NaN: at the output itself
@@ -74,7 +74,7 @@ def step_ripple(
 
 
 def _start(p: Floats, s: Floats, x: float) -> None:
-    named(s, GUESS)["input"] = math.nan
+    head_record(s, GUESS)["input"] = math.nan
 
 
 def _check(values: Values) -> str:
@@ -110,7 +110,7 @@ KINDS = (
 )
 
 
-class Sensor(Candidate):
+class NonlinearSensor(Candidate):
     """y = x + a sin(2 pi x / p) + b (cos(2 pi x / p) - 1)."""
 
     name = key = "sensor"
@@ -192,7 +192,7 @@ def _variants(s: Scales) -> list[Block]:
 PHYSICS = Physics(
     name="sensor",
     kinds=KINDS,
-    candidates=lambda data: [Sensor(data)],
+    candidates=lambda data: [NonlinearSensor(data)],
     specimens={
         "sensor": Specimen(
             _variants,

@@ -24,7 +24,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, behind, fields, numbers, record
 from dehyst.models.physics.candidate import Candidate, Context, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import Kind, Param, Subtracted, Values, named
+from dehyst.models.physics.kind import Kind, Param, Subtracted, Values, head_record
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
 
@@ -113,8 +113,8 @@ def _checked(lengths: str) -> Callable[[Values], str]:
 
 def _start_memory(p: Floats, s: Floats, x: float) -> None:
     s[:] = 0.0
-    packed = named(p, MEMORY)
-    named(s, MEMORY_STATE)["before"] = (x - packed["center"]) / packed["scale"]
+    packed = head_record(p, MEMORY)
+    head_record(s, MEMORY_STATE)["before"] = (x - packed["center"]) / packed["scale"]
 
 
 def _weights(name: str, meaning: str, default: tuple[float, ...] | None = None) -> Param:

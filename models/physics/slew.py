@@ -9,7 +9,7 @@ from dehyst.models.model import Block
 from dehyst.models.physics.address import Kernel, fields, record
 from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
-from dehyst.models.physics.kind import Kind, Limited, Param, named
+from dehyst.models.physics.kind import Kind, Limited, Param, head_record
 from dehyst.models.signals.filters import slew
 from dehyst.models.signals.joined import Bools, Data, Floats
 
@@ -29,7 +29,7 @@ def step(
 
 
 def _start(p: Floats, s: Floats, x: float) -> None:
-    named(s, STATE)["y"] = x
+    head_record(s, STATE)["y"] = x
 
 
 KIND = Kind(

@@ -151,3 +151,25 @@ def test_folders_can_be_looked_through() -> None:
             folders[name_of(path.parent)] = folders.get(name_of(path.parent), 0) + 1
     crowded = {f: n for f, n in folders.items() if n > MOST_FILES and f not in LARGE_BY_NATURE}
     assert not crowded
+
+
+# files of one kind, and the names by which each of them does its part
+FACES = {
+    "daemon/commands/*.py": {"configure", "run"},
+    "models/physics/*.py": {"solve", "step"},
+    "drivers/*/direct_calls.py": {"actuator", "sensor", "read", "write"},
+    "drivers/*/channel.py": {"Channel", "fault_of", "vendor"},
+    "daemon/api/*.py": {"diagnose", "identify", "load_model", "simulate", "validate"},
+}
+
+
+def test_each_public_name_has_one_meaning() -> None:
+    """A class or function whose name two files define, faces aside, misleads who reads the name."""
+    homes: dict[str, set[str]] = {}
+    for path in FILES:
+        faces = {"main", "Tuning"}.union(*(names for at, names in FACES.items() if path.match(at)))
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            named = isinstance(node, ast.FunctionDef | ast.ClassDef) and not private(node.name)
+            if named and node.name not in faces:
+                homes.setdefault(node.name, set()).add(name_of(path))
+    assert {name: files for name, files in homes.items() if len(files) > 1} == {}

@@ -118,7 +118,7 @@ def _run(address, target, wide, known, drive):  # type: ignore[no-untyped-def]
     """What the daemon's loop does, without the daemon: propose, apply."""
     inverse = inverse_at(address)
     for i in range(target.size):
-        sample.step(inverse, target[i : i + wide], known[i])
+        sample.propose_drive(inverse, target[i : i + wide], known[i])
         drive[i] = inverse.result[0].drive
         sample.applied(inverse, drive[i], True)
 

@@ -289,11 +289,11 @@ def fill(
         layout.start_s,
         where=lambda row: where(places[row]) if row < len(places) else f"row {row + 1}",
     )
-    tell(found, layout, texts)
+    note_form(found, layout, texts)
     return found
 
 
-def tell(found: Sheet, layout: GridLayout, texts: int) -> None:
+def note_form(found: Sheet, layout: GridLayout, texts: int) -> None:
     """What else was understood of the form."""
     if layout.notes:
         lines = "1 line" if len(layout.notes) == 1 else f"{len(layout.notes)} lines"

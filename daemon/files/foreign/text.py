@@ -12,7 +12,7 @@ import numpy as np
 
 from dehyst.daemon.files.csv_table import LARGEST, LONGEST_LINE, MOST_PACKED, TRUSTED_BYTES
 from dehyst.daemon.files.foreign.found import Column, Sheet
-from dehyst.daemon.files.foreign.grid import LOOKED_AT, GridLayout, fill, lay_out, score, tell
+from dehyst.daemon.files.foreign.grid import LOOKED_AT, GridLayout, fill, lay_out, note_form, score
 from dehyst.models.errors import BadRecording
 
 MOST_TEXT = 256 << 20
@@ -167,7 +167,7 @@ def _quickly(
         layout.start_s,
         where=lambda row: f"line {first + row + 1}" if full else f"row {row + 1}",
     )
-    tell(found, layout, 0)
+    note_form(found, layout, 0)
     return found
 
 

@@ -40,7 +40,7 @@ def verdict_of(
     return "partly" if left**2 > part * beside**2 else "explained"
 
 
-def named(problem: Problem, found: SearchState, held: float) -> list[Finding]:
+def report_effects(problem: Problem, found: SearchState, held: float) -> list[Finding]:
     """Findings of the accepted effects; two of one kind are reported as one. share: mean square
     that each removes of held-out samples, to be made a part of the whole. held: what all leave."""
     final, data, sigma = found.accepted, problem.data, found.sigma

@@ -21,7 +21,7 @@ from dehyst.models.diagnosis.judge import SearchState, excess, tells_what_is_lat
 from dehyst.models.diagnosis.result import Limit
 from dehyst.models.diagnosis.screen import Screen, contribution_of
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate, Probe
 from dehyst.models.signals.joined import Floats
 
@@ -65,7 +65,7 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
     hidden = not tells_what_is_late(problem, sigma)
     loud = left > (TUNING.limit_left * sigma) ** 2
     loud |= len(found.accepted.effects) >= TUNING.limit_beside
-    for c in library(problem.data):
+    for c in list_candidates(problem.data):
         if c.name in named or not c.probes(problem.data):
             continue
         if (c.driven and loud) or _stands_near(c, found.accepted):

@@ -8,7 +8,7 @@ from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState, effect_of, excess
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate
 
 
@@ -90,7 +90,7 @@ def _alike(found: SearchState, effect: Effect) -> list[Candidate]:
     names |= {e.candidate.name for e in found.accepted.effects}
     return [
         c
-        for c in library(found.problem.data)
+        for c in list_candidates(found.problem.data)
         if c.name not in (own.name, *names)
         and not c.refines
         and not _holds(c, effect)

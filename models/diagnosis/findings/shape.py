@@ -21,7 +21,7 @@ from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.screen import Screen, contribution_of
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import small
 from dehyst.models.signals.filters import dahl
 from dehyst.models.signals.joined import Floats
@@ -117,7 +117,7 @@ def absorbed_names(problem: Problem, final: JointFit, size: float) -> tuple[str,
     look = Screen(problem, final)
     best: dict[str, float] = {}
     taken = {e.candidate.key for e in final.effects}
-    for c in library(problem.data):
+    for c in list_candidates(problem.data):
         probes = c.probes(problem.data)
         if not c.driven or c.static or c.key in taken or not probes:
             continue

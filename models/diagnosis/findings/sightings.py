@@ -9,14 +9,14 @@ from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.judge import SearchState
 from dehyst.models.diagnosis.result import Finding, Value
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate, Sighting
 from dehyst.models.signals.joined import Data
 
 
 def sightings(data: Data, sigma: float) -> list[tuple[Candidate, Sighting]]:
     """Every candidate that shows itself, with what is seen of it."""
-    seen = ((c, c.seen(data, sigma)) for c in library(data))
+    seen = ((c, c.seen(data, sigma)) for c in list_candidates(data))
     return [(c, sighting) for c, sighting in seen if sighting is not None]
 
 

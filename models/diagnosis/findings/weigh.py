@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dehyst.models.diagnosis.evidence import by_blocks
-from dehyst.models.diagnosis.findings.decide import in_rank, named, shared_out
+from dehyst.models.diagnosis.findings.decide import in_rank, report_effects, shared_out
 from dehyst.models.diagnosis.findings.episodes import Episode
 from dehyst.models.diagnosis.findings.shape import Correction, measure_correction, shape_finding
 from dehyst.models.diagnosis.fit import Problem
@@ -49,12 +49,20 @@ def conclude(
     in_part = [] if episode is None else [episode.finding]
     nothing = Conclusion(_shared(in_part, first, without, sigma), freed, alone, first, without)
     if held > without - (TUNING.helps * sigma) ** 2:
-        seen = [f for f in named(found.problem, found, held) if f.key in shown] if shown else []
+        seen = (
+            [f for f in report_effects(found.problem, found, held) if f.key in shown]
+            if shown
+            else []
+        )
         return replace(
             nothing, findings=(*[replace(f, share=0.0) for f in seen], *nothing.findings)
         )
     correction = measure_correction(found.problem, found.accepted, without, held)
-    findings = _without_echoes(named(found.problem, found, held)) if found.accepted.effects else []
+    findings = (
+        _without_echoes(report_effects(found.problem, found, held))
+        if found.accepted.effects
+        else []
+    )
     rest = without - held - sum(f.share for f in findings)
     if rest > TUNING.mostly_shape * (without - held) and correction.rms**2 > 0.25 * rest:
         # the effects are a small part of what is explained: the rest is the base's, as far as its

@@ -9,7 +9,7 @@ the data and to that first fit on this drive alike.
 
 import numpy as np
 
-from dehyst.models.identify.data.rows import RecordingRows
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.recording import Floats
 
 SIZES = (1.0, 0.8, 0.6, 0.4)  # of the drive range
@@ -19,7 +19,7 @@ CYCLES = 8
 SAMPLES = 60  # a cycle
 
 
-def make_comparison_drive(low: float, high: float, rate_max: float) -> RecordingRows:
+def make_comparison_drive(low: float, high: float, rate_max: float) -> Rows:
     """Sines of several sizes and rates that wander through the range, as rows without displacement.
 
     rate_max: largest rate of the recordings [drive unit / s]; 0: the rate does not matter.
@@ -36,7 +36,7 @@ def make_comparison_drive(low: float, high: float, rate_max: float) -> Recording
             start += u.size
     u = np.concatenate(drives)
     every = np.ones(u.size, dtype=bool)
-    return RecordingRows(
+    return Rows(
         name="comparison drive",
         t_s=np.arange(float(u.size)),
         u=u,

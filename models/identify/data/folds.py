@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dehyst.models.identify.data.rows import RecordingRows
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats
 
@@ -20,7 +20,7 @@ Labels = NDArray[np.int32]
 
 
 def assign_pieces(
-    rows: Sequence[RecordingRows],
+    rows: Sequence[Rows],
     picks: Sequence[Bools],
     low: float,
     high: float,

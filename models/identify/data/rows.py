@@ -20,7 +20,7 @@ from dehyst.models.units import spell_unit
 
 
 @dataclass
-class RecordingRows:
+class Rows:
     """One recording's equations.
 
     u, rate, y: (N,) drive, du/dt over the true time step, displacement; NaN where unknown.
@@ -49,7 +49,7 @@ class RecordingRows:
             self.piece = np.zeros(self.u.size, dtype=np.int8)
 
 
-def read_rows(recording: Recording, span: float | None = None) -> RecordingRows:
+def read_rows(recording: Recording, span: float | None = None) -> Rows:
     """Rows of one recording. span: drive span over all recordings (default: this one's own).
 
     Raises BadRecording when nothing can be learned from it, in one sentence with the remedy.
@@ -78,7 +78,7 @@ def read_rows(recording: Recording, span: float | None = None) -> RecordingRows:
     _settle(u, resets, 2.0 * 0.5 * (span or own) * 0.9, settled)
     use = present & ~np.isnan(y) & ~np.isnan(rate)
     virgin = _looks_virgin(u[present], own)
-    return RecordingRows(name, t, u, rate, y, use, resets, settled, virgin, period, notes)
+    return Rows(name, t, u, rate, y, use, resets, settled, virgin, period, notes)
 
 
 def _require_size(name: str, size: int) -> None:
@@ -125,18 +125,6 @@ def measure_travels(u: Floats) -> tuple[float, float]:
         low, high = min(low, u[i]), max(high, u[i])
         rise, fall = max(rise, u[i] - low), max(fall, high - u[i])
     return rise, fall
-
-
-@njit(cache=True, nogil=True)
-def sum_travel(u: Floats, pick: Bools) -> float:
-    """How far the drive goes altogether, over the picked rows."""
-    total, last = 0.0, np.nan
-    for i in range(u.size):
-        if pick[i]:
-            if not np.isnan(last):
-                total += abs(u[i] - last)
-            last = u[i]
-    return total
 
 
 @njit(cache=True, nogil=True)
@@ -219,19 +207,19 @@ def _looks_virgin(u: Floats, span: float) -> bool:
     return at_end or at_rest
 
 
-def find_drive_range(rows: Sequence[RecordingRows]) -> tuple[float, float]:
+def find_drive_range(rows: Sequence[Rows]) -> tuple[float, float]:
     """Lowest and highest drive of several recordings."""
     return min(float(np.nanmin(r.u)) for r in rows), max(float(np.nanmax(r.u)) for r in rows)
 
 
-def find_rate_range(rows: Sequence[RecordingRows]) -> float:
+def find_rate_range(rows: Sequence[Rows]) -> float:
     """Largest rate that the recordings show more than now and then [drive unit / s]."""
     rates = np.concatenate([np.abs(sample(r.rate[r.use])) for r in rows])
     moving = rates[rates > 0]
     return float(min(moving.max(), 1.5 * np.quantile(moving, 0.99))) if moving.size else 0.0
 
 
-def find_acceleration(rows: Sequence[RecordingRows], rate_max: float) -> float:
+def find_acceleration(rows: Sequence[Rows], rate_max: float) -> float:
     """Largest change of the rate from sample to sample [drive unit / s^2], jumps left out that are
     faster than rate_max. A drive with corners, or one that is read with noise, has a large one."""
     largest = 0.0

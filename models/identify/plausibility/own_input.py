@@ -9,7 +9,7 @@ import numpy as np
 from dehyst.models.cascade.figures import describe
 from dehyst.models.cascade.simulate import simulate
 from dehyst.models.errors import BadRecording
-from dehyst.models.identify.data.rows import RecordingRows
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.plausibility.recordings import measure_line
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Model
@@ -44,7 +44,7 @@ class OwnInput:
 
 
 def simulate_own_input(
-    model: Model, rows: Sequence[RecordingRows], used: Sequence[Bools]
+    model: Model, rows: Sequence[Rows], used: Sequence[Bools]
 ) -> tuple[OwnInput, ...]:
     """Simulate each recording whole, but for lone glitches of its drive. used: (N,) rows of each
     that were fitted. Each recording but the first has an offset of its own, the mean over its
@@ -73,7 +73,7 @@ def simulate_own_input(
 
 
 def require_own_input(
-    model: Model, rows: Sequence[RecordingRows], used: Sequence[Bools], noise: Sequence[float]
+    model: Model, rows: Sequence[Rows], used: Sequence[Bools], noise: Sequence[float]
 ) -> tuple[str, ...]:
     """What is to be said of the rows that were left out. noise: rms of each recording. Raises
     BadRecording where the model cannot follow its own input, or the loop is none of this class."""
@@ -153,7 +153,7 @@ def measure_loop_width(u: Floats, y: Floats) -> float:
     return max(widths) / float(np.ptp(y))
 
 
-def _why_outside(model: Model, rows: RecordingRows) -> str:
+def _why_outside(model: Model, rows: Rows) -> str:
     """Why no model of this class follows a recording, as far as its ways show it."""
     if is_butterfly(rows.u, rows.y):
         return BUTTERFLY

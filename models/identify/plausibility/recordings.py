@@ -7,7 +7,7 @@ import numpy as np
 
 from dehyst.models.errors import BadInput, BadRecording
 from dehyst.models.identify.data.outliers import sample, thin
-from dehyst.models.identify.data.rows import RecordingRows
+from dehyst.models.identify.data.rows import Rows
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats, Recording
@@ -39,7 +39,7 @@ def require_different(recordings: Sequence[Recording]) -> None:
         seen[one.sha256] = one.name
 
 
-def note_slow_times(rows: Sequence[RecordingRows]) -> tuple[str, ...]:
+def note_slow_times(rows: Sequence[Rows]) -> tuple[str, ...]:
     """What is to be said of recordings whose rows lie so far apart that their times may be
     milliseconds: they are taken as seconds, as quasi-static recordings of hours are ordinary."""
     said = []
@@ -57,7 +57,7 @@ def note_slow_times(rows: Sequence[RecordingRows]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def require_drive_first(rows: Sequence[RecordingRows]) -> None:
+def require_drive_first(rows: Sequence[Rows]) -> None:
     """Raise BadRecording where the column of the displacement runs ahead of that of the drive, and
     is not plainly the one that was measured: a stage lags behind its drive, so the loop is run
     through one way round, but for stages (or sensors) whose springs lead. A reading has the noise
@@ -75,7 +75,7 @@ def require_drive_first(rows: Sequence[RecordingRows]) -> None:
             )
 
 
-def require_one_sense(rows: Sequence[RecordingRows], unit: str) -> None:
+def require_one_sense(rows: Sequence[Rows], unit: str) -> None:
     """Raise BadRecording where the displacement rises with the drive in some recordings and falls
     in others. unit: of displacement over drive."""
     slopes = []

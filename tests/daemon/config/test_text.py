@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from dehyst.daemon.commands.config import settings_of
+from dehyst.daemon.commands.config import parse_settings
 from dehyst.daemon.config import BusConfig, TrimConfig, parse_config
 from dehyst.daemon.config.keys import list_config
 from dehyst.daemon.config.text import limits_within, write_commented
@@ -82,7 +82,7 @@ def test_config_init_writes_it_and_refuses_what_run_would(
 
 
 def test_settings_are_read_as_toml_else_as_text() -> None:
-    assert settings_of(["a=1.5", "b=true", "c=Dev1/ao0", 'd="7"', "e=x=y"]) == {
+    assert parse_settings(["a=1.5", "b=true", "c=Dev1/ao0", 'd="7"', "e=x=y"]) == {
         "a": 1.5,
         "b": True,
         "c": "Dev1/ao0",
@@ -90,4 +90,4 @@ def test_settings_are_read_as_toml_else_as_text() -> None:
         "e": "x=y",
     }
     with pytest.raises(BadInput, match="KEY=VALUE"):
-        settings_of(["port"])
+        parse_settings(["port"])

@@ -14,7 +14,7 @@ from dehyst.models.diagnosis.data.way import places_seen
 from dehyst.models.diagnosis.effects import Effect
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.shortlist import still_open
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data, Floats
 
@@ -96,10 +96,10 @@ def test_what_comes_late_is_reported_once_where_the_drive_is_seen_in_few_places(
     """A delay, a lag and a slew limit take each other's rest there."""
     data = path_of(sines(fine_time(50.0)), 50.0)
     problem = Problem(data, compact_base(data))
-    delay = next(c for c in library(data) if c.key == "delay")
+    delay = next(c for c in list_candidates(data) if c.key == "delay")
     before, behind = problem.solve([]), problem.solve([Effect(delay, (0.01,))])
-    first = still_open(problem, before, library(data))
-    then = still_open(problem, behind, library(data))
+    first = still_open(problem, before, list_candidates(data))
+    then = still_open(problem, behind, list_candidates(data))
     assert {"delay", "lag", "slew"} <= {c.name for c in first if c.late}
     assert not [c.name for c in then if c.late]
 

@@ -5,7 +5,7 @@ import pytest
 from tests.models.diagnosis.test_rate import diagnosed
 
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.physics import KINDS, library
+from dehyst.models.physics import KINDS, list_candidates
 from dehyst.models.recording import Recording
 
 DT = 1e-3
@@ -69,6 +69,6 @@ def test_friction_fades_with_the_speed_and_what_only_grows_with_it_is_a_lag(
     t = np.arange(4000) * DT
     u = 5.0 - 4.0 * np.cos(20.0 * t)  # 88 um/s at the most, 62 rms
     data = prepare([Recording(t, u, 1.1 * u, name="r.csv")])
-    friction = next(c for c in library(data) if c.key == "friction")
+    friction = next(c for c in list_candidates(data) if c.key == "friction")
     amplitudes = np.array([fades_um / 0.5, viscous_s])
     assert (friction.implausible((0.1, 20.0), amplitudes, data) == "") == is_friction

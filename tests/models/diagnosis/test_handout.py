@@ -23,7 +23,7 @@ from dehyst.models.diagnosis.handout import as_blocks, hand_out, lean_on_the_mod
 from dehyst.models.diagnosis.left_out import WritableFit, leave_out
 from dehyst.models.diagnosis.subject import THRESHOLDS, Subject, fit_plain
 from dehyst.models.modelfile import dumps, loads
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
 
 DT, NOISE, LEVEL, SWING = 2e-3, 0.01, 6.0, 2.5
@@ -168,7 +168,7 @@ def test_a_mode_behind_held_commands_is_handed_out_with_a_lead_where_that_is_bet
                        interp=False)[1]  # fmt: skip
     y = (1.0 - share) * (u - u[0]) + share * held + 1e-3 * rng.standard_normal(t.size)
     data = prepare([Recording(t, u, y)])
-    (mode,) = (c for c in library(data) if c.key == "resonance")
+    (mode,) = (c for c in list_candidates(data) if c.key == "resonance")
     problem = Problem(data, rich_base(data)).with_steps()
     fitted = problem.refit([Effect(mode, (60.0, 0.03, share))])
     blocks, fit = as_blocks(problem, fitted)

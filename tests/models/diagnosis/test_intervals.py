@@ -11,7 +11,7 @@ from dehyst.models.diagnosis.effects import Effect, behind_output
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.intervals import intervals
 from dehyst.models.diagnosis.result import Value
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
 
 DT, NOISE_UM, RUNS = 1e-3, 0.02, 55
@@ -39,7 +39,7 @@ def test_95_of_100_intervals_hold_the_true_value(base: object, count: int, toget
     """together: samples over which the noise is correlated: so few that what is independent
     are more than the base's columns. Between 90 and 98 of 100, no slack."""
     quiet = prepare(recordings(np.zeros(count)))
-    known = {c.key: c for c in library(quiet)}
+    known = {c.key: c for c in list_candidates(quiet)}
     effects = [Effect(known["resonance"], (80.0, 0.05, 0.6)), Effect(known["coupling-u2_v"], ())]
     straight = 1.1 * quiet.u
     mode = behind_output(quiet, effects, straight[:, None])[:, 0] - straight
@@ -64,7 +64,7 @@ def test_a_parameter_that_does_nothing_leaves_the_others_their_intervals() -> No
     u = 5 + 4 * np.sin(2 * np.pi * 1.7 * t) + 0.8 * np.sin(2 * np.pi * 7.3 * t)
     noise = NOISE_UM * np.random.default_rng(2).standard_normal(t.size)
     data = prepare([Recording(t, u, 1.1 * np.minimum(u, 8.0) + noise)])
-    clip = next(c for c in library(data) if c.key == "clip")
+    clip = next(c for c in list_candidates(data) if c.key == "clip")
     problem = Problem(data, compact_base(data))
     fit = problem.refit([Effect(clip, (data.u_min - 0.1, 8.05))], settle=0.0)
     (values,) = intervals(problem, fit, NOISE_UM)
@@ -84,7 +84,7 @@ def test_a_rise_is_known_though_its_time_constant_is_not() -> None:
         noise = NOISE_UM * np.random.default_rng(seed).standard_normal(t.size)
         given.append(Recording(t, u, 1.1 * u + rise + noise, name=f"r{seed}.csv"))
     data = prepare(given)
-    trend = next(c for c in library(data) if c.key == "drift-trend")
+    trend = next(c for c in list_candidates(data) if c.key == "drift-trend")
     problem = Problem(data, compact_base(data))
     fit = problem.refit([Effect(trend, (2.5, 60.0))], settle=0.0)
     (values,) = intervals(problem, fit, NOISE_UM)

@@ -10,7 +10,7 @@ from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.judge import SearchState, effect_of
 from dehyst.models.diagnosis.search import refit_each
 from dehyst.models.diagnosis.shortlist import ScreenedCandidate
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
 
 RATE_HZ, FINE, NOISE_UM = 500.0, 40, 2e-3
@@ -36,7 +36,7 @@ def test_a_mode_is_not_named_at_its_mirror_above_half_the_sampling_rate(
     data = prepare([ringing(frequency_hz, damping, 1)])
     problem = Problem(data, rich_base(data))
     null = problem.solve([])
-    (mode,) = (c for c in library(data) if c.key == "resonance")
+    (mode,) = (c for c in list_candidates(data) if c.key == "resonance")
     mirror = RATE_HZ - frequency_hz
     short = [ScreenedCandidate(mode, (mirror, damping * frequency_hz / mirror, 1.0), 1.0)]
     state = SearchState(problem, NOISE_UM, null, null)

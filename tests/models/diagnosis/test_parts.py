@@ -13,7 +13,7 @@ from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.effects import Effect, internal, moved
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.model import Block, Hysteresis, Model, Validity
-from dehyst.models.physics import PHYSICS, check_block, library
+from dehyst.models.physics import PHYSICS, check_block, list_candidates
 from dehyst.models.physics.candidate import Context
 from dehyst.models.recording import Recording
 from dehyst.models.signals import filters
@@ -75,7 +75,7 @@ def test_candidate_does_what_its_blocks_do(
     data: Data, key: str, theta: tuple[float, ...], led: bool
 ) -> None:
     data = replace(data, led=led)
-    c = next(c for c in library(data) if c.key == key)
+    c = next(c for c in list_candidates(data) if c.key == key)
     if c.mode == "drive":
         x = c.drive(data, data.u, theta)
     else:
@@ -103,7 +103,7 @@ def test_candidate_does_what_its_blocks_do(
 def test_columns_add_what_their_blocks_add(
     data: Data, key: str, theta: tuple[float, ...], amplitudes: tuple[float, ...]
 ) -> None:
-    c = next(c for c in library(data) if c.key == key)
+    c = next(c for c in list_candidates(data) if c.key == key)
     plain = through_model(data)
     a = np.array(amplitudes)
     added = c.columns(data, Context(data.u, plain), theta) @ a
@@ -116,7 +116,7 @@ def test_a_line_is_written_where_the_recordings_share_its_phase(
     data: Data, turn: float, written: int
 ) -> None:
     """turn: of the second recording's phase against the first one's [rad]."""
-    (line,) = (c for c in library(data) if c.key == "hum")
+    (line,) = (c for c in list_candidates(data) if c.key == "hum")
     amplitudes = 0.1 * np.array([1.0, 0.0, np.cos(turn), np.sin(turn)])
     blocks = line.blocks((50.0,), amplitudes, data)
     assert len(blocks) == written
@@ -140,7 +140,7 @@ def test_a_block_of_two_pasts_comes_as_near_to_both_as_one_amplitude_can(
     data: Data, key: str, theta: tuple[float, float], amplitudes: tuple[float, float]
 ) -> None:
     """By trial of many amplitudes; levels aside, which a model does not predict."""
-    c = next(c for c in library(data) if c.key == key)
+    c = next(c for c in list_candidates(data) if c.key == key)
     added = c.columns(data, Context(data.u, data.y), theta) @ np.array(amplitudes)
     (block,) = c.blocks(theta, np.array(amplitudes), data)
     size = next(k for k in block.params if k.startswith("amount"))
@@ -155,7 +155,7 @@ def test_a_block_of_two_pasts_comes_as_near_to_both_as_one_amplitude_can(
 
 
 def test_library_tells_people_what_it_looks_for(data: Data) -> None:
-    found = library(data)
+    found = list_candidates(data)
     assert len({c.key for c in found}) == len(found)
     names = {one.name for one in PHYSICS.values()}
     assert {c.name for c in found} == names
@@ -242,7 +242,7 @@ def test_since_turn_by_brute_force(data: Data) -> None:
 
 
 def test_parameters_move_inside_their_bounds(data: Data) -> None:
-    c = next(c for c in library(data) if c.key == "resonance")
+    c = next(c for c in list_candidates(data) if c.key == "resonance")
     (e,) = moved([Effect(c, (80.0, 0.02, 0.9))], internal([Effect(c, (80.0, 0.02, 0.9))]),
                  np.array([0.1, -20.0, 5.0]))  # fmt: skip
     assert e.theta == (pytest.approx(80 * np.exp(0.1)), 5e-4, 1.0)
@@ -256,7 +256,7 @@ def test_joint_refit_finds_delay_behind_a_wrong_base() -> None:
         recordings.append(Recording(r.t_s, r.drive, y + 1e-4 * np.sin(7e3 * r.t_s), name=r.name))
     data = prepare(recordings)
     problem = Problem(data, rich_base(data))
-    delay = next(c for c in library(data) if c.key == "delay")
+    delay = next(c for c in list_candidates(data) if c.key == "delay")
     fit = problem.refit([Effect(delay, (0.6e-3,))], rounds=8, settle=0.0)
     assert fit.effects[0].theta[0] == pytest.approx(1.9e-3, rel=0.01)
 

@@ -9,7 +9,7 @@ from dehyst.models.cascade.simulate import simulate
 from dehyst.models.diagnosis import Diagnosis
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.model import Block, Hysteresis, Model, Validity
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
 
 DT, NOISE_UM = 1e-3, 0.01
@@ -76,7 +76,7 @@ def test_loops_widen_with_the_rate_together(weights: tuple[float, ...], together
     t = np.arange(4000) * DT
     u = 5 - 4 * np.cos(2 * np.pi * t) + np.sin(60 * t)
     data = prepare([Recording(t, u, 1.1 * u, name="r.csv")])
-    rate = next(c for c in library(data) if c.key == "rate")
+    rate = next(c for c in list_candidates(data) if c.key == "rate")
     amplitudes = np.r_[weights, np.zeros(5)]
     assert (rate.implausible((0.5, 0.1), amplitudes, data) == "") == together
 
@@ -112,5 +112,5 @@ def test_a_mode_rings_in_the_samples_or_is_none(
     t = np.arange(4000) * DT
     u = 5 - 4 * np.cos(2 * np.pi * t)
     data = prepare([Recording(t, u, 1.1 * u, name="r.csv")])
-    mode = next(c for c in library(data) if c.key == "resonance")
+    mode = next(c for c in list_candidates(data) if c.key == "resonance")
     assert (mode.implausible((frequency, damping, 1.0), np.zeros(0), data) == "") == rings

@@ -11,7 +11,7 @@ from dehyst.models.diagnosis.data.way import (
     stands_still,
     turns,
 )
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data, Floats
 
@@ -34,7 +34,7 @@ def test_turns_are_counted(drive: Floats, expected: int) -> None:
 
 
 def reported(data: Data) -> set[str]:
-    return {c.key for c in library(data) if can_be_distinguished(c, data)}
+    return {c.key for c in list_candidates(data) if can_be_distinguished(c, data)}
 
 
 def test_one_triangle_tells_lines_and_what_moves_by_itself_alone() -> None:

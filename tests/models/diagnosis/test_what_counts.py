@@ -26,7 +26,7 @@ from dehyst.models.diagnosis.result import Value
 from dehyst.models.diagnosis.search import search
 from dehyst.models.diagnosis.shortlist import ScreenedCandidate, to_be_refitted
 from dehyst.models.diagnosis.tuning import TUNING
-from dehyst.models.physics import library
+from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Data, Floats
@@ -58,7 +58,7 @@ def problem_of(data: Data) -> tuple[Problem, SearchState]:
 
 
 def candidate(data: Data, key: str) -> Candidate:
-    return next(c for c in library(data) if c.key == key)
+    return next(c for c in list_candidates(data) if c.key == key)
 
 
 def test_each_parameter_costs_16_noise_variances() -> None:
@@ -226,7 +226,7 @@ def test_a_limit_is_reported_a_little_above_what_is_found() -> None:
 def test_a_limit_is_raised_until_the_effect_is_found_and_else_not_reported() -> None:
     data = make()
     _, state = problem_of(replace(data, y=1.1 * data.u))
-    others = {c.name for c in library(data)} - {"coupling"}
+    others = {c.name for c in list_candidates(data)} - {"coupling"}
     asked: list[float] = []
 
     def seen(c: Candidate, added: Floats) -> tuple[str, ...]:
@@ -270,7 +270,7 @@ def test_creep_of_an_earlier_move_is_likelier_only_where_the_recorded_moves_cree
     data = make()
     rise = 0.6 * (1.0 - np.exp(-data.t / np.array([1.0, 1.6])[data.rec]))
     problem, state = problem_of(replace(data, y=data.y + rise + creeping(data, gain)))
-    everything = library(data)
+    everything = list_candidates(data)
     worth = {}
     for key in ("creep-earlier", "drift-trend"):
         trial = tried(problem, SIGMA, state.null, candidate(data, key), (0.9, 0.9))
@@ -283,7 +283,7 @@ def test_an_explanation_pays_for_each_of_its_parameters() -> None:
     data = make()
     problem, state = problem_of(data)
     trial = tried(problem, SIGMA, state.null, candidate(data, "drift-trend"), (0.9, 0.9))
-    paid = trial.gain - worth_with_company(state, trial, library(data))
+    paid = trial.gain - worth_with_company(state, trial, list_candidates(data))
     assert paid == pytest.approx(4 * 8.00637 * SIGMA**2, rel=1e-5)
 
 
@@ -294,7 +294,7 @@ def test_an_explanation_pays_for_each_of_its_parameters() -> None:
 def test_a_level_is_reported_within_a_factor_of_ten_or_about_zero(
     low: float, high: float, told: bool
 ) -> None:
-    clip = next(c for c in library(make()) if c.key == "clip")
+    clip = next(c for c in list_candidates(make()) if c.key == "clip")
     values = {"min_v": Value(0.03, low, high, "v"), "max_v": Value(8.0, 7.9, 8.1, "v")}
     assert unidentified(Effect(clip, (0.03, 8.0)), values) == ([] if told else ["min_v"])
 
