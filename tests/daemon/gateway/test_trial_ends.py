@@ -194,7 +194,7 @@ def test_a_stage_at_rest_settles_the_trial_at_its_bound(story: Callable[..., Sto
     assert one.over is not None
     assert one.over[1] == "accepted"
     assert "limit of 60 s" in one.over[2]
-    assert "unproven" in one.over[2]
+    assert "unconfirmed" in one.over[2]
     assert one.now_s - begun_s == pytest.approx(LIMIT_S, abs=2.0)
 
 

@@ -88,7 +88,7 @@ def test_it_goes_on_where_it_failed(desk: Desk) -> None:
 
 
 def test_a_step_that_moves_says_how_far_and_asks_first(desk: Desk) -> None:
-    with pytest.raises(NotNow, match="ended before record; the same command goes on there"):
+    with pytest.raises(NotNow, match="ended before record; the same command resumes there"):
         desk.go("n\n")
     assert desk.did == ["units", "limits"]
     assert desk.said[-1].strip() == "far"

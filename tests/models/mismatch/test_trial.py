@@ -144,7 +144,7 @@ def test_when_the_time_is_up_the_model_stays_unless_something_was_seen_against_i
 ) -> None:
     found = settle_trial(Errors(0.3, 0.3, 10), after, PROMISE, "um", 90.0)
     assert found.outcome == outcome
-    assert found.why.startswith("the trial is over after its limit of 90 s")
+    assert found.why.startswith("the trial ends after its limit of 90 s")
     assert "nan" not in found.why
 
 
@@ -156,7 +156,7 @@ def test_what_became_of_it_is_said_with_figures_and_unit() -> None:
     )
     better, nothing = Errors(0.03, 0.04, 10, other=0.25), Errors(NAN, NAN, 0)
     assert judge_trial(before, better, PROMISE, "um").why == (
-        "the offered model is proven over 10 s of motion: its error is 0.03 um, the model before "
+        "the offered model is confirmed over 10 s of motion: its error is 0.03 um, the model before "
         "leaves 0.25; tracking error 0.04, before 0.3"
     )
     assert "nan" not in judge_trial(nothing, better, PROMISE, "um").why
