@@ -7,7 +7,7 @@ ROUND ?= ../shared/concealed/round-1
 FUZZ_S ?= 600
 SAY_CODE = case $$code in \
 	77) echo "dehyst demo: exit status 77: not judged, this machine was too busy; run it again" >&2;; \
-	1) echo "dehyst demo: exit status 1: it was not so" >&2;; esac
+	1) echo "dehyst demo: exit status 1: the error did not fall, or the effect was not named correctly" >&2;; esac
 
 .PHONY: demo first-act test quick check kernels lint types contracts docs reference interpreters release concealed proof fuzz mutate clean
 

@@ -57,9 +57,9 @@ def refer_messages() -> str:
         "# Messages on the bus",
         "",
         MADE,
-        "How to use them, with worked bytes: [topics.md](topics.md). The same as JSON Schema: "
-        "`docs/schemas`, one file for each message. A field with a default may be left out. A "
-        "reader passes over fields that it does not know.",
+        "[topics.md](topics.md) explains their use, with examples in bytes. `docs/schemas` "
+        "contains a JSON Schema for each message. A field with a default may be omitted. A reader "
+        "ignores unknown fields.",
     ]
     for kind in MESSAGES:
         lines += ["", f"## {name_of_message(kind)}", "", *_fields_of(kind)]
@@ -174,10 +174,10 @@ def refer_configuration() -> str:
         "# Configuration",
         "",
         MADE,
-        "One TOML file; `dehyst config init` writes one with comments, `dehyst run --check FILE` "
-        "says what it means. An unknown key, a missing key or a value that is not allowed is an "
-        "error that names the key. Settings of the drivers: "
-        "[reference-drivers.md](reference-drivers.md).",
+        "The configuration is one TOML file. `dehyst config init` writes it with comments, and "
+        "`dehyst run --check FILE` checks it. An unknown key, a missing key or a value that is "
+        "not allowed is an error that names the key. "
+        "[reference-drivers.md](reference-drivers.md) lists the settings of the drivers.",
     ]
     for section in list_config():
         title = f"[{section.title}]" if section.title else "Top of the file"
@@ -194,8 +194,8 @@ def refer_drivers() -> str:
         "# Drivers",
         "",
         MADE,
-        "`dehyst drivers` lists these and any other that is installed, `dehyst drivers NAME` their "
-        "settings. They stand in `[actuator.settings]` and `[sensor.settings]`.",
+        "`dehyst drivers` lists these and any other installed driver, `dehyst drivers NAME` its "
+        "settings. The settings belong in `[actuator.settings]` and `[sensor.settings]`.",
     ]
     for plugin in list_plugins():
         if not plugin.where.startswith(OWN):

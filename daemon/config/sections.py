@@ -35,17 +35,17 @@ class LoopConfig(_Strict, frozen=True):
     """[loop]"""
 
     rate_hz: Annotated[float, Meta(gt=0, le=20_000)] = 1000.0
-    """Sampling rate. Refused where the drivers cannot sustain it."""
+    """Sampling rate. Refused if the drivers cannot sustain it."""
     priority: Annotated[int, Meta(ge=0, le=99)] = 80
-    """SCHED_FIFO priority asked for; 0: ordinary scheduling. What was obtained is reported. From
-    1 kHz on, the CPUs are also kept out of idle states that take long to leave."""
+    """Requested SCHED_FIFO priority; 0: ordinary scheduling. The status reports the actual one.
+    From 1 kHz on, the CPUs are also kept out of slow idle states."""
     cpu: Annotated[int, Meta(ge=-1)] = -1
     """CPU to pin the loop to; -1: none."""
     engine: Literal["auto", "python", "compiled"] = "auto"
     """"compiled": without the interpreter, for drivers that C can call; "auto": where possible."""
     spin_us: Annotated[float, Meta(ge=0, le=1000)] | None = None
-    """The compiled loop stays awake for this long before each deadline, in microseconds; left out:
-    0 up to 2 kHz, 50 above. At most half a period."""
+    """Time for which the compiled loop stays awake before each deadline, in microseconds, at most
+    half a period; default: 0 up to 2 kHz, 50 above."""
 
 
 class DeviceConfig(_Strict, frozen=True):
@@ -62,9 +62,9 @@ class ActuatorConfig(DeviceConfig, frozen=True):
     """Actuator volts per drive unit of the model: 15 for a model identified on the 0..10 V input
     of an amplifier with gain 15 whose output voltage is set here."""
     readback_tolerance_v: NotNegative = 2.0
-    """Where the unit can report its output: a report further from the set-point than this stops
-    the loop until they agree again. 0: the report is not asked for (an external input is added
-    to the output on purpose)."""
+    """If the unit can report its output: a report further from the set-point than this stops
+    the loop until they agree again. 0: the report is not requested (for example because an external
+    input is added to the output)."""
 
 
 class SensorConfig(DeviceConfig, frozen=True):
@@ -77,95 +77,95 @@ class SensorConfig(DeviceConfig, frozen=True):
 
 
 class ChannelConfig(_Strict, frozen=True):
-    """[channels.NAME]: what blocks of the model follow, NAME in the model: a further sensor, such
-    as a temperature (`driver`), or another axis of this amplifier (`axis`)."""
+    """[channels.NAME]: a quantity that blocks of the model follow, called NAME in the model: a
+    further sensor, such as a temperature (`driver`), or another axis of this amplifier (`axis`)."""
 
     driver: str = ""
-    """A sensor plugin's name."""
+    """Name of the sensor's driver."""
     settings: dict[str, Any] = {}
     axis: AxisName = ""
-    """Or the axis that is followed, in the same sample."""
+    """Or the axis to follow, in the same sample."""
     quantity: Literal["displacement", "drive"] = "displacement"
-    """Of that axis: in its model's displacement unit from that model's zero (set-point and origin),
-    or in its model's drive unit."""
+    """Quantity of that axis: its displacement from its model's zero (set-point and origin), in that
+    model's unit, or its drive in that model's drive unit."""
     scale: float = 1.0
     """The model's channel unit per unit of the sensor or axis."""
     zero: float = 0.0
     """Added to the scaled value."""
     every_s: Annotated[float, Meta(ge=0.01, le=3600)] = 1.0
-    """How often a sensor is read, beside the loop."""
+    """Interval at which a sensor is read, outside the loop."""
 
 
 class LimitsConfig(_Strict, frozen=True):
-    """[limits], in actuator volts. Held by the daemon on top of the unit's own limits."""
+    """[limits], in actuator volts. The daemon enforces these in addition to the unit's limits."""
 
     min_v: float
     max_v: float
     slew_v_per_s: Positive
-    """Largest rate of the output, in every state, start and stop included."""
+    """Largest rate of the output, in every state, including start and stop."""
 
 
 class SafeConfig(_Strict, frozen=True):
-    """[safe]: what the output does when nobody commands it."""
+    """[safe]: the output when no client commands it."""
 
     voltage_v: float = 0.0
     ramp_v_per_s: Positive = 50.0
     on_stop: Literal["ramp", "hold"] = "ramp"
     """At the end of the daemon: ramp to voltage_v, or leave the output where it is."""
     on_fault: Literal["ramp", "hold"] = "hold"
-    """After a fault that is over, and after the death of the loop's process."""
+    """After a fault has ended, and after the loop's process has died."""
 
 
 class SetpointConfig(_Strict, frozen=True):
     """[setpoint]"""
 
     origin: Literal["auto", "model", "mid-range"] | float = "auto"
-    """What a set-point of 0 means. "model": the model's own zero. "mid-range": the middle of the
-    reachable range. A number: that model displacement. "auto": "model" where the model's zero
-    lies in the reachable range or next to it, else "mid-range" (an arbitrary sensor offset).
-    Telemetry uses the same origin."""
+    """The meaning of set-point 0. "model": the model's own zero. "mid-range": the middle of the
+    reachable range. A number: that model displacement. "auto": "model" if the model's zero
+    lies in the reachable range or next to it, otherwise "mid-range" (the sensor has an arbitrary
+    offset). Telemetry uses the same origin."""
     stale_s: Positive = 2.0
-    """After this time without a new set-point, or after a trajectory has run dry: holding."""
+    """The loop holds after this time without a new set-point, or after a trajectory has run dry."""
     hold_s: NotNegative = 5.0
-    """How long holding lasts before the output ramps to the safe voltage."""
+    """Time for which the loop holds before the output ramps to the safe voltage."""
     stay: bool = False
-    """true: a client may ask for a place to be kept until another command, with the client gone
-    (`dehyst send --stay`). false, because a client that has died then never leaves a voltage on a
-    stage that nobody attends."""
+    """true: a client may ask the daemon to keep a position until another command, also after the
+    client has disconnected (`dehyst send --stay`). The default is false, so that a dead client
+    never leaves a voltage on an unattended stage."""
     approach_um_per_s: Positive = 20.0
     """Speed at which the stage moves to a trajectory's first point."""
     queue_s: Annotated[float, Meta(gt=0, le=600)] = 30.0
-    """Seconds of trajectory that the daemon accepts ahead."""
+    """Largest queue of trajectory points that the daemon accepts."""
     lease_s: Annotated[float, Meta(ge=0.5, le=60)] = 3.0
-    """One client commands at a time; its lease ends after this silence."""
+    """One client commands at a time; its lease ends this long after its last command."""
 
 
 class InverseConfig(_Strict, frozen=True):
     """[inverse]"""
 
     mode: Literal["auto", "static", "causal", "preview"] = "auto"
-    """"auto": preview where the model needs it and preview_s gives it targets ahead, else static;
-    "causal" extrapolates instead, without the guarantees of the others."""
+    """"auto": preview if the model needs it and preview_s provides targets ahead, otherwise static;
+    "causal" extrapolates instead, without the guarantees of the other modes."""
     preview_s: Annotated[float, Meta(ge=0, le=1)] = 0.1
 
 
 class TrimConfig(_Strict, frozen=True):
-    """[trim]: the gauge corrects the target slowly, so that the mean is right."""
+    """[trim]: the gauge corrects the target slowly, so that the mean position is correct."""
 
     enabled: bool = True
-    """false: feed-forward alone; the gauge is recorded and watched, and corrects nothing."""
+    """false: feed-forward alone; the gauge is only recorded and monitored."""
     time_constant_s: Positive | None = None
-    """Of the integral correction. Left out: 0.3 s, more with a gauge that is slow. Refused where
+    """Time constant of the integral correction; default: 0.3 s, longer for a slow gauge. Refused if
     the gauge's lag and delay make it unstable."""
     limit_um: Positive | None = None
-    """Largest correction; left out: a tenth of the reach. In the model's displacement unit."""
+    """Largest correction, in the model's displacement unit; default: a tenth of the reach."""
     rate_um_per_s: Positive | None = None
-    """Fastest correction; left out: a fiftieth of the reach a second."""
+    """Fastest correction; default: a fiftieth of the reach per second."""
 
 
 class AuthConfig(_Strict, frozen=True):
-    """[bus.auth]: who may connect, needed to listen beyond loopback; or, with `credentials`, who
-    this daemon is to a router that enforces the roles. Names are user names, or the common names
+    """[bus.auth]: who may connect (needed to listen beyond loopback); or, with `credentials`, the
+    daemon's identity at a router that enforces the roles. Names are user names, or the common names
     of certificates."""
 
     operators: tuple[str, ...] = ()
@@ -173,22 +173,22 @@ class AuthConfig(_Strict, frozen=True):
     observers: tuple[str, ...] = ()
     """May read telemetry, status, model, configuration and history."""
     passwords: str = ""
-    """File of name:password lines, readable by the daemon alone; relative to the configuration."""
+    """File of name:password lines, readable only by the daemon; relative to the configuration."""
     certificates: str = ""
-    """Or: directory with ca.pem, certificate.pem and key.pem (made by `dehyst keys`)."""
+    """Or a directory with ca.pem, certificate.pem and key.pem (made by `dehyst keys`)."""
     credentials: str = ""
-    """With a router instead: the daemon's own credentials there, such a directory or a file with
-    one line name:password. Needed for a router on the network."""
+    """Or the daemon's own credentials at a router: such a directory, or a file with one line
+    name:password. Needed for a router on the network."""
 
 
 class BusConfig(_Strict, frozen=True):
-    """[bus]: zenoh. Loopback only unless `listen` or `connect` say otherwise."""
+    """[bus]: zenoh, on loopback only unless `listen` or `connect` name other addresses."""
 
     base: Annotated[str, Meta(pattern=r"^[a-z0-9_-]+(/[a-z0-9_-]+)*$")] = "dehyst"
     """First chunks of every key."""
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     connect: tuple[str, ...] = ()
-    """Routers, through which clients find this daemon too, or, with `listen = []`, alone."""
+    """Routers through which clients also find this daemon, or, with `listen = []`, only there."""
     auth: AuthConfig | None = None
 
 
@@ -198,76 +198,76 @@ class TelemetryConfig(_Strict, frozen=True):
     batch_s: Annotated[float, Meta(gt=0, le=1)] = 0.02
     """Samples are published in batches of this length."""
     history_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0
-    """How much recent history the queryable keeps."""
+    """Length of the telemetry history that clients can query."""
 
 
 class WatchConfig(_Strict, frozen=True):
-    """[watch]: does the stage still behave as its model?"""
+    """[watch]: the monitor that compares the stage with its model."""
 
     enabled: bool = True
     directory: str = ""
-    """Where the recordings around a mismatch are kept; default: `mismatch` in the run directory."""
+    """Folder for the recordings around a mismatch; default: `mismatch` in the run directory."""
     before_s: Annotated[float, Meta(ge=1, le=3600)] = 30.0
-    """How much is kept from before the event, up to telemetry.history_s."""
+    """Recorded time before the event, up to telemetry.history_s."""
     after_s: Annotated[float, Meta(ge=0, le=600)] = 10.0
     keep: Annotated[int, Meta(ge=1, le=1000)] = 10
     """Number of recordings; the oldest are deleted."""
     learn_s: Annotated[float, Meta(ge=30, le=36000)] = 400.0
-    """Seconds of motion that the watch learns from before its first flag. Fewer: sooner, and with
-    more false flags."""
+    """Seconds of motion from which the watch learns before its first flag. A shorter time flags
+    sooner, with more false flags."""
 
 
 class DoctorConfig(_Strict, frozen=True):
-    """[doctor]: diagnoses mismatches and offers a new model, in a process of its own."""
+    """[doctor]: a separate process that diagnoses mismatches and offers a new model."""
 
     enabled: bool = True
-    """false: `dehyst run` does not start it."""
+    """false: `dehyst run` does not start the doctor."""
     accept: bool = False
-    """true: a model that is offered is used without a question, on trial as usual."""
+    """true: an offered model is accepted automatically, on trial as usual."""
     test_s: Annotated[float, Meta(ge=2, le=600)] = 10.0
-    """Telemetry after the recording, on which an offer is tested."""
+    """Length of the later telemetry on which an offer is tested."""
     trial_s: Annotated[float, Meta(ge=2, le=3600)] = 10.0
-    """Seconds of motion within which the error must have fallen; else the old model returns."""
+    """Seconds of motion within which the error must fall; otherwise the previous model returns."""
     trial_limit_s: Annotated[float, Meta(ge=2, le=864000)] | None = None
-    """A trial ends after this time [s], whether the stage has moved or not: it is settled on what
-    was seen. Left out: 30 times trial_s, at the least 300 s."""
+    """A trial ends after this time [s], with or without motion, with the result so far; default:
+    30 times trial_s, at least 300 s."""
     memory_gb: Annotated[float, Meta(ge=1, le=64)] = 4.0
     time_s: Annotated[float, Meta(ge=10, le=36000)] = 900.0
-    """A diagnosis that takes more memory, or more seconds of a processor, is given up; so is one
-    that is not done after six times as long, because other work takes the processors."""
+    """A diagnosis that takes more memory or processor time is stopped; so is one that is not done
+    after six times this time because other processes use the processors."""
 
 
 class PageConfig(_Strict, frozen=True):
-    """[page]: where it stands in the file, `dehyst run` serves the page in a browser, too."""
+    """[page]: with this section in the file, `dehyst run` also serves the page in a browser."""
 
     listen: str = "127.0.0.1:8080"
     """HOST:PORT. Beyond loopback only with certificate, key and passwords."""
     public_url: str = ""
-    """The address that people type where a reverse proxy on this machine serves the page, such as
+    """The address that people type, if a reverse proxy on this machine serves the page, such as
     https://lab.example/stage/. Beyond loopback only with https and passwords."""
     certificate: str = ""
-    """PEM files for TLS; all paths are relative to the configuration."""
+    """PEM file for TLS; all paths are relative to the configuration."""
     key: str = ""
     passwords: str = ""
-    """File of name:password lines, readable by the daemon alone; left out: everybody on this
+    """File of name:password lines, readable only by the daemon; without it everybody on this
     machine may command."""
     operators: tuple[str, ...] = ()
-    """May command and look."""
+    """May view and command."""
     observers: tuple[str, ...] = ()
-    """May look."""
+    """May view."""
     observe: bool = False
     """true: nobody may command from the page."""
     connect: tuple[str, ...] = ()
-    """Where the page finds controllers; left out: the daemon's own address."""
+    """Addresses of the controllers; default: the daemon's own address."""
     credentials: str = ""
-    """What it shows there, as --credentials of any client."""
+    """Credentials of the page there, as --credentials of any client."""
 
 
 class Config(_Strict, frozen=True):
     """The whole file."""
 
     name: Name
-    """This controller's name in every key; with several axes, NAME-AXIS is that of each."""
+    """This controller's name in every key; with several axes, each axis is called NAME-AXIS."""
     model: ModelConfig
     actuator: ActuatorConfig
     sensor: SensorConfig
@@ -286,8 +286,8 @@ class Config(_Strict, frozen=True):
     axis: AxisName = ""
     """What a daemon of several axes says of one of them: which. In a file it is left out."""
     run_dir: str = ""
-    """Directory of the memory-mapped rings, the user's own; default: `dehyst-NAME` in
-    $RUNTIME_DIRECTORY or $XDG_RUNTIME_DIR, else `dehyst-USER-NAME` in the temporary directory."""
+    """Private directory of the memory-mapped rings; default: `dehyst-NAME` in $RUNTIME_DIRECTORY or
+    $XDG_RUNTIME_DIR, otherwise `dehyst-USER-NAME` in the temporary directory."""
 
     @property
     def period_ns(self) -> int:

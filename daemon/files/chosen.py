@@ -67,7 +67,7 @@ def choose_model(config: Config) -> tuple[Model, bool, str]:
     if accepted is None:
         return configured, False, ""
     if accepted.instead_of != model_digest(dumps(configured)):
-        gone = f"the configured model has changed: the one accepted for {accepted.case} is out"
+        gone = f"the configured model has changed and replaces that accepted for {accepted.case}"
         return configured, False, gone
     try:
         return loads(accepted.model), True, f"the model accepted for {accepted.case}"

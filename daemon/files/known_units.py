@@ -41,13 +41,13 @@ def read_units(config: Config) -> dict[str, UnitIdentity]:
     except OSError as error:
         raise BadInput(f"{path}: the known units cannot be read: {error.strerror}") from None
     if found.st_uid not in (system.user_id(), 0):
-        raise BadInput(f"{path}: it belongs to user {found.st_uid}, and is not believed; remove it")
+        raise BadInput(f"{path}: it belongs to user {found.st_uid}, and is not trusted; remove it")
     try:
         return msgspec.json.decode(read_text(path, LARGEST_BYTES), type=dict[str, UnitIdentity])
     except (NotReadable, msgspec.MsgspecError) as error:
         raise BadInput(
-            f"{path}: the known units cannot be read ({error}); `dehyst config pin` learns them "
-            "anew"
+            f"{path}: the known units cannot be read ({error}); `dehyst config pin` records "
+            "them again"
         ) from None
 
 

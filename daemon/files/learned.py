@@ -43,7 +43,7 @@ def read_learned(path: Path, model: str, trajectory: str, unit: str, n: int) -> 
     except NotReadable as error:
         raise BadInput(f"{path}: cannot be read: {error}") from None
     except (msgspec.MsgspecError, ValueError) as error:
-        raise BadInput(f"{path}: nothing that was learned: {error}") from None
+        raise BadInput(f"{path}: not a learned correction: {error}") from None
     for what, mine, its in (
         ("another model", model, found.model),
         ("another trajectory", trajectory, found.trajectory),

@@ -124,7 +124,7 @@ class Recorder:
         t_s = (samples["scheduled_ns"] - self._first_ns) / 1e9
         if (self.rows and t_s[0] <= self.time_s) or np.any(np.diff(t_s) <= 0):
             raise RecordingFailed(
-                f"{self.path}: the daemon's clock started anew (a reboot?); the recording ends "
+                f"{self.path}: the daemon's clock restarted (a reboot?); the recording ends "
                 f"after {self.rows} samples"
             )
         keep = t_s < until_s

@@ -40,7 +40,7 @@ def read_notes(path: Path) -> dict[str, str]:
             raise ValueError("it is too long")
         notes = json.loads(raw)
         if not isinstance(notes, dict):
-            raise ValueError("it is no map of names to texts")
+            raise ValueError("it is not a map of names to texts")
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:

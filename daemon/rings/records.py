@@ -72,7 +72,7 @@ class State(IntEnum):
     """What the loop is doing, and what that does to the voltage."""
 
     START = 0  # devices opening: the output stays as found
-    READY = 1  # nobody commands: the output stays
+    READY = 1  # no client commands: the output stays
     RUNNING = 2  # following set-points: inverse, within range and slew
     HOLDING = 3  # set-points went stale: hold, then ramp to the safe voltage, then READY
     FAULT = 4  # a device failed: no new voltage until it is back; then `safe.on_fault`
@@ -83,17 +83,17 @@ class Flag(IntFlag):
     """What was out of the ordinary in a sample."""
 
     UNREACHABLE = 1  # target outside the reachable range; nearest drive used
-    SLEW = 2  # the slew limit held the voltage back
-    RANGE = 4  # the voltage range held the voltage back
+    SLEW = 2  # the slew limit limited the voltage
+    RANGE = 4  # the voltage range limited the voltage
     SENSOR_INVALID = 8  # no valid reading
     SENSOR_HELD = 16  # no new reading was due this period; the last one is repeated
-    OUTSIDE_VALIDITY = 64  # drive or rate outside what the model was identified on
+    OUTSIDE_VALIDITY = 64  # drive or rate outside those of the model's recording
     MISSED = 128  # this sample missed its deadline
-    WRITE_FAILED = 256  # the actuator did not take the voltage
+    WRITE_FAILED = 256  # the actuator did not accept the voltage
     FALLBACK = 512  # the inverse fell back (preview ran dry, or not monotone)
-    APPROACH = 1024  # on the way: to a first point, after a standstill or another model
-    MISMATCH = 2048  # the stage does not behave as its model
-    TRIM_FROZEN = 4096  # the slow trim stands still: its reading is not to be believed
+    APPROACH = 1024  # moving to a first point, or to the target after a pause or a new model
+    MISMATCH = 2048  # the stage does not behave like its model
+    TRIM_FROZEN = 4096  # the slow trim is frozen because the reading is unreliable
 
 
 class Mode(IntEnum):
@@ -127,13 +127,13 @@ class MissCause(IntEnum):
     """
 
     NONE = 0
-    PAGE_FAULT = 1  # memory was not there
+    PAGE_FAULT = 1  # a page of memory had to be loaded
     PREEMPTED = 2  # another task had the CPU
-    STEAL = 3  # the machine stood still, and the hypervisor says that it took the CPU
-    DRIVER_IO = 4  # a device call took its time
+    STEAL = 3  # the machine paused, and the hypervisor reports that it took the CPU
+    DRIVER_IO = 4  # a device call took too long
     COMPUTE = 5  # the step itself took too long
-    LATE_WAKE = 6  # none of the above: the kernel woke us late
-    STALL = 7  # the machine stood still: the witness was late and nobody else had the CPU
+    LATE_WAKE = 6  # none of the above: the kernel woke the loop late
+    STALL = 7  # the machine paused: the witness was late and no other task had the CPU
     SUSPENDED = 8  # the process was stopped from outside (SIGSTOP, debugger, freezer)
 
 

@@ -49,7 +49,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group(
         "files of other programs",
         "Text (comma, semicolon, tab, blanks; decimal commas; any preamble), .xlsx, .npy, .npz, "
-        ".h5, .mat, .tdms, .parquet. What was understood is said in one line.",
+        ".h5, .mat, .tdms, .parquet. One line reports how the file was interpreted.",
     )
 
     def add(*options: str, **more: Any) -> None:
@@ -63,7 +63,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--columns",
         dest="reading_columns",
         metavar="t=0,u=Voltage,y=...",
-        help='which column is which, by heading or number (from 0): t=0,u=Voltage,y="Weg (um)"',
+        help='the columns, by heading or number (from 0): t=0,u=Voltage,y="Weg (um)"',
     )
     add(
         "--rate",
@@ -71,7 +71,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         dest="reading_rate_hz",
         type=float,
         metavar="HZ",
-        help="rows a second, where there are no times (identify: --rate HZ as well)",
+        help="rows per second, if there are no times (identify: --rate HZ as well)",
     )
     add("--time-unit", dest="reading_time_unit", choices=TIME_UNITS, help="unit of the times")
     units = ", ".join(DRIVE_UNITS)

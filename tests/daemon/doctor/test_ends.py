@@ -73,8 +73,8 @@ def test_findings_are_kept_where_the_report_cannot_be_made(
     [
         (BadRecording("no rows"), "The recording could not be diagnosed: no rows"),
         (MemoryError(), "it takes more than 4 GB"),
-        (ValueError("no positive values"), "an error in dehyst, not in the stage: ValueError: no"),
-        (AssertionError(), "an error in dehyst, not in the stage: AssertionError"),
+        (ValueError("no positive values"), "error in dehyst, not in the stage: ValueError: no"),
+        (AssertionError(), "error in dehyst, not in the stage: AssertionError"),
     ],
 )
 def test_what_ended_an_examination_is_said_as_it_was(
