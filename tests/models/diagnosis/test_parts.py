@@ -128,7 +128,7 @@ def test_a_line_of_one_recording_alone_is_not_written() -> None:
     t = 1e-3 * np.arange(4000)
     u = 5.0 - 5.0 * np.cos(2 * np.pi * t)
     one = prepare([Recording(t, u, u)])
-    (line,) = (c for c in library(one) if c.key == "hum")
+    (line,) = (c for c in list_candidates(one) if c.key == "hum")
     assert line.blocks((50.0,), np.array([0.1, 0.0]), one) == ()
 
 
