@@ -158,7 +158,7 @@ def diagnose(
     model: the one in use; None: identified from these recordings. progress: called with a few words
     and the share that is done. Raises BadRecording where the recordings cannot be diagnosed.
     """
-    recordings = _tell_apart(take_recordings(data, units, need_displacement=True))
+    recordings = _with_distinct_names(take_recordings(data, units, need_displacement=True))
     in_use = None if model is None else take_model(model)
     with ThreadPoolExecutor(THREADS) as threads:
         found = diagnosis.diagnose(recordings, in_use, progress, threads.map)
@@ -188,7 +188,7 @@ def _name(model: Any) -> str:
     return str(model) if isinstance(model, str | Path) else "the model"
 
 
-def _tell_apart(recordings: list[Recording]) -> list[Recording]:
+def _with_distinct_names(recordings: list[Recording]) -> list[Recording]:
     """Names of their own, also where two folders hold the same file name."""
     seen: dict[str, int] = {}
     out = []

@@ -234,16 +234,16 @@ class Client(DaemonQueries):
 
     def decide_offer(self, action: Literal["accept", "reject"], number: int) -> None:
         """Accept or reject the doctor's offer of this number. Needs no lease. Raises Refusal."""
-        self._tell(msgspec.structs.replace(self._request(action), offer=number))
+        self._send_request(msgspec.structs.replace(self._request(action), offer=number))
 
     def stop(self, axes: Sequence[str] = ()) -> None:
         """Drop all targets: the output holds, then ramps to the safe voltage. Needs no lease. axes:
         names of axes of this controller that are stopped by the same message, this one too."""
-        self._tell(msgspec.structs.replace(self._request("stop"), axes=tuple(axes)))
+        self._send_request(msgspec.structs.replace(self._request("stop"), axes=tuple(axes)))
 
     def release(self, axes: Sequence[str] = ()) -> None:
         """Drop all targets and ramp to the safe voltage now. Needs no lease. axes: as for stop."""
-        self._tell(msgspec.structs.replace(self._request("release"), axes=tuple(axes)))
+        self._send_request(msgspec.structs.replace(self._request("release"), axes=tuple(axes)))
 
     # -- parts ----------------------------------------------------------------------------------
 
@@ -252,7 +252,7 @@ class Client(DaemonQueries):
         reply: Reply = encoding.decode(Reply, answer)
         return reply
 
-    def _tell(self, command: Command) -> Reply:
+    def _send_request(self, command: Command) -> Reply:
         reply = self._ask(command)
         if not reply.ok:
             raise Refusal(reply.code, reply.text)
@@ -282,7 +282,7 @@ class Client(DaemonQueries):
             if len(self.together) > 1:
                 axes = tuple(client.name for client in self.together)
                 request = msgspec.structs.replace(request, axes=axes)
-            lease = self._tell(request).lease
+            lease = self._send_request(request).lease
             for client in self.together:
                 client._lease = lease
 

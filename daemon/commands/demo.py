@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     args.output.mkdir(parents=True, exist_ok=True)
     first = read_spent()
     try:
-        return _tell(args)
+        return _run(args)
     except DehystError as error:  # a wait that was too long, mostly
         busy = busy_between(first, read_spent())
         if not busy.why:
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         return TOO_BUSY
 
 
-def _tell(args: argparse.Namespace) -> int:
+def _run(args: argparse.Namespace) -> int:
     """Both acts; the exit status."""
     from dehyst.daemon.demo.demo import Demo, compare_errors, draw_demo, join_acts
 

@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Say what was found, or be the doctor."""
-    return _be_doctor(args.config) if args.config else _tell(args)
+    return _be_doctor(args.config) if args.config else _print_report(args)
 
 
 def _be_doctor(path: str) -> int:
@@ -58,7 +58,7 @@ def _be_doctor(path: str) -> int:
         return run_doctor(controller)
 
 
-def _tell(args: argparse.Namespace) -> int:
+def _print_report(args: argparse.Namespace) -> int:
     from dehyst.daemon.files.outputs import check_outputs, whole_file
 
     check_outputs([args.report], [args.credentials], args.force)

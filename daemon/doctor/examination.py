@@ -127,7 +127,7 @@ def _conclude(
     left = _left(model, found.model, when_good, details.noise, seen)
     one = find_one_change(findings, seen.causes, left)
     if one is not None:  # alone it explains all that is new
-        beside = _tell_beside(findings)
+        beside = _describe_report(findings)
         findings = [state_one_change(one, seen.causes, left)]
         verdict, models = "explained", []
     named = [f for f in findings if f.name != "unknown"]
@@ -144,8 +144,8 @@ def _conclude(
         save_model(offered, folder / cases.OFFERED)
         after = validate(offered, seen.flagged).rms
     says = [
-        _tell(findings, verdict, (before, after, details.unit), offered is not None),
-        *_tell_good(when_good, before, details.unit),
+        _describe_findings(findings, verdict, (before, after, details.unit), offered is not None),
+        *_describe_when_good(when_good, before, details.unit),
         *(text for text in (beside, why) if text),
     ]
     unsure = tested is None and not of_sensor and verdict != "clean"
@@ -174,7 +174,7 @@ def _effect(finding: Finding) -> FoundEffect:
     )
 
 
-def _tell_good(when_good: float, before: float, unit: str) -> list[str]:
+def _describe_when_good(when_good: float, before: float, unit: str) -> list[str]:
     """What the last good recording says."""
     if when_good < 0.0:
         return []
@@ -184,7 +184,7 @@ def _tell_good(when_good: float, before: float, unit: str) -> list[str]:
     return [f"It is not new: {left}, too."]
 
 
-def _tell(
+def _describe_findings(
     findings: Sequence[Finding], verdict: str, left: tuple[float, float, str], offered: bool
 ) -> str:
     """left: by the model in use and by the offered or else the augmented one, and their unit."""
@@ -197,7 +197,7 @@ def _tell(
     return f"{text}."
 
 
-def _tell_beside(findings: Sequence[Finding]) -> str:
+def _describe_report(findings: Sequence[Finding]) -> str:
     """What the report says that the one change does not need."""
     names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
     return f"It is a single change; the report fits the loop again and shows it as {names}."

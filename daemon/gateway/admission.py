@@ -55,7 +55,7 @@ class Admission:
         self.rejected: Counter[str] = Counter()
         self.commands = 0
         self.decide_offer: DecideOffer = lambda action, offer: "this controller has no doctor"
-        self.tell: Callable[[int, str, str], None] = lambda level, code, text: None
+        self.report: Callable[[int, str, str], None] = lambda level, code, text: None
         self.keep: Callable[[InPlay], None] = lambda begun: None
         self.begun = InPlay()
         self._trajectory = _Trajectory()
@@ -111,7 +111,7 @@ class Admission:
         said = CODES[refused.code].waits or now.over or now.refused
         if isinstance(command, Chunk) and self.plays(command) and not said:
             now.refused = True
-            self.tell(2, "trajectory", f"the trajectory in play is refused: {refused}")
+            self.report(2, "trajectory", f"the trajectory in play is refused: {refused}")
 
     def granted(self, now_ns: int, command: Command, code: str = "ok", text: str = "") -> Reply:
         """The answer to a command that was admitted."""
@@ -245,7 +245,7 @@ class Admission:
         if not begun.beyond or not (first or command.last):
             return ""
         text = begun.say_beyond(self.core.reachable, self.unit)
-        self.tell(2, "trajectory", text)
+        self.report(2, "trajectory", text)
         return text if first else ""
 
     def _check_chunk(
@@ -349,7 +349,7 @@ class Admission:
     def _end_trajectory(self, why: str) -> None:
         if (now := self._trajectory).number and not now.over:
             now.over = why
-            self.tell(1, "trajectory", f"the trajectory ended early: {why}")
+            self.report(1, "trajectory", f"the trajectory ended early: {why}")
         self._passed.clear()
 
     def check_free(self, now_ns: int, command: Request) -> None:

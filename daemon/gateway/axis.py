@@ -25,7 +25,7 @@ class ServedAxis:
         admission = Admission("", setpoint.queue_s, setpoint.stale_s, lease, setpoint.stay)
         self.publisher = Publisher(config, bus, self.keys, rings, admission, served)
         admission.decide_offer = self.publisher.doctor_desk.decide
-        admission.tell = self.publisher.tell_later
+        admission.report = self.publisher.report_later
         admission.keep = partial(write_in_play, config.directory)
         admission.begun = read_in_play(config.directory)
         self.door = AxisDoor(bus, self.keys, rings, admission)

@@ -43,7 +43,7 @@ class AxisDoor:
         self.puts: deque[tuple[str, bytes]] = deque(maxlen=WAITING_PUTS)
         self.flooded = 0
         self._refusals: dict[tuple[int, str], tuple[int, str]] = {}
-        self._told_ns = 0
+        self._published_ns = 0
         self._rejections = bus.sender(keys.pubsub(subject(REJECTION)), REJECTION)
 
     def refused(self, client: int, code: str, text: str, count: int) -> None:
@@ -51,13 +51,13 @@ class AxisDoor:
         key = (client, code)
         if key in self._refusals or len(self._refusals) < LONGEST_REFUSALS:
             self._refusals[key] = (self._refusals.get(key, (0, ""))[0] + count, text)
-        if clock.monotonic_ns() - self._told_ns >= REJECTIONS_NS:
-            self.tell_refusals()
+        if clock.monotonic_ns() - self._published_ns >= REJECTIONS_NS:
+            self.publish_refusals()
 
-    def tell_refusals(self) -> None:
+    def publish_refusals(self) -> None:
         """Publish the refusals, at most ten times a second and once for each client and reason."""
         now_ns = clock.monotonic_ns()
-        if now_ns - self._told_ns < REJECTIONS_NS:
+        if now_ns - self._published_ns < REJECTIONS_NS:
             return
         if self.flooded:
             count, self.flooded = self.flooded, 0
@@ -65,7 +65,7 @@ class AxisDoor:
             self._refusals[(0, "flood")] = (count, "more commands than the daemon reads")
         if not self._refusals:
             return
-        self._told_ns = now_ns
+        self._published_ns = now_ns
         refusals, self._refusals = self._refusals, {}
         for (client, code), (count, text) in refusals.items():
             message = Rejection(time_ns=now_ns, client=client, code=code, text=text, count=count)
@@ -99,7 +99,7 @@ class CommandIntake:
             door.flooded += 1
             asked.done()
 
-    def tell_loop(self, door: AxisDoor, records: NDArray[Any]) -> None:
+    def pass_to_loop(self, door: AxisDoor, records: NDArray[Any]) -> None:
         """Pass on (n,) COMMAND records of the gateway's own; from any thread."""
         self._own.put((door, records))
         self._work.set()
@@ -114,7 +114,7 @@ class CommandIntake:
                 if stop.is_set():
                     return
             for door in self._doors.values():
-                door.tell_refusals()
+                door.publish_refusals()
 
     def _pass_own(self) -> None:
         """What the gateway itself tells the loops; where one takes nothing now, later."""

@@ -31,7 +31,7 @@ from dehyst.models.errors import DehystError, NotNow
 
 SCAN_S = 0.25
 LONGEST_REPORT, LONGEST_EVENT = 6 << 20, 500
-Tell = Callable[[int, str, str], None]
+Report = Callable[[int, str, str], None]
 """(level, code, text): an event."""
 OPEN: tuple[DoctorState, ...] = ("found", "waiting")
 AT_WORK: tuple[DoctorState, ...] = ("trial", "accepted")
@@ -46,10 +46,10 @@ class DoctorDesk:
         self,
         config: Config,
         publish: Callable[[bytes], None],
-        tell: Tell,
+        report: Report,
         trial: ModelTrial,
     ) -> None:
-        self._config, self._publish, self._tell, self._trial = config, publish, tell, trial
+        self._config, self._publish, self._report, self._trial = config, publish, report, trial
         self._lock = threading.Lock()
         self._folders: dict[str, Path] = {}
         self._known: dict[str, tuple[Case, Examined | None, Decided | None]] = {}
@@ -188,11 +188,11 @@ class DoctorDesk:
                 continue
             self._say(name)
             if now[1] is not None:
-                self._tell_found(now[0], now[1])
+                self._report_findings(now[0], now[1])
                 if self._config.doctor.accept and now[1].tested is not None:
                     refused = self.decide("accept", now[0].number)
                     if refused:
-                        self._tell(2, "doctor", f"not accepted by itself: {refused}")
+                        self._report(2, "doctor", f"not accepted by itself: {refused}")
 
     def _read(self, folder: Path) -> None:
         case = cases.get_record(folder, cases.CASE, Case)
@@ -216,7 +216,7 @@ class DoctorDesk:
         low, high = displacement_range(model, *drive_range(self._config, model))
         return Scope((low, high), model.validity.rate_max)
 
-    def _tell_found(self, case: Case, found: Examined) -> None:
+    def _report_findings(self, case: Case, found: Examined) -> None:
         more = ""
         if found.tested is not None:
             tested = found.tested
@@ -230,7 +230,7 @@ class DoctorDesk:
         elif found.experiment:
             more = f" Next: dehyst {' '.join(found.experiment)}"
         text = f"{case.name}: {found.says}"
-        self._tell(2, "doctor", f"{text[: LONGEST_EVENT - len(more)]}{more}"[:LONGEST_EVENT])
+        self._report(2, "doctor", f"{text[: LONGEST_EVENT - len(more)]}{more}"[:LONGEST_EVENT])
 
     def _carry_out(self, action: str, name: str) -> None:
         folder, state = self._folders[name], self._state(name)
@@ -247,7 +247,7 @@ class DoctorDesk:
                 assert examined.tested is not None
                 self._trial.begin(name, case.number, folder, examined.tested)
             except (OSError, DehystError) as error:
-                self._tell(3, "doctor", f"{name}: the offered model is not at work: {error}")
+                self._report(3, "doctor", f"{name}: the offered model is not at work: {error}")
                 return
             self._decided(
                 name,
@@ -275,7 +275,7 @@ class DoctorDesk:
                 self._known[name] = case, examined, decided
         if name in self._known:  # else the case was deleted meanwhile: too many newer ones
             self._say(name)
-        self._tell(2 if state == "returned" else 1, "doctor", f"{name}: {text}"[:LONGEST_EVENT])
+        self._report(2 if state == "returned" else 1, "doctor", f"{name}: {text}"[:LONGEST_EVENT])
 
     def _say(self, name: str) -> None:
         scopes = self._scopes.get(name)

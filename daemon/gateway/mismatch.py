@@ -47,7 +47,7 @@ MEANS = {
 
 Trust = Callable[[bool], None]
 """Whether stage and gauge are to be trusted, reported to the loop."""
-Tell = Callable[[int, str, str], None]
+Report = Callable[[int, str, str], None]
 """(level, code, text): an event."""
 See = Callable[[NDArray[Any]], None]
 """Samples that were judged, for who follows a model on trial."""
@@ -59,8 +59,8 @@ class MismatchWatch:
     health, mismatch, figure: what the status says; the figure is "" while nothing is wrong, health
     is below 0 while the watch still learns."""
 
-    def __init__(self, config: Config, history: TelemetryHistory, tell: Tell) -> None:
-        self._config, self._history, self._tell = config, history, tell
+    def __init__(self, config: Config, history: TelemetryHistory, report: Report) -> None:
+        self._config, self._history, self._report = config, history, report
         self._batches: deque[tuple[int, NDArray[Any], float, float]] = deque(maxlen=WAITING_BATCHES)
         self._watch: MismatchMonitor | None = None
         self.trust: Trust = lambda trusted: None
@@ -161,7 +161,7 @@ class MismatchWatch:
         cause = SILENT if silent else STUCK if stuck_s else watch.cause
         self.figure = cause if wrong else ""
         if stuck_s and not self._stuck:
-            self._tell(
+            self._report(
                 2,
                 "sensor",
                 f"the reading has not changed for {stuck_s:.1f} s although the "
@@ -173,14 +173,14 @@ class MismatchWatch:
             self._flagged = seq, clock.monotonic_ns(), clock.wall_ns()
             self._figure_flagged = self.figure
             self._keep_at = seq + round(self._config.watch.after_s * rate_hz)
-            self._tell(
+            self._report(
                 2,
                 "mismatch",
                 f"the stage does not behave like its model: {MEANS[self.figure]} (health "
                 f"{self.health:.2f}, above 1 is out of order, by the figure {self.figure!r})",
             )
         elif self.mismatch and not wrong:
-            self._tell(1, "mismatch", "the stage behaves like its model again")
+            self._report(1, "mismatch", "the stage behaves like its model again")
         if wrong != self.mismatch:
             self.trust(not wrong)
         self.mismatch = wrong
@@ -216,9 +216,9 @@ class MismatchWatch:
             case = describe_case(config, name, self._figure_flagged, (when[0], when[1]))
             self._cases.begin(path, seq, end, origin, case, self._model_used)
         except (OSError, DehystError) as error:
-            self._tell(3, "mismatch", f"the recording around the mismatch is not kept: {error}")
+            self._report(3, "mismatch", f"the recording around the mismatch is not kept: {error}")
             return
-        self._tell(
+        self._report(
             2,
             "mismatch",
             f"recording kept; to learn more: dehyst diagnose {path} --model "

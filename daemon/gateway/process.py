@@ -111,7 +111,7 @@ class Gateway:
     ) -> None:
         """Serve the keys of one axis."""
         keys, door = axis.keys, axis.door
-        axis.publisher.mismatch_watch.trust = lambda yes: intake.tell_loop(door, trust(yes))
+        axis.publisher.mismatch_watch.trust = lambda yes: intake.pass_to_loop(door, trust(yes))
         bus.listen(keys.setpoints(), partial(intake.put, door))
         bus.answer(keys.rpc("command"), partial(intake.ask, door))
         for method in ("status", "model", "configuration", "events", "doctor", "report"):

@@ -85,15 +85,15 @@ class Publisher:
         self._record: Any = np.zeros(1, STATUS)[0]
         self._heard_ns = self._said_ns = served.started_ns
         self._published = self._lost = self._cores = 0
-        self._told_alive = False
+        self._published_alive = False
         self._waiting: SimpleQueue[tuple[int, str, str]] = SimpleQueue()
         if served.refused.starts:
             away = f"no client could reach this daemon for {served.unreachable_s:.1f} s"
             self._waiting.put((1, "gateway", f"{away}: {served.refused.because}"))
-        self.mismatch_watch = MismatchWatch(config, self.history, self.tell_later)
+        self.mismatch_watch = MismatchWatch(config, self.history, self.report_later)
         found = bus.sender(keys.pubsub(subject(DOCTOR)), DOCTOR)
         trial = ModelTrial(config, self._core_now, self.history.get)
-        self.doctor_desk = DoctorDesk(config, found.put, self.tell_later, trial)
+        self.doctor_desk = DoctorDesk(config, found.put, self.report_later, trial)
         self.mismatch_watch.seen = self.doctor_desk.see
 
     def tick(self, now_ns: int) -> None:
@@ -106,16 +106,16 @@ class Publisher:
         if heard:
             self._heard_ns = now_ns
         alive = self._rings.attached and self._cores > 0 and now_ns - self._heard_ns < SILENT_NS
-        if alive != self._told_alive and (alive or not core.starting):
-            self._told_alive = alive
-            self._tell(now_ns, 1 if alive else 2, "core", RUNS if alive else GONE)
+        if alive != self._published_alive and (alive or not core.starting):
+            self._published_alive = alive
+            self._report(now_ns, 1 if alive else 2, "core", RUNS if alive else GONE)
         if alive != core.alive:
             core.alive = alive
             self._say(now_ns)
         elif now_ns - self._said_ns >= 1.2 * clock.NS:
             self._say(now_ns)
 
-    def tell_later(self, level: int, code: str, text: str) -> None:
+    def report_later(self, level: int, code: str, text: str) -> None:
         """An event of another thread."""
         self._waiting.put((level, code, text))
 
@@ -246,9 +246,9 @@ class Publisher:
         if records.size:
             self._rings.taken("event")
         while not self._waiting.empty():
-            self._tell(clock.monotonic_ns(), *self._waiting.get())
+            self._report(clock.monotonic_ns(), *self._waiting.get())
 
-    def _tell(self, now_ns: int, level: int, code: str, text: str) -> None:
+    def _report(self, now_ns: int, level: int, code: str, text: str) -> None:
         """An event of the gateway's own."""
         event = Event(time_ns=now_ns, wall_ns=clock.wall_ns(), level=level, code=code, text=text)
         self._put_event(event)

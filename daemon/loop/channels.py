@@ -20,7 +20,7 @@ class Channels:
     """The sensors of [channels.NAME], open; not the channels that follow an axis. Raises
     DriverError where one cannot be opened.
 
-    measured: called with the name and the value of each valid reading; tell: with what went wrong
+    measured: called with the name and the value of each valid reading; report: with what went wrong
     or right again, in words.
     """
 
@@ -28,10 +28,10 @@ class Channels:
         self,
         configs: Mapping[str, ChannelConfig],
         measured: Callable[[str, float], None],
-        tell: Callable[[str], None],
+        report: Callable[[str], None],
     ) -> None:
         self._configs = {name: config for name, config in configs.items() if config.driver}
-        self._measured, self._tell = measured, tell
+        self._measured, self._report = measured, report
         self._sensors: dict[str, Sensor] = {}
         self._said: dict[str, str] = {}
         self._known: set[str] = set()
@@ -68,7 +68,7 @@ class Channels:
             self._known.add(name)
         if wrong != self._said.get(name, ""):
             until_then = "its last value is kept" if name in self._known else "not compensated"
-            self._tell(
+            self._report(
                 f"channel {name}: {wrong}; {until_then}" if wrong else f"channel {name}: back"
             )
             self._said[name] = wrong

@@ -172,11 +172,11 @@ class Core:
             for stepper in heard[key]:
                 stepper.measured(key[1], value)
 
-        def tell(text: str) -> None:
+        def report(text: str) -> None:
             for axis in self.axes:
                 axis.stepper.events.append(text)
 
-        return Channels({names[key]: config for key, config in configs.items()}, measured, tell)
+        return Channels({names[key]: config for key, config in configs.items()}, measured, report)
 
     def _say_of_circles(self) -> None:
         """Axes that follow each other's drives in a circle: one of them is a sample late."""

@@ -188,7 +188,7 @@ class LoopMonitor:
             self._notes = self._control[_NOTES]
             # readings behind a zero that has moved must not be compared with those before
             due |= self.stepper.trim["zero"][0] != self._status["gauge_zero"][0]
-            self.stepper.tell()
+            self.stepper.collect_events()
             self._settle_reload()
         for link in (self.actuator, self.sensor):
             while link.news:  # one by one: the reconnecting thread may add one meanwhile

@@ -150,7 +150,7 @@ class Stepper:
         if commands.size:
             self._commands[: commands.size] = commands
         step_kernel.take_step(self.table.words, now_ns, measured, commands.size)
-        self.tell()
+        self.collect_events()
         return self.record
 
     def measured(self, name: str, value: float) -> None:
@@ -164,7 +164,7 @@ class Stepper:
         """The output now stands at `volts`; the model follows what was really applied."""
         step_kernel.follow_output(self.table.words, volts)
 
-    def tell(self) -> None:
+    def collect_events(self) -> None:
         """Put what the kernels noted into `events`, in words."""
         made = int(self.control["notes"][0])
         if made == self._reported:

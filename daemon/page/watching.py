@@ -220,13 +220,13 @@ class Watch:
     def _take_words(self, events: deque[Event], rejections: deque[Rejection]) -> None:
         while events:
             e = events.popleft()
-            self._tell(e.wall_ns, e.level, e.code, e.text)
+            self._add_event(e.wall_ns, e.level, e.code, e.text)
         while rejections:
             r = rejections.popleft()
             wall_ns = r.time_ns + self.wall_offset_ns if self.wall_offset_ns else clock.wall_ns()
-            self._tell(wall_ns, 2, "refused", f"{r.count} x: {r.text}")
+            self._add_event(wall_ns, 2, "refused", f"{r.count} x: {r.text}")
 
-    def _tell(self, wall_ns: int, level: int, code: str, text: str) -> None:
+    def _add_event(self, wall_ns: int, level: int, code: str, text: str) -> None:
         said = {"wall_s": wall_ns * 1e-9, "level": level, "code": code, "text": text}
         if all(said != before for _, before in self.events):  # kept by the daemon and heard
             self._heard += 1

@@ -124,7 +124,7 @@ def draw_story_bands(story: StoryData, axes: Axes) -> str:
 def list_close_looks(story: StoryData) -> list[Draw]:
     """One second of each phase, the same second of the pattern, on the same scale."""
     phases = list_phases(story)
-    at = _telling_second(story, phases)
+    at = _clearest_second(story, phases)
     if at is None:
         return []
     found = [(one, _same_second(story, one, at)) for one in phases]
@@ -173,7 +173,7 @@ def _draw_extremes(axes: Axes, t_s: Floats, error: Floats) -> None:
     axes.fill_between(at, low, high, color=MEASURED, alpha=0.25, lw=0, step="post")
 
 
-def _telling_second(story: StoryData, phases: Sequence[Phase]) -> int | None:
+def _clearest_second(story: StoryData, phases: Sequence[Phase]) -> int | None:
     """First sample of the second with the effect in which target and measured are farthest apart
     for the way that is shown."""
     effect = next((one for one in phases if one.name == "with the effect"), None)

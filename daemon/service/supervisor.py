@@ -19,7 +19,7 @@ from typing import Any
 
 from dehyst.daemon import clock, log_lines, notify
 from dehyst.daemon.config import Controller
-from dehyst.daemon.service.event_teller import EventTeller
+from dehyst.daemon.service.event_log import EventLog
 from dehyst.daemon.service.heartbeat import Heartbeats
 from dehyst.daemon.service.life import NEXT, Life, LifeEvent
 from dehyst.models.errors import DehystError
@@ -108,7 +108,7 @@ class Supervisor:
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._end_asked = self._reload_asked = False
         self._heartbeat = Heartbeats([axis.directory for axis in controller.axes])
-        self._events = [EventTeller(axis, say) for axis in controller.axes]
+        self._events = [EventLog(axis, say) for axis in controller.axes]
         self._pid = 0
         self._entered_ns = 0
         self._began_ns: dict[str, int] = {}
@@ -129,7 +129,7 @@ class Supervisor:
                 self._look()
         finally:  # whatever happened, nothing that drives the stage is left behind
             self._end(self.core, self.patience_s)
-            self._tell_events()
+            self._log_events()
             for child in (self.page, self.doctor):
                 if child is not None:
                     self._end(child, 10.0)
@@ -141,7 +141,7 @@ class Supervisor:
     def _look(self) -> None:
         """See what has happened; each event leads to the state that the table says."""
         self._heartbeat.look(clock.monotonic_ns())
-        self._tell_events()
+        self._log_events()
         self._look_for_folder()
         beats = self._heartbeat.core_moves
         if beats and self.core.process is not None:
@@ -152,7 +152,7 @@ class Supervisor:
             self.core.signal(signal.SIGHUP)
         code = self.core.died(beats)
         if code is not None:
-            self._tell_events()
+            self._log_events()
             self._core_died(code)
         code = self.safe.died(True)
         if code is not None:
@@ -298,10 +298,10 @@ class Supervisor:
             )
         self._folder_gone = gone
 
-    def _tell_events(self) -> None:
+    def _log_events(self) -> None:
         """Say what this run of the loop has to say, and when that was."""
         for events in self._events:
-            events.tell(self._pid)
+            events.log_new(self._pid)
 
     def _on_end(self, *_: Any) -> None:
         self._end_asked = True

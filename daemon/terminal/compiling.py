@@ -63,7 +63,7 @@ class Compilations(Listener):
             self._spent_ns, self._begun_ns = self._spent_ns + now_ns - self._begun_ns, now_ns
 
 
-class CompilingTeller:
+class CompilingProgress:
     """Says what is compiled and for how long, also while one kernel takes its time: a thread looks
     every TICK_S. On a terminal one line that is written anew, elsewhere a line every AGAIN_S.
 
@@ -135,7 +135,7 @@ def compiling_reported(said_by: str, in_pipes: bool = False, ends: bool = True) 
     it took. in_pipes: also where no terminal reads them; ends: the block ends with its work, so
     that the sum at its end is still news."""
     compilations = Compilations()
-    teller = CompilingTeller(said_by, compilations, in_pipes)
+    teller = CompilingProgress(said_by, compilations, in_pipes)
     try:
         with install_listener("numba:compile", compilations), teller:
             yield
@@ -157,7 +157,7 @@ def compiling_shown(said_by: str) -> Iterator[Compilations]:
     if not console.is_terminal:
         with (
             install_listener("numba:compile", compilations),
-            CompilingTeller(said_by, compilations, in_pipes=True),
+            CompilingProgress(said_by, compilations, in_pipes=True),
         ):
             yield compilations
         return

@@ -6,7 +6,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 WALL = {"time", "time_ns", "now", "utcnow", "today", "fromtimestamp", "wall_ns", "ctime"}
 # what makes records and lines for people: each reading there is looked at below
-LABELLING = {"status.py", "process.py", "core.py", "event_teller.py"}
+LABELLING = {"status.py", "process.py", "core.py", "event_log.py"}
 OWNERS = {"time", "datetime", "clock", "date"}
 
 

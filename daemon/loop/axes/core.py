@@ -76,11 +76,11 @@ def followed_by(config: Config, channels: tuple[str, ...]) -> dict[str, ChannelS
 class AxisCore:
     """One axis. `open` before anything else, `prepare` before the loop runs.
 
-    tell: called with each status record while it is filled.
+    report: called with each status record while it is filled.
     """
 
-    def __init__(self, config: Config, tell: Callable[[NDArray[Any]], None]) -> None:
-        self.config, self._tell = config, tell
+    def __init__(self, config: Config, report: Callable[[NDArray[Any]], None]) -> None:
+        self.config, self._report = config, report
         self.model, self._accepted, self._about_model = choose_model(config)
         actuator, sensor = devices_of(config)
         self.actuator, self.sensor = DeviceLink("actuator", actuator), DeviceLink("sensor", sensor)
@@ -125,7 +125,7 @@ class AxisCore:
         stepper.use(compensator, self._led(compensator, self._past))
         stepper.follow(self._rows(compensator))
         make_run_folder(config.directory)
-        self._tell_model(self.model)
+        self._publish_model(self.model)
         rings = {
             name: Ring.create(config.directory / f"{name}.ring", dtype, size, run)
             for name, (dtype, size) in RINGS.items()
@@ -273,11 +273,11 @@ class AxisCore:
         monitor.stepper.trim_setting[:] = trimmed
         self.model, self._accepted = model, accepted
         try:
-            self._tell_model(model)
+            self._publish_model(model)
         except DehystError as error:
             monitor.stepper.events.append(f"clients still see the old model: {error}")
 
-    def _tell_model(self, model: Model) -> None:
+    def _publish_model(self, model: Model) -> None:
         """Leave the model that the loop really uses where the gateway finds it."""
         text = dumps(model)
         path = model_file(self.config.directory, model_digest(text))
@@ -288,7 +288,7 @@ class AxisCore:
             write_text(path, text)
         except OSError as error:
             raise NotNow(f"{path}: cannot be written: {error.strerror or error}") from None
-        self._told_model = model, model_digest(text)
+        self._published_model = model, model_digest(text)
 
     # -- status -----------------------------------------------------------------------------------
 
@@ -305,14 +305,14 @@ class AxisCore:
     def _fill_model(self, status: NDArray[Any], zero: float) -> None:
         low, high = self._reach()
         status["reach_min"], status["reach_max"] = low - zero, high - zero
-        model, digest = self._told_model
+        model, digest = self._published_model
         status["unit"], status["drive_unit"] = model.displacement_unit, model.drive_unit
         status["model"] = digest
 
     def _fill_status(self, status: NDArray[Any]) -> None:
         self._fill_model(status, self.monitor.stepper.origin)
         status["latency_s"] = self.monitor.stepper.compensator.latency_s
-        self._tell(status)
+        self._report(status)
         for end in ("reach_min", "reach_max"):  # a target is trimmed before it is inverted
             status[end] -= status["trim"]
 

@@ -26,7 +26,7 @@ def kept() -> list[InPlay]:
 def gate(said: Said, kept: list[InPlay]) -> Gate:
     """Holds the lease; the reach is -5 to 5."""
     gate = Gate()
-    gate.gate.tell = lambda *event: said.append(event)
+    gate.gate.report = lambda *event: said.append(event)
     gate.gate.keep = kept.append
     assert gate.request(1, "acquire", label="first").ok
     return gate
@@ -92,7 +92,7 @@ def test_the_next_gateway_knows_what_was_admitted(
     write_in_play(tmp_path, kept[-1])
     newest = gate.records[-1:]
     after = Gate()
-    after.gate.tell = lambda *event: said.append(event)
+    after.gate.report = lambda *event: said.append(event)
     after.gate.core.reachable = (-3.0, 3.0)
     after.gate.begun = read_in_play(tmp_path)
     after.gate.resume(newest)

@@ -21,7 +21,7 @@ from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY
 from dehyst.daemon.rings.ring import Ring, digest
 from dehyst.daemon.rings.ring_file import RingFile
 from dehyst.daemon.rings.status import STATUS
-from dehyst.daemon.service.event_teller import EventTeller
+from dehyst.daemon.service.event_log import EventLog
 from dehyst.daemon.service.heartbeat import Heartbeat
 from dehyst.models.errors import BadInput
 
@@ -193,8 +193,8 @@ def test_no_header_whatever_is_in_it_ends_a_reader_or_a_writer(
     heartbeat, config = Heartbeat(folder), SimpleNamespace(directory=folder, axis="")
     heartbeat.core_started(os.getpid())
     heartbeat.look(10**9)
-    teller = EventTeller(config, lambda text: None)  # type: ignore[arg-type]
-    teller.tell(os.getpid())
+    teller = EventLog(config, lambda text: None)  # type: ignore[arg-type]
+    teller.log_new(os.getpid())
     writer.mend()
     writer.push(np.zeros(1, dtype)[0])
     assert reader.head == 4

@@ -99,7 +99,7 @@ def test_while_one_kernel_takes_long_a_pipe_still_gets_a_line_with_its_name_now_
     for name, value in (("SILENT_S", 0.0), ("TICK_S", 0.01), ("AGAIN_S", 0.03)):
         monkeypatch.setattr(compiling, name, value)
     compilations, said = compiling.Compilations(), ""
-    with compiling.CompilingTeller("dehyst warm", compilations, in_pipes=True):
+    with compiling.CompilingProgress("dehyst warm", compilations, in_pipes=True):
         compilations.on_start(Slow("windowed"))
 
         def has_said() -> bool:
@@ -127,7 +127,7 @@ def test_on_a_terminal_one_line_is_written_anew_all_the_time(
     monkeypatch.setattr(compiling, "SILENT_S", 0.0)
     monkeypatch.setattr(compiling, "TICK_S", 0.01)
     compilations = compiling.Compilations()
-    with compiling.CompilingTeller("dehyst run", compilations, in_pipes=False):
+    with compiling.CompilingProgress("dehyst run", compilations, in_pipes=False):
         compilations.on_start(Slow("windowed"))
         wait_for(lambda: screen.getvalue().count("now models.x.windowed\r") >= 3)
     assert screen.getvalue().count("\n") == 1

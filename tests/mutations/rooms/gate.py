@@ -110,7 +110,7 @@ CHANGES = room(
         "a new trajectory is admitted by the reach of the one before",
     ),
     Change(
-        "beyond-not-reported", GATE, 'self.tell(2, "trajectory", text)', "pass",
+        "beyond-not-reported", GATE, 'self.report(2, "trajectory", text)', "pass",
         "nobody learns that a scan is cut off at the new reach",
     ),
     Change(

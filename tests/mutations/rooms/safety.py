@@ -259,7 +259,7 @@ CHANGES = [
             ),
         ),
         Change(
-            "old-events", "daemon/service/event_teller.py", "if self._ring.pid != pid or", "if",
+            "old-events", "daemon/service/event_log.py", "if self._ring.pid != pid or", "if",
             "events of the run before are reported as this one's",
             tests=(f"{RUNS}::test_events_carry_their_time_and_belong_to_their_run",),
         ),

@@ -9,7 +9,7 @@ from dehyst.daemon.rings.ring_file import RingFile
 from dehyst.models.errors import BadInput
 
 
-class EventTeller:
+class EventLog:
     """Says the events of one axis, each once."""
 
     def __init__(self, config: Config, say: Callable[[str], None]) -> None:
@@ -18,7 +18,7 @@ class EventTeller:
         self._ring: RingFile | None = None
         self._reported = 0
 
-    def tell(self, pid: int) -> None:
+    def log_new(self, pid: int) -> None:
         """Say what this process' loop has written since the last time."""
         try:
             if self._ring is None or self._ring.stale():
