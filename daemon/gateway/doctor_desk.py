@@ -35,6 +35,8 @@ Report = Callable[[int, str, str], None]
 """(level, code, text): an event."""
 OPEN: tuple[DoctorState, ...] = ("found", "waiting")
 AT_WORK: tuple[DoctorState, ...] = ("trial", "accepted")
+ALREADY = {"trial": "on trial"}
+"""States that are no words of a sentence."""
 
 
 class DoctorDesk:
@@ -97,7 +99,7 @@ class DoctorDesk:
                 if why:
                     return why
             elif state not in (*OPEN, *AT_WORK):
-                return f"this offer is already {state}"
+                return f"this offer is already {ALREADY.get(state, state)}"
             self._wishes.put((action, found[0]))
         return ""
 
@@ -109,7 +111,7 @@ class DoctorDesk:
         if examined is None or examined.tested is None:
             return "there is no offer: the doctor has no better model"
         if state not in OPEN:
-            return f"this offer is already {state}"
+            return f"this offer is already {ALREADY.get(state, state)}"
         if self._trial.on_trial:
             return ""  # it waits, and is asked again
         return self._trial.why_not(self._folders[name] / cases.IN_USE)

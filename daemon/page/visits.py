@@ -240,7 +240,7 @@ class Visit:
         for one in self.controllers.of_one(watch):
             if name in ("", one.name):
                 return one if name else watch
-        raise BadInput(f"{name}: is not an axis of this controller")
+        raise BadInput(f"{name} is not an axis of this controller")
 
     def _play(self, watch: Watch, commander: Commander, ask: wire.Play) -> None:
         job = self.jobs.get(ask.job)

@@ -28,9 +28,9 @@ os.seteuid(os.getuid())
 kernel_cache.drop_stale()
 kernel_cache.load_lightly()
 import numpy as np
-from dehyst.daemon.rings.ring import load
-load(np.zeros(8, np.int64), 1)
-print("hits", sum(load.stats.cache_hits.values()))
+from dehyst.daemon.rings.ring import load_word
+load_word(np.zeros(8, np.int64), 1)
+print("hits", sum(load_word.stats.cache_hits.values()))
 """
 
 
@@ -87,7 +87,7 @@ def test_a_planted_entry_is_not_loaded(installed: Path, tmp_path: Path, how: str
     mark = tmp_path / "open" / "mark"
     mark.parent.mkdir()
     os.chmod(mark.parent, 0o777)
-    index = next(p for p in installed.rglob("*.nbi") if p.name.startswith("ring.load"))
+    index = next(p for p in installed.rglob("*.nbi") if p.name.startswith("ring.load_word"))
     planted = tmp_path / "planted"
     planted.write_bytes(pickle.dumps(Mark(mark)))
     index.unlink()
@@ -114,7 +114,7 @@ def test_a_planted_entry_is_not_loaded(installed: Path, tmp_path: Path, how: str
 def test_the_planted_entry_would_have_run(installed: Path, tmp_path: Path) -> None:
     """The witness works: where the owner himself left it, it is read."""
     mark = tmp_path / "mark"
-    index = next(p for p in installed.rglob("*.nbi") if p.name.startswith("ring.load"))
+    index = next(p for p in installed.rglob("*.nbi") if p.name.startswith("ring.load_word"))
     index.write_bytes(pickle.dumps(Mark(mark)))
     subprocess.run(
         [sys.executable, "-c", LOAD, "0"], env={**os.environ, "NUMBA_CACHE_DIR": str(installed)},

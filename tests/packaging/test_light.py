@@ -36,7 +36,7 @@ from numba import njit
 from dehyst.daemon.rings import ring
 words = np.zeros(4, np.int64)
 ring.store(words, 2, 7)
-assert ring.load(words, 2) == 7
+assert ring.load_word(words, 2) == 7
 from dehyst.models.mismatch.monitor import compile_monitor
 compile_monitor()
 assert not {"scipy.linalg", "cffi"} & sys.modules.keys()
@@ -46,7 +46,7 @@ def multiply(a, b):
 @njit
 def keep(words):
     ring.store(words, 1, 5)
-    return ring.load(words, 1)
+    return ring.load_word(words, 1)
 assert keep(words) == 5
 @njit
 def factorial(n):  # its own symbol is looked for before it is defined

@@ -87,7 +87,7 @@ def recorder() -> str:
 
 def remove() -> str:
     """What the README says of taking the service away, as commands."""
-    found = re.search(r"The service: (.*?)\n\n", README, re.S)
+    found = re.search(r"To remove the service, (.*?)\n\n", README, re.S)
     assert found
     disable, *places, last = re.findall(r"`([^`]*)`", found[1])
     whole = [place for place in places if place.endswith("/dehyst")]

@@ -104,7 +104,7 @@ def test_an_offer_is_put_to_work_on_trial_and_goes_back_or_stays(bench: Bench) -
     first = bench.loop.seq
     hears.decide_offer("accept", 11)  # somebody else commands the stage meanwhile
     assert move_until(client, 11, ("trial",)) == "trial"
-    with pytest.raises(Refusal, match="trial already"):
+    with pytest.raises(Refusal, match="already on trial"):
         hears.decide_offer("accept", 11)
     for number in (12, 13):  # meanwhile the newest waits; it is about the model before
         lay_case(bench, str(number), number, scaled(1.0), promise=0.05)

@@ -550,7 +550,7 @@ def test_all_axes_of_a_controller_their_path_and_one_stop(tmp_path: Path) -> Non
         browser.until("both are there", lambda: targets() == [4.0, 5.5])
         browser.ask("hold", seconds=60, everywhere=True)
         browser.ask("go", name="stage-9-x", value=4.0, seconds=60)
-        browser.until("no such axis", lambda: "stage-9-x: is no axis" in str(browser.texts()))
+        browser.until("no such axis", lambda: "stage-9-x is not an axis" in str(browser.texts()))
         # a trajectory of both: looked at for each axis, played on the same samples
         t_s = np.arange(0.0, 1.0, 0.01)
         circle = [4.0 + np.sin(2 * np.pi * t_s), 4.5 + np.cos(2 * np.pi * t_s)]
