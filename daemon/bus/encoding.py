@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dehyst.daemon.bus.messages import (
     Chunk,
     Command,
+    Message,
     TelemetryBatch,
 )
 from dehyst.daemon.rings.records import TELEMETRY
@@ -30,6 +31,17 @@ MAX_BATCH_BYTES = 8 << 20
 ENCODING = "application/msgpack"
 
 T = TypeVar("T")
+
+
+def _prepare(kind: type[msgspec.Struct]) -> None:
+    """msgspec works out a class where it is first used. Two threads that do so at once, as zenoh's
+    do, end the process: here it is done by the one that imports this."""
+    for one in kind.__subclasses__():
+        msgspec.msgpack.Decoder(one)
+        _prepare(one)
+
+
+_prepare(Message)
 
 
 class BadMessage(BadInput):
