@@ -41,8 +41,8 @@ STATUS_S = 1.0
 class AxisView:
     """What is known of an axis, displacements in its unit from the set-point origin, NaN where
     there is no value. asked: where it was sent last; place: what counts as its position (the
-    gauge's mean over the newest batch, else the model's); low, high: its reach; lost: why it is no
-    longer held, "" where it is or nobody asked."""
+    gauge's mean over the newest settle_s, else the model's); low, high: its reach; lost: why it is
+    no longer held, "" where it is or nobody asked."""
 
     unit: str
     period_s: float
@@ -292,7 +292,9 @@ class HeldAxes(Closing):
         if not samples.size:
             return
         view, model = self.look()[axis], model_place(samples)
-        gauge = samples["measured"][np.isfinite(samples["measured"])]
+        times_ns = samples["scheduled_ns"]  # a late batch holds the way there as well
+        recent = samples[times_ns >= times_ns[-1] - round(self._settle_s * clock.NS)]["measured"]
+        gauge = recent[np.isfinite(recent)]
         self._change(
             axis,
             place=float(gauge.mean()) if gauge.size else float(model[-1]),

@@ -201,7 +201,9 @@ def test_bluesky_runs_a_scan_and_a_flight(stage: Positioner) -> None:
     assert {"stage", "stage_setpoint", "stage_drive", "stage_predicted"} == set(page["data"])
     assert {len(column) for column in page["data"].values()} == {200}
     at_s = np.array(page["timestamps"]["stage"])
-    assert np.allclose(np.diff(at_s), 0.005, atol=1e-6)
+    periods = np.diff(at_s) / 0.005  # a late sample leaves a gap of whole periods
+    assert np.allclose(periods, np.rint(periods), atol=2e-4)
+    assert periods.min() > 0.5
     assert next(d for n, d in reported if n == "stop")["exit_status"] == "success"
 
     reported.clear()
