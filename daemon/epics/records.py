@@ -49,6 +49,7 @@ class AxisRecords(PVGroup):
         super().__init__(prefix)
         self._axis, self._axes, self._source = axis, axes, source
         self._move, self._reach = 0, (math.nan, math.nan)
+        self._updating = asyncio.Lock()
 
     # -- puts -----------------------------------------------------------------------------------
 
@@ -156,6 +157,11 @@ class AxisRecords(PVGroup):
             await field.write(value, verify_value=False)
 
     async def _update(self) -> None:
+        """One at a time: an older view would overwrite the newer one's fields."""
+        async with self._updating:
+            await self._write_fields()
+
+    async def _write_fields(self) -> None:
         view, said = self._view(), self._source.feed.status
         done = not view.moving and not view.flying
         # dial limits stay 0, which is none: clients that find the stage outside the reach (at 0 V
