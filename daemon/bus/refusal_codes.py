@@ -11,6 +11,14 @@ class RefusalCode(NamedTuple):
     waits: bool = False
 
 
+class NotAdmitted(Exception):
+    """A command that is not admitted. code: a key of CODES; the text is for the client."""
+
+    def __init__(self, code: str, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
 CODES = {
     "ok": RefusalCode("done"),
     "duplicate": RefusalCode(

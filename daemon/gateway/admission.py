@@ -3,42 +3,27 @@
 A command that is not admitted is answered with a code and the reason in words, and counted. The
 checks, in this order: is the loop there and in a state that follows commands; lease; order and
 age; unit; finite; within reach; room in the queue. Nothing is clipped or mended here. What a
-trajectory may reach is decided when it begins (dehyst.daemon.gateway.in_play).
+trajectory may reach is decided when it begins (dehyst.daemon.gateway.in_play), and which of its
+points are new and in order stands in dehyst.daemon.gateway.trajectory.
 """
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dehyst.daemon.bus import encoding
 from dehyst.daemon.bus.messages import Chunk, Command, Reply, Request, Setpoint
-from dehyst.daemon.bus.refusal_codes import CODES
+from dehyst.daemon.bus.refusal_codes import CODES, NotAdmitted
 from dehyst.daemon.gateway.core_view import CoreView
 from dehyst.daemon.gateway.in_play import InPlay
 from dehyst.daemon.gateway.lease import Lease
 from dehyst.daemon.gateway.loop_records import NOTHING, make_records
-from dehyst.daemon.gateway.refusals import NotAdmitted
-from dehyst.daemon.rings.records import LoopCommand, State
+from dehyst.daemon.gateway.trajectory import NewPoints, PassedOn, TrajectoryProgress, Values
+from dehyst.daemon.rings.records import LoopCommand
 
 DecideOffer = Callable[[str, int], str]
 """(action, number of the offer): why not, in words; "": it is being done."""
-Offsets: TypeAlias = NDArray[np.int64]
-Values: TypeAlias = NDArray[np.float64]
-LATEST_OFFSET_NS = 10**18
-
-
-@dataclass
-class _Trajectory:
-    number: int = 0
-    client: int = 0
-    next_index: int = -1  # -1: not known, this gateway started in its midst
-    end_ns: int = -1  # offset of the newest point passed on
-    over: str = ""  # why nothing further is taken
-    refused: bool = False  # a refusal that is final was reported
 
 
 class Admission:
@@ -49,7 +34,7 @@ class Admission:
     def __init__(
         self, unit: str, queue_s: float, stale_s: float, lease: Lease, may_stay: bool = False
     ) -> None:
-        self.unit, self.queue_s, self.stale_s, self.lease = unit, queue_s, stale_s, lease
+        self.unit, self.stale_s, self.lease = unit, stale_s, lease
         self.may_stay = may_stay
         self.core = CoreView()
         self.rejected: Counter[str] = Counter()
@@ -58,21 +43,13 @@ class Admission:
         self.report: Callable[[int, str, str], None] = lambda level, code, text: None
         self.keep: Callable[[InPlay], None] = lambda begun: None
         self.begun = InPlay()
-        self._trajectory = _Trajectory()
-        self._passed: deque[tuple[int, float]] = deque()  # (when, seconds of trajectory)
+        self._trajectory, self._queue = TrajectoryProgress(), PassedOn(queue_s)
         self._room = 0
 
     def resume(self, newest: NDArray[np.void]) -> None:
         """Learn from the (0,) or (1,) newest POINT record in the ring what a gateway before this
         one has passed on."""
-        if newest.size:
-            point = newest[-1]
-            self._trajectory = _Trajectory(
-                number=int(point["trajectory"]),
-                client=int(point["client"]),
-                end_ns=int(point["offset_ns"]),
-                over="it is complete" if point["last"] else "",
-            )
+        self._trajectory = TrajectoryProgress.resumed(newest)
 
     def loop_says(self, trajectory: int, running: bool) -> None:
         """The loop's own word on the trajectory that it has; one that it has left (it ran dry,
@@ -82,11 +59,7 @@ class Admission:
 
     def queue_ahead_s(self, now_ns: int) -> float:
         """Trajectory ahead of the loop at most: its own last word and what was passed on since."""
-        core = self.core
-        while self._passed and self._passed[0][0] < core.status_ns - 2 * core.period_ns:
-            self._passed.popleft()
-        drained = (now_ns - core.status_ns) * 1e-9 if core.state is State.RUNNING else 0.0
-        return max(0.0, core.queue_s - drained) + sum(s for _, s in self._passed)
+        return self._queue.ahead_s(now_ns, self.core)
 
     def handle(self, now_ns: int, command: Command, room: int) -> tuple[Reply, NDArray[np.void]]:
         """(answer, COMMAND records for the loop). room: records that its ring can take."""
@@ -197,8 +170,7 @@ class Admission:
 
     def plays(self, command: Chunk) -> bool:
         """Whether the trajectory of this chunk has begun here."""
-        now = self._trajectory
-        return (now.number, now.client) == (command.trajectory, command.client)
+        return self._trajectory.is_of(command)
 
     def check_first(self, now_ns: int, command: Chunk, room: int) -> None:
         """NotAdmitted where this first chunk of a trajectory would not be taken now."""
@@ -210,29 +182,28 @@ class Admission:
         if checked is None:
             self.lease.heard(now_ns, command.sent_ns)
             return NOTHING, "duplicate", ""
-        now, offsets, values, learned = checked
-        span_ns = _span_ns(now, offsets)
+        now, new = checked
+        span_s = 1e-9 * now.span_ns(new.offsets)
         if command.index == 0:
-            self._passed.clear()
+            self._queue.clear()
             self.core.queue_s = 0.0
         if not self._has_begun(now):
             self.begun = InPlay.begin(now.number, now.client, self.core.reachable)
             self.keep(self.begun)
         self._trajectory = now
-        now.next_index, now.end_ns = command.index + 1, int(offsets[-1])
-        now.over = "it is complete" if command.last else ""
-        self._passed.append((now_ns, span_ns * 1e-9))
+        now.pass_on(command, new.offsets)
+        self._queue.add(now_ns, span_s)
         self.lease.heard(now_ns, command.sent_ns)
         records = make_records(
-            LoopCommand.POINT, command.client, command.trajectory, values, offsets
+            LoopCommand.POINT, command.client, command.trajectory, new.values, new.offsets
         )
         records["last"][-1] = command.last
-        records["correction"] = learned
+        records["correction"] = new.learned
         if len(command.axes) > 1:
             records["group"], records["members"] = command.trajectory, len(command.axes)
-        return records, "ok", "" if command.allow_unreachable else self._beyond(command, values)
+        return records, "ok", "" if command.allow_unreachable else self._beyond(command, new.values)
 
-    def _has_begun(self, now: _Trajectory) -> bool:
+    def _has_begun(self, now: TrajectoryProgress) -> bool:
         """Whether the reach at its beginning is known."""
         return (self.begun.trajectory, self.begun.client) == (now.number, now.client)
 
@@ -250,72 +221,23 @@ class Admission:
 
     def _check_chunk(
         self, now_ns: int, command: Chunk
-    ) -> tuple[_Trajectory, Offsets, Values, Values] | None:
-        """Its trajectory, and its new times, targets and corrections; None: it was taken before.
-        Raises NotAdmitted."""
-        offsets, values = encoding.points(command)
-        learned = encoding.corrections(command)
-        self.core.check_state(self._room, offsets.size + 1)
+    ) -> tuple[TrajectoryProgress, NewPoints] | None:
+        """Its trajectory and its new points; None: it was taken before. Raises NotAdmitted."""
+        self.core.check_state(self._room, len(command.value) // 8 + 1)
         self._check_lease(now_ns, command.client, command.lease)
         self._check_age(now_ns, command.sent_ns)
-        now = self._continued(command)
-        if now.next_index >= 0 and command.index < now.next_index:
+        now = self._trajectory.continued(command)
+        new = now.new_points(command)
+        if new is None:
             return None
-        if now.over:
-            raise NotAdmitted("over", f"trajectory {command.trajectory}: {now.over}")
-        if now.next_index >= 0 and command.index != now.next_index:
-            raise NotAdmitted("order", f"chunk {command.index} came where {now.next_index} is due")
-        if offsets[0] < 0 or offsets[-1] > LATEST_OFFSET_NS or np.any(offsets[1:] <= offsets[:-1]):
-            raise NotAdmitted(
-                "order", "the times of a chunk must be positive and strictly increase"
-            )
-        if now.next_index < 0:  # what a gateway before this one has passed on is not sent twice
-            fresh = offsets > now.end_ns
-            offsets, values, learned = offsets[fresh], values[fresh], learned[fresh]
-            if not offsets.size:
-                now.next_index = command.index + 1
-                return None
-        elif now.end_ns >= 0 and offsets[0] <= now.end_ns:
-            raise NotAdmitted("order", "the chunk begins before the one before it ended")
         begun = self.begun if self._has_begun(now) else InPlay()
-        self._check_values(values, command.unit, command.allow_unreachable, begun)
-        if not np.all(np.isfinite(learned)):
+        self._check_values(new.values, command.unit, command.allow_unreachable, begun)
+        if not np.all(np.isfinite(new.learned)):
             raise NotAdmitted("not-finite", "a learned correction is NaN or infinite")
-        span_ns, gaps = _span_ns(now, offsets), offsets.size - (now.end_ns < 0)
-        if span_ns < 0.7 * gaps * self.core.period_ns:
-            raise NotAdmitted(
-                "dense",
-                f"the points are {span_ns / max(gaps, 1) * 1e-6:.3g} ms apart, the loop's period "
-                f"is {self.core.period_ns * 1e-6:.3g} ms; send at most "
-                f"{1e9 / self.core.period_ns:g} points a second",
-            )
-        if span_ns * 1e-9 > self.queue_s:
-            raise NotAdmitted(
-                "span",
-                f"the chunk spans {span_ns * 1e-9:.3g} s; at most {self.queue_s:g} s are accepted "
-                "in one",
-            )
+        now.check_dense(new.offsets, self.core.period_ns)
         ahead_s = 0.0 if command.index == 0 else self.queue_ahead_s(now_ns)
-        if ahead_s + span_ns * 1e-9 > self.queue_s:
-            raise NotAdmitted(
-                "queue-full",
-                f"{ahead_s:.2f} s are ahead already, at most {self.queue_s:g} s are accepted; "
-                "send this chunk later",
-            )
-        return now, offsets, values, learned
-
-    def _continued(self, command: Chunk) -> _Trajectory:
-        """The state of the command's trajectory; a new one where chunk 0 begins it."""
-        now = self._trajectory
-        if command.trajectory == 0:
-            raise NotAdmitted("order", "0 is not a trajectory's number")
-        if now.number == command.trajectory and now.client == command.client:
-            return now
-        if command.index == 0:
-            return _Trajectory(command.trajectory, command.client, 0)
-        raise NotAdmitted(
-            "over", f"trajectory {command.trajectory} is not the one being played; begin at chunk 0"
-        )
+        self._queue.check_room(ahead_s, 1e-9 * now.span_ns(new.offsets))
+        return now, new
 
     def _zero(self, command: Request) -> NDArray[np.void]:
         self.core.check_state(self._room)
@@ -350,7 +272,7 @@ class Admission:
         if (now := self._trajectory).number and not now.over:
             now.over = why
             self.report(1, "trajectory", f"the trajectory ended early: {why}")
-        self._passed.clear()
+        self._queue.clear()
 
     def check_free(self, now_ns: int, command: Request) -> None:
         """NotAdmitted where this command cannot have the lease."""
@@ -404,8 +326,3 @@ class Admission:
                 self._end_trajectory("its client withdrew it")
             return make_records(LoopCommand.CLEAR, client, command.trajectory)
         return NOTHING
-
-
-def _span_ns(now: _Trajectory, offsets: Offsets) -> int:
-    """How much longer the trajectory is with these points."""
-    return int(offsets[-1]) - (now.end_ns if now.end_ns >= 0 else int(offsets[0]))

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from dehyst.daemon.gateway.refusals import NotAdmitted
+from dehyst.daemon.bus.refusal_codes import NotAdmitted
 from dehyst.daemon.rings.records import State
 
 STARTING = "the loop is starting and follows no commands yet"

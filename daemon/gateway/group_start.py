@@ -15,8 +15,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from dehyst.daemon.bus.messages import Chunk, Reply
+from dehyst.daemon.bus.refusal_codes import NotAdmitted
 from dehyst.daemon.gateway.admission import Admission
-from dehyst.daemon.gateway.refusals import NotAdmitted
 
 WAIT_NS = 2_000_000_000
 """How long the first chunk of an axis waits for those of the others: a client sends them one behind

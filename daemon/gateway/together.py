@@ -9,9 +9,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from dehyst.daemon.bus.messages import Reply, Request, new_number
+from dehyst.daemon.bus.refusal_codes import NotAdmitted
 from dehyst.daemon.gateway.admission import Admission
 from dehyst.daemon.gateway.loop_records import NOTHING
-from dehyst.daemon.gateway.refusals import NotAdmitted
 
 TOGETHER = ("acquire", "take-over", "renew", "give-up", "stop", "release", "clear")
 Records = NDArray[Any]

@@ -230,6 +230,19 @@ def end(process: "subprocess.Popen[str]", timeout: float = 30.0) -> int:
 
 
 @contextmanager
+def emulated_bench(folder: Path, *arguments: str) -> Iterator[dict[str, str]]:
+    """`dehyst emulate` with its ports and control socket in `folder`; it ends well, by SIGTERM."""
+    process = dehyst("emulate", *arguments, "--dir", str(folder), stderr=None)
+    try:
+        assert process.stdout is not None
+        yield json.loads(process.stdout.readline())
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30.0) == 0
+    finally:
+        process.kill()
+
+
+@contextmanager
 def core(config: Path, axis: str = "") -> Iterator["subprocess.Popen[str]"]:
     """`dehyst core`, running: yields when it has written its first sample. axis: one of several."""
     ring = config.parent / "run" / axis / "telemetry.ring"

@@ -97,22 +97,28 @@ if not closed:
 """
 
 
+def run_program(program: str, *arguments: str) -> list[str]:
+    """The lines that it prints, in a process of its own, which ends well."""
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        capture_output=True,
+        text=True,
+        timeout=180,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
 @pytest.mark.parametrize("closed", ["closed", "open"])
 @pytest.mark.parametrize("way", ["multiprocessing", "fork", "twice", "locked"])
 def test_in_a_forked_child_a_fresh_client_works_and_an_inherited_one_says_so(
     shared: Bench, way: str, closed: str
 ) -> None:
     shared.client()
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, shared.address, closed, way],
-        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    words, code, *parent = done.stdout.splitlines()
+    lines = run_program(PROGRAM, shared.address, closed, way)
+    words, code, *parent = lines
     assert words.count(INHERITED) == 6
     assert code == ("0" if way == "multiprocessing" else "7")
     assert parent == (["bench"] if closed == "open" else [])
@@ -159,18 +165,9 @@ def test_in_a_forked_child_a_fresh_positioner_works_and_an_inherited_one_says_so
     shared: Bench,
 ) -> None:
     shared.client().close()
-    done = subprocess.run(
-        [sys.executable, "-c", POSITIONER, shared.address],
-        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
-        capture_output=True,
-        text=True,
-        timeout=180,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    said = done.stdout.splitlines()
-    assert all(INHERITED in line and "make a new Positioner" in line for line in said[:3])
-    assert said[3:] == ["4.0", "7", "3.0"]
+    lines = run_program(POSITIONER, shared.address)
+    assert all(INHERITED in line and "make a new Positioner" in line for line in lines[:3])
+    assert lines[3:] == ["4.0", "7", "3.0"]
 
 
 def test_a_positioner_may_be_used_by_several_threads(shared: Bench) -> None:

@@ -7,12 +7,12 @@ import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.rigs.processes import until
 
 from dehyst.daemon.main import main
 from dehyst.drivers.emulated.bench import Bench, BenchSettings
@@ -25,14 +25,6 @@ from dehyst.drivers.mdt693b import Mdt693b
 from dehyst.drivers.simulated.settings import StageSettings
 
 PATIENCE_S = 20.0
-
-
-def wait_for(what: Callable[[], bool]) -> None:
-    """Until it is true; a bench in another thread or process works on it."""
-    end = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.005)
 
 
 class Rig:
@@ -84,12 +76,12 @@ def test_volts_in_micrometres_out(rig: Rig) -> None:
     start_um = rig.gauge.read()
     assert 1.0 < start_um < 3.0  # the amplifier recalled 20 V, the stage has settled there
     rig.amplifier.write(150.0)
-    wait_for(lambda: rig.ask()["drive_v"] > 149.99)
+    until(lambda: rig.ask()["drive_v"] > 149.99)
     # the step rings for some hundredths of a second
-    wait_for(lambda: abs(rig.gauge.read() - rig.ask()["displacement_um"]) < 0.1)
+    until(lambda: abs(rig.gauge.read() - rig.ask()["displacement_um"]) < 0.1)
     assert rig.gauge.read() == pytest.approx(17.4, abs=0.4)
     rig.amplifier.write(20.0)
-    wait_for(lambda: rig.ask()["drive_v"] < 20.01)
+    until(lambda: rig.ask()["drive_v"] < 20.01)
     assert rig.gauge.read() > start_um + 0.5  # hysteresis
 
 
@@ -112,7 +104,7 @@ def test_unplug_keeps_the_output_and_comes_back(rig: Rig) -> None:
 
 def test_timed_unplug_ends_by_itself(rig: Rig) -> None:
     assert not rig.ask(fault="unplug", for_s=0.05)["plugged"]["mdt693b"]
-    wait_for(lambda: bool(rig.ask()["plugged"]["mdt693b"]))
+    until(lambda: bool(rig.ask()["plugged"]["mdt693b"]))
 
 
 def test_gauge_faults(rig: Rig) -> None:
@@ -136,7 +128,7 @@ def test_amplifier_faults(rig: Rig) -> None:
     rig.ask(amplifier={"hang": True}, for_s=0.4)
     with pytest.raises(DriverError):
         rig.amplifier.write(30.0)
-    wait_for(lambda: not rig.bench.amplifier.unit.faults.hang)
+    until(lambda: not rig.bench.amplifier.unit.faults.hang)
     rig.amplifier.reconnect()
     rig.amplifier.write(31.0)
     assert rig.ask()["output_v"] == pytest.approx(31.0, abs=0.003)
@@ -147,7 +139,7 @@ def test_the_stage_changes_without_a_jump(rig: Rig) -> None:
     after = rig.ask(stage={"stroke_um": 12.0, "sensor_noise_um": 0.0})["displacement_um"]
     assert after == pytest.approx(before, abs=0.01)
     rig.ask(inputs={"ext_v": 2.0})  # 30 V on top of the 20
-    wait_for(lambda: rig.ask()["drive_v"] > 49.9)
+    until(lambda: rig.ask()["drive_v"] > 49.9)
     assert rig.ask()["displacement_um"] - after == pytest.approx(12.0 * 0.2, rel=0.25)
 
 

@@ -1,17 +1,11 @@
 """The emulated bench with a KPC101, and with two channels of a BPC303, as `dehyst emulate` starts
 it: the gauges are the unit's own."""
 
-import json
 import math
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Iterator
 
 import pytest
+from tests.rigs.processes import emulated_bench, until
 
 from dehyst.daemon.main import main
 from dehyst.daemon.setup.units import units_at
@@ -22,35 +16,17 @@ from dehyst.drivers.kpc101 import Bpc303, Bpc303Sensor, Kpc101, Kpc101Sensor
 PATIENCE_S = 30.0
 
 
-def wait_for(what: Callable[[], bool]) -> None:
-    """Until it is true; a bench in another process works on it."""
-    end = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.005)
-
-
-@contextmanager
-def emulated(folder: Path, *words: str) -> Iterator[dict[str, str]]:
-    command = [sys.executable, "-m", "dehyst.daemon.main", "emulate", *words, "--dir", str(folder)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        yield json.loads(process.stdout.readline())
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(PATIENCE_S) == 0
-
-
 @pytest.fixture(scope="module")
 def one(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
     words = ("--amplifier", "kpc101", "--limit-v", "75", "--start-v", "20")
-    with emulated(tmp_path_factory.mktemp("one"), *words) as ports:
+    with emulated_bench(tmp_path_factory.mktemp("one"), *words) as ports:
         yield ports
 
 
 @pytest.fixture(scope="module")
 def rack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
     words = ("--amplifier", "bpc303", "--axes", "2")
-    with emulated(tmp_path_factory.mktemp("rack"), *words) as ports:
+    with emulated_bench(tmp_path_factory.mktemp("rack"), *words) as ports:
         yield ports
 
 
@@ -77,10 +53,10 @@ def test_volts_in_micrometres_out_at_one_port(one: dict[str, str], pair: Pair) -
     amplifier, gauge = pair
     assert (amplifier.spec.maximum, gauge.spec.unit) == (75.0, "um")
     amplifier.write(0.0)
-    wait_for(lambda: ask(one["control"], {})["drive_v"] < 0.01)
+    until(lambda: ask(one["control"], {})["drive_v"] < 0.01)
     low_um = gauge.read()
     amplifier.write(75.0)
-    wait_for(lambda: ask(one["control"], {})["drive_v"] > 74.99)
+    until(lambda: ask(one["control"], {})["drive_v"] > 74.99)
     assert gauge.read() > low_um + 3.0
     state = ask(one["control"], {})
     assert (state["output_v"], state["plugged"]) == (75.0, {"kpc101": True})
@@ -154,7 +130,7 @@ def test_each_channel_of_a_rack_moves_its_own_axis(rack: dict[str, str]) -> None
         device.open()
     before_um = [gauge.read() for gauge in gauges]
     outputs[1].write(100.0)
-    wait_for(lambda: ask(rack["control"], {"axis": "y"})["drive_v"] > 99.99)
+    until(lambda: ask(rack["control"], {"axis": "y"})["drive_v"] > 99.99)
     moved_um = [gauge.read() - um for gauge, um in zip(gauges, before_um, strict=True)]
     assert moved_um[1] > 5.0
     assert abs(moved_um[0]) < 0.1 * moved_um[1]  # cross coupling

@@ -1,13 +1,9 @@
 """The emulated bench with a KPZ101 as its amplifier, as `dehyst emulate` starts it."""
 
-import json
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
+from tests.rigs.processes import emulated_bench, until
 
 from dehyst.daemon.main import main
 from dehyst.daemon.setup.units import ask_port
@@ -19,24 +15,11 @@ from dehyst.drivers.ksg101 import Ksg101
 PATIENCE_S = 20.0
 
 
-def wait_for(what: Callable[[], bool]) -> None:
-    """Until it is true; a bench in another process works on it."""
-    end = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.005)
-
-
 @pytest.fixture(scope="module")
 def ports(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
-    folder = tmp_path_factory.mktemp("bench")
-    words = ["emulate", "--amplifier", "kpz101", "--limit-v", "75", "--start-v", "20"]
-    command = [sys.executable, "-m", "dehyst.daemon.main", *words, "--dir", str(folder)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        yield json.loads(process.stdout.readline())
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(PATIENCE_S) == 0
+    words = ["--amplifier", "kpz101", "--limit-v", "75", "--start-v", "20"]
+    with emulated_bench(tmp_path_factory.mktemp("bench"), *words) as ports:
+        yield ports
 
 
 @pytest.fixture
@@ -53,10 +36,10 @@ def test_volts_in_micrometres_out(ports: dict[str, str], amplifier: Kpz101) -> N
     gauge.open()
     assert (amplifier.spec.maximum, gauge.spec.unit) == (75.0, "um")
     amplifier.write(0.0)
-    wait_for(lambda: ask(ports["control"], {})["drive_v"] < 0.01)
+    until(lambda: ask(ports["control"], {})["drive_v"] < 0.01)
     low_um = gauge.read()
     amplifier.write(75.0)
-    wait_for(lambda: ask(ports["control"], {})["drive_v"] > 74.99)
+    until(lambda: ask(ports["control"], {})["drive_v"] > 74.99)
     assert gauge.read() > low_um + 3.0
     assert ask(ports["control"], {})["output_v"] == 75.0
     gauge.close()

@@ -3,6 +3,7 @@
 from tests.mutations.change import Change, room
 
 GATE, LEASE = "daemon/gateway/admission.py", "daemon/gateway/lease.py"
+PROGRESS = "daemon/gateway/trajectory.py"
 PLAYER, ACCEPT = "daemon/client/player.py", "daemon/client/offer_change.py"
 VIEW, IN_PLAY = "daemon/gateway/core_view.py", "daemon/gateway/in_play.py"
 TESTS = (
@@ -61,17 +62,17 @@ CHANGES = room(
         "the end of an old trajectory ends the new one",
     ),
     Change(
-        "resume-forgets-complete", GATE,
+        "resume-forgets-complete", PROGRESS,
         'over="it is complete" if point["last"] else "",', 'over="",',
         "a new gateway appends to a trajectory that was complete",
     ),
     Change(
-        "resume-forgets-place", GATE, 'end_ns=int(point["offset_ns"]),', "end_ns=-1,",
+        "resume-forgets-place", PROGRESS, 'end_ns=int(point["offset_ns"]),', "end_ns=-1,",
         "a new gateway sends the same points twice",
     ),
     Change(
-        "complete-not-over", GATE, 'now.over = "it is complete" if command.last else ""',
-        'now.over = ""', "points are appended behind the last one",
+        "complete-not-over", PROGRESS, 'self.over = "it is complete" if command.last else ""',
+        'self.over = ""', "points are appended behind the last one",
     ),
     Change(
         "take-over-leaves-trajectory", GATE,
@@ -160,46 +161,46 @@ CHANGES = room(
         "targets above the range are accepted",
     ),
     Change(
-        "times-may-stand", GATE, "np.any(offsets[1:] <= offsets[:-1])",
+        "times-may-stand", PROGRESS, "np.any(offsets[1:] <= offsets[:-1])",
         "np.any(offsets[1:] < offsets[:-1])", "two targets at one time: a jump",
     ),
     Change(
-        "negative-times", GATE, "if offsets[0] < 0 or ", "if ",
+        "negative-times", PROGRESS, "if offsets[0] < 0 or ", "if ",
         "a chunk reaches back before its trajectory's start",
     ),
     Change(
-        "chunks-overlap", GATE, "elif now.end_ns >= 0 and offsets[0] <= now.end_ns:",
+        "chunks-overlap", PROGRESS, "elif self.end_ns >= 0 and offsets[0] <= self.end_ns:",
         "elif False:", "a chunk that begins before the last one ended is sent to the loop",
     ),
     Change(
-        "chunks-with-a-gap", GATE,
-        "if now.next_index >= 0 and command.index != now.next_index:", "if False:",
+        "chunks-with-a-gap", PROGRESS,
+        "if self.next_index >= 0 and command.index != self.next_index:", "if False:",
         "a lost chunk is bridged by a straight line",
     ),
     Change(
-        "duplicate-played", GATE, "command.index < now.next_index:", "command.index < 0:",
+        "duplicate-played", PROGRESS, "command.index < self.next_index:", "command.index < 0:",
         "a chunk whose answer was lost is an error, or played twice",
     ),
     Change(
-        "dense-points", GATE, "if span_ns < 0.7 * gaps", "if span_ns < 0.0 * gaps",
+        "dense-points", PROGRESS, "if span_ns < 0.7 * gaps", "if span_ns < 0.0 * gaps",
         "points closer than the period fill the queue",
     ),
     Change(
-        "queue-without-end", GATE, "if ahead_s + span_ns * 1e-9 > self.queue_s:", "if False:",
+        "queue-without-end", PROGRESS, "if ahead_s + span_s > self.most_s:", "if False:",
         "minutes of trajectory are ahead that nobody can take back in time",
     ),
     Change(
-        "queue-forgets-passed", GATE, "+ sum(s for _, s in self._passed)", "",
+        "queue-forgets-passed", PROGRESS, "+ sum(s for _, s in self._passed)", "",
         "more trajectory than configured is ahead of the loop",
     ),
     Change(
-        "trajectory-zero", GATE, "if command.trajectory == 0:", "if False:",
+        "trajectory-zero", PROGRESS, "if command.trajectory == 0:", "if False:",
         "a trajectory without number cannot be distinguished from none",
     ),
     Change(
-        "others-trajectory", GATE,
-        "if now.number == command.trajectory and now.client == command.client:",
-        "if now.number == command.trajectory:", "another client's chunks continue a trajectory",
+        "others-trajectory", PROGRESS,
+        "return (self.number, self.client) == (command.trajectory, command.client)",
+        "return self.number == command.trajectory", "another client's chunks continue a trajectory",
     ),
     Change(
         "drift-a-thousand-times", LEASE, "CLOCK_DRIFT = 1e-3", "CLOCK_DRIFT = 1.0",

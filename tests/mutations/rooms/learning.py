@@ -373,7 +373,7 @@ CHANGES = [
         Change(
             "nan-correction-passes",
             GATE,
-            "if not np.all(np.isfinite(learned)):",
+            "if not np.all(np.isfinite(new.learned)):",
             "if False:",
             "a correction that is no number reaches the loop",
         ),

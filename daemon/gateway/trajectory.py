@@ -1,0 +1,148 @@
+"""A trajectory as its chunks arrive: which points are new and in order, and how much lies ahead."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dehyst.daemon.bus import encoding
+from dehyst.daemon.bus.messages import Chunk
+from dehyst.daemon.bus.refusal_codes import NotAdmitted
+from dehyst.daemon.gateway.core_view import CoreView
+from dehyst.daemon.rings.records import State
+
+Offsets: TypeAlias = NDArray[np.int64]
+Values: TypeAlias = NDArray[np.float64]
+LATEST_OFFSET_NS = 10**18
+
+
+class NewPoints(NamedTuple):
+    """(n,) each: times from the trajectory's beginning [ns], targets, learned corrections."""
+
+    offsets: Offsets
+    values: Values
+    learned: Values
+
+
+@dataclass
+class TrajectoryProgress:
+    """The one that is played, as far as it was passed on."""
+
+    number: int = 0
+    client: int = 0
+    next_index: int = -1  # -1: not known, this gateway started in its midst
+    end_ns: int = -1  # offset of the newest point passed on
+    over: str = ""  # why nothing further is taken
+    refused: bool = False  # a refusal that is final was reported
+
+    @classmethod
+    def resumed(cls, newest: NDArray[np.void]) -> "TrajectoryProgress":
+        """As a gateway before this one has passed it on. newest: (0,) or (1,) POINT records."""
+        if not newest.size:
+            return cls()
+        point = newest[-1]
+        return cls(
+            number=int(point["trajectory"]),
+            client=int(point["client"]),
+            end_ns=int(point["offset_ns"]),
+            over="it is complete" if point["last"] else "",
+        )
+
+    def is_of(self, command: Chunk) -> bool:
+        """Whether the chunk belongs to it."""
+        return (self.number, self.client) == (command.trajectory, command.client)
+
+    def continued(self, command: Chunk) -> "TrajectoryProgress":
+        """The trajectory of the chunk; a new one where chunk 0 begins it. Raises NotAdmitted."""
+        if command.trajectory == 0:
+            raise NotAdmitted("order", "0 is not a trajectory's number")
+        if self.is_of(command):
+            return self
+        if command.index == 0:
+            return TrajectoryProgress(command.trajectory, command.client, 0)
+        raise NotAdmitted(
+            "over", f"trajectory {command.trajectory} is not the one being played; begin at chunk 0"
+        )
+
+    def new_points(self, command: Chunk) -> NewPoints | None:
+        """Those of a chunk of this trajectory that were not passed on; None: all were. Raises
+        NotAdmitted where it is over, or the chunk or its times are out of order."""
+        offsets, values = encoding.points(command)
+        learned = encoding.corrections(command)
+        if self.next_index >= 0 and command.index < self.next_index:
+            return None
+        if self.over:
+            raise NotAdmitted("over", f"trajectory {command.trajectory}: {self.over}")
+        if self.next_index >= 0 and command.index != self.next_index:
+            raise NotAdmitted("order", f"chunk {command.index} came where {self.next_index} is due")
+        if offsets[0] < 0 or offsets[-1] > LATEST_OFFSET_NS or np.any(offsets[1:] <= offsets[:-1]):
+            raise NotAdmitted(
+                "order", "the times of a chunk must be positive and strictly increase"
+            )
+        if self.next_index < 0:  # what a gateway before this one has passed on is not sent twice
+            fresh = offsets > self.end_ns
+            offsets, values, learned = offsets[fresh], values[fresh], learned[fresh]
+            if not offsets.size:
+                self.next_index = command.index + 1
+                return None
+        elif self.end_ns >= 0 and offsets[0] <= self.end_ns:
+            raise NotAdmitted("order", "the chunk begins before the one before it ended")
+        return NewPoints(offsets, values, learned)
+
+    def span_ns(self, offsets: Offsets) -> int:
+        """How much longer it is with these points."""
+        return int(offsets[-1]) - (self.end_ns if self.end_ns >= 0 else int(offsets[0]))
+
+    def check_dense(self, offsets: Offsets, period_ns: int) -> None:
+        """Raise NotAdmitted where the points are closer than the loop's period."""
+        span_ns, gaps = self.span_ns(offsets), offsets.size - (self.end_ns < 0)
+        if span_ns < 0.7 * gaps * period_ns:
+            raise NotAdmitted(
+                "dense",
+                f"the points are {span_ns / max(gaps, 1) * 1e-6:.3g} ms apart, the loop's period "
+                f"is {period_ns * 1e-6:.3g} ms; send at most {1e9 / period_ns:g} points a second",
+            )
+
+    def pass_on(self, command: Chunk, offsets: Offsets) -> None:
+        """These points of the chunk go to the loop."""
+        self.next_index, self.end_ns = command.index + 1, int(offsets[-1])
+        self.over = "it is complete" if command.last else ""
+
+
+class PassedOn:
+    """How much trajectory lies ahead of the loop. most_s: that is accepted."""
+
+    def __init__(self, most_s: float) -> None:
+        self.most_s = most_s
+        self._passed: deque[tuple[int, float]] = deque()  # (when, seconds of trajectory)
+
+    def clear(self) -> None:
+        """What was passed on is withdrawn."""
+        self._passed.clear()
+
+    def add(self, now_ns: int, span_s: float) -> None:
+        """So much was passed on now."""
+        self._passed.append((now_ns, span_s))
+
+    def ahead_s(self, now_ns: int, core: CoreView) -> float:
+        """At most: the loop's own last word and what was passed on since."""
+        while self._passed and self._passed[0][0] < core.status_ns - 2 * core.period_ns:
+            self._passed.popleft()
+        drained = (now_ns - core.status_ns) * 1e-9 if core.state is State.RUNNING else 0.0
+        return max(0.0, core.queue_s - drained) + sum(s for _, s in self._passed)
+
+    def check_room(self, ahead_s: float, span_s: float) -> None:
+        """Raise NotAdmitted where a chunk of this length is too long, or is too early."""
+        if span_s > self.most_s:
+            raise NotAdmitted(
+                "span",
+                f"the chunk spans {span_s:.3g} s; at most {self.most_s:g} s are accepted in one",
+            )
+        if ahead_s + span_s > self.most_s:
+            raise NotAdmitted(
+                "queue-full",
+                f"{ahead_s:.2f} s are ahead already, at most {self.most_s:g} s are accepted; "
+                "send this chunk later",
+            )
