@@ -234,8 +234,8 @@ class DoctorReport(Message, tag_field="schema", tag="dehyst.doctor", frozen=True
     who asks (`rpc/doctor`); the report itself, HTML, by `rpc/report`.
 
     state: working; found; failed (`says` why); then of its offer: waiting (until another one's
-    trial is over), trial (at work, not proven), accepted (proven), returned (went back by itself),
-    rejected."""
+    trial is over), trial (at work, not confirmed), accepted (confirmed), returned (went back by
+    itself), rejected."""
 
     version: Version = 1
     case: Name

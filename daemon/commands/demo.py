@@ -123,7 +123,7 @@ def _tell_story(story: "Story", picture: Path, facts: dict[str, Any], quiet: boo
     save_story(story, picture)
     facts["second_act"] = describe_facts(story)
     if not quiet:
-        print("\nsecond act")
+        print("\nsecond part")
         print("\n".join(tell_end(story)))
         print(f"  picture: {picture}")
     return story.exit_status

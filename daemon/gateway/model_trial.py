@@ -174,7 +174,7 @@ class ModelTrial:
         self._on_trial = self._before = None
         why = verdict.why
         try:
-            write_accepted(self._config.directory, _proven(trial))
+            write_accepted(self._config.directory, _confirmed(trial))
         except OSError as error:
             why += f" (not kept: {error.strerror}; another gateway tries it again)"
         return trial.case, "accepted", why
@@ -330,7 +330,7 @@ def _errors_before(trial: Accepted) -> Errors:
     )
 
 
-def _proven(accepted: Accepted) -> Accepted:
+def _confirmed(accepted: Accepted) -> Accepted:
     return Accepted(
         offer=accepted.offer,
         case=accepted.case,

@@ -41,7 +41,7 @@ EVENTS = (
 )
 RMS = {"before": "before", "with the effect": "during", "after": "after", "on trial": "trial"}
 """The figures that are judged, by phase."""
-ENDS = {"accepted": "proven", "returned": "went back", "rejected": "rejected"}
+ENDS = {"accepted": "confirmed", "returned": "went back", "rejected": "rejected"}
 
 
 class StoryData(Protocol):
@@ -79,13 +79,13 @@ def list_phases(story: StoryData) -> list[Phase]:
     )
     appeared_s = appeared_s if np.isfinite(appeared_s) else end_s
     with_till_s = accepted_s if np.isfinite(accepted_s) else end_s
-    proven = story.state == "accepted"
-    offered_till_s = over_s if np.isfinite(over_s) and not proven else end_s
+    confirmed = story.state == "accepted"
+    offered_till_s = over_s if np.isfinite(over_s) and not confirmed else end_s
     offered_from_s = with_till_s + SETTLE_S
     spans = (
         ("before", UNUSED, -np.inf, appeared_s),
         ("with the effect", BEFORE, appeared_s + SECOND_S, with_till_s),
-        ("after" if proven else "on trial", MODEL, offered_from_s, offered_till_s),
+        ("after" if confirmed else "on trial", MODEL, offered_from_s, offered_till_s),
     )
     phases = [Phase(name, color, (t_s >= a) & (t_s < b)) for name, color, a, b in spans]
     return [one for one in phases if one.part.any()]

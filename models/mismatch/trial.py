@@ -221,7 +221,11 @@ def judge_trial(before: Errors, after: Errors, promise: OfferErrors, unit: str) 
             f"promised {promise.offered:.3g}",
         )
     why = _tracks_worse(before, after, promise.noise, unit)
-    return Verdict("goes", why) if why else Verdict("stays", _say_proven(before, after, had, unit))
+    return (
+        Verdict("goes", why)
+        if why
+        else Verdict("stays", _describe_confirmed(before, after, had, unit))
+    )
 
 
 def _tracks_worse(before: Errors, after: Errors, noise: float, unit: str) -> str:
@@ -260,7 +264,7 @@ def _compare_motion(before: Errors, after: Errors) -> float:
     return more / less if less else math.inf if more else 1.0
 
 
-def _say_proven(before: Errors, after: Errors, had: str, unit: str) -> str:
+def _describe_confirmed(before: Errors, after: Errors, had: str, unit: str) -> str:
     """In words, that the model on trial stays."""
     says = (
         f"the offered model is confirmed over {after.seconds:.0f} s of motion: its error is "

@@ -210,7 +210,7 @@ def test_the_bands_are_the_errors_and_the_axis_is_theirs() -> None:
     assert -1500.0 < low < -300.0
     assert 300.0 < high < 2500.0
     words = [text.get_text() for text in axes.texts]
-    assert words == ["an effect appears", "flagged", "named, accepted", "proven"]
+    assert words == ["an effect appears", "flagged", "named, accepted", "confirmed"]
 
 
 def test_a_jump_in_the_error_does_not_hide_the_bands() -> None:

@@ -239,7 +239,7 @@ CHANGES = [
         ),
         Change(
             "trial-blind-end", WORK, "verdict = settle_trial(*judged, self.limit_s)",
-            'verdict = Verdict("stays", "unproven")',
+            'verdict = Verdict("stays", "unconfirmed")',
             "a model that was seen to be worse stays because little was seen",
         ),
     ),
