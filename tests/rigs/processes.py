@@ -240,6 +240,7 @@ def emulated_bench(folder: Path, *arguments: str) -> Iterator[dict[str, str]]:
         assert process.wait(30.0) == 0
     finally:
         process.kill()
+        process.communicate()  # closes the pipe
 
 
 @contextmanager
