@@ -6,17 +6,15 @@ quick      what starts no process, no zenoh session and no pty, on all processor
            one worker, which compiles their kernels and makes their fixtures once
 thorough   the same where it takes longer: identification, diagnosis, the mismatch watch, recordings
 timing     what judges times and mostly waits, one worker more than there are processors; nothing
-           that computes is beside it, but for `thorough`
+           that computes is beside it
 processes  what starts something; tests that share a rig of their module in one worker, and two
            workers more than there are processors, because they often wait
 alone      what judges times and takes a processor for itself, one after another
 
+One part after another: what computes beside processes makes them late, and takes as long itself.
 Each part is given the files that have tests of it, because every worker imports what it is given.
-`thorough` begins first and runs beside `quick`, `timing` and `processes`, at the lowest priority:
-it takes what they leave, where they wait and where a part's last worker is alone. `timing` leaves
-most, so it comes while much of `thorough` is left. That is shown after them, before `alone`, which
-bears nothing beside it. Its longest files come first, so that no worker has one left when the other
-is done; xdist by itself begins with the files of most tests.
+The longest files of `thorough` come first, so that no worker has one left when the other is done;
+xdist by itself begins with the files of most tests.
 
 Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
 Real processes on a machine that stands still for a second now and then miss a time-out now and
@@ -29,12 +27,9 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
-from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import IO
 
 from tests.rigs.starts import starts_something_always, starts_something_in
 
@@ -68,7 +63,7 @@ AGAIN = ["--reruns", "2", "--reruns-delay", "3", "-rfE"]
 PARTS = {
     "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes and not thorough"],
     "thorough": [
-        *("-n", JOBS, "--dist", "loadfile", "--no-loadscope-reorder", "-p", "no:cacheprovider"),
+        *("-n", JOBS, "--dist", "loadfile", "--no-loadscope-reorder"),
         *("-m", "thorough and not processes"),
     ],
     # native: pytest's own tracebacks parse the source, and where threads do so at once, CPython
@@ -113,48 +108,23 @@ def files_of(part: str) -> tuple[Path, ...]:
     return tuple(files)
 
 
-class Part:
-    """One run of pytest; kept: a file for its output until it is shown, and the lowest priority."""
-
-    def __init__(self, name: str, kept: IO[str] | None = None) -> None:
-        self.name, self._kept, self._last = name, kept, ""
-        command = [sys.executable, "-m", "pytest", "-q", *PARTS[name]]
-        command += [os.path.relpath(path) for path in files_of(name)]
-        self._process = subprocess.Popen(
-            ["nice", "-n", "19", *command] if kept else command,
-            stdout=kept or subprocess.PIPE,
-            text=True,
-            start_new_session=bool(kept),
-        )
-        if kept:  # Linux shares the processors between sessions first, where it groups by them
-            with suppress(OSError):
-                Path(f"/proc/{self._process.pid}/autogroup").write_text("19")
-
-    def show(self) -> tuple[int, Counter[str]]:
-        """(exit status of pytest, counts of its closing line), when it has ended."""
-        print(f"--- {self.name}", flush=True)
-        if self._kept is None:
-            assert self._process.stdout is not None
-            self._print(self._process.stdout)
-        self._process.wait()
-        if self._kept is not None:
-            self._kept.seek(0)
-            self._print(self._kept)
-        found = re.findall(r"(\d+) (failed|passed|skipped|error|rerun)", self._last)
-        return self._process.returncode, Counter({word: int(count) for count, word in found})
-
-    def _print(self, lines: IO[str]) -> None:
-        for line in lines:
-            print(line, end="", flush=True)
-            self._last = line if line.strip() else self._last
-
-    def end(self) -> None:
-        """Leave nothing running or open behind."""
-        if self._process.poll() is None:
-            self._process.terminate()  # pytest ends its workers
-            self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+def run(part: str) -> tuple[int, Counter[str]]:
+    """(exit status of pytest, counts of its closing line) of one part, shown as it runs."""
+    print(f"--- {part}", flush=True)
+    command = [sys.executable, "-m", "pytest", "-q", *PARTS[part]]
+    command += [os.path.relpath(path) for path in files_of(part)]
+    last = ""
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            for line in process.stdout:
+                print(line, end="", flush=True)
+                last = line if line.strip() else last
+        finally:
+            if process.poll() is None:
+                process.terminate()  # pytest ends its workers
+    found = re.findall(r"(\d+) (failed|passed|skipped|error|rerun)", last)
+    return process.returncode, Counter({word: int(count) for count, word in found})
 
 
 def main(parts: list[str]) -> int:
@@ -162,31 +132,11 @@ def main(parts: list[str]) -> int:
     if unknown := set(parts) - PARTS.keys():
         print(f"no such part: {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
         return 2
-    names = [name for name in PARTS if not parts or name in parts]
     begun, counts, failed = time.monotonic(), Counter[str](), False
-    with ExitStack() as running:
-
-        def begin(name: str, kept: IO[str] | None = None) -> Part:
-            part = Part(name, kept)
-            running.callback(part.end)
-            return part
-
-        def show(part: Part) -> None:
-            nonlocal counts, failed
-            code, found = part.show()
+    for name in PARTS:
+        if not parts or name in parts:
+            code, found = run(name)
             counts, failed = counts + found, failed or code != 0
-
-        beside: Part | None = None
-        if "thorough" in names and len(names) > 1:
-            beside = begin("thorough", running.enter_context(tempfile.TemporaryFile("w+")))
-            names.remove("thorough")
-        for name in names:
-            if name == "alone" and beside is not None:
-                show(beside)
-                beside = None
-            show(begin(name))
-        if beside is not None:
-            show(beside)
     words = ", ".join(f"{counts[word]} {word}" for word in SHOWN if counts[word]) or "no tests ran"
     print(f"===== {words} in {time.monotonic() - begun:.0f} s =====")
     return int(failed)

@@ -26,6 +26,10 @@ UPDATE_S = 0.1
 """Monitors are updated this often [s]: what people and archivers look at; scans use completion."""
 DONE_S = 120.0
 """A move that is not on target by then fails at the client [s]."""
+MONITORS_S = 0.05
+"""How long a put's completion waits for the monitors of the same update [s], which another task of
+the server sends, in batches of 10 ms: a client that has its completion first would still read the
+place before the move."""
 TEXT = 40
 """Characters of an EPICS string."""
 
@@ -84,6 +88,7 @@ class AxisRecords(PVGroup):
         else:
             raise TimeoutError(f"not on target within {DONE_S:g} s")
         await self._update()
+        await asyncio.sleep(MONITORS_S)
         return float(value)
 
     def _begin(self, value: float) -> None:

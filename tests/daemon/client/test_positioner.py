@@ -150,7 +150,8 @@ def test_a_flight_brings_every_sample_and_a_stop_ends_it(rig: Bench, stage: Posi
     assert np.array_equal(np.diff(flight.samples["seq"]), np.ones(199))
     periods = np.diff(flight.wall_s) / 0.005
     assert np.allclose(periods, np.round(periods), atol=2e-4)
-    if periods.max() < 1.5:  # else the loop has missed a deadline
+    # else the loop has missed a deadline, or points came after their time
+    if periods.max() < 1.5 and not flight.played.tracking.dry:
         asked = 5.0 + np.sin(2 * np.pi * t_s)
         assert np.abs(flight.samples["target"] - asked).max() < 2 * np.pi * 0.0051
     long = stage.fly(np.linspace(0.0, 30.0, 301), np.linspace(5.0, 6.0, 301))

@@ -62,7 +62,7 @@ def test_an_interrupt_during_the_imports_is_one_line(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=120.0)
         assert "Traceback" not in said
-        assert process.returncode == 130
+        assert process.returncode == 130, (delay_s, said)
 
 
 @pytest.mark.parametrize("delay_s", [0.3, 0.7, 1.1, 1.5])
