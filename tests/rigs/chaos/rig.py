@@ -11,6 +11,7 @@ file says to `time.time`. The monotonic clock is the machine's.
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -214,9 +215,10 @@ class Rig:
             *self.bench_options, name="bench",
         )  # fmt: skip
         as_hardware(self.bench)
-        line = until(lambda: self.words("bench").strip(), 60.0, "the bench")
+        # before its ports it reports kernels that it compiles
+        line = until(lambda: re.search(r"^\{.*\}$", self.words("bench"), re.M), 240.0, "the bench")
         as_hardware(self.bench, ready=True)
-        ports: dict[str, str] = json.loads(line.splitlines()[-1])
+        ports: dict[str, str] = json.loads(line[0])
         return ports
 
     def run(self) -> None:
