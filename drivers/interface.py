@@ -114,9 +114,8 @@ def refuse_another(port: str, found: UnitIdentity, known: UnitIdentity | None) -
     """Raise ForeignUnit where another unit answers than the known one; None: none is known."""
     if known is not None and found.is_another(known):
         raise ForeignUnit(
-            f"{port}: another unit is plugged in ({found}; known here is the one with {known}), "
-            "nothing was set on it: put the known one back, or accept this one with "
-            "`dehyst config pin`"
+            f"{port}: another unit is plugged in ({found}; the known one has {known}). Nothing "
+            "was set on it. Put the known unit back, or accept this one with `dehyst config pin`"
         )
 
 
@@ -152,7 +151,7 @@ class Actuator(Protocol):
         ...
 
     def output(self) -> float:
-        """The voltage that the output stands at as far as is known (the last write, or what the
+        """The voltage that the output is at as far as is known (the last write, or what the
         unit reported when it was opened)."""
         ...
 

@@ -12,8 +12,10 @@ class Kpz101Knobs(AptKnobs, frozen=True):
 
     driver = "emulated kpz101"
 
-    serial_number: Annotated[int, Meta(ge=0, description="what the unit calls itself")] = 29000123
-    model: Annotated[str, Meta(max_length=8, description="what the unit is")] = "KPZ101"
+    serial_number: Annotated[int, Meta(ge=0, description="serial number that the unit reports")] = (
+        29000123
+    )
+    model: Annotated[str, Meta(max_length=8, description="model that the unit reports")] = "KPZ101"
     limit_v: Annotated[Literal[75, 100, 150], Meta(description="the unit's voltage limit [V]")] = (
         150
     )

@@ -12,10 +12,12 @@ class Ksg101Knobs(AptKnobs, frozen=True):
 
     driver = "emulated ksg101"
 
-    serial_number: Annotated[int, Meta(ge=0, description="what the unit calls itself")] = 59000123
-    model: Annotated[str, Meta(max_length=8, description="what the unit is")] = "KSG101"
+    serial_number: Annotated[int, Meta(ge=0, description="serial number that the unit reports")] = (
+        59000123
+    )
+    model: Annotated[str, Meta(max_length=8, description="model that the unit reports")] = "KSG101"
     max_travel_um: Annotated[
-        float, Meta(gt=0, le=6553.5, description="what 100 % means, in steps of 0.1 um")
+        float, Meta(gt=0, le=6553.5, description="travel at 100 %, in steps of 0.1 um")
     ] = 20.0
     scale_error: Annotated[
         float, Meta(description="readings are this much too large, as on some units")

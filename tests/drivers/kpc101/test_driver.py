@@ -254,7 +254,7 @@ def test_another_limit_is_refused(make: Make) -> None:
 
 def test_foreign_units_get_no_voltage(make: Make) -> None:
     rig = make()
-    with pytest.raises(ForeignUnit, match="'KPC101', wanted is a KPZ101"):
+    with pytest.raises(ForeignUnit, match="'KPC101', but the configuration asks for a KPZ101"):
         Kpz101.from_settings(rig.settings()).open()
     known = Kpc101.from_settings(rig.settings())
     known.expect(UnitIdentity("113000124"))
@@ -264,7 +264,9 @@ def test_foreign_units_get_no_voltage(make: Make) -> None:
         Bpc303.from_settings(rig.settings(timeout_s=0.2)).open()
     other = Kpz101Unit()
     rig.server.call(lambda: setattr(rig.server, "unit", other))
-    with pytest.raises(ForeignUnit, match="'KPZ101', wanted is a KPC101 or BPC301"):
+    with pytest.raises(
+        ForeignUnit, match="'KPZ101', but the configuration asks for a KPC101 or BPC301"
+    ):
         Kpc101Sensor.from_settings(rig.settings()).open()
     assert (rig.outputs_v[1], other.sets_done) == ([], 0)
 

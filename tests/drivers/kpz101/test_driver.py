@@ -209,11 +209,11 @@ def test_nothing_is_sent_for_a_voltage_beyond_the_range(make: Make) -> None:
 
 def test_another_kind_of_unit_is_refused_both_ways(tmp_path: Path, make: Make) -> None:
     rig = make()
-    with pytest.raises(ForeignUnit, match="'KPZ101', wanted is a KSG101"):
+    with pytest.raises(ForeignUnit, match="'KPZ101', but the configuration asks for a KSG101"):
         Ksg101.from_settings({"port": rig.server.port, "timeout_s": 1.0}).open()
     with (
         PtyServer(Ksg101Unit(), tmp_path / "gauge") as gauge,
-        pytest.raises(ForeignUnit, match="'KSG101', wanted is a KPZ101"),
+        pytest.raises(ForeignUnit, match="'KSG101', but the configuration asks for a KPZ101"),
     ):
         Kpz101.from_settings({"port": gauge.port, "timeout_s": 1.0}).open()
 

@@ -240,7 +240,7 @@ def test_a_rate_that_calls_do_not_sustain_is_refused() -> None:
     ticks = itertools.count()
     settings = LabjackSensor.settings_type(**SENSOR, max_rate_hz=800.0)
     sensor = LabjackSensor(settings, lambda: next(ticks) * 2e-3)
-    with pytest.raises(DriverConfigError, match=r"max_rate_hz = 800, .*2 ms.*500 Hz at the most"):
+    with pytest.raises(DriverConfigError, match=r"max_rate_hz = 800, .*2 ms.*at most 500 Hz"):
         sensor.open()
 
 

@@ -570,7 +570,7 @@ def test_a_readback_that_disagrees_is_reported_by_readback_alone(bench):
 
 
 def test_a_silent_port_and_a_babbling_one_are_reported(bench):
-    for fault, text in ((b"", "no answer"), (b"login: ", "no reply of an MDT693B")):
+    for fault, text in ((b"", "no answer"), (b"login: ", "not a reply of an MDT693B")):
         with bench() as (emulator, driver):
             driver.close()
             emulator.fault(mute=True)

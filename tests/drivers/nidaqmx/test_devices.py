@@ -232,7 +232,7 @@ def test_a_rate_that_readings_do_not_sustain_is_refused() -> None:
     ticks = itertools.count()
     settings = {"channel": "Mod1/ai0", "um_per_v_per_v": 8000.0, "max_rate_hz": 2000.0}
     sensor = NidaqmxSensor(NidaqmxSensor.settings_type(**settings), lambda: next(ticks) * 1e-3)
-    with pytest.raises(DriverConfigError, match=r"max_rate_hz = 2000, .*1 ms.*1000 Hz at the most"):
+    with pytest.raises(DriverConfigError, match=r"max_rate_hz = 2000, .*1 ms.*at most 1000 Hz"):
         sensor.open()
 
 

@@ -396,7 +396,7 @@ CHANGES = [
             "drivers/labjack/actuator.py",
             "        if not settings.reports:\n            return\n",
             "        return\n",
-            "where the output stands at the start is not known, and is taken for known",
+            "where the output is at the start is not known, and is taken for known",
         ),
         Change(
             "labjack-without-its-zero",
