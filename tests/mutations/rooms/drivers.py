@@ -106,14 +106,14 @@ CHANGES = [
             DRIVER,
             "if tried_v is not None and acks > 0:",
             "if False:",
-            "a set that was carried out late is not known, and the next one jumps",
+            "a set that was carried out late is not noticed, and the next one jumps",
         ),
         Change(
             "tolerance-4.5",
             "drivers/mdt693b/tuning.py",
             "readback_tolerance_v: float = ",
             "readback_tolerance_v: float = 4.5 + 0.0 * ",
-            "an initial_v that is wrong by volts is believed",
+            "an initial_v that is wrong by volts is accepted",
         ),
         Change(
             "initial-not-compared",

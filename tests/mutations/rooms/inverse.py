@@ -134,7 +134,7 @@ CHANGES = [
         ("tests/models/cascade/test_cascade.py",),
         Change(
             "late-memory", "models/inverse/compensator.py", "pack(with_delays_behind(model), ",
-            "pack(model, ", "behind a late drive a rate-dependent stage is driven past its target",
+            "pack(model, ", "after a late drive a rate-dependent stage is driven past its target",
         ),
     ),
 ]  # fmt: skip

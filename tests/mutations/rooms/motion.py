@@ -60,14 +60,14 @@ CHANGES = [
             COMMANDS,
             "start = c.target + c.learned if known else _position(table, c, p)",
             "start = c.target + c.learned if known else 0.0",
-            "the first set-point of a stage that stands high begins with a jump down",
+            "the first set-point of a stage at a high voltage begins with a jump down",
         ),
         Change(
             "trajectory-from-zero",
             COMMANDS,
             "start = c.target + c.learned if moving else _position(table, c, p)",
             "start = c.target + c.learned if moving else 0.0",
-            "the first trajectory of a stage that stands high begins with a jump down",
+            "the first trajectory of a stage at a high voltage begins with a jump down",
         ),
         Change(
             "no-approach",
@@ -81,7 +81,7 @@ CHANGES = [
             STEP,
             "        add_note(table, c, STOOD_STILL, still_ns * 1e-9)\n        c.glide = NAN\n",
             "        add_note(table, c, STOOD_STILL, still_ns * 1e-9)\n",
-            "after a stand-still the stage jumps to where the target has gone",
+            "after a pause the stage jumps to the present target",
         ),
         Change(
             "no-glide-of-a-starved-stream",
@@ -131,28 +131,28 @@ CHANGES = [
             STEP,
             "    follow_output(table, volts)\n    if",
             "    c.volts = volts\n    if",
-            "after a fault the model is another than the stage",
+            "after a fault the model's state no longer matches the stage",
         ),
         Change(
             "first-step-whole",
             STEP,
             "* (FIRST_STEP if c.found != 0 else 1.0)",
             "* 1.0",
-            "what a report is off by is moved beyond the slew limit",
+            "the error of a report is corrected faster than the slew limit",
         ),
         Change(
             "found-for-granted",
             STEP,
             "    c.found = 1\n",
             "",
-            "what a report after a fault is off by is moved beyond the slew limit",
+            "after a fault the error of a report is corrected faster than the slew limit",
         ),
         Change(
             "report-written-back",
             "daemon/loop/sample.py",
             "(c.state == READY or c.found != 0)",
             "c.state == READY",
-            "an axis that nobody commands moves by what the amplifier's report is off",
+            "an axis that nobody commands moves by the error of the amplifier's report",
             tests=(
                 "tests/daemon/loop/test_slew_by_the_clock.py"
                 "::test_a_reported_voltage_is_not_written_back",
@@ -170,7 +170,7 @@ CHANGES = [
             STEP,
             "c.hold_ns = 0 if p.ramp_on_fault != 0 else p.hold_ns",
             "c.hold_ns = p.hold_ns",
-            "after a fault the stage stays high for the hold time",
+            "after a fault the output stays high for the hold time",
         ),
         Change(
             "starved-clock",
@@ -184,7 +184,7 @@ CHANGES = [
             COMMANDS,
             "if not abs(value) <= LARGEST_TARGET or not",
             "if False or not",
-            "a wild value behind the gate moves the stage",
+            "a wild value that has passed the gate moves the stage",
         ),
         Change(
             "nan-to-the-output",
@@ -212,7 +212,7 @@ CHANGES = [
             STEP,
             "return c.volts + min(max(p.safe_v - c.volts, -p.ramp_v), p.ramp_v)",
             "return c.volts + min(max(p.safe_v - c.volts, -3 * p.ramp_v), 3 * p.ramp_v)",
-            "the way to the safe voltage is three times as fast",
+            "the ramp to the safe voltage is three times too fast",
         ),
     ),
     *room(
@@ -250,7 +250,7 @@ CHANGES = [
             TARGETS,
             "+ points.corrections[slot]\n            return i, target",
             "+ points.corrections[slot]\n            return out.size, target",
-            "a stream that ends counts as one that rests",
+            "a stream that ends is treated as one at rest",
         ),
     ),
 ]

@@ -55,7 +55,7 @@ CHANGES = [
         Change(
             "starts-behind-a-stop", START,
             "if of_axis.size and name in start.chunks:", "if False:",
-            "a trajectory begins behind a stop",
+            "a trajectory begins after a stop",
         ),
         Change(
             "waits-for-the-others-for-ever", START, "now_ns - start.since_ns > WAIT_NS", "False",
@@ -91,13 +91,13 @@ CHANGES = [
             "one-axis-may-stand", HEARTBEAT,
             "return any(axis.core.hangs for axis in self._axes)",
             "return all(axis.core.hangs for axis in self._axes)",
-            "a core that serves one of its axes no more is left hanging",
+            "a core that no longer serves one of its axes is left hanging",
         ),
         Change(
             "ready-with-one-axis", HEARTBEAT,
             "return all(axis.gateway.moves for axis in self._axes)",
             "return any(axis.gateway.moves for axis in self._axes)",
-            "it is said to be ready while an axis cannot be reached",
+            "the daemon reports ready while an axis cannot be reached",
         ),
     ),
     *room(
@@ -127,12 +127,12 @@ CHANGES = [
         Change(
             "joined-over-a-reboot", JOINED, "                self._begin_anew()\n",
             "                pass\n",
-            "a recording of several axes stands still for ever when the machine was started anew",
+            "a recording of several axes waits for ever after the machine was restarted",
         ),
         Change(
             "joined-too-early", JOINED, "else min(self._newest_ns.values())",
             "else max(self._newest_ns.values())",
-            "a recording lacks what the other axis had, as it came later",
+            "a recording lacks samples of another axis that arrived later",
         ),
     ),
 ]  # fmt: skip
