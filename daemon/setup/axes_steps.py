@@ -101,7 +101,7 @@ def exercise_axes_gently(bench: Workbench) -> Result:
     if wrong and bench.has_own_config():
         raise BadInput(
             f"{CONFIG} has the gauge readers in another order: {words}; exchange their sections "
-            "[axis.NAME.sensor], and give this command again"
+            "[axis.NAME.sensor], and run this command again"
         )
     if wrong:
         units, options = bench.journal.result("units"), bench.journal.options("units")

@@ -28,7 +28,7 @@ class Journal:
             table = json.loads(read_text(self._path, LARGEST_BYTES))
         except (NotReadable, ValueError) as error:
             raise BadInput(
-                f"{self._path}: cannot be read: {error}; remove it to start again"
+                f"{self._path}: it cannot be read: {error}; delete it to start again"
             ) from None
         steps = table.get("steps") if isinstance(table, dict) else None
         whole = isinstance(steps, dict) and all(
