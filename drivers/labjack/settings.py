@@ -51,7 +51,7 @@ class LabjackActuatorSettings(LabjackSettings, frozen=True, kw_only=True):
         float, Meta(description="highest voltage of the unit's output; TDAC, T8: 10")
     ] = 5.0
     resolution_bits: Annotated[
-        int, Meta(gt=0, le=64, description="bits of the converter, over the unit's range")
+        int, Meta(gt=0, le=64, description="resolution of the converter, over the unit's range")
     ] = 12
     initial_v: (
         Annotated[
@@ -113,7 +113,7 @@ class LabjackSensorSettings(LabjackSettings, frozen=True, kw_only=True):
         Meta(ge=1, le=MOST_AVERAGED, description="number of samples averaged for one reading"),
     ] = 1
     resolution_bits: Annotated[
-        int, Meta(gt=0, le=64, description="bits of the converter, over range_v")
+        int, Meta(gt=0, le=64, description="resolution of the converter, over range_v")
     ] = 16
 
     def check(self) -> None:

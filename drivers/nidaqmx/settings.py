@@ -45,7 +45,7 @@ class NidaqmxActuatorSettings(ClockedSettings, frozen=True, kw_only=True):
         10.0
     )
     resolution_bits: Annotated[
-        int, Meta(gt=0, le=64, description="bits of the converter, over the device's range")
+        int, Meta(gt=0, le=64, description="resolution of the converter, over the device's range")
     ] = 16
     initial_v: Annotated[
         float,
@@ -132,7 +132,7 @@ class NidaqmxSensorSettings(ClockedSettings, frozen=True, kw_only=True):
     ] = 10.0
     terminals: Annotated[Terminals, Meta(description="voltage: how the input is wired")] = "default"
     resolution_bits: Annotated[
-        int, Meta(gt=0, le=64, description="bits of the converter, over the input range")
+        int, Meta(gt=0, le=64, description="resolution of the converter, over the input range")
     ] = 24
     average: Annotated[
         int, Meta(ge=1, le=10_000, description="number of samples averaged for one reading")
