@@ -100,7 +100,7 @@ FROZEN = {
     "stuck": "the gauge is stuck",
     "jumped": "the reading has jumped; waiting until it is back, or for dehyst zero",
     "settling": "the reading has jumped and is plausible again; waiting until it is settled",
-    "beyond": "gauge and model differ beyond belief; waiting until they do not, or for dehyst zero",
+    "beyond": "gauge and model differ implausibly; waiting until they agree, or for dehyst zero",
     "distrusted": "the mismatch watch does not trust it",
 }
 

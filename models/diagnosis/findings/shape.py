@@ -70,7 +70,7 @@ class Correction:
 
 CONTAINED = "The augmented model contains it, and it is compensated"
 NOT_CONTAINED = (
-    "The augmented model does not contain it: beyond what was recorded it would go astray, or it "
+    "The augmented model does not contain it: beyond the recorded data it would diverge, or it "
     "cannot be inverted"
 )
 
@@ -152,15 +152,15 @@ def shape_finding(
         **{f"explained_by_{k}": v for k, v in parts.items()},
     }
     says = (
-        f"The loop is not the model's, by {small((correction.rms, data.unit))} rms: {words}. "
+        f"The loop differs from the model's by {small((correction.rms, data.unit))} rms: {words}. "
         f"{CONTAINED}."
     )
     numbers = small((float(np.sqrt(correction.numbers)), data.unit))
     if correction.numbers < sigma**2 + 0.3 * max(correction.gain, 0.0):
         removed = small((float(np.sqrt(max(correction.gain, 0.0))), data.unit))
         says = (
-            f"The model's numbers are not this stage's, by {removed} rms: other numbers in the "
-            f"same class would leave {numbers}. "
+            f"The model's parameters differ from this stage's by {removed} rms: other values in "
+            f"the same class would leave {numbers}. "
         )
         if problem.subject.given:
             says += "Identify again from these recordings"

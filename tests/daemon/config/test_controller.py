@@ -117,7 +117,11 @@ def test_a_command_for_one_axis_asks_which(tmp_path: Path) -> None:
         ("[axis.y]", "[axis.longername]", "axis 'longername': a name is"),
         ('settings.axis = "y"', 'settings.axis = "x"', "x and y have the same actuator"),
         ("ttyUSB1", "ttyUSB0", "x and y have the same sensor"),
-        ('{{axis = "x", q', '{{axis = "w", q', "channels.u1_v follows axis w; there are: x, y, z"),
+        (
+            '{{axis = "x", q',
+            '{{axis = "w", q',
+            "channels.u1_v follows axis w; the axes are: x, y, z",
+        ),
         ('{{axis = "x", q', '{{axis = "y", q', "channels.u1_v follows its own axis"),
         ('{{axis = "x", q', "{{q", "channels.u1_v needs one of `driver`"),
         ('name = "stage-1"', "", "missing required field `name`"),

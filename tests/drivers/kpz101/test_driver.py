@@ -176,7 +176,7 @@ def test_a_disabled_output_that_keeps_its_voltage_stays_disabled(make: Make) -> 
         ({"limit_v": 75}, {"max_v": 75.5}, "max_v is 75.5 V, above .* 75 V"),
         ({"limit_v": 150}, {"limit_v": 75}, "limit is 150 V, limit_v is 75 V"),
         ({"limit_v": 75}, {"limit_v": 100}, "limit is 75 V, limit_v is 100 V"),
-        ({"start_v": 80.0}, {"max_v": 75.0}, "stands at 80"),
+        ({"start_v": 80.0}, {"max_v": 75.0}, "output is at 80"),
     ],
 )
 @pytest.mark.parametrize("enabled", [True, False])

@@ -152,7 +152,7 @@ def test_the_output_is_asked_where_it_stands(unit: Unit) -> None:
     assert second.spec.output_known
     second.close()
     less = LabjackActuator.from_settings({"max_v": 30.0})
-    with pytest.raises(DriverConfigError, match="stands at 45 V, outside the 0 to 30 V"):
+    with pytest.raises(DriverConfigError, match="output is at 45 V, outside the 0 to 30 V"):
         less.open()
     assert not LabjackActuator.from_settings(TICK).spec.output_known
 

@@ -220,7 +220,7 @@ def test_an_output_beyond_our_limit_by_more_than_2_volts_is_not_taken_over(bench
     with bench({"max_v": 18.1}, **TRUE_READBACK) as (emulator, driver):
         assert driver.output() == 18.1
         assert emulator.output_v() == pytest.approx(20.0, abs=2e-3), "open() moved the output"
-    refused = pytest.raises(DriverConfigError, match="stands at 20 V, outside")
+    refused = pytest.raises(DriverConfigError, match="output is at 20 V, outside")
     with refused, bench({"max_v": 17.9}, **TRUE_READBACK):
         pass
 

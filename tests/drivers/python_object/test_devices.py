@@ -93,7 +93,7 @@ def opened(kind: Any, settings: dict[str, Any], **more: Any) -> Any:
         ({"write": "set_later"}, "set_later is asynchronous"),
         ({"write_arguments": (1,)}, "voltage is an attribute and takes no arguments"),
         ({"output_arguments": (1,)}, "voltage is an attribute and takes no arguments"),
-        ({"max_v": 10.0}, "stands at 20 V, outside the 0 to 10 V"),
+        ({"max_v": 10.0}, "output is at 20 V, outside the 0 to 10 V"),
     ],
 )
 def test_what_does_not_fit_is_named_and_nothing_is_written(settings: dict, says: str) -> None:
