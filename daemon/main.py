@@ -35,7 +35,7 @@ COMMANDS = {
     "convert": "write a recording in another kind of file: .csv, .csv.gz, .npz, .mcap",
     "invert": "turn a trajectory in micrometres into a drive in volts",
     "diagnose": "name the physics that a model lacks, and add it to the model",
-    "paper": "repeat the source paper's experiments, errors and figures beside the paper's",
+    "paper": "repeat the source paper's experiments, errors and figures next to the paper's",
     "bench": "compare models of hysteresis on the same recordings",
     "image": "a virtual microscope images a grid: raw, compensated, learned",
     "scan": "write the path of a scan in the plane: raster, spiral or Lissajous figure",

@@ -213,7 +213,7 @@ class ModelOffer(Message, frozen=True, kw_only=True):
     trial_limit_s: float = 0.0
     """Whether the stage moves or not, the trial is settled after this time; 0: not known."""
     blocks: tuple[Name, ...] = ()
-    """Kinds of the blocks that it has beside the hysteresis."""
+    """Kinds of the blocks that it has in addition to the hysteresis."""
     reach_in_use: tuple[float, float] | None = None
     """Displacements of the model in use within the axis' limits, not shifted by origin and trim."""
     reach_offered: tuple[float, float] | None = None
@@ -230,8 +230,8 @@ DoctorState = Literal[
 
 
 class DoctorReport(Message, tag_field="schema", tag="dehyst.doctor", frozen=True, kw_only=True):
-    """What the doctor found about one mismatch. Published when it changes, kept, and answered to
-    who asks (`rpc/doctor`); the report itself, HTML, by `rpc/report`.
+    """What the doctor found about one mismatch. Published when it changes, kept, and returned by
+    `rpc/doctor`; `rpc/report` returns the report itself (HTML).
 
     state: working; found; failed (`says` why); then of its offer: waiting (until another one's
     trial is over), trial (at work, not confirmed), accepted (confirmed), returned (went back by
@@ -279,7 +279,7 @@ class TelemetryBatch(
 
     version: Version = 1
     run: Id
-    """Another number: the loop was started anew and counts from 0 again."""
+    """Another number: the loop was restarted and counts from 0 again."""
     unit: Unit
     wall_offset_ns: int
     """Wall clock minus the monotonic clock of the times here."""

@@ -149,7 +149,7 @@ class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
     core_alive: bool
     """False: the loop's process has said nothing for 2.5 s; the rest is its last word."""
     run: Id
-    """Number of the loop's run; another one: it was started anew and counts from 0 again."""
+    """Number of the loop's run; another one: it was restarted and counts from 0 again."""
     unit: Annotated[Unit, StatusField("S16", _text)]
     """Of displacements: that of the model which this run uses."""
     drive_unit: Annotated[Unit, StatusField("S16", _text)]

@@ -362,7 +362,7 @@ class Mdt693b:
             raise DeviceGone("the MDT693B is not open: call open() or reconnect()")
         unit = self._unit
         if unit is not None and (unit.lost or unit.link is not self._link):
-            raise DeviceGone(f"the link to the unit was lost: {unit.lost or 'made anew since'}")
+            raise DeviceGone(f"the link to the unit was lost: {unit.lost or 'opened again since'}")
         return self._link
 
     def _or_close(self, job: Callable[[], T]) -> T:

@@ -25,7 +25,15 @@ BANNED = {
     r"so long|so many|so much": "this long, this many, as much",
     r"makes? way|gives? way": "ends, is deleted, yields",
     r"behoo?ves?|whither|thereof|therein|hitherto|henceforth": "plain words",
-    r"stands? beside|stood beside": "next to",
+    r"beside": "next to, in addition to, with",
+    r"stands? at|stood at|as it stands": "is at, as it is",
+    r"anew|to and fro": "again, back and forth",
+    r"beyond belief": "implausible",
+    r"go(es)? to work": "is put to use",
+    r"turn(s|ed)? round": "reverse",
+    r"all the same": "nevertheless",
+    r"without a word": "silently",
+    r"(to|for|of) who (asks|wants)": "whoever, optional",
     r"in vain": "without success",
 }
 """Pattern -> what to write instead."""

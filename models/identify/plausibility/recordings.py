@@ -146,7 +146,7 @@ def require_better_than_a_line(
             )
             raise BadRecording(
                 f"{one.name}: the best model leaves {left:.4g} and a straight line {line:.4g} rms; "
-                f"{belongs}; record a drive that goes to and fro over its range several times "
+                f"{belongs}; record a drive that runs over its range and back several times "
                 "(dehyst excite designs one), of one stage"
             )
 
