@@ -96,7 +96,7 @@ def test_a_channel_may_follow_another_axis(tmp_path: Path) -> None:
 
 def test_a_command_for_one_axis_asks_which(tmp_path: Path) -> None:
     path = wrote(tmp_path, THREE)
-    with pytest.raises(BadInput, match="axes x, y, z, one is needed here: --axis"):
+    with pytest.raises(BadInput, match="axes x, y, z; choose one with --axis"):
         load_config(path)
     assert load_config(path, "y").name == "stage-1-y"
     with pytest.raises(BadInput, match="no axis 'w'; it has the axes x, y, z"):

@@ -143,7 +143,7 @@ def test_a_stop_of_one_ends_the_start_of_all(start: Start, action: str) -> None:
     for axis in "yzx":
         refused = start.chunk(axis)
         assert refused.code == "over"
-        assert "x: another command came before" in refused.text
+        assert "x: another command arrived before" in refused.text
     assert start.passed == {"x": 0, "y": 0, "z": 0}
 
 

@@ -285,7 +285,7 @@ def test_the_roles_hold_at_every_axis(tmp_path: Path) -> None:
         for client in group.clients.values():
             client.patience_s = 0.0
         for command in (group.acquire, group.take_over, group.stop, group.release):
-            with pytest.raises(BusError, match="let these credentials"):
+            with pytest.raises(BusError, match="accept these credentials"):
                 command()
         before = {axis: loop.commands.size for axis, loop in bench.loops.items()}
         for axis in "xy":

@@ -316,7 +316,7 @@ def test_a_vanished_device_is_gone_and_close_is_quiet() -> None:
         (NidaqmxActuator, {"channel": 5}, "channel"),
         (NidaqmxActuator, {"channel": "a", "initial_v": 200.0}, "initial_v"),
         (NidaqmxActuator, {"channel": "a", "gain": 0}, "gain"),
-        (NidaqmxActuator, {"channel": "a", "zero_v": 1.0}, "max_v.*it is 11 V"),
+        (NidaqmxActuator, {"channel": "a", "zero_v": 1.0}, "max_v.*it would be 11 V"),
         (NidaqmxActuator, {"channel": "a", "device_max_v": 5.0}, "max_v.*-10 to 5 V of EXT"),
         (NidaqmxActuator, {"channel": "a", "clock_source": "/Dev1/x"}, "clock_source"),
         (NidaqmxActuator, {"channel": "a", "clock_hz": 500.0, "max_rate_hz": 900}, "max_rate_hz"),

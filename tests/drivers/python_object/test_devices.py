@@ -152,7 +152,7 @@ def test_calls_are_timed_and_a_rate_that_they_do_not_sustain_is_refused() -> Non
 
 @pytest.mark.parametrize("value", ["get_serial", "nothing", "flag"])
 def test_what_is_no_number_is_a_protocol_error(value: str) -> None:
-    with pytest.raises(ProtocolError, match=f"{value} gave"):
+    with pytest.raises(ProtocolError, match=f"{value} returned"):
         opened(PythonSensor, SENSOR, read=value, read_arguments=())
 
 
