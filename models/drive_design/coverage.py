@@ -167,7 +167,7 @@ def _find_missing(
     if cycles < TUNING.fewest_cycles:
         static.append(
             f"the drive goes through its range only {cycles:.1f} times; "
-            f"{TUNING.fewest_cycles:.0f} and more let a part be held out"
+            f"{TUNING.fewest_cycles:.0f} or more are needed to hold a part out"
         )
     if steps < TUNING.steps_per_span:
         static.append(

@@ -35,23 +35,23 @@ SHOWN = 0.15  # of a cause's rms, that the base must leave for it to be distingu
 
 LOOKS = {
     "centre": (
-        "it is a function of the displacement alone, the same on both branches: a sensor or a "
-        "stage that is not linear",
+        "it is a function of the displacement alone, the same on both branches: a nonlinear "
+        "sensor or stage",
         ("sensor", "asymmetry"),
     ),
     "branches": (
-        "the rising and the falling branch are bent differently: an asymmetry of the ceramic, or a "
-        "sensor that is not linear",
+        "the rising and the falling branch are bent differently: an asymmetry of the ceramic, or "
+        "a nonlinear sensor",
         ("asymmetry", "sensor", "friction"),
     ),
     "presliding": (
-        "it is a memory of the displacement that is used up after each turn within a fixed way: "
+        "it is a memory of the displacement that fades within a fixed travel after each turn: "
         "presliding friction in the guide, or an asymmetry",
         ("friction", "asymmetry", "sensor"),
     ),
     "class": (
-        "it is spread over the loop: a hysteresis of another class, or several of asymmetry, "
-        "sensor and friction at once",
+        "it is spread over the loop: a hysteresis of another class, or a combination of "
+        "asymmetry, sensor and friction",
         ("asymmetry", "friction", "sensor"),
     ),
 }
