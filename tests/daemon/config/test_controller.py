@@ -113,8 +113,8 @@ def test_a_command_for_one_axis_asks_which(tmp_path: Path) -> None:
         ("[axis.y]", "[axis.y]\nlimmits = 1", "axis y: Object contains unknown field `limmits`"),
         ("[loop]", "[loops]", "unknown field `loops`"),
         ("[axis.y]", "[axis.y]\nlimits.min_v = 120.0", "axis y: limits.max_v must be greater"),
-        ("[axis.y]", "[axis.Y]", "axis 'Y': a name is"),
-        ("[axis.y]", "[axis.longername]", "axis 'longername': a name is"),
+        ("[axis.y]", "[axis.Y]", "axis 'Y': a name has"),
+        ("[axis.y]", "[axis.longername]", "axis 'longername': a name has"),
         ('settings.axis = "y"', 'settings.axis = "x"', "x and y have the same actuator"),
         ("ttyUSB1", "ttyUSB0", "x and y have the same sensor"),
         (
