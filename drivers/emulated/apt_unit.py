@@ -14,7 +14,7 @@ from dehyst.drivers.settings import Settings
 
 
 class AptKnobs(Settings, frozen=True):
-    """How any such unit is built."""
+    """Properties of any such unit."""
 
     driver = "emulated APT unit"
 

@@ -1,4 +1,4 @@
-"""How the emulated KSG101 is built, and the faults that can be switched while it runs."""
+"""Properties of the emulated KSG101, and the faults that can be switched while it runs."""
 
 from typing import Annotated
 
@@ -8,7 +8,7 @@ from dehyst.drivers.emulated.apt_unit import AptFaults, AptKnobs
 
 
 class Ksg101Knobs(AptKnobs, frozen=True):
-    """The unit; the defaults are a plausible one."""
+    """Properties of the unit; the defaults are plausible."""
 
     driver = "emulated ksg101"
 

@@ -1,4 +1,4 @@
-"""How the emulated MDT693B is built, and the faults that can be switched while it runs."""
+"""Properties of the emulated MDT693B, and the faults that can be switched while it runs."""
 
 from typing import Annotated, Literal
 

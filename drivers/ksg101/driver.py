@@ -38,7 +38,7 @@ class Ksg101:
         return cls(read_settings(cls.settings_type, settings))
 
     def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
         self._known = unit
 
     def open(self) -> None:

@@ -104,7 +104,7 @@ class Mdt693b:
         return None if self.unit is None else self.unit.serial
 
     def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
         self._known = unit
 
     @property
