@@ -156,8 +156,8 @@ def test_what_became_of_it_is_said_with_figures_and_unit() -> None:
     )
     better, nothing = Errors(0.03, 0.04, 10, other=0.25), Errors(NAN, NAN, 0)
     assert judge_trial(before, better, PROMISE, "um").why == (
-        "the offered model is confirmed over 10 s of motion: its error is 0.03 um, the model "
-        "before leaves 0.25; tracking error 0.04, before 0.3"
+        "the offered model is confirmed over 10 s of motion: its error is 0.03 um, the "
+        "previous model leaves 0.25; tracking error 0.04, before 0.3"
     )
     assert "nan" not in judge_trial(nothing, better, PROMISE, "um").why
 
