@@ -106,7 +106,7 @@ CHANGES = [
             DRIVER,
             "if tried_v is not None and acks > 0:",
             "if False:",
-            "a set that was carried out late is not noticed, and the next one jumps",
+            "a set that was carried out late is not noticed, and the next set is a jump",
         ),
         Change(
             "tolerance-4.5",

@@ -77,7 +77,7 @@ CHANGES = room(
     Change(
         "take-over-leaves-trajectory", GATE,
         '            self._end_trajectory("another client took over")', "            pass",
-        "after two take-overs an old trajectory goes on",
+        "after two take-overs an old trajectory continues",
     ),
     Change(
         "stop-leaves-trajectory", GATE, '            self._end_trajectory("it was stopped")\n', "",
@@ -233,7 +233,7 @@ CHANGES = room(
     ),
     Change(
         "late-loses-lease", LEASE, "        self._seen_ns = now_ns\n\n    def age_ns",
-        "        return\n\n    def age_ns", "on a slow link another client takes the lease",
+        "        return\n\n    def age_ns", "on a slow link another client obtains the lease",
     ),
     Change(
         "player-takes-every-no-as-final", PLAYER, "waits = code in CODES and CODES[code].waits",

@@ -60,7 +60,8 @@ CHANGES = [
         Change(
             "offset-not-added", STATIC,
             "return min(max(v + u_offset, drive_min), drive_max), flags",
-            "return min(max(v, drive_min), drive_max), flags", "a bipolar stage is driven off",
+            "return min(max(v, drive_min), drive_max), flags", "a bipolar stage is "
+                                                               "driven with an offset",
         ),
         Change(
             "not-clamped", STATIC, "return min(max(v + u_offset, drive_min), drive_max), flags",
@@ -84,7 +85,7 @@ CHANGES = [
         ),
         Change(
             "mode-from-the-drive-before", MODE, "turn * s.x - free)", "turn * s.x)",
-            "a mode that swings is undone as if it stood still",
+            "an oscillating mode is compensated as if it were at rest",
         ),
         Change(
             "mode-undone-from-what-was-applied", CASCADE,

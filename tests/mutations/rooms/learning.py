@@ -20,7 +20,7 @@ CHANGES = [
             FOLLOWING,
             "if self._strange < TUNING.strange_passes:",
             "if True:",
-            "a gauge of another sign or scale makes the stage worse from pass to pass",
+            "a gauge with a wrong sign or scale worsens the stage's error from pass to pass",
         ),
         Change(
             "learning-stops-where-it-is",
@@ -34,7 +34,7 @@ CHANGES = [
             FOLLOWING,
             " or self._explains(factor, noise)",
             "",
-            "a gauge of half or twice the scale, or a late one, puts its own error into the motion",
+            "a gauge with half or twice the scale, or a late one, adds its own error to the motion",
         ),
         Change(
             "any-factor-is-the-gauge",
@@ -51,7 +51,7 @@ CHANGES = [
             TRIM,
             "goal = min(max(predicted - reading, -p.limit), p.limit)",
             "goal = predicted - reading",
-            "a wrong gauge moves the stage as far as it likes",
+            "a wrong gauge moves the stage without limit",
         ),
         Change(
             "trim-without-rate",

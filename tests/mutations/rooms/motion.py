@@ -177,7 +177,7 @@ CHANGES = [
             COMMANDS,
             "    if starved and c.starved == 0:\n        c.target_ns = now_ns\n",
             "    if starved and c.starved == 0:\n",
-            "a stream that runs dry is given up at once",
+            "a stream that runs dry is abandoned at once",
         ),
         Change(
             "wild-values",
@@ -205,7 +205,7 @@ CHANGES = [
             STEP,
             "    if volts != wanted:\n        flags |= RANGE\n",
             "",
-            "a voltage is clipped without a word",
+            "a voltage is clipped silently",
         ),
         Change(
             "ramp-three-times",

@@ -241,14 +241,15 @@ CHANGES = [
         Change(
             "full-disk-leaves-its-rest", "daemon/rings/ring.py",
             "            fresh.unlink(missing_ok=True)\n            raise NotNow(",
-            "            raise NotNow(", "a disk that was full at the start never has room again",
+            "            raise NotNow(", "files left over from a full disk at the start "
+                                         "keep the disk full",
             tests=(
                 f"{RUNS}::test_a_full_disk_at_the_start_is_said_and_it_comes_when_there_is_room",
             ),
         ),
         Change(
             "ramp-cut", SUPERVISOR, "return self.controller.longest_ramp_s + SPARE_S",
-            "return SPARE_S", "a slow ramp is killed half-way",
+            "return SPARE_S", "a slow ramp is cut half-way",
             tests=(f"{RUNS}::test_a_long_ramp_is_waited_for",),
         ),
         Change(
@@ -316,13 +317,13 @@ CHANGES = [
         ),
         Change(
             "slow-subscriber-waited-for", SESSION, "wait_before_drop\": 1000,",
-            "wait_before_drop\": 2_000_000,", "each full link holds up all others for seconds",
+            "wait_before_drop\": 2_000_000,", "each full link delays all others for seconds",
             tests=(f"{HOSTILE}::test_subscribers_that_do_not_read_cost_nobody_else_anything",),
         ),
         Change(
             "idle-lock-out", SESSION, "\"transport/unicast/accept_pending\": MOST_UNKNOWN,",
             "\"transport/unicast/accept_pending\": 100,",
-            "some hundred connections that say nothing keep every new client out",
+            "a few hundred silent connections lock out every new client",
             tests=(f"{HOSTILE}::test_idle_connections_keep_no_new_client_out",),
         ),
     ),

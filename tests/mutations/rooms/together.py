@@ -26,12 +26,12 @@ CHANGES = [
             "stop-ends-at-a-refusal", TOGETHER,
             "            refused = _of_axis(name, reply)\n",
             "            return _of_axis(name, reply), records\n",
-            "one axis that cannot be stopped keeps the others moving",
+            "an axis that cannot be stopped keeps the others moving",
         ),
         Change(
             "strange-axes-taken", TOGETHER,
             "    if strangers or asked not in request.axes or", "    if",
-            "a lease is taken at an axis that was not asked for",
+            "a lease is taken for an axis that was not requested",
         ),
         Change(
             "group-forgotten", GATE, "        if len(command.axes) > 1:\n", "        if False:\n",
@@ -114,7 +114,7 @@ CHANGES = [
         Change(
             "others-play-on-alone", "daemon/client/player.py",
             "        _stop_begun([p for p, e in zip(players, ended, strict=True) if e is None])\n",
-            "        pass\n", "where one axis ends early the others go on",
+            "        pass\n", "if one axis ends early, the others continue",
             survives="the loop itself holds the members of a group together",
         ),
     ),
