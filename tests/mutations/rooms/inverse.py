@@ -60,8 +60,8 @@ CHANGES = [
         Change(
             "offset-not-added", STATIC,
             "return min(max(v + u_offset, drive_min), drive_max), flags",
-            "return min(max(v, drive_min), drive_max), flags", "a bipolar stage is "
-                                                               "driven with an offset",
+            "return min(max(v, drive_min), drive_max), flags",
+            "a bipolar stage is driven with an offset",
         ),
         Change(
             "not-clamped", STATIC, "return min(max(v + u_offset, drive_min), drive_max), flags",

@@ -241,8 +241,8 @@ CHANGES = [
         Change(
             "full-disk-leaves-its-rest", "daemon/rings/ring.py",
             "            fresh.unlink(missing_ok=True)\n            raise NotNow(",
-            "            raise NotNow(", "files left over from a full disk at the start "
-                                         "keep the disk full",
+            "            raise NotNow(",
+            "files left over from a full disk at the start keep the disk full",
             tests=(
                 f"{RUNS}::test_a_full_disk_at_the_start_is_said_and_it_comes_when_there_is_room",
             ),
