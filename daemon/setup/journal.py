@@ -36,7 +36,7 @@ class Journal:
             for one in steps.values()
         )
         if not whole or table.get("format") != FORMAT:
-            raise BadInput(f"{self._path}: is not a set-up's record; remove it to start again")
+            raise BadInput(f"{self._path}: it is not a set-up's record; delete it to start again")
         assert isinstance(steps, dict)
         return steps
 
