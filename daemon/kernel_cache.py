@@ -95,7 +95,7 @@ def protect() -> list[str]:
         left = _view(root, view)
         own = root.stat().st_uid == system.user_id()
     except OSError as error:
-        own, left = False, [(root, f"{error.strerror}; each start compiles the kernels anew")]
+        own, left = False, [(root, f"{error.strerror}; each start compiles the kernels again")]
     if own and not left:
         shutil.rmtree(view)
         return []

@@ -50,7 +50,7 @@ def check_output_range(settings: OutputRange, where: str) -> None:
             raise settings.wrong(
                 key,
                 f"within the {low_v:g} to {high_v:g} V of {where}; at gain {settings.gain:g} it "
-                f"is {volts:g} V",
+                f"would be {volts:g} V",
             )
 
 

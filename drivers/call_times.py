@@ -89,9 +89,9 @@ class Batches:
         sustained_hz = min(self.rate_hz(times), most_hz)
         if declared_hz is not None and declared_hz > sustained_hz:
             raise DriverConfigError(
-                f"{who}: max_rate_hz = {declared_hz:g}, and a call takes "
-                f"{1e3 / sustained_hz:.3g} ms here: {sustained_hz:.0f} Hz at the most; lower "
-                "max_rate_hz, or leave it out"
+                f"{who}: max_rate_hz = {declared_hz:g}, but a call takes {1e3 / sustained_hz:.3g} "
+                f"ms here, which allows at most {sustained_hz:.0f} Hz; lower max_rate_hz, or "
+                "leave it out"
             )
         return replace(
             spec,

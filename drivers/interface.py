@@ -3,7 +3,7 @@
 DriverError                     (a DehystError: the message is for the user)
 ├── DriverConfigError           a setting is wrong or missing: fix the configuration
 ├── DeviceNotFound              no such port or device: plug it in, check the path
-│   └── ForeignUnit             another unit answers than the one that is known here
+│   └── ForeignUnit             a different unit answers than the known one
 ├── DeviceTimeout               the device does not answer in time
 ├── DeviceGone                  it was there and is gone (unplugged): reconnect() may succeed
 ├── ProtocolError               it answered something that is not in its protocol
@@ -41,7 +41,7 @@ class DeviceNotFound(DriverError):
 
 
 class ForeignUnit(DeviceNotFound):
-    """Another unit answers than the one that is known here; nothing was set on it."""
+    """A different unit answers than the known one; nothing was set on it."""
 
 
 class DeviceTimeout(DriverError):
@@ -66,8 +66,8 @@ class DeviceSpec:
 
     unit: "v", "um", ...; minimum, maximum, resolution: in that unit; max_rate_hz: the highest
     rate of write() or read() that this unit sustains (measured where it can be);
-    latency_s: typical duration of one call; identity: model, firmware, serial number; late_s: what
-    few calls take longer than, 0: not known, the typical one counts; output_known: False where the
+    latency_s: typical duration of one call; identity: model, firmware, serial number; late_s: time
+    that few calls exceed, 0: not known, the typical one counts; output_known: False where the
     hardware cannot be asked, so that output() is a setting until the first write.
     """
 
@@ -83,17 +83,17 @@ class DeviceSpec:
 
     @property
     def call_s(self) -> float:
-        """What a loop has to leave for one call, a late one too."""
+        """Time that a loop has to reserve for one call, even a late one."""
         return max(self.late_s, self.latency_s)
 
 
 @dataclass(frozen=True)
 class UnitIdentity:
-    """What tells a unit from its likes.
+    """What distinguishes a unit from others of its kind.
 
-    serial: "" where the unit has none; kind: model, and what else the unit says of itself; place:
-    where it is plugged in. A serial number decides alone. Without one, kind and place must agree,
-    and so must the output wherever it is known (see the drivers).
+    serial: "" if the unit has none; kind: model, and other properties that the unit reports; place:
+    where it is plugged in. A serial number alone is decisive. Without one, kind and place must
+    agree, and so must the output wherever it is known (see the drivers).
     """
 
     serial: str
@@ -106,29 +106,28 @@ class UnitIdentity:
         return f"no serial number, {self.kind or 'unknown kind'}, at {self.place or '?'}"
 
     def is_another(self, known: "UnitIdentity") -> bool:
-        """True where this is not the unit that is known."""
+        """True if this is not the known unit."""
         return self != known if not (self.serial and known.serial) else self.serial != known.serial
 
 
 def refuse_another(port: str, found: UnitIdentity, known: UnitIdentity | None) -> None:
-    """Raise ForeignUnit where another unit answers than the known one; None: none is known."""
+    """Raise ForeignUnit if a different unit answers than the known one; None: none is known."""
     if known is not None and found.is_another(known):
         raise ForeignUnit(
-            f"{port}: another unit is plugged in ({found}; known here is the one with {known}), "
-            "nothing was set on it: put the known one back, or accept this one with "
-            "`dehyst config pin`"
+            f"{port}: another unit is plugged in ({found}; the known one has {known}). Nothing "
+            "was set on it. Put the known unit back, or accept this one with `dehyst config pin`"
         )
 
 
 @runtime_checkable
 class Identifiable(Protocol):
-    """A device that can tell which unit it is."""
+    """A device that can report which unit it is."""
 
     unit: UnitIdentity | None
     """The unit that was found by open(); None before."""
 
     def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
         ...
 
 
@@ -152,8 +151,8 @@ class Actuator(Protocol):
         ...
 
     def output(self) -> float:
-        """The voltage that the output stands at as far as is known (the last write, or what the
-        unit reported when it was opened)."""
+        """The output voltage as far as it is known (the last write, or what the unit reported
+        when it was opened)."""
         ...
 
     def reconnect(self) -> None:
@@ -202,11 +201,11 @@ class Joint(Protocol):
     together: bool
 
     def rate_hz(self, driven: int) -> float:
-        """The highest rate at which so many of these outputs can be set, as measured."""
+        """The highest measured rate at which this number of outputs can be set."""
         ...
 
     def late_s(self, driven: int) -> float:
-        """What few sets of so many of these outputs take longer than."""
+        """Time that few sets of this number of outputs exceed."""
         ...
 
     def write_all(self, volts: Sequence[float]) -> None:

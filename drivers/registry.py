@@ -52,7 +52,7 @@ def find_plugins(name: str) -> list[Plugin]:
     found = [p for p in list_plugins() if p.name == name]
     if not found:
         names = sorted({point.name for group in KINDS for point in _points(group)})
-        raise DriverConfigError(f"there is no driver {name!r}; there are: {', '.join(names)}")
+        raise DriverConfigError(f"there is no driver {name!r}; the drivers are: {', '.join(names)}")
     return found
 
 
@@ -80,8 +80,10 @@ def _load(group: str, name: str) -> type:
     points = _points(group)
     chosen = [point for point in points if point.name == name]
     if not chosen:
-        names = ", ".join(sorted({point.name for point in points})) or "none at all"
-        raise DriverConfigError(f"there is no {KINDS[group]} driver {name!r}; there are: {names}")
+        names = ", ".join(sorted({point.name for point in points})) or "none"
+        raise DriverConfigError(
+            f"there is no {KINDS[group]} driver {name!r}; the drivers are: {names}"
+        )
     error = _clash(chosen[0], points)
     if not error:
         found, error = _try(group, chosen[0])

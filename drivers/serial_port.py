@@ -115,8 +115,8 @@ class SerialPort:
             with contextlib.suppress(serial.SerialException, OSError, system.TerminalError):
                 self._serial.reset_output_buffer()
             raise DeviceTimeout(
-                f"{self.path}: the unit took no bytes for {self._write_timeout_s:g} s; it hangs: "
-                "switch it off and on, or unplug it and plug it in again"
+                f"{self.path}: the unit accepted no bytes for {self._write_timeout_s:g} s; it "
+                "hangs; switch it off and on, or unplug it and plug it in again"
             ) from None
         except (serial.SerialException, OSError, TypeError) as error:
             raise self._gone(error) from None
@@ -156,7 +156,9 @@ class SerialPort:
         return data
 
     def _gone(self, error: Exception) -> DeviceGone:
-        return DeviceGone(f"{self.path}: the port is gone, is the unit unplugged? ({error})")
+        return DeviceGone(
+            f"{self.path}: the port is gone; check that the unit is plugged in ({error})"
+        )
 
 
 def _why_not_open(path: str, error: Exception) -> str:
@@ -170,7 +172,7 @@ def _why_not_open(path: str, error: Exception) -> str:
     if number in (errno.EACCES, errno.EPERM):
         return f"no permission to open {path}: add your user to the group that owns it (dialout?)"
     if number in (errno.EBUSY, errno.EAGAIN):
-        return f"{path} is in use by {_holder(path)}: only one may hold the amplifier"
+        return f"{path} is in use by {_holder(path)}; only one process may hold the amplifier"
     if number in (errno.ENOTTY, errno.EINVAL) or "Could not configure" in str(error):
         return f"{path} is not a serial port"
     return f"{path} cannot be opened: {error}"

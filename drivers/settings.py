@@ -67,7 +67,7 @@ def read_settings(kind: type[Kind], table: Mapping[str, Any]) -> Kind:
     for field in structs.fields(kind):
         if field.required and field.name not in values:
             raise DriverConfigError(
-                f"{kind.driver}: the setting {field.name} is missing, it must be "
+                f"{kind.driver}: the setting {field.name} is missing; it must be "
                 f"{allowed_words(field)}; {_known(kind)}"
             )
     return kind(**values)
@@ -169,13 +169,13 @@ def _words(kind: inspect.Type) -> str:
         case inspect.FloatType():
             return "a number" + _range(kind)
         case inspect.StrType(min_length=least):
-            return "a text" + (" that is not empty" if least else "")
+            return "a string" + (" that is not empty" if least else "")
         case inspect.UnionType(types=types):
             return ", or ".join(_words(t) for t in types)
         case inspect.VarTupleType(item_type=inspect.StrType()):
-            return "a list of texts"
+            return "a list of strings"
         case inspect.VarTupleType():
-            return "a list of texts and numbers"
+            return "a list of strings and numbers"
         case inspect.DictType():
             return "a table"
         case _:

@@ -98,10 +98,11 @@ def describe_misfit(error: Misfit, unit: str) -> str:
     """The error, and over which rows it is."""
     whole = f"{error.rms:.4g} {unit} rms over all {error.rows} rows"
     if not error.rows_settled:
-        return f"{whole}; all of them depend on how the stage stood before, which is not known"
+        return f"{whole}; all of them depend on the unknown earlier state of the stage"
     if abs(error.rms_settled - error.rms) < SAME * error.rms:
         return whole
     return (
         f"{whole}; {error.rms_settled:.4g} {unit} rms over the {error.rows_settled} from "
-        f"{error.from_s:.4g} s on, which no longer depend on how the stage stood before the first"
+        f"{error.from_s:.4g} s on, which no longer depend on the state of the stage before the "
+        "first"
     )

@@ -82,7 +82,7 @@ def read_cases(folder: Path) -> tuple[list[Comparison], list[str]]:
     suffixes = (".csv", ".csv.gz", ".npz", ".mat", ".mcap")
     paths = sorted(p for p in folder.glob("*") if p.name.endswith(suffixes))
     if not paths:
-        raise BadInput(f"{folder}: no recording is there ({', '.join(suffixes)})")
+        raise BadInput(f"{folder}: it contains no recording ({', '.join(suffixes)})")
     cases, left_out = [], []
     for path in paths:
         try:
@@ -98,7 +98,7 @@ def _recorded(path: Path) -> Comparison:
     good = np.isfinite(whole.drive) & np.isfinite(whole.displacement)
     n = min(whole.size, MOST_ROWS)
     if not good[:n].all() or n < LEAST_ROWS:
-        raise BadRecording(f"{path}: {LEAST_ROWS} whole rows or more are needed, none missing")
+        raise BadRecording(f"{path}: {LEAST_ROWS} or more complete rows are needed")
     first = round(FITTED_SHARE * n)
     scored = np.arange(n) >= first
     return Comparison(path.name, head(whole, first), head(whole, n), scored, False)

@@ -45,15 +45,15 @@ class Setpoint(Message, tag_field="schema", tag="dehyst.setpoint", frozen=True, 
     version: Version = 2
     client: Id
     lease: Id
-    """The number that the daemon gave out with the lease; proves that this is not a replay."""
+    """The number that the daemon issued with the lease; it proves that this is not a replay."""
     sequence: Id
-    """Ascending in each lease; an older or repeated one is refused."""
+    """Ascending within a lease; the daemon refuses an older or repeated number."""
     sent_ns: int
     """The sender's own monotonic clock."""
     value: float
     unit: Unit
     allow_unreachable: bool = False
-    """True: drive to the nearest reachable point and flag it, instead of refusing."""
+    """True: go to the nearest reachable point and flag it instead of refusing."""
     stay: bool = False
     """True: stay until another command, with this client gone; refused unless setpoint.stay of the
     daemon's configuration allows it."""
@@ -118,7 +118,7 @@ class Request(Message, tag_field="schema", tag="dehyst.request", frozen=True, kw
     offer: Id = 0
     """Number of the offer that is accepted or rejected."""
     label: Name = ""
-    """Who this is, for other clients that are refused."""
+    """Name of this client, for other clients that are refused."""
     axes: Annotated[tuple[Name, ...], Meta(max_length=MAX_AXES)] = ()
     """Names of axes of this controller that are meant together, the asked one among them: a lease
     is for all of them, under one number, or for none; stop and release are for all. Empty: the
@@ -151,9 +151,9 @@ class Reply(Message, tag_field="schema", tag="dehyst.reply", frozen=True, kw_onl
     lease_s: float = 0.0
     """The lease ends this long after the last command or renewal."""
     queue_s: float = 0.0
-    """Trajectory that is still ahead, an upper bound."""
+    """Upper bound of the trajectory time that is still queued."""
     telemetry_seq: int = -1
-    """Newest sample when the command was passed on."""
+    """Sequence number of the newest sample when the command was passed to the loop."""
 
 
 class Rejection(Message, tag_field="schema", tag="dehyst.rejection", frozen=True, kw_only=True):
@@ -168,7 +168,7 @@ class Rejection(Message, tag_field="schema", tag="dehyst.rejection", frozen=True
 
 
 class Event(Message, tag_field="schema", tag="dehyst.event", frozen=True, kw_only=True):
-    """What happened, in words. level: 1 information, 2 warning, 3 error."""
+    """An event, in words. level: 1 information, 2 warning, 3 error."""
 
     version: Version = 1
     time_ns: int
@@ -181,7 +181,7 @@ class Event(Message, tag_field="schema", tag="dehyst.event", frozen=True, kw_onl
 class RecentEvents(
     Message, tag_field="schema", tag="dehyst.recent-events", frozen=True, kw_only=True
 ):
-    """The newest events that the daemon still knows, oldest first."""
+    """The newest events that the daemon still keeps, oldest first."""
 
     version: Version = 1
     events: Annotated[tuple[Event, ...], Meta(max_length=256)]
@@ -199,29 +199,29 @@ class FoundEffect(Message, frozen=True, kw_only=True):
 
 
 class ModelOffer(Message, frozen=True, kw_only=True):
-    """The augmented model, tried on telemetry that it was not fitted to."""
+    """The augmented model, tested on telemetry to which it was not fitted."""
 
     number: Id
-    """To be named by who accepts or rejects it."""
+    """Number of the offer, for accept and reject."""
     seconds: float
-    """Of that telemetry."""
+    """Length of that telemetry."""
     rms_in_use: float
     rms_offered: float
     noise: float
     trial_s: float
     """Once accepted, it is withdrawn if the error has not fallen after this time of motion."""
     trial_limit_s: float = 0.0
-    """Whether the stage moves or not, the trial is settled after this time; 0: not known."""
+    """The trial ends after this time, whether the stage moves or not; 0: not known."""
     blocks: tuple[Name, ...] = ()
-    """Kinds of the blocks that it has beside the hysteresis."""
+    """Kinds of the blocks that it has in addition to the hysteresis."""
     reach_in_use: tuple[float, float] | None = None
     """Displacements of the model in use within the axis' limits, not shifted by origin and trim."""
     reach_offered: tuple[float, float] | None = None
-    """Those of the offered one."""
+    """Displacements of the offered model, likewise."""
     rate_in_use: float | None = None
     """Largest rate that the model in use knows [drive unit / s]; None: not known, no bound."""
     rate_offered: float | None = None
-    """The offered one's."""
+    """Largest rate of the offered model, likewise."""
 
 
 DoctorState = Literal[
@@ -230,8 +230,8 @@ DoctorState = Literal[
 
 
 class DoctorReport(Message, tag_field="schema", tag="dehyst.doctor", frozen=True, kw_only=True):
-    """What the doctor found about one mismatch. Published when it changes, kept, and answered to
-    who asks (`rpc/doctor`); the report itself, HTML, by `rpc/report`.
+    """What the doctor found about one mismatch. Published when it changes, kept, and returned by
+    `rpc/doctor`; `rpc/report` returns the report itself (HTML).
 
     state: working; found; failed (`says` why); then of its offer: waiting (until another one's
     trial is over), trial (at work, not confirmed), accepted (confirmed), returned (went back by
@@ -241,9 +241,9 @@ class DoctorReport(Message, tag_field="schema", tag="dehyst.doctor", frozen=True
     case: Name
     time_ns: int
     wall_ns: int
-    """Both of the mismatch."""
+    """The same moment, ns since 1970."""
     changed_wall_ns: int
-    """Of the state."""
+    """When the state changed, ns since 1970."""
     state: Name
     verdict: Name = ""
     """clean, explained, partly, unknown; or gauge: the gauge fails, and nothing is offered."""
@@ -252,14 +252,14 @@ class DoctorReport(Message, tag_field="schema", tag="dehyst.doctor", frozen=True
     unit: Unit = ""
     noise: float = 0.0
     rms_in_use: float = 0.0
-    """What the model in use leaves of the recording, and the augmented one."""
+    """Residual of the model in use on the recording, rms."""
     rms_augmented: float = 0.0
     rms_when_good: float = -1.0
-    """What the model in use left of the last good recording; below 0: there was none."""
+    """Residual of the model in use on the last good recording, rms; below 0: there was none."""
     has_report: bool = False
     offer: ModelOffer | None = None
     experiment: Annotated[tuple[Text, ...], Meta(max_length=64)] = ()
-    """Where the recording cannot decide: arguments of `dehyst`, ready to run."""
+    """The next experiment if the recording cannot decide: arguments of `dehyst`, ready to run."""
 
 
 class DoctorReports(
@@ -279,10 +279,10 @@ class TelemetryBatch(
 
     version: Version = 1
     run: Id
-    """Another number: the loop was started anew and counts from 0 again."""
+    """Number of the loop's run; another number: it was restarted and counts from 0 again."""
     unit: Unit
     wall_offset_ns: int
-    """Wall clock minus the monotonic clock of the times here."""
+    """Wall clock minus the monotonic clock that this message uses."""
     first_seq: Seq
     count: Annotated[int, Meta(ge=0, le=MAX_SAMPLES)]
     scheduled_ns: Column
@@ -303,7 +303,7 @@ class TelemetryBatch(
 
 
 class GatewayStatus(Message, frozen=True, kw_only=True):
-    """What the gateway itself has to say."""
+    """Status of the gateway's process."""
 
     pid: int
     uptime_s: float
@@ -320,9 +320,9 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
     """How far back the history reaches now."""
     restarts_of_core: int
     controller: Name = ""
-    """Name of the controller; that of the daemon where it has one axis alone."""
+    """Name of the controller; with a single axis, that of the daemon."""
     axes: Annotated[tuple[Name, ...], Meta(max_length=MAX_AXES)] = ()
-    """Names (as in keys) of all axes of this controller; empty where it has one alone."""
+    """Names (as in keys) of all axes of this controller; empty if it has only one."""
     links: int = 0
     """Clients and routers that are connected now."""
     links_ended: int = 0
@@ -332,17 +332,17 @@ class GatewayStatus(Message, frozen=True, kw_only=True):
     starts_refused: int = 0
     """Number of earlier starts that failed, because its address was in use for example."""
     unreachable_s: float = 0.0
-    """Time from the first of these until it began, in which no client could reach the daemon."""
+    """Time from the first of these until the gateway started; no client could reach the daemon."""
     refused_because: Text = ""
-    """What the last of these tries said."""
+    """Error message of the last of these attempts."""
     health: float = 0.0
-    """Misfit over what is expected at most: below 1 the stage behaves as its model; below 0 the
-    watch is still learning, -0.4: 40 % of the first motion is still to be seen."""
+    """Misfit over the largest expected misfit: below 1 the stage behaves like its model; below 0
+    the watch is still learning (-0.4: 40 % of the required motion is still missing)."""
     mismatch: Name = ""
-    """Why it does not, "" while it does: the figure that is too large (gain, offset, whole, all,
-    ringing, short or fit), or stuck: the gauge repeats one value."""
+    """Figure by which the stage differs from its model (gain, offset, whole, all, ringing, short
+    or fit), or stuck: the gauge repeats one value; "": it does not differ."""
     trial: Text = ""
-    """How far the trial of an accepted model is, in words; "": none is on trial."""
+    """Progress of the trial of an accepted model, in words; "": none is on trial."""
     target: float = math.nan
     """Of the newest sample, from the set-point origin; NaN: none."""
     measured: float = math.nan

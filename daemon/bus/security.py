@@ -34,7 +34,7 @@ QUESTIONS = ("status", "model", "configuration", "history", "events", "doctor", 
 
 
 def check_address(endpoint: str, what: str) -> None:
-    """BadInput where this is no address that a session could use."""
+    """BadInput where this is not an address that a session could use."""
     protocol, slash, rest = endpoint.partition("/")
     address = rest.partition("?")[0].partition("#")[0]
     if slash and protocol.startswith("unix") and address:
@@ -43,7 +43,7 @@ def check_address(endpoint: str, what: str) -> None:
     good = protocol in PROTOCOLS and host and port.isascii() and port.isdigit()
     if not good or len(port) > 5 or not 0 < int(port) < 65536:
         raise BadInput(
-            f"{what}: {endpoint[:80]!r} is no address; write PROTOCOL/HOST:PORT, such as "
+            f"{what}: {endpoint[:80]!r} is not an address; write PROTOCOL/HOST:PORT, such as "
             f"tcp/127.0.0.1:7447 (protocols: {', '.join(PROTOCOLS)})"
         )
 
@@ -80,11 +80,11 @@ def check_page(
     """BadInput where the page in a browser would be open to the network."""
     host, _, port = listen.rpartition(":")
     if not host:
-        raise BadInput(f"page.listen: {listen[:80]!r} is no address; write HOST:PORT")
+        raise BadInput(f"page.listen: {listen[:80]!r} is not an address; write HOST:PORT")
     if not (port.isascii() and port.isdigit() and len(port) < 20 and 0 < int(port) < 65536):
         raise BadInput(
-            f"page.listen: {listen[:80]!r} is no address: {port[:20]!r} is no port; a port is a "
-            "number from 1 to 65535"
+            f"page.listen: {listen[:80]!r} is not an address: {port[:20]!r} is not a port; a port "
+            "is a number from 1 to 65535"
         )
     if bool(certificate) != bool(key):
         raise BadInput("page: `certificate` and `key` go together")
@@ -118,8 +118,8 @@ def split_public_url(url: str) -> tuple[str, str]:
     """(origin as a browser sends it, path without a slash at its end) of the address that people
     type for a page behind a reverse proxy. BadInput where it is none."""
     wrong = BadInput(
-        f"page.public_url: {url[:120]!r} is no address of a page; write it as people type it, such "
-        "as https://lab.example/stage/"
+        f"page.public_url: {url[:120]!r} is not the address of a page; write it as people type "
+        "it, such as https://lab.example/stage/"
     )
     try:
         parts = urlsplit(url)
@@ -230,7 +230,7 @@ def server_settings(
     if not people:
         raise BadInput("bus.auth: name the operators and observers; nobody could connect")
     if len(set(people)) < len(people):
-        raise BadInput("bus.auth: a name stands twice; an operator may observe anyway")
+        raise BadInput("bus.auth: a name is listed twice; an operator may observe anyway")
     if passwords:
         missing = sorted(set(people) - set(read_passwords(Path(passwords), "bus.auth.passwords")))
         if missing:

@@ -164,7 +164,11 @@ class Bus(Closing):
         system.allow_open_files()
         where = ", ".join(listen)
         settings |= dict(security or {})
-        bus = cls(settings, f"cannot listen on {where}: in use by another daemon, or not ours")
+        bus = cls(
+            settings,
+            f"cannot listen on {where}: another daemon uses it, or it is not an address of this "
+            "machine",
+        )
         end_unread_connections(UNREAD_MS)
         return bus
 
@@ -296,14 +300,14 @@ class Bus(Closing):
                 if text != b"Timeout":
                     raise BusError(f"{key}: refused: {text.decode('utf-8', 'replace')}")
                 raise NoAnswer(
-                    f"{key}: no answer within {timeout_s:g} s; the daemon may hang, or does not "
-                    "let these credentials ask"
+                    f"{key}: no answer within {timeout_s:g} s; the daemon may hang, or may not "
+                    "accept these credentials"
                 )
             answered = True
             yield reply.ok.payload.to_bytes()
         if not answered:
             raise Nobody(
-                f"{key}: nobody answers; the daemon has gone, or does not let these credentials ask"
+                f"{key}: nobody answers; the daemon has ended, or does not accept these credentials"
             )
 
 

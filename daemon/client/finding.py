@@ -70,7 +70,7 @@ def chosen_of(names: list[str], name: str | None) -> str | None:
 def not_chosen(names: list[str], name: str | None, where: str) -> str:
     if name is None:
         return f"several daemons answer at {where}: {', '.join(names)}; name one"
-    return f"no daemon {name} at {where}; there are: {', '.join(names)}"
+    return f"no daemon {name} at {where}; the daemons there are: {', '.join(names)}"
 
 
 def daemons(bus: Bus, base: str = "dehyst", passed_over: set[str] | None = None) -> list[str]:
@@ -110,7 +110,7 @@ def find_axes(
         return next(iter(found.items()))
     if found:
         raise BusError(f"several daemons answer at {where}: {', '.join(found)}; name one")
-    raise BusError(f"no daemon {name} at {where}; there are: {', '.join(names)}")
+    raise BusError(f"no daemon {name} at {where}; the daemons there are: {', '.join(names)}")
 
 
 def _meant(names: list[str], name: str | None) -> list[str]:

@@ -211,7 +211,7 @@ class Group(Closing):
         strange = [axis for axis in axes if axis not in self.clients]
         if strange or not axes:
             raise BadInput(
-                f"targets for the axes {', '.join(axes) or '(none)'}; there are: "
+                f"targets for the axes {', '.join(axes) or '(none)'}; the axes are: "
                 f"{', '.join(self.clients)}"
             )
 

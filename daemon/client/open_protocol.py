@@ -35,7 +35,7 @@ def add_serving(parser: argparse.ArgumentParser) -> None:
 def check_tolerance(tolerance: float) -> None:
     """Raises BadInput where it is negative or not finite."""
     if not (math.isfinite(tolerance) and tolerance >= 0.0):
-        raise BadInput(f"--tolerance {tolerance:g}: it is 0 or a positive number")
+        raise BadInput(f"--tolerance {tolerance:g}: it must be 0 or positive")
 
 
 def check_exposure(listen: str, host: str, allowed: bool, protocol: str, ways: str) -> None:

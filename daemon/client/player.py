@@ -239,10 +239,10 @@ class Player:
         if self.allow or not far.size:
             self.report(f"{head}; the trajectory goes on")
             return
-        whole = "points that are left" if self.points.total is not None else "points of each pass"
+        whole = "remaining points" if self.points.total is not None else "points of each pass"
         self.report(
             f"{head}: {far.size} of the {targets.size} {whole} are beyond it, by up to "
-            f"{far.max():.3g} {status.unit}; the nearest place is taken, and flagged"
+            f"{far.max():.3g} {status.unit}; they are played at the nearest position and flagged"
         )
 
     def report(self, text: str) -> None:
@@ -334,14 +334,14 @@ class Player:
             return None
         self.gone_since_ns = 0 if status.core_alive else self.gone_since_ns or now_ns
         if self.gone_since_ns and now_ns - self.gone_since_ns > PATIENCE_S * 1e9:
-            return f"the daemon's loop has said nothing for {PATIENCE_S:g} s"
+            return f"the daemon's loop has sent nothing for {PATIENCE_S:g} s"
         if status.time_ns <= self.before.time_ns:
             return None
         if status.trajectory == self.number and status.trajectory_done:
             late = now_ns - self.feed.status_at_ns > 1e9  # the last samples are still on their way
             return "" if late else None
         if status.trajectory not in (self.number, self.before.trajectory):
-            return "another trajectory took its place"
+            return "another trajectory replaced it"
         if status.trajectory == self.number and status.state != "running" and status.core_alive:
             self.ended_ns = self.ended_ns or now_ns
             said = any(event.code == status.state for event in self.new_events())

@@ -32,7 +32,7 @@ class Repeated:
         if not np.all(np.isfinite(t)) or np.any(np.diff(self.offset_ns) <= 0):
             raise BadInput("the times of a trajectory must be finite and strictly increase")
         if times < 0:
-            raise BadInput(f"{times} repetitions: 1 is the least, 0 is until stopped")
+            raise BadInput(f"{times} repetitions: give 1 or more, or 0 to play until stopped")
         self.n = t.size
         self.pass_ns = int(self.offset_ns[-1]) + round(float(np.median(np.diff(self.offset_ns))))
         self.total: int | None = times * self.n if times else None

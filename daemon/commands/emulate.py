@@ -146,7 +146,7 @@ def amplifier_knobs(args: argparse.Namespace) -> Mdt693bKnobs | Kpz101Knobs:
     plain = Mdt693bKnobs()
     single = args.amplifier == "mdt694b"
     if single and (args.axes, args.axis) != (1, "x"):
-        raise BadInput("an MDT694B has the axis x alone: leave out --axis and --axes")
+        raise BadInput("an MDT694B has only the axis x: leave out --axis and --axes")
     if args.amplifier not in APT_KNOBS:
         return Mdt693bKnobs(
             axes="x" if single else "xyz",

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     check_listening_address(args.listen, args.without_passwords or args.observe)
     check_tolerance(args.tolerance)
     if not 0 <= args.port <= 65535:
-        raise BadInput(f"--port {args.port}: it is from 0 to 65535")
+        raise BadInput(f"--port {args.port}: it must be from 0 to 65535")
     try:
         from dehyst.daemon.epics.server import axis_sources, records_of, serve_records
     except ImportError as error:
@@ -73,10 +73,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def check_listening_address(text: str, allowed: bool) -> None:
-    """BadInput where it is no address, or not this machine's alone and not allowed."""
+    """BadInput where it is not an address, or not this machine's alone and not allowed."""
     try:
         ipaddress.ip_address(text)
     except ValueError:
-        raise BadInput(f"--listen {text}: it is an address such as 127.0.0.1") from None
+        raise BadInput(f"--listen {text}: it must be an address such as 127.0.0.1") from None
     ways = "add --without-passwords if the network is trusted, or --observe"
     check_exposure(text, text, allowed, "Channel Access", ways)

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         if not re.fullmatch(r"[a-z0-9][a-z0-9._-]{0,62}", name) or name == "authority":
             raise BadInput(f"{name!r}: a name may hold a-z, 0-9, ., _ and -")
     if len(set(names)) < len(names):
-        raise BadInput("a name stands twice")
+        raise BadInput("a name is given twice")
     there = [name for name in names if (args.directory / name / "key.pem").exists()]
     if there:
         raise BadInput(

@@ -1,4 +1,4 @@
-"""the source paper's experiments again, their errors and figures beside the paper's"""
+"""the source paper's experiments again, their errors and figures next to the paper's"""
 
 import argparse
 import json

@@ -283,7 +283,7 @@ def say_of_step(target: NDArray[np.float64], status: "Status", axis: str) -> Non
 def check_asked(args: argparse.Namespace, learn: bool, written: Sequence[Path | None]) -> None:
     """BadInput where the options do not go together, or a file would be lost."""
     if args.repeat < 0:
-        raise BadInput(f"--repeat {args.repeat}: 1 is the least, 0 is until stopped")
+        raise BadInput(f"--repeat {args.repeat}: give 1 or more, or 0 to play until stopped")
     if args.picture and not learn:
         raise BadInput("--picture goes with --learn")
     if args.gauge_filter_s and not learn:

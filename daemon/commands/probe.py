@@ -161,7 +161,7 @@ def _probe(port: SerialPort, args: argparse.Namespace) -> _Probed:
             heard += found.exchanges
     raw = b"".join(exchange.reply for exchange in heard)
     what = NAMES[asked] if asked else "MDT693B, MDT694B, KPZ101, KSG101, KPC101 or BPC303"
-    says = f"answers {raw[:60]!r}, which is no {what}" if raw else "does not answer"
+    says = f"answers {raw[:60]!r}, which is not an {what}" if raw else "does not answer"
     return _Probed("", heard, {}, {}, [f"{says}; check port, power and baud rate"])
 
 

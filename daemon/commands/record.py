@@ -30,7 +30,7 @@ fetched from the daemon's history; samples that are no longer there leave a gap 
 Ctrl-C ends the recording.
 
 The suffix says which kind of file: .csv grows line by line and is readable at every moment, what
-belongs beside the numbers is in NAME.csv.meta.json; .csv.gz grows in blocks; .mcap opens in
+belongs with the numbers is in NAME.csv.meta.json; .csv.gz grows in blocks; .mcap opens in
 Foxglove and PlotJuggler; .npz is written at the end. For weeks: --rotate begins a new piece
 (run-00001.mcap, ...) after that time or size, t_s going on, and --keep deletes the oldest pieces of
 this recording where all of them would take more; with --force those of earlier recordings of the

@@ -75,6 +75,6 @@ def run(args: argparse.Namespace) -> int:
         assert report.offer is not None
         client.decide_offer("reject", report.offer.number)
         waits = report.state in ("found", "waiting")
-        stays = "the model in use stays" if waits else "the one before comes back"
+        stays = "the model in use stays" if waits else "the previous model is restored"
         say(f"{report.case}: rejected; {stays}")
     return 0

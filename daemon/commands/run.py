@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         return check_configuration(args.check)
     for option in ("model", "name", "listen", "axes"):
         if args.config and getattr(args, option):
-            raise BadInput(f"--{option} goes without --config: the configuration says it itself")
+            raise BadInput(f"--{option} goes without --config, which sets it")
     if args.config:
         return supervise(args.config)
     check_open([args.listen or LISTEN], authenticated=False)
@@ -174,11 +174,11 @@ def check_configuration(path: Path) -> int:
     ):
         longest_s = controller.longest_ramp_s
         print(
-            f"{path}: to its safe voltage the output may take {longest_s:.0f} s, more "
-            f"than TimeoutStopSec={UNIT_STOP_S:.0f} of dehyst.service leaves. systemd waits as "
-            "long as the daemon asks it to while it ramps; whatever else may end it (another "
-            f"unit, docker stop) must allow {longest_s + SPARE_S:.0f} s, or "
-            "safe.ramp_v_per_s be larger",
+            f"{path}: the output may take {longest_s:.0f} s to reach its safe voltage, longer "
+            f"than TimeoutStopSec={UNIT_STOP_S:.0f} of dehyst.service. systemd waits as long as "
+            "the daemon asks it to while it ramps; anything else that may end it (another unit, "
+            f"docker stop) must allow {longest_s + SPARE_S:.0f} s, or safe.ramp_v_per_s must be "
+            "larger",
             file=sys.stderr,
         )
     return 0

@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
         except run_folder.InUse:
             raise
         except DehystError as error:  # no folder, however bad, keeps the output from its safe state
-            print(f"dehyst safe: {error}; going on without it", file=sys.stderr)
+            print(f"dehyst safe: {error}; continuing without it", file=sys.stderr)
         outputs = make_safe(controller)
     for name, volts in outputs.items():
         of = f" of {name}" if len(outputs) > 1 else ""

@@ -153,7 +153,7 @@ def run(args: argparse.Namespace) -> int:
             raise BadInput(f"axis {name} is in {one.model.displacement_unit}: give --unit so")
     said = require_reach(axes, targets, period_s)
     if not axes:
-        said.append("reach and slew are not checked: --config or --model says what they are")
+        said.append("reach and slew are not checked: --config or --model gives them")
     columns = {f"target_{name}_{args.unit}": values for name, values in targets.items()}
     columns["scan"] = scan.image.astype(float)
     write_recording(args.output, scan.t_s, columns, {"source": f"dehyst scan: {scan.says}"})

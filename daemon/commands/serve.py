@@ -94,7 +94,7 @@ def address(text: str, anywhere: bool) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     host = host.strip("[]")
     if not host or not port.isdigit() or int(port) > 65535:
-        raise BadInput(f"--listen {text}: it is HOST:PORT with a port from 0 to 65535")
+        raise BadInput(f"--listen {text}: it must be HOST:PORT with a port from 0 to 65535")
     ways = "add --without-passwords if the network is trusted"
     check_exposure(text, host, anywhere, "the protocol", ways)
     return host, int(port)

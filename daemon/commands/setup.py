@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
     from dehyst.daemon.setup.workbench import Workbench
 
     if not args.yes and not sys.stdin.isatty():
-        raise BadInput("stdin is not a terminal; --yes with --range MIN MAX asks nothing")
+        raise BadInput("stdin is not a terminal; --yes with --range MIN MAX runs without questions")
     if args.emulated and args.ports:
         raise BadInput("--emulated has its own ports; leave out --ports")
     if args.amplifier and not args.emulated:

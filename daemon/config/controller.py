@@ -108,7 +108,7 @@ def load_config(path: str | Path, axis: str = "") -> Config:
         return controller.axes[0]
     names = ", ".join(controller.axis_names)
     if not axis:
-        raise BadInput(f"{path}: it has the axes {names}, one is needed here: --axis NAME")
+        raise BadInput(f"{path}: it has the axes {names}; choose one with --axis NAME")
     for config in controller.axes:
         if config.axis == axis:
             return config
@@ -136,12 +136,12 @@ def _several(data: dict[str, Any], path: Path) -> Controller:
 def _axis(data: dict[str, Any], axis: str, directory: Path, path: Path) -> Config:
     own, where = data["axis"][axis], f"{path}: axis {axis}"
     if not AXIS_NAME.fullmatch(axis):
-        raise BadInput(f"{path}: axis {axis!r}: a name is one to eight of a-z and 0-9")
+        raise BadInput(f"{path}: axis {axis!r}: a name has one to eight characters of a-z and 0-9")
     if not isinstance(own, dict):
         raise BadInput(f"{path}: axis.{axis} must be a table: [axis.{axis}]")
     for key in own:
         if key in SHARED:
-            raise BadInput(f"{where}: `{key}` is for all axes and stands at top level")
+            raise BadInput(f"{where}: `{key}` is for all axes and belongs at top level")
         if key not in OWN:
             raise BadInput(f"{where}: Object contains unknown field `{key}`")
     shared = {key: value for key, value in data.items() if key in SHARED}
@@ -183,6 +183,6 @@ def _check_together(configs: tuple[Config, ...], path: Path) -> None:
         for channel, follows in config.channels.items():
             if follows.axis and follows.axis not in names:
                 raise BadInput(
-                    f"{path}: axis {config.axis}: channels.{channel} follows axis "
-                    f"{follows.axis}; there are: {', '.join(names)}"
+                    f"{path}: axis {config.axis}: channels.{channel} follows axis {follows.axis}; "
+                    f"the axes are: {', '.join(names)}"
                 )

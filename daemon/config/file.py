@@ -29,7 +29,7 @@ def parse_config(text: str, where: str = "configuration") -> Config:
     """Config from the TOML text of one axis. Raises BadInput naming the key."""
     data = _tables(text, where)
     if isinstance(data.get("axis"), dict):
-        raise BadInput(f"{where}: it has several axes; one is needed here")
+        raise BadInput(f"{where}: it has several axes; choose one")
     return checked_config(data, where)
 
 

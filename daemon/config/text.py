@@ -17,7 +17,7 @@ WIDTH = 100
 SLEW_SPANS = 20.0
 """Slew limit where none is given, in ranges a second."""
 DEFAULTS = SafeConfig()
-PLAIN = ("a number", "a text", "a text that is not empty", "a list of texts", "true or false")
+PLAIN = ("a number", "a string", "a string that is not empty", "a list of strings", "true or false")
 """What a default shows well enough."""
 HEAD = """\
 # The configuration of one controller. Lines that begin with # show the defaults.

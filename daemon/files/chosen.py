@@ -75,5 +75,5 @@ def choose_model(config: Config) -> tuple[Model, bool, str]:
         return (
             configured,
             False,
-            f"the accepted model cannot be used, the configured one is: {error}",
+            f"the accepted model cannot be used, so the configured one is: {error}",
         )

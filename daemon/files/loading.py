@@ -187,8 +187,8 @@ def _read_npy(path: Path) -> Sheet:
 def _read_npz(path: Path) -> dict[str, Any]:
     if is_unfinished_npz(path):
         raise BadRecording(
-            f"{path.name}: its writer did not come to the end (killed, or the disk was full); "
-            f"dehyst convert --unfinished {path.name} whole.npz keeps what is whole"
+            f"{path.name}: its writer did not finish (it was killed, or the disk was full); "
+            f"dehyst convert --unfinished {path.name} whole.npz recovers the complete part"
         )
     if not zipfile.is_zipfile(path):
         raise BadRecording(f"{path.name}: not an .npz file")

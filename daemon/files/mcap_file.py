@@ -231,8 +231,8 @@ def _require_end(path: Path, file: BinaryIO, unfinished: bool) -> None:
     file.seek(0)
     if begins and not ends and not unfinished:
         raise BadRecording(
-            f"{path.name}: its writer did not come to the end (killed, or the disk was full); "
-            f"dehyst convert --unfinished {path.name} whole.mcap keeps what is whole"
+            f"{path.name}: its writer did not finish (it was killed, or the disk was full); "
+            f"dehyst convert --unfinished {path.name} whole.mcap recovers the complete part"
         )
 
 

@@ -100,7 +100,7 @@ def recording_of(
 def _several(path: Path, parts: int) -> str:
     return (
         f"{path.name}: the clock goes back, so that there are {parts} recordings in it; dehyst "
-        f"convert {path.name} part.csv writes each to a file of its own"
+        f"convert {path.name} part.csv writes each to a separate file"
     )
 
 
@@ -169,7 +169,7 @@ def trajectory_of(columns: Mapping[str, Any], name: str, *, min_rows: int = 1) -
 def _trajectory(name: str, loaded: Loaded, min_rows: int, column: str) -> Trajectory:
     times = _time(name, loaded, min_rows)
     if len(times.parts) > 1:
-        raise BadRecording(f"{name}: {times.said[-1]}; a trajectory has one course of time")
+        raise BadRecording(f"{name}: {times.said[-1]}; the times of a trajectory must not go back")
     columns = loaded.columns
     if times.keep is not None:
         columns = {key: values[times.keep] for key, values in columns.items()}

@@ -1,4 +1,4 @@
-"""What belongs beside the numbers of a CSV file: NAME.csv.meta.json, a flat map of texts.
+"""What belongs with the numbers of a CSV file: NAME.csv.meta.json, a flat map of texts.
 
 The CSV itself begins with its header line, so that every program reads it as it is. `.npz` and
 `.mcap` carry their notes inside.

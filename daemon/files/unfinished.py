@@ -50,7 +50,7 @@ def _of_text(path: Path, data: bytes) -> tuple[dict[str, Floats], dict[str, str]
     data = data.partition(b"\0")[0]
     data = data[: data.rfind(b"\n") + 1]
     if data.count(b"\n") < 2:
-        raise BadRecording(f"{path.name}: no row was written whole")
+        raise BadRecording(f"{path.name}: it contains no complete row")
     table = read_lines(path.name, io.BytesIO(data))
     return dict(table.columns), {**table.metadata, **read_notes(path)}
 
@@ -95,7 +95,9 @@ def read_blocks(file: BinaryIO) -> tuple[list[str], dict[str, str], list[Any]]:
 
 def _of_npz(path: Path) -> tuple[dict[str, Floats], dict[str, str]]:
     if not is_unfinished_npz(path):
-        raise BadRecording(f"{path.name}: was finished, or is none; read it as it is")
+        raise BadRecording(
+            f"{path.name}: it is complete, or not an unfinished recording; read it directly"
+        )
     try:
         with path.open("rb") as file:
             names, notes, blocks = read_blocks(file)
@@ -103,6 +105,6 @@ def _of_npz(path: Path) -> tuple[dict[str, Floats], dict[str, str]]:
         why = " ".join(str(error).split())[:200]
         raise BadRecording(f"{path.name}: not an .npz file that can be read: {why}") from None
     if not blocks:
-        raise BadRecording(f"{path.name}: no row was written whole")
+        raise BadRecording(f"{path.name}: it contains no complete row")
     whole = np.concatenate(blocks)
     return {name: np.ascontiguousarray(whole[:, j]) for j, name in enumerate(names)}, notes

@@ -256,8 +256,8 @@ class Admission:
         if stay and not self.may_stay:
             raise NotAdmitted(
                 "stay",
-                "a place is kept only while a client asks for it: setpoint.stay is false in the "
-                "daemon's configuration",
+                "a position is kept only while a client requests it: setpoint.stay is false in "
+                "the daemon's configuration",
             )
 
     def _hold(self, command: Request) -> NDArray[np.void]:

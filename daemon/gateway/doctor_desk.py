@@ -3,7 +3,7 @@
 The doctor itself (dehyst.daemon.doctor) is a process without network; the two meet in the folder
 of a case (dehyst.daemon.files.cases). An accepted model is laid into the run folder, and the loop
 is asked to reload: it glides, within range and slew, as with every reload. From then on the model
-is on trial: where its error has not fallen after so much motion, the one before comes back. An
+is on trial: where its error has not fallen after so much motion, the previous model is restored. An
 offer that is accepted meanwhile waits until the trial is over; of several, the newest.
 """
 
@@ -151,7 +151,7 @@ class DoctorDesk:
         """Until the trial is over; the newest takes the place of one that waits already."""
         before, self._waiting = self._waiting, name
         if before and before != name and before in self._known:
-            self._decided(before, "found", f"it does not wait any more: {name} waits in its place")
+            self._decided(before, "found", f"it is no longer waiting: {name} waits in its place")
         self._decided(
             name,
             "waiting",
@@ -249,14 +249,14 @@ class DoctorDesk:
                 assert examined.tested is not None
                 self._trial.begin(name, case.number, folder, examined.tested)
             except (OSError, DehystError) as error:
-                self._report(3, "doctor", f"{name}: the offered model is not at work: {error}")
+                self._report(3, "doctor", f"{name}: the offered model is not in use: {error}")
                 return
             self._decided(
                 name,
                 "trial",
-                "accepted: the offered model goes to work; the one before is kept, and comes back "
-                f"if the error has not fallen after {self._config.doctor.trial_s:g} s of motion; "
-                f"the trial is settled after {self._trial.limit_s:g} s at the latest",
+                "accepted: the offered model is now in use; the previous one is kept, and "
+                f"restored if the error has not fallen after {self._config.doctor.trial_s:g} s of "
+                f"motion; the trial ends after {self._trial.limit_s:g} s at the latest",
             )
         elif state in AT_WORK:
             self._decided(name, "rejected", self._trial.go_back(name, "it was rejected"))

@@ -61,7 +61,7 @@ class GroupStarts:
         for name, of_axis in records.items():
             for start in self._starts.values():
                 if of_axis.size and name in start.chunks:
-                    self._drop(start, f"{name}: another command came before it had begun")
+                    self._drop(start, f"{name}: another command arrived before it started")
 
     def _begin(
         self, now_ns: int, chunk: Chunk, gates: Gates, asked: str
@@ -71,16 +71,16 @@ class GroupStarts:
         if not start.why and now_ns - start.since_ns > WAIT_NS:
             late = [n for n in chunk.axes if n not in start.chunks and not gates[n][0].plays(chunk)]
             seconds = 1e-9 * WAIT_NS
-            start.why = f"the first points of {', '.join(late)} did not come within {seconds:g} s"
+            start.why = f"the first points of {', '.join(late)} did not arrive within {seconds:g} s"
         if start.why:
-            raise NotAdmitted("over", f"{start.why}; no axis has begun")
+            raise NotAdmitted("over", f"{start.why}; no axis has started")
         if chunk.index > 0 and asked in start.chunks:
-            raise NotAdmitted("queue-full", "the other axes have not begun yet; send this later")
+            raise NotAdmitted("queue-full", "the other axes have not started yet; send this later")
         try:
             gate.check_first(now_ns, chunk, room)
         except NotAdmitted as no:
             self._drop(start, f"{asked}: {no}")
-            raise NotAdmitted(no.code, f"{no}; no axis has begun") from None
+            raise NotAdmitted(no.code, f"{no}; no axis has started") from None
         gate.lease.heard(now_ns, chunk.sent_ns)
         start.chunks[asked] = chunk
         if any(n not in start.chunks and not gates[n][0].plays(chunk) for n in chunk.axes):
@@ -97,7 +97,7 @@ class GroupStarts:
                 gate.check_first(now_ns, chunk, room)
             except NotAdmitted as no:
                 self._drop(start, f"{name}: {no}")
-                raise NotAdmitted(no.code, f"{start.why}; no axis has begun") from None
+                raise NotAdmitted(no.code, f"{start.why}; no axis has started") from None
         replies, records = {}, {}
         for name, chunk in start.chunks.items():
             gate, room = gates[name]

@@ -177,7 +177,8 @@ class MismatchWatch:
                 2,
                 "mismatch",
                 f"the stage does not behave like its model: {MEANS[self.figure]} (health "
-                f"{self.health:.2f}, above 1 is out of order, by the figure {self.figure!r})",
+                f"{self.health:.2f}, where values above 1 are out of order; figure "
+                f"{self.figure!r})",
             )
         elif self.mismatch and not wrong:
             self._report(1, "mismatch", "the stage behaves like its model again")

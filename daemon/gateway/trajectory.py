@@ -76,7 +76,9 @@ class TrajectoryProgress:
         if self.over:
             raise NotAdmitted("over", f"trajectory {command.trajectory}: {self.over}")
         if self.next_index >= 0 and command.index != self.next_index:
-            raise NotAdmitted("order", f"chunk {command.index} came where {self.next_index} is due")
+            raise NotAdmitted(
+                "order", f"chunk {command.index} arrived, but chunk {self.next_index} is next"
+            )
         if offsets[0] < 0 or offsets[-1] > LATEST_OFFSET_NS or np.any(offsets[1:] <= offsets[:-1]):
             raise NotAdmitted(
                 "order", "the times of a chunk must be positive and strictly increase"
@@ -88,7 +90,7 @@ class TrajectoryProgress:
                 self.next_index = command.index + 1
                 return None
         elif self.end_ns >= 0 and offsets[0] <= self.end_ns:
-            raise NotAdmitted("order", "the chunk begins before the one before it ended")
+            raise NotAdmitted("order", "the chunk begins before the end of the previous one")
         return NewPoints(offsets, values, learned)
 
     def span_ns(self, offsets: Offsets) -> int:
@@ -101,8 +103,9 @@ class TrajectoryProgress:
         if span_ns < 0.7 * gaps * period_ns:
             raise NotAdmitted(
                 "dense",
-                f"the points are {span_ns / max(gaps, 1) * 1e-6:.3g} ms apart, the loop's period "
-                f"is {period_ns * 1e-6:.3g} ms; send at most {1e9 / period_ns:g} points a second",
+                f"the points are {span_ns / max(gaps, 1) * 1e-6:.3g} ms apart, but the loop's "
+                f"period is {period_ns * 1e-6:.3g} ms; send at most {1e9 / period_ns:g} points a "
+                "second",
             )
 
     def pass_on(self, command: Chunk, offsets: Offsets) -> None:
@@ -143,6 +146,6 @@ class PassedOn:
         if ahead_s + span_s > self.most_s:
             raise NotAdmitted(
                 "queue-full",
-                f"{ahead_s:.2f} s are ahead already, at most {self.most_s:g} s are accepted; "
+                f"{ahead_s:.2f} s are queued already, at most {self.most_s:g} s are accepted; "
                 "send this chunk later",
             )

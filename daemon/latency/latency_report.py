@@ -98,8 +98,8 @@ def _verdict(outcome: LatencyOutcome) -> list[str]:
     if outcome.missed:
         text[0] += f" ({causes})"
         text.append(
-            f"  {outcome.excused} of them while the witness, at a higher priority on the same CPU, "
-            f"was late as well: the machine's; {own} the program's own"
+            f"  {outcome.excused} of them while the witness, at a higher priority on the same "
+            f"CPU, was late as well, so the machine caused them; the program caused {own}"
         )
     if outcome.stalls:
         longest = max(late for _, late, _ in outcome.stalls) * 1e-6

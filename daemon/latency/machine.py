@@ -44,8 +44,8 @@ def advice(
         )
     if not obtained.locked:
         words.append(
-            "privileges: memory is not locked, so pages may be taken away. LimitMEMLOCK=infinity, "
-            "or `memlock unlimited` in /etc/security/limits.d"
+            "privileges: memory is not locked, so pages may be swapped out. "
+            "LimitMEMLOCK=infinity, or `memlock unlimited` in /etc/security/limits.d"
         )
     if asked_priority and rate_hz >= AWAKE_FROM_HZ and not obtained.awake:
         words.append(

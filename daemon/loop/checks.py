@@ -216,7 +216,7 @@ def past_output(
             head, _ = ring.place()
             records, _ = ring.read(max(0, head - REPLAY_SAMPLES))
     except BadInput as error:
-        return reported, [f"what was written before is not known: {error}"]
+        return reported, [f"the voltages written before are not known: {error}"]
     volts = np.array(records["volts"], dtype=np.float64)
     inside = (volts >= config.limits.min_v) & (volts <= config.limits.max_v)
     agrees = volts.size and abs(volts[-1] - reported_v) <= OUTPUT_AGREES_V
@@ -229,8 +229,8 @@ def past_output(
         return reported, []
     if abs(volts[-1] - reported_v) > OUTPUT_AGREES_V + step_v:
         raise ForeignUnit(
-            f"a unit without a serial number stands at {reported_v:.2f} V where {volts[-1]:.2f} V "
-            "was left: it may be another one, or was moved by hand, and nothing was set on it. "
-            "`dehyst config pin` accepts it as it stands"
+            f"a unit without a serial number is at {reported_v:.2f} V, but the output was left at "
+            f"{volts[-1]:.2f} V; it may be another unit, or was moved by hand, so nothing was set "
+            "on it. `dehyst config pin` accepts it as it is"
         )
     return reported, []

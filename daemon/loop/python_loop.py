@@ -182,7 +182,7 @@ class _AxisDevices:
             monitor = self.monitor
             monitor.actuator.down(error)
             monitor.numbers[ACTUATOR_OK] = 0
-            monitor.stepper.events.append(f"the amplifier does not take voltages: {error}")
+            monitor.stepper.events.append(f"the amplifier does not accept voltages: {error}")
             self._wrote = REFUSED
 
     def finish(self, woke_ns: int, finished_ns: int, io_ns: int) -> None:
@@ -245,12 +245,12 @@ class _AxisDevices:
             monitor.numbers[DOUBTFUL] = 1
             stepper.fault(
                 now_ns,
-                f"the amplifier reports {check.reported_v:.2f} V where {volts:.2f} V was set (its "
-                "knob, its external input?): nothing is written until they agree; a restart of "
-                "the daemon takes the reported voltage for true",
+                f"the amplifier reports {check.reported_v:.2f} V, but {volts:.2f} V was set "
+                "(check its knob and its external input); nothing is written until they agree. A "
+                "restart of the daemon accepts the reported voltage",
             )
         elif verdict == "agrees":
             monitor.numbers[DOUBTFUL] = 0
-            stepper.events.append("the amplifier reports what was set again")
+            stepper.events.append("the amplifier's report agrees with the set-point again")
             monitor.meter["back_v"], monitor.meter["actuator_back"] = actuator.device.output(), 1
         return True

@@ -207,10 +207,10 @@ TEXTS = {
     Note.TRIM_NO_READING: "trim frozen: no valid reading",
     Note.TRIM_STUCK: "trim frozen: the reading has not changed while the stage was moved",
     Note.TRIM_JUMPED: "trim frozen: the reading has jumped, gauge and model differ by {:.4g}; it "
-    "goes on when the reading is back and settled, or after `dehyst zero`",
+    "resumes when the reading is back and settled, or after `dehyst zero`",
     Note.TRIM_SETTLING: "trim frozen: the reading has jumped, but is plausible, {:.4g} from the "
-    "model; it goes on once the reading is settled",
-    Note.TRIM_BEYOND: "trim frozen: gauge and model differ by {:.4g}, which is beyond belief; "
+    "model; it resumes once the reading is settled",
+    Note.TRIM_BEYOND: "trim frozen: gauge and model differ by {:.4g}, which is implausible; "
     "`dehyst zero` sets the gauge's zero",
     Note.TRIM_DISTRUSTED: "trim frozen: the mismatch watch does not trust the stage or its gauge",
     Note.ZEROED: "the gauge's zero was moved by {:.6g}",

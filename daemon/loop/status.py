@@ -243,7 +243,7 @@ class LoopMonitor:
             unit = bytes(row["unit"]).decode("utf-8", "replace")
             self.stepper.events.append(
                 f"the gauge is {differs:+.3g} {unit} from the model: after a start the history of "
-                "the stage is unknown; `dehyst zero --exercise` erases it and finds the place"
+                "the stage is unknown; `dehyst zero --exercise` erases it and finds the position"
             )
 
     def _mend(self) -> None:

@@ -38,8 +38,8 @@ def trim_setting(
     if asked.enabled and chosen_s is not None and chosen_s < least_s:
         raise BadInput(
             f"trim.time_constant_s = {chosen_s:g}: the gauge is {lag_s:.3g} s late (its lag and "
-            "delay in the model, its reading, the loop's period), with which so fast a correction "
-            f"is not stable; {_round_up(least_s):g} s or more will do"
+            "delay in the model, its reading, the loop's period), so a correction this fast is "
+            f"not stable; use {_round_up(least_s):g} s or more"
         )
     noise = model.fit.noise_rms or model.fit.rms or NO_NOISE * reach
     return trim.setting_of(

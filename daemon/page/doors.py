@@ -170,9 +170,9 @@ def _words(error: OSError, port: str) -> str:
             "it); end it, or serve the page on another port"
         )
     if error.errno == errno.EACCES:
-        return f"port {port} is for root alone; use one above 1023"
+        return f"port {port} requires root; use one above 1023"
     if isinstance(error, socket.gaierror):
-        return "no such host is known here"
+        return "this machine knows no such host"
     if error.errno == errno.EADDRNOTAVAIL:
         return "this machine has no such address"
     return error.strerror or str(error)

@@ -83,7 +83,7 @@ class Job:
         """t_s, and the targets by axis ("": of the only one), of a trajectory that was looked at.
         Raises BadInput."""
         if self.kind != "trajectory" or self.state != "done":
-            raise BadInput(f"{self.file}: is no trajectory that was looked at")
+            raise BadInput(f"{self.file}: is not a trajectory that was checked")
         rows = np.load(self.folder / "trajectory.npy", allow_pickle=False)
         axes = self.result.get("axes") or {"": None}
         return rows[0], dict(zip(axes, rows[1:], strict=True))

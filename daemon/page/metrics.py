@@ -30,7 +30,7 @@ class ControllerMetrics(Collector):
     def collect(self) -> Iterator[Metric]:
         """One family after the other, a sample a controller."""
         here = ["controller"]
-        up = GaugeMetricFamily("dehyst_up", "1: status comes and the loop runs", labels=here)
+        up = GaugeMetricFamily("dehyst_up", "1 if status arrives and the loop runs", labels=here)
         state = StateSetMetricFamily("dehyst_state", "State of the loop", labels=here)
         error = GaugeMetricFamily(
             "dehyst_error",

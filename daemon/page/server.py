@@ -327,9 +327,9 @@ async def _body(request: Request, most: int, within_s: float) -> bytes:
                     raise HTTPException(413, f"more than {most} bytes")
                 parts.append(part)
     except ClientDisconnect:
-        raise HTTPException(400, "the rest did not come") from None
+        raise HTTPException(400, "the rest did not arrive") from None
     except TimeoutError:
-        raise HTTPException(408, "the rest did not come in time", CLOSED) from None
+        raise HTTPException(408, "the rest did not arrive in time", CLOSED) from None
 
 
 CLOSED = {"connection": "close"}

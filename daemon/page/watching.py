@@ -280,7 +280,7 @@ class Controllers:
         while not self._stop.is_set():
             names = find()
             self.problems[address] = (
-                "" if names else f"{address} is there, but no controller answers"
+                "" if names else f"{address} can be reached, but no controller answers"
             )
             for name in names:
                 if self._name in (None, name) and name not in self.watches:

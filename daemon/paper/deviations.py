@@ -5,7 +5,7 @@ DEVIATIONS: tuple[tuple[str, ...], tuple[tuple[str, ...], ...]] = (
     (
         (
             "symbol in Eq. 1",
-            "x(t) - r beside u(t) + r",
+            "x(t) - r and u(t) + r",
             "u(t) in both places",
             "the operator has one input; x is defined nowhere",
         ),

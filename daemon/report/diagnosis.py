@@ -26,7 +26,7 @@ def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:
             _finding(out, finding)
     out.add_heading("Before and after")
     out.add_text(
-        "Both models as they simulate the recordings, each with its mean error taken off.", "soft"
+        "Both models as they simulate the recordings, each with its mean error subtracted.", "soft"
     )
     for view in diagnosis.views[:MOST_VIEWS]:
         if len(diagnosis.views) > 1:

@@ -134,7 +134,7 @@ def _draw_simulation(recording: Recording, y: Floats, unit: str, axes: Axes) -> 
     axes.plot(t, w, color=MODEL, lw=1.2, label="model")
     add_legend(axes, 0.18)
     axes.set(xlabel="time, s", ylabel=f"displacement, {spell_unit(unit)}")
-    return "Displacement by the model over time, beside the measured one where there is one."
+    return "Displacement by the model over time, with the measured one if there is one."
 
 
 def _draw_drive(t_s: Floats, drive: Floats, unit: str, axes: Axes) -> str:

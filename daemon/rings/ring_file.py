@@ -65,7 +65,7 @@ class RingFile(Closing):
         except OSError as error:
             raise BadInput(f"{self.path}: {error.strerror}") from None
         if len(data) != count:
-            raise BadInput(f"{self.path}: a damaged ring, it is cut short")
+            raise BadInput(f"{self.path}: a damaged ring: it is truncated")
         return data
 
     def place(self) -> tuple[int, int]:

@@ -67,7 +67,7 @@ def _why_not_in(around: os.stat_result) -> str:
     """Why no folder in this one is safe: others could put their own in its place."""
     shared = system.others_may(around) and not around.st_mode & stat.S_ISVTX
     if shared or around.st_uid not in (0, system.user_id()):
-        return "others may exchange it, by what they may do to the folder that it lies in"
+        return "others may replace it, because they may write into its parent folder"
     return ""
 
 
@@ -90,8 +90,8 @@ def at_work(folder: Path, role: str, command: str, config: Path | str) -> Iterat
         except BlockingIOError:
             holder = os.pread(file, LONGEST_NOTE, 0).decode("utf-8", "replace").strip()
             raise InUse(
-                f"{folder} is in use by {holder or 'another process'}: one daemon of a name and "
-                "run folder at a time; end that one, or give this one another name"
+                f"{folder} is in use by {holder or 'another process'}; a name and a run folder "
+                "can have only one daemon; end that one, or give this one another name"
             ) from None
         note = f"process {os.getpid()} (dehyst {command} of {os.path.abspath(config)})\n"
         try:

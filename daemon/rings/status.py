@@ -100,7 +100,7 @@ FROZEN = {
     "stuck": "the gauge is stuck",
     "jumped": "the reading has jumped; waiting until it is back, or for dehyst zero",
     "settling": "the reading has jumped and is plausible again; waiting until it is settled",
-    "beyond": "gauge and model differ beyond belief; waiting until they do not, or for dehyst zero",
+    "beyond": "gauge and model differ implausibly; waiting until they agree, or for dehyst zero",
     "distrusted": "the mismatch watch does not trust it",
 }
 
@@ -147,9 +147,9 @@ class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
     name: Name
     software: Name
     core_alive: bool
-    """False: the loop's process has said nothing for 2.5 s; the rest is its last word."""
+    """False: the loop's process has sent nothing for 2.5 s; the rest is its last report."""
     run: Id
-    """Number of the loop's run; another one: it was started anew and counts from 0 again."""
+    """Number of the loop's run; another one: it was restarted and counts from 0 again."""
     unit: Annotated[Unit, StatusField("S16", _text)]
     """Of displacements: that of the model which this run uses."""
     drive_unit: Annotated[Unit, StatusField("S16", _text)]
@@ -161,7 +161,7 @@ class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Scheduling policy obtained."""
     priority: Annotated[int, StatusField("u1", int, view=lambda s: f"{s.policy} {s.priority}")]
     mode: Annotated[Name, StatusField("u1", _name(Mode))]
-    """Of the inverse."""
+    """Mode of the inverse."""
     samples: Annotated[
         int, StatusField("<i8", int, view=lambda s: f"samples {s.samples}, missed {s.missed}")
     ]
@@ -194,7 +194,7 @@ class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
     sensor_errors: Annotated[int, StatusField("<i8", int)]
     volts: Annotated[float, StatusField("<f8", float)]
     queue_s: Annotated[float, StatusField("<f8", _finite)]
-    """Trajectory still ahead."""
+    """Trajectory time that is still queued."""
     trajectory: Annotated[Id, StatusField("<u8", lambda number: int(number) & (2**63 - 1))]
     """The trajectory being played or played last; 0: none."""
     trajectory_done: Annotated[bool, StatusField("u1", bool)]
@@ -209,26 +209,26 @@ class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
         ),
     ]
     latency_s: Annotated[float, StatusField("<f8", _finite)]
-    """Of the inverse (preview window)."""
+    """Latency of the inverse (preview window)."""
     period_ns: Annotated[int, StatusField("<i8", int, view=lambda s: rate(s))]
     pid: Annotated[int, StatusField("<i8", int)]
     trimmed: Annotated[bool, StatusField("u1", bool)]
     """The slow trim is configured."""
     trim: Annotated[float, StatusField("<f8", float)]
-    """What it adds to the target."""
+    """Correction that the trim adds to the target."""
     trim_frozen: Annotated[Name, StatusField("u1", _why)]
-    """Why it stands still, in one word (off, not_running, no_reading, stuck, jumped, beyond,
-    distrusted or settling); "": it does not."""
+    """Why the trim is frozen, in one word (off, not_running, no_reading, stuck, jumped, beyond,
+    distrusted or settling); "" if it is not."""
     stays: Annotated[bool, StatusField("u1", bool)] = False
     """The set-point or hold lasts until another command, with its client gone."""
     learned: Annotated[bool, StatusField("u1", bool)]
     """What is played has corrections that were learned from earlier passes."""
     differs: Annotated[float, StatusField("<f8", float, view=lambda s: positioning(s))]
-    """By how much the gauge stands above what the model expects of it; NaN: no reading."""
+    """The gauge's reading minus the model's prediction of it; NaN: no reading."""
     gauge_zero: Annotated[float, StatusField("<f8", float)]
     """Added to every reading, see `dehyst zero`."""
     trajectory_start_ns: Annotated[int, StatusField("<i8", int)]
-    """Time 0 of the trajectory that is played; 0: none is."""
+    """Time 0 of the trajectory that is being played; 0: none."""
 
 
 def _columns() -> dict[str, StatusField]:

@@ -48,12 +48,12 @@ def lines_of(which: str, device: Mapping[str, Any]) -> list[str]:
     unit, at = UNITS.get(device["unit"], device["unit"]), device["stands_at"]
     stands = "no valid reading" if at is None else f"{at:.6g} {unit}"
     if not device["stands_at_is_known"]:
-        stands += " (as configured: it cannot be asked)"
-    late = f", few take longer than {1e3 * device['late_s']:.3g} ms" if device["late_s"] else ""
+        stands += " (as configured; the device does not report it)"
+    late = f", rarely longer than {1e3 * device['late_s']:.3g} ms" if device["late_s"] else ""
     return [
         f"{which}: {device['driver']}: {device['identity']}",
         f"  {device['minimum']:g} to {device['maximum']:g} {unit} in steps of "
-        f"{device['resolution']:.3g} {unit}; stands at {stands}",
+        f"{device['resolution']:.3g} {unit}; now at {stands}",
         f"  a call takes {1e3 * device['latency_s']:.3g} ms{late}; {device['max_rate_hz']:.0f} Hz "
         f"sustained; {'compiled' if device['compiled'] else 'Python'} loop",
     ]

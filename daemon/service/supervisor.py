@@ -292,9 +292,9 @@ class Supervisor:
         gone = self.life is Life.BEATING and not all(os.path.lexists(ring) for ring in rings)
         if gone and not self._folder_gone:
             self.say(
-                f"the run folder {self.controller.directory} or its rings have gone; the loop goes "
-                "on without them. A gateway that is started now cannot reach the loop: end the "
-                "daemon and start it again"
+                f"the run folder {self.controller.directory} or its rings have gone; the loop "
+                "goes on without them, but a new gateway could not reach it: end the daemon and "
+                "start it again"
             )
         self._folder_gone = gone
 

@@ -97,11 +97,11 @@ def exercise_axes_gently(bench: Workbench) -> Result:
     """Small loops of one axis after the other: whose gauge is which? Then all of them, fully."""
     owners = moving_axes.find_owners(bench)
     wrong = [axis for axis, owner in owners.items() if axis != owner]
-    words = ", ".join(f"{axis} moves the one of {owners[axis]}" for axis in wrong)
+    words = ", ".join(f"{axis} moves the gauge of {owners[axis]}" for axis in wrong)
     if wrong and bench.has_own_config():
         raise BadInput(
             f"{CONFIG} has the gauge readers in another order: {words}; exchange their sections "
-            "[axis.NAME.sensor], and give this command again"
+            "[axis.NAME.sensor], and run this command again"
         )
     if wrong:
         units, options = bench.journal.result("units"), bench.journal.options("units")

@@ -99,7 +99,7 @@ def describe_sine(bench: Workbench) -> str:
     return (
         f"moves: a sine of {plan.stroke:.4g} {plan.unit} peak to peak at {plan.f_hz:.3g} Hz, "
         f"{TUNING.cycles} times, with a linear gain and with the model's inverse: {low:.4g} to "
-        f"{high:.4g} V (again where this machine was too busy); then it returns"
+        f"{high:.4g} V (repeated if this machine was too busy); then it returns"
     )
 
 
@@ -164,8 +164,8 @@ def summarise_comparison(
     )
     return {
         "words": f"{plan.stroke:.4g} {plan.unit} at {plan.f_hz:.3g} Hz: {before.rms_nm:.0f} nm rms "
-        f"with a linear gain, {after.rms_nm:.0f} nm compensated, {smaller:.1f} times smaller, the "
-        f"gauge's zero set in the cycle before; {picture.name}"
+        f"with a linear gain, {after.rms_nm:.0f} nm compensated, {smaller:.1f} times smaller, "
+        f"with the gauge's zero set in the cycle before; {picture.name}"
         + busy
         * (latest > TUNING.most_late),
         "linear_rms_nm": before.rms_nm,

@@ -28,7 +28,7 @@ class Journal:
             table = json.loads(read_text(self._path, LARGEST_BYTES))
         except (NotReadable, ValueError) as error:
             raise BadInput(
-                f"{self._path}: cannot be read: {error}; remove it to start again"
+                f"{self._path}: it cannot be read: {error}; delete it to start again"
             ) from None
         steps = table.get("steps") if isinstance(table, dict) else None
         whole = isinstance(steps, dict) and all(
@@ -36,7 +36,7 @@ class Journal:
             for one in steps.values()
         )
         if not whole or table.get("format") != FORMAT:
-            raise BadInput(f"{self._path}: is not a set-up's record; remove it to start again")
+            raise BadInput(f"{self._path}: it is not a set-up's record; delete it to start again")
         assert isinstance(steps, dict)
         return steps
 

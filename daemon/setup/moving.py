@@ -95,8 +95,8 @@ def check_gauge_follows(recording: Recording, span_v: float) -> float:
     missing = 1.0 - float(np.mean(good))
     if missing > TUNING.most_missing:
         raise NotNow(
-            f"the gauge gave no reading in {missing:.0%} of the samples: is it plugged in, and is "
-            "its range wide enough for this stroke? (at full scale a reading counts as none)"
+            f"the gauge gave no reading in {missing:.0%} of the samples: check that it is plugged "
+            "in and that its range covers this stroke (a reading at full scale counts as none)"
         )
     moved = float(np.ptp(drive[good]))
     follows = 0.0
@@ -105,8 +105,8 @@ def check_gauge_follows(recording: Recording, span_v: float) -> float:
     if follows < TUNING.follows:
         raise NotNow(
             f"the gauge does not follow: over {moved:.3g} V ({moved / span_v:.0%} of the range) "
-            f"its correlation with the voltage is only {follows:.0%}. Do gauge and amplifier "
-            "belong to the same stage and axis? Correct this, and run the same command again"
+            f"its correlation with the voltage is only {follows:.0%}. Check that gauge and "
+            "amplifier belong to the same stage and axis, then run the same command again"
         )
     return float(np.polyfit(drive[good], y[good], 1)[0])
 
@@ -182,8 +182,8 @@ def judge_recording(
     due = round(float(found.t_s[-1] - found.t_s[0]) * rate_hz) + 1
     late = max(0, due - found.size)
     words = (
-        f"{path.name}: {found.size} samples, {late} too late, {covered.covered:.0%} of drive and "
-        f"rate covered"
+        f"{path.name}: {found.size} samples, {late} too late, {covered.covered:.0%} of drive "
+        "and rate covered"
     )
     if covered.missing_rate and identified:
         words += f"; not enough for a rate-dependent model: {'; '.join(covered.missing_rate)}"

@@ -57,9 +57,9 @@ def describe_gentle_axes(bench: Workbench) -> str:
         small[axis] = f"{limits.min_v:g} to {top:g} V"
         ranges[axis] = range_in_words(config)
     return (
-        f"moves: from where the outputs stand ({', '.join(now)}); {TUNING.loops} slow loops of one "
-        f"axis after the other, {for_each(small)}; where each gauge follows its axis, "
-        f"{TUNING.loops} of all together, {for_each(ranges)}; then back"
+        f"moves: from the present outputs ({', '.join(now)}); {TUNING.loops} slow loops of one "
+        f"axis after the other, {for_each(small)}; if each gauge follows its axis, {TUNING.loops} "
+        f"of all together, {for_each(ranges)}; then return"
     )
 
 
@@ -100,8 +100,8 @@ def whose_gauges(
     twice = [a for a in owners if list(owners.values()).count(owners[a]) > 1]
     if twice:
         raise NotNow(
-            f"the axes {', '.join(twice)} move the same gauge most: does each axis of the stage "
-            "have its own gauge and its own amplifier output?"
+            f"the axes {', '.join(twice)} move the same gauge most: check that each axis of the "
+            "stage has its own gauge and its own amplifier output"
         )
     return owners
 
@@ -285,8 +285,8 @@ def describe_sines(bench: Workbench) -> str:
             f"to {high:.4g} V"
         )
     return (
-        f"moves: a sine of each axis, all together: {'; '.join(texts)}; with linear gains and with "
-        "the models' inverses (again where this machine was too busy); then they return"
+        f"moves: a sine of each axis, all together: {'; '.join(texts)}; with linear gains and "
+        "with the models' inverses (repeated if this machine was too busy); then they return"
     )
 
 

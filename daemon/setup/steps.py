@@ -87,7 +87,7 @@ def _units_of_axes(
         raise BadInput(f"--axes {','.join(axes)}: a {actuator.driver} has one output; use --axis")
     if len(gauges) < len(axes):
         raise NotNow(
-            f"the axes {', '.join(axes)} need a gauge reader each, and {len(gauges)} answer; plug "
+            f"the axes {', '.join(axes)} need a gauge reader each, but {len(gauges)} answer; plug "
             "the others in, name their ports with --ports, or name fewer axes with --axes"
         )
     if len(gauges) > len(axes):
@@ -101,8 +101,8 @@ def _units_of_axes(
         "actuator": _described(actuator),
         "sensors": {axis: _described(gauge) for axis, gauge in zip(axes, gauges, strict=True)},
         "sustained_hz": measure_rate(actuator, axes, gauges),
-        "words": f"{actuator.driver} at {actuator.port}, and {len(gauges)} gauge readers; which of "
-        "them is whose the gentle loops will show",
+        "words": f"{actuator.driver} at {actuator.port}, and {len(gauges)} gauge readers; the "
+        "gentle loops will show which axis each belongs to",
     }
 
 
@@ -125,9 +125,9 @@ def _one_of(bench: Workbench, units: list[FoundUnit], what: str) -> FoundUnit:
     if not units:
         here = ", ".join(p.path for p in list_serial_ports()) or "none"
         raise NotNow(
-            f"no {what} answers; plug it in, or name the ports that may be probed with "
-            f"--ports (serial ports here: {here}). Other drivers: write {bench.config_path} with "
-            "`dehyst config init`, and give this command again"
+            f"no {what} answers; plug it in, or name the ports that may be probed with --ports "
+            f"(serial ports here: {here}). Other drivers: write {bench.config_path} with `dehyst "
+            "config init`, and run this command again"
         )
     port = bench.ask.choice(f"port of the {what}", "--ports", [u.port for u in units])
     return next(u for u in units if u.port == port)
@@ -200,7 +200,7 @@ def chosen_rate(bench: Workbench) -> float:
     rate_hz = bench.wishes.rate_hz or 10.0 * (most_hz // 10.0) or most_hz
     if rate_hz > sustained:
         raise BadInput(
-            f"--rate {rate_hz:g}: as measured, these units leave time for late replies up to "
+            f"--rate {rate_hz:g}: as measured, these units leave time for late replies only up to "
             f"{sustained:g} Hz"
         )
     return rate_hz

@@ -244,7 +244,7 @@ def _head(status: Status | None, window: RecentTelemetry, lost: int) -> tuple[Pa
     panel = Panel(
         Group(figures, table, Text(flags, style="yellow")),
         title=f"dehyst {printable(status.name)}",
-        subtitle="q leaves",
+        subtitle="q quits",
     )
     return panel, table.row_count + ROWS + 3
 

@@ -1,4 +1,4 @@
-"""A scan and a flight of the stage under bluesky's RunEngine.
+"""A step scan and a fly scan of the stage under bluesky's RunEngine.
 
 Start a daemon first (`dehyst run`), `pip install 'dehyst[bluesky]'`, then:
 python docs/examples/bluesky_scan.py
@@ -24,7 +24,7 @@ def fly(stage: Stage, t_s: np.ndarray, target: np.ndarray):
 
 
 def main() -> None:
-    """Five places with their readings, then a second of a 2 Hz sine."""
+    """Five positions with their readings, then one second of a 2 Hz sine."""
     stage = Stage("stage", average_s=0.05)
     try:
         engine, events, pages = RunEngine(), [], []
@@ -46,5 +46,5 @@ def main() -> None:
 if __name__ == "__main__":
     try:
         main()
-    except DehystError as error:  # no daemon, or it refuses: the text says why
+    except DehystError as error:  # no daemon, or a refusal: the text gives the reason
         raise SystemExit(str(error)) from None

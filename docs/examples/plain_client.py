@@ -1,6 +1,6 @@
-"""A client of a dehyst daemon with nothing but zenoh and msgpack: find, go, play, stop, read.
+"""A client of a dehyst daemon that uses only zenoh and msgpack: it finds, moves, plays and reads.
 
-What it does is described in docs/topics.md. Start a daemon first (`dehyst run`), then:
+docs/topics.md describes the messages. Start a daemon first (`dehyst run`), then:
 python docs/examples/plain_client.py [tcp/127.0.0.1:7447]
 """
 
@@ -37,7 +37,7 @@ class Stage:
         raise SystemExit(f"nobody answers {self.root}/rpc/{method}")
 
     def command(self, schema, **fields):
-        """One command; the reply, or the end with the daemon's reason."""
+        """Send one command; return the reply, or exit with the daemon's reason."""
         who = {"client": self.client, "lease": self.lease, "sent_ns": time.monotonic_ns()}
         message = {"schema": schema, "version": 1, **who, **fields}
         reply = self.ask("command", msgpack.packb(message))
@@ -53,7 +53,7 @@ class Stage:
         self.command("dehyst.setpoint", sequence=self.sequence, value=value, unit=self.unit)
 
     def play(self, offsets_ns, values):
-        """A short trajectory, in one chunk."""
+        """Send a short trajectory in one chunk."""
         points = {"offset_ns": little("q", offsets_ns), "value": little("d", values)}
         self.command(
             "dehyst.trajectory", trajectory=random.getrandbits(62) | 1, index=0, unit=self.unit,
@@ -82,7 +82,7 @@ def column(batch, name, kind="d"):
 
 
 def connect():
-    """A session with the daemon alone."""
+    """A session that connects only to the daemon."""
     settings = zenoh.Config()
     settings.insert_json5("mode", '"client"')
     settings.insert_json5("connect/endpoints", f'["{ADDRESS}"]')
@@ -91,7 +91,7 @@ def connect():
 
 
 def main():
-    """Go to the middle, play a sine for two seconds, stop; say what the telemetry saw."""
+    """Go to the middle, play a sine for two seconds and stop; print a summary of the telemetry."""
     with connect() as session:
         stage, samples = Stage(session), []
 

@@ -1,4 +1,4 @@
-"""A hysteresis loop as a PyMeasure procedure, into PyMeasure's own CSV.
+"""A hysteresis loop as a PyMeasure procedure, written to PyMeasure's own CSV file.
 
 Start a daemon first (`dehyst run`), `pip install 'dehyst[pymeasure]'`, then:
 python docs/examples/pymeasure_scan.py loop.csv
@@ -13,7 +13,7 @@ import dehyst
 
 
 class Loop(Procedure):
-    """Up and down again, with a reading at each place."""
+    """Goes up and down again, with a reading at each position."""
 
     reach = FloatParameter("share of the reach", default=0.4)
     DATA_COLUMNS = ["target", "measured", "volts"]  # noqa: RUF012 - PyMeasure's own word

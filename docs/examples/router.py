@@ -1,4 +1,4 @@
-"""A zenoh router where zenohd is not at hand: a Python session in router mode.
+"""A zenoh router without zenohd: a Python session in router mode.
 
 python router.py router.json5 [key=json ...], e.g. 'listen/endpoints=["tcp/127.0.0.1:7448"]'
 """
@@ -8,7 +8,7 @@ import sys
 
 import zenoh
 
-# wait here for the end, in this thread: zenoh's own inherit the mask
+# this thread waits for the signal; zenoh's threads inherit the mask
 signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
 config = zenoh.Config.from_file(sys.argv[1])
 for change in sys.argv[2:]:

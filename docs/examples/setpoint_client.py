@@ -16,10 +16,10 @@ def main() -> None:
         middle = 0.5 * (status.reach_min + status.reach_max)
         radius = 0.2 * (status.reach_max - status.reach_min)
         print(f"{stage.name}: reach {status.reach_min:g} to {status.reach_max:g} {status.unit}")
-        stage.send(middle)  # waits for the daemon's word; raises Refusal with the reason
+        stage.send(middle)  # waits for the daemon's answer; raises Refusal with the reason
         begun = time.monotonic()
         while (t := time.monotonic() - begun) < 10.0:
-            # put() does not wait: for loops. The newest set-point counts.
+            # put() does not wait, so it suits loops; the newest set-point counts
             stage.put(middle + radius * math.sin(2 * math.pi * 0.5 * t))
             time.sleep(0.01)
         print("measured", stage.history(0.1)["measured"][-1], status.unit)
@@ -29,5 +29,5 @@ def main() -> None:
 if __name__ == "__main__":
     try:
         main()
-    except DehystError as error:  # no daemon, or it refuses: the text says why
+    except DehystError as error:  # no daemon, or a refusal: the text gives the reason
         raise SystemExit(str(error)) from None

@@ -12,7 +12,7 @@ import numpy as np
 
 
 def with_the_client() -> None:
-    """Every sample as numpy records; what did not arrive is fetched from the daemon's history."""
+    """Every sample as numpy records; missing ones are fetched from the daemon's history."""
     from dehyst.client import Client, DehystError
 
     try:
@@ -27,7 +27,7 @@ def with_the_client() -> None:
                 )
                 if time.monotonic() - begun > 5.0:
                     break
-    except DehystError as error:  # no daemon, or it has gone: the text says which
+    except DehystError as error:  # no daemon, or it has ended: the text says which
         raise SystemExit(str(error)) from None
 
 

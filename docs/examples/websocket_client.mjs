@@ -1,4 +1,4 @@
-// Go to the middle of the reach over the page's WebSocket, and print what is measured.
+// Go to the middle of the reach over the page's WebSocket, and print the measured position.
 //
 // Start `dehyst run` and `dehyst page`, then with Node 22 or later (20: --experimental-websocket), or in
 // a browser: node docs/examples/websocket_client.mjs [ws://127.0.0.1:8080/stream]

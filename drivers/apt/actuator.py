@@ -74,8 +74,8 @@ class AptPiezo(AptRole, ABC):
             set_v = counts / FULL_OUTPUT * limit_v
             if not 0.0 <= set_v <= maximum_v:
                 raise DriverConfigError(
-                    f"{channel.path}: the output stands at {set_v:g} V, outside the 0 to "
-                    f"{maximum_v:g} V allowed; bring it there by hand, or change max_v"
+                    f"{channel.path}: the output is at {set_v:g} V, outside the 0 to "
+                    f"{maximum_v:g} V allowed; bring it into that range by hand, or change max_v"
                 )
             # what it stands at is set again: a set costs the unit as much as the request for it
             again = channel.encode("pz_set_outputvolts", voltage=counts)
@@ -107,8 +107,8 @@ class AptPiezo(AptRole, ABC):
         if abs(found - counts) > READBACK_COUNTS:
             self._set_v = found / FULL_OUTPUT * self._limit_v
             raise ProtocolError(
-                f"{channel.path}: the unit was set to {set_v:g} V and reports {self._set_v:g} V; "
-                "check that it is in open loop and that nobody turns its wheel"
+                f"{channel.path}: the unit was set to {set_v:g} V but reports {self._set_v:g} V; "
+                "check that it is in open loop and that nobody is turning its wheel"
             )
         self._set_v = set_v
 
@@ -133,14 +133,14 @@ class AptPiezo(AptRole, ABC):
         wanted_v, max_v = self.settings.limit_v, self.settings.max_v
         if wanted_v is not None and limit_v != wanted_v:
             raise DriverConfigError(
-                f"{channel.path}: the unit's voltage limit is {limit_v:g} V, limit_v is {wanted_v} "
-                "V; change the one on the unit's panel or the other in the settings"
+                f"{channel.path}: the unit's voltage limit is {limit_v:g} V, but limit_v is "
+                f"{wanted_v} V; change the limit on the unit's panel, or limit_v in the settings"
             )
         if max_v is not None and max_v > limit_v:
             raise DriverConfigError(
                 f"{channel.path}: max_v is {max_v:g} V, above the unit's voltage limit of "
                 f"{limit_v:g} V; lower max_v, or raise the limit on the unit's panel if the stage "
-                "admits it"
+                "can take it"
             )
         return limit_v
 

@@ -50,8 +50,8 @@ class AptChannel:
         if (link.timeout_s, link.rtscts) != (settings.timeout_s, settings.rtscts):
             self.close()
             raise DriverConfigError(
-                f"{path}: the roles of one unit share its port; give them the same timeout_s and "
-                "rtscts"
+                f"{path}: the outputs and gauges of one unit share its port; give them the same "
+                "timeout_s and rtscts"
             )
 
     def identify(self, known: UnitIdentity | None) -> tuple[UnitIdentity, str]:

@@ -111,13 +111,14 @@ class AptLink:
         minor, interim, major, _ = bytes(info["firmware"])
         if not model.startswith(kind.models):
             raise ForeignUnit(
-                f"{self.path}: the unit is a {model!r}, wanted is a {' or '.join(kind.models)}; "
-                "nothing was set on it"
+                f"{self.path}: the unit is a {model!r}, but the configuration asks for a "
+                f"{' or '.join(kind.models)}; nothing was set on it"
             )
         number = str(info["serial_number"] or "")
         if serial_number is not None and number != serial_number:
             raise ForeignUnit(
-                f"{self.path}: the unit has serial number {number!r}, wanted is {serial_number!r}"
+                f"{self.path}: the unit has serial number {number!r}, but the configuration asks "
+                f"for {serial_number!r}"
             )
         found = UnitIdentity(number, model, place_of(self.path))
         refuse_another(self.path, found, known)
@@ -165,5 +166,5 @@ class AptLink:
                 strange = self._decoder.skipped - skipped
                 raise DeviceTimeout(
                     f"{port.path}: no answer to {request} within {self.timeout_s:g} s"
-                    + (f" ({strange} bytes that are no APT message came)" if strange else "")
+                    + (f" ({strange} bytes arrived that are not an APT message)" if strange else "")
                 )

@@ -21,8 +21,8 @@ def check_ready(channel: AptChannel) -> None:
     if mode != codec.OPEN_LOOP:
         raise DriverConfigError(
             f"{channel.path}: the unit is in position control mode {mode}; set it to open loop "
-            f"(mode {codec.OPEN_LOOP}) with the stage at rest: dehyst does not, as this moves the "
-            "output"
+            f"(mode {codec.OPEN_LOOP}) while the stage is at rest; dehyst does not, because that "
+            "moves the output"
         )
     source = channel.ask("pz_req_inputvoltssrc", "pz_get_inputvoltssrc").values["inputs"]
     if source != codec.SOFTWARE_ONLY:
@@ -36,7 +36,7 @@ def check_ready(channel: AptChannel) -> None:
         ]
         raise DriverConfigError(
             f"{channel.path}: the unit adds {' and '.join(added) or f'source {source}'} to every "
-            "set-point, so that none would be true; set its voltage source to software only"
+            "set-point, so the output would differ from it; set its voltage source to software only"
         )
 
 
@@ -49,12 +49,12 @@ def enable(channel: AptChannel) -> None:
     counts = reported_counts(channel, zero)
     if counts != 0:
         raise ProtocolError(
-            f"{channel.path}: the output is disabled and its set-point stays at {counts} counts, "
-            "to which it would jump; set it to 0 V and enable it by hand"
+            f"{channel.path}: the output is disabled with a set-point of {counts} counts, to "
+            "which it would jump if enabled; set it to 0 V and enable it by hand"
         )
     channel.send("mod_set_chanenablestate", state=codec.CHANNEL_ENABLED)
     if not _is_enabled(channel):
-        raise ProtocolError(f"{channel.path}: the unit does not enable its output")
+        raise ProtocolError(f"{channel.path}: the unit did not enable its output")
 
 
 def _is_enabled(channel: AptChannel) -> bool:

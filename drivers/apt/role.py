@@ -35,7 +35,7 @@ class AptRole:
         return 1
 
     def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
         self._known = unit
 
     def close(self) -> None:
@@ -43,7 +43,7 @@ class AptRole:
         self._channel.close()
 
     def _check_channel(self, channel: AptChannel) -> None:
-        """Raise DriverConfigError where the unit has no such channel."""
+        """Raise DriverConfigError if the unit has no such channel."""
 
     def _more_words(self) -> str:
         """Which channel, after the unit's identity; nothing where it has one."""

@@ -30,7 +30,8 @@ class PiezoSettings(AptSettings, frozen=True):
         Annotated[
             Literal[75, 100, 150],
             Meta(
-                description="voltage limit that the unit must have [V]; left out: any of the three"
+                description="voltage limit that the unit must have [V]; if left out, "
+                "any of the three"
             ),
         ]
         | None

@@ -44,7 +44,7 @@ def check_axes(knobs: Knobs, axes: Sequence[str]) -> None:
     if isinstance(knobs, Kpz101Knobs) and knobs.model != RACK_KNOBS.model:
         if len(axes) > 1:
             raise DriverConfigError(
-                f"a {knobs.model} has one axis, the stage has {', '.join(axes)}"
+                f"a {knobs.model} has one axis, but the stage has {', '.join(axes)}"
             )
         return
     known = knobs.axes if isinstance(knobs, Mdt693bKnobs) else AXES[: _bays(knobs)]

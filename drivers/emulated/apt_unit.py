@@ -14,17 +14,17 @@ from dehyst.drivers.settings import Settings
 
 
 class AptKnobs(Settings, frozen=True):
-    """How any such unit is built."""
+    """Properties of any such unit."""
 
     driver = "emulated APT unit"
 
-    serial_number: Annotated[int, Meta(ge=0, description="what the unit calls itself")] = 0
-    model: Annotated[str, Meta(max_length=8, description="what the unit is")] = ""
-    latency_s: Annotated[float, Meta(ge=0, description="of each message, one after the other")] = (
+    serial_number: Annotated[int, Meta(ge=0, description="serial number that the unit reports")] = 0
+    model: Annotated[str, Meta(max_length=8, description="model that the unit reports")] = ""
+    latency_s: Annotated[float, Meta(ge=0, description="delay of each message, in sequence")] = (
         0.0002
     )
     chunk_size: Annotated[int, Meta(ge=0, description="bytes per write; 0: whole")] = 0
-    seed: Annotated[int, Meta(description="of the garbage")] = 0
+    seed: Annotated[int, Meta(description="seed of the garbage")] = 0
 
 
 class AptFaults(Settings, frozen=True):
@@ -33,9 +33,9 @@ class AptFaults(Settings, frozen=True):
     driver = "emulated APT unit's faults"
 
     mute: Annotated[bool, Meta(description="no replies")] = False
-    delay_s: Annotated[float, Meta(ge=0, description="replies come this much later")] = 0.0
+    delay_s: Annotated[float, Meta(ge=0, description="delay added to each reply")] = 0.0
     garbage: Annotated[
-        int, Meta(ge=0, description="this number of replies have random bytes before them")
+        int, Meta(ge=0, description="number of replies preceded by random bytes")
     ] = 0
 
 

@@ -66,16 +66,18 @@ class Order(Settings, frozen=True):
         ]
         | None
     ) = None
-    axis: Annotated[str, Meta(description="whose gauge and stage; left out: the first")] = ""
+    axis: Annotated[str, Meta(description="axis of the gauge and stage; the first if left out")] = (
+        ""
+    )
     device: (
         Annotated[
             Literal["mdt693b", "kpz101", "kpc101", "bpc303", "ksg101", "both"],
-            Meta(description="whose port; left out: the amplifier's"),
+            Meta(description="device of the port; the amplifier if left out"),
         ]
         | None
     ) = None
     for_s: (
-        Annotated[float, Meta(ge=0, description="how long; left out: until it is cleared")] | None
+        Annotated[float, Meta(ge=0, description="duration; until cleared if left out")] | None
     ) = None
     dialect: Annotated[str, Meta(description="firmware after an unplug")] | None = None
     late_s: Annotated[float, Meta(ge=0, description="delay of the fault late")] = 0.02
@@ -126,7 +128,7 @@ class Control:
         try:
             command = json.loads(data)
             if not isinstance(command, dict):
-                raise DriverConfigError("a control message is a JSON object")
+                raise DriverConfigError("a control message must be a JSON object")
             reply_to = command.get("reply_to")
             order = read_settings(Order, command)
             axis = self._axis(order)

@@ -30,10 +30,12 @@ class Kpc101Knobs(Kpz101Knobs, frozen=True):
 
     driver = "emulated kpc101"
 
-    serial_number: Annotated[int, Meta(ge=0, description="what the unit calls itself")] = 113000123
-    model: Annotated[str, Meta(max_length=8, description="what the unit is")] = "KPC101"
+    serial_number: Annotated[int, Meta(ge=0, description="serial number that the unit reports")] = (
+        113000123
+    )
+    model: Annotated[str, Meta(max_length=8, description="model that the unit reports")] = "KPC101"
     max_travel_um: Annotated[
-        float, Meta(ge=0, le=6553.5, description="what 100 % means; 0: the unit does not know")
+        float, Meta(ge=0, le=6553.5, description="travel at 100 %; 0: the unit does not know it")
     ] = 20.0
     gauge: Annotated[bool, Meta(description="a strain gauge is connected")] = True
     bays: Annotated[int, Meta(ge=1, le=3, description="of a BPC303: how many are occupied")] = 3

@@ -1,4 +1,4 @@
-"""How the emulated KPZ101 is built, and the faults that can be switched while it runs."""
+"""Properties of the emulated KPZ101, and the faults that can be switched while it runs."""
 
 from typing import Annotated, Literal
 
@@ -8,12 +8,14 @@ from dehyst.drivers.emulated.apt_unit import AptFaults, AptKnobs
 
 
 class Kpz101Knobs(AptKnobs, frozen=True):
-    """The unit; the defaults are a plausible one."""
+    """Properties of the unit; the defaults are plausible."""
 
     driver = "emulated kpz101"
 
-    serial_number: Annotated[int, Meta(ge=0, description="what the unit calls itself")] = 29000123
-    model: Annotated[str, Meta(max_length=8, description="what the unit is")] = "KPZ101"
+    serial_number: Annotated[int, Meta(ge=0, description="serial number that the unit reports")] = (
+        29000123
+    )
+    model: Annotated[str, Meta(max_length=8, description="model that the unit reports")] = "KPZ101"
     limit_v: Annotated[Literal[75, 100, 150], Meta(description="the unit's voltage limit [V]")] = (
         150
     )

@@ -1,4 +1,4 @@
-"""How the emulated KSG101 is built, and the faults that can be switched while it runs."""
+"""Properties of the emulated KSG101, and the faults that can be switched while it runs."""
 
 from typing import Annotated
 
@@ -8,14 +8,16 @@ from dehyst.drivers.emulated.apt_unit import AptFaults, AptKnobs
 
 
 class Ksg101Knobs(AptKnobs, frozen=True):
-    """The unit; the defaults are a plausible one."""
+    """Properties of the unit; the defaults are plausible."""
 
     driver = "emulated ksg101"
 
-    serial_number: Annotated[int, Meta(ge=0, description="what the unit calls itself")] = 59000123
-    model: Annotated[str, Meta(max_length=8, description="what the unit is")] = "KSG101"
+    serial_number: Annotated[int, Meta(ge=0, description="serial number that the unit reports")] = (
+        59000123
+    )
+    model: Annotated[str, Meta(max_length=8, description="model that the unit reports")] = "KSG101"
     max_travel_um: Annotated[
-        float, Meta(gt=0, le=6553.5, description="what 100 % means, in steps of 0.1 um")
+        float, Meta(gt=0, le=6553.5, description="travel at 100 %, in steps of 0.1 um")
     ] = 20.0
     scale_error: Annotated[
         float, Meta(description="readings are this much too large, as on some units")

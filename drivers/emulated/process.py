@@ -31,7 +31,7 @@ def run_bench(
     if log is not None and log.suffix not in LOG_SUFFIXES:
         raise DriverConfigError(f"the log {log} must end in {' or '.join(LOG_SUFFIXES)}")
     if log is not None and not log.parent.is_dir():
-        raise DriverConfigError(f"the log's folder {log.parent} is not there")
+        raise DriverConfigError(f"the log's folder {log.parent} does not exist")
     compile_stage()
     kept = BenchLog() if log is not None else None
     bench = Bench(directory, settings, kept)

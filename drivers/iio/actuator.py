@@ -96,8 +96,8 @@ class IioActuator:
         scale_mv = channel.attribute("scale")
         if scale_mv is None or not 0.0 < scale_mv < math.inf:
             raise DeviceNotFound(
-                f"iio: {channel.file} has no scale above 0 next to it: what a count means "
-                "is not known"
+                f"iio: {channel.file} has no scale above 0 next to it, so the size of a count is "
+                "not known"
             )
         c["scale_mv"], c["offset"] = scale_mv, channel.attribute("offset") or 0.0
         low, high = count_range(settings.bits, settings.unsigned)
@@ -113,8 +113,9 @@ class IioActuator:
         half_v = self._volts(1) / 2.0 - self._volts(0) / 2.0
         if not settings.min_v - half_v <= stands_v <= settings.max_v + half_v:
             raise DriverConfigError(
-                f"iio: the output stands at {stands_v:g} V, outside the {settings.min_v:g} to "
-                f"{settings.max_v:g} V allowed; bring it there by hand, or change the limits"
+                f"iio: the output is at {stands_v:g} V, outside the {settings.min_v:g} to "
+                f"{settings.max_v:g} V allowed; bring it into that range by hand, or change the "
+                "limits"
             )
         if not abs(stands_v - c["output_v"]) <= half_v * (1 + HAIR):  # not the last write's count
             c["output_v"] = min(max(stands_v, settings.min_v), settings.max_v)

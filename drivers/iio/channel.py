@@ -49,7 +49,7 @@ CONTEXT_T = np.dtype(
 def fault_of(file: Path, number: int) -> DriverError:
     """The error that an errno of reading or writing a channel's file stands for."""
     if number == errno.ETIMEDOUT:  # the kernel driver waited for the converter in vain
-        return DeviceTimeout(f"iio: {file}: no conversion in time")
+        return DeviceTimeout(f"iio: {file}: the converter did not finish in time")
     kind = ProtocolError if number in REFUSED else DeviceGone
     return kind(f"iio: {file}: {os.strerror(number)}")
 
@@ -62,7 +62,7 @@ def counts_in(file: Path, text: bytes) -> int:
     found = NUMBER.match(text)
     if found is None:
         said = text.decode("latin-1")
-        raise ProtocolError(f"iio: {file} says {said!r}, no number")
+        raise ProtocolError(f"iio: {file} contains {said!r}, which is not a number")
     return int(found.group(1))
 
 
@@ -85,7 +85,9 @@ class Channel:
     def open(self) -> None:
         """Find and open the file of raw counts. Moves nothing."""
         if not self.folder.is_dir():
-            raise DeviceNotFound(f"iio: there is no device {self.folder}; ls /sys/bus/iio/devices")
+            raise DeviceNotFound(
+                f"iio: there is no device {self.folder}; see `ls /sys/bus/iio/devices`"
+            )
         if not self.file.is_file():
             found = self.folder.glob(f"{self.direction}_*_raw")
             seen = sorted(p.name[len(self.direction) + 1 : -4] for p in found)
@@ -132,7 +134,9 @@ class Channel:
             try:
                 return float(text)
             except ValueError:
-                raise ProtocolError(f"iio: {file} says {text!r}, no number") from None
+                raise ProtocolError(
+                    f"iio: {file} contains {text!r}, which is not a number"
+                ) from None
         return None
 
     def text(self, file: Path) -> str | None:

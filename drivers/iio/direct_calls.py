@@ -140,13 +140,15 @@ def _explain(channel: Channel) -> Callable[[int], DriverError]:
         if code == CLOSED:
             return DeviceGone(f"iio: {channel.file} is not open")
         if code == NOT_IN_RANGE:
-            return OutOfRange(f"iio: outside the range of {channel.file}; nothing was written")
+            return OutOfRange(
+                f"iio: the value is outside the range of {channel.file}; nothing was written"
+            )
         c = channel.context[0]
         text = b"" if code == EMPTY else c["text"].tobytes()[: c["size"]]
         try:
             counts_in(channel.file, text)
         except DriverError as error:
             return error
-        return ProtocolError(f"iio: {channel.file} said something that is no number")
+        return ProtocolError(f"iio: {channel.file} contained something that is not a number")
 
     return explain

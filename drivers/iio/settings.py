@@ -30,7 +30,7 @@ class IioSensorSettings(IioSettings, frozen=True):
     """A converter channel on a strain-gauge bridge."""
 
     um_per_mv: Annotated[
-        float, Meta(description="displacement per millivolt, not 0; below 0 turns it round")
+        float, Meta(description="displacement per millivolt, not 0; a negative value reverses it")
     ] = 1.0
     zero_mv: Annotated[float, Meta(description="voltage at displacement 0")] = 0.0
     bits: Annotated[int, Meta(ge=8, le=32, description="of the converter")] = 24

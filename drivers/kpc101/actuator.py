@@ -21,8 +21,8 @@ class Kpc101(AptPiezo):
         limit_v = reply.values["voltage_100mv"] / 10.0
         if not 0.0 < limit_v <= HIGHEST_V:
             raise ProtocolError(
-                f"{channel.path}: the unit reports a maximum output of {limit_v:g} V, which none "
-                "has"
+                f"{channel.path}: the unit reports a maximum output of {limit_v:g} V, which is "
+                "none of the three known limits"
             )
         return float(limit_v)
 

@@ -17,7 +17,7 @@ def check_bay(channel: AptChannel, number: int) -> None:
     reply = channel.ask("rack_req_bayused", "rack_get_bayused", to=RACK, bay=number - 1)
     if reply.values["state"] != BAY_OCCUPIED:
         raise DriverConfigError(
-            f"{channel.path}: the bay of channel {number} is empty; name another channel"
+            f"{channel.path}: the bay of channel {number} is empty; choose another channel"
         )
 
 

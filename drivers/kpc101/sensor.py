@@ -84,7 +84,7 @@ class Kpc101Sensor(AptRole):
         if not self._status()["status"] & GAUGE_CONNECTED:
             raise DriverConfigError(
                 f"{self._channel.path}: no strain gauge is connected to channel {self.number}; "
-                "plug it in, or name another sensor"
+                "connect one, or choose another sensor"
             )
 
     def _ask_travel(self) -> float:
@@ -93,7 +93,7 @@ class Kpc101Sensor(AptRole):
         if travel_um == 0.0:
             raise DriverConfigError(
                 f"{self._channel.path}: the unit does not know its travel; set max_travel_um to "
-                "what its 100 % means"
+                "its travel at 100 %"
             )
         return float(travel_um)
 

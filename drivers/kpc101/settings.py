@@ -6,7 +6,7 @@ from msgspec import Meta
 
 from dehyst.drivers.apt.settings import AptSettings, PiezoSettings
 
-Channel = Annotated[int, Meta(ge=1, le=3, description="channel of the unit, from 1")]
+Channel = Annotated[int, Meta(ge=1, le=3, description="channel of the unit, counted from 1")]
 
 
 class Kpc101Settings(PiezoSettings, frozen=True):
@@ -29,7 +29,7 @@ class Kpc101SensorSettings(AptSettings, frozen=True):
     driver = "kpc101"
 
     max_travel_um: Annotated[
-        float, Meta(ge=0, description="what 100 % means; 0: the unit is asked")
+        float, Meta(ge=0, description="travel at 100 %; 0: as reported by the unit")
     ] = 0.0
 
 

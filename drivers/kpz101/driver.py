@@ -21,6 +21,6 @@ class Kpz101(AptPiezo):
         code = int(reply.values["voltage_limit"])
         if code not in VOLTAGE_LIMITS_V:
             raise ProtocolError(
-                f"{channel.path}: the unit reports the unknown voltage limit {code}"
+                f"{channel.path}: the unit reports an unknown voltage limit, code {code}"
             )
         return VOLTAGE_LIMITS_V[code]

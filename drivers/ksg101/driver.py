@@ -38,7 +38,7 @@ class Ksg101:
         return cls(read_settings(cls.settings_type, settings))
 
     def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
         self._known = unit
 
     def open(self) -> None:
@@ -121,8 +121,8 @@ class Ksg101:
         )
         if travel_um == 0:
             raise DriverConfigError(
-                f"ksg101 at {self.settings.port}: the unit does not know its travel; "
-                "set max_travel_um to what its 100 % means"
+                f"ksg101 at {self.settings.port}: the unit does not know its travel; set "
+                "max_travel_um to its travel at 100 %"
             )
         return float(travel_um) / 10.0
 

@@ -13,13 +13,13 @@ class Ksg101Settings(AptSettings, frozen=True):
     driver = "ksg101"
 
     max_travel_um: Annotated[
-        float, Meta(ge=0, description="what 100 % means; 0: the unit is asked")
+        float, Meta(ge=0, description="travel at 100 %; 0: as reported by the unit")
     ] = 0.0
     calibration: Annotated[
         float,
-        Meta(description="factor on the reading, not 0: some units' display and protocol differ"),
+        Meta(description="factor on the reading, not 0; some units' display and protocol differ"),
     ] = 1.0
-    smoothed: Annotated[bool, Meta(description="take the unit's own smoothed reading")] = False
+    smoothed: Annotated[bool, Meta(description="use the unit's own smoothed reading")] = False
 
     def check(self) -> None:
         """A factor of 0 would hide every motion."""

@@ -86,9 +86,9 @@ class LabjackActuator(Channel):
         half_v = self.spec.resolution / 2.0
         if not settings.min_v - half_v <= stands_v <= settings.max_v + half_v:
             raise DriverConfigError(
-                f"labjack {self.channel}: the output stands at {stands_v:g} V, outside the "
-                f"{settings.min_v:g} to {settings.max_v:g} V allowed; bring it there by hand, or "
-                "change the limits"
+                f"labjack {self.channel}: the output is at {stands_v:g} V, outside the "
+                f"{settings.min_v:g} to {settings.max_v:g} V allowed; bring it into that range by "
+                "hand, or change the limits"
             )
         if not abs(stands_v - self.output()) <= half_v:  # not the last write's step
             self._context["output_v"] = min(max(stands_v, settings.min_v), settings.max_v)

@@ -101,7 +101,7 @@ class Channel:
         self.unit: UnitIdentity | None = None
 
     def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
         self._known = unit
 
     def open(self) -> None:

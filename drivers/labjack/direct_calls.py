@@ -109,7 +109,9 @@ def _explain(channel: str, ljm: Any) -> Callable[[int], DriverError]:
         if code == CLOSED:
             return DeviceGone(f"labjack {channel} is not open")
         if code == NOT_IN_RANGE:
-            return OutOfRange(f"labjack {channel}: outside its range; nothing was written")
+            return OutOfRange(
+                f"labjack {channel}: the value is outside its range; nothing was written"
+            )
         return fault_of(channel, code, str(ljm.LJMError(code)))
 
     return explain

@@ -18,16 +18,18 @@ class LabjackSettings(Settings, frozen=True, kw_only=True):
 
     driver = "labjack"
 
-    device: Annotated[Literal["ANY", "T4", "T7", "T8"], Meta(description="kind of the unit")] = "T7"
+    device: Annotated[Literal["ANY", "T4", "T7", "T8"], Meta(description="model of the unit")] = (
+        "T7"
+    )
     connection: Annotated[
-        Literal["ANY", "USB", "TCP", "ETHERNET", "WIFI"], Meta(description="how it is reached")
+        Literal["ANY", "USB", "TCP", "ETHERNET", "WIFI"], Meta(description="type of connection")
     ] = "ANY"
     identifier: Annotated[
-        str, Meta(min_length=1, description="serial number, IP address or name; ANY: the first")
+        str, Meta(min_length=1, description="serial number, IP address or name; ANY: first found")
     ] = "ANY"
-    timeout_s: Annotated[float, Meta(gt=0, le=10, description="longest time of one call")] = 0.2
+    timeout_s: Annotated[float, Meta(gt=0, le=10, description="time-out of one call")] = 0.2
     max_rate_hz: (
-        Annotated[float, Meta(gt=0, description="highest rate of calls; left out: as measured")]
+        Annotated[float, Meta(gt=0, description="highest rate of calls; measured if left out")]
         | None
     ) = None
 
@@ -39,7 +41,7 @@ class LabjackActuatorSettings(LabjackSettings, frozen=True, kw_only=True):
         str, Meta(min_length=1, description='the output: "DAC0", or "TDAC0" of an LJTick-DAC')
     ] = "DAC0"
     gain: Annotated[
-        float, Meta(description="volts at the piezo per volt at EXT, not 0; below 0: inverting")
+        float, Meta(description="volts at the piezo per volt at EXT, not 0; negative if inverting")
     ] = 15.0
     zero_v: Annotated[float, Meta(description="volts at EXT where the piezo has 0 V")] = 0.0
     min_v: Annotated[float, Meta(description="lowest voltage at the piezo")] = 0.0
@@ -49,7 +51,7 @@ class LabjackActuatorSettings(LabjackSettings, frozen=True, kw_only=True):
         float, Meta(description="highest voltage of the unit's output; TDAC, T8: 10")
     ] = 5.0
     resolution_bits: Annotated[
-        int, Meta(gt=0, le=64, description="of the converter, over the unit's range")
+        int, Meta(gt=0, le=64, description="resolution of the converter, over the unit's range")
     ] = 12
     initial_v: (
         Annotated[
@@ -68,12 +70,12 @@ class LabjackActuatorSettings(LabjackSettings, frozen=True, kw_only=True):
         """The range must be one that EXT reaches."""
         check_output_range(self, self.channel)
         if self.reports and self.initial_v is not None:
-            raise self.wrong("initial_v", f"left out: {self.channel} is asked instead")
+            raise self.wrong("initial_v", f"left out; {self.channel} reports its own output")
         if not self.reports and not (
             self.initial_v is not None and self.min_v <= self.initial_v <= self.max_v
         ):
             raise self.wrong(
-                "initial_v", f"from {self.min_v:g} to {self.max_v:g}: {self.channel} has no report"
+                "initial_v", f"from {self.min_v:g} to {self.max_v:g}; {self.channel} reports none"
             )
 
 
@@ -82,7 +84,7 @@ class LabjackSensorSettings(LabjackSettings, frozen=True, kw_only=True):
 
     channel: Annotated[str, Meta(min_length=1, description='the input, e.g. "AIN0"')] = "AIN0"
     um_per_v: Annotated[
-        float, Meta(description="displacement per volt, not 0; below 0 turns it round")
+        float, Meta(description="displacement per volt, not 0; a negative value reverses it")
     ]
     zero_v: Annotated[float, Meta(description="volts at displacement 0")] = 0.0
     min_v: Annotated[float, Meta(description="low end of the range; below it a reading is NaN")] = (
@@ -96,23 +98,22 @@ class LabjackSensorSettings(LabjackSettings, frozen=True, kw_only=True):
     ] = 10.0
     negative: Annotated[
         Literal["GND", "AIN1", "AIN3", "AIN5", "AIN7", "AIN9", "AIN11", "AIN13"],
-        Meta(description="where the input's other end is; an input for a differential one"),
+        Meta(description="negative input: GND, or an input for a differential measurement"),
     ] = "GND"
     resolution_index: Annotated[
         int,
-        Meta(
-            ge=0, le=12, description="how long the unit oversamples; 0: its default; see its manual"
-        ),
+        Meta(ge=0, le=12, description="oversampling of the unit, see its manual; 0: its default"),
     ] = 0
     settling_s: Annotated[
-        float, Meta(ge=0, le=0.05, description="wait before a sample; 0: the unit's choice")
+        float,
+        Meta(ge=0, le=0.05, description="settling time before a sample; 0: the unit's choice"),
     ] = 0.0
     average: Annotated[
         int,
-        Meta(ge=1, le=MOST_AVERAGED, description="how many samples a reading is the mean of"),
+        Meta(ge=1, le=MOST_AVERAGED, description="number of samples averaged for one reading"),
     ] = 1
     resolution_bits: Annotated[
-        int, Meta(gt=0, le=64, description="of the converter, over range_v")
+        int, Meta(gt=0, le=64, description="resolution of the converter, over range_v")
     ] = 16
 
     def check(self) -> None:

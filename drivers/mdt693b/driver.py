@@ -104,7 +104,7 @@ class Mdt693b:
         return None if self.unit is None else self.unit.serial
 
     def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
         self._known = unit
 
     @property
@@ -190,9 +190,10 @@ class Mdt693b:
         if not near and self.unit is not None and not self.unit.serial:
             self.close()
             raise ForeignUnit(
-                f"{self.config.port}: a unit without a serial number is back at {readback_v:.2f} V "
-                f"where {nearest_v:.2f} V was left: it may be another one, and nothing was set on "
-                "it. Put the known one back, or accept this one with `dehyst config pin`"
+                f"{self.config.port}: a unit without a serial number is back at {readback_v:.2f} "
+                f"V, but the output was left at {nearest_v:.2f} V; it may be another unit, so "
+                "nothing was set on it. Put the known unit back, or accept this one with `dehyst "
+                "config pin`"
             )
         self._set_v = nearest_v if near else self._inside(readback_v)
         self._tried_v = None
@@ -300,7 +301,7 @@ class Mdt693b:
         elif tried_v is None and refusals > 0:
             raise ProtocolError(
                 f"{link.port.path}: the unit refused a command after it had been acknowledged; "
-                "where the output stands is not certain, reconnect to find out"
+                "the output voltage is uncertain, reconnect to read it"
             )
 
     def _update_spec(self, timing: CallTimes) -> None:
@@ -347,8 +348,9 @@ class Mdt693b:
         if abs(inside_v - volts) > TUNING.readback_tolerance_v:
             self.close()
             raise DriverConfigError(
-                f"the output stands at {volts:g} V, outside the {self.spec.minimum:g} to "
-                f"{self.spec.maximum:g} V allowed; bring it there by hand, or change the limits"
+                f"the output is at {volts:g} V, outside the {self.spec.minimum:g} to "
+                f"{self.spec.maximum:g} V allowed; bring it into that range by hand, or change "
+                "the limits"
             )
         return inside_v
 
@@ -360,7 +362,7 @@ class Mdt693b:
             raise DeviceGone("the MDT693B is not open: call open() or reconnect()")
         unit = self._unit
         if unit is not None and (unit.lost or unit.link is not self._link):
-            raise DeviceGone(f"the link to the unit was lost: {unit.lost or 'made anew since'}")
+            raise DeviceGone(f"the link to the unit was lost: {unit.lost or 'opened again since'}")
         return self._link
 
     def _or_close(self, job: Callable[[], T]) -> T:

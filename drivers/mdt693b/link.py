@@ -85,12 +85,13 @@ class Mdt693bLink:
         dialect = detect_dialect(raw)
         if dialect is None and not raw:
             raise DeviceTimeout(
-                f"{self.port.path}: no answer within {self.timeout_s:g} s; is this the port of an "
-                "MDT693B, is it on, and does no other program hold it?"
+                f"{self.port.path}: no answer within {self.timeout_s:g} s; check that this is the "
+                "port of an MDT693B, that the unit is on, and that no other program holds the "
+                "port"
             )
         if dialect is None:
             raise ProtocolError(
-                f"{self.port.path}: an empty line was answered with {raw[:80]!r}, which is no "
+                f"{self.port.path}: an empty line was answered with {raw[:80]!r}, which is not a "
                 "reply of an MDT693B; check the port and the baud rate"
             )
         self._codec = Mdt693bCodec(dialect)
@@ -148,8 +149,8 @@ class Mdt693bLink:
             answered = answered or isinstance(event, Answer)
         if not answered:
             raise DeviceTimeout(
-                f"{self.port.path}: the unit does not answer within {self.timeout_s:g} s and has "
-                "not carried out the last command for certain; nothing more was sent"
+                f"{self.port.path}: the unit did not answer within {self.timeout_s:g} s; whether "
+                "it carried out the last command is unknown, and nothing more was sent"
             )
         if self._owed > 1:
             self.drain(self.timeout_s)  # the answers to the earlier barriers may still come
@@ -166,8 +167,8 @@ class Mdt693bLink:
             got += more
             if len(got) > TUNING.most_drained:
                 raise ProtocolError(
-                    f"{self.port.path}: an endless stream of bytes ({got[:40]!r}...); this is "
-                    "no MDT693B, or the baud rate is wrong"
+                    f"{self.port.path}: an endless stream of bytes ({got[:40]!r}...); this is not "
+                    "an MDT693B, or the baud rate is wrong"
                 )
 
     def close(self) -> None:

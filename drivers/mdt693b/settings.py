@@ -39,12 +39,15 @@ class Mdt69xConfig(Settings, frozen=True):
     baud: Annotated[int, Meta(gt=0, description="bits per second of the serial line")] = 115200
     rate_hz: (
         Annotated[
-            float, Meta(gt=0, description="highest rate of sets; left out, it is measured at start")
+            float, Meta(gt=0, description="highest rate of sets; measured at start if left out")
         ]
         | None
     ) = None
     max_v: (
-        Annotated[float, Meta(gt=0, description="upper limit of the output below the unit's own")]
+        Annotated[
+            float,
+            Meta(gt=0, description="upper limit of the output, where lower than the unit's own"),
+        ]
         | None
     ) = None
     initial_v: (

@@ -43,20 +43,20 @@ def learn(link: Mdt693bLink, axis: str, max_v: float | None) -> UnitFacts:
         axis_max_v = float(link.ask(words["max"].format(axis=axis)).value)
     except CommandRefused:
         raise DriverConfigError(
-            f"setting axis: this unit has no axis {axis!r}; an MDT694B has x alone"
+            f"setting axis: this unit has no axis {axis!r}; an MDT694B has only x"
         ) from None
     # The axis maximum is by default 0.5 V above the limit switch: the switch counts.
     maximum_v = min(limit_v, axis_max_v, limit_v if max_v is None else max_v)
     if not minimum_v < maximum_v:
         raise DriverConfigError(
-            f"the unit allows axis {axis} only {minimum_v:g} to {maximum_v:g} V: nothing is left "
-            "to drive; check its minimum and maximum and the setting max_v"
+            f"the unit allows axis {axis} only {minimum_v:g} to {maximum_v:g} V, which leaves "
+            "nothing to drive; check its minimum and maximum and the setting max_v"
         )
     scan_v = _master_scan_v(link)
     if scan_v != 0.0:
         raise DriverConfigError(
-            f"the unit's master scan adds {scan_v:g} V to every axis, so that no set-point would "
-            "be true; switch it off on the unit (msenable=0)"
+            f"the unit's master scan adds {scan_v:g} V to every axis, so the output would differ "
+            "from every set-point; switch it off on the unit (msenable=0)"
         )
     serial = _ask_if_known(link, "serial?") or ""
     lines = (_ask_if_known(link, "id?") or "MDT693B").split("\r")
@@ -78,7 +78,8 @@ def check_model(path: str, kind: str, wanted: str) -> None:
     """Raise ForeignUnit where a model is wanted and the unit does not say that it is this one."""
     if not kind.startswith(wanted):
         raise ForeignUnit(
-            f"{path}: the unit is an {kind}, wanted is an {wanted}; take the driver mdt693b for it"
+            f"{path}: the unit is an {kind}, but the configuration asks for an {wanted}; use the "
+            "driver mdt693b for it"
         )
 
 
@@ -86,7 +87,10 @@ def check_serial(path: str, serial: str, wanted: str | None) -> None:
     """Raise ForeignUnit unless the unit is the one that the configuration wants. None: any will do;
     "" is a unit whose serial number is blank."""
     if wanted is not None and serial != wanted:
-        raise ForeignUnit(f"{path}: the unit has serial number {serial!r}, wanted is {wanted!r}")
+        raise ForeignUnit(
+            f"{path}: the unit has serial number {serial!r}, but the configuration asks for "
+            f"{wanted!r}"
+        )
 
 
 def _master_scan_v(link: Mdt693bLink) -> float:

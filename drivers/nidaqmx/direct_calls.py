@@ -148,10 +148,12 @@ def _explain(channel: str, library: ctypes.CDLL) -> Callable[[int], DriverError]
         if code == CLOSED:
             return DeviceGone(f"nidaqmx {channel} is not open")
         if code == NOT_IN_RANGE:
-            return OutOfRange(f"nidaqmx {channel}: outside its range; nothing was written")
+            return OutOfRange(
+                f"nidaqmx {channel}: the value is outside its range; nothing was written"
+            )
         text = ctypes.create_string_buffer(TEXT_BYTES)
         library.DAQmxGetErrorString(ctypes.c_int32(code), text, ctypes.c_uint32(TEXT_BYTES))
-        words = text.value.decode("utf-8", "replace") or "no words for it"
+        words = text.value.decode("utf-8", "replace") or "no description"
         return fault_of(channel, code, f"{words} (status code {code})")
 
     return explain

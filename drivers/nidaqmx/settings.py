@@ -18,12 +18,13 @@ class ClockedSettings(Settings, frozen=True, kw_only=True):
 
     driver = "nidaqmx"
 
-    timeout_s: Annotated[float, Meta(gt=0, le=10, description="longest time of one call")] = (
-        TIMEOUT_S
-    )
+    timeout_s: Annotated[float, Meta(gt=0, le=10, description="time-out of one call")] = TIMEOUT_S
     clock_source: Annotated[
         str,
-        Meta(description='terminal of the sample clock, e.g. "/Dev1/ai/SampleClock"; "": its own'),
+        Meta(
+            description='terminal of the sample clock, e.g. "/Dev1/ai/SampleClock"; '
+            '"": its own clock'
+        ),
     ] = ""
 
 
@@ -32,7 +33,7 @@ class NidaqmxActuatorSettings(ClockedSettings, frozen=True, kw_only=True):
 
     channel: Annotated[str, Meta(min_length=1, description='the output, e.g. "Dev1/ao0"')]
     gain: Annotated[
-        float, Meta(description="volts at the piezo per volt at EXT, not 0; below 0: inverting")
+        float, Meta(description="volts at the piezo per volt at EXT, not 0; negative if inverting")
     ] = 15.0
     zero_v: Annotated[float, Meta(description="volts at EXT where the piezo has 0 V")] = 0.0
     min_v: Annotated[float, Meta(description="lowest voltage at the piezo")] = 0.0
@@ -44,19 +45,19 @@ class NidaqmxActuatorSettings(ClockedSettings, frozen=True, kw_only=True):
         10.0
     )
     resolution_bits: Annotated[
-        int, Meta(gt=0, le=64, description="of the converter, over the device's range")
+        int, Meta(gt=0, le=64, description="resolution of the converter, over the device's range")
     ] = 16
     initial_v: Annotated[
         float,
-        Meta(description="voltage at the piezo at start: the hardware cannot be asked"),
+        Meta(description="voltage at the piezo at start, which the hardware does not report"),
     ] = 0.0
     clock_hz: (
         Annotated[
             float,
             Meta(
                 gt=0,
-                description="the output changes at the edges of this clock of the device; "
-                "left out: at once",
+                description="rate of the device clock on whose edges the output changes; "
+                "at once if left out",
             ),
         ]
         | None
@@ -64,7 +65,7 @@ class NidaqmxActuatorSettings(ClockedSettings, frozen=True, kw_only=True):
     max_rate_hz: (
         Annotated[
             float,
-            Meta(gt=0, description="highest rate of writes; left out: 1000 Hz, or clock_hz"),
+            Meta(gt=0, description="highest rate of writes; if left out, clock_hz or 1000 Hz"),
         ]
         | None
     ) = None
@@ -103,7 +104,8 @@ class NidaqmxSensorSettings(ClockedSettings, frozen=True, kw_only=True):
         Annotated[
             float,
             Meta(
-                description="bridge: displacement per bridge ratio, not 0; below 0 turns it round"
+                description="bridge: displacement per bridge ratio, not 0; a negative "
+                "value reverses it"
             ),
         ]
         | None
@@ -117,7 +119,7 @@ class NidaqmxSensorSettings(ClockedSettings, frozen=True, kw_only=True):
     um_per_v: (
         Annotated[
             float,
-            Meta(description="voltage: displacement per volt, not 0; below 0 turns it round"),
+            Meta(description="voltage: displacement per volt, not 0; a negative value reverses it"),
         ]
         | None
     ) = None
@@ -130,24 +132,24 @@ class NidaqmxSensorSettings(ClockedSettings, frozen=True, kw_only=True):
     ] = 10.0
     terminals: Annotated[Terminals, Meta(description="voltage: how the input is wired")] = "default"
     resolution_bits: Annotated[
-        int, Meta(gt=0, le=64, description="of the converter, over the input range")
+        int, Meta(gt=0, le=64, description="resolution of the converter, over the input range")
     ] = 24
     average: Annotated[
-        int, Meta(ge=1, le=10_000, description="how many samples a reading is the mean of")
+        int, Meta(ge=1, le=10_000, description="number of samples averaged for one reading")
     ] = 1
     sample_hz: (
         Annotated[
             float,
             Meta(
                 gt=0,
-                description="sampled all the time by the device's clock, the newest are read; "
-                "left out: sampled when it is read",
+                description="rate at which the device samples continuously; the newest "
+                "samples are read; sampled on reading if left out",
             ),
         ]
         | None
     ) = None
     max_rate_hz: (
-        Annotated[float, Meta(gt=0, description="highest rate of reads; left out: as measured")]
+        Annotated[float, Meta(gt=0, description="highest rate of reads; measured if left out")]
         | None
     ) = None
 

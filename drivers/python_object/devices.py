@@ -66,7 +66,7 @@ class _PythonDevice:
         return cls(read_settings(cls.settings_type, settings))
 
     def expect(self, unit: UnitIdentity) -> None:
-        """From now on open() and reconnect() raise ForeignUnit where another one answers."""
+        """From now on open() and reconnect() raise ForeignUnit if a different unit answers."""
         self._known = unit
 
     def open(self) -> None:
@@ -195,9 +195,9 @@ class PythonActuator(_PythonDevice):
         stands_v = self._reported_v()
         if not settings.min_v <= stands_v <= settings.max_v:
             raise DriverConfigError(
-                f"python {settings.object}: the output stands at {stands_v:g} V, outside the "
-                f"{settings.min_v:g} to {settings.max_v:g} V allowed; bring it there by hand, or "
-                "change the limits"
+                f"python {settings.object}: the output is at {stands_v:g} V, outside the "
+                f"{settings.min_v:g} to {settings.max_v:g} V allowed; bring it into that range by "
+                "hand, or change the limits"
             )
         if not abs(stands_v - self._set_v) <= settings.step_v:  # not the last write's step
             self._set_v = stands_v

@@ -47,7 +47,7 @@ def one_number_of(value: Any, name: str) -> float:
     if isinstance(found, bool) or not isinstance(found, int | float):
         if inspect.iscoroutine(found):
             found.close()  # it would be reported as never awaited
-        raise ProtocolError(f"python: {name} gave {value!r:.80}, which is not one number")
+        raise ProtocolError(f"python: {name} returned {value!r:.80}, which is not one number")
     return float(found)
 
 
@@ -73,7 +73,7 @@ def _method(holder: Any, last: str, name: str) -> Callable[..., Any]:
     method: Callable[..., Any] = getattr(holder, last)
     if inspect.iscoroutinefunction(method):
         raise DriverConfigError(
-            f"python: {name} is asynchronous; name a method that returns when it is done"
+            f"python: {name} is asynchronous; choose a method that returns when it is done"
         )
     return method
 
@@ -83,6 +83,6 @@ def _no_coroutine(result: Any, name: str) -> None:
     if inspect.iscoroutine(result):
         result.close()
         raise ProtocolError(
-            f"python: {name} is asynchronous and wrote nothing; name a method that returns when "
+            f"python: {name} is asynchronous and wrote nothing; choose a method that returns when "
             "it is done"
         )

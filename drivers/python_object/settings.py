@@ -15,20 +15,16 @@ class PythonSettings(Settings, frozen=True, kw_only=True):
     driver = "python"
 
     object: Annotated[
-        str, Meta(min_length=3, description='"module:factory": what is called to make the object')
+        str, Meta(min_length=3, description='"module:factory", called to make the object')
     ]
-    arguments: Annotated[
-        dict[str, Any], Meta(description="named arguments of the factory; left out: none")
-    ] = {}  # noqa: RUF012 a frozen struct makes a new one each time
-    folder: Annotated[
-        str, Meta(description="folder of the module, where it is not an installed one")
-    ] = ""
+    arguments: Annotated[dict[str, Any], Meta(description="named arguments of the factory")] = {}  # noqa: RUF012 a frozen struct makes a new one each time
+    folder: Annotated[str, Meta(description="folder of the module, where it is not installed")] = ""
     serial_number: Annotated[
         str, Meta(description="method or attribute that gives the unit's serial number")
     ] = ""
     close: Annotated[str, Meta(description="method that releases the unit")] = ""
     max_rate_hz: (
-        Annotated[float, Meta(gt=0, description="highest rate of calls; left out: as measured")]
+        Annotated[float, Meta(gt=0, description="highest rate of calls; measured if left out")]
         | None
     ) = None
 
@@ -43,9 +39,7 @@ class PythonSettings(Settings, frozen=True, kw_only=True):
 class PythonActuatorSettings(PythonSettings, frozen=True, kw_only=True):
     """An object that sets a voltage; volts are volts at the piezo."""
 
-    write: Annotated[
-        str, Meta(min_length=1, description="method that is called, or attribute that is set")
-    ]
+    write: Annotated[str, Meta(min_length=1, description="method to call, or attribute to set")]
     write_arguments: Annotated[
         Fixed, Meta(description="arguments before the value, e.g. an axis or a channel")
     ] = ()
@@ -71,27 +65,25 @@ class PythonActuatorSettings(PythonSettings, frozen=True, kw_only=True):
         if not self.step_v < self.max_v - self.min_v:
             raise self.wrong("step_v", "smaller than the range")
         if self.output and self.initial_v is not None:
-            raise self.wrong("initial_v", "left out where output is named, which is asked instead")
+            raise self.wrong("initial_v", "left out where output is named, which is read instead")
         if not self.output:
             if self.initial_v is None or not self.min_v <= self.initial_v <= self.max_v:
                 raise self.wrong(
                     "initial_v", f"from {self.min_v:g} to {self.max_v:g}, as output is not named"
                 )
             if self.max_rate_hz is None:
-                raise self.wrong("max_rate_hz", "given: without output no call can be timed")
+                raise self.wrong("max_rate_hz", "given; without output no call can be timed")
 
 
 class PythonSensorSettings(PythonSettings, frozen=True, kw_only=True):
     """An object that reads a displacement."""
 
-    read: Annotated[
-        str, Meta(min_length=1, description="method that is called, or attribute that is read")
-    ]
+    read: Annotated[str, Meta(min_length=1, description="method to call, or attribute to read")]
     read_arguments: Annotated[
         Fixed, Meta(description="its arguments, e.g. an axis or a channel")
     ] = ()
     um_per_unit: Annotated[
-        float, Meta(description="displacement per unit read, not 0; below 0 turns it round")
+        float, Meta(description="displacement per unit read, not 0; a negative value reverses it")
     ] = 1.0
     zero: Annotated[float, Meta(description="what is read at displacement 0")] = 0.0
     min_um: Annotated[float, Meta(description="lowest displacement; below it a reading is NaN")]

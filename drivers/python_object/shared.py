@@ -45,8 +45,8 @@ def find_factory(settings: PythonSettings) -> Callable[..., Any]:
             found = getattr(found, part)
     except Exception as error:  # an import runs somebody else's code
         raise DriverConfigError(
-            f"python: object = {settings.object!r} cannot be had: {describe_error(error)}; install "
-            "its package where dehyst is installed, or name its folder with the setting folder"
+            f"python: object = {settings.object!r} cannot be imported: {describe_error(error)}; "
+            "install its package next to dehyst, or give its folder with the setting folder"
         ) from None
     if not callable(found):
         raise DriverConfigError(f"python: object = {settings.object!r} cannot be called")

@@ -89,10 +89,10 @@ class Platform:
     def add(self, axis: str, settings: StageSettings) -> SimulatedStage:
         """One more axis, at rest from now on. Raises DriverConfigError."""
         if axis not in AXES or axis in self.axes:
-            raise DriverConfigError(f"simulated stage: axis '{axis}' is not a new one of x, y, z")
+            raise DriverConfigError(f"simulated stage: axis '{axis}' must be x, y or z, each once")
         if getattr(settings, f"from_{axis}"):
             raise DriverConfigError(
-                f"simulated stage: from_{axis} of axis {axis} must be 0; an axis moves the others"
+                f"simulated stage: from_{axis} of axis {axis} must be 0; it couples other axes only"
             )
         place = AXES.index(axis)
         stage = SimulatedStage(settings, kernels.axis_of.py_func(self.arrays, place), self.advance)

@@ -122,7 +122,7 @@ def context_of(
 def explain(code: int) -> DriverError:
     """What a result other than 0 stands for."""
     if code == NOT_IN_RANGE:
-        return OutOfRange("simulated actuator: outside its range; nothing was written")
+        return OutOfRange("simulated actuator: the value is outside its range; nothing was written")
     return DeviceGone("the simulated stage is unplugged")
 
 

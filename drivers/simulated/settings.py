@@ -26,7 +26,7 @@ class StageSettings(Settings, frozen=True):
         float, Meta(gt=0, description="displacement of the virgin stage at full_scale_v")
     ] = 17.4
     origin_um: Annotated[float, Meta(description="displacement of the de-energised stage")] = 0.0
-    seed: Annotated[int, Meta(ge=0, description="of the sensor noise")] = 1
+    seed: Annotated[int, Meta(ge=0, description="seed of the sensor noise")] = 1
     # electrical
     dac_step_v: Annotated[
         float,
@@ -49,7 +49,7 @@ class StageSettings(Settings, frozen=True):
     # piezo
     hysteresis_width: Annotated[
         float,
-        Meta(ge=0, le=0.2, description="widest place of the full loop, as a share of its stroke"),
+        Meta(ge=0, le=0.2, description="greatest width of the full loop, as a share of its stroke"),
     ] = 0.12
     asymmetry: Annotated[
         float,
@@ -81,7 +81,7 @@ class StageSettings(Settings, frozen=True):
     expansion_um_per_k: Annotated[float, Meta(description="thermal expansion")] = 0.0
     drift_um_per_s: Annotated[float, Meta(description="drift of the mount")] = 0.0
     coupling_um_per_v: Annotated[
-        float, Meta(description="displacement by the other axis' voltage")
+        float, Meta(description="displacement per volt on the other axis")
     ] = 0.0
     # what the other axes of the stage bring: their own motion, from their origin
     from_x: Annotated[
@@ -101,7 +101,7 @@ class StageSettings(Settings, frozen=True):
     cross_damping: Annotated[
         float, Meta(ge=0, le=0.99, description="damping ratio of that mode")
     ] = 0.05
-    hum_um: Annotated[float, Meta(description="amplitude of the hum; below 0 is off")] = 0.0
+    hum_um: Annotated[float, Meta(description="amplitude of the hum")] = 0.0
     hum_hz: Annotated[float, Meta(ge=0, description="frequency of the hum")] = 50.0
     # sensor
     sensor_tau_s: Annotated[float, Meta(ge=0, description="lag of the bridge's filter")] = 150e-6
@@ -153,7 +153,7 @@ class SimulatedActuatorSettings(SimulatedSettings, frozen=True):
     min_v: Annotated[float, Meta(description="lowest voltage that may be written")] = 0.0
     max_v: (
         Annotated[
-            float, Meta(description="highest voltage that may be written; left out: full_scale_v")
+            float, Meta(description="highest voltage that may be written; full_scale_v if left out")
         ]
         | None
     ) = None

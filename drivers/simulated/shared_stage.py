@@ -125,7 +125,7 @@ class SharedStage:
         new = {k: v for k, v in given.items() if k not in known}
         if new and self.axis in self.platform.platform.axes:
             raise DriverConfigError(
-                f"simulated {self.title} is running; {sorted(new)[0]} comes too late"
+                f"simulated {self.title} is running; {sorted(new)[0]} can no longer be set"
             )
         self.platform.period_s = new.pop("period_s", self.platform.period_s)
         self.given |= new

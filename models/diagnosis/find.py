@@ -234,7 +234,7 @@ def of_another_stage(bare: Problem, null: JointFit, sigma: float) -> str:
         return ""
     unit = bare.data.unit
     return (
-        f"the model is not of this stage, or of another state of it: it leaves "
-        f"{small((left, unit))} rms of a stroke of {stroke:.3g} {unit}, where a hysteresis fitted "
-        f"here leaves {small((best, unit))}; identify a model from these recordings"
+        f"the model does not fit this stage in its present state: it leaves {small((left, unit))} "
+        f"rms of a stroke of {stroke:.3g} {unit}, where a hysteresis fitted here leaves "
+        f"{small((best, unit))}; identify a model from these recordings"
     )

@@ -106,7 +106,7 @@ def measure_coverage(recordings: Sequence[Recording]) -> Coverage:
     drives = [r.drive[k] for r, k in zip(recordings, known, strict=True)]
     times = [r.t_s[k] for r, k in zip(recordings, known, strict=True)]
     if not any(u.size > 2 and np.ptp(u) > 0 for u in drives):
-        raise BadRecording(f"{recordings[0].name}: the drive stands still; nothing is covered")
+        raise BadRecording(f"{recordings[0].name}: the drive does not move; nothing is covered")
     low, high = min(float(u.min()) for u in drives), max(float(u.max()) for u in drives)
     span = high - low
     rates = [_compute_rates(t, u) for t, u in zip(times, drives, strict=True)]
@@ -167,7 +167,7 @@ def _find_missing(
     if cycles < TUNING.fewest_cycles:
         static.append(
             f"the drive goes through its range only {cycles:.1f} times; "
-            f"{TUNING.fewest_cycles:.0f} and more let a part be held out"
+            f"{TUNING.fewest_cycles:.0f} or more are needed to hold a part out"
         )
     if steps < TUNING.steps_per_span:
         static.append(

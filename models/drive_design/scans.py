@@ -86,7 +86,7 @@ def scan_spiral(radius: float, pitch: float, speed: float, most_hz: float, perio
     path but for the middle, where it turns at most most_hz times a second. Raises BadInput."""
     _require_above_0(radius=radius, pitch=pitch, speed=speed, most_hz=most_hz, period_s=period_s)
     if pitch > radius:
-        raise BadInput(f"pitch {pitch:g}: a spiral of radius {radius:g} has none so wide")
+        raise BadInput(f"pitch {pitch:g}: it is too wide for a spiral of radius {radius:g}")
     b = pitch / (2.0 * np.pi)
     angle = np.linspace(0.0, radius / b, FINE)
     rate = np.minimum(2.0 * np.pi * most_hz, speed / np.hypot(b * angle, b))

@@ -200,7 +200,7 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
     if fitted.costly:
         notes.append(
             "right after a reversal the data run back, by more than an invertible model can "
-            "follow; the nearest invertible model was taken"
+            "follow; the nearest invertible model is used"
         )
     if (size := sum(int(np.count_nonzero(p)) for p in setup.picks)) > TUNING.rows_fitted:
         notes.append(f"of {size} rows a part, by chance, was fitted; the error is that of all")

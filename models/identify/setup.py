@@ -280,7 +280,9 @@ def set_up(rows: Sequence[Rows], monotone: bool, trust_start: bool = True) -> Fi
     y = np.concatenate([one.y[p] for one, p in zip(rows, some, strict=True)])
     slope = _fit_mean_slope(u, y)
     if slope < 0:
-        notes.append("the displacement falls where the drive rises; the saturation has the sign")
+        notes.append(
+            "the displacement falls where the drive rises; the saturation carries the sign"
+        )
     size = max(abs(slope), 1e-12 * float(np.ptp(y)) / (high - low), 1e-300)
     limits = (TUNING.least_slope * size, TUNING.most_slope * size) if monotone else None
     sign = -1.0 if slope < 0 else 1.0

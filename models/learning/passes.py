@@ -226,7 +226,7 @@ class Learner:
             return False
         self._repeats = -self._following.first[1]
         self.correction = self._bounded(self._back(self._following.first[1]))
-        self._stopped = f"{wrong}; the correction of the beginning is back"
+        self._stopped = f"{wrong}; the initial correction is restored"
         return True
 
     def _growth(self, e: Spectrum, u: Spectrum) -> str:
@@ -264,7 +264,7 @@ class Learner:
         if self._known or self.passes > TUNING.settling:
             return ""
         if self.passes == 1:
-            return "the first pass comes from elsewhere"
+            return "the first pass starts from elsewhere"
         if not self.closed:
             return ""
         m = min(max(TUNING.seam, self.n // 50), self.n // 2)

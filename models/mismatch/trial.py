@@ -196,7 +196,7 @@ def judge_trial(before: Errors, after: Errors, promise: OfferErrors, unit: str) 
     known = after.other if paired else before.model if math.isfinite(before.model) else math.inf
     known = known if paired else min(known, promise.in_use)
     leaves = "leaves" if paired else "had"
-    had = f"the model before {leaves} {known:.3g}"
+    had = f"the previous model {leaves} {known:.3g}"
     enough = promise.offered + (1.0 - TRIAL.promised) * max(0.0, promise.in_use - promise.offered)
     part2 = min(1.0, (enough / max(promise.in_use, 1e-300)) ** 2)
     least = min(TRIAL.seen_noises * promise.noise, TRIAL.seen_share * promise.in_use)
@@ -216,9 +216,9 @@ def judge_trial(before: Errors, after: Errors, promise: OfferErrors, unit: str) 
     if not after.model <= most:
         return Verdict(
             "goes",
-            f"the offered one's error has not come down to {most:.3g} {unit} within "
-            f"{seconds:.0f} s of motion: it is {after.model:.3g} {unit}, {had}, and the test "
-            f"promised {promise.offered:.3g}",
+            f"the offered one's error has not fallen to {most:.3g} {unit} within {seconds:.0f} s "
+            f"of motion: it is {after.model:.3g} {unit}, {had}, and the test promised "
+            f"{promise.offered:.3g}",
         )
     why = _tracks_worse(before, after, promise.noise, unit)
     return (

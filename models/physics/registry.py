@@ -57,7 +57,7 @@ def check_block(block: Block, drive_unit: str = "", displacement_unit: str = "")
         raise BadModel(f"kind: {block.kind!r} is not known; known are {', '.join(KINDS)}")
     if block.place not in kind.places:
         raise BadModel(
-            f"place: a block of kind {kind.name!r} stands at {' or '.join(kind.places)}, "
+            f"place: a block of kind {kind.name!r} belongs at {' or '.join(kind.places)}, "
             f"not at {block.place!r}"
         )
     if kind.channel and not block.channel:

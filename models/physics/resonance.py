@@ -236,7 +236,7 @@ class Resonance(Candidate):
         frequency, damping, _ = theta
         mirrored = abs(frequency - self._rate * round(frequency / self._rate))
         if damping * frequency > NO_RING * mirrored:
-            return "no ring is left of it in the samples: a lag or a delay does the same"
+            return "its ringing is not visible in the samples: a lag or a delay has the same effect"
         return ""
 
 

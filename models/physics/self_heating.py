@@ -140,7 +140,7 @@ class SelfHeating(Candidate):
         gain, tau = values["gain_s_per_um2"][0], values["tau_s"][0]
         return (
             f"The stage heats itself: fast motion {'raises' if gain > 0 else 'lowers'} its gain, "
-            f"which follows within {tau:.3g} s and comes back at rest; let it cool, move less, or "
+            f"which follows within {tau:.3g} s and recovers at rest; let it cool, move less, or "
             "let the controller follow."
         )
 

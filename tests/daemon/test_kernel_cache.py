@@ -128,7 +128,7 @@ def test_without_an_installed_cache_the_kernels_are_compiled_and_it_is_said(
 ) -> None:
     (tmp_path / "file").write_text("")
     words = run(tmp_path / "file" / "kernels")
-    assert "compiles the kernels anew" in words
+    assert "compiles the kernels again" in words
     assert "hits 0" in words
 
 

@@ -1,6 +1,7 @@
 """What a user reads is in the words of the field: a list of words that were used for others.
 
-README, docs, the help of every command, and the texts of messages, reports, set-up and physics.
+README, docs, the help of every command, the texts of messages, reports, set-up and physics, and the
+files that come with them: examples, units, the page.
 Docstrings and comments inside the code are not looked at.
 """
 
@@ -25,14 +26,22 @@ BANNED = {
     r"so long|so many|so much": "this long, this many, as much",
     r"makes? way|gives? way": "ends, is deleted, yields",
     r"behoo?ves?|whither|thereof|therein|hitherto|henceforth": "plain words",
-    r"stands? beside|stood beside": "next to",
+    r"beside": "next to, in addition to, with",
+    r"stands? at|stood at|as it stands": "is at, as it is",
+    r"anew|to and fro": "again, back and forth",
+    r"beyond belief": "implausible",
+    r"go(es)? to work": "is put to use",
+    r"turn(s|ed)? round": "reverse",
+    r"all the same": "nevertheless",
+    r"without a word": "silently",
+    r"(to|for|of) who (asks|wants)": "whoever, optional",
     r"in vain": "without success",
 }
 """Pattern -> what to write instead."""
 BEHIND = re.compile(r"\bbehind\b(?![^.;:|]{0,60}\b(proxy|nginx|firewall))", re.I)
 """`behind` for after; a page may be behind a proxy."""
-WRITTEN = ("measured.md", "noticed.md", "attack-table.md")
-"""Docs made by benchmarks and by the lists of mistakes, in the words of tests."""
+WRITTEN = ("measured.md", "noticed.md")
+"""Docs made by benchmarks and by the list of mistakes, in the words of tests."""
 TEXTS = ("daemon", "models", "drivers")
 
 
@@ -61,6 +70,18 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 @pytest.mark.parametrize("page", [p for p in PAGES if p.name not in WRITTEN], ids=lambda p: p.name)
 def test_docs_are_in_the_words_of_the_field(page: Path) -> None:
     assert wrong_words(prose(page)) == []
+
+
+SHIPPED = [
+    *sorted((ROOT / "docs" / "examples").iterdir()),
+    *sorted((ROOT / "systemd").iterdir()),
+    ROOT / "daemon" / "page" / "static" / "index.html",
+]
+
+
+@pytest.mark.parametrize("file", [p for p in SHIPPED if p.is_file()], ids=lambda p: p.name)
+def test_files_that_users_get_are_in_the_words_of_the_field(file: Path) -> None:
+    assert wrong_words(file.read_text()) == []
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -106,6 +127,7 @@ def test_configuration_is_described_in_the_words_of_the_field() -> None:
         ("the daemon reports the error", 0),
         ("mended for so long", 2),
         ("storytelling", 0),
+        ("the drive stands at 3 V without a word", 2),
     ],
 )
 def test_a_wrong_word_is_found(text: str, wrong: int) -> None:

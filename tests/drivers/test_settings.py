@@ -34,8 +34,8 @@ GOOD = {"port": "/dev/x"}
     ("given", "says"),
     [
         ({"prot": 3}, "unknown setting 'prot' (given: 3)"),
-        ({"port": None}, "port = None must be a text that is not empty"),
-        ({"port": ""}, "port = '' must be a text that is not empty"),
+        ({"port": None}, "port = None must be a string that is not empty"),
+        ({"port": ""}, "port = '' must be a string that is not empty"),
         ({"axis": "z"}, 'axis = \'z\' must be "x" or "y"'),
         ({"timeout_s": 0}, "timeout_s = 0 must be a number, above 0 and at most 10"),
         ({"timeout_s": 11.0}, "timeout_s = 11.0 must be a number, above 0 and at most 10"),

@@ -238,7 +238,7 @@ def observer_only_hears(operator: Client, observer: Client) -> tuple[TelemetrySt
     observer.patience_s = 0.0
     accept = lambda: observer.decide_offer("accept", 1)  # noqa: E731
     for action in (lambda: observer.send(5.0), observer.stop, observer.take_over, accept):
-        with pytest.raises(BusError, match="let these credentials"):
+        with pytest.raises(BusError, match="accept these credentials"):
             action()
     return stream, targets
 

@@ -239,7 +239,7 @@ def _take_time(
         unit, label = "s", f"{label}, taken as seconds"
     kind, _, factor = UNITS[unit]
     if kind != TIME:
-        asked.append(f"{label} is no time; add --columns t=... or --rate HZ")
+        asked.append(f"{label} is not a time; add --columns t=... or --rate HZ")
         return
     if factor == 1.0:
         out["t_s"] = values

@@ -204,7 +204,9 @@ class AxisCore:
         except (DehystError, ValueError, ArithmeticError) as error:
             if not self._accepted:
                 raise
-            self._about_model = f"{self._about_model} cannot be run, the configured one is: {error}"
+            self._about_model = (
+                f"{self._about_model} cannot be run, so the configured one is used: {error}"
+            )
         self.model, self._accepted = load_model(self.config.model.file), False
         return self._loop_settings(self.model), self._compensator(self.model)
 
@@ -261,7 +263,7 @@ class AxisCore:
                 records, seen, _ = ring.read(seen)
                 self._led_on(compensator, state, records["volts"])
         except (DehystError, ValueError, ArithmeticError) as error:
-            monitor.stepper.events.append(f"reload refused, the old model stays: {error}")
+            monitor.stepper.events.append(f"reload refused; the old model stays in use: {error}")
             return
         # a set-point means the same place before and after, where the stage's owner changed nothing
         same = accepted or (self._accepted and not about)

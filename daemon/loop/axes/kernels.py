@@ -7,7 +7,7 @@ A controller of one axis goes the same way. axes: (n,) addresses of the axes' ta
 
 A model's channel may be another axis' displacement or drive, in the same sample: all targets are
 known before the first voltage is made; an axis that follows a drive comes after the one that it
-follows. In a circle of drives somebody has to be first: it takes the drive of the sample before.
+follows. In a circle of drives somebody has to be first: it uses the drive of the previous sample.
 """
 
 import math

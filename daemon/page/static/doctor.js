@@ -32,7 +32,7 @@ export class Doctor {
   // what accepting would cut: the operator decides
   question(said) {
     this.asked = said.offer;
-    $("question-text").textContent = `${said.text}. Points beyond it are played at the nearest place and flagged.`;
+    $("question-text").textContent = `${said.text}. Points beyond it are played at the nearest position and flagged.`;
     $("question").returnValue = "no";
     if (!$("question").open) $("question").showModal();
   }

@@ -144,7 +144,7 @@ export class Files {
   figures(r) {
     const unit = unitName(this.page.unit());
     return [
-      ["from, to", `${number(r.least)} to ${number(r.most)} ${unit}`],
+      ["range", `${number(r.least)} to ${number(r.most)} ${unit}`],
       ["reach", within(r, unit)],
       ["fastest drive", `${number(r.fastest, 3)} of ${number(r.slew, 3)} ${unitName(r.drive_unit)}/s allowed`],
       ["slew", slowed(r)],

@@ -87,7 +87,7 @@ export class Now {
   // One step of an axis; times: how many.
   step(times, name = this.page.name) {
     const size = this.page.parse("step"), seconds = this.page.parse("seconds");
-    if (!(size > 0)) { this.page.say("a step is a number above 0", true); return; }
+    if (!(size > 0)) { this.page.say("the step must be a number above 0", true); return; }
     const [target, measured, reach] = name === this.page.name
       ? [this.aim, this.measured, this.reach()] : this.page.axes.place(name);
     const recent = this.stepped && this.stepped.name === name && performance.now() - this.stepped.at < RECENT_MS;

@@ -256,7 +256,7 @@ function showHealth(said, s) {
     ["trim", s.trimmed ? `${fixed(said.trim, places)} ${unit}${s.trim_frozen ? `, frozen: ${s.trim_frozen.replace(/_/g, " ")}` : ""}` : "open loop"],
     ["learned", s.learned ? `${fixed(said.learned, places)} ${unit}` : "nothing"],
     ["findings", doctor.report ? "below" : "none"],
-    ["gauge above model", `${fixed(s.differs, places)} ${unit}`],
+    ["gauge minus model", `${fixed(s.differs, places)} ${unit}`],
   ]);
 }
 
@@ -318,8 +318,8 @@ const commands = {
   hold() { page.ask({ ask: "hold", seconds: page.parse("seconds") || 10, take_over: $("take-over").checked }); },
   go() {
     const value = page.parse("target"), seconds = page.parse("seconds");
-    if (!Number.isFinite(value)) { page.say("a set-point is a number", true); return; }
-    if (!(seconds > 0)) { page.say("the time is a number of seconds above 0", true); return; }
+    if (!Number.isFinite(value)) { page.say("the set-point must be a number", true); return; }
+    if (!(seconds > 0)) { page.say("the time must be a number of seconds above 0", true); return; }
     now.stepped = { name: page.name, value, at: performance.now() };
     page.ask({ ask: "go", value, seconds, take_over: $("take-over").checked });
   },

@@ -77,7 +77,7 @@ def survey(
     if hardly_turns(data):
         slow = "" if stands_still(data) else ", and no slow change,"
         said.append(
-            f"the drive hardly turns round: nothing that it causes{slow} can be distinguished from "
+            f"the drive hardly reverses: nothing that it causes{slow} can be distinguished from "
             "the loop"
         )
     left_out = int(np.count_nonzero(~data.rows & (data.raw_index >= 0)))

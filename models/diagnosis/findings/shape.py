@@ -35,23 +35,23 @@ SHOWN = 0.15  # of a cause's rms, that the base must leave for it to be distingu
 
 LOOKS = {
     "centre": (
-        "it is a function of the displacement alone, the same on both branches: a sensor or a "
-        "stage that is not linear",
+        "it is a function of the displacement alone, the same on both branches: a nonlinear "
+        "sensor or stage",
         ("sensor", "asymmetry"),
     ),
     "branches": (
-        "the rising and the falling branch are bent differently: an asymmetry of the ceramic, or a "
-        "sensor that is not linear",
+        "the rising and the falling branch are bent differently: an asymmetry of the ceramic, or "
+        "a nonlinear sensor",
         ("asymmetry", "sensor", "friction"),
     ),
     "presliding": (
-        "it is a memory of the displacement that is used up after each turn within a fixed way: "
+        "it is a memory of the displacement that fades within a fixed travel after each turn: "
         "presliding friction in the guide, or an asymmetry",
         ("friction", "asymmetry", "sensor"),
     ),
     "class": (
-        "it is spread over the loop: a hysteresis of another class, or several of asymmetry, "
-        "sensor and friction at once",
+        "it is spread over the loop: a hysteresis of another class, or a combination of "
+        "asymmetry, sensor and friction",
         ("asymmetry", "friction", "sensor"),
     ),
 }
@@ -70,7 +70,7 @@ class Correction:
 
 CONTAINED = "The augmented model contains it, and it is compensated"
 NOT_CONTAINED = (
-    "The augmented model does not contain it: beyond what was recorded it would go astray, or it "
+    "The augmented model does not contain it: beyond the recorded data it would diverge, or it "
     "cannot be inverted"
 )
 
@@ -152,15 +152,15 @@ def shape_finding(
         **{f"explained_by_{k}": v for k, v in parts.items()},
     }
     says = (
-        f"The loop is not the model's, by {small((correction.rms, data.unit))} rms: {words}. "
+        f"The loop differs from the model's by {small((correction.rms, data.unit))} rms: {words}. "
         f"{CONTAINED}."
     )
     numbers = small((float(np.sqrt(correction.numbers)), data.unit))
     if correction.numbers < sigma**2 + 0.3 * max(correction.gain, 0.0):
         removed = small((float(np.sqrt(max(correction.gain, 0.0))), data.unit))
         says = (
-            f"The model's numbers are not this stage's, by {removed} rms: other numbers in the "
-            f"same class would leave {numbers}. "
+            f"The model's parameters differ from this stage's by {removed} rms: other values in "
+            f"the same class would leave {numbers}. "
         )
         if problem.subject.given:
             says += "Identify again from these recordings"

@@ -72,7 +72,9 @@ def read_rows(recording: Recording, span: float | None = None) -> Rows:
     if _stamps_jitter(t, u):
         period = float(t[-1] - t[0]) / (t.size - 1)
         t = _regularise(t, period)
-        notes.append(f"{name}: the time stamps jitter, the samples do not; taken as regular")
+        notes.append(
+            f"{name}: the time stamps jitter, but the samples do not; they are treated as regular"
+        )
     rate, resets = compute_rates(t, u, period)
     settled = np.zeros(u.size, dtype=bool)
     _settle(u, resets, 2.0 * 0.5 * (span or own) * 0.9, settled)
@@ -94,8 +96,8 @@ def _require_motion(recording: Recording, u: Floats, y: Floats, notes: list[str]
     low, high = float(np.nanmin(u)), float(np.nanmax(u))
     if high - low <= 1e-9 * max(1.0, abs(high)):
         raise BadRecording(
-            f"{name}: the drive stands at {low:.6g} {unit} all the time; nothing can be "
-            "identified; drive the stage through its range (dehyst excite designs a drive)"
+            f"{name}: the drive stays at {low:.6g} {unit} throughout; nothing can be identified; "
+            "drive the stage through its range (dehyst excite designs a drive)"
         )
     if np.nanmax(y) == np.nanmin(y):
         raise BadRecording(

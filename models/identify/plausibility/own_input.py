@@ -163,8 +163,8 @@ def _why_outside(model: Model, rows: Rows) -> str:
             "switches: no hysteresis that can be inverted looks like this"
         )
     return (
-        "the displacement is not what a hysteresis of the drive can give: another input moves the "
-        "stage, its clock or its columns are wrong, or it is a different stage on the way"
+        "the displacement is not what a hysteresis of the drive can give: another input moves "
+        "the stage, its clock or its columns are wrong, or the stage changed during the recording"
     )
 
 

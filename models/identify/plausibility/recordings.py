@@ -92,8 +92,8 @@ def require_one_sense(rows: Sequence[Rows], unit: str) -> None:
     odd = ", ".join(one.name for one, is_odd in zip(rows, fewer, strict=True) if is_odd)
     figures = ", ".join(f"{r.name} {k:.3g} {unit}" for r, k in zip(rows, slopes, strict=True))
     raise BadRecording(
-        f"{odd} does not belong to the others, it runs the other way: {figures}; turn the sign of "
-        "its sensor round, or identify each stage apart"
+        f"{odd} does not belong to the others, it runs the other way: {figures}; reverse the sign "
+        "of its sensor, or identify each stage separately"
     )
 
 
@@ -146,7 +146,7 @@ def require_better_than_a_line(
             )
             raise BadRecording(
                 f"{one.name}: the best model leaves {left:.4g} and a straight line {line:.4g} rms; "
-                f"{belongs}; record a drive that goes to and fro over its range several times "
+                f"{belongs}; record a drive that runs over its range and back several times "
                 "(dehyst excite designs one), of one stage"
             )
 
@@ -186,8 +186,8 @@ def require_one_stage(
             "were stage, load and unit the same?"
         )
     raise BadRecording(
-        f"{odd} does not belong to the others: one model leaves {figures} rms; "
-        "identify the recordings of each stage, load and unit apart"
+        f"{odd} does not belong to the others: one model leaves {figures} rms; identify the "
+        "recordings of each stage, load and unit separately"
     )
 
 

@@ -151,7 +151,7 @@ def tampers() -> dict[str, tuple[Callable[[int], Tamper | None], str]]:
     return {
         "stuck": (during(stuck), "has not changed"),
         "NaN for 0.3 s": (during(glitches), "no valid reading"),
-        "out of range": (during(lambda rig, reading: 69.6 + 0.01 * reading), "beyond belief"),
+        "out of range": (during(lambda rig, reading: 69.6 + 0.01 * reading), "implausible"),
         "unplugged for a pass": (during(lambda rig, reading: float("nan")), "no valid reading"),
         "a jump of 1 um, for a pass": (during(lambda rig, reading: reading + 1.0), "jumped"),
         "a drift of 5 nm a second": (

@@ -100,5 +100,5 @@ def test_the_first_part_of_a_recording_is_fitted(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="no recording is there"):
+    with pytest.raises(BadInput, match="contains no recording"):
         read_cases(tmp_path)

@@ -94,7 +94,7 @@ def test_errors_in_words(address: str) -> None:
         Bus.connect([address], timeout_s=0.3)
     with Bus.serve([address], []), pytest.raises(BusError, match="cannot listen on"):
         Bus.serve([address], [])
-    with pytest.raises(BadInput, match="'nonsense' is no address"):
+    with pytest.raises(BadInput, match="'nonsense' is not an address"):
         Bus.connect(["nonsense"], timeout_s=0.3)
 
 

@@ -89,7 +89,7 @@ def test_a_scan_goes_on_through_models_and_a_killed_gateway(bench: Bench) -> Non
     assert result["samples"] == result["expected_samples"]
     assert len(result["notes"]) == 2, result["notes"]  # once for each model
     assert "are beyond it, by up to" in result["notes"][0]
-    assert "the nearest place is taken" in err
+    assert "they are played at the nearest position" in err
     assert "goes on" in result["notes"][1]
     assert result["unreachable_samples"] > 0
     samples = bench.loop.samples(begun)

@@ -43,7 +43,7 @@ def test_a_good_one_is_ok_with_no_device_there(tmp_path: Path) -> None:
         ('"paper-eq11"', '"missing.toml"', "missing.toml"),
         ("[limits]", 'bus = {listen = ["tcp/0.0.0.0:7447"]}\n[limits]', "bus"),
         ("min_v = 0.0", "min_v = 6.0", "safe.voltage_v"),
-        ("enabled = true", "time_constant_s = 0.002", "0.1 s or more will do"),
+        ("enabled = true", "time_constant_s = 0.002", "use 0.1 s or more"),
     ],
 )
 def test_what_would_be_refused_is_found(

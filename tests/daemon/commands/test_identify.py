@@ -160,7 +160,7 @@ def test_simulate_says_so_where_every_row_depends_on_the_start(
     write_recording(tmp_path / "run.csv", t, {"u_v": u, "y_um": u})
     output = tmp_path / "out.csv"
     assert main(["simulate", "paper-eq11", str(tmp_path / "run.csv"), "-o", str(output)]) == 0
-    assert "all of them depend on how the stage stood before" in capsys.readouterr().out
+    assert "all of them depend on the unknown earlier state" in capsys.readouterr().out
 
 
 def test_simulate_needs_only_the_inputs_and_fills_nothing_in(tmp_path: Path) -> None:

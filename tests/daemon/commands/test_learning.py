@@ -48,7 +48,7 @@ def test_learning_wants_more_than_one_pass(shared: Bench, tmp_path: Path) -> Non
     assert "more than one pass" in err
     code, _, err = run("play", str(path), "--repeat", "-1", bench=shared)
     assert code == 2
-    assert "0 is until stopped" in err
+    assert "0 to play until stopped" in err
 
 
 def test_zero_says_the_difference_and_takes_it_away(bench: Bench) -> None:

@@ -83,7 +83,7 @@ def test_a_silent_or_strange_port_is_a_finding(tmp_path, capsys):
         emulator.fault(mute=False, garbage=True, count=1000)
         assert main(["probe", emulator.port]) == 1
         assert (
-            "which is no MDT693B, MDT694B, KPZ101, KSG101, KPC101 or BPC303"
+            "which is not an MDT693B, MDT694B, KPZ101, KSG101, KPC101 or BPC303"
             in capsys.readouterr().out
         )
     assert main(["probe", emulator.port]) == 2
@@ -136,9 +136,9 @@ def test_drivers_with_a_name_lists_the_settings_of_both_kinds(capsys):
     assert "longest wait for a reply" in capsys.readouterr().out
     assert main(["drivers", "mdt692b"]) == 2
     said = capsys.readouterr().err
-    assert "no driver 'mdt692b'; there are: " in said
+    assert "no driver 'mdt692b'; the drivers are: " in said
     names = sorted({plugin.name for plugin in list_plugins()})
-    assert said.strip().rpartition("there are: ")[2].split(", ") == names
+    assert said.strip().rpartition("the drivers are: ")[2].split(", ") == names
 
 
 def test_the_emulator_as_a_process_takes_commands(tmp_path):
@@ -243,7 +243,7 @@ def test_the_devices_of_a_configuration_of_any_driver(tmp_path, capsys):
     assert main(["probe", "--config", str(path)]) == 0
     said = capsys.readouterr().out
     assert "actuator: python: Amplifier of bought:Amplifier" in said
-    assert "0 to 120 V in steps of 0 V; stands at 12.5 V" in said
+    assert "0 to 120 V in steps of 0 V; now at 12.5 V" in said
     assert "Hz sustained; Python loop" in said
 
 

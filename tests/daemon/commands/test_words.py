@@ -20,9 +20,9 @@ from dehyst.daemon.main import main
         ("send nan", "not a finite number"),
         ("run --config x.toml --name foo", "--name goes without --config"),
         ("run --config x.toml --listen tcp/127.0.0.1:7447", "--listen goes without --config"),
-        ("run --listen foo", "'foo' is no address; write PROTOCOL/HOST:PORT"),
-        ("watch --connect 127.0.0.1:7447", "is no address; write PROTOCOL/HOST:PORT"),
-        ("watch --connect tcp/127.0.0.1:99999", "is no address"),
+        ("run --listen foo", "'foo' is not an address; write PROTOCOL/HOST:PORT"),
+        ("watch --connect 127.0.0.1:7447", "is not an address; write PROTOCOL/HOST:PORT"),
+        ("watch --connect tcp/127.0.0.1:99999", "is not an address"),
     ],
 )
 def test_one_line(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -96,7 +96,7 @@ def test_a_channel_may_follow_another_axis(tmp_path: Path) -> None:
 
 def test_a_command_for_one_axis_asks_which(tmp_path: Path) -> None:
     path = wrote(tmp_path, THREE)
-    with pytest.raises(BadInput, match="axes x, y, z, one is needed here: --axis"):
+    with pytest.raises(BadInput, match="axes x, y, z; choose one with --axis"):
         load_config(path)
     assert load_config(path, "y").name == "stage-1-y"
     with pytest.raises(BadInput, match="no axis 'w'; it has the axes x, y, z"):
@@ -113,11 +113,15 @@ def test_a_command_for_one_axis_asks_which(tmp_path: Path) -> None:
         ("[axis.y]", "[axis.y]\nlimmits = 1", "axis y: Object contains unknown field `limmits`"),
         ("[loop]", "[loops]", "unknown field `loops`"),
         ("[axis.y]", "[axis.y]\nlimits.min_v = 120.0", "axis y: limits.max_v must be greater"),
-        ("[axis.y]", "[axis.Y]", "axis 'Y': a name is"),
-        ("[axis.y]", "[axis.longername]", "axis 'longername': a name is"),
+        ("[axis.y]", "[axis.Y]", "axis 'Y': a name has"),
+        ("[axis.y]", "[axis.longername]", "axis 'longername': a name has"),
         ('settings.axis = "y"', 'settings.axis = "x"', "x and y have the same actuator"),
         ("ttyUSB1", "ttyUSB0", "x and y have the same sensor"),
-        ('{{axis = "x", q', '{{axis = "w", q', "channels.u1_v follows axis w; there are: x, y, z"),
+        (
+            '{{axis = "x", q',
+            '{{axis = "w", q',
+            "channels.u1_v follows axis w; the axes are: x, y, z",
+        ),
         ('{{axis = "x", q', '{{axis = "y", q', "channels.u1_v follows its own axis"),
         ('{{axis = "x", q', "{{q", "channels.u1_v needs one of `driver`"),
         ('name = "stage-1"', "", "missing required field `name`"),

@@ -133,7 +133,7 @@ def test_an_offer_is_put_to_work_on_trial_and_goes_back_or_stays(bench: Bench) -
     assert samples["volts"].min() >= 0.0
     assert not np.any(samples["flags"] & int(Flag.WRITE_FAILED))
     wait_until("it is said", lambda: bool([e for e in feed.events if "confirmed" in e.text]))
-    assert [e.text for e in feed.events if "comes back" in e.text]
+    assert [e.text for e in feed.events if "previous model is restored" in e.text]
 
     client.send(6.5)
     hears.decide_offer("reject", 22)  # what is at work makes way

@@ -97,7 +97,7 @@ def test_what_one_axis_refuses_is_played_by_none(start: Start, more: dict, code:
     start.chunk("x")
     refused = start.chunk("y", **more)
     assert refused.code == code
-    assert "no axis has begun" in refused.text
+    assert "no axis has started" in refused.text
     for axis in "xyz":
         again = start.chunk(axis)  # also what would be good by itself
         assert again.code == "over"
@@ -123,7 +123,7 @@ def test_whose_first_points_do_not_come_is_reported(start: Start) -> None:
     start.pass_s(2.1)
     late = start.chunk("z")
     assert late.code == "over"
-    assert "first points of z did not come within 2 s; no axis has begun" in late.text
+    assert "first points of z did not arrive within 2 s; no axis has started" in late.text
     assert "first points of z" in start.chunk("x", 1).text
     assert start.passed == {"x": 0, "y": 0, "z": 0}
 
@@ -143,7 +143,7 @@ def test_a_stop_of_one_ends_the_start_of_all(start: Start, action: str) -> None:
     for axis in "yzx":
         refused = start.chunk(axis)
         assert refused.code == "over"
-        assert "x: another command came before" in refused.text
+        assert "x: another command arrived before" in refused.text
     assert start.passed == {"x": 0, "y": 0, "z": 0}
 
 

@@ -102,7 +102,7 @@ def test_a_set_point_out_of_reach_at_one_axis_moves_none(stage: AxesBench, kinds
     assert kinds("x", LoopCommand.SETPOINT) == 0
     group.send({"x": 3.0, "y": 2.0})
     assert kinds("x", LoopCommand.SETPOINT) == kinds("y", LoopCommand.SETPOINT) == 1
-    with pytest.raises(BadInput, match="there are: x, y"):
+    with pytest.raises(BadInput, match="the axes are: x, y"):
         group.send({"z": 3.0})
 
 
@@ -154,9 +154,13 @@ def test_what_one_axis_refuses_moves_none(stage: AxesBench, kinds: Kinds) -> Non
     names, offsets = ["stage-1-x", "stage-1-y"], np.array([0, 5_000_000])
     before = stage.loops["x"].seq
     assert group["x"].chunk(31, 0, offsets, np.array([6.0, 6.1]), True, False, None, names).ok
-    with pytest.raises(Refusal, match=r"900.* um cannot be reached.*no axis has begun"):
+    with pytest.raises(Refusal, match=r"900.* um cannot be reached.*no axis has started"):
         group["y"].chunk(31, 0, offsets, np.array([900.0, 900.1]), True, False, None, names)
-    with pytest.raises(Refusal, match=r"stage-1-y: 900.* um cannot be reached.*no axis has begun"):
+    with pytest.raises(
+        Refusal,
+        match=r"stage-1-y: 900.* um cannot be reached.*no axis "
+        r"has started",
+    ):
         group["x"].chunk(31, 0, offsets, np.array([6.0, 6.1]), True, False, None, names)
     wait_until("a few samples", lambda: stage.loops["x"].seq > before + 40)
     volts = group["x"].history(0.2)["volts"]
@@ -281,7 +285,7 @@ def test_the_roles_hold_at_every_axis(tmp_path: Path) -> None:
         for client in group.clients.values():
             client.patience_s = 0.0
         for command in (group.acquire, group.take_over, group.stop, group.release):
-            with pytest.raises(BusError, match="let these credentials"):
+            with pytest.raises(BusError, match="accept these credentials"):
                 command()
         before = {axis: loop.commands.size for axis, loop in bench.loops.items()}
         for axis in "xy":

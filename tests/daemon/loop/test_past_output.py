@@ -1,4 +1,4 @@
-"""Where the output stands at a start: what the unit reports, and what was written before."""
+"""Where the output is at a start: what the unit reports, and what was written before."""
 
 from pathlib import Path
 from types import SimpleNamespace

@@ -79,7 +79,7 @@ def test_on_target_again_after_a_gauge_that_drifted_and_jumped_back() -> None:
     assert abs(error_um(one)) < ON_TARGET_UM
     said = [text for text in one.stepper.events if "trim" in text]
     assert "plausible" in said[-2]
-    assert "goes on once the reading is settled" in said[-2]
+    assert "resumes once the reading is settled" in said[-2]
     assert "the trim resumes" in said[-1]
     trim = one.telemetry["trim"]
     most = float(one.stepper.trim_setting["rate"][0]) * one.period_ns * 1e-9

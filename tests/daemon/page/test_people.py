@@ -112,7 +112,7 @@ def test_beyond_loopback_only_with_tls_and_passwords() -> None:
     with pytest.raises(BadInput, match="go together"):
         check_page("127.0.0.1:8443", "c.pem", "", "")
     for wrong in ("8080", "127.0.0.1", "127.0.0.1:0", "127.0.0.1:http", "127.0.0.1:99999"):
-        with pytest.raises(BadInput, match="is no address"):
+        with pytest.raises(BadInput, match="is not an address"):
             check_page(wrong, "", "", "")
 
 

@@ -69,7 +69,7 @@ def test_a_folder_that_others_could_exchange_is_refused(tmp_path: Path) -> None:
     shared = tmp_path / "shared"
     shared.mkdir()
     os.chmod(shared, 0o777)
-    with pytest.raises(BadInput, match="exchange"):
+    with pytest.raises(BadInput, match="replace"):
         make_run_folder(shared / "run")
     os.chmod(shared, 0o1777)  # as /tmp: only the owner may rename
     make_run_folder(shared / "run")

@@ -98,7 +98,7 @@ def test_exchanged_gauges_in_ones_own_configuration_end_it_before_the_range_is_u
 ) -> None:
     bench = workbench(tmp_path)
     own_config(bench, "exchanged", gauges="yx")
-    with pytest.raises(BadInput, match="x moves the one of y, y moves the one of x"):
+    with pytest.raises(BadInput, match="x moves the gauge of y, y moves the gauge of x"):
         do_steps(bench, until="exercise")
     for path in tmp_path.glob("gentle-*.csv"):
         assert read_recording(path).drive.max() <= 20.0 + 1e-9
@@ -169,7 +169,7 @@ def test_the_gauge_readers_are_distinguished_by_what_moves_them(tmp_path: Path) 
     finally:
         bench.close()
     assert process.returncode == 0, err
-    assert "x moves the one of y, y moves the one of z, z moves the one of x" in err
+    assert "x moves the gauge of y, y moves the gauge of z, z moves the gauge of x" in err
     controller = load_controller(tmp_path / "stage" / "stage.toml")
     assert [c.sensor.settings["port"][-1] for c in controller.axes] == ["x", "y", "z"]
     strokes = {a: one["stroke"] for a, one in json.loads(out)["exercise"]["axes"].items()}

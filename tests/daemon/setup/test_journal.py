@@ -114,7 +114,7 @@ def test_the_table_has_the_names_of_the_command_line() -> None:
 )
 def test_a_damaged_journal_is_one_line(tmp_path: Path, text: str) -> None:
     (tmp_path / "setup.json").write_text(text)
-    with pytest.raises(BadInput, match="remove it to start again"):
+    with pytest.raises(BadInput, match="delete it to start again"):
         Journal(tmp_path)
 
 

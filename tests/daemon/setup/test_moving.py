@@ -132,7 +132,7 @@ def test_the_configuration_says_what_was_found_and_asked(tmp_path: Path) -> None
     assert config.actuator.settings == {"port": "/dev/x", "axis": "y"}
     assert (config.limits.min_v, config.safe.voltage_v) == (5.0, 5.0)
     bench.wishes = Wishes(rate_hz=400.0)
-    with pytest.raises(BadInput, match="time for late replies up to 220 Hz"):
+    with pytest.raises(BadInput, match="time for late replies only up to 220 Hz"):
         write_configuration(bench)
 
 

@@ -103,7 +103,7 @@ def test_the_ends_of_the_range_are_never_rounded_over(tmp_path: Path) -> None:
     [
         ({}, {"max_v": 151.0}, DriverConfigError, "0 to 150 V"),
         ({}, {"bits": 12}, DriverConfigError, "12 bits"),
-        ({}, {"max_v": 15.0}, DriverConfigError, "stands at 20"),
+        ({}, {"max_v": 15.0}, DriverConfigError, "output is at 20"),
         ({}, {"channel": "voltage3"}, DeviceNotFound, "channels here: voltage0"),
         ({"out_voltage0_scale": "0"}, {}, DeviceNotFound, "scale"),
         ({"out_voltage0_raw": "high"}, {}, ProtocolError, "high"),

@@ -247,14 +247,14 @@ def test_a_unit_in_closed_loop_is_not_driven(make: Make, rack: bool) -> None:
 
 def test_another_limit_is_refused(make: Make) -> None:
     rig = make(limit_v=150)
-    with pytest.raises(DriverConfigError, match="limit is 150 V, limit_v is 75 V"):
+    with pytest.raises(DriverConfigError, match="limit is 150 V, but limit_v is 75 V"):
         Kpc101.from_settings(rig.settings(limit_v=75)).open()
     assert rig.outputs_v[1] == []
 
 
 def test_foreign_units_get_no_voltage(make: Make) -> None:
     rig = make()
-    with pytest.raises(ForeignUnit, match="'KPC101', wanted is a KPZ101"):
+    with pytest.raises(ForeignUnit, match="'KPC101', but the configuration asks for a KPZ101"):
         Kpz101.from_settings(rig.settings()).open()
     known = Kpc101.from_settings(rig.settings())
     known.expect(UnitIdentity("113000124"))
@@ -264,7 +264,9 @@ def test_foreign_units_get_no_voltage(make: Make) -> None:
         Bpc303.from_settings(rig.settings(timeout_s=0.2)).open()
     other = Kpz101Unit()
     rig.server.call(lambda: setattr(rig.server, "unit", other))
-    with pytest.raises(ForeignUnit, match="'KPZ101', wanted is a KPC101 or BPC301"):
+    with pytest.raises(
+        ForeignUnit, match="'KPZ101', but the configuration asks for a KPC101 or BPC301"
+    ):
         Kpc101Sensor.from_settings(rig.settings()).open()
     assert (rig.outputs_v[1], other.sets_done) == ([], 0)
 
@@ -279,7 +281,7 @@ def test_garbage_and_sets_that_are_not_carried_out(make: Make, rack: bool) -> No
         output.write(float(n))
         assert rig.outputs_v[1][-1] == pytest.approx(n, abs=output.spec.resolution)
     rig.fault(stuck=True)
-    with pytest.raises(ProtocolError, match=r"set to 20\.\d* V and reports"):
+    with pytest.raises(ProtocolError, match=r"set to 20\.\d* V but reports"):
         output.write(20.0)
     assert output.output() == pytest.approx(5.0, abs=output.spec.resolution)
     output.close()

@@ -174,9 +174,9 @@ def test_a_disabled_output_that_keeps_its_voltage_stays_disabled(make: Make) -> 
         ({"source": 2}, {}, "potentiometer"),
         ({"source": 3}, {}, "external signal and the potentiometer"),
         ({"limit_v": 75}, {"max_v": 75.5}, "max_v is 75.5 V, above .* 75 V"),
-        ({"limit_v": 150}, {"limit_v": 75}, "limit is 150 V, limit_v is 75 V"),
-        ({"limit_v": 75}, {"limit_v": 100}, "limit is 75 V, limit_v is 100 V"),
-        ({"start_v": 80.0}, {"max_v": 75.0}, "stands at 80"),
+        ({"limit_v": 150}, {"limit_v": 75}, "limit is 150 V, but limit_v is 75 V"),
+        ({"limit_v": 75}, {"limit_v": 100}, "limit is 75 V, but limit_v is 100 V"),
+        ({"start_v": 80.0}, {"max_v": 75.0}, "output is at 80"),
     ],
 )
 @pytest.mark.parametrize("enabled", [True, False])
@@ -187,7 +187,7 @@ def test_a_unit_that_cannot_be_used_as_it_stands_is_not_touched(
     says: str,
     enabled: bool,
 ) -> None:
-    if says.startswith("stands") and not enabled:
+    if says.startswith("output is") and not enabled:
         enabled = True  # a disabled output stands at 0 V, which is in range
     rig = make(enabled=enabled, **knobs)
     with pytest.raises(DriverConfigError, match=says):
@@ -209,11 +209,11 @@ def test_nothing_is_sent_for_a_voltage_beyond_the_range(make: Make) -> None:
 
 def test_another_kind_of_unit_is_refused_both_ways(tmp_path: Path, make: Make) -> None:
     rig = make()
-    with pytest.raises(ForeignUnit, match="'KPZ101', wanted is a KSG101"):
+    with pytest.raises(ForeignUnit, match="'KPZ101', but the configuration asks for a KSG101"):
         Ksg101.from_settings({"port": rig.server.port, "timeout_s": 1.0}).open()
     with (
         PtyServer(Ksg101Unit(), tmp_path / "gauge") as gauge,
-        pytest.raises(ForeignUnit, match="'KSG101', wanted is a KPZ101"),
+        pytest.raises(ForeignUnit, match="'KSG101', but the configuration asks for a KPZ101"),
     ):
         Kpz101.from_settings({"port": gauge.port, "timeout_s": 1.0}).open()
 
@@ -260,7 +260,7 @@ def test_a_set_that_is_not_carried_out_is_noticed(make: Make) -> None:
     device.open()
     device.write(10.0)
     rig.fault(stuck=True)
-    with pytest.raises(ProtocolError, match=r"set to 20\.\d* V and reports"):
+    with pytest.raises(ProtocolError, match=r"set to 20\.\d* V but reports"):
         device.write(20.0)
     assert device.output() == pytest.approx(10.0, abs=device.spec.resolution)
     device.close()

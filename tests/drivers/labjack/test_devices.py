@@ -152,7 +152,7 @@ def test_the_output_is_asked_where_it_stands(unit: Unit) -> None:
     assert second.spec.output_known
     second.close()
     less = LabjackActuator.from_settings({"max_v": 30.0})
-    with pytest.raises(DriverConfigError, match="stands at 45 V, outside the 0 to 30 V"):
+    with pytest.raises(DriverConfigError, match="output is at 45 V, outside the 0 to 30 V"):
         less.open()
     assert not LabjackActuator.from_settings(TICK).spec.output_known
 
@@ -240,7 +240,7 @@ def test_a_rate_that_calls_do_not_sustain_is_refused() -> None:
     ticks = itertools.count()
     settings = LabjackSensor.settings_type(**SENSOR, max_rate_hz=800.0)
     sensor = LabjackSensor(settings, lambda: next(ticks) * 2e-3)
-    with pytest.raises(DriverConfigError, match=r"max_rate_hz = 800, .*2 ms.*500 Hz at the most"):
+    with pytest.raises(DriverConfigError, match=r"max_rate_hz = 800, .*2 ms.*at most 500 Hz"):
         sensor.open()
 
 
@@ -268,8 +268,8 @@ def test_without_package_or_library_the_error_names_them(
         (LabjackActuator, {"max_v": 80.0}, "max_v.*within the 0 to 5 V of DAC0.*5.33333 V"),
         (LabjackActuator, {"gain": 0.0}, "gain"),
         (LabjackActuator, {"min_v": 75.0}, "min_v.*below max_v"),
-        (LabjackActuator, {"initial_v": 0.0}, "initial_v.*DAC0 is asked instead"),
-        (LabjackActuator, {**TICK, "initial_v": 151.0}, "initial_v.*TDAC0 has no report"),
+        (LabjackActuator, {"initial_v": 0.0}, "initial_v.*DAC0 reports its own output"),
+        (LabjackActuator, {**TICK, "initial_v": 151.0}, "initial_v.*TDAC0 reports none"),
         (LabjackSensor, {}, "um_per_v is missing"),
         (LabjackSensor, {"um_per_v": 0.0}, "um_per_v"),
         (LabjackSensor, {"um_per_v": 1.0, "range_v": 5.0}, "range_v.*0.01, 0.1, 1 or 10"),

@@ -57,7 +57,7 @@ class TestMdt694b(_Mdt693bContract):
         with self.opened() as device:
             assert device.spec.identity.startswith("MDT694B firmware 1.10")
         other = Mdt693b(Mdt693bConfig(port=self.emulator.port, axis="y", timeout_s=1.0))
-        with pytest.raises(DriverConfigError, match="no axis 'y'; an MDT694B has x alone"):
+        with pytest.raises(DriverConfigError, match="no axis 'y'; an MDT694B has only x"):
             other.open()
         assert self.emulator.unit.sets_done == 0
 
@@ -65,7 +65,7 @@ class TestMdt694b(_Mdt693bContract):
         knobs = Mdt693bKnobs(latency_s=0.0, jitter_s=0.0, start_v=20.0)
         with Mdt693bEmulator(tmp_path / "other", knobs) as other:
             device = Mdt694b.from_settings({"port": other.port, "timeout_s": 1.0})
-            with pytest.raises(ForeignUnit, match=r"MDT693B .*wanted is an MDT694B; .*mdt693b"):
+            with pytest.raises(ForeignUnit, match=r"MDT693B .*asks for an MDT694B; .*mdt693b"):
                 device.open()
             assert other.unit.sets_done == 0
 

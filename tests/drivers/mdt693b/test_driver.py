@@ -220,7 +220,7 @@ def test_an_output_beyond_our_limit_by_more_than_2_volts_is_not_taken_over(bench
     with bench({"max_v": 18.1}, **TRUE_READBACK) as (emulator, driver):
         assert driver.output() == 18.1
         assert emulator.output_v() == pytest.approx(20.0, abs=2e-3), "open() moved the output"
-    refused = pytest.raises(DriverConfigError, match="stands at 20 V, outside")
+    refused = pytest.raises(DriverConfigError, match="output is at 20 V, outside")
     with refused, bench({"max_v": 17.9}, **TRUE_READBACK):
         pass
 
@@ -483,7 +483,7 @@ def test_a_blocked_write_times_out_and_half_a_command_is_never_carried_out(bench
     with bench({"write_timeout_s": 0.05}) as (emulator, driver):
         driver.write(30.0)
         emulator.stall_writes(True)
-        with pytest.raises(DeviceTimeout, match="took no bytes"):
+        with pytest.raises(DeviceTimeout, match="accepted no bytes"):
             driver.write(31.0)
         emulator.call(lambda: emulator.unit.feed(b"xvoltage=1"))  # what might have got through
         emulator.stall_writes(False)
@@ -570,7 +570,7 @@ def test_a_readback_that_disagrees_is_reported_by_readback_alone(bench):
 
 
 def test_a_silent_port_and_a_babbling_one_are_reported(bench):
-    for fault, text in ((b"", "no answer"), (b"login: ", "no reply of an MDT693B")):
+    for fault, text in ((b"", "no answer"), (b"login: ", "not a reply of an MDT693B")):
         with bench() as (emulator, driver):
             driver.close()
             emulator.fault(mute=True)

@@ -114,7 +114,7 @@ def test_what_cannot_be_shared_is_refused(tmp_path: Path) -> None:
         with pytest.raises(DriverConfigError, match="setting timeout_s"):
             output(emulator, "z", timeout_s=0.7).open()
         emulator.unit.registers.min_v["z"] = 60.0
-        with pytest.raises(DriverConfigError, match="nothing is left"):
+        with pytest.raises(DriverConfigError, match="nothing to drive"):
             output(emulator, "z", max_v=50.0).open()
         emulator.unit.registers.min_v["z"] = 0.0
         outputs[0].write(25.0)

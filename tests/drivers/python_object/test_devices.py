@@ -93,7 +93,7 @@ def opened(kind: Any, settings: dict[str, Any], **more: Any) -> Any:
         ({"write": "set_later"}, "set_later is asynchronous"),
         ({"write_arguments": (1,)}, "voltage is an attribute and takes no arguments"),
         ({"output_arguments": (1,)}, "voltage is an attribute and takes no arguments"),
-        ({"max_v": 10.0}, "stands at 20 V, outside the 0 to 10 V"),
+        ({"max_v": 10.0}, "output is at 20 V, outside the 0 to 10 V"),
     ],
 )
 def test_what_does_not_fit_is_named_and_nothing_is_written(settings: dict, says: str) -> None:
@@ -116,7 +116,7 @@ def test_what_does_not_fit_is_named_and_nothing_is_written(settings: dict, says:
         (PythonActuator, {"object": OBJECT, "write": "voltage"}, "max_v is missing"),
         (PythonSensor, {**SENSOR, "um_per_unit": 0.0}, "um_per_unit"),
         (PythonSensor, {**SENSOR, "min_um": 20.0}, "min_um.*below max_um"),
-        (PythonSensor, {**SENSOR, "read_arguments": [None]}, "a list of texts and numbers"),
+        (PythonSensor, {**SENSOR, "read_arguments": [None]}, "a list of strings and numbers"),
     ],
 )
 def test_wrong_settings_are_named(kind: Any, settings: dict, says: str) -> None:
@@ -139,7 +139,7 @@ def ticking(step_s: float) -> Any:
 def test_calls_are_timed_and_a_rate_that_they_do_not_sustain_is_refused() -> None:
     settings = PythonSensor.settings_type(**{**SENSOR, "max_rate_hz": 500.0})
     device = PythonSensor(settings, ticking(0.004))
-    with pytest.raises(DriverConfigError, match=r"max_rate_hz = 500, .*4 ms.*250 Hz at the most"):
+    with pytest.raises(DriverConfigError, match=r"max_rate_hz = 500, .*4 ms.*at most 250 Hz"):
         device.open()
     slow = PythonSensor(PythonSensor.settings_type(**SENSOR), ticking(0.004))
     slow.open()
@@ -152,7 +152,7 @@ def test_calls_are_timed_and_a_rate_that_they_do_not_sustain_is_refused() -> Non
 
 @pytest.mark.parametrize("value", ["get_serial", "nothing", "flag"])
 def test_what_is_no_number_is_a_protocol_error(value: str) -> None:
-    with pytest.raises(ProtocolError, match=f"{value} gave"):
+    with pytest.raises(ProtocolError, match=f"{value} returned"):
         opened(PythonSensor, SENSOR, read=value, read_arguments=())
 
 

@@ -199,7 +199,7 @@ def test_epics(monkeypatch: pytest.MonkeyPatch) -> None:
     assert values["LAB:PIEZO:VOLTS"] == 33.0
     assert sensor.read() == 0.5
     values["LAB:PIEZO:POSITION"] = None  # what pyepics gives while it is not connected
-    with pytest.raises(ProtocolError, match="get gave None"):
+    with pytest.raises(ProtocolError, match="get returned None"):
         sensor.read()
     sensor.close()
     with pytest.raises(DeviceGone):

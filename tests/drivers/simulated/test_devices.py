@@ -93,7 +93,7 @@ def test_both_tables_make_one_stage() -> None:
         SimulatedSensor.from_settings({"stage": "both", "stroke_um": 12.0})
     sensor.open()
     sensor.read()
-    with pytest.raises(DriverConfigError, match="mode_hz comes too late"):
+    with pytest.raises(DriverConfigError, match="mode_hz can no longer be set"):
         SimulatedActuator.from_settings({"stage": "both", "mode_hz": 100.0})
 
 

@@ -148,7 +148,7 @@ def test_a_model_of_another_stage_is_reported_first() -> None:
         Validity(0.0, 10.0),
     )
     d = diagnose_without_limits(given, other)
-    assert "not of this stage" in d.data.says[0]
+    assert "does not fit this stage" in d.data.says[0]
     assert d.verdict != "clean"
     assert d.before_after[0] > 1.0
     with pytest.raises(BadInput, match="mrad"):

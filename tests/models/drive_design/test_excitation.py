@@ -91,5 +91,5 @@ def test_one_sine_does_not_show_rate_dependence() -> None:
     assert "tied together" in covered.missing_rate[0]
     assert any("loops of these sizes" in text for text in covered.missing)
     assert covered.cycles == pytest.approx(10, rel=0.01)
-    with pytest.raises(BadRecording, match="stands still"):
+    with pytest.raises(BadRecording, match="does not move"):
         measure_coverage([Recording(t, np.ones(t.size))])

@@ -230,7 +230,7 @@ def useless() -> dict[str, tuple[Recording, str]]:
     noise = np.random.default_rng(0).standard_normal(u.size)
     ramp = np.linspace(0, 7, u.size)
     return {
-        "constant drive": (Recording(t, np.full(u.size, 3.0), noise), "stands at 3 V"),
+        "constant drive": (Recording(t, np.full(u.size, 3.0), noise), "stays at 3 V"),
         "ramp": (Recording(t, ramp, ramp), "only runs up"),
         "nothing moves": (Recording(t, u, noise), "does not follow the drive"),
         "dead sensor": (Recording(t, u, np.zeros(u.size)), "all the time while the drive moves"),

@@ -151,13 +151,13 @@ def test_when_the_time_is_up_the_model_stays_unless_something_was_seen_against_i
 def test_what_became_of_it_is_said_with_figures_and_unit() -> None:
     before, worse = Errors(0.3, 0.3, 10), Errors(0.2, 0.2, 10)
     assert judge_trial(before, worse, PROMISE, "um").why == (
-        "the offered one's error has not come down to 0.166 um within 10 s of motion: it is 0.2 "
-        "um, the model before had 0.3, and the test promised 0.03"
+        "the offered one's error has not fallen to 0.166 um within 10 s of motion: it is 0.2 um, "
+        "the previous model had 0.3, and the test promised 0.03"
     )
     better, nothing = Errors(0.03, 0.04, 10, other=0.25), Errors(NAN, NAN, 0)
     assert judge_trial(before, better, PROMISE, "um").why == (
-        "the offered model is confirmed over 10 s of motion: its error is 0.03 um, the model "
-        "before leaves 0.25; tracking error 0.04, before 0.3"
+        "the offered model is confirmed over 10 s of motion: its error is 0.03 um, the "
+        "previous model leaves 0.25; tracking error 0.04, before 0.3"
     )
     assert "nan" not in judge_trial(nothing, better, PROMISE, "um").why
 

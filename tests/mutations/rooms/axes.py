@@ -28,7 +28,7 @@ CHANGES = [
             GROUPS,
             "if there >= wanted and arrived == there:",
             "if arrived > 0:",
-            "one axis sets out while the others are still on their way",
+            "one axis starts while the others are still approaching",
         ),
         Change(
             "time-goes-on-for-the-others",
@@ -42,7 +42,7 @@ CHANGES = [
             GROUPS,
             "            q.dry = targets.OTHER if there < wanted else 0\n",
             "            q.dry = 0\n",
-            "an axis whose group never comes stays where it waits for ever",
+            "an axis whose group never arrives waits for ever",
         ),
         Change(
             "late-points-start-again",
@@ -66,8 +66,8 @@ CHANGES = [
             KERNELS,
             "    return c.target + p.origin\n",
             "    return c.target\n",
-            "the other axis counts from another zero here than in the recording that the coupling "
-            "was identified from: the axis stands off its place",
+            "the other axis' zero differs from that of the recording from which the coupling was "
+            "identified: the axis has an offset",
         ),
         Change(
             "drives-in-the-files-order",
@@ -81,7 +81,7 @@ CHANGES = [
             KERNELS,
             "if c.state != RUNNING or held_back != 0 or c.glide != 0.0:",
             "if False:",
-            "an axis that ramps to its safe voltage counts where its target was",
+            "an axis that ramps to its safe voltage acts on the others at its former target",
         ),
     ),
     *room(

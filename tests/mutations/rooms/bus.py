@@ -58,7 +58,7 @@ CHANGES = [
             ENCODING,
             "size % 8 or not size",
             "not size",
-            "half a number in a chunk ends in an error of the daemon",
+            "a truncated number in a chunk causes an error in the daemon",
         ),
         Change(
             "chunk-lengths-differ",
@@ -133,7 +133,7 @@ CHANGES = [
             SECURITY,
             "if credentials and listen:",
             "if False:",
-            "the way past the router is open",
+            "the router can be bypassed",
             tests=(ROUTED,),
         ),
         Change(
@@ -212,7 +212,7 @@ CHANGES = [
             SECURITY,
             "    if not people:\n",
             "    if False:\n",
-            "a daemon to which nobody can connect starts without a word",
+            "a daemon to which nobody can connect starts without a message",
         ),
         Change(
             "wild-name",

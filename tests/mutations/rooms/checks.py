@@ -8,7 +8,7 @@ CHANGES = room(
     ("tests/daemon/loop/test_readback_times.py",),
     Change(
         "doubt-after-thirty", READBACK, "IN_A_ROW = 3", "IN_A_ROW = 30",
-        "the loop drives on for half a minute on an output that it does not know",
+        "the loop goes on driving an unknown output for half a minute",
     ),
     Change(
         "doubt-after-one", READBACK, "IN_A_ROW = 3", "IN_A_ROW = 1",

@@ -33,7 +33,7 @@ CHANGES = [
             INTERVALS,
             "    wide = np.maximum(wide, 1.0)\n",
             "    wide = np.ones(wide.size)\n",
-            "what the base leaves does not count",
+            "the residual of the base is ignored",
         ),
         Change(
             "leverage-left-out",
@@ -85,7 +85,7 @@ CHANGES = [
             TUNING,
             "free_size: float = 0.12",
             "free_size: float = 0.03",
-            "traces of noise are reported as coupling",
+            "noise is reported as coupling",
         ),
         Change(
             "static-size",
@@ -99,7 +99,7 @@ CHANGES = [
             TUNING,
             "one_loop_size: float = 0.5",
             "one_loop_size: float = 0.17",
-            "round one loop alone what is held out repeats what was seen, and is taken for more",
+            "for a single loop, held-out data repeat the training data and are counted as new",
         ),
         Change(
             "rings-like-a-loop",
@@ -120,7 +120,7 @@ CHANGES = [
             JUDGE,
             "(steady.wrong > 0.3 or steady.spread > trial.candidate.widest_spread)",
             "False",
-            "what is there in one recording alone is reported of the stage",
+            "an effect in one recording alone is attributed to the stage",
         ),
         Change(
             "contradiction-accepted",
@@ -135,28 +135,28 @@ CHANGES = [
             JUDGE,
             "(steady.wrong > 0.3 or steady.spread > trial.candidate.widest_spread)",
             "steady.wrong > 0.3",
-            "a cause that comes and goes is reported of the whole",
+            "an intermittent cause is reported for the whole recording",
         ),
         Change(
             "spread-without-blocks",
             EVIDENCE,
             "xr, xx = sums(data.block)",
             "xr, xx = sums(data.rec)",
-            "a cause that comes and goes is reported of the whole",
+            "an intermittent cause is reported for the whole recording",
         ),
         Change(
             "limits-three-times",
             LIMITS,
             "_guess(look, c, float(np.sqrt(least)))",
             "_guess(look, c, 3.0 * float(np.sqrt(least)))",
-            "the user hears of limits that are twice what would be seen",
+            "the reported limits are twice what would be detected",
         ),
         Change(
             "limits-not-asked-again",
             LIMITS,
             "if c.name in seen(c, contribution_of(look, c, here.probe)):",
             "if c.name:",
-            "the user learns that effects were excluded that could not be seen",
+            "effects that could not be detected are reported as excluded",
         ),
         Change(
             "limit-of-what-was-found",
@@ -218,7 +218,7 @@ CHANGES = [
             WAY,
             "turns(data, data.channels[candidate.channel]) >= TUNING.few_turns:",
             "True:",
-            "what moves with the drive's one turn is reported as coupling",
+            "a signal that follows the drive's single turn is reported as coupling",
         ),
         Change(
             "hold-tells-nothing",
@@ -297,7 +297,7 @@ CHANGES = [
             SHORTLIST,
             "p in first or p.candidate.beside_others or not p.candidate.driven",
             "p in strong[:most]",
-            "a line is not reported where five forms of a lag promise more",
+            "a line is not reported if five forms of a lag predict more",
         ),
         Change(
             "all-large-are-rivals",

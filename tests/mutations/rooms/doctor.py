@@ -19,17 +19,17 @@ CHANGES = [
         ),
         Change(
             "lead-counts", LED, "np.where(_before(recording, first), np.nan, y)", "np.array(y)",
-            "what a stage did before it changed is explained by what has changed",
+            "behaviour from before a change is attributed to the change",
         ),
         Change(
             "blocks-in-any-order", REPLAY,
             "tuple(sorted([*before, *model.blocks, *behind], key=rank))",
             "(*model.blocks, *before, *behind)",
-            "a lag of the amplifier is compensated as one behind the stage",
+            "a lag of the amplifier is compensated as a lag after the stage",
         ),
         Change(
             "trial-any-error", TRIAL, "if not after.model <= most:", "if False:",
-            "a model whose error has not fallen stays at work",
+            "a model whose error has not fallen stays in use",
         ),
         Change(
             "trial-nan-stays", TRIAL, "    if not math.isfinite(after.model):\n",
@@ -38,12 +38,12 @@ CHANGES = [
         Change(
             "trial-any-tracking", TRIAL,
             "after.tracking > TRIAL.grown * other * before.tracking + noise\n", "False\n",
-            "a model that makes the stage follow worse stays at work",
+            "a model that worsens tracking stays in use",
         ),
         Change(
             "trial-no-help", TRIAL,
             "after.tracking > TRIAL.fallen * other * before.tracking\n", "False\n",
-            "a model that does not help stays at work",
+            "a model that does not help stays in use",
         ),
         Change(
             "trial-little-motion", TRIAL, "    if known < least:\n", "    if False:\n",
@@ -69,7 +69,7 @@ CHANGES = [
         Change(
             "chance-ranks", NAMING, "if of_it >= best - noise2 else -of_it",
             "if False else -of_it",
-            "of two causes that do as well the one is named that did better by chance",
+            "of two equally good causes, the one that did better by chance is named",
         ),
         Change(
             "gauge-compensated", NAMING,
@@ -96,11 +96,11 @@ CHANGES = [
         Change(
             "one-change-any", NAMING,
             "return best if best.left**2 <= min(enough, explained) else None", "return best",
-            "a cause that explains a part is named alone",
+            "a cause that explains only a part is named as the only one",
         ),
         Change(
             "one-change-over-a-tie", NAMING, "if best.new <= as_named + noise2:", "if False:",
-            "of two causes that do as well the one is named that did better by chance",
+            "of two equally good causes, the one that did better by chance is named",
         ),
         Change(
             "gauge-stuck-unseen", GAUGE, "if share > GAUGE.same:", "if False:",
@@ -115,17 +115,17 @@ CHANGES = [
         ("tests/daemon/doctor/test_story.py",),
         Change(
             "silence-unseen", "daemon/gateway/mismatch.py", "silent = self._silent_s >= SILENT_S",
-            "silent = False", "a gauge that gives nothing is in order",
+            "silent = False", "a gauge without readings is reported as healthy",
         ),
         Change(
             "drift-modelled", GAUGE,
             "if straight <= as_good and now.rms > GAUGE.line * straight:", "if False:",
-            "a zero that drifts is called a shape of the loop",
+            "a drifting zero is reported as a change of the loop's shape",
         ),
         Change(
             "offset-modelled", GAUGE,
             "if now.rms <= as_good and abs(moved) > GAUGE.zero * as_good:", "if False:",
-            "a zero that has moved is called a shape of the loop",
+            "a moved zero is reported as a change of the loop's shape",
         ),
     ),
     *room(
@@ -212,7 +212,7 @@ CHANGES = [
         Change(
             "accepted-over-owner", CHOSEN,
             "if accepted.instead_of != model_digest(dumps(configured)):", "if False:",
-            "a model that the owner has configured is passed over",
+            "a model that the owner has configured is ignored",
         ),
     ),
     *room(
@@ -276,7 +276,7 @@ CHANGES = [
         Change(
             "no-way-back", WORK, 'if verdict.outcome == "goes":\n            return',
             "if False:\n            return",
-            "a wrong model that was accepted stays at work",
+            "a wrong model that was accepted stays in use",
         ),
         Change(
             "back-without-reload", WORK,
@@ -286,7 +286,7 @@ CHANGES = [
         ),
         Change(
             "accept-twice", DESK, "        if state not in OPEN:\n            return",
-            "        if False:\n            return", "an offer that was rejected goes to work",
+            "        if False:\n            return", "a rejected offer is put to use",
         ),
     ),
     *room(
@@ -298,7 +298,7 @@ CHANGES = [
         Change(
             "memory-unknown", EXAMINATION, "    flagged, good = lead_in(whole, lead_s),",
             "    flagged, good = without_lead(whole, lead_s),",
-            "creep is taken for another shape of the loop, and nothing is offered",
+            "creep is mistaken for a change of the loop's shape, and nothing is offered",
         ),
     ),
     *room(

@@ -106,14 +106,14 @@ CHANGES = [
             DRIVER,
             "if tried_v is not None and acks > 0:",
             "if False:",
-            "a set that was carried out late is not known, and the next one jumps",
+            "a set that was carried out late is not noticed, and the next set is a jump",
         ),
         Change(
             "tolerance-4.5",
             "drivers/mdt693b/tuning.py",
             "readback_tolerance_v: float = ",
             "readback_tolerance_v: float = 4.5 + 0.0 * ",
-            "an initial_v that is wrong by volts is believed",
+            "an initial_v that is wrong by volts is accepted",
         ),
         Change(
             "initial-not-compared",
@@ -396,7 +396,7 @@ CHANGES = [
             "drivers/labjack/actuator.py",
             "        if not settings.reports:\n            return\n",
             "        return\n",
-            "where the output stands at the start is not known, and is taken for known",
+            "where the output is at the start is not known, and is taken for known",
         ),
         Change(
             "labjack-without-its-zero",

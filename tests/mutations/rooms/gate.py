@@ -19,13 +19,13 @@ CHANGES = room(
         "        self._check_lease(now_ns, command.client, command.lease)\n"
         "        self._check_age(now_ns, command.sent_ns)\n        now = ",
         "        self._check_lease(now_ns, command.client, command.lease)\n        now = ",
-        "a chunk that was seconds on its way moves the stage",
+        "a chunk that was under way for seconds moves the stage",
     ),
     Change(
         "late-setpoint-taken", GATE,
         "        self._check_age(now_ns, command.sent_ns)\n        self._check_values(",
         "        self._check_values(",
-        "a set-point that was seconds on its way moves the stage",
+        "a set-point that was under way for seconds moves the stage",
     ),
     Change(
         "future-command-taken", GATE, "if age_s < -1.0:", "if age_s < -1e9:",
@@ -54,7 +54,7 @@ CHANGES = room(
     Change(
         "loop-says-nothing", GATE,
         "if trajectory == self._trajectory.number and not running:", "if False:",
-        "a trajectory that ran dry is taken up again in its midst",
+        "a trajectory that ran dry is resumed in the middle",
     ),
     Change(
         "loop-says-of-any", GATE,
@@ -72,12 +72,12 @@ CHANGES = room(
     ),
     Change(
         "complete-not-over", PROGRESS, 'self.over = "it is complete" if command.last else ""',
-        'self.over = ""', "points are appended behind the last one",
+        'self.over = ""', "points are appended after the last one",
     ),
     Change(
         "take-over-leaves-trajectory", GATE,
         '            self._end_trajectory("another client took over")', "            pass",
-        "after two take-overs an old trajectory goes on",
+        "after two take-overs an old trajectory continues",
     ),
     Change(
         "stop-leaves-trajectory", GATE, '            self._end_trajectory("it was stopped")\n', "",
@@ -187,7 +187,7 @@ CHANGES = room(
     ),
     Change(
         "queue-without-end", PROGRESS, "if ahead_s + span_s > self.most_s:", "if False:",
-        "minutes of trajectory are ahead that nobody can take back in time",
+        "minutes of trajectory are queued and cannot be withdrawn in time",
     ),
     Change(
         "queue-forgets-passed", PROGRESS, "+ sum(s for _, s in self._passed)", "",
@@ -233,7 +233,7 @@ CHANGES = room(
     ),
     Change(
         "late-loses-lease", LEASE, "        self._seen_ns = now_ns\n\n    def age_ns",
-        "        return\n\n    def age_ns", "on a slow link another client takes the lease",
+        "        return\n\n    def age_ns", "on a slow link another client obtains the lease",
     ),
     Change(
         "player-takes-every-no-as-final", PLAYER, "waits = code in CODES and CODES[code].waits",

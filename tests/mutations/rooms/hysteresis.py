@@ -34,7 +34,7 @@ CHANGES = [
             FORWARD,
             "before = u[0] if u.size else 0.0",
             "before = 0.0",
-            "a recording begins with a rate that never was",
+            "a recording begins with a rate that never occurred",
         ),
         Change(
             "starts-energised",
@@ -51,14 +51,14 @@ CHANGES = [
             MONOTONE,
             "price = float(np.sqrt(np.mean(",
             "price = 0.5 * float(np.sqrt(np.mean(",
-            "the user sees half of what it costs",
+            "the reported cost is half the true one",
         ),
         Change(
             "price-mean",
             MONOTONE,
             "simulate_hysteresis(near, u, dt) - simulate_hysteresis(h, u, dt)",
             "simulate_hysteresis(near, u, 2 * dt) - simulate_hysteresis(h, u, 2 * dt)",
-            "the price is that of half the rate",
+            "the cost is computed at half the rate",
         ),
         Change(
             "margin-a-tenth",
@@ -100,7 +100,7 @@ CHANGES = [
             MONOTONE,
             "    sums = sign * np.maximum(sums, low)\n",
             "    sums = sign * np.maximum(old, low)\n",
-            "slopes are raised to the margin, and the rest is not made good",
+            "slopes are raised to the margin, and the others are not adjusted",
         ),
         Change(
             "falls-become-rises",

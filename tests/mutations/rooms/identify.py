@@ -26,18 +26,18 @@ CHANGES = room(
     Change(
         "one-stretch-for-each-sample", UNCERTAINTY,
         "stretch = max(1, total // TUNING.stretches)", "stretch = 1",
-        "noise that hangs together counts as independent",
+        "correlated noise is treated as independent",
     ),
     Change(
         "few-stretches", "models/identify/tuning.py", "stretches: int = 30", "stretches: int = 4",
-        "intervals are left to chance",
+        "intervals are computed from only four stretches",
         survives="Student's factor for so few stretches keeps the coverage",
     ),
 ) + room(
     ("tests/models/identify/test_timing.py",),
     Change(
         "any-start-is-believed", START, "if not setup.virgin:",
-        "if True:", "a stage behind an exercise is fitted from the virgin curve on",
+        "if True:", "a stage that was exercised before is fitted from the virgin curve",
     ),
     Change(
         "start-may-cost-much", TUNING, "start_costs: float = 0.25", "start_costs: float = 2.0",
@@ -45,7 +45,7 @@ CHANGES = room(
     ),
     Change(
         "any-lag-that-helps", TUNING, "clear_lag: float = 0.85", "clear_lag: float = 0.999",
-        "a lag that the stage has not is taken for a little gain",
+        "a lag that the stage does not have is accepted for a small gain",
         survives="a second gate behind it, paired over the stretches, refuses the same",
     ),
 ) + room(
@@ -56,11 +56,12 @@ CHANGES = room(
     ),
     Change(
         "every-lag-is-the-drives", LAGS, "if predicts_better(sensor, drive):", "if False:",
-        "a slow sensor is taken for a slow drive, and made up for",
+        "a slow sensor is mistaken for a slow drive and compensated",
     ),
     Change(
         "untold-side-not-said", LAGS, "return given, given.lag.place == \"sensor\"",
-        "return given, True", "a side that the recording does not tell is given without a word",
+        "return given, True", "a side that the recording does not determine is reported "
+                              "without a warning",
     ),
 ) + room(
     ("tests/models/identify/test_start.py",),
@@ -72,7 +73,7 @@ CHANGES = room(
     ("tests/models/identify/test_coupling.py",),
     Change(
         "coupling-never-pays", TUNING, "coupling_pays: float = 0.05", "coupling_pays: float = 2.0",
-        "what other axes bring is in no model",
+        "no model contains the coupling of other axes",
     ),
     Change(
         "coupling-always-pays", "models/identify/coupling.py",

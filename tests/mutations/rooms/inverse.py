@@ -60,7 +60,8 @@ CHANGES = [
         Change(
             "offset-not-added", STATIC,
             "return min(max(v + u_offset, drive_min), drive_max), flags",
-            "return min(max(v, drive_min), drive_max), flags", "a bipolar stage is driven off",
+            "return min(max(v, drive_min), drive_max), flags",
+            "a bipolar stage is driven with an offset",
         ),
         Change(
             "not-clamped", STATIC, "return min(max(v + u_offset, drive_min), drive_max), flags",
@@ -84,7 +85,7 @@ CHANGES = [
         ),
         Change(
             "mode-from-the-drive-before", MODE, "turn * s.x - free)", "turn * s.x)",
-            "a mode that swings is undone as if it stood still",
+            "an oscillating mode is compensated as if it were at rest",
         ),
         Change(
             "mode-undone-from-what-was-applied", CASCADE,
@@ -134,7 +135,7 @@ CHANGES = [
         ("tests/models/cascade/test_cascade.py",),
         Change(
             "late-memory", "models/inverse/compensator.py", "pack(with_delays_behind(model), ",
-            "pack(model, ", "behind a late drive a rate-dependent stage is driven past its target",
+            "pack(model, ", "after a late drive a rate-dependent stage is driven past its target",
         ),
     ),
 ]  # fmt: skip

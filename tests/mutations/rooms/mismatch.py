@@ -18,7 +18,7 @@ CHANGES = room(
     _tuning("delay-1-s", "delay_s: int = 12", "delay_s: int = 1",
             "a slow change lifts its own threshold"),
     _tuning("fit-400", "fit: float = 40.0", "fit: float = 400.0",
-            "another stage is not noticed while the watch learns"),
+            "a different stage is not noticed while the monitor learns"),
     _tuning("fit-4", "fit: float = 40.0", "fit: float = 10.0",
             "a model that fits a little worse is flagged at once"),
     _tuning("margin-1", "margin: float = 1.3", "margin: float = 1.0", "false flags"),
@@ -35,7 +35,7 @@ CHANGES = room(
     _tuning("stuck-anywhere", "stuck_move: float = 10.0", "stuck_move: float = 0.1",
             "a stage at rest counts as a dead sensor"),
     _tuning("motion-at-rest", "motion: float = 0.002", "motion: float = 0.0",
-            "rest counts as motion, and the watch learns nothing of it"),
+            "rest counts as motion, and the monitor learns nothing useful"),
     _tuning("motion-large", "motion: float = 0.002", "motion: float = 0.02",
             "a stage that moves little is never watched"),
     *(
@@ -51,7 +51,7 @@ CHANGES = room(
     Change("flag-at-2", MONITOR, "if health > 1.0 or newest", "if health > 2.0 or newest",
            "changes are noticed at twice the size"),
     Change("flag-while-learning", MONITOR, "(dict.fromkeys(now, math.inf) if self.learning else "
-           "now)", "now", "false flags while the watch learns",
+           "now)", "now", "false flags while the monitor learns",
            survives="thresholds are infinite until the first blocks are complete"),
     Change("first-third-counts", MONITOR, "found = found[found.size // 3 :]", "pass",
            "thresholds are lifted by the first minutes' misfit"),
@@ -64,7 +64,7 @@ CHANGES = room(
 CHANGES += room(
     ("tests/models/mismatch/test_monitor.py",),
     _tuning("past-is-misfit", "farther: float = 0.01", "farther: float = 10.0",
-            "a stage that was moved before the loop began is called another one"),
+            "a stage that was moved before the loop began is reported as a different one"),
     Change("knows-at-once", MONITOR, "if self.learning and not self.mismatch else", "if False else",
-           "health tells of a stage that is not known yet"),
+           "health is reported for a stage that is not known yet"),
 )  # fmt: skip

@@ -25,12 +25,12 @@ CHANGES = room(
     ),
     Change(
         "any-size", LAYOUT, " or size != size_of(dtype, capacity):", ":",
-        "a ring that was cut short ends its reader",
+        "a truncated ring ends its reader",
         tests=("tests/daemon/rings/test_damage.py",),
     ),
     Change(
         "damage-taken", RING, "        value = (value ^ np.uint64(byte)) * _PRIME\n",
-        "        value = value * _PRIME\n", "a damaged record is followed as a set-point",
+        "        value = value * _PRIME\n", "a damaged record is used as a set-point",
         tests=("tests/daemon/rings/test_damage.py",),
     ),
     Change(

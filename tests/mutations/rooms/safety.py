@@ -118,18 +118,18 @@ CHANGES = [
             "stale-not-taken", STATES,
             "running   -        holding  holding  holding  x        fault    x",
             "running   -        holding  holding  -        x        fault    x",
-            "a stage whose client has gone stays high for ever",
+            "a stage whose client has gone stays at a high voltage for ever",
         ),
         Change(
             "release-in-ready", STATES, "ready     running  -        holding",
             "ready     running  -        -      ",
-            "a stage that was given back stays high",
+            "a stage that was released stays at a high voltage",
         ),
         Change(
             "hold-on-fault-ramps", STATES,
             "fault     x        x        x        x        x        -        holding  ready",
             "fault     x        x        x        x        x        -        holding  holding",
-            "safe.on_fault = hold ramps all the same",
+            "safe.on_fault = hold ramps nevertheless",
         ),
     ),
     *room(
@@ -161,11 +161,11 @@ CHANGES = [
             "slew-from-the-begin", SAMPLE,
             "c.wrote_ns = written_ns - (_surely_after(c.least_ns) if c.writes > ENOUGH else 0)",
             "c.wrote_ns = written_ns - call_ns",
-            "a call that took long and a short one behind it: two steps within a few milliseconds",
+            "a long call followed by a short one: two steps within a few milliseconds",
         ),
         Change(
             "slew-over-a-fault", SAMPLE, "        c.wrote_ns, c.move_ns = clock_ns, 0\n", "",
-            "a command that a unit carries out late, and a step at once behind it",
+            "a command that a unit carries out late, and another step immediately after it",
         ),
     ),
     *room(
@@ -173,12 +173,12 @@ CHANGES = [
         Change(
             "dead-core-left-high", LIFE, "beating   -        saving   saving   saving   saving",
             "beating   -        saving   waiting  saving   saving",
-            "a killed core is started again from wherever the output stands",
+            "a killed core is restarted from wherever the output is",
         ),
         Change(
             "hang-left-high", LIFE, "beating   -        saving   saving   saving   saving",
             "beating   -        waiting  saving   saving   saving",
-            "a core that hung is started again from wherever the output stands",
+            "a core that hung is restarted from wherever the output is",
         ),
         Change(
             "unsafe-starts", LIFE,
@@ -189,7 +189,7 @@ CHANGES = [
         Change(
             "killed-end-is-the-end", LIFE, "ending    -        last     last     last     over",
             "ending    -        over     last     last     over",
-            "an end that hangs leaves the output high",
+            "a shutdown that hangs leaves the output high",
         ),
         Change(
             "end-forgotten", LIFE,
@@ -212,7 +212,7 @@ CHANGES = [
         ),
         Change(
             "another-ones-ring", HEARTBEAT, "if self._ring.pid != self._pid:", "if False:",
-            "the ring of the run before tells how the new core is",
+            "the new core is judged by the ring of the previous run",
         ),
         Change(
             "machine-stood-still", HEARTBEAT,
@@ -229,38 +229,39 @@ CHANGES = [
         (RUNS,),
         Change(
             "no-back-off", SUPERVISOR, "min(2 * self.pause_s, LONGEST_PAUSE_S)", "FIRST_PAUSE_S",
-            "what cannot begin is tried twice a second for ever",
+            "a process that cannot start is restarted twice a second for ever",
             tests=(f"{RUNS}::test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready",),
         ),
         Change(
             "ready-without-clients", SUPERVISOR,
             "if not self._ready and self._heartbeat.gateway_moves and", "if not self._ready and",
-            "ready is said though no client can connect",
+            "the daemon reports ready although no client can connect",
             tests=(f"{RUNS}::test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready",),
         ),
         Change(
             "full-disk-leaves-its-rest", "daemon/rings/ring.py",
             "            fresh.unlink(missing_ok=True)\n            raise NotNow(",
-            "            raise NotNow(", "a disk that was full at the start never has room again",
+            "            raise NotNow(",
+            "files left over from a full disk at the start keep the disk full",
             tests=(
                 f"{RUNS}::test_a_full_disk_at_the_start_is_said_and_it_comes_when_there_is_room",
             ),
         ),
         Change(
             "ramp-cut", SUPERVISOR, "return self.controller.longest_ramp_s + SPARE_S",
-            "return SPARE_S", "a slow ramp is killed half-way",
+            "return SPARE_S", "a slow ramp is cut half-way",
             tests=(f"{RUNS}::test_a_long_ramp_is_waited_for",),
         ),
         Change(
             "forced-end-is-0", SUPERVISOR, "                self.code = 1\n",
-            "                self.code = 0\n", "an end by force looks like one as asked",
+            "                self.code = 0\n", "a forced end looks like a requested one",
             tests=(
                 f"{RUNS}::test_a_core_that_dies_while_it_ramps_leaves_the_output_safe_and_not_0",
             ),
         ),
         Change(
             "old-events", "daemon/service/event_log.py", "if self._ring.pid != pid or", "if",
-            "events of the run before are reported as this one's",
+            "events of the previous run are reported as those of this one",
             tests=(f"{RUNS}::test_events_carry_their_time_and_belong_to_their_run",),
         ),
         Change(
@@ -278,18 +279,19 @@ CHANGES = [
         ),
         Change(
             "folder-open", FOLDER, "    if system.others_may(found):",
-            "    if False:", "anybody lays files where the loop reads",
+            "    if False:", "anybody can place files where the loop reads",
         ),
         Change(
             "folder-link", FOLDER, "    if not stat.S_ISDIR(found.st_mode):", "    if False:",
-            "a link in the folder's place leads the daemon elsewhere",
+            "a link in place of the folder redirects the daemon",
         ),
     ),
     *room(
         (TWO,),
         Change(
             "no-run-folder-lock", FOLDER, "fcntl.LOCK_EX | fcntl.LOCK_NB",
-            "fcntl.LOCK_SH | fcntl.LOCK_NB", "two daemons of one name move each other's stages",
+            "fcntl.LOCK_SH | fcntl.LOCK_NB", "two daemons with the same name move each "
+                                             "other's stages",
         ),
         Change(
             "no-port-lock", "drivers/serial_port.py", "exclusive=True", "exclusive=False",
@@ -315,13 +317,13 @@ CHANGES = [
         ),
         Change(
             "slow-subscriber-waited-for", SESSION, "wait_before_drop\": 1000,",
-            "wait_before_drop\": 2_000_000,", "each full link holds up all others for seconds",
+            "wait_before_drop\": 2_000_000,", "each full link delays all others for seconds",
             tests=(f"{HOSTILE}::test_subscribers_that_do_not_read_cost_nobody_else_anything",),
         ),
         Change(
             "idle-lock-out", SESSION, "\"transport/unicast/accept_pending\": MOST_UNKNOWN,",
             "\"transport/unicast/accept_pending\": 100,",
-            "some hundred connections that say nothing keep every new client out",
+            "a few hundred silent connections lock out every new client",
             tests=(f"{HOSTILE}::test_idle_connections_keep_no_new_client_out",),
         ),
     ),
@@ -357,13 +359,13 @@ CHANGES = [
     Change(
         "planted-kernel", "daemon/kernel_cache.py",
         "elif stat.S_ISLNK(found.st_mode) or system.others_may(found):", "elif False:",
-        "whoever can write into the cache has code run where the devices are",
+        "whoever can write into the cache can run code in the process that controls the devices",
         tests=("tests/daemon/test_kernel_cache.py",),
     ),
     Change(
         "schema-not-named", "daemon/bus/encoding.py",
         "if isinstance(plain, dict) and not", "if False and not",
-        "an empty map is a question for the whole history",
+        "an empty map requests the whole history",
         tests=("tests/daemon/bus/test_encoding.py",),
     ),
     Change(

@@ -26,12 +26,12 @@ CHANGES = [
             "stop-ends-at-a-refusal", TOGETHER,
             "            refused = _of_axis(name, reply)\n",
             "            return _of_axis(name, reply), records\n",
-            "one axis that cannot be stopped keeps the others moving",
+            "an axis that cannot be stopped keeps the others moving",
         ),
         Change(
             "strange-axes-taken", TOGETHER,
             "    if strangers or asked not in request.axes or", "    if",
-            "a lease is taken at an axis that was not asked for",
+            "a lease is taken for an axis that was not requested",
         ),
         Change(
             "group-forgotten", GATE, "        if len(command.axes) > 1:\n", "        if False:\n",
@@ -55,7 +55,7 @@ CHANGES = [
         Change(
             "starts-behind-a-stop", START,
             "if of_axis.size and name in start.chunks:", "if False:",
-            "a trajectory begins behind a stop",
+            "a trajectory begins after a stop",
         ),
         Change(
             "waits-for-the-others-for-ever", START, "now_ns - start.since_ns > WAIT_NS", "False",
@@ -91,13 +91,13 @@ CHANGES = [
             "one-axis-may-stand", HEARTBEAT,
             "return any(axis.core.hangs for axis in self._axes)",
             "return all(axis.core.hangs for axis in self._axes)",
-            "a core that serves one of its axes no more is left hanging",
+            "a core that no longer serves one of its axes is left hanging",
         ),
         Change(
             "ready-with-one-axis", HEARTBEAT,
             "return all(axis.gateway.moves for axis in self._axes)",
             "return any(axis.gateway.moves for axis in self._axes)",
-            "it is said to be ready while an axis cannot be reached",
+            "the daemon reports ready while an axis cannot be reached",
         ),
     ),
     *room(
@@ -114,7 +114,7 @@ CHANGES = [
         Change(
             "others-play-on-alone", "daemon/client/player.py",
             "        _stop_begun([p for p, e in zip(players, ended, strict=True) if e is None])\n",
-            "        pass\n", "where one axis ends early the others go on",
+            "        pass\n", "if one axis ends early, the others continue",
             survives="the loop itself holds the members of a group together",
         ),
     ),
@@ -127,12 +127,12 @@ CHANGES = [
         Change(
             "joined-over-a-reboot", JOINED, "                self._begin_anew()\n",
             "                pass\n",
-            "a recording of several axes stands still for ever when the machine was started anew",
+            "a recording of several axes waits for ever after the machine was restarted",
         ),
         Change(
             "joined-too-early", JOINED, "else min(self._newest_ns.values())",
             "else max(self._newest_ns.values())",
-            "a recording lacks what the other axis had, as it came later",
+            "a recording lacks samples of another axis that arrived later",
         ),
     ),
 ]  # fmt: skip

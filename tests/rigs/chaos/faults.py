@@ -267,7 +267,7 @@ def readback(rig: Rig) -> str:
     time.sleep(1.3)
     rig.check_held(begun_ns)
     rig.bench_order(clear=True)
-    rig.until_event("reports what was set again", 20.0)
+    rig.until_event("agrees with the set-point again", 20.0)
     return "fault: nothing written until the two agreed again"
 
 
