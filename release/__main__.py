@@ -80,9 +80,10 @@ def release(dist: Path, work: Path, with_demo: bool) -> int:
 
 def main(arguments: list[str]) -> int:
     """0: it is in dist/; 77: so it is, but the demonstration was not judged; 1: why not."""
-    missing = "; ".join(lacking(PROJECT))
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    missing = "; ".join(lacking(PROJECT, changes))
     if missing and "--publish" in arguments:
-        print(f"release: {missing}: set it in pyproject.toml ({HOW})", file=sys.stderr)
+        print(f"release: not built, because {HOW} asks for more: {missing}", file=sys.stderr)
         return 1
     if missing:
         print(f"for use here, not for publication ({HOW}): {missing}", flush=True)

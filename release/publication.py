@@ -19,13 +19,16 @@ BUILDER = "The dehyst authors <root@localhost>"
 """Maintainer of a package that was built for this machine alone: its administrator."""
 
 
-def lacking(project: Mapping[str, Any]) -> list[str]:
-    """What [project] of pyproject.toml lacks for a publication, a line each."""
+def lacking(project: Mapping[str, Any], changes: str) -> list[str]:
+    """What [project] of pyproject.toml and CHANGELOG.md (changes: its text) lack for a publication,
+    a line each."""
     urls = project.get("urls", {})
     found = [_judge(f"[project.urls] {name}", urls.get(name, "")) for name in URLS]
     people = project.get("maintainers", [])
     email = people[0].get("email", "") if people else ""
     found.append(_judge("[project] maintainers, an email", email))
+    if re.search(r"^## \[Unreleased\]\s+(?!## )\S", changes, re.M):
+        found.append("CHANGELOG.md: lines under [Unreleased] belong to the version")
     return [line for line in found if line]
 
 
