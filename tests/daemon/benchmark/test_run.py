@@ -112,8 +112,8 @@ def test_the_made_stages_are_the_same_in_every_run() -> None:
         assert not np.array_equal(one.held.drive, one.fitted.drive[: one.held.size])
 
 
-def test_every_hidden_effect_is_larger_than_the_noise() -> None:
+def test_every_hidden_effect_is_in_the_held_out_rows() -> None:
     held = {case.name: measured(case.held) for case in made_cases()}
     for name in SIMULATED.keys() - {"stack"}:
-        noise = SIMULATED[name].sensor_noise_um  # the same numbers in both, so it cancels
-        assert np.sqrt(np.mean((held[name] - held["stack"]) ** 2)) > noise, name
+        left = held[name] - held["stack"]  # the noise is the same in both and cancels
+        assert np.std(left) > 10.0 * SIMULATED[name].adc_step_um, name
