@@ -23,19 +23,21 @@ def lacking(project: Mapping[str, Any], changes: str) -> list[str]:
     """What [project] of pyproject.toml and CHANGELOG.md (changes: its text) lack for a publication,
     a line each."""
     urls = project.get("urls", {})
-    found = [_judge(f"[project.urls] {name}", urls.get(name, "")) for name in URLS]
+    found = [_judge(f"[project.urls] {name}", urls.get(name, ""), "https://") for name in URLS]
     people = project.get("maintainers", [])
     email = people[0].get("email", "") if people else ""
-    found.append(_judge("[project] maintainers, an email", email))
+    found.append(_judge("[project] maintainers, an email", email, ""))
     if re.search(r"^## \[Unreleased\]\s+(?!## )\S", changes, re.M):
         found.append("CHANGELOG.md: lines under [Unreleased] belong to the version")
     return [line for line in found if line]
 
 
-def _judge(key: str, address: str) -> str:
+def _judge(key: str, address: str, begins: str) -> str:
     """ "" where the address may be published, else what is wrong with it."""
     if not address:
         return f"{key}: is missing"
+    if not address.startswith(begins):  # package indexes refuse mailto:
+        return f"{key}: {address} does not begin with {begins}"
     if RESERVED.search(address):
         return f"{key}: {address} is a placeholder"
     return ""

@@ -88,9 +88,10 @@ def test_every_address_has_to_be_somebodys(name: str) -> None:
     for address, word in {
         "": "is missing",
         "https://example.org/dehyst": "is a placeholder",
-        "mailto:security@example.com": "is a placeholder",
+        "https://user@example.com/dehyst": "is a placeholder",
+        "mailto:person@institute.edu": "does not begin with https://",
         "https://dehyst.example/issues": "is a placeholder",
-        "http://localhost:8000": "is a placeholder",
+        "https://localhost:8000": "is a placeholder",
     }.items():
         (line,) = lacking({**HOME, "urls": {**HOME["urls"], name: address}}, "")  # type: ignore[dict-item]
         assert name in line
