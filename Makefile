@@ -57,10 +57,11 @@ reference: $(READY)
 interpreters: $(READY)
 	$(BIN)/python -m tests.packaging.interpreters
 
-# dist/: wheel, sdist, constraints with hashes, SBOM, Debian package; checked, ten minutes
+# dist/: wheel, sdist, constraints with hashes, SBOM, Debian package; checked, ten minutes;
+# PUBLISH=1: refused while pyproject.toml names no public home
 release: $(READY)
 	$(BIN)/python -m pip install --quiet --editable '.[release]'
-	$(BIN)/python -m release
+	$(BIN)/python -m release $(if $(PUBLISH),--publish)
 
 concealed: $(READY)
 	$(BIN)/python tests/concealed/make_answers.py $(ROUND)

@@ -1,11 +1,12 @@
 """A release from this tree, built and checked.
 
-    python -m release [--without-demo]
+    python -m release [--publish] [--without-demo]
 
 writes into dist/: the source distribution and the wheel; constraints-service.txt and
 constraints-image.txt, every dependency with its hashes; an SBOM (CycloneDX) of the service's
 environment; on Debian a package of the service; SHA256SUMS. Checked: the metadata (twine), the
-hashes, an installation in a fresh environment, and `dehyst demo --first-act` in it.
+hashes, an installation in a fresh environment, and `dehyst demo --first-act` in it. With --publish
+nothing is built from a tree that names no public home.
 """
 
 import shutil
@@ -14,8 +15,10 @@ import tempfile
 from pathlib import Path
 
 from release import debian
+from release.publication import lacking
 from release.steps import (
     IMAGE,
+    PROJECT,
     ROOT,
     SERVICE,
     VERSION,
@@ -28,6 +31,7 @@ from release.steps import (
     sums,
 )
 
+HOW = "docs/releases.md#publish"
 TOO_BUSY = 77
 """Exit status of a demonstration that a busy machine kept from judging."""
 
@@ -76,6 +80,13 @@ def release(dist: Path, work: Path, with_demo: bool) -> int:
 
 def main(arguments: list[str]) -> int:
     """0: it is in dist/; 77: so it is, but the demonstration was not judged; 1: why not."""
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    missing = "; ".join(lacking(PROJECT, changes))
+    if missing and "--publish" in arguments:
+        print(f"release: not built, because {HOW} asks for more: {missing}", file=sys.stderr)
+        return 1
+    if missing:
+        print(f"for use here, not for publication ({HOW}): {missing}", flush=True)
     with tempfile.TemporaryDirectory(prefix="dehyst-release-") as work:
         try:
             return release(ROOT / "dist", Path(work), "--without-demo" not in arguments)

@@ -8,6 +8,7 @@ import gzip
 import shutil
 from pathlib import Path
 
+from release.publication import maintainer
 from release.steps import PROJECT, ROOT, VERSION, ReleaseError, call
 
 SCRIPTS = ROOT / "release" / "debian"
@@ -16,13 +17,12 @@ CONTROL = """\
 Package: dehyst
 Version: {version}
 Architecture: {architecture}
-Maintainer: The dehyst authors <dehyst@example.org>
+Maintainer: {maintainer}
 Section: science
 Priority: optional
 Depends: python{python}, systemd, udev
 Installed-Size: {kilobytes}
-Homepage: {homepage}
-Description: {summary}
+{homepage}Description: {summary}
  A daemon for the computer beside a piezo stage: it takes set-points in
  micrometres, inverts a model of the stage's hysteresis in every sample,
  drives the amplifier, and publishes what the stage did.
@@ -48,9 +48,11 @@ def package(root: Path, own: Path, dist: Path) -> Path:
     kilobytes = sum(path.lstat().st_size for path in root.rglob("*")) // 1024
     notes = root / "DEBIAN"
     notes.mkdir()
+    home = PROJECT.get("urls", {}).get("Homepage")
     control = CONTROL.format(
         version=VERSION, architecture=architecture, python=version, kilobytes=kilobytes,
-        homepage=PROJECT["urls"]["Homepage"], summary=PROJECT["description"],
+        homepage=f"Homepage: {home}\n" if home else "", summary=PROJECT["description"],
+        maintainer=maintainer(PROJECT),
     )  # fmt: skip
     (notes / "control").write_text(control)
     (notes / "conffiles").write_text("/etc/dehyst/stage.toml.example\n")

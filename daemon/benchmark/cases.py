@@ -31,8 +31,14 @@ SIMULATED = {
     "stack, rate-dependent": StageSettings(rate_per_decade=0.15),
     "stack, mode at 30 Hz": StageSettings(mode_hz=30.0, mode_share=1.0, mode_damping=0.1),
     "stack, friction of its guide": StageSettings(friction_um=0.3),
+    "stack, strong creep and lag": StageSettings(creep_gain_per_decade=0.05, sensor_tau_s=0.016),
+    "stack, delay and hum": StageSettings(sensor_delay_s=0.01, hum_um=0.05),
+    "stack, mode, friction and drift": StageSettings(
+        mode_hz=30.0, mode_share=1.0, mode_damping=0.1, friction_um=0.3, drift_um_per_s=0.005
+    ),
 }
-"""Stages of dehyst.drivers.simulated: slip elements, creep, noise, and one effect more in each."""
+"""Stages of dehyst.drivers.simulated: slip elements, creep, noise, and up to three hidden effects,
+alone and together as in the stages on which the diagnosis is judged."""
 
 
 @dataclass(frozen=True)

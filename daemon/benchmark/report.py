@@ -107,7 +107,7 @@ def _cell(one: Score, least: float) -> str:
         return "no model"
     if not math.isfinite(one.share):
         return "diverges"
-    text = f"{one.share:.3g}"
+    text = f"{one.to_json()['error_percent']:.3g}"  # as in the list of lost cases
     return f"**{text}**" if one.share <= least else text
 
 

@@ -94,7 +94,7 @@ def image(
         followed.append(one)
         progress(len(followed) / (len(frames) + LESSONS + 1))
     shown = {
-        "raw": (followed[SHOWN - 1], "volts proportional to the wanted place"),
+        "raw": (followed[SHOWN - 1], "volts proportional to the target position"),
         "compensated": (before, "volts from the inverse model, open loop"),
         "learned": (followed[-1], f"the same, after {LESSONS} frames of learning from its gauges"),
     }

@@ -92,7 +92,7 @@ def draw_image(one: Picture, axes: Axes) -> str:
     )
     axes.grid(False)
     title = f"{one.name}: {one.frame.distortion_nm:.3g} nm rms, {distortion_percent(one):.2g} %"
-    axes.set(xlabel="wanted x, um", ylabel="wanted y, um", title=title)
+    axes.set(xlabel="target x, um", ylabel="target y, um", title=title)
     return (
         f"The grid as it is imaged, {one.name}: {one.says}; distortion "
         f"{one.frame.distortion_nm:.1f} nm rms, seam {one.frame.seam_nm:.1f} nm."
@@ -100,7 +100,7 @@ def draw_image(one: Picture, axes: Axes) -> str:
 
 
 def draw_lines(one: Picture, most_nm: float, axes: Axes) -> str:
-    """True x less wanted x along the lines, trace and retrace. most_nm: end of the scale."""
+    """True minus target x along the lines, trace and retrace. most_nm: end of the scale."""
     trace, retrace = _along_lines(one)
     half = 0.5 * one.frame.size_um
     at = CENTRE_UM[0] + half * (2.0 * (np.arange(trace.size) + 0.5) / trace.size - 1.0)
@@ -109,12 +109,12 @@ def draw_lines(one: Picture, most_nm: float, axes: Axes) -> str:
     axes.set_ylim(-most_nm, most_nm)
     add_legend(axes, 0.1)
     title = f"{one.name}: seam {one.frame.seam_nm:.3g} nm rms"
-    axes.set(xlabel="wanted x, um", ylabel="true - wanted x, nm", title=title)
-    return f"True less wanted x along a line, trace and retrace, {one.name}."
+    axes.set(xlabel="target x, um", ylabel="true - target x, nm", title=title)
+    return f"True minus target x along a line, trace and retrace, {one.name}."
 
 
 def _along_lines(one: Picture) -> tuple[Any, Any]:
-    """Mean of trace and of retrace, true less wanted x [nm], mean of both taken off."""
+    """Mean of trace and of retrace, true minus target x [nm], mean of both taken off."""
     trace, retrace = one.frame.along_lines
     at = (np.arange(trace.size) + 0.5) / trace.size * one.frame.size_um
     both = 0.5 * (trace + retrace) - at

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 from release import debian
+from release.publication import maintainer
+from release.steps import PROJECT
 from tests.packaging.test_wheel import wheel  # noqa: F401
 from tests.rigs.gateway_bench import free_port
 from tests.rigs.stage_model import model_text
@@ -90,6 +92,14 @@ def test_every_file_of_the_service_is_where_the_system_looks_for_it(target: Path
     assert rules == (ROOT / "systemd/70-dehyst.rules").read_text()
     assert "dehyst" in (target / "usr/share/bash-completion/completions/dehyst").read_text()
     assert os.readlink(target / "usr/bin/dehyst") == "/opt/dehyst/bin/dehyst"
+
+
+def test_its_maintainer_and_home_are_those_of_the_metadata(package: Path) -> None:
+    words = ["dpkg-deb", "--field", str(package)]
+    control = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    fields = dict(line.split(": ", 1) for line in control.splitlines() if line[0] != " ")
+    assert fields["Maintainer"] == maintainer(PROJECT)
+    assert fields.get("Homepage") == PROJECT.get("urls", {}).get("Homepage")
 
 
 def test_its_user_exists_and_its_configuration_is_kept_from_others(target: Path) -> None:

@@ -7,11 +7,18 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 from packaging.version import Version
+from release.__main__ import main
+from release.publication import BUILDER, URLS, lacking, maintainer
 from release.steps import IMAGE, IMAGE_PYTHON, PROJECT, ROOT, SERVICE, VERSION
 
 import dehyst
 
 MOST_LINES = 60
+HOME = {
+    "urls": {name: f"https://code.institute.edu/dehyst/{name.lower()}" for name in URLS},
+    "maintainers": [{"name": "A Person", "email": "person@institute.edu"}],
+}
+TEXTS = (".md", ".toml", ".cff", ".py", ".yml", ".service", ".conf")
 ENTRY = re.compile(
     r"^([\w.-]+)==(\S+)(?: ; ([^\\]*))? \\\n((?:    --hash=sha256:[0-9a-f]{64}.*\n?)+)", re.M
 )
@@ -61,3 +68,58 @@ def test_what_is_new_in_it_can_be_read() -> None:
     assert len(part.splitlines()) <= MOST_LINES
     assert "### What you get" in part
     assert "### What breaks" in part
+
+
+def test_a_tree_without_a_public_home_is_not_published(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("release.__main__.PROJECT", {})
+    assert main(["--publish"]) == 1
+    said = capfd.readouterr().err
+    assert said.count("\n") == 1
+    assert all(f"[project.urls] {name}: is missing" in said for name in URLS)
+    assert "docs/releases.md#publish" in said
+    assert "\n## Publish\n" in (ROOT / "docs/releases.md").read_text()
+
+
+@pytest.mark.parametrize("name", URLS)
+def test_every_address_has_to_be_somebodys(name: str) -> None:
+    assert lacking(HOME, "") == []
+    for address, word in {
+        "": "is missing",
+        "https://example.org/dehyst": "is a placeholder",
+        "https://user@example.com/dehyst": "is a placeholder",
+        "mailto:person@institute.edu": "does not begin with https://",
+        "https://dehyst.example/issues": "is a placeholder",
+        "https://localhost:8000": "is a placeholder",
+    }.items():
+        (line,) = lacking({**HOME, "urls": {**HOME["urls"], name: address}}, "")  # type: ignore[dict-item]
+        assert name in line
+        assert word in line
+
+
+def test_the_maintainer_is_the_one_in_the_metadata_or_the_machines_administrator() -> None:
+    assert maintainer(HOME) == "A Person <person@institute.edu>"
+    assert maintainer({}) == BUILDER
+    (line,) = lacking({**HOME, "maintainers": [{"name": "A Person", "email": "me@localhost"}]}, "")
+    assert "is a placeholder" in line
+
+
+def test_no_text_names_a_home_that_nobody_has() -> None:
+    rooms = ("daemon", "drivers", "models", "docs", "release", "systemd")
+    files = [path for room in rooms for path in (ROOT / room).rglob("*") if path.suffix in TEXTS]
+    files += [path for path in ROOT.iterdir() if path.suffix in TEXTS]
+    link = re.compile(r"(?:https?://|mailto:|\w@)\S*example\.(?:com|net|org)\S*")
+    found = [
+        f"{path.relative_to(ROOT)}: {one}"
+        for path in files
+        for one in link.findall(path.read_text(encoding="utf-8"))
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_changes_that_no_version_lists_are_not_published() -> None:
+    version = "## [0.3.0] - 2027-01-01\n\n- One.\n"
+    assert lacking(HOME, f"## [Unreleased]\n\n{version}") == []
+    (line,) = lacking(HOME, f"## [Unreleased]\n\n- Another.\n\n{version}")
+    assert line.startswith("CHANGELOG.md: ")

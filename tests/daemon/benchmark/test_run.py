@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dehyst.daemon.benchmark.cases import Comparison, read_cases
+from dehyst.daemon.benchmark.cases import SIMULATED, Comparison, made_cases, read_cases
 from dehyst.daemon.benchmark.report import lost, markdown
-from dehyst.daemon.benchmark.rivals.interface import Predict, Rival
+from dehyst.daemon.benchmark.rivals.interface import Predict, Rival, measured
 from dehyst.daemon.benchmark.run import run_comparisons, run_one
 from dehyst.daemon.files.recordings import write_recording
 from dehyst.models.errors import BadInput, BadRecording
@@ -102,3 +102,18 @@ def test_the_first_part_of_a_recording_is_fitted(tmp_path: Path) -> None:
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="contains no recording"):
         read_cases(tmp_path)
+
+
+def test_the_made_stages_are_the_same_in_every_run() -> None:
+    for one, again in zip(made_cases(), made_cases(), strict=True):
+        for part in ("fitted", "held"):
+            first, second = (measured(getattr(case, part)) for case in (one, again))
+            np.testing.assert_array_equal(first, second, one.name)
+        assert not np.array_equal(one.held.drive, one.fitted.drive[: one.held.size])
+
+
+def test_every_hidden_effect_is_in_the_held_out_rows() -> None:
+    held = {case.name: measured(case.held) for case in made_cases()}
+    for name in SIMULATED.keys() - {"stack"}:
+        left = held[name] - held["stack"]  # the noise is the same in both and cancels
+        assert np.std(left) > 10.0 * SIMULATED[name].adc_step_um, name

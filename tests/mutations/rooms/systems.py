@@ -59,6 +59,14 @@ CHANGES = room(
         ("tests/packaging/test_release.py",),
     ),
     Change(
+        "placeholder-published",
+        "release/publication.py",
+        "if RESERVED.search(address):",
+        "if address == RESERVED:",
+        "a release is published whose address for vulnerabilities belongs to nobody",
+        ("tests/packaging/test_release.py",),
+    ),
+    Change(
         "no-search-in-a-folder",
         "docs/site/iframe-worker.js",
         'location.protocol === "file:"',
