@@ -11,8 +11,10 @@ from dehyst.daemon.setup.names import NAMES
 from dehyst.models.errors import BadInput
 
 OUTPUTS = ("x", "y", "z")
-AMPLIFIERS = {"mdt693b": "MDT693B", "mdt694b": "MDT694B", "kpz101": "KPZ101"}
-UNITS = ("mdt693b", "kpz101", "ksg101")  # how the ports of an emulated bench begin
+AMPLIFIERS = {name: name.upper() for name in ("mdt693b", "mdt694b", "kpz101", "kpc101", "bpc303")}
+WITH_GAUGE = ("kpc101", "bpc303")
+"""These read the gauge of their output themselves."""
+UNITS = ("mdt693b", "kpz101", *WITH_GAUGE, "ksg101")  # how the ports of an emulated bench begin
 DESCRIPTION = """\
 Sets up a stage, from two plugged-in units to a validated model: finds the units, asks for the
 stage's limits, measures the rate, writes the configuration, exercises the stage gently, excites and
@@ -38,7 +40,7 @@ be used.
 examples: dehyst setup stage-1
           dehyst setup stage-1 --yes --ports /dev/ttyACM0 /dev/ttyUSB0 --range 0 100
           dehyst setup try-out --yes --emulated --range 0 150
-          dehyst setup try-out --yes --emulated --amplifier kpz101 --range 0 150
+          dehyst setup try-out --yes --emulated --amplifier kpc101 --range 0 150
           dehyst setup three --yes --emulated --axes 3 --range 0 150
           dehyst setup stage-1 --from record --band 10
 """
@@ -108,7 +110,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--amplifier",
         choices=tuple(AMPLIFIERS),
-        help="with --emulated: its amplifier; MDT694B and KPZ101 have one axis (default: mdt693b)",
+        help="with --emulated: its amplifier (default: mdt693b, the only one with several axes)",
     )
     parser.add_argument(
         "--json", action="store_true", help="print the result of each step, on stdout"
@@ -182,16 +184,18 @@ def _emulated_ports(
     from dehyst.daemon.service.supervisor import BenchProcess
 
     if axes and amplifier != "mdt693b":
-        raise BadInput(f"--axes {','.join(axes)}: a {AMPLIFIERS[amplifier]} has one axis")
+        name = AMPLIFIERS[amplifier]
+        raise BadInput(f"--axes {','.join(axes)}: a {name} is set up with one axis")
     count = len(axes) or 1
     if axes and axes != OUTPUTS[:count]:
         raise BadInput(f"--axes {','.join(axes)}: an emulated bench has x,y or x,y,z")
     more = ["--axes", str(count)] if axes else []
     more += ["--amplifier", amplifier] if amplifier != "mdt693b" else []
     gauges = f"{count} KSG101s" if axes else "a KSG101"
+    units = AMPLIFIERS[amplifier] + ("" if amplifier in WITH_GAUGE else f" and {gauges}")
     config = folder.parent / "stage.toml"
     say(
-        f"starting an emulated {AMPLIFIERS[amplifier]} and {gauges} with a simulated stage; it "
+        f"starting an emulated {units} with a simulated stage; it "
         f"ends with this command, and `dehyst run --config {config}` starts it again"
     )
     bench = BenchProcess(folder, more)
