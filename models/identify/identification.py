@@ -41,8 +41,8 @@ from dehyst.models.identify.start import start_agrees
 from dehyst.models.identify.structure import TriedStructure, choose_structure, list_shapes
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import (
-    estimate_covariance,
     estimate_noise,
+    leave_stretches_out,
     measure_band_hz,
     move_saturation,
 )
@@ -279,16 +279,17 @@ def _result(
     """The model and its worth."""
     fitted, picks = found.fitted, found.setup.picks
     setup = fitted.setup
-    cov = estimate_covariance(
+    jackknife = leave_stretches_out(
         fitted.equations, fitted.shape, fitted.params, fitted.free, fitted.normal
     )
+    cov = jackknife.covariance
     noise = float(np.nanmedian([estimate_noise(e) for e in residuals]))
     power = sum(float(np.sum(e[p] ** 2)) for e, p in zip(residuals, picks, strict=True))
     size = sum(int(np.count_nonzero(p)) for p in picks)
     left = float(np.sqrt(power / size))
     rivals = [c for c in found.tried if is_rival(found.best, c)]
     spread = measure_spread(found.setup, found.coarse, found.best, rivals)
-    band = estimate_band(setup, fitted, found.offset, cov, (left, spread, noise))
+    band = estimate_band(setup, fitted, found.offset, jackknife, (spread, noise))
     model = setup.model(fitted.r, fitted.shape, fitted.params, found.offset, found.lag)
     rates = setup.rates(fitted.r) if fitted.shape.rate else 0.0
     if setup.limits is not None and not is_invertible(

@@ -29,7 +29,7 @@ class Tuning(NamedTuple):
     widest_band: float = 0.25  # of the stroke: a wider interval of prediction says nothing
     widest_loop: float = 0.5  # of the stroke; a piezo below its coercive field has 0.35 at most
     driven_pace: float = 0.99  # of the rows: slower ones are too few to show what is slow
-    another_waveform: float = 1.6  # times the misfit of stretches held out: of one recording they
+    another_waveform: float = 1.3  # times the errors of stretches left out: of one recording they
     # are of one waveform; several are each other's (tests/benchmarks/models/coverage.py)
     worse_left_out: float = 2.0  # times the rms of the fitted rows, from which on it is said
     # outliers

@@ -1,6 +1,7 @@
 """How much of a residual is noise, how wide a band a drive has, and honest parameter intervals."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -54,15 +55,25 @@ def measure_band_hz(u: Floats, period_s: float, share: float = 0.999) -> float |
     return float(max(at, 1) / (known.size * period_s))
 
 
-def estimate_covariance(
-    equations: Sequence[Equations], shape: Shape, params: Params, free: Bools, whole: Normal
-) -> Floats:
-    """(p, p) covariance of the free parameters, zero for those on their bound.
+class Jackknife(NamedTuple):
+    """covariance: (p, p) of the free parameters, zero for those on their bound; by_noise: (p, p)
+    of it what white noise of variance 1 makes; left_out: (n,) y - model in each equation, by the
+    parameters fitted without its stretch of time."""
 
-    The delete-one-stretch jackknife over stretches of time, in its one-step Gauss-Newton form (B.
-    Efron, C. Stein, Ann. Stat. 9, 1981): residuals that hang together in time, noise or misfit,
-    widen the intervals as they should; the formula for white noise would make them too narrow. So
-    does one without the leverage of a stretch, where a parameter rests on a few of them.
+    covariance: Floats
+    by_noise: Floats
+    left_out: Floats
+
+
+def leave_stretches_out(
+    equations: Sequence[Equations], shape: Shape, params: Params, free: Bools, whole: Normal
+) -> Jackknife:
+    """The parameters' covariance and out-of-sample errors, by leaving out stretches of time.
+
+    The delete-one-stretch jackknife in its one-step Gauss-Newton form (B. Efron, C. Stein, Ann.
+    Stat. 9, 1981): residuals that hang together in time, noise or misfit, widen the intervals as
+    they should; the formula for white noise would make them too narrow. So does one without the
+    leverage of a stretch, where a parameter rests on a few of them.
     equations: the lots; whole: the normal equations that were solved, the prior's with them.
     """
     measured = [lot for lot in equations if lot.weight == 1.0]
@@ -75,39 +86,42 @@ def estimate_covariance(
     scale = np.sqrt(np.maximum(np.diag(gram)[at], 1e-300))
     values, vectors = eigh(gram[here] / np.outer(scale, scale))
     white = vectors / np.sqrt(np.maximum(values, 1e-12)) / scale[:, None]
-    moves = []
-    for part, score in _sum_stretches(measured, shape, params, stretch):
-        leverage, along = eigh(white.T @ part[here] @ white)
+    moves, left_out = [], []
+    for jac, err in _list_stretches(measured, shape, params, stretch):
+        jac = jac[:, at]
+        leverage, along = eigh(white.T @ (jac.T @ jac) @ white)
         without = 1.0 - np.minimum(leverage, LARGEST_LEVERAGE)
-        moves.append(white @ (along @ ((along.T @ (white.T @ score[at])) / without)))
-    out = np.zeros((size, size))
+        move = white @ (along @ ((along.T @ (white.T @ (jac.T @ err))) / without))
+        moves.append(move)
+        left_out.append(err + jac @ move)
+    out, by_noise = np.zeros((size, size)), np.zeros((size, size))
+    by_noise[here] = white @ white.T
     count = len(moves)
     # 1.96 standard errors are to be a 95 % interval, of so few stretches Student's
     few = (stdtrit(max(count - 1, 1), 0.975) / 1.96) ** 2
     out[here] = few * (count - 1) / max(count, 1) * (np.transpose(moves) @ np.array(moves))
-    return out
+    return Jackknife(out, by_noise, np.concatenate(left_out))
 
 
-def _sum_stretches(
+def _list_stretches(
     equations: Iterable[Equations], shape: Shape, params: Params, stretch: int
 ) -> Iterator[tuple[Floats, Floats]]:
-    """J'J (p, p) and J'e (p,) of each stretch of so many equations; the last may be shorter."""
-    size = params.packed().size
-    gram, score, filled = np.zeros((size, size)), np.zeros(size), 0
+    """J (n, p) and e (n,) of each stretch of so many equations; the last may be shorter."""
+    jacs, errs, filled = [], [], 0
     for lot in equations:
         jac, err = linearise(lot, shape, params)
         start = 0
         while start < err.size:
             stop = min(err.size, start + stretch - filled)
-            gram += jac[start:stop].T @ jac[start:stop]
-            score += jac[start:stop].T @ err[start:stop]
+            jacs.append(jac[start:stop])
+            errs.append(err[start:stop])
             filled += stop - start
             start = stop
             if filled == stretch:
-                yield gram, score
-                gram, score, filled = np.zeros((size, size)), np.zeros(size), 0
+                yield np.concatenate(jacs), np.concatenate(errs)
+                jacs, errs, filled = [], [], 0
     if filled:
-        yield gram, score
+        yield np.concatenate(jacs), np.concatenate(errs)
 
 
 def move_saturation(covariance: Floats, powers: Sequence[int], shift: float) -> Floats:

@@ -131,6 +131,27 @@ CHANGES += room(
         "an interval is as wide as a structure is off that was never to be taken",
     ),
     Change(
+        "misfit-is-noise",
+        BAND,
+        "np.quantile(np.abs(jackknife.left_out), 0.95)",
+        "Z95 * np.std(jackknife.left_out)",
+        "an interval is wider than all that the model misses",
+    ),
+    Change(
+        "one-waveform-is-all",
+        BAND,
+        "left_out *= TUNING.another_waveform**2",
+        "left_out *= 1.0",
+        "an interval from one recording is as narrow as one from several",
+    ),
+    Change(
+        "stretch-not-left-out",
+        UNCERTAINTY,
+        "left_out.append(err + jac @ move)",
+        "left_out.append(err)",
+        "rows are judged by a model that was fitted to them",
+    ),
+    Change(
         "holds-are-covered",
         VALIDATION,
         "stated = ~(outside | _find_slower(model, u, t))",
