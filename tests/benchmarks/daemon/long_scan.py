@@ -4,8 +4,10 @@ a core is reloaded: real processes, the emulated MDT693B, real zenoh on loopback
     python -m tests.benchmarks.daemon.long_scan                 (an hour)
     python -m tests.benchmarks.daemon.long_scan --minutes 5
 
-Held against: the play ends well, its every sample was played, no window of the amplifier's own log
-holds more than slew x time and one step. Printed: what was flagged from one change to the next.
+Held against: the play comes to its end, each of its samples was played or is counted as a missed
+deadline of this machine, no window of the amplifier's own log holds more than slew x time and one
+step. Printed: what was flagged from one change to the next. The play's own exit status is 1,
+because the shorter reach leaves points out of reach.
 """
 
 import argparse
@@ -48,9 +50,10 @@ def main() -> int:
     if busy:  # the emulated amplifier was kept waiting by other processes
         bars.cannot("the play to its end", busy)
     else:
-        bars.none("exit status of the play", int(ended["exit"]))
+        bars.none("plays that ended early", int(not ended["completed"]))
         missing = int(ended["expected_samples"]) - int(ended["samples"])
-        bars.none("samples of the scan that were not played", missing)
+        unexplained = max(0, missing - int(ended["missed_deadlines"]))
+        bars.none("samples neither played nor missed by the machine", unexplained)
         bars.least("changes", len(rig.changes), 7)
     bars.most("beyond slew x time, any window", beyond, SLEW / RATE_HZ + DAC_STEP_V, "V")
     return bars.end()
