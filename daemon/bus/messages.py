@@ -40,7 +40,7 @@ class Message(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Setpoint(Message, tag_field="schema", tag="dehyst.setpoint", frozen=True, kw_only=True):
-    """One set-point: go to `value` now and stay."""
+    """One set-point: go to `value`, and keep it for setpoint.stale_s."""
 
     version: Version = 2
     client: Id
