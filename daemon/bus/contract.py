@@ -11,6 +11,7 @@ import ast
 import inspect
 import json
 import sys
+from enum import IntEnum, IntFlag
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ import msgspec
 
 from dehyst.daemon.bus import messages
 from dehyst.daemon.rings import status
-from dehyst.daemon.rings.records import TELEMETRY
+from dehyst.daemon.rings.records import TELEMETRY, Flag, MissCause, Mode, State, name_of
 
 MESSAGES: tuple[type[msgspec.Struct], ...] = (
     messages.Setpoint,
@@ -43,12 +44,22 @@ NUMBERS = {
     "correction": "<f8",
 }
 """Of each field of bytes: what its numbers are, as numpy writes it (little-endian)."""
+
+
+def _listed(kind: type[IntEnum] | type[IntFlag]) -> str:
+    """The numbers of an enumeration and their names."""
+    return ", ".join(f"{one.value} {name_of(kind, one.value)}" for one in kind)
+
+
 COMMON = {
-    "client": "Number of the client: random, not 0, the same in all of its messages.",
+    "client": "Number of the client, drawn by it: random, not 0, the same in all of its messages.",
     "lease": "The number that the daemon issued with the lease.",
+    "Request.lease": "The number that the daemon issued with the lease; ignored where the action "
+    "needs no lease.",
     "unit": "Of displacements: that of the model in use; a command in another unit is refused.",
-    "sent_ns": "The sender's own monotonic clock; only differences between its messages count.",
-    "trajectory": "Number of the trajectory: random, not 0.",
+    "sent_ns": "The sender's own monotonic clock, the same in all of its messages; the daemon "
+    "compares it with that of the message that arrived with the least delay since the lease began.",
+    "trajectory": "Number of the trajectory, drawn by the client: random, not 0.",
     "allow_unreachable": "True: go to the nearest reachable point and flag it instead of refusing.",
     "time_ns": "The controller's monotonic clock.",
     "wall_ns": "The same moment, ns since 1970.",
@@ -66,7 +77,7 @@ COMMON = {
     "Request.trajectory": "clear: the one to discard.",
     "Request.value": "zero: added to every reading from now on.",
     "HistoryRequest.first_seq": "Sequence number of the first requested sample.",
-    "HistoryRequest.end_seq": "One above the last one.",
+    "HistoryRequest.end_seq": "One above the last requested sample, which is not included itself.",
     "HistoryRequest.seconds": "Above 0: the last seconds, instead of a range of numbers.",
     "Reply.ok": "False: refused, nothing happened.",
     "Rejection.client": "Whose commands were refused.",
@@ -97,12 +108,16 @@ COMMON = {
     "TelemetryBatch.learned": "The learned correction of the target at this point.",
     "TelemetryBatch.volts_raw": "The inverse's voltage before range and slew [V].",
     "TelemetryBatch.volts": "The voltage that was written [V].",
-    "TelemetryBatch.flags": "Bits: see the table of flags.",
-    "TelemetryBatch.state": "See the table of states.",
-    "TelemetryBatch.mode": "The inverse that computed the voltage: see the table of modes.",
-    "TelemetryBatch.cause": "Why a deadline was missed: see the table of causes.",
+    "TelemetryBatch.flags": f"Bits: {_listed(Flag)}.",
+    "TelemetryBatch.state": f"{_listed(State)}.",
+    "TelemetryBatch.mode": f"The inverse that computed the voltage: {_listed(Mode)}.",
+    "TelemetryBatch.cause": f"Why a deadline was missed: {_listed(MissCause)}.",
     "TelemetryBatch.io_us": "Time in calls of the drivers [us].",
     "TelemetryBatch.exec_us": "From the wake-up to the end of the write [us].",
+    "Status.run": "Number of the loop's run. Another number: the loop was restarted, and the "
+    "sequence numbers begin at 0 again.",
+    "Status.trajectory_start_ns": "Time 0 of the trajectory that is being played, during the "
+    "approach in the future; 0: none.",
     "Status.software": "Version of dehyst that the daemon runs.",
     "Status.drive_unit": "Unit of the model's drive.",
     "Status.time_ns": "When this was written, the controller's monotonic clock.",
@@ -115,7 +130,7 @@ COMMON = {
     "Status.actuator_errors": "Failed calls of this run.",
     "Status.sensor_errors": "Failed calls of this run.",
     "Status.volts": "The voltage at the output [V].",
-    "Status.trajectory_done": "True: it was played to its end.",
+    "Status.trajectory_done": "True: `trajectory` was played to its last point.",
     "Status.reach_max": "Largest reachable set-point.",
     "Status.reach_min": "Smallest reachable set-point.",
     "Status.period_ns": "Sampling period; 0: the loop is starting.",

@@ -40,7 +40,8 @@ class Message(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Setpoint(Message, tag_field="schema", tag="dehyst.setpoint", frozen=True, kw_only=True):
-    """One set-point: go to `value`, and keep it for setpoint.stale_s."""
+    """One set-point: go to `value` and stay for setpoint.stale_s (with `stay`, until another
+    command)."""
 
     version: Version = 2
     client: Id
@@ -49,7 +50,6 @@ class Setpoint(Message, tag_field="schema", tag="dehyst.setpoint", frozen=True, 
     sequence: Id
     """Ascending within a lease; the daemon refuses an older or repeated number."""
     sent_ns: int
-    """The sender's own monotonic clock."""
     value: float
     unit: Unit
     allow_unreachable: bool = False
@@ -71,12 +71,13 @@ class Chunk(Message, tag_field="schema", tag="dehyst.trajectory", frozen=True, k
     sent_ns: int
     unit: Unit
     offset_ns: Points
-    """int64 little-endian: time since the trajectory's start, strictly increasing."""
+    """int64 little-endian: time since the trajectory's start, not negative, strictly increasing
+    within a chunk and from chunk to chunk."""
     value: Points
     """float64 little-endian: target of each point."""
     correction: Points = b""
     """float64 little-endian: what was learned for each point and is added to its target, which
-    stays the target that errors count from; empty: nothing."""
+    stays the target that errors count from; empty (the default): 0 for every point."""
     last: bool = False
     allow_unreachable: bool = False
     axes: Annotated[tuple[Name, ...], Meta(max_length=MAX_AXES)] = ()
@@ -133,7 +134,8 @@ class HistoryRequest(Message, tag_field="schema", tag="dehyst.history", frozen=T
     end_seq: Seq = 2**62
     seconds: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
     run: Id = 0
-    """Run of the loop that the sequence numbers belong to; 0: whichever is current."""
+    """Run of the loop that the sequence numbers belong to; 0 (no run has this number): the
+    current one. For a run that is over the answer is one batch with count 0."""
 
 
 class Reply(Message, tag_field="schema", tag="dehyst.reply", frozen=True, kw_only=True):
@@ -279,7 +281,8 @@ class TelemetryBatch(
 
     version: Version = 1
     run: Id
-    """Number of the loop's run; another number: it was restarted and counts from 0 again."""
+    """Number of the loop's run. Another number: the loop was restarted, and the sequence numbers
+    begin at 0 again."""
     unit: Unit
     wall_offset_ns: int
     """Wall clock minus the monotonic clock that this message uses."""
