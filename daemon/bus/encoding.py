@@ -21,6 +21,7 @@ from dehyst.daemon.bus.messages import (
     Message,
     TelemetryBatch,
 )
+from dehyst.daemon.prepared import prepare
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.errors import BadInput
 
@@ -34,10 +35,8 @@ T = TypeVar("T")
 
 
 def _prepare(kind: type[msgspec.Struct]) -> None:
-    """msgspec works out a class where it is first used. Two threads that do so at once, as zenoh's
-    do, end the process: here it is done by the one that imports this."""
     for one in kind.__subclasses__():
-        msgspec.msgpack.Decoder(one)
+        prepare(one)
         _prepare(one)
 
 

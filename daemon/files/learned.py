@@ -8,6 +8,7 @@ import numpy as np
 
 from dehyst.daemon.files.outputs import whole_file
 from dehyst.daemon.input_file import NotReadable, read_text
+from dehyst.daemon.prepared import prepare
 from dehyst.models.errors import BadInput
 from dehyst.models.recording import Floats
 
@@ -25,6 +26,9 @@ class Learned(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     unit: str
     passes: int
     correction: list[float]
+
+
+prepare(Learned)
 
 
 def trajectory_digest(target: Floats, period_s: float) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.input_file import NotReadable, read_text
+from dehyst.daemon.prepared import prepare
 
 log = logging.getLogger(__name__)
 FILE = "in-play.json"
@@ -80,3 +81,6 @@ def write_in_play(directory: Path, now: InPlay) -> None:
         write_text(directory / FILE, msgspec.json.encode(now).decode())
     except OSError as error:
         log.warning("%s: cannot be written: %s", directory / FILE, error.strerror or error)
+
+
+prepare(InPlay)

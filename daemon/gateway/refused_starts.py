@@ -12,6 +12,7 @@ import msgspec
 from dehyst.daemon import clock
 from dehyst.daemon.bus.messages import Text
 from dehyst.daemon.files.models import write_text
+from dehyst.daemon.prepared import prepare
 
 FILE = "gateway.refused"
 LONGEST_BYTES = 4096
@@ -24,6 +25,9 @@ class RefusedStarts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     starts: int = 0
     since_ns: int = 0
     because: Text = ""
+
+
+prepare(RefusedStarts)
 
 
 def read_refused_starts(folder: Path) -> RefusedStarts:

@@ -41,4 +41,4 @@ def test_an_address_that_is_none_is_named(
     capsys: pytest.CaptureFixture[str], server: tuple[str, ...], listen: str
 ) -> None:
     assert main([*server, "--listen", listen]) == 2
-    assert f"--listen {listen}: it is" in capsys.readouterr().err
+    assert f"--listen {listen}: it must be" in capsys.readouterr().err

@@ -229,7 +229,7 @@ def test_a_public_url(url: str, origin: str, path: str) -> None:
      "h" * 9999],
 )  # fmt: skip
 def test_what_is_no_public_url(url: str) -> None:
-    with pytest.raises(BadInput, match="is not an address of a page"):
+    with pytest.raises(BadInput, match="is not the address of a page"):
         split_public_url(url)
 
 

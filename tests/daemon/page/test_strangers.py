@@ -375,7 +375,7 @@ def test_a_port_that_is_busy_is_said_in_one_line(capsys: pytest.CaptureFixture[s
 def test_a_port_that_is_none_is_named(capsys: pytest.CaptureFixture[str], port: str) -> None:
     assert main(["page", "--listen", f"127.0.0.1:{port}"]) == 2
     said = capsys.readouterr().err
-    assert f"{port[:20]!r} is no port" in said
+    assert f"{port[:20]!r} is not a port" in said
     assert said.count("\n") == 1
 
 

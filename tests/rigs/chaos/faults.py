@@ -261,7 +261,7 @@ def other_dialect(rig: Rig) -> str:
 def readback(rig: Rig) -> str:
     """readback disagrees with the set-point"""
     rig.bench_order(amplifier={"readback_error_v": 150.0})
-    rig.until_event("where", 30.0)
+    rig.until_event("V was set", 30.0)
     rig.until_state(State.FAULT)
     begun_ns = time.monotonic_ns() + 30 * STEP_NS
     time.sleep(1.3)

@@ -1,0 +1,33 @@
+"""A configuration that several threads read at once, as the page's do for each of its axes."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.rigs.gateway_bench import environment
+from tests.rigs.processes import simulated_config
+
+CODE = """
+import sys, threading
+from dehyst.daemon.config.file import parse_config
+sys.setswitchinterval(1e-6)
+text, gate = open(sys.argv[1]).read(), threading.Barrier(8)
+def read():
+    gate.wait()
+    parse_config(text)
+threads = [threading.Thread(target=read) for _ in range(8)]
+[thread.start() for thread in threads]
+[thread.join() for thread in threads]
+"""
+RUNS = 10
+"""Without the preparation each run ends by a segmentation fault in about three of four."""
+
+
+def test_threads_that_read_their_first_configuration_end_no_process(tmp_path: Path) -> None:
+    path = simulated_config(tmp_path, 200.0, tmp_path / "model.toml")
+    for _ in range(RUNS):
+        done = subprocess.run(
+            [sys.executable, "-c", CODE, str(path)],
+            env=environment(), capture_output=True, text=True,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr[-300:]
