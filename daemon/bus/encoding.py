@@ -21,7 +21,7 @@ from dehyst.daemon.bus.messages import (
     Message,
     TelemetryBatch,
 )
-from dehyst.daemon.prepared import prepare
+from dehyst.daemon.prepared import resolve_classes
 from dehyst.daemon.rings.records import TELEMETRY
 from dehyst.models.errors import BadInput
 
@@ -36,7 +36,7 @@ T = TypeVar("T")
 
 def _prepare(kind: type[msgspec.Struct]) -> None:
     for one in kind.__subclasses__():
-        prepare(one)
+        resolve_classes(one)
         _prepare(one)
 
 

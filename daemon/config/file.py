@@ -9,13 +9,13 @@ import msgspec
 from dehyst.daemon.bus.security import check_open, check_page, check_routers
 from dehyst.daemon.config.sections import Config, ModelConfig
 from dehyst.daemon.input_file import NotReadable, read_text
-from dehyst.daemon.prepared import prepare
+from dehyst.daemon.prepared import resolve_classes
 from dehyst.models.errors import BadInput
 from dehyst.models.toml_text import parse_toml
 
 LARGEST_BYTES = 1 << 18
 Section = TypeVar("Section", bound=msgspec.Struct)
-prepare(Config)
+resolve_classes(Config)
 
 
 def read_tables(path: Path) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from dehyst.daemon.bus.messages import DoctorState, FoundEffect, LongText, Text
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.files.sidecar import notes_path
 from dehyst.daemon.input_file import NotReadable, read_text
-from dehyst.daemon.prepared import prepare
+from dehyst.daemon.prepared import resolve_classes
 from dehyst.daemon.rings.run_folder import why_not_trusted
 from dehyst.drivers import system
 
@@ -96,7 +96,7 @@ class Decided(_Kept, frozen=True):
     because: LongText = ""
 
 
-prepare(Case, Examined, Decided)
+resolve_classes(Case, Examined, Decided)
 Record = TypeVar("Record", Case, Examined, Decided)
 Kind = Literal["case.json", "examined.json", "decided.json"]
 

@@ -13,7 +13,7 @@ from dehyst.daemon.config import Config
 from dehyst.daemon.files.cases import OfferTest
 from dehyst.daemon.files.models import load_model, write_text
 from dehyst.daemon.input_file import NotReadable, read_text
-from dehyst.daemon.prepared import prepare
+from dehyst.daemon.prepared import resolve_classes
 from dehyst.daemon.rings.records import model_digest
 from dehyst.models.errors import BadModel
 from dehyst.models.model import Model
@@ -42,7 +42,7 @@ class Accepted(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     tested: OfferTest | None = None
 
 
-prepare(Accepted)
+resolve_classes(Accepted)
 
 
 def read_accepted(directory: Path) -> Accepted | None:

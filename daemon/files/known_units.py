@@ -16,7 +16,7 @@ import msgspec
 from dehyst.daemon.config import Config
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.input_file import NotReadable, read_text
-from dehyst.daemon.prepared import prepare
+from dehyst.daemon.prepared import resolve_classes
 from dehyst.daemon.rings.run_folder import make_run_folder
 from dehyst.drivers import system
 from dehyst.drivers.interface import Identifiable, UnitIdentity
@@ -24,7 +24,7 @@ from dehyst.models.errors import BadInput, NotNow
 
 FILE, LARGEST_BYTES = "units.json", 1 << 16
 ACTUATOR, SENSOR = "actuator", "sensor"
-prepare(UnitIdentity)
+resolve_classes(UnitIdentity)
 
 
 def units_file(config: Config) -> Path:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dehyst.daemon.files.outputs import whole_file
 from dehyst.daemon.input_file import NotReadable, read_text
-from dehyst.daemon.prepared import prepare
+from dehyst.daemon.prepared import resolve_classes
 from dehyst.models.errors import BadInput
 from dehyst.models.recording import Floats
 
@@ -28,7 +28,7 @@ class Learned(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     correction: list[float]
 
 
-prepare(Learned)
+resolve_classes(Learned)
 
 
 def trajectory_digest(target: Floats, period_s: float) -> str:

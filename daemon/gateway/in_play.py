@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dehyst.daemon.files.models import write_text
 from dehyst.daemon.input_file import NotReadable, read_text
-from dehyst.daemon.prepared import prepare
+from dehyst.daemon.prepared import resolve_classes
 
 log = logging.getLogger(__name__)
 FILE = "in-play.json"
@@ -83,4 +83,4 @@ def write_in_play(directory: Path, now: InPlay) -> None:
         log.warning("%s: cannot be written: %s", directory / FILE, error.strerror or error)
 
 
-prepare(InPlay)
+resolve_classes(InPlay)

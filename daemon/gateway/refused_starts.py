@@ -12,7 +12,7 @@ import msgspec
 from dehyst.daemon import clock
 from dehyst.daemon.bus.messages import Text
 from dehyst.daemon.files.models import write_text
-from dehyst.daemon.prepared import prepare
+from dehyst.daemon.prepared import resolve_classes
 
 FILE = "gateway.refused"
 LONGEST_BYTES = 4096
@@ -27,7 +27,7 @@ class RefusedStarts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     because: Text = ""
 
 
-prepare(RefusedStarts)
+resolve_classes(RefusedStarts)
 
 
 def read_refused_starts(folder: Path) -> RefusedStarts:
