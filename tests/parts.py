@@ -120,9 +120,9 @@ def run(part: str) -> tuple[int, Counter[str]]:
             for line in process.stdout:
                 print(line, end="", flush=True)
                 last = line if line.strip() else last
-        finally:
-            if process.poll() is None:
-                process.terminate()  # pytest ends its workers
+        except BaseException:
+            process.terminate()  # pytest ends its workers
+            raise
     found = re.findall(r"(\d+) (failed|passed|skipped|error|rerun)", last)
     return process.returncode, Counter({word: int(count) for count, word in found})
 

@@ -16,6 +16,7 @@ from dehyst.daemon.rings.records import State
 Offsets: TypeAlias = NDArray[np.int64]
 Values: TypeAlias = NDArray[np.float64]
 LATEST_OFFSET_NS = 10**18
+COMPLETE = "it is complete"
 
 
 class NewPoints(NamedTuple):
@@ -47,7 +48,7 @@ class TrajectoryProgress:
             number=int(point["trajectory"]),
             client=int(point["client"]),
             end_ns=int(point["offset_ns"]),
-            over="it is complete" if point["last"] else "",
+            over=COMPLETE if point["last"] else "",
         )
 
     def is_of(self, command: Chunk) -> bool:
@@ -71,7 +72,8 @@ class TrajectoryProgress:
         NotAdmitted where it is over, or the chunk or its times are out of order."""
         offsets, values = encoding.points(command)
         learned = encoding.corrections(command)
-        if self.next_index >= 0 and command.index < self.next_index:
+        passed_on = 0 <= command.index < self.next_index
+        if passed_on and self.over in ("", COMPLETE):
             return None
         if self.over:
             raise NotAdmitted("over", f"trajectory {command.trajectory}: {self.over}")
@@ -111,7 +113,7 @@ class TrajectoryProgress:
     def pass_on(self, command: Chunk, offsets: Offsets) -> None:
         """These points of the chunk go to the loop."""
         self.next_index, self.end_ns = command.index + 1, int(offsets[-1])
-        self.over = "it is complete" if command.last else ""
+        self.over = COMPLETE if command.last else ""
 
 
 class PassedOn:

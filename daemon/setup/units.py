@@ -17,18 +17,17 @@ from dehyst.drivers.interface import (
     Sensor,
 )
 from dehyst.drivers.mdt693b.settings import USB_IDS as AMPLIFIERS
+from dehyst.drivers.mdt693b.settings import Mdt694bConfig
 from dehyst.drivers.registry import load_actuator, load_sensor
 from dehyst.drivers.serial_port import find_usb_ports
 
 ACTUATOR, PIEZO, SENSOR = ("actuator", "mdt693b"), ("actuator", "kpz101"), ("sensor", "ksg101")
 """What may be behind a serial port. The units that speak APT are asked first: their question has no
 line end, so an MDT693B takes it for half a command, which its own driver then spoils."""
-SINGLE = ("actuator", "mdt694b")
-"""The MDT693B's firmware with one output; its driver refuses an MDT693B, so it is asked first."""
 WITH_GAUGES = (("actuator", "kpc101"), ("actuator", "bpc303"))
 """These have a strain gauge beside the output, which the sensor driver of the same name reads."""
 APT_UNITS = (SENSOR, PIEZO, *WITH_GAUGES)
-ANY_UNIT = (*APT_UNITS, SINGLE, ACTUATOR)
+ANY_UNIT = (*APT_UNITS, ACTUATOR)
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ def output_of(driver: str, axis: str) -> dict[str, Any]:
 def known_ports() -> dict[str, tuple[tuple[str, str], ...]]:
     """Ports whose USB numbers are those of such a unit, and what is behind each."""
     found: dict[str, tuple[tuple[str, str], ...]] = {}
-    for ids, units in ((AMPLIFIERS, (SINGLE, ACTUATOR)), (USB_IDS, APT_UNITS)):
+    for ids, units in ((AMPLIFIERS, (ACTUATOR,)), (USB_IDS, APT_UNITS)):
         found |= {port.path: units for port in find_usb_ports(ids)}
     return found
 
@@ -72,8 +71,6 @@ def ask_port(
     """Who is at this port; None: none of the expected. Raises DriverError where the port cannot be
     opened, or the unit is there and cannot be used as it stands."""
     for kind, driver in expected:
-        if (kind, driver) == SINGLE and axis != "x":
-            continue  # the MDT693B's driver reports that the unit has no such axis
         settings: dict[str, Any] = {"port": path}
         device: Actuator | Sensor
         if kind == "actuator":
@@ -87,6 +84,8 @@ def ask_port(
         finally:
             device.close()
         unit = device.unit if isinstance(device, Identifiable) else None
+        if unit and unit.kind.startswith(Mdt694bConfig.model):
+            driver = Mdt694bConfig.driver  # the same firmware with one output
         return FoundUnit(kind, driver, path, device.spec, unit.serial if unit else "")
     return None
 

@@ -159,6 +159,19 @@ def test_a_full_ring_refuses_but_leaves_room_for_a_stop(gate: Gate) -> None:
     assert gate.request(1, "stop").ok
 
 
+def test_a_chunk_that_is_repeated_after_a_stop_is_refused(gate: Gate) -> None:
+    assert gate.chunk(0, grid(0, 0.1)).ok
+    assert gate.chunk(1, grid(0.1, 0.1)).ok
+    assert gate.request(2, "stop").ok
+    assert gate.chunk(1, grid(0.1, 0.1)).code == "over"
+    assert gate.records.size == 0
+
+
+def test_a_chunk_that_is_repeated_after_the_last_one_is_a_duplicate(gate: Gate) -> None:
+    assert gate.chunk(0, grid(0, 0.1), last=True).ok
+    assert gate.chunk(0, grid(0, 0.1), last=True).code == "duplicate"
+
+
 def test_chunks_in_order_pass_and_repeated_ones_do_nothing(gate: Gate) -> None:
     for i in range(3):
         assert gate.chunk(i, grid(0.1 * i, 0.1)).code == "ok"

@@ -63,7 +63,7 @@ CHANGES = room(
     ),
     Change(
         "resume-forgets-complete", PROGRESS,
-        'over="it is complete" if point["last"] else "",', 'over="",',
+        'over=COMPLETE if point["last"] else "",', 'over="",',
         "a new gateway appends to a trajectory that was complete",
     ),
     Change(
@@ -71,7 +71,7 @@ CHANGES = room(
         "a new gateway sends the same points twice",
     ),
     Change(
-        "complete-not-over", PROGRESS, 'self.over = "it is complete" if command.last else ""',
+        "complete-not-over", PROGRESS, 'self.over = COMPLETE if command.last else ""',
         'self.over = ""', "points are appended after the last one",
     ),
     Change(
@@ -178,8 +178,12 @@ CHANGES = room(
         "a lost chunk is bridged by a straight line",
     ),
     Change(
-        "duplicate-played", PROGRESS, "command.index < self.next_index:", "command.index < 0:",
+        "duplicate-played", PROGRESS, "0 <= command.index < self.next_index", "False",
         "a chunk whose answer was lost is an error, or played twice",
+    ),
+    Change(
+        "stopped-duplicate", PROGRESS, 'passed_on and self.over in ("", COMPLETE)', "passed_on",
+        "a client that repeats a chunk after a stop believes that it is played",
     ),
     Change(
         "dense-points", PROGRESS, "if span_ns < 0.7 * gaps", "if span_ns < 0.0 * gaps",
