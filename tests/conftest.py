@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from tests.parts import is_of, is_thorough
-from tests.rigs import afresh, starts
+from tests.rigs import starts
 
 from dehyst.daemon import kernel_cache
 
@@ -43,11 +43,9 @@ settings.load_profile("no times are judged")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Attempts that are made again begin afresh; kernels are loaded as `dehyst` loads them, but not
-    by who only hands out tests."""
+    """Kernels are loaded as `dehyst` loads them, but not by who only hands out tests."""
     if hasattr(config, "workerinput") or not config.getoption("numprocesses", None):
         kernel_cache.load_lightly()
-    config.pluginmanager.register(afresh, "afresh")
 
 
 @pytest.hookimpl(tryfirst=True)  # xdist reads the groups in its own
@@ -83,14 +81,6 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """And it does not start anything itself."""
     with nullcontext() if item.get_closest_marker("processes") else starts.guard():
         return (yield)
-
-
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Why each attempt failed that was made again: a green run hides nothing."""
-    for report in terminalreporter.stats.get("rerun", []):
-        crash = getattr(report.longrepr, "reprcrash", None)
-        why = " ".join((crash.message if crash else report.longreprtext).split())
-        terminalreporter.write_line(f"RERUN {report.nodeid} ({report.when}): {why[:400]}")
 
 
 @pytest.fixture(scope="session")

@@ -16,11 +16,8 @@ Each part is given the files that have tests of it, because every worker imports
 The longest files of `thorough` come first, so that no worker has one left when the other is done;
 xdist by itself begins with the files of most tests.
 
-Every part is run, also behind one that failed. A plain `pytest` runs the same tests one by one.
-Real processes on a machine that stands still for a second now and then miss a time-out now and
-then: in the three latter parts a test that fails is run again, twice at most, with all that its
-module shares made anew; it is named RERUN with its reason, and is counted in the closing line. Exit
-status: 0 where all passed, else 1.
+Every part is run, also after one that failed, and no test is run again. A plain `pytest` runs the
+same tests one by one. Exit status: 0 where all passed, else 1.
 """
 
 import os
@@ -59,7 +56,6 @@ LONGEST = (
 """Of `thorough`, by the processor time that they take: 22 to 5 s each, of 200 s. But beside the
 first one, which compiles the diagnosis, begin such as do not need it: two workers would both."""
 JOBS = str(len(os.sched_getaffinity(0)))
-AGAIN = ["--reruns", "2", "--reruns-delay", "3", "-rfE"]
 PARTS = {
     "quick": ["-n", JOBS, "--dist", "loadfile", "-m", "not processes and not thorough"],
     "thorough": [
@@ -71,16 +67,14 @@ PARTS = {
     "timing": [
         *("-n", str(int(JOBS) + 1), "--dist", "loadgroup", "--tb=native"),
         *("-m", "timing and not alone"),
-        *AGAIN,
     ],
     "processes": [
         *("-n", str(int(JOBS) + 2), "--dist", "loadgroup", "--tb=native"),
         *("-m", "processes and not timing"),
-        *AGAIN,
     ],
-    "alone": ["-m", "alone", *AGAIN],
+    "alone": ["-m", "alone"],
 }
-SHOWN = ("failed", "passed", "skipped", "error", "rerun")
+SHOWN = ("failed", "passed", "skipped", "error")
 
 
 def is_thorough(path: Path) -> bool:
@@ -123,7 +117,7 @@ def run(part: str) -> tuple[int, Counter[str]]:
         except BaseException:
             process.terminate()  # pytest ends its workers
             raise
-    found = re.findall(r"(\d+) (failed|passed|skipped|error|rerun)", last)
+    found = re.findall(r"(\d+) (failed|passed|skipped|error)", last)
     return process.returncode, Counter({word: int(count) for count, word in found})
 
 

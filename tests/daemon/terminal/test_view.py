@@ -113,6 +113,8 @@ def test_after_a_resize_it_fills_the_new_size() -> None:
 
 
 def test_no_color_is_respected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
     assert "\x1b[31m" in drawn((80, 24))
     monkeypatch.setenv("NO_COLOR", "1")
     assert "\x1b[3" not in drawn((80, 24), 1)
