@@ -4,8 +4,10 @@ import atexit
 import os
 import signal
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 from dehyst.daemon import log_lines
 
@@ -29,6 +31,39 @@ def ended_at_once(said_by: str) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def noted_interrupts() -> Iterator[Callable[[], None]]:
+    """Within, an interrupt is noted, and the yielded function raises it as a KeyboardInterrupt:
+    raised wherever the program happens to be, it may be lost in a callback from compiled code. A
+    second one is raised at once, and one that nobody took is raised at the end. Outside of the main
+    thread, and where the program handles interrupts itself, nothing changes."""
+    noted, taken = 0, False
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal noted
+        noted += 1
+        if noted > 1:
+            signal.default_int_handler(number, frame)
+
+    def raise_noted() -> None:
+        nonlocal taken
+        if noted:
+            taken = True
+            raise KeyboardInterrupt
+
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield raise_noted
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield raise_noted
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if noted and not taken:
+        raise KeyboardInterrupt
 
 
 class LightEnd:

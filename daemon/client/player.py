@@ -23,6 +23,7 @@ from dehyst.daemon.bus.session import BusError
 from dehyst.daemon.client.repeated import Numbers, Repeated
 from dehyst.daemon.client.telemetry import StatusFeed, TelemetryStream
 from dehyst.daemon.client.tracking import Tracking
+from dehyst.daemon.interrupts import noted_interrupts
 from dehyst.models.errors import DehystError
 from dehyst.models.recording import Floats
 
@@ -115,12 +116,23 @@ def play_together(
 ) -> list[Played]:
     """Play to the end, for each axis what happened. progress is that of the first; on_samples is
     for one alone. See Client.play, Group.play."""
+    with noted_interrupts() as raise_noted:
+        return _play_together(players, progress, on_samples, raise_noted)
+
+
+def _play_together(
+    players: "Sequence[Player]",
+    progress: Callable[[float, float], None] | None,
+    on_samples: Callable[[NDArray[Any]], None] | None,
+    raise_noted: Callable[[], None],
+) -> list[Played]:
     shown_ns, first = 0, players[0]
     patience_s = [player.client.patience_s for player in players]
     try:
         for player in players:
             player.client.patience_s = 0.0  # telemetry is read meanwhile
         while True:
+            raise_noted()
             now_ns = clock.monotonic_ns()
             _send_due(players, now_ns)
             for player in players:

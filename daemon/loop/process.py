@@ -9,6 +9,7 @@ controller are here: one clock, one deadline (dehyst.daemon.loop.axes).
 import logging
 import os
 import secrets
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -32,6 +33,9 @@ RUN_BITS = 48
 ATTEMPTS = 3
 """To open the devices: one late reply is no reason to give up. What is not plugged in, or
 refuses a setting, is not tried again."""
+PAUSE_S = 1.0
+"""Between the attempts [s]: a machine or a unit that stands still does so for about a second, and
+nothing moves yet."""
 EXTEND_US = 15_000_000
 
 
@@ -57,6 +61,7 @@ class Core:
                 return self._open()
             except (DeviceTimeout, ProtocolError) as error:
                 log.warning("%s; the devices are opened again", error)
+                time.sleep(PAUSE_S)
         return self._open()
 
     def _open(self) -> list[tuple[Joint, tuple[int, ...]]]:

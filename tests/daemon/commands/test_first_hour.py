@@ -104,6 +104,7 @@ def test_one_late_reply_at_the_start_is_asked_again(
     error: DriverError, times: int, opens: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(process, "joined", lambda devices: [])
+    monkeypatch.setattr(process, "PAUSE_S", 0.0)
     core = process.Core.__new__(process.Core)
     axes = [Flaky(None, 0), Flaky(error, times), Flaky(None, 0)]
     for axis in axes:

@@ -10,6 +10,16 @@ LEASE = """\
 
 CHANGES = [
     *room(
+        ("tests/daemon/test_interrupts.py",),
+        Change(
+            "interrupt-lost",
+            "daemon/interrupts.py",
+            "        if noted:\n            taken = True\n            raise KeyboardInterrupt\n",
+            "        pass\n",
+            "a trajectory goes on although Ctrl-C was pressed",
+        ),
+    ),
+    *room(
         ("tests/daemon/client/test_threads_and_forks.py",),
         Change(
             "threads-command-at-once",
