@@ -87,6 +87,10 @@ class AptUnit(ABC):
         self._requests.clear()
         self._outgoing.clear()
 
+    def set_serial_number(self, number: int) -> None:
+        """What a different unit at the same port would report."""
+        self.knobs = structs.replace(self.knobs, serial_number=number)
+
     def answer(self, message: AptMessage, now: float) -> bytes:
         """The reply to a message that was due at `now`, whatever its faults; b"": there is none."""
         own = message.name == "hw_req_info" and message.destination == self.addresses[0]

@@ -137,6 +137,10 @@ class Mdt693bUnit:
         """Another firmware, as when a different unit is plugged in at the same port."""
         self.style = DIALECTS[dialect]
 
+    def set_serial_number(self, number: int) -> None:
+        """What a different unit at the same port would report."""
+        self.registers.serial_number = str(number)
+
     def inject(self, data: bytes) -> None:
         """Bytes that the unit sends by itself, now."""
         self._outgoing.append((self._clock(), data))

@@ -3,6 +3,7 @@
 example: python -m tests.benchmarks.daemon.chaos            (all of it: about three minutes)
          python -m tests.benchmarks.daemon.chaos kill_core unplug
          python -m tests.benchmarks.daemon.chaos --axes 3
+         python -m tests.benchmarks.daemon.chaos --units     (the other serial amplifiers)
 
 With --axes 3 the same is done to the axis x of three, beside what only several axes have: y plays
 on a trajectory of its own, z stands, and the amplifier's log of every channel is judged.
@@ -12,13 +13,14 @@ import argparse
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tests.benchmarks.bars import Bars
 from tests.rigs.chaos import axes, faults
 from tests.rigs.chaos import commands as chaos_commands
 from tests.rigs.chaos import pairs as chaos_pairs
+from tests.rigs.chaos import units as chaos_units
 from tests.rigs.chaos.axes_rig import AxesRig
 from tests.rigs.chaos.rig import RATE_HZ, SLEW, Rig
 
@@ -36,19 +38,13 @@ RAMP = (
 HOLD = (faults.kill_core_hold, faults.unplug_hold)
 
 
-def series(
-    chosen: tuple[Callable[..., str], ...], on_fault: str, models: dict[str, Path], bars: Bars
-) -> None:
-    """Do these faults to one daemon, of as many axes as there are models; to another one behind a
-    fault that failed."""
+def series(chosen: Sequence[Callable[..., str]], make: Callable[[Path], Rig], bars: Bars) -> None:
+    """Do these faults to one daemon that runs on the rig; to another one behind a fault that
+    failed."""
     left = list(chosen)
     while left:
         with tempfile.TemporaryDirectory(prefix="dehyst-chaos-") as folder:
-            rig = (
-                Rig(Path(folder), models["x"], on_fault)
-                if len(models) == 1
-                else AxesRig(Path(folder), models, on_fault)
-            )
+            rig = make(Path(folder))
             try:
                 begun = time.monotonic()
                 rig.run()
@@ -92,6 +88,7 @@ def main() -> int:
     )
     parser.add_argument("names", nargs="*", metavar="FAULT", help="these only")
     parser.add_argument("--axes", type=int, choices=(1, 3), default=1)
+    parser.add_argument("--units", action="store_true", help="with each other serial amplifier")
     args = parser.parse_args()
     bars = Bars()
     print("| fault | what happened | movement beyond slew x time, of a step | end | "
@@ -101,11 +98,33 @@ def main() -> int:
         models = {axis: Path(folder) / f"model-{axis}.toml" for axis in "xyz"[: args.axes]}
         for axis, stage in settings_by_axis(list(models), {}).items():
             save_model(simulated_model(stage), models[axis])
+        if args.units:
+            for unit in chaos_units.UNITS:
+                print(f"| **{unit}** | | | | |")
+                series(
+                    _wanted(chaos_units.FAULTS, args.names),
+                    lambda place, unit=unit: chaos_units.UnitRig(place, models["x"], unit),
+                    bars,
+                )
+            return bars.end()
         more = axes.AXES if args.axes > 1 else ()
         for group, on_fault in (((*more, *RAMP), "ramp"), (HOLD, "hold")):
-            chosen = tuple(f for f in group if not args.names or f.__name__ in args.names)
-            series(chosen, on_fault, models, bars)
+            series(
+                _wanted(group, args.names),
+                lambda place, on_fault=on_fault: (
+                    Rig(place, models["x"], on_fault)
+                    if args.axes == 1
+                    else AxesRig(place, models, on_fault)
+                ),
+                bars,
+            )
     return bars.end()
+
+
+def _wanted(
+    faults_of: Sequence[Callable[..., str]], names: list[str]
+) -> Sequence[Callable[..., str]]:
+    return tuple(f for f in faults_of if not names or f.__name__ in names)
 
 
 if __name__ == "__main__":

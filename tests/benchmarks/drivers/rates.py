@@ -25,6 +25,7 @@ from tests.benchmarks.bars import Bars, too_busy
 from tests.rigs.daqmx import standin as daqmx
 from tests.rigs.direct_calls import FUNCTION
 from tests.rigs.ljm import standin as ljm
+from tests.rigs.sysfs import lay_out
 
 from dehyst.drivers.direct_calls import Reachable
 from dehyst.drivers.interface import Actuator
@@ -32,6 +33,14 @@ from dehyst.drivers.registry import load_actuator, load_sensor
 
 SERIAL = {"mdt693b": "ksg101", "mdt694b": "", "kpz101": "", "kpc101": "kpc101", "bpc303": "bpc303"}
 """The amplifiers that are emulated, and the gauge that is measured beside each."""
+
+CONVERTER = {
+    "name": "ad5592r",
+    "out_voltage0_raw": "8738",
+    "out_voltage0_scale": "0.1",
+    "in_voltage0_raw": "100",
+    "in_voltage0_scale": "0.1",
+}
 
 LEAST_SHARE = 0.8  # of the declared rate that is achieved: the machine has other work too
 
@@ -113,9 +122,20 @@ def main() -> int:
         ):  # fmt: skip
             row(name, load(name.split()[0].strip(",")).from_settings(settings), calls, bars)
     patched.undo()
+    with tempfile.TemporaryDirectory() as folder:
+        converter = str(lay_out(Path(folder) / "converter", CONVERTER))
+        output = load_actuator("iio").from_settings({"path": converter})
+        row("iio output (a file)", output, calls, bars)
+        gauge = load_sensor("iio").from_settings({"path": converter, "um_per_mv": 0.5})
+        row("iio input (a file)", gauge, calls, bars)
     module = "tests.drivers.python_object.amplifier:Amplifier"
     own = {"object": module, "write": "voltage", "output": "voltage", "max_v": 150.0}
-    row("python, a property", load_actuator("python").from_settings(own), calls, bars)
+    row("python output, a property", load_actuator("python").from_settings(own), calls, bars)
+    own = {"object": module, "read": "voltage", "um_per_unit": 0.1, "min_um": 0.0, "max_um": 20.0}
+    row("python sensor, a property", load_sensor("python").from_settings(own), calls, bars)
+    shared = {"stage": "rates"}
+    row("simulated output", load_actuator("simulated").from_settings(shared), calls, bars)
+    row("simulated gauge", load_sensor("simulated").from_settings(shared), calls, bars)
     return bars.end()
 
 

@@ -4,43 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from tests.rigs.stage_model import kept_model
+from tests.rigs.trim_anew import ON_TARGET_UM, die, error_um, frozen, rig, wander
 from tests.rigs.trimmed_stage import TrimmedStage
 
-from dehyst.daemon.rings.records import Flag
-from dehyst.drivers.simulated.settings import StageSettings
 from dehyst.models.learning.why import Why
-
-RATE_HZ = 200.0
-ON_TARGET_UM = 0.03  # a noise and a half: what the loop attains without a fault
-
-
-def rig(seed: int = 1) -> TrimmedStage:
-    plain = StageSettings(rc_tau_s=0.0, mode_hz=0.0, sensor_tau_s=0.0, seed=seed)
-    return TrimmedStage(kept_model(), plain, rate_hz=RATE_HZ)
-
-
-def wander(one: TrimmedStage, seconds: float, seed: int) -> None:
-    """Places anywhere in the reach."""
-    rng = np.random.default_rng(seed)
-    low, high = one.reach
-    for _ in range(round(seconds / 0.5)):
-        one.go(float(rng.uniform(low + 0.1 * (high - low), high - 0.1 * (high - low))), 0.5)
-
-
-def die(one: TrimmedStage) -> None:
-    """The loop's process dies; the next one knows the newest past alone, but for 0.2 s."""
-    one.reload(kept_model(), unseen=40)
-
-
-def error_um(one: TrimmedStage, off: float = 0.0) -> float:
-    """Mean distance from the target in the last second; off: of the gauge."""
-    n = round(RATE_HZ)
-    return float(np.mean(one.true_um[-n:] + off - one.telemetry["target"][-n:]))
-
-
-def frozen(one: TrimmedStage) -> bool:
-    return bool(one.records[-1]["flags"] & int(Flag.TRIM_FROZEN))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, -0.02])

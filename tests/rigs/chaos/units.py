@@ -1,0 +1,111 @@
+"""The rig of the chaos tests with another amplifier, and what can befall any serial one of them.
+
+An MDT694B and a KPZ101 have a KSG101 beside them; a KPC101 and a BPC303 read their own gauge on the
+same line, so that what befalls the amplifier befalls the gauge too.
+"""
+
+import time
+from pathlib import Path
+
+from tests.rigs.chaos.rig import Rig
+
+from dehyst.daemon.rings.records import State
+
+UNITS = ("mdt694b", "kpz101", "kpc101", "bpc303")
+PORTS = {"mdt694b": "mdt693b"}
+"""What the bench calls the port, where it is not the driver's name."""
+OWN_GAUGE = ("kpc101", "bpc303")
+OWN_NUMBERS = {
+    "mdt694b": 150226175403,
+    "kpz101": 29000123,
+    "kpc101": 113000123,
+    "bpc303": 71000123,
+}
+FOREIGN_NUMBER = 7
+AWAY_S, FOREIGN_S = 1.0, 3.0
+
+
+class UnitRig(Rig):
+    """Everything, running, with one of UNITS."""
+
+    def __init__(self, folder: Path, model: Path, unit: str, on_fault: str = "ramp") -> None:
+        self.unit, self.bench_options = unit, ("--amplifier", unit)
+        self.port_name = PORTS.get(unit, unit)
+        super().__init__(folder, model, on_fault)
+
+    def configured(self, on_fault: str) -> str:
+        """Text of the configuration: that of an MDT693B and a KSG101, with this unit's drivers."""
+        port = self.ports[self.port_name]
+        gauge_port = port if self.unit in OWN_GAUGE else self.ports["ksg101"]
+        self.ports |= {"mdt693b": port, "ksg101": gauge_port}
+        text = super().configured(on_fault)
+        rate = ", rate_hz = 250.0" if self.unit in PORTS else ""
+        text = text.replace('driver = "mdt693b"', f'driver = "{self.unit}"')
+        text = text.replace(", rate_hz = 250.0", rate)
+        if self.unit in OWN_GAUGE:
+            text = text.replace('driver = "ksg101"', f'driver = "{self.unit}"')
+        return text
+
+    def exchange(self, serial_number: int) -> None:
+        """The unit is pulled, and what is plugged in after a while has this number."""
+        self.bench_order(
+            fault="unplug", device=self.port_name, for_s=AWAY_S, serial_number=serial_number
+        )
+
+
+def unplugged(rig: UnitRig) -> str:
+    """the unit's cable pulled"""
+    rig.bench_order(fault="unplug", device=rig.port_name, for_s=AWAY_S)
+    rig.until_state(State.FAULT)
+    rig.until_event("actuator: back", 30.0)
+    assert "DeviceGone" in rig.events(), rig.events()
+    return "fault, reconnected"
+
+
+def late(rig: UnitRig) -> str:
+    """the unit answers 0.5 s late"""
+    rig.bench_order(amplifier={"delay_s": 0.5, **_replies(rig, 1000)}, for_s=1.0)
+    rig.until_state(State.FAULT)
+    rig.until_event("actuator: back", 30.0)
+    assert "within" in rig.events(), rig.events()  # the driver's words for a time-out
+    return "fault (time-out), reconnected"
+
+
+def damaged(rig: UnitRig) -> str:
+    """random bytes in the unit's answers"""
+    noise = True if rig.unit in PORTS else 20
+    rig.bench_order(amplifier={"garbage": noise, **_replies(rig, 2)})
+    time.sleep(0.5)
+    if State.FAULT in rig.states():
+        rig.bench_order(clear=True)
+        rig.until_event("actuator: back", 30.0)
+        return "fault (protocol), reconnected"
+    rig.until_running()
+    return "passed over: the answers behind the noise are found"
+
+
+def foreign(rig: UnitRig) -> str:
+    """another unit plugged in for a while"""
+    rig.exchange(FOREIGN_NUMBER)
+    rig.until_event("serial number", 30.0)
+    begun_ns, sets = time.monotonic_ns(), _sets(rig)
+    time.sleep(FOREIGN_S)
+    assert State.FAULT in rig.states()
+    assert "actuator: back" not in rig.events(), rig.events()
+    assert _sets(rig) == sets, "the foreign unit was set"
+    rig.check_held(begun_ns)
+    rig.exchange(OWN_NUMBERS[rig.unit])
+    rig.until_event("actuator: back", 30.0)
+    return f"fault, named; nothing was set on it in {FOREIGN_S:g} s; its own unit is taken again"
+
+
+FAULTS = (unplugged, late, damaged, foreign)
+
+
+def _replies(rig: UnitRig, count: int) -> dict[str, int]:
+    """How many replies are affected: an MDT694B has to be told."""
+    return {"count": count} if rig.unit in PORTS else {}
+
+
+def _sets(rig: UnitRig) -> int:
+    return int(rig.bench_order()["sets"])
