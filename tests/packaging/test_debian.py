@@ -77,7 +77,9 @@ def target(package: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def dpkg(root: Path, *words: str | Path) -> str:
     command = ["dpkg", f"--root={root}", *DPKG, *map(str, words)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    # root's PATH, which dpkg asks for, also where a user runs the tests
+    own = {**os.environ, "PATH": f"{os.environ['PATH']}:/usr/local/sbin:/usr/sbin:/sbin"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=own)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

@@ -37,7 +37,7 @@ SERIAL = {"mdt693b": "ksg101", "mdt694b": "", "kpz101": "", "kpc101": "kpc101", 
 CONVERTER = {
     "name": "ad5592r",
     "out_voltage0_raw": "8738",
-    "out_voltage0_scale": "0.1",
+    "out_voltage0_scale": "0.1526",
     "in_voltage0_raw": "100",
     "in_voltage0_scale": "0.1",
 }

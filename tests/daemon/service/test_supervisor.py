@@ -225,7 +225,8 @@ def test_a_gateway_without_its_port_is_said_and_the_daemon_is_not_ready(
         assert service.rings.state() is State.READY  # the loop itself is not disturbed
         squatter.close()
         until(lambda: shown() == "STATUS=ready", 60.0, "ready when the port is free")
-        assert "dehyst run: ready" in service.words()
+        # systemd is told before the words are written
+        until(lambda: "dehyst run: ready" in service.words(), 10.0, "the same in words")
         with service.client() as client:
             status = client.status()
             assert status.core_alive
