@@ -16,9 +16,10 @@ Each datagram is one object with one or more of these keys:
 
 Of a bench with several axes, "axis": "y" says whose gauge, stage and inputs are meant, and whose
 state is wanted (left out: the first axis; the state of each is under "axes").
-Without for_s a fault stays until it is cleared; an amplifier that is unplugged with a dialect or a
-"serial_number" has that firmware or number when it is plugged in again. With "reply_to" (path of the sender's own
-datagram socket) the answer goes there: {"ok": true, "state": {...}} or {"ok": false, "error": ...}.
+Without for_s a fault stays until it is cleared; an amplifier that is unplugged with a dialect has
+that firmware when it is plugged in again, and any unit with a "serial_number" that number. With
+"reply_to" (path of the sender's own datagram socket) the answer goes there:
+{"ok": true, "state": {...}} or {"ok": false, "error": ...}.
 """
 
 import contextlib
@@ -218,8 +219,8 @@ class Control:
                 server.unplug()
                 if order.dialect is not None and server is bench.amplifier:
                     self._mdt693b().set_dialect(order.dialect)
-                if order.serial_number is not None and server is bench.amplifier:
-                    bench.amplifier.unit.set_serial_number(order.serial_number)
+                if order.serial_number is not None:
+                    server.unit.set_serial_number(order.serial_number)
                 self._later(for_s, server.plug)
             else:
                 server.stall_writes(True)

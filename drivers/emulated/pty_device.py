@@ -56,6 +56,10 @@ class PtyUnit(Protocol):
         stay as they are."""
         ...
 
+    def set_serial_number(self, number: int) -> None:
+        """What a different unit at the same port would report."""
+        ...
+
 
 class PtyServer:
     """One unit behind one pty, reachable at a symbolic link.

@@ -101,8 +101,9 @@ def main() -> int:
         if args.units:
             for unit in chaos_units.UNITS:
                 print(f"| **{unit}** | | | | |")
+                gauge = chaos_units.GAUGE_FAULTS if unit == "kpz101" else ()
                 series(
-                    _wanted(chaos_units.FAULTS, args.names),
+                    _wanted((*chaos_units.FAULTS, *gauge), args.names),
                     lambda place, unit=unit: chaos_units.UnitRig(place, models["x"], unit),
                     bars,
                 )

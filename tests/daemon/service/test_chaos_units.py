@@ -1,5 +1,5 @@
 """The chaos test with each serial amplifier: its cable pulled, its answers late and damaged, and
-another unit in its place, while a trajectory runs."""
+another unit in its place, while a trajectory runs; and with a gauge reader."""
 
 from collections.abc import Callable, Iterator
 
@@ -29,7 +29,7 @@ def rigs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, KeptRig
     [
         pytest.param(unit, fault, marks=pytest.mark.xdist_group(f"chaos {unit}"))
         for unit in units.UNITS
-        for fault in units.FAULTS
+        for fault in (*units.FAULTS, *(units.GAUGE_FAULTS if unit == "kpz101" else ()))
     ],
 )
 def test_fault_of_a_unit(

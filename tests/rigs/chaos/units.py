@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tests.rigs.chaos.rig import Rig
 
-from dehyst.daemon.rings.records import State
+from dehyst.daemon.rings.records import Flag, State
 
 UNITS = ("mdt694b", "kpz101", "kpc101", "bpc303")
 PORTS = {"mdt694b": "mdt693b"}
@@ -21,6 +21,7 @@ OWN_NUMBERS = {
     "kpc101": 113000123,
     "bpc303": 71000123,
 }
+GAUGE_NUMBER = 59000123
 FOREIGN_NUMBER = 7
 AWAY_S, FOREIGN_S = 1.0, 3.0
 
@@ -87,7 +88,7 @@ def damaged(rig: UnitRig) -> str:
 def foreign(rig: UnitRig) -> str:
     """another unit plugged in for a while"""
     rig.exchange(FOREIGN_NUMBER)
-    rig.until_event("serial number", 30.0)
+    rig.until_event("another unit", 30.0)
     begun_ns, sets = time.monotonic_ns(), _sets(rig)
     time.sleep(FOREIGN_S)
     assert State.FAULT in rig.states()
@@ -99,7 +100,32 @@ def foreign(rig: UnitRig) -> str:
     return f"fault, named; nothing was set on it in {FOREIGN_S:g} s; its own unit is taken again"
 
 
+def gauge_damaged(rig: Rig) -> str:
+    """random bytes in the gauge's answers"""
+    rig.bench_order(gauge={"garbage": 20})
+    time.sleep(0.5)
+    rig.until_running()
+    assert State.FAULT not in rig.states()
+    return "passed over, the loop goes on"
+
+
+def gauge_foreign(rig: Rig) -> str:
+    """another gauge plugged in for a while"""
+    away = {"fault": "unplug", "device": "ksg101", "for_s": AWAY_S}
+    rig.bench_order(**away, serial_number=FOREIGN_NUMBER)
+    rig.until_event("another unit", 30.0)
+    time.sleep(FOREIGN_S)
+    assert rig.flags() & Flag.SENSOR_INVALID
+    assert "sensor: back" not in rig.events(), rig.events()
+    rig.bench_order(**away, serial_number=GAUGE_NUMBER)
+    rig.until_event("sensor: back", 30.0)
+    assert State.FAULT not in rig.states()
+    return "named and not read, the loop goes on; its own gauge is taken again"
+
+
 FAULTS = (unplugged, late, damaged, foreign)
+GAUGE_FAULTS = (gauge_damaged, gauge_foreign)
+"""Of a KSG101; the others are those of the rig of an MDT693B."""
 
 
 def _replies(rig: UnitRig, count: int) -> dict[str, int]:
