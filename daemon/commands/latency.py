@@ -19,7 +19,8 @@ from dehyst.models.errors import BadInput
 EPILOG = """\
 Runs the daemon's own loop on a simulated stage, in this process, with the priority, CPU and engine
 of --config if given, and times the device calls of an emulated MDT693B and KSG101, or with
---config those of the configured sensor. It writes nothing to a configured amplifier.
+--config those of the configured sensor. On a configured amplifier it sets no voltage; the time of
+its call is the one that its driver measures when it opens the unit.
 
 exit status: 0 if the rate was sustained; 1 if more than one deadline, and more than one in 10 000,
 was missed, or if the device calls do not fit into the period.

@@ -28,6 +28,8 @@ from dehyst.models.change.causes import WeighedCause, find_causes, weigh_causes
 from dehyst.models.change.led import lead_in, without_lead
 from dehyst.models.change.naming import (
     ChangeResiduals,
+    add_rivals,
+    explains_all,
     find_one_change,
     is_of_sensor,
     pick_models,
@@ -126,10 +128,13 @@ def _conclude(
     verdict, models, beside = details.verdict, [found.model], ""
     left = _left(model, found.model, when_good, details.noise, seen)
     one = find_one_change(findings, seen.causes, left)
-    if one is not None:  # alone it explains all that is new
-        beside = _describe_report(findings)
-        findings = [state_one_change(one, seen.causes, left)]
-        verdict, models = "explained", []
+    if one is not None:  # alone it explains all that is new, or most
+        whole = explains_all(one, left)
+        beside = _describe_report(findings, whole)
+        findings = [state_one_change(one, seen.causes, left, findings[0])]
+        verdict, models = "explained", [] if whole else models
+    elif findings:
+        findings = [add_rivals(findings[0], seen.causes, left), *findings[1:]]
     named = [f for f in findings if f.name != "unknown"]
     of_sensor = bool(named) and is_of_sensor(named[0], seen.causes, noise2)
     offered, tested, why = None, None, ""
@@ -197,10 +202,11 @@ def _describe_findings(
     return f"{text}."
 
 
-def _describe_report(findings: Sequence[Finding]) -> str:
-    """What the report says that the one change does not need."""
+def _describe_report(findings: Sequence[Finding], whole: bool) -> str:
+    """What the report says that the one change does not need; whole: it explains all."""
     names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
-    return f"It is a single change; the report fits the loop again and shows it as {names}."
+    says = "It is a single change" if whole else "Alone it explains most of what is new"
+    return f"{says}; the report fits the loop again and shows it as {names}."
 
 
 def _left(

@@ -15,9 +15,9 @@ import numpy as np
 
 from dehyst.daemon import clock
 from dehyst.daemon.config import Config, parse_config
-from dehyst.daemon.files.known_units import SENSOR, expect_known
+from dehyst.daemon.files.known_units import ACTUATOR, SENSOR, expect_known
 from dehyst.daemon.interrupts import ended_at_once
-from dehyst.daemon.loop.checks import SPARE
+from dehyst.daemon.loop.checks import SPARE, devices_of
 from dehyst.daemon.loop.compiled_loop import CompiledLoop, spin_ns, warm_up
 from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.daemon.loop.python_loop import PythonLoop
@@ -233,13 +233,21 @@ def time_actuator(actuator: Actuator, seconds: float, most: int = 2000) -> Histo
 
 
 def time_devices(config: Config | None) -> dict[str, Histogram]:
-    """Durations of the calls of the configured sensor, or of the emulated units; by name."""
+    """Durations of the calls of the configured devices, or of the emulated units; by name. No
+    voltage is set on a configured amplifier: its call lasts as long as its driver finds when it
+    opens it."""
     if config is not None:
-        sensor = load_sensor(config.sensor.driver).from_settings(config.sensor.settings)
+        actuator, sensor = devices_of(config)
+        with closing(actuator):
+            expect_known(config, ACTUATOR, actuator)
+            actuator.open()
+            write = Histogram()
+            write.add(1e6 / actuator.spec.max_rate_hz)
         with closing(sensor):
             expect_known(config, SENSOR, sensor)
             sensor.open()
-            return {f"read {config.sensor.driver}": time_sensor(sensor, IO_S)}
+            read = time_sensor(sensor, IO_S)
+        return {f"read {config.sensor.driver}": read, f"write {config.actuator.driver}": write}
     with tempfile.TemporaryDirectory(prefix="dehyst-") as folder:
         bench = BenchProcess(Path(folder), [])
         try:

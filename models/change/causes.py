@@ -31,12 +31,13 @@ SHORTLIST = 6
 @dataclass(frozen=True)
 class Cause:
     """name: in the diagnosis' words; place: drive, stage or sensor; says: a sentence; model: the
-    one in use with it."""
+    one in use with it; confused_with: names of the effects that look like it."""
 
     name: str
     place: str
     says: str
     model: Model
+    confused_with: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def _as_cause(model: Model, problem: Problem, trial: CandidateTrial) -> Cause:
     amplitudes = fit.amplitudes[fit.effects.index(effect)]
     blocks = one.blocks(effect.theta, amplitudes, problem.data)
     says = one.says(one.values(effect.theta, amplitudes))
-    return Cause(one.name, one.place, says, with_blocks(model, blocks))
+    return Cause(one.name, one.place, says, with_blocks(model, blocks), one.confused_with)
 
 
 def weigh_causes(

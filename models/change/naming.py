@@ -7,9 +7,10 @@ no more of later telemetry than that model left when all was well, nothing else 
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
-from dehyst.models.change.causes import WeighedCause
+from dehyst.models.change.causes import Cause, WeighedCause
 from dehyst.models.diagnosis import Finding
 from dehyst.models.model import Model
 
@@ -50,7 +51,9 @@ def find_one_change(
     findings: Sequence[Finding], causes: Sequence[WeighedCause], left: ChangeResiduals
 ) -> WeighedCause | None:
     """The cause that alone explains all that is new, where the diagnosis does not name it and
-    needs more than one name, or a shape. findings, causes: what is new first."""
+    needs more than one name, or a shape; or that alone explains most of it, and more than the
+    effect that the diagnosis names first and with which it may be confused. findings, causes: what
+    is new first."""
     best = causes[0] if causes else None
     names = {f.name for f in findings}
     if best is None or not names or best.cause.name in names:
@@ -59,21 +62,34 @@ def find_one_change(
         return None  # one name against another: the diagnosis has weighed them
     noise2 = left.noise**2
     first = findings[0]
-    if first.name != "shape" and best.cause.name in first.ambiguous_with:
-        as_named = max((o.new for o in causes if o.cause.name == first.name), default=0.0)
-        if best.new <= as_named + noise2:  # better by chance
+    if _may_be_confused(best.cause, first):
+        if best.new <= _explained_by(first, causes) + noise2:  # better by chance
             return None
-    enough = max(left.found**2, 0.0 if math.isnan(left.when_good) else left.when_good**2) + noise2
-    explained = EXPLAINED * (left.in_use**2 - noise2) + noise2
-    return best if best.left**2 <= min(enough, explained) else None
+    elif not explains_all(best, left):
+        return None
+    return best if _explains_most(best, left) else None
+
+
+def explains_all(one: WeighedCause, left: ChangeResiduals) -> bool:
+    """Whether nothing else is needed: it leaves no more than the model in use when all was well, or
+    than all that the diagnosis found, but for the noise."""
+    good2 = 0.0 if math.isnan(left.when_good) else left.when_good**2
+    return one.left**2 <= max(left.found**2, good2) + left.noise**2
+
+
+def _explains_most(one: WeighedCause, left: ChangeResiduals) -> bool:
+    noise2 = left.noise**2
+    return one.left**2 <= EXPLAINED * (left.in_use**2 - noise2) + noise2
 
 
 def state_one_change(
-    one: WeighedCause, causes: Sequence[WeighedCause], left: ChangeResiduals
+    one: WeighedCause, causes: Sequence[WeighedCause], left: ChangeResiduals, first: Finding
 ) -> Finding:
-    """That cause as what was found, with the names of those that do as well but for the noise."""
+    """That cause as what was found, with the names of those that do as well but for the noise, and
+    the diagnosis' first finding where it may be confused with it."""
     noise2, cause = left.noise**2, one.cause
     near = [o.cause.name for o in causes if o.new >= one.new - noise2]
+    near += [first.name] if _may_be_confused(cause, first) else []
     return Finding(
         name=cause.name,
         key=cause.name,
@@ -88,6 +104,29 @@ def state_one_change(
         where={},
         says=cause.says,
     )
+
+
+def add_rivals(first: Finding, causes: Sequence[WeighedCause], left: ChangeResiduals) -> Finding:
+    """The diagnosis' first finding, with the names of the causes that may be confused with it and
+    alone explain as much of what is new, or more."""
+    least = _explained_by(first, causes) - left.noise**2
+    near = [
+        o.cause.name
+        for o in causes
+        if o.new >= least and _explains_most(o, left) and _may_be_confused(o.cause, first)
+    ]
+    names = dict.fromkeys((*first.ambiguous_with, *near))
+    return replace(first, ambiguous_with=tuple(n for n in names if n != first.name))
+
+
+def _may_be_confused(cause: Cause, first: Finding) -> bool:
+    named = cause.name in first.ambiguous_with or first.name in cause.confused_with
+    return named and first.name != "shape"
+
+
+def _explained_by(first: Finding, causes: Sequence[WeighedCause]) -> float:
+    """What the finding's own cause alone removes of what is new [mean square]."""
+    return max((o.new for o in causes if o.cause.name == first.name), default=0.0)
 
 
 def is_of_sensor(first: Finding, causes: Sequence[WeighedCause], noise2: float) -> bool:

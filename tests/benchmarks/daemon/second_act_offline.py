@@ -1,13 +1,15 @@
 """The demo's second act over many seeds, without processes and faster than in real time.
 
-    python -m tests.benchmarks.daemon.second_act_offline [--seeds 30] [--first 1] [--keep DIR]
+    python -m tests.benchmarks.daemon.second_act_offline [--seeds 30] [--first 1 | --only SEED ...]
+                                                         [--model MODEL.toml] [--keep DIR]
 
 The simulated stage, the controller's step, the mismatch watch, the doctor's examination and the
 trial are the product's own (tests/rigs/story.py); time is a count of samples, so that a busy
 machine changes nothing. No driver, no serial line, no late sample: second_act.py plays it with all
 of them. The stage has no RC corner, no mode of 780 Hz and no filter of the bridge, which are over
 within a sample and would cost most of the time; and the diagnosis does not say what it would have
-seen, which no figure here depends on. The bars are those of second_act.py.
+seen, which no figure here depends on. --model: that which a first act has identified, which leaves
+more of the stage than the simulated stage's own. The bars are those of second_act.py.
 """
 
 import argparse
@@ -25,6 +27,7 @@ from tests.rigs.story import OfflineStory
 from dehyst.daemon.bench.simulated import simulated_model
 from dehyst.daemon.demo.chance import Chance
 from dehyst.daemon.demo.second_act import BEFORE_S, FLAG_S, LAST_S, LEARN_S, TRIAL_S, Story
+from dehyst.daemon.files.models import load_model
 from dehyst.models.diagnosis import steps
 from dehyst.models.model import Model
 
@@ -98,12 +101,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seeds", type=int, default=30)
     parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--only", type=int, nargs="+", metavar="SEED", help="these")
+    parser.add_argument("--model", type=Path, help="the model in use")
     parser.add_argument("--keep", type=Path, help="the cases of all seeds, for a closer look")
     parser.add_argument("--json", type=Path, help="the facts of each seed")
     parser.add_argument("--clean", type=float, default=0.0, metavar="S", help="nothing changes")
     args = parser.parse_args()
     steps.limits = lambda *_: ()  # see above
-    model, bars, stories = simulated_model(), Bars(), []
+    model = load_model(args.model) if args.model else simulated_model()
+    bars, stories = Bars(), []
     if args.clean:
         with tempfile.TemporaryDirectory(prefix="dehyst-act-") as scratch:
             seeds = range(args.first, args.first + args.seeds)
@@ -112,7 +118,7 @@ def main() -> int:
         return bars.end()
     print(table_head(), flush=True)
     with tempfile.TemporaryDirectory(prefix="dehyst-act-") as scratch:
-        for seed in range(args.first, args.first + args.seeds):
+        for seed in args.only or range(args.first, args.first + args.seeds):
             facts = tell_story((args.keep or Path(scratch)) / str(seed), model, seed)
             stories.append(facts)
             print(row(facts), flush=True)

@@ -9,14 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.rigs.processes import EmulatedBench
 
 from dehyst.daemon.commands.latency import _default_hz, _setup
-from dehyst.daemon.config import parse_config
-from dehyst.daemon.latency.latency import LatencyOutcome, Setup
+from dehyst.daemon.config import load_config, parse_config
+from dehyst.daemon.latency.latency import LatencyOutcome, Setup, time_devices
 from dehyst.daemon.latency.machine import advice
 from dehyst.daemon.loop.timing.histogram import Histogram
 from dehyst.daemon.loop.timing.realtime import IDLE_LATENCY, Obtained
 from dehyst.daemon.main import main
+from dehyst.drivers.emulated.control import ask
 
 
 def dehyst(*arguments: str) -> "subprocess.CompletedProcess[str]":
@@ -73,6 +75,18 @@ def test_times_the_emulated_devices_and_refuses_what_they_cannot() -> None:
     assert "these devices allow about" in done.stdout
     assert "5000 Hz NOT held" in done.stdout
     assert "#" not in done.stdout  # no pictures in a pipe
+
+
+def test_a_configured_amplifier_is_timed_and_never_set(tmp_path: Path) -> None:
+    bench = EmulatedBench(tmp_path, "--start-v", "30")
+    try:
+        io = time_devices(load_config(bench.config(100.0, tmp_path / "none.toml")))
+        assert bench.output()[1].size <= 1  # the log begins where the output stands
+        assert ask(bench.ports["control"], {})["sets"] == 0
+    finally:
+        bench.close()
+    assert list(io) == ["read ksg101", "write mdt693b"]
+    assert 1500.0 < io["write mdt693b"].quantile(0.5) < 10_000.0  # replies after 1.5 ms
 
 
 @pytest.mark.parametrize("bad", [("--rate", "0"), ("--for", "-1"), ("--config", "/nowhere.toml")])

@@ -1,6 +1,7 @@
 """What is named first, and which models are tried: what one change alone removes decides."""
 
 import math
+from dataclasses import InitVar, dataclass, replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from dehyst.models.change.causes import Cause, WeighedCause
 from dehyst.models.change.naming import (
     ChangeResiduals,
+    add_rivals,
+    explains_all,
     find_one_change,
     is_of_sensor,
     pick_models,
@@ -17,19 +20,31 @@ from dehyst.models.change.naming import (
 from dehyst.models.model import Hysteresis, Model, Validity
 
 
+@dataclass(frozen=True)
 class F:
     """A finding, as far as it is ranked."""
 
-    def __init__(
-        self, name: str, share: float = 0.5, place: str = "stage", near: tuple[str, ...] = ()
-    ) -> None:
-        self.name, self.share, self.place, self.ambiguous_with = name, share, place, near
+    name: str
+    share: float = 0.5
+    place: str = "stage"
+    near: InitVar[tuple[str, ...]] = ()
+    ambiguous_with: tuple[str, ...] = ()
+
+    def __post_init__(self, near: tuple[str, ...]) -> None:
+        object.__setattr__(self, "ambiguous_with", self.ambiguous_with or near)
 
 
-def alone(name: str, new: float, place: str = "stage", left: float = 0.0) -> WeighedCause:
+def alone(
+    name: str,
+    new: float,
+    place: str = "stage",
+    left: float = 0.0,
+    confused_with: tuple[str, ...] = (),
+) -> WeighedCause:
     plain = Hysteresis(np.zeros(1), np.ones(1), np.array([0.0, 1.0]))
     tag = f"{name}-{place}"  # to tell the models apart
-    return WeighedCause(Cause(name, place, "", Model(plain, Validity(0.0, 1.0), tag)), left, new)
+    model = Model(plain, Validity(0.0, 1.0), tag)
+    return WeighedCause(Cause(name, place, "", model, confused_with), left, new)
 
 
 def test_what_is_new_is_reported_first() -> None:
@@ -89,10 +104,10 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
     assert find_one_change(found, causes, LEFT) is mode  # type: ignore[arg-type]
     tied = [F("lag", near=("resonance",)), *found[1:]]  # it could be one, and does worse
     assert find_one_change(tied, causes, LEFT) is mode  # type: ignore[arg-type]
-    reported = state_one_change(mode, causes, LEFT)
+    reported = state_one_change(mode, causes, LEFT, found[0])
     assert (reported.name, reported.place, reported.ambiguous_with) == ("resonance", "stage", ())
     assert reported.share == pytest.approx(0.158 / (0.40**2 - 0.03**2))
-    near = state_one_change(mode, [*causes, alone("delay", 0.1575, left=0.051)], LEFT)
+    near = state_one_change(mode, [*causes, alone("delay", 0.1575, left=0.051)], LEFT, found[0])
     assert near.ambiguous_with == ("delay",)
 
 
@@ -117,3 +132,37 @@ def test_else_the_diagnosis_stands(found: list[F], left: float, limits: ChangeRe
     causes = [alone("resonance", new, left=left), alone("lag", new - 0.0008)]
     assert find_one_change(found, causes, limits) is None  # type: ignore[arg-type]
     assert find_one_change(found, [], limits) is None  # type: ignore[arg-type]
+
+
+def test_an_effect_that_looks_like_another_is_named_where_alone_it_explains_more() -> None:
+    """Friction, which a base fitted anew beside it shows as an asymmetry; the model in use leaves
+    more than the noise of the good recording."""
+    left = ChangeResiduals(in_use=0.287, when_good=0.0725, found=0.028, noise=0.0216)
+    found = [F("asymmetry"), F("shape"), F("creep")]
+    friction = alone("friction", 0.0740, left=0.0917, confused_with=("shape", "asymmetry"))
+    causes = [friction, alone("asymmetry", 0.0722, left=0.1008)]
+    assert find_one_change(found, causes, left) is friction  # type: ignore[arg-type]
+    assert not explains_all(friction, left)
+    named = state_one_change(friction, causes, left, found[0])  # type: ignore[arg-type]
+    assert (named.name, named.ambiguous_with) == ("friction", ("asymmetry",))
+    stranger = [alone("friction", 0.0740, left=0.0917), causes[1]]  # nothing says they look alike
+    assert find_one_change(found, stranger, left) is None  # type: ignore[arg-type]
+    little = [replace(friction, left=0.15), causes[1]]  # it leaves more than a part
+    assert find_one_change(found, little, left) is None  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("new", "left_by_it", "expected"),
+    [(0.0720, 0.0917, ("friction",)), (0.0700, 0.0917, ()), (0.0720, 0.15, ())],
+)
+def test_what_looks_like_the_first_finding_and_explains_as_much_stands_beside_it(
+    new: float, left_by_it: float, expected: tuple[str, ...]
+) -> None:
+    left = ChangeResiduals(in_use=0.287, when_good=0.0725, found=0.028, noise=0.0216)
+    causes = [
+        alone("asymmetry", 0.0722, left=0.0930),
+        alone("friction", new, left=left_by_it, confused_with=("asymmetry",)),
+        alone("rate", 0.0722, left=0.0930),
+    ]
+    first = add_rivals(F("asymmetry"), causes, left)  # type: ignore[arg-type]
+    assert first.ambiguous_with == expected

@@ -95,11 +95,18 @@ CHANGES = [
         ),
         Change(
             "one-change-any", NAMING,
-            "return best if best.left**2 <= min(enough, explained) else None", "return best",
+            "return best if _explains_most(best, left) else None", "return best",
             "a cause that explains only a part is named as the only one",
         ),
         Change(
-            "one-change-over-a-tie", NAMING, "if best.new <= as_named + noise2:", "if False:",
+            "looks-alike-unnamed", NAMING,
+            "cause.name in first.ambiguous_with or first.name in cause.confused_with",
+            "cause.name in first.ambiguous_with",
+            "friction is reported as an asymmetry, which a loop fitted anew shows of it",
+        ),
+        Change(
+            "one-change-over-a-tie", NAMING,
+            "if best.new <= _explained_by(first, causes) + noise2:", "if False:",
             "of two equally good causes, the one that did better by chance is named",
         ),
         Change(
