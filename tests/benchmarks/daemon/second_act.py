@@ -1,7 +1,7 @@
 """The demo's second act over many seeds: flagged, named, compensated, and no wrong model kept.
 
     python -m tests.benchmarks.daemon.second_act [--seeds 30] [--first 1] [--only SEED ...]
-                                                 [--busy CORES] [--json FILE]
+                                                 [--busy CORES] [--json FILE] [--keep DIR]
 
 The first act (recording and model) is played once. Each seed has a bench, a daemon and a doctor of
 its own, and takes about three minutes of real time; of thirty seeds each effect that can be drawn
@@ -81,8 +81,8 @@ def first_act(output: Path) -> None:
             demo.close()
 
 
-def play(output: Path, seed: int) -> Story:
-    """One seed."""
+def play(output: Path, seed: int, keep: Path | None) -> Story:
+    """One seed. keep: where its cases go."""
     with tempfile.TemporaryDirectory(prefix="dehyst-act-") as folder:
         kept = Path(folder) / "output"
         kept.mkdir()
@@ -94,6 +94,9 @@ def play(output: Path, seed: int) -> Story:
             return demo.second_act(seed)
         finally:
             demo.close()
+            if keep is not None:
+                for case in bench.glob("*/mismatch/*.case"):
+                    shutil.copytree(case, keep / str(seed) / case.name, dirs_exist_ok=True)
 
 
 def row(facts: dict[str, Any]) -> str:
@@ -140,6 +143,7 @@ def main() -> int:
     parser.add_argument("--only", type=int, nargs="+", metavar="SEED", help="these")
     parser.add_argument("--busy", type=int, default=0, metavar="CORES", help="kept busy beside it")
     parser.add_argument("--json", type=Path, help="the facts of each seed")
+    parser.add_argument("--keep", type=Path, help="the cases of all seeds, for a closer look")
     args = parser.parse_args()
     seeds = args.only or choose_seeds(args.seeds, args.first)
     busy, bars = too_busy(), Bars()
@@ -150,7 +154,7 @@ def main() -> int:
         for seed in seeds:
             try:
                 with kept_busy(args.busy):
-                    facts = describe_facts(play(Path(folder), seed))
+                    facts = describe_facts(play(Path(folder), seed, args.keep))
             except DehystError as error:
                 print(f"{seed:5d}  not played: {error}", flush=True)
                 continue
