@@ -32,6 +32,7 @@ from dehyst.models.change.naming import (
     explains_all,
     find_one_change,
     is_of_sensor,
+    off_the_gauge,
     pick_models,
     rank_findings,
     state_one_change,
@@ -143,6 +144,7 @@ def _conclude(
     elif named and seen.later is None:
         why = "No model is offered, because no telemetry arrived on which it could be tested."
     elif named and seen.later is not None:
+        models = [off_the_gauge(m, named, seen.causes, noise2) for m in models]
         models = [*pick_models(named[0], seen.causes, noise2), *models]
         offered, tested, why = _try(case, model, models, seen.later, details.noise)
     if offered is not None:

@@ -11,10 +11,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from dehyst.models.change.causes import Cause, WeighedCause
+from dehyst.models.change.replay import with_blocks
 from dehyst.models.diagnosis import Finding
 from dehyst.models.model import Model
+from dehyst.models.physics import KINDS
 
-EXPLAINED = 0.15  # of the power beyond the noise, that one change may leave
+EXPLAINED = 0.15  # of the power that is new, that one change may leave
+OWN = 0.5  # of the power that the model in use left when all was well: it favours either of two
 
 
 class ChangeResiduals(NamedTuple):
@@ -73,13 +76,17 @@ def find_one_change(
 def explains_all(one: WeighedCause, left: ChangeResiduals) -> bool:
     """Whether nothing else is needed: it leaves no more than the model in use when all was well, or
     than all that the diagnosis found, but for the noise."""
-    good2 = 0.0 if math.isnan(left.when_good) else left.when_good**2
-    return one.left**2 <= max(left.found**2, good2) + left.noise**2
+    return one.left**2 <= max(left.found**2, _before(left)) + left.noise**2
 
 
 def _explains_most(one: WeighedCause, left: ChangeResiduals) -> bool:
-    noise2 = left.noise**2
-    return one.left**2 <= EXPLAINED * (left.in_use**2 - noise2) + noise2
+    before = max(_before(left), left.noise**2)
+    return one.left**2 <= EXPLAINED * (left.in_use**2 - before) + before
+
+
+def _before(left: ChangeResiduals) -> float:
+    """Mean square that the model in use left of the good recording; 0 where there is none."""
+    return 0.0 if math.isnan(left.when_good) else left.when_good**2
 
 
 def state_one_change(
@@ -108,8 +115,9 @@ def state_one_change(
 
 def add_rivals(first: Finding, causes: Sequence[WeighedCause], left: ChangeResiduals) -> Finding:
     """The diagnosis' first finding, with the names of the causes that may be confused with it and
-    alone explain as much of what is new, or more."""
-    least = _explained_by(first, causes) - left.noise**2
+    alone explain as much of what is new, but for the noise and what the model in use leaves by
+    itself, or more."""
+    least = _explained_by(first, causes) - max(left.noise**2, OWN * _before(left))
     near = [
         o.cause.name
         for o in causes
@@ -127,6 +135,26 @@ def _may_be_confused(cause: Cause, first: Finding) -> bool:
 def _explained_by(first: Finding, causes: Sequence[WeighedCause]) -> float:
     """What the finding's own cause alone removes of what is new [mean square]."""
     return max((o.new for o in causes if o.cause.name == first.name), default=0.0)
+
+
+def off_the_gauge(
+    model: Model, findings: Sequence[Finding], causes: Sequence[WeighedCause], noise2: float
+) -> Model:
+    """The model with what it has at the gauge of findings that may as well act elsewhere moved to
+    there: what the gauge does is not compensated."""
+    for one in findings:
+        alike = [o.cause for o in _of_names(one, causes)]
+        there = next((c.place for c in alike if c.place != "sensor"), "")
+        if one.place != "sensor" or not there or is_of_sensor(one, causes, noise2):
+            continue
+        kinds = {b.kind for c in alike for b in c.model.blocks}
+        moved = [b for b in model.blocks if b.place == "sensor" and b.kind in kinds]
+        rest = tuple(b for b in model.blocks if b not in moved)
+        blocks = [
+            replace(b, place=there if there in KINDS[b.kind].places else "stage") for b in moved
+        ]
+        model = with_blocks(replace(model, blocks=rest), blocks)
+    return model
 
 
 def is_of_sensor(first: Finding, causes: Sequence[WeighedCause], noise2: float) -> bool:

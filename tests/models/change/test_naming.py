@@ -13,11 +13,12 @@ from dehyst.models.change.naming import (
     explains_all,
     find_one_change,
     is_of_sensor,
+    off_the_gauge,
     pick_models,
     rank_findings,
     state_one_change,
 )
-from dehyst.models.model import Hysteresis, Model, Validity
+from dehyst.models.model import Block, Hysteresis, Model, Validity
 
 
 @dataclass(frozen=True)
@@ -152,13 +153,19 @@ def test_an_effect_that_looks_like_another_is_named_where_alone_it_explains_more
 
 
 @pytest.mark.parametrize(
-    ("new", "left_by_it", "expected"),
-    [(0.0720, 0.0917, ("friction",)), (0.0700, 0.0917, ()), (0.0720, 0.15, ())],
+    ("new", "left_by_it", "when_good", "expected"),
+    [
+        (0.0720, 0.0917, 0.0725, ("friction",)),
+        (0.0700, 0.0917, 0.0725, ("friction",)),  # the model in use leaves as much by itself
+        (0.0700, 0.0917, math.nan, ()),
+        (0.0600, 0.0917, 0.0725, ()),
+        (0.0720, 0.1500, 0.0725, ()),
+    ],
 )
 def test_what_looks_like_the_first_finding_and_explains_as_much_stands_beside_it(
-    new: float, left_by_it: float, expected: tuple[str, ...]
+    new: float, left_by_it: float, when_good: float, expected: tuple[str, ...]
 ) -> None:
-    left = ChangeResiduals(in_use=0.287, when_good=0.0725, found=0.028, noise=0.0216)
+    left = ChangeResiduals(in_use=0.287, when_good=when_good, found=0.028, noise=0.0216)
     causes = [
         alone("asymmetry", 0.0722, left=0.0930),
         alone("friction", new, left=left_by_it, confused_with=("asymmetry",)),
@@ -166,3 +173,28 @@ def test_what_looks_like_the_first_finding_and_explains_as_much_stands_beside_it
     ]
     first = add_rivals(F("asymmetry"), causes, left)  # type: ignore[arg-type]
     assert first.ambiguous_with == expected
+
+
+def lagging(place: str, kind: str = "lag") -> Model:
+    plain = Hysteresis(np.zeros(1), np.ones(1), np.array([0.0, 1.0]))
+    return Model(plain, Validity(0.0, 1.0), "v", blocks=(Block(kind, place, {"tau_s": 0.01}),))
+
+
+@pytest.mark.parametrize(
+    ("elsewhere", "expected"),
+    [(0.0310, "drive"), (0.0302, "drive"), (0.0200, "sensor"), (None, "sensor")],
+)
+def test_a_lag_that_may_be_the_stages_is_not_left_at_the_gauge(
+    elsewhere: float | None, expected: str
+) -> None:
+    """The written model has it at the gauge, where nothing would compensate it."""
+    causes = [
+        WeighedCause(Cause("lag", place, "", lagging(place)), 0.07, new)
+        for place, new in (("drive", elsewhere), ("sensor", 0.0302))
+        if new is not None
+    ]
+    found = [F("rate"), F("lag", place="sensor")]
+    model = off_the_gauge(lagging("sensor"), found, causes, 0.0005)  # type: ignore[arg-type]
+    assert [b.place for b in model.blocks] == [expected]
+    other = off_the_gauge(lagging("sensor", "delay"), found, causes, 0.0005)  # type: ignore[arg-type]
+    assert [b.place for b in other.blocks] == ["sensor"]  # what no such cause has stays

@@ -99,6 +99,12 @@ CHANGES = [
             "a cause that explains only a part is named as the only one",
         ),
         Change(
+            "left-at-the-gauge", NAMING,
+            "if one.place != \"sensor\" or not there or is_of_sensor(one, causes, noise2):",
+            "if True:",
+            "a lag that may be the amplifier's is offered at the gauge and not compensated",
+        ),
+        Change(
             "looks-alike-unnamed", NAMING,
             "cause.name in first.ambiguous_with or first.name in cause.confused_with",
             "cause.name in first.ambiguous_with",
