@@ -74,6 +74,7 @@ def lock() -> list[str]:
     ):
         python(
             *("-m", "uv", "pip", "compile", "pyproject.toml", "--generate-hashes", "--no-config"),
+            "--native-tls",  # the system's certificates, as pip takes them
             *("--quiet", "--no-header", "--no-annotate", "--output-file", path, *words),
         )
     return [path.name for path, text in before.items() if path.read_text() != text]

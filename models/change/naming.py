@@ -17,6 +17,7 @@ from dehyst.models.model import Model
 from dehyst.models.physics import KINDS
 
 EXPLAINED = 0.15  # of the power that is new, that one change may leave
+WEAK = 0.25  # of what the best cause alone removes: less is not the change
 OWN = 0.5  # of the power that the model in use left when all was well: it favours either of two
 
 
@@ -36,11 +37,12 @@ def rank_findings(
     """What is new first: by the mean square that each finding's cause alone removes of later
     telemetry and not of the good recording, and where that is as good as the best but for the
     noise's (noise2), by the diagnosis' share; then the loop's shape, then what removes less than
-    `least`, then what nothing explains."""
+    `least` or than a part of what any cause alone removes, then what nothing explains."""
     new: dict[str, float] = {}
     for one in causes:
         new[one.cause.name] = max(new.get(one.cause.name, 0.0), one.new)
     best = max((new.get(f.name, 0.0) for f in findings), default=0.0)
+    least = max(least, WEAK * max(new.values(), default=0.0))
 
     def rank(finding: Finding) -> tuple[int, float, float]:
         of_it = new.get(finding.name, 0.0)

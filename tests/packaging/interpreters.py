@@ -61,7 +61,17 @@ def try_it(version: str, python: str) -> bool:
     wheels = ["-m", "pip", "install", "--quiet", "--only-binary=:all:"]
     lowest = ["--resolution", "lowest-direct"] if version == PYTHONS[0] else []
     pinned = str(place / "dependencies.txt")
-    lock = [sys.executable, "-m", "uv", "pip", "compile", "--quiet", "--no-config", *lowest]
+    lock = [
+        sys.executable,
+        "-m",
+        "uv",
+        "pip",
+        "compile",
+        "--quiet",
+        "--no-config",
+        "--native-tls",
+        *lowest,
+    ]
     steps = [
         [python, "-m", "venv", str(place)],
         [*lock, "--python", own, str(ROOT / "pyproject.toml"), "--output-file", pinned],

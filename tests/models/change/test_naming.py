@@ -60,6 +60,15 @@ def test_what_is_new_is_reported_first() -> None:
         assert names == expected
 
 
+def test_what_is_little_beside_a_cause_that_the_diagnosis_does_not_name_is_not_first() -> None:
+    """Friction, which the loop that is fitted again takes, beside a lag of a few milliseconds."""
+    found = [F("lag"), F("shape", near=("friction",)), F("creep")]
+    for lag, expected in ((0.0055, "shape"), (0.0200, "lag")):
+        causes = [alone("friction", 0.0466), alone("lag", lag, "sensor")]
+        ranked = rank_findings(found, causes, 0.0052, 0.0005)  # type: ignore[arg-type]
+        assert ranked[0].name == expected
+
+
 def test_of_what_does_as_well_the_diagnosis_share_decides() -> None:
     found = [F("lag", 0.1), F("delay", 0.7)]
     causes = [alone("lag", 0.0403), alone("delay", 0.0400)]

@@ -99,6 +99,11 @@ CHANGES = [
             "a cause that explains only a part is named as the only one",
         ),
         Change(
+            "little-is-first", NAMING,
+            "least = max(least, WEAK * max(new.values(), default=0.0))", "least = least",
+            "a lag that was always there is reported as the change, beside friction",
+        ),
+        Change(
             "left-at-the-gauge", NAMING,
             "if one.place != \"sensor\" or not there or is_of_sensor(one, causes, noise2):",
             "if True:",
