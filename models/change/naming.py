@@ -83,7 +83,8 @@ def explains_all(one: WeighedCause, left: ChangeResiduals) -> bool:
 
 def _explains_most(one: WeighedCause, left: ChangeResiduals) -> bool:
     before = max(_before(left), left.noise**2)
-    return one.left**2 <= EXPLAINED * (left.in_use**2 - before) + before
+    new = left.in_use**2 - before
+    return new > left.noise**2 and one.left**2 <= EXPLAINED * new + before
 
 
 def _before(left: ChangeResiduals) -> float:

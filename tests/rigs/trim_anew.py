@@ -29,6 +29,15 @@ def die(one: TrimmedStage) -> None:
     one.reload(kept_model(), unseen=40)
 
 
+def drift(one: TrimmedStage, um: float, seconds: float) -> None:
+    """At a set-point, the gauge drifts by so much; then it reads the truth again."""
+    low, high = one.reach
+    place = 0.5 * (low + high)
+    one.go(place, 5.0)
+    begun, rate = one.now_ns, um / seconds * 1e-9
+    one.go(place, seconds, lambda rig, reading: reading + rate * (rig.now_ns - begun))
+
+
 def error_um(one: TrimmedStage, off: float = 0.0) -> float:
     """Mean distance from the target in the last second; off: of the gauge."""
     n = round(RATE_HZ)

@@ -11,7 +11,7 @@ jumps back to the truth. Bar: within 0.03 um of the target (of the gauge's own z
 import sys
 
 import numpy as np
-from tests.rigs.trim_anew import ON_TARGET_UM, RATE_HZ, die, error_um, frozen, rig, wander
+from tests.rigs.trim_anew import ON_TARGET_UM, RATE_HZ, die, drift, error_um, frozen, rig, wander
 from tests.rigs.trimmed_stage import TrimmedStage
 
 DEATHS, SHARES = 20, (0.0, 0.02, -0.02)
@@ -42,14 +42,9 @@ def one_death(one: TrimmedStage, number: int, share: float) -> tuple[float, bool
 
 def drift_and_back(one: TrimmedStage) -> tuple[float, float, bool, float]:
     """The distance at the drift's end and after it [um], frozen, and the seconds until there."""
-    low, high = one.reach
-    place = 0.5 * (low + high)
-    one.go(place, 5.0)
-    begun = one.now_ns
-    rate = DRIFT_UM / DRIFT_S * 1e-9
-    one.go(place, DRIFT_S, lambda rig, reading: reading + rate * (rig.now_ns - begun))
+    drift(one, DRIFT_UM, DRIFT_S)
     at_worst = error_um(one)
-    one.go(place, WATCHED_S)
+    one.go(0.5 * sum(one.reach), WATCHED_S)
     return at_worst, error_um(one), frozen(one), seconds_until_on_target(one, WATCHED_S, 0.0)
 
 

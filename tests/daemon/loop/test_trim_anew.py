@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from tests.rigs.trim_anew import ON_TARGET_UM, die, error_um, frozen, rig, wander
+from tests.rigs.trim_anew import ON_TARGET_UM, die, drift, error_um, frozen, rig, wander
 from tests.rigs.trimmed_stage import TrimmedStage
 
 from dehyst.models.learning.why import Why
@@ -31,17 +31,9 @@ def test_on_target_again_after_a_loop_that_died(share: float, after_s: float) ->
 
 def test_on_target_again_after_a_gauge_that_drifted_and_jumped_back() -> None:
     one = rig()
-    low, high = one.reach
-    place = 0.5 * (low + high)
-    one.go(place, 5.0)
-    begun = one.now_ns
-
-    def drifting(rig: TrimmedStage, reading: float) -> float:
-        return reading + 3.0 * (rig.now_ns - begun) / 30e9
-
-    one.go(place, 30.0, drifting)
+    drift(one, 3.0, 30.0)
     assert abs(error_um(one)) > 0.5  # nothing can tell it from a stage that drifts
-    one.go(place, 12.0)
+    one.go(0.5 * sum(one.reach), 12.0)
     assert not frozen(one)
     assert abs(error_um(one)) < ON_TARGET_UM
     said = [text for text in one.stepper.events if "trim" in text]

@@ -347,6 +347,7 @@ def test_accepting_asks_where_the_trajectory_in_play_may_be_cut(
         player = threading.Thread(target=client.play, args=(t_s, 8.0 + np.sin(t_s)), daemon=True)
         player.start()
         window.until("it plays", lambda: not client.status().trajectory_done)
+        window.until("the page knows it", lambda: "running" in window.text("state"))
         for answer, follows in (("no", "Found: creep"), ("yes", "no such offer")):
             accept.click()
             window.until("it asks", question.is_displayed)

@@ -135,6 +135,7 @@ def test_one_change_that_explains_all_that_is_new_is_found_beside_the_diagnosis(
         ([F("lag"), F("creep")], 0.20, LEFT._replace(found=0.30)),  # much is left by both
         ([F("shape")], 0.09, LEFT._replace(found=0.03)),  # a shape explains what it does not
         ([F("shape")], 0.05, LEFT._replace(found=0.03, when_good=math.nan)),
+        ([F("shape")], 0.05, LEFT._replace(when_good=0.40)),  # nothing is new
     ],
 )
 def test_else_the_diagnosis_stands(found: list[F], left: float, limits: ChangeResiduals) -> None:

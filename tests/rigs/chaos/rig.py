@@ -61,10 +61,12 @@ name = "chaos"
 run_dir = "{run}"
 model = {{file = "{model}"}}
 loop = {{rate_hz = {rate}}}
-actuator = {{driver = "mdt693b", settings = {{port = "{mdt693b}", rate_hz = 250.0}}}}
-sensor = {{driver = "ksg101", settings = {{port = "{ksg101}"}}}}
+{devices}
 """
 CONFIG += LIMITS
+DEVICES = """\
+actuator = {{driver = "mdt693b", settings = {{port = "{mdt693b}", rate_hz = 250.0}}}}
+sensor = {{driver = "ksg101", settings = {{port = "{ksg101}"}}}}"""
 
 SITE = """
 import os, time
@@ -143,6 +145,7 @@ class Rig:
     name = "chaos"
     commanded: tuple[str, ...] = (name,)
     axes = ""
+    port_name = "mdt693b"  # of the amplifier, on the bench
     lasts_s = 30.0  # a trajectory of the mover
     bench_options: tuple[str, ...] = ()
 
@@ -177,8 +180,12 @@ class Rig:
         return CONFIG.format(
             run=self.folder / "run", model=self.model, rate=RATE_HZ, max_v=MAX_V, slew=SLEW,
             safe_v=SAFE_V, ramp=RAMP, hold_s=HOLD_S, on_fault=on_fault, listen=self.address,
-            **self.ports,
+            devices=self.devices(),
         )  # fmt: skip
+
+    def devices(self) -> str:
+        """Their lines of the configuration."""
+        return DEVICES.format(**self.ports)
 
     @property
     def kept(self) -> Path:
