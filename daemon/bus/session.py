@@ -10,6 +10,7 @@ import itertools
 import json
 import logging
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Self
 
@@ -30,6 +31,21 @@ MOST_UNKNOWN = 4096
 """Connections whose first word is still to come."""
 UNREAD_MS = 3000
 """So long a subscriber may take nothing before its connection ends."""
+CALLBACK_THREAD = "pyo3-closure"
+"""In the name of a thread that zenoh starts for a callback: a daemon thread where the thread that
+declares is one, and such a thread aborts the program where it wakes at the interpreter's end."""
+CALLBACK_ENDS_S = 2.0
+"""A callback only stores, so its thread ends within milliseconds of its session, or of seconds on a
+machine without a free processor."""
+_declaring = threading.Lock()
+
+
+def _declare_afresh() -> None:
+    global _declaring
+    _declaring = threading.Lock()
+
+
+system.in_forked_child(_declare_afresh)
 
 
 class BusError(DehystError):
@@ -104,6 +120,7 @@ class Bus(Closing):
         except zenoh.ZError as error:
             raise BusError(f"{what} ({str(error).split(' at /')[0]})") from None
         self._kept: list[Any] = []
+        self._callback_threads: list[threading.Thread] = []
         self._process = os.getpid()
         after_fork.keep_from_children(self)
 
@@ -147,9 +164,6 @@ class Bus(Closing):
             "connect/endpoints": list(connect),
             "connect/timeout_ms": -1,  # a router that is not up yet is no reason to give up
             "connect/exit_on_failure": False,
-            "transport/link/tx/queue/size": {
-                name: 16 if name in ("data", "data_high") else 2 for name in _QUEUES
-            },
             # how long one full link may hold up all the others: 1 ms, then it loses the batch
             "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 1000,
             # one that stays full so long is closed
@@ -196,6 +210,8 @@ class Bus(Closing):
                 "period_max_ms": 1000,
                 "period_increase_factor": 2,
             },
+            # only the thread that asks waits for its own link, so a busy machine loses no question
+            "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 500_000,
         }
         where = ", ".join(addresses)
         return cls(
@@ -211,6 +227,20 @@ class Bus(Closing):
         self._kept.clear()
         if not self._opened.is_closed():
             self._opened.close()
+        for thread in self._callback_threads:
+            if thread is not threading.current_thread():
+                thread.join(CALLBACK_ENDS_S)
+
+    def _declared(self, declare: Callable[[], Any]) -> Any:
+        """What declare() returns, kept until the session is closed, as is its callback's thread."""
+        with _declaring:
+            before = set(threading.enumerate())
+            declared = declare()
+            begun = [t for t in threading.enumerate() if CALLBACK_THREAD in t.name]
+        alive = [t for t in self._callback_threads if t.is_alive()]
+        self._callback_threads = alive + [t for t in begun if t not in before]
+        self._kept.append(declared)
+        return declared
 
     def watch_links(self) -> Callable[[], tuple[int, int]]:
         """A function that says (links that are open, links that have ended)."""
@@ -221,7 +251,7 @@ class Bus(Closing):
             if event.kind == zenoh.SampleKind.DELETE:
                 newest[0] = next(ended) + 1
 
-        self._kept.append(self._session.info.declare_transport_events_listener(heard))
+        self._declared(lambda: self._session.info.declare_transport_events_listener(heard))
         return lambda: (len(self._session.info.transports()), newest[0])
 
     def sender(self, key: str, topic: Topic) -> Sender:
@@ -244,8 +274,7 @@ class Bus(Closing):
         def received(sample: zenoh.Sample) -> None:
             store(str(sample.key_expr), sample.payload.to_bytes())
 
-        subscriber = self._session.declare_subscriber(key, received)
-        self._kept.append(subscriber)
+        subscriber = self._declared(lambda: self._session.declare_subscriber(key, received))
 
         def end() -> None:
             if self.is_of_this_process and subscriber in self._kept:
@@ -256,8 +285,8 @@ class Bus(Closing):
 
     def answer(self, key: str, store: Callable[[Asked], None]) -> None:
         """Serve a queryable. `store(asked)` runs in zenoh's thread and must only store."""
-        self._kept.append(
-            self._session.declare_queryable(key, lambda q: store(Asked(q)), complete=True)
+        self._declared(
+            lambda: self._session.declare_queryable(key, lambda q: store(Asked(q)), complete=True)
         )
 
     def announce(self, key: str) -> None:
@@ -317,8 +346,18 @@ def _full(what: str) -> "zenoh.CongestionControl":
     return {"drop": control.DROP, "wait": control.BLOCK, "close": control.BLOCK_FIRST}[what]
 
 
-_QUEUES: tuple[str, ...] = ("control", "real_time", "interactive_high", "interactive_low")
-_QUEUES += ("data_high", "data", "data_low", "background")
+_QUEUED = {
+    "control": 2,
+    "real_time": 2,
+    "interactive_high": 16,
+    "interactive_low": 2,
+    "data_high": 16,
+    "data": 16,
+    "data_low": 2,
+    "background": 2,
+}
+"""Batches that a link holds back, by priority: of questions as many as one client's threads put at
+once, of telemetry what a busy subscriber is behind."""
 
 
 def _common(longest: int) -> dict[str, Any]:
@@ -328,4 +367,5 @@ def _common(longest: int) -> dict[str, Any]:
         "transport/shared_memory/enabled": False,
         "transport/link/rx/max_message_size": longest,
         "transport/link/tx/lease": 4000,  # a peer that hangs is given up after 4 s
+        "transport/link/tx/queue/size": _QUEUED,
     }

@@ -78,7 +78,8 @@ def test_the_search_finds_from_a_folder(site: Path) -> None:
     browser = Chromium()
     try:
         browser.chrome.get((site / "index.html").as_uri())
-        field = browser.chrome.find_element("name", "query")
+        fields = lambda: browser.chrome.find_elements("name", "query")  # noqa: E731
+        (field,) = browser.until("the page has its search field", fields)
         browser.ask("document.querySelector('[for=__search]').click()")
         browser.until("the field is there", field.is_displayed)
         field.send_keys("coercive field")

@@ -50,20 +50,20 @@ def check_speed(
 
 
 def check_steps(
-    time_ns: np.ndarray, volts: np.ndarray, step_v: float, rate_v_per_s: float, period_s: float
+    time_ns: np.ndarray, volts: np.ndarray, step_v: float, rate_v_per_s: float, late_s: float
 ) -> None:
     """No step is larger than step_v and what a movement at this rate needs since the last write,
-    or within one sampling period where two writes came closer together.
+    which may have been read late by so much, and this one in time.
 
     For a glide and a ramp, which are made of steps of a given size.
     """
-    steps, gaps = np.abs(np.diff(volts)), np.maximum(np.diff(time_ns) * 1e-9, period_s)
-    over = steps - step_v - rate_v_per_s * gaps - DAC_STEP_V
+    steps, gaps = np.abs(np.diff(volts)), np.diff(time_ns) * 1e-9
+    over = steps - step_v - rate_v_per_s * (gaps + late_s) - DAC_STEP_V
     if over.size:
         i = int(np.argmax(over))
         assert over[i] <= 0, (
             f"a step from {volts[i]:.3f} to {volts[i + 1]:.3f} V after {1e3 * gaps[i]:.1f} ms, "
-            f"where {step_v:g} V and {rate_v_per_s:g} V/s are allowed"
+            f"where {step_v:g} V and {rate_v_per_s:g} V/s are allowed, and {1e3 * late_s:g} ms late"
         )
 
 

@@ -56,11 +56,11 @@ def test_one_jump_is_found_and_a_late_write_is_not() -> None:
 
 def test_a_step_may_be_as_large_as_the_glide_and_the_way_since_the_last_write() -> None:
     time_ns = np.array([0, 10, 30, 32]) * MS
-    check_steps(time_ns, np.array([0.0, 4.0, 10.0, 14.0]), 2.0, 200.0, 0.01)
-    for i, step in ((1, 4.1), (2, 6.1), (3, 4.1)):
+    check_steps(time_ns, np.array([0.0, 5.6, 13.2, 17.2]), 2.0, 200.0, 0.008)
+    for i, step in ((1, 5.7), (2, 7.7), (3, 4.1)):
         volts = np.where(np.arange(4) >= i, step, 0.0)
         with pytest.raises(AssertionError, match="a step from"):
-            check_steps(time_ns, volts, 2.0, 200.0, 0.01)
+            check_steps(time_ns, volts, 2.0, 200.0, 0.008)
 
 
 def test_an_empty_log_is_not_a_log_within_its_range() -> None:

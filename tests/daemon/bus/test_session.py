@@ -54,7 +54,7 @@ def test_publish_ask_and_see_who_is_there(address: str) -> None:
             wait_until(
                 "it is there", lambda: client.alive("lab/@v1/*/alive") == ["lab/@v1/a/alive"]
             )
-            # asked short, an answer may be dropped where the link's queue of two is full
+            # asked short, an answer may be dropped where the link stays full
             reported = list(client.ask("lab/@v1/a/rpc/x", b"three", long=True))
             assert reported == [b"one", b"two", b"three"]
             with pytest.raises(BusError, match="not today"):
@@ -68,6 +68,40 @@ def test_publish_ask_and_see_who_is_there(address: str) -> None:
             wait_until("the token is gone", lambda: client.alive("lab/@v1/*/alive") == [])
             with pytest.raises(BusError):
                 list(client.ask("lab/@v1/a/rpc/x"))
+
+
+def test_closed_from_a_daemon_thread_it_leaves_no_thread_to_the_interpreters_end(
+    address: str,
+) -> None:
+    """Such a thread aborts the program where it wakes while the interpreter ends."""
+    entered, leave, opened, end = (threading.Event() for _ in range(4))
+    before = set(threading.enumerate())
+
+    def store(*_: object) -> None:
+        entered.set()
+        leave.wait(30.0)
+
+    def hear() -> None:
+        with Bus.connect([address]) as client:
+            client.listen("lab/heard", store)
+            for number in range(8):
+                client.listen(f"lab/{number}", store)
+            opened.set()
+            end.wait(30.0)
+
+    with Bus.serve([address], []) as server:
+        thread = threading.Thread(target=hear, daemon=True)
+        thread.start()
+        assert opened.wait(30.0)
+        sender = server.sender("lab/heard", topics.EVENT)
+        wait_until("it hears", lambda: sender.put(b"x") or entered.is_set())
+        end.set()
+        thread.join(0.3)
+        assert thread.is_alive(), "closed while its callback runs"
+        leave.set()
+        thread.join(30.0)
+        left = set(threading.enumerate()) - before
+    assert not [one for one in left if one.daemon]
 
 
 def test_an_answer_that_never_comes(address: str) -> None:

@@ -21,6 +21,16 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/daemon/bus/test_session.py",),
+        (
+            "callbacks-outlive-their-session",
+            "daemon/bus/session.py",
+            "                thread.join(CALLBACK_ENDS_S)\n",
+            "                pass\n",
+            "a program whose client lived in a daemon thread aborts at its end",
+        ),
+    ),
+    *room(
         ("tests/daemon/bus/test_contract.py",),
         Change(
             "strict-readers",

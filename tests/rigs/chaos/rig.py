@@ -37,6 +37,8 @@ from dehyst.models.errors import DehystError
 ROOT = Path(__file__).resolve().parents[3]
 RATE_HZ, SLEW, RAMP, MAX_V, SAFE_V, HOLD_S = 100.0, 1000.0, 200.0, 140.0, 5.0, 0.4
 STEP_NS = round(1e9 / RATE_HZ)
+LATE_S = 3 / RATE_HZ
+"""So late a write may be, or the emulator's reading of it, and the next one in time."""
 MOVER_V_PER_S = 260.0
 """The mover's trajectory needs no more: 17.3 um/s where the stage moves by 0.067 um/V."""
 APPROACH_V_PER_S = 850.0
@@ -390,18 +392,16 @@ class Rig:
     def check_steps(self, step_v: float, rate_v_per_s: float, begin_ns: int) -> None:
         """Every step after begin is of a glide of step_v beside a movement at this rate."""
         log = output.during(*self.output(), begin_ns + 2 * STEP_NS)
-        output.check_steps(*log, step_v, rate_v_per_s, 1.0 / RATE_HZ)
+        output.check_steps(*log, step_v, rate_v_per_s, LATE_S)
 
     def check_ramped(self, begin_ns: int) -> None:
-        """The output went to its safe voltage after begin in steps of its ramp, and no faster
-        (a write, or the emulator's reading of it, may be late by three periods, and the next one in
-        time)."""
+        """The output went to its safe voltage after begin in steps of its ramp, and no faster."""
         time_ns, volts = output.during(*self.output(), begin_ns + 2 * STEP_NS)
         there = np.flatnonzero(np.abs(volts - SAFE_V) < 0.01)
         assert there.size, "the output never came to its safe voltage"
         log = time_ns[: there[0] + 1], volts[: there[0] + 1]
-        output.check_steps(*log, RAMP / RATE_HZ, 0.0, 1.0 / RATE_HZ)
-        output.check_speed(*log, RAMP, 4 * RAMP / RATE_HZ)
+        output.check_steps(*log, RAMP / RATE_HZ, 0.0, LATE_S)
+        output.check_speed(*log, RAMP, RAMP * (1 / RATE_HZ + LATE_S))
 
     def check_held_then_ramped(self, begin_ns: int) -> None:
         """The loop held after begin, for as long as it should, and then ramped."""
