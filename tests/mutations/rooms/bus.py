@@ -22,7 +22,7 @@ CHANGES = [
     ),
     *room(
         ("tests/daemon/bus/test_session.py",),
-        (
+        Change(
             "callbacks-outlive-their-session",
             "daemon/bus/session.py",
             "                thread.join(CALLBACK_ENDS_S)\n",
