@@ -56,10 +56,12 @@ class DeviceLink:
         while not self._ended.wait(wait_s):
             try:
                 self.device.reconnect()
-            except DriverError as error:
-                if str(error) != last:
-                    last = str(error)
-                    self.news.append(f"{self.name}: not back yet: {error}")
+            except Exception as error:  # whatever it was, the device is tried again
+                known = isinstance(error, DriverError)
+                text = str(error) if known else f"{type(error).__name__}: {error}"
+                if text != last:
+                    last = text
+                    self.news.append(f"{self.name}: not back yet: {text}")
                 wait_s = min(2 * wait_s, LONGEST_RETRY_S)
             else:
                 self._back.set()

@@ -1,6 +1,7 @@
 """A controller in virtual time, run by either engine in this process; on the simulated stage
 unless a test gives it other devices."""
 
+import weakref
 from collections.abc import Iterable
 from typing import Any
 
@@ -90,6 +91,16 @@ class VirtualClock:
         return np.array([self.now_ns, LOOK_NS, 0, *self._late])
 
 
+_links: "weakref.WeakSet[DeviceLink]" = weakref.WeakSet()
+
+
+def end_links() -> None:
+    """Close the devices of every rig: no thread of a test reconnects a device of the next one."""
+    for link in list(_links):
+        link.close()
+    _links.clear()
+
+
 class Rig:
     """One controller; `play` runs it over batches of commands with either engine.
 
@@ -129,9 +140,9 @@ class Rig:
                 ("command", COMMAND, 4096),
             )
         }  # fmt: skip
-        self.monitor = LoopMonitor(
-            self.stepper, DeviceLink("actuator", actuator), DeviceLink("sensor", sensor), self.rings
-        )
+        links = DeviceLink("actuator", actuator), DeviceLink("sensor", sensor)
+        _links.update(links)
+        self.monitor = LoopMonitor(self.stepper, *links, self.rings)
         self.clock = VirtualClock(lateness_ns)
         self.words = self.clock.words()
 
