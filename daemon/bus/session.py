@@ -12,6 +12,8 @@ import logging
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
 from typing import Any, Self
 
 import zenoh
@@ -31,21 +33,9 @@ MOST_UNKNOWN = 4096
 """Connections whose first word is still to come."""
 UNREAD_MS = 3000
 """So long a subscriber may take nothing before its connection ends."""
-CALLBACK_THREAD = "pyo3-closure"
-"""In the name of a thread that zenoh starts for a callback: a daemon thread where the thread that
-declares is one, and such a thread aborts the program where it wakes at the interpreter's end."""
 CALLBACK_ENDS_S = 2.0
 """A callback only stores, so its thread ends within milliseconds of its session, or of seconds on a
 machine without a free processor."""
-_declaring = threading.Lock()
-
-
-def _declare_afresh() -> None:
-    global _declaring
-    _declaring = threading.Lock()
-
-
-system.in_forked_child(_declare_afresh)
 
 
 class BusError(DehystError):
@@ -120,7 +110,7 @@ class Bus(Closing):
         except zenoh.ZError as error:
             raise BusError(f"{what} ({str(error).split(' at /')[0]})") from None
         self._kept: list[Any] = []
-        self._callback_threads: list[threading.Thread] = []
+        self._callback_threads: set[Future[threading.Thread]] = set()
         self._process = os.getpid()
         after_fork.keep_from_children(self)
 
@@ -227,20 +217,19 @@ class Bus(Closing):
         self._kept.clear()
         if not self._opened.is_closed():
             self._opened.close()
-        for thread in self._callback_threads:
-            if thread is not threading.current_thread():
-                thread.join(CALLBACK_ENDS_S)
+        for ended in self._callback_threads:
+            with suppress(TimeoutError):
+                ended.result(CALLBACK_ENDS_S).join(CALLBACK_ENDS_S)
 
-    def _declared(self, declare: Callable[[], Any]) -> Any:
-        """What declare() returns, kept until the session is closed, as is its callback's thread."""
-        with _declaring:
-            before = set(threading.enumerate())
-            declared = declare()
-            begun = [t for t in threading.enumerate() if CALLBACK_THREAD in t.name]
-        alive = [t for t in self._callback_threads if t.is_alive()]
-        self._callback_threads = alive + [t for t in begun if t not in before]
-        self._kept.append(declared)
-        return declared
+    def _callback(self, store: Callable[[Any], None]) -> Any:
+        """`store`, as zenoh takes it. Its thread, a daemon where the one that declares is, aborts
+        the program where it wakes at the interpreter's end: `close` waits for it."""
+        ended: Future[threading.Thread] = Future()
+        for one in list(self._callback_threads):
+            if one.done() and not one.result().is_alive():
+                self._callback_threads.discard(one)
+        self._callback_threads.add(ended)
+        return zenoh.handlers.Callback(store, lambda: ended.set_result(threading.current_thread()))
 
     def watch_links(self) -> Callable[[], tuple[int, int]]:
         """A function that says (links that are open, links that have ended)."""
@@ -251,7 +240,8 @@ class Bus(Closing):
             if event.kind == zenoh.SampleKind.DELETE:
                 newest[0] = next(ended) + 1
 
-        self._declared(lambda: self._session.info.declare_transport_events_listener(heard))
+        listener = self._session.info.declare_transport_events_listener(self._callback(heard))
+        self._kept.append(listener)
         return lambda: (len(self._session.info.transports()), newest[0])
 
     def sender(self, key: str, topic: Topic) -> Sender:
@@ -274,7 +264,8 @@ class Bus(Closing):
         def received(sample: zenoh.Sample) -> None:
             store(str(sample.key_expr), sample.payload.to_bytes())
 
-        subscriber = self._declared(lambda: self._session.declare_subscriber(key, received))
+        subscriber = self._session.declare_subscriber(key, self._callback(received))
+        self._kept.append(subscriber)
 
         def end() -> None:
             if self.is_of_this_process and subscriber in self._kept:
@@ -285,9 +276,8 @@ class Bus(Closing):
 
     def answer(self, key: str, store: Callable[[Asked], None]) -> None:
         """Serve a queryable. `store(asked)` runs in zenoh's thread and must only store."""
-        self._declared(
-            lambda: self._session.declare_queryable(key, lambda q: store(Asked(q)), complete=True)
-        )
+        callback = self._callback(lambda query: store(Asked(query)))
+        self._kept.append(self._session.declare_queryable(key, callback, complete=True))
 
     def announce(self, key: str) -> None:
         """Declare a liveliness token: gone when this process is."""

@@ -25,7 +25,7 @@ CHANGES = [
         Change(
             "callbacks-outlive-their-session",
             "daemon/bus/session.py",
-            "                thread.join(CALLBACK_ENDS_S)\n",
+            "                ended.result(CALLBACK_ENDS_S).join(CALLBACK_ENDS_S)\n",
             "                pass\n",
             "a program whose client lived in a daemon thread aborts at its end",
         ),
