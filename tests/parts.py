@@ -7,8 +7,9 @@ quick      what starts no process, no zenoh session and no pty, on all processor
 thorough   the same where it takes longer: identification, diagnosis, the mismatch watch, recordings
 timing     what judges times and mostly waits, one worker more than there are processors; nothing
            that computes is beside it
-processes  what starts something; tests that share a rig of their module in one worker, and two
-           workers more than there are processors, because they often wait
+processes  what starts something; tests that share a rig of their module in one worker, and one
+           worker more than there are processors, because they often wait; with two more, loops and
+           clients of several tests are late together
 alone      what judges times and takes a processor for itself, one after another
 
 One part after another: what computes beside processes makes them late, and takes as long itself.
@@ -69,7 +70,7 @@ PARTS = {
         *("-m", "timing and not alone"),
     ],
     "processes": [
-        *("-n", str(int(JOBS) + 2), "--dist", "loadgroup", "--tb=native"),
+        *("-n", str(int(JOBS) + 1), "--dist", "loadgroup", "--tb=native"),
         *("-m", "processes and not timing"),
     ],
     "alone": ["-m", "alone"],
