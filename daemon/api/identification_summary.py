@@ -151,7 +151,9 @@ def describe_result(
         verdict(result),
         f"valid from {v.drive_min:.4g} to {v.drive_max:.4g} {drive}"
         + (f", up to {v.rate_max:.4g} {drive}/s" if v.rate_max else "")
-        + (f", and no slower than {v.slowest_s:.3g} s a twentieth of it" if v.slowest_s else ""),
+        + (
+            f", for drives that take up to {v.slowest_s:.3g} s for 5 % of it" if v.slowest_s else ""
+        ),
     ]
     lines += [f"note: {note}" for note in result.notes]
     lines += [f"missing: {text}" for text in _missing(result, covered)]

@@ -33,6 +33,8 @@ MOST_UNKNOWN = 4096
 """Connections whose first word is still to come."""
 UNREAD_MS = 3000
 """So long a subscriber may take nothing before its connection ends."""
+NOBODY_LISTENS = "Unable to connect to any of"
+"""zenoh's words where no address answers: ours say more."""
 CALLBACK_ENDS_S = 2.0
 """A callback only stores, so its thread ends within milliseconds of its session, or of seconds on a
 machine without a free processor."""
@@ -108,7 +110,9 @@ class Bus(Closing):
         try:
             self._opened = zenoh.open(config)
         except zenoh.ZError as error:
-            raise BusError(f"{what} ({str(error).split(' at /')[0]})") from None
+            reason = str(error).split(" at /")[0]
+            more = "" if reason.startswith(NOBODY_LISTENS) else f" ({reason})"
+            raise BusError(f"{what}{more}") from None
         self._kept: list[Any] = []
         self._callback_threads: set[Future[threading.Thread]] = set()
         self._process = os.getpid()

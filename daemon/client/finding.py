@@ -69,7 +69,9 @@ def chosen_of(names: list[str], name: str | None) -> str | None:
 
 def not_chosen(names: list[str], name: str | None, where: str) -> str:
     if name is None:
-        return f"several daemons answer at {where}: {', '.join(names)}; name one"
+        return (
+            f"several daemons answer at {where}: {', '.join(names)}; choose one: --name {names[0]}"
+        )
     return f"no daemon {name} at {where}; the daemons there are: {', '.join(names)}"
 
 
@@ -109,7 +111,10 @@ def find_axes(
     if len(found) == 1:
         return next(iter(found.items()))
     if found:
-        raise BusError(f"several daemons answer at {where}: {', '.join(found)}; name one")
+        several = ", ".join(found)
+        raise BusError(
+            f"several daemons answer at {where}: {several}; choose one: --name {next(iter(found))}"
+        )
     raise BusError(f"no daemon {name} at {where}; the daemons there are: {', '.join(names)}")
 
 

@@ -246,8 +246,8 @@ class Player:
         targets, low, high = self.points.left(self.sent), status.reach_min, status.reach_max
         far = np.maximum(low - targets, targets - high)
         far = far[far > 0.0]
-        head = f"{status.name}: the model has changed, and the reach is now {low:.6g} to {high:.6g}"
-        head += f" {status.unit}"
+        head = f"{status.name}: the model or the trim has changed, and the reach is now "
+        head += f"{low:.6g} to {high:.6g} {status.unit}"
         if self.allow or not far.size:
             self.report(f"{head}; the trajectory goes on")
             return

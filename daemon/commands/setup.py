@@ -211,6 +211,8 @@ def _conclude(bench: Any, args: argparse.Namespace) -> int:
     tracked, validated = (_each(results.get(name, {})) for name in ("track", "validate"))
     found = any(one.get("worse_than_claimed", False) for one in validated)
     found |= any(one.get("times_smaller", 2.0) <= 1.0 for one in tracked)
+    if found and not args.json:
+        bench.say("exit status 1: a model is worse than it claims, or does not reduce the error")
     return 1 if found else 0
 
 

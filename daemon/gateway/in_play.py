@@ -61,8 +61,8 @@ class InPlay(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     def say_beyond(self, reach: tuple[float, float], unit: str) -> str:
         """How many points are beyond the reach of now, by how much, and what becomes of them."""
         return (
-            f"the model has changed, and the reach is now {reach[0]:.6g} to {reach[1]:.6g} "
-            f"{unit}: {self.beyond} points passed on so far are beyond it, by up to "
+            f"the model or the trim has changed, and the reach is now {reach[0]:.6g} to "
+            f"{reach[1]:.6g} {unit}: {self.beyond} points passed on so far are beyond it, by up to "
             f"{self.farthest:.3g} {unit}; the loop takes the nearest position and flags it"
         )
 

@@ -35,8 +35,8 @@ def say_validation(model: str, v: Validation) -> str:
     )
     if v.unstated >= 0.0005:
         text += (
-            f"\nnote: of {v.unstated:.1%} of the rows the 95 % band says nothing: the drive leaves "
-            "the model's validity or is slower than in its recordings; record such a drive"
+            f"\nnote: {v.unstated:.1%} of the rows have no 95 % band: the drive leaves the model's "
+            "validity or is slower than in its recordings; record such a drive"
         )
     if v.outside >= 0.0005:
         text += f"\nnote: {v.outside:.1%} of the rows are outside the model's validity"

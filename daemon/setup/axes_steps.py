@@ -21,6 +21,7 @@ from dehyst.daemon.setup.steps import (
     ask_limits,
     chosen_rate,
     find_units,
+    more_than_claimed,
     rate_found,
     replace_configuration,
     say_what_next,
@@ -141,7 +142,8 @@ def validate_models(bench: Workbench) -> Result:
         one = found.results[0]
         words = f"predicted to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
         if one.worse:
-            words += ", worse than the model claims: `dehyst diagnose` shows what it lacks"
+            recording = bench.folder / kept["recording"]
+            words += more_than_claimed(one, bench.model_path_of(axis), recording)
         axes[axis] = kept | {
             "words": words,
             "rms": one.rms,

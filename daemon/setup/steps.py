@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from dehyst.daemon.api.functions import identify, validate
@@ -22,6 +23,7 @@ from dehyst.daemon.setup.units import (
 from dehyst.daemon.setup.workbench import CONFIG, MADE, MODEL, Workbench
 from dehyst.drivers.serial_port import list_serial_ports
 from dehyst.models.errors import BadInput, NotNow
+from dehyst.models.identify.validation import Validation
 
 RATE_SHARE = 0.95  # of the rate that leaves these units room for late replies
 MOST_HZ = 1000.0  # of the loop, where units would do more
@@ -245,13 +247,21 @@ def validate_model(bench: Workbench) -> Result:
     one = found.results[0]
     words = f"predicted to {one.share:.2%} of the span ({one.rms:.3g} {one.unit} rms)"
     if one.worse:
-        words += ", worse than the model claims: `dehyst diagnose` shows what it lacks"
+        words += more_than_claimed(one, bench.model_path, bench.folder / fresh["recording"])
     return fresh | {
         "words": f"{words}; validation.html",
         "rms": one.rms,
         "share_of_span": one.share,
         "worse_than_claimed": one.worse,
     }
+
+
+def more_than_claimed(found: Validation, model: Path, recording: Path) -> str:
+    """What is said of a model that predicts worse than it claims, with the command to go on by."""
+    return (
+        f", worse than it claims ({found.claim:.3g} {found.unit} rms); what it lacks: dehyst "
+        f"diagnose {recording} --model {model} -o {recording.parent / 'findings'}"
+    )
 
 
 def offer_service(bench: Workbench) -> Result:
@@ -265,6 +275,7 @@ def say_what_next(bench: Workbench, models: str, *more: str) -> Result:
     config = bench.config_path
     for line in (
         f"dehyst run --config {config}     # in a terminal; `dehyst watch` in another",
+        "dehyst zero --exercise     # once it runs: the history of the stage is unknown then",
         *more,
         'as a service, as root, from a clone (README, "Run it as a service"):',
         f"  install -D -m 0640 {config} {models} -t /etc/dehyst",

@@ -31,6 +31,10 @@ class Loop(Procedure):
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        raise SystemExit(
+            "give the file to be written: python docs/examples/pymeasure_scan.py loop.csv"
+        )
     worker = Worker(Results(Loop(), sys.argv[1]))
     worker.start()
     worker.join(60)

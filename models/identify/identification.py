@@ -199,8 +199,8 @@ def _search(setup: FitSetup, options: Options, progress: Callable[[str], None]) 
         best = choose_structure(fewer)
     if fitted.costly:
         notes.append(
-            "right after a reversal the data run back, by more than an invertible model can "
-            "follow; the nearest invertible model is used"
+            "right after a reversal the displacement moves against the drive, more than an "
+            "invertible model can; the nearest invertible model is used"
         )
     if (size := sum(int(np.count_nonzero(p)) for p in setup.picks)) > TUNING.rows_fitted:
         notes.append(f"of {size} rows a part, by chance, was fitted; the error is that of all")
