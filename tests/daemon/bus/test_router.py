@@ -113,7 +113,7 @@ def test_clients_find_and_command_controllers_through_a_router(
             for name in ("stage-01", "stage-02"):
                 wait_for(name, address)
             assert listening(first.pid) == []
-            with pytest.raises(BusError, match="stage-01, stage-02; name one"):
+            with pytest.raises(BusError, match="stage-01, stage-02; choose one: --name stage-01"):
                 Client(connect=address)
             client = Client("stage-02", address)
             benches[1].clients.append(client)

@@ -66,7 +66,7 @@ def test_each_axis_has_its_own_name_and_says_whose_it_is(stage: AxesBench, kinds
 
 
 def test_who_asks_for_no_axis_is_reported_which_there_are(stage: AxesBench, kinds: Kinds) -> None:
-    with pytest.raises(BusError, match="stage-1-x, stage-1-y, stage-1-z; name one"):
+    with pytest.raises(BusError, match="stage-1-z; choose one: --name stage-1-x"):
         Client(None, stage.address)
     with pytest.raises(BusError, match="no axis w; it has: x, y, z"):
         Group("stage-1", ["x", "w"], stage.address)
