@@ -62,7 +62,8 @@ class UserPrompts:
             return choices[0]
         if self.yes:
             raise BadInput(f"{text}: {', '.join(choices)}; choose with {option}")
-        asked = Prompt(text, console=self._console, choices=choices)
+        shown = f"{text}: {' | '.join(choices)}"
+        asked = Prompt(shown, console=self._console, choices=choices, show_choices=False)
         return str(asked(default=choices[0], stream=self._answers))
 
     def go_on(self, step: str) -> None:

@@ -69,7 +69,7 @@ export class Now {
     this.shown = now;
     const reach = this.reach(), places = decimals(reach), error = this.error;
     $("now-measured").textContent = fixed(this.measured, places);
-    $("now-target").textContent = this.target === null ? "none" : fixed(this.target, places);
+    $("now-target").textContent = fixed(this.target, places);
     $("now-error").textContent = error !== null && error > 0 ? `+${fixed(error, places)}` : fixed(error, places);
     $("now-volts").textContent = fixed(this.volts, 2);
     this.mark(reach);
