@@ -12,8 +12,7 @@ import logging
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
-from contextlib import suppress
+from concurrent.futures import Future, wait
 from typing import Any, Self
 
 import zenoh
@@ -221,9 +220,8 @@ class Bus(Closing):
         self._kept.clear()
         if not self._opened.is_closed():
             self._opened.close()
-        for ended in self._callback_threads:
-            with suppress(TimeoutError):
-                ended.result(CALLBACK_ENDS_S).join(CALLBACK_ENDS_S)
+        for ended in wait(self._callback_threads, CALLBACK_ENDS_S).done:
+            ended.result().join(CALLBACK_ENDS_S)
 
     def _callback(self, store: Callable[[Any], None]) -> Any:
         """`store`, as zenoh takes it. Its thread, a daemon where the one that declares is, aborts

@@ -111,10 +111,7 @@ def find_axes(
     if len(found) == 1:
         return next(iter(found.items()))
     if found:
-        several = ", ".join(found)
-        raise BusError(
-            f"several daemons answer at {where}: {several}; choose one: --name {next(iter(found))}"
-        )
+        raise BusError(not_chosen(list(found), None, where))
     raise BusError(f"no daemon {name} at {where}; the daemons there are: {', '.join(names)}")
 
 

@@ -25,8 +25,8 @@ CHANGES = [
         Change(
             "callbacks-outlive-their-session",
             "daemon/bus/session.py",
-            "                ended.result(CALLBACK_ENDS_S).join(CALLBACK_ENDS_S)\n",
-            "                pass\n",
+            "in wait(self._callback_threads, CALLBACK_ENDS_S).done:",
+            "in wait(self._callback_threads, 0.0).done:",
             "a program whose client lived in a daemon thread aborts at its end",
         ),
     ),
