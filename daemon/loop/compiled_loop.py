@@ -97,7 +97,7 @@ def run_samples(axes: NDArray[np.int64], samples: int) -> None:
         woke = sleep_of(clock, buffer, m.scheduled_ns, m.spin_ns)
         if woke < m.scheduled_ns:
             continue
-        io_ns = 0
+        io_ns = np.int64(0)  # not a plain 0: `finish` would be compiled for that type too
         for i in range(n):
             flags[i], spent_ns = read_gauge(axis_at(axes[i]), clock, buffer)
             io_ns += spent_ns

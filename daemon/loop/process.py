@@ -20,6 +20,7 @@ from dehyst.daemon.config import ChannelConfig, Controller
 from dehyst.daemon.loop.axes.core import AxisCore
 from dehyst.daemon.loop.channels import Channels
 from dehyst.daemon.loop.checks import about_late_replies, check_rates_together, crowded, joined
+from dehyst.daemon.loop.compiled_apart import compile_in_two
 from dehyst.daemon.loop.compiled_loop import CompiledLoop, direct_of, spin_ns, warm_up
 from dehyst.daemon.loop.python_loop import Axis, PythonLoop, Together
 from dehyst.daemon.loop.step import Stepper
@@ -100,6 +101,7 @@ class Core:
         for axis, n in zip(axes, every, strict=True):
             axis.prepare(self._by_name, run, n, awake_ns)
         runner = self._engine()
+        compile_in_two()
         warm_up([axis.twin() for axis in axes], isinstance(runner, CompiledLoop))
         allowed = tuple(sorted(os.sched_getaffinity(0)))
         cpus = (loop.cpu,) if loop.cpu >= 0 else allowed[:8]

@@ -14,6 +14,7 @@ term's lag in samples; letting it fade by lag / (1 + lag) a sample is none.
 
 import math
 
+import numpy as np
 from numba import njit
 
 from dehyst.models.hysteresis.forward import polynomial
@@ -147,7 +148,8 @@ def _pays(inv: Inverse, share: float, noise: float, stride: int) -> bool:
     look = max(inv.plan.size // TUNING.looks, 1)
     h, h_static, h_after = inv.ahead_plays, inv.static_plays, inv.after_plays
     h[:], h_static[:] = inv.plays, inv.plays
-    u, v, gap, cost, other, begin = state.last, state.last, state.gap, 0.0, 0.0, 0
+    u, v, gap, cost, other = state.last, state.last, state.gap, 0.0, 0.0
+    begin = np.int64(0)  # a plain 0 would be a type of its own, and compile what it goes to twice
     while begin + look < state.nodes:
         end = begin + look
         after = min(end + look, state.nodes)
@@ -170,7 +172,7 @@ def _pays(inv: Inverse, share: float, noise: float, stride: int) -> bool:
 @njit(cache=True, nogil=True)
 def _is_off(inv: Inverse) -> bool:
     """Whether the static inverse from the present state will be off by more than the noise."""
-    setting, state, h, begin = inv.setting[0], inv.state[0], inv.static_plays, 0
+    setting, state, h, begin = inv.setting[0], inv.state[0], inv.static_plays, np.int64(0)
     h[:] = inv.plays
     end = min(max(inv.plan.size // TUNING.looks, 1), state.nodes)
     cost, _, _ = _static_ahead(inv, h, state.last, state.gap, setting.per_node, begin, end)

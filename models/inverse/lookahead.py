@@ -102,7 +102,7 @@ def gather_targets(inv: Inverse) -> None:
         low, high = state.seen_low - margin, state.seen_high + margin
         extend(seq[PAST:], trust, known, ahead, y, step_s, low, high)
     if setting.stage_blocks != 0:
-        undo(inv.chain, inv.blocks, inv.scratch, inv.channels, PAST, step_s, step_s, seq)
+        undo(inv.chain, inv.blocks, inv.scratch, inv.channels, np.int64(PAST), step_s, step_s, seq)
     target = inv.nodes.target
     for j in range(n):
         target[j] = seq[PAST + j]
@@ -130,7 +130,7 @@ def present(inv: Inverse) -> float:
         three[q] = interpolate_target(inv, late + q - 1.0)
     if state.known - 1 < late + 1.0:
         three[2] = 2.0 * three[1] - three[0]
-    undo(inv.chain, inv.blocks, inv.scratch, inv.channels, 1, period, period, three)
+    undo(inv.chain, inv.blocks, inv.scratch, inv.channels, np.int64(1), period, period, three)
     keep_undone(inv.chain, inv.blocks, inv.scratch)
     return three[1]
 

@@ -29,7 +29,7 @@ def _cascade(inv: Inverse) -> Cascade:
 
 
 @njit(cache=True, nogil=True)
-def _aside(inv: Inverse, y: float) -> float:
+def aside(inv: Inverse, y: float) -> float:
     """What the blocks beside the hysteresis will add when the static inverse makes the rest of the
     displacement y: by secants, as near as can be."""
     setting, state = inv.setting[0], inv.state[0]
@@ -62,7 +62,7 @@ def _follow(inv: Inverse) -> tuple[float, float, int]:
     setting, state = inv.setting[0], inv.state[0]
     state.target_before = state.target
     target = lookahead.present(inv)
-    state.target = target - _aside(inv, target)
+    state.target = target - aside(inv, target)
     guarded = setting.wanted > 0
     if setting.planned == 0:
         v, _ = inverse_step(inv.static, inv.plays, state.last, state.target)

@@ -7,6 +7,7 @@ built from its own fields (dehyst.models.addresses), so that a call from Python 
 from typing import NamedTuple
 
 import numpy as np
+from numba import typeof
 from numpy.typing import NDArray
 
 from dehyst.models.addresses import tuple_reader
@@ -147,15 +148,16 @@ class Inverse(NamedTuple):
 
 
 _Z, _G = np.zeros(1), np.zeros((1, 1))
-inverse_at = tuple_reader(
-    Inverse(
-        Operators(_G, _Z, _Z),
-        Chain(np.zeros(1, BLOCK), _Z),
-        StaticTables(_Z, _Z, _Z, _Z, np.zeros(1, LIMITS)),
-        Nodes(_Z, _Z, _Z, _G, _G, np.zeros(1, FRAME)),
-        np.zeros(1, SETTING),
-        np.zeros(1, STATE),
-        np.zeros(1, RESULT),
-        *(14 * (_Z,)),
-    )
-)  # the Inverse whose table lies at an address, for compiled code
+_EXAMPLE = Inverse(
+    Operators(_G, _Z, _Z),
+    Chain(np.zeros(1, BLOCK), _Z),
+    StaticTables(_Z, _Z, _Z, _Z, np.zeros(1, LIMITS)),
+    Nodes(_Z, _Z, _Z, _G, _G, np.zeros(1, FRAME)),
+    np.zeros(1, SETTING),
+    np.zeros(1, STATE),
+    np.zeros(1, RESULT),
+    *(14 * (_Z,)),
+)
+INVERSE = typeof(_EXAMPLE)
+"""numba's type of every Inverse."""
+inverse_at = tuple_reader(_EXAMPLE)  # the Inverse whose table lies at an address, for compiled code

@@ -13,7 +13,7 @@ from dehyst.daemon.setup.names import NAMES
 
 pytestmark = pytest.mark.timing
 TIMES_SMALLER = 2.0
-"""At least, beside other tests: the emulator is a process too, and a reading that it gives 1 ms late
+"""At least, beside other tests: the emulator is a process too, and a reading that comes 1 ms late
 is off by 40 nm where the sine is fast. 2.9 to 7 were seen there, 17 alone; how exactly the model
 predicts is judged by `validate`, whose rows know their times."""
 

@@ -4,6 +4,23 @@ from tests.mutations.change import Change, room
 
 CHANGES = [
     *room(
+        ("tests/daemon/loop/test_compiled_apart.py",),
+        Change(
+            "halves-of-other-types",
+            "models/inverse/compiling.py",
+            "preview.propose.compile((INVERSE, types.boolean))",
+            "preview.propose.compile((INVERSE, types.int64))",
+            "the half that another process compiled is compiled again, and a first start takes longer",
+        ),
+        Change(
+            "kernels-are-not-looked-for",
+            "daemon/loop/compiled_apart.py",
+            "if plan_is_on_disk():",
+            "if False:",
+            "every start of a loop starts a process for kernels that are on disk",
+        ),
+    ),
+    *room(
         ("tests/daemon/terminal/test_view.py",),
         Change(
             "a-start-is-no-state",

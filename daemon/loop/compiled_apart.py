@@ -1,0 +1,52 @@
+"""The loop's kernels, compiled by two processes at once where they are not on disk yet.
+
+numba compiles one kernel at a time in a process, and a kernel after all that it calls. So another
+process begins with the largest part, the inverse's plan, while this one compiles what needs none;
+each finds on disk what the other has done. Where that does not help (the disk keeps nothing, the
+other process died), this one compiles everything itself, later.
+"""
+
+import subprocess
+import sys
+import time
+
+from numba import types
+
+from dehyst.daemon.loop.axes import groups, kernels
+from dehyst.daemon.loop.sample import finish, take_requests
+from dehyst.daemon.loop.step_kernel import stopped
+from dehyst.models.inverse.compiling import compile_beside_plan, compile_plan, plan_is_on_disk
+
+WORDS, INTEGER = types.int64[::1], types.int64
+LOOK_S = 0.02
+"""Between two looks at whether the other process is done: far less than a kernel takes."""
+
+
+def compile_in_two() -> None:
+    """Compile a good half of what `warm_up` runs, unless it is on disk already."""
+    if plan_is_on_disk():
+        return
+    other = subprocess.Popen([sys.executable, "-m", __name__], stdin=subprocess.DEVNULL)
+    try:
+        _compile_around_step()
+        compile_beside_plan()
+        while other.poll() is None:
+            time.sleep(LOOK_S)
+    finally:
+        if other.poll() is None:
+            other.kill()
+        other.wait()
+
+
+def _compile_around_step() -> None:
+    """What a sample does before and after its step."""
+    take_requests.compile((WORDS, INTEGER))
+    groups.coordinate.compile((WORDS, INTEGER))
+    kernels.next_axis.compile((WORDS,))
+    kernels.follow_axes.compile((WORDS, INTEGER))
+    finish.compile((WORDS, *(7 * (INTEGER,))))
+    stopped.compile((WORDS, INTEGER))
+
+
+if __name__ == "__main__":
+    compile_plan()
