@@ -10,7 +10,7 @@ CHANGES = [
             "models/inverse/compiling.py",
             "preview.propose.compile((INVERSE, types.boolean))",
             "preview.propose.compile((INVERSE, types.int64))",
-            "the half that another process compiled is compiled again, and a first start takes longer",
+            "what another process compiled is compiled again, and a first start takes longer",
         ),
         Change(
             "kernels-are-not-looked-for",
