@@ -5,8 +5,8 @@
 quick      what starts no process, no zenoh session and no pty, on all processors; a file's tests in
            one worker, which compiles their kernels and makes their fixtures once
 thorough   the same where it takes longer: identification, diagnosis, the mismatch watch, recordings
-timing     what judges times and mostly waits, one worker more than there are processors; nothing
-           that computes is beside it
+timing     what judges times and mostly waits, a worker for each processor; nothing that computes is
+           beside it
 processes  what starts something; tests that share a rig of their module in one worker, and one
            worker more than there are processors, because they often wait; with two more, loops and
            clients of several tests are late together
@@ -67,7 +67,7 @@ PARTS = {
     # native: pytest's own tracebacks parse the source, and where threads do so at once, CPython
     # 3.11 ends with "AST constructor recursion depth mismatch" and takes the worker with it
     "timing": [
-        *("-n", str(int(JOBS) + 1), "--dist", "loadgroup", "--tb=native"),
+        *("-n", JOBS, "--dist", "loadgroup", "--tb=native"),
         *("-m", "timing and not alone"),
     ],
     "processes": [

@@ -480,7 +480,7 @@ def test_a_refused_set_is_reported_and_leaves_the_link_in_step(bench):
 
 
 def test_a_blocked_write_times_out_and_half_a_command_is_never_carried_out(bench):
-    with bench({"write_timeout_s": 0.05}) as (emulator, driver):
+    with bench({"write_timeout_s": 0.3}) as (emulator, driver):
         driver.write(30.0)
         emulator.stall_writes(True)
         with pytest.raises(DeviceTimeout, match="accepted no bytes"):

@@ -95,10 +95,11 @@ def test_all_three_in_one_command_where_the_firmware_can(
 
 
 def test_the_rate_is_that_of_the_outputs_that_are_driven(tmp_path: Path) -> None:
-    """At 4 ms a command: one, two after each other, three in one or after each other."""
+    """At 4 ms a command: one, two after each other, three in one or after each other. The best of
+    three attempts: a busy machine makes some slower."""
     with bench(tmp_path, latency_s=0.004) as (_, outputs):
-        joint = outputs[0].join(outputs[1:])
-        one, two, three = (joint.rate_hz(n) for n in (1, 2, 3))
+        joints = [outputs[0].join(outputs[1:]) for _ in range(3)]
+        one, two, three = (max(joint.rate_hz(n) for joint in joints) for n in (1, 2, 3))
     assert one < 250.0
     assert two == pytest.approx(one / 2, rel=0.35)
     assert three == pytest.approx(one, rel=0.35)
