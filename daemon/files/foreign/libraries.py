@@ -43,11 +43,9 @@ def read_hdf5(path: Path) -> Sheet:
         if not isinstance(item, h5py.Dataset) or "#refs#" in name or "#subsystem#" in name:
             return
         kind = item.attrs.get("MATLAB_class", b"")
-        if (
-            item.shape is None
-            or item.attrs.get("MATLAB_empty", 0)
-            or kind in (b"cell", b"function_handle")
-        ):
+        if item.shape is None:  # a place without a value
+            return
+        if item.attrs.get("MATLAB_empty", 0) or kind in (b"cell", b"function_handle"):
             return
         size += item.size * max(item.dtype.itemsize, 1)
         if size > MOST_BYTES:
