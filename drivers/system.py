@@ -82,6 +82,14 @@ def bound_memory(most_bytes: int, core_dump: bool = True) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
+def bound_processor_time(most_s: int) -> None:
+    """This process ends by SIGXCPU after so much processor time [s], where the system bounds it."""
+    if resource is None:
+        return
+    with suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_CPU, (most_s, most_s + 1))
+
+
 def lowest_priority() -> None:
     """This process runs only where no other one wants to, as far as the system knows of that."""
     with suppress(OSError, AttributeError):

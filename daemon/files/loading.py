@@ -33,6 +33,7 @@ from dehyst.daemon.files.foreign.understand import understand
 from dehyst.daemon.files.mcap_file import read_mcap
 from dehyst.daemon.files.sidecar import read_notes
 from dehyst.daemon.files.unfinished import is_unfinished_npz, read_whole_part
+from dehyst.daemon.printable import printable
 from dehyst.models.errors import BadRecording
 from dehyst.models.recording import Floats
 
@@ -150,6 +151,9 @@ def _numbers(values: Any) -> Any:
 
 
 def _understood(path: Path, found: Sheet, reading: ReadOptions, wants: Sequence[str]) -> Loaded:
+    for column in found.columns:  # named in a line of text, and by --columns as shown there
+        column.heading, column.unit = printable(column.heading), printable(column.unit)
+    found.said = [printable(text) for text in found.said]
     found = of_one_length(found, [str(v) for v in reading.columns.values()])
     _refuse_absurd(path.name, {c.heading: c.values for c in found.columns})
     read = understand(path.name, found, reading, wants)
@@ -223,8 +227,11 @@ def _carefully(path: Path, kind: str, read: Callable[[], Any]) -> Any:
 
 def plain_columns(name: str, arrays: Mapping[str, Any]) -> dict[str, Floats]:
     """Arrays of numbers as columns of one length. Raises BadRecording."""
-    columns = {}
-    for key, values in arrays.items():
+    columns: dict[str, Floats] = {}
+    for given, values in arrays.items():
+        key = printable(given)
+        if key in columns:
+            raise BadRecording(f"{name}: two columns are named {key[:60]}")
         try:
             columns[key] = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
         except (TypeError, ValueError, MemoryError):

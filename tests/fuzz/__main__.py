@@ -40,8 +40,10 @@ class Case:
     """One target in this process: runs inputs, keeps findings, tells how far it is."""
 
     def __init__(self, name: str, kept: Path) -> None:
+        from tests.fuzz.files import refusal
         from tests.fuzz.targets import targets
 
+        self.refusal = refusal
         self.name, self.kept, self.target = name, kept, targets()[name]
         self.inputs = self.accepted = 0
         self.findings: dict[str, str] = {}
@@ -57,11 +59,13 @@ class Case:
         self.inputs += 1
         begun = time.process_time()
         signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
-        outcome = "refused"
+        outcome = "accepted"
         try:
+            self.refusal.clear()
             if self.target.run(data):
                 self.accepted += 1
-                outcome = "accepted"
+            else:
+                outcome = "".join(["refused", *self.refusal])
         except (Exception, TooLong) as error:
             outcome = self._found(data, error)
         finally:

@@ -24,8 +24,10 @@ READINGS = (
     ReadOptions(time_unit="ms"),
 )
 READERS: tuple[Callable[..., Any], ...] = (recordings.read_recording, recordings.read_trajectory)
-LIBRARY = ("a.h5", "a.xlsx", "a.tdms", "a.parquet", "a.mat")
 GROWN = ("a.csv", "a.csv.gz", "a.npz", "a.mcap")
+
+refusal: list[str] = []
+"""What was said last."""
 
 
 def file(name: str, data: bytes) -> Path:
@@ -37,17 +39,22 @@ def file(name: str, data: bytes) -> Path:
 
 def require_one_line(error: BadInput) -> None:
     """What is said of a file that is refused fits into a line."""
+    refusal[:] = [str(error)]
     assert "\n" not in str(error)
     assert len(str(error)) < 1000
 
 
-def tables(path: Path, reading: ReadOptions = READINGS[0]) -> bool:
+def _notes(table: Any) -> list[str]:
+    return [text for pair in getattr(table, "metadata", {}).items() for text in pair]
+
+
+def tables(
+    path: Path,
+    reading: ReadOptions = READINGS[0],
+    readers: tuple[Callable[..., Any], ...] = READERS,
+) -> bool:
     """Read it as a recording and as a trajectory: nothing but BadInput, no warning either."""
     read = 0
-    readers: tuple[Callable[..., Any], ...] = (
-        recordings.read_recording,
-        recordings.read_trajectory,
-    )
     for reader in readers:
         try:
             with warnings.catch_warnings():
@@ -58,6 +65,8 @@ def tables(path: Path, reading: ReadOptions = READINGS[0]) -> bool:
             continue
         assert np.all(np.isfinite(table.t_s))
         assert np.all(np.diff(table.t_s) > 0)
+        words = (table.name, table.read, *table.channels, *_notes(table))
+        "".join(map(str, words)).encode()  # as they are written beside what is converted
         read += 1
     return read > 0
 
@@ -70,11 +79,6 @@ def text(data: bytes) -> bool:
 def npy(data: bytes) -> bool:
     """numpy's array."""
     return bool(data) and tables(file("a.npy", data[1:]), READINGS[data[0] % len(READINGS)])
-
-
-def library(data: bytes) -> bool:
-    """What a library reads in a process of its own; the first byte says which."""
-    return bool(data) and tables(file(LIBRARY[data[0] % len(LIBRARY)], data[1:]))
 
 
 def unfinished(data: bytes) -> bool:
@@ -129,31 +133,6 @@ def npy_seeds() -> tuple[bytes, ...]:
     named["t_s"] = T
     np.save(path, named)
     return b"\2" + plain, b"\0" + path.read_bytes()
-
-
-def library_seeds() -> tuple[bytes, ...]:
-    """A file of each library that is installed."""
-    out: list[bytes] = []
-    import h5py
-    import nptdms
-    import openpyxl
-    import pandas
-
-    columns = {"t_s": T, "u_v": U, "y_um": Y}
-    with h5py.File(FOLDER / "a.h5", "w") as one:
-        for name, values in columns.items():
-            one[f"run/{name}"] = values
-    book = openpyxl.Workbook()
-    book.active.append(list(columns))
-    for row in zip(T, U, Y, strict=True):
-        book.active.append([float(x) for x in row])
-    book.save(FOLDER / "a.xlsx")
-    with nptdms.TdmsWriter(FOLDER / "a.tdms") as writer:
-        writer.write_segment([nptdms.ChannelObject("g", n, v) for n, v in columns.items()])
-    pandas.DataFrame(columns).to_parquet(FOLDER / "a.parquet")
-    for i, name in enumerate(LIBRARY[:4]):
-        out.append(bytes([i]) + (FOLDER / name).read_bytes())
-    return tuple(out)
 
 
 def grown_seeds() -> tuple[bytes, ...]:

@@ -16,7 +16,7 @@ CORPUS = 4000
 
 def signature(outcome: str) -> str:
     """An outcome without what differs from input to input."""
-    return re.sub(r"[0-9'\"]+|0x[0-9a-f]+", "", outcome)[:60]
+    return re.sub(r"[0-9'\"]+|0x[0-9a-f]+", "", outcome)[:120]
 
 
 class Mutator:

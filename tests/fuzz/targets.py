@@ -9,7 +9,7 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-from tests.fuzz import files
+from tests.fuzz import files, readers
 
 from dehyst.daemon.bus import encoding, messages, security
 from dehyst.daemon.bus.keys import Keys
@@ -171,11 +171,6 @@ def mcap(data: bytes) -> bool:
     return _tables(_file("a.mcap", data))
 
 
-def mat(data: bytes) -> bool:
-    """The same as MATLAB's."""
-    return _tables(_file("a.mat", data))
-
-
 def model(data: bytes) -> bool:
     """A model file, as the loop loads it: read, prepared, one step."""
     try:
@@ -275,17 +270,9 @@ def _archive(name: str) -> bytes:
     return path.read_bytes()
 
 
-def _matlab(**options: Any) -> bytes:
-    from scipy.io import savemat
-
-    path = FOLDER / "seed.mat"
-    columns = {"t_s": np.arange(3.0), "u_v": np.ones(3), "y_um": np.arange(3, dtype="i2")}
-    savemat(path, columns, **options)
-    return path.read_bytes()
-
-
 def targets() -> dict[str, Target]:
     """All of them, by name."""
+    readers.load_libraries()
     plain = _messages()
     numbers = (b"nan", b"inf", b"-1", b"1e400", b"1e-400", b"0x10", b"9" * 30, b"[", b'"')
     toml = (
@@ -337,16 +324,16 @@ def targets() -> dict[str, Target]:
         "csv.gz": Target(gz, (_archive("seed.csv.gz"),)),
         "mcap": Target(mcap, (_archive("seed.mcap"),), (b"\x89MCAP0\r\n", b"t_s", b"null")),
         "npz": Target(npz, (_archive("seed.npz"),), (b"'<f8'", b"'|O'", b"PK", b"(3,)")),
-        "mat": Target(
-            mat, (_matlab(), _matlab(do_compression=True), _matlab(format="4")), (b"\x0e\0\0\0",)
-        ),
         "text": Target(
             files.text,
             files.TEXTS,
             (*numbers, b";", b"\t", b",", b"\n", b"\r", b" ", b"(s)", b"ms"),
         ),
         "npy": Target(files.npy, files.npy_seeds(), (b"'<f8'", b"'|O'", b"(30, 3)", b"\n")),
-        "library": Target(files.library, files.library_seeds()),
+        **{
+            kind[1:]: Target(readers.reader_of(kind), readers.seeds_of(kind), readers.WORDS[kind])
+            for kind in readers.SEEDS
+        },
         "unfinished": Target(files.unfinished, files.grown_seeds(), (b"\0" * 64, b"\x93NUMPY")),
         "case": Target(files.case, CASES, (*numbers, b"null", b"{}", b"[]", b'"')),
         "model": Target(model, models, toml),

@@ -102,6 +102,26 @@ def h5_table(path: Path) -> None:
         file["table"] = rows
 
 
+def h5_foreign(path: Path) -> None:
+    """Names, units and texts in Latin-1 and in halves of UTF-16, and a place without any value."""
+    h5py = pytest.importorskip("h5py")
+    latin = h5py.string_dtype("utf-8")
+    with h5py.File(path, "w") as file:
+        for name, values, unit in (
+            (b"Zeit", T, b"s"),
+            (b"u_v", U, b"V"),
+            (b"L\xe4nge", Y, b"\xb5m"),
+        ):
+            file[name] = values
+            file[name].attrs["units"] = np.bytes_(unit)
+        file[b"\xd6l"] = U
+        file["by"] = np.array("M\xfcller".encode("latin-1"), dtype=latin)
+        file["half"] = np.array([[0xD800], [0x78]], np.uint16)
+        file["half"].attrs["MATLAB_class"] = np.bytes_("char")
+        file["nothing"] = h5py.Empty("f8")
+        file.attrs.create("lab", b"\xd6", dtype=latin)
+
+
 def mat73(path: Path) -> None:
     """As MATLAB lays it out: a block of 512 bytes in front, rows as (1, N), char as uint16."""
     h5py = pytest.importorskip("h5py")
@@ -174,6 +194,7 @@ def npz(path: Path) -> None:
 BY_NUMBER = ReadOptions({"t": 0, "u": 1, "y": 2}, unit="um")
 KINDS: dict[str, tuple[Callable[[Path], None], ReadOptions]] = {
     "a.h5": (h5, ReadOptions()),
+    "foreign.h5": (h5_foreign, ReadOptions({"y": "Länge"})),
     "table.h5": (h5_table, ReadOptions()),
     "seven.mat": (mat73, ReadOptions()),
     "nested.mat": (mat, ReadOptions()),

@@ -13,11 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from dehyst.daemon.files.foreign.found import Column, Sheet
+from dehyst.daemon.files.foreign.found import Column, Sheet, text_of
 from dehyst.drivers import system
 from dehyst.models.errors import BadRecording
 
 PATIENCE_S = 120.0
+START_S, S_PER_MB = 10, 60
+"""Processor time for a file [s, s/MB]: the slowest library, openpyxl, took 3 to 6 s for 1 MB, and
+small computers are ten times slower. A damaged file of 10 KB kept HDF5 busy for two minutes."""
+ENDED_BY_TIME = -24
+"""Exit status of a process that used it up: SIGXCPU, which not every system has."""
 MOST_BYTES = 4 << 30
 """Of address space: the libraries take 2 GB of it and use little."""
 NEEDS = {
@@ -37,15 +42,19 @@ def read_apart(path: Path) -> Sheet:
     what, _, _ = NEEDS[path.suffix.lower()]
     with tempfile.TemporaryDirectory(prefix="dehyst-read-") as folder:
         target = Path(folder) / "read.npz"
-        command = [sys.executable, "-P", "-m", __name__, str(path), str(target)]
         try:
-            done = subprocess.run(
-                command, capture_output=True, text=True, errors="replace", timeout=PATIENCE_S
-            )
+            done = start_reader(path, target)
         except subprocess.TimeoutExpired:
             raise BadRecording(f"{path}: not read within {PATIENCE_S:g} s") from None
+        if done.returncode == ENDED_BY_TIME:
+            raise BadRecording(
+                f"{path}: not read within {processor_time_s(path)} s of processor time"
+            )
         if done.returncode == 3:
             raise BadRecording(f"{path}: {done.stdout.strip()}")
+        if done.returncode == 4:
+            why = done.stdout.strip()[:200]
+            raise BadRecording(f"{path}: not {what} that can be read: {why}")
         if done.returncode:
             words = done.stderr.strip().splitlines()
             why = words[-1][:200] if words and done.returncode > 0 else "its reader crashed on it"
@@ -59,16 +68,31 @@ def read_apart(path: Path) -> Sheet:
     return Sheet(columns, head["notes"], head["step_s"], head["start_s"], head["said"])
 
 
+def processor_time_s(path: Path) -> int:
+    """How long a file of this size may be computed on, in whole seconds."""
+    return START_S + S_PER_MB * path.stat().st_size // (1 << 20)
+
+
+def start_reader(path: Path, target: Path) -> subprocess.CompletedProcess[str]:
+    """Have a process read one file into `target`, and wait for it."""
+    command = [sys.executable, "-P", "-m", __name__, str(path), str(target)]
+    return subprocess.run(
+        command, capture_output=True, encoding="utf-8", errors="replace", timeout=PATIENCE_S
+    )
+
+
 def main(source: str, target: str) -> None:
     """Read one file and write what was found."""
     from importlib import import_module
 
+    sys.stdout.reconfigure(encoding="utf-8", errors="backslashreplace")  # type: ignore[union-attr]
     path = Path(source)
     _, library, extra = NEEDS[path.suffix.lower()]
     try:
         import_module(library)
         readers = import_module("dehyst.daemon.files.foreign.libraries")
         system.bound_memory(MOST_BYTES)
+        system.bound_processor_time(processor_time_s(path))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             found = readers.READERS[path.suffix.lower()](path)
@@ -84,13 +108,19 @@ def main(source: str, target: str) -> None:
     except MemoryError:
         print("it unpacks to more than can be read; cut it into several files")
         sys.exit(3)
-    columns = [{"heading": c.heading, "unit": c.unit, "clock": c.clock} for c in found.columns]
+    except Exception as error:  # a damaged file breaks the libraries in ways of their own
+        print(" ".join(f"{type(error).__name__}: {error}".split()))
+        sys.exit(4)
+    columns = [
+        {"heading": text_of(c.heading), "unit": text_of(c.unit), "clock": c.clock}
+        for c in found.columns
+    ]
     head = {
         "columns": columns,
-        "notes": found.notes,
+        "notes": {text_of(key): text_of(text) for key, text in found.notes.items()},
         "step_s": found.step_s,
         "start_s": found.start_s,
-        "said": found.said,
+        "said": [text_of(text) for text in found.said],
     }
     arrays = {f"c{i}": c.values for i, c in enumerate(found.columns)}
     np.savez(target, head=np.array(json.dumps(head)), **arrays)

@@ -28,3 +28,16 @@ class Sheet:
     start_s: float = 0.0
     said: list[str] = field(default_factory=list)
     where: Callable[[int], str] = field(default=lambda row: f"row {row + 1}")
+
+
+def text_of(given: str | bytes) -> str:
+    """Text of a file as it can be written: UTF-8, or Latin-1 where it is none, as older programs
+    wrote. A str holds such bytes as lone surrogates where a library did not decode them."""
+    try:
+        raw = given if isinstance(given, bytes) else given.encode("utf-8", "surrogateescape")
+    except UnicodeEncodeError:  # half a pair of UTF-16
+        return str(given).encode("utf-8", "replace").decode()
+    try:
+        return raw.decode()
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")

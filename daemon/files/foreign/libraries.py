@@ -9,7 +9,7 @@ import numpy as np
 
 from dehyst.daemon.files.csv_table import MOST_BYTES
 from dehyst.daemon.files.foreign.arrays import flattened, found_in
-from dehyst.daemon.files.foreign.found import Column, Sheet
+from dehyst.daemon.files.foreign.found import Column, Sheet, text_of
 from dehyst.daemon.files.foreign.grid import LOOKED_AT, fill, lay_out
 from dehyst.models.errors import BadRecording
 
@@ -37,22 +37,25 @@ def read_hdf5(path: Path) -> Sheet:
     arrays: list[tuple[str, str, Any]] = []
     size = 0
 
-    def visit(name: str, item: Any) -> None:
+    def visit(given: str | bytes, item: Any) -> None:
         nonlocal size
+        name = text_of(given)
         if not isinstance(item, h5py.Dataset) or "#refs#" in name or "#subsystem#" in name:
             return
         kind = item.attrs.get("MATLAB_class", b"")
+        if item.shape is None:  # a place without a value
+            return
         if item.attrs.get("MATLAB_empty", 0) or kind in (b"cell", b"function_handle"):
             return
         size += item.size * max(item.dtype.itemsize, 1)
         if size > MOST_BYTES:
             raise BadRecording(f"holds more than {MOST_BYTES >> 20} MB; cut it into several files")
         if kind == b"char":
-            notes[name] = "".join(chr(c) for c in np.asarray(item[()]).reshape(-1)[:200])
+            letters = np.asarray(item[()]).reshape(-1)[:200].astype("<u2")
+            notes[name] = letters.tobytes().decode("utf-16-le", "replace")
         elif h5py.check_string_dtype(item.dtype):
             if item.size == 1:
-                text = np.asarray(item.asstr()[()]).reshape(-1)[0]
-                notes[name] = str(text)[:200]
+                notes[name] = text_of(np.asarray(item[()]).reshape(-1)[0])[:200]
         elif item.dtype.kind in "biuf" or item.dtype.names:
             arrays.append((name, _unit_in(item.attrs), item[()]))
 
@@ -68,8 +71,7 @@ def _unit_in(attributes: Any) -> str:
     for key in ("unit", "units", "Unit", "Units", "unit_string", "UNIT"):
         value = attributes.get(key)
         if value is not None:
-            value = value.decode(errors="replace") if isinstance(value, bytes) else value
-            return str(value)[:40]
+            return text_of(value if isinstance(value, bytes) else str(value))[:40]
     return ""
 
 

@@ -4,13 +4,21 @@ says: what is read, what is asked for."""
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from tests.rigs.other_programs import KINDS, NAMES, TEXTS, N, T, U, Y, lines
+from tests.rigs.other_programs import KINDS, NAMES, TEXTS, N, T, U, Y, h5_foreign, lines
 
 from dehyst.daemon.files.foreign.reading import ReadOptions, parse_columns
-from dehyst.daemon.files.recordings import read_recording, read_recordings, recording_of
+from dehyst.daemon.files.recordings import (
+    read_columns,
+    read_recording,
+    read_recordings,
+    recording_of,
+    write_recording,
+)
+from dehyst.daemon.main import main
 from dehyst.models.errors import BadInput, BadRecording
 from dehyst.models.recording import Recording
 
@@ -42,6 +50,91 @@ def test_files_made_by_the_library(tmp_path: Path, name: str) -> None:
     make, reading = KINDS[name]
     make(tmp_path / name)
     is_it(read_recording(tmp_path / name, need_displacement=True, reading=reading))
+
+
+@pytest.mark.processes
+def test_text_that_is_no_utf_8_is_kept_as_what_can_be_written(tmp_path: Path) -> None:
+    h5_foreign(tmp_path / "a.h5")
+    reading = ReadOptions({"y": "Länge"})
+    found = read_recording(tmp_path / "a.h5", need_displacement=True, reading=reading)
+    assert found.metadata == {"by": "Müller", "half": "\ufffdx", "lab": "Ö"}
+    assert "'Länge' (µm)" in found.read
+    columns = {"y_um": found.displacement, "u_v": found.drive, **found.channels}
+    write_recording(tmp_path / "a.csv", found.t_s, columns, found.metadata)
+    again, notes = read_columns(tmp_path / "a.csv")
+    assert (list(again), notes) == (["t_s", *columns], found.metadata)
+
+
+BREAKS = """
+import atexit, runpy, sys, h5py
+def fail(*_, **__): raise OSError('no such node:\\n  \x1b[2Jat 3\\u20ac\\udcff')
+h5py.File = fail
+atexit.register(print, 'closing with a warning', file=sys.stderr)
+print('a word of the library', file=sys.stderr)
+sys.argv[:1] = []
+runpy.run_module('dehyst.daemon.files.foreign.apart', run_name='__main__')
+"""
+
+
+STAYS = """
+import runpy, sys, h5py
+from dehyst.drivers import system
+bound = system.bound_processor_time
+def bound_tenfold(seconds): bound(seconds // 10)
+def stay(*_, **__):
+    while True: pass
+h5py.File, system.bound_processor_time = stay, bound_tenfold
+sys.argv[:1] = []
+runpy.run_module('dehyst.daemon.files.foreign.apart', run_name='__main__')
+"""
+
+
+def use_reader(monkeypatch: pytest.MonkeyPatch, program: str) -> None:
+    """Readers run this program instead."""
+    pytest.importorskip("h5py")
+    run = subprocess.run
+
+    def start(command: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
+        return run([sys.executable, "-c", program, *command[3:]], **options)
+
+    monkeypatch.setattr(subprocess, "run", start)
+
+
+@pytest.mark.processes
+def test_a_small_file_does_not_keep_a_library_busy_for_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.h5").write_bytes(b"x")
+    use_reader(monkeypatch, STAYS)
+    with pytest.raises(BadRecording, match="not read within 10 s of processor time"):
+        read_recording(tmp_path / "a.h5")
+
+
+def test_a_name_of_several_lines_is_said_in_one(tmp_path: Path) -> None:
+    """Where a file of dehyst's own form has it, and where one of another program."""
+    for t_s in ("t_s", "Time (s)"):
+        path = tmp_path / "a.npz"
+        np.savez(path, **{t_s: T, "u_v": U, "y\n\x1b[2J": Y, "big\nger": 1e200 * Y})
+        with pytest.raises(BadRecording, match=r"big\\nger holds numbers") as refused:
+            read_recording(path)
+        assert str(refused.value).isprintable()
+        np.savez(path, **{t_s: T, "u_v": U, "y\n\x1b[2J (um)": Y})
+        found = read_recording(path)
+        words = (found.read, *found.channels)
+        assert all(word.isprintable() for word in words), words
+
+
+@pytest.mark.processes
+def test_only_the_error_is_said_of_what_a_library_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.h5").write_bytes(b"x")
+    use_reader(monkeypatch, BREAKS)
+    assert main(["convert", str(tmp_path / "a.h5"), str(tmp_path / "a.csv")]) == 2
+    said = capfd.readouterr()
+    assert said.out == ""
+    assert said.err.endswith("can be read: OSError: no such node: \\x1b[2Jat 3€\\udcff\n")
+    assert said.err.count("\n") == 1
 
 
 ASKED = {

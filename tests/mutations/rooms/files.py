@@ -127,4 +127,39 @@ CHANGES += room(
         'body = (line.replace(",", "") for line in body)',
         "a spreadsheet's numbers are read a thousandfold",
     ),
+    Change(
+        "empty-place-refuses-all", f"{FOREIGN}/libraries.py", "if item.shape is None:", "if False:",
+        "an HDF5 file in which one dataset has no value is not read",
+        tests=(f"{OTHERS}::test_files_made_by_the_library",),
+    ),
+    Change(
+        "odd-bytes-in-a-name", f"{FOREIGN}/found.py", 'return raw.decode("latin-1")',
+        'return raw.decode("utf-8", "surrogateescape")',
+        "a recording is read whose notes cannot be written",
+        tests=(f"{OTHERS}::test_text_that_is_no_utf_8_is_kept_as_what_can_be_written",),
+    ),
+    Change(
+        "last-words-are-the-error", f"{FOREIGN}/apart.py", "    except Exception as error:",
+        "    except KeyError as error:",
+        "a warning that a library gives at its end is shown in place of its error",
+        tests=(f"{OTHERS}::test_only_the_error_is_said_of_what_a_library_writes",),
+    ),
+    Change(
+        "library-for-ever", f"{FOREIGN}/apart.py",
+        "        system.bound_processor_time(processor_time_s(path))\n", "",
+        "a damaged file of 10 KB keeps a processor busy for two minutes",
+        tests=(f"{OTHERS}::test_a_small_file_does_not_keep_a_library_busy_for_long",),
+    ),
+    Change(
+        "heading-of-several-lines", "daemon/files/loading.py",
+        "column.heading, column.unit = printable(column.heading), printable(column.unit)", "pass",
+        "a heading of a file writes several lines where one is promised",
+        tests=(f"{OTHERS}::test_a_name_of_several_lines_is_said_in_one",),
+    ),
+    Change(
+        "name-of-several-lines", "daemon/files/loading.py",
+        "        key = printable(given)\n", "        key = given\n",
+        "a name in an archive writes several lines where one is promised",
+        tests=(f"{OTHERS}::test_a_name_of_several_lines_is_said_in_one",),
+    ),
 )  # fmt: skip
