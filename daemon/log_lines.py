@@ -7,7 +7,8 @@ write fails, is dropped and counted, and the count is said with the next line th
 What compiled code writes to descriptors 1 and 2 takes the same way: they become pipes that never
 block.
 
-The counts of all processes of one supervisor lie in memory that they share (`dropped`).
+The counts of all processes of one supervisor lie in memory that they share (`dropped`); there is
+also noted what one of them says for all (`first_to_say`).
 """
 
 import faulthandler
@@ -21,6 +22,8 @@ from collections import deque
 from contextlib import suppress
 from typing import Any
 
+from dehyst.drivers import system
+
 MOST_BYTES = 1 << 18
 """What may wait to be written: some thousand lines, beyond what a pipe of the kernel holds."""
 LAST_WORDS_S = 0.5
@@ -28,6 +31,8 @@ LAST_WORDS_S = 0.5
 COUNTS, SLOTS = "DEHYST_LOG_COUNTS", 16
 PLACES = {"run": 0, "core": 1, "gateway": 2, "doctor": 3, "page": 4, "safe": 5, "emulate": 6}
 """Processes by their commands, and where their counts lie."""
+SAID = SLOTS - 2
+"""Where it lies that one of them has said what it says for all."""
 
 
 class _Outlet:
@@ -178,10 +183,19 @@ _counts = -1
 
 def keep_going(who: str) -> None:
     """From now on nothing that this process writes to stdout or stderr can stop it."""
-    global _log, _counts
+    global _log
     if _log is not None:
         return
+    _share_counts()
+    _log = Log(who)
+
+
+def _share_counts() -> int:
+    """The counts of the supervisor, or new ones where this process is the first."""
+    global _counts
     given = os.environ.pop(COUNTS, "")
+    if _counts >= 0:
+        return _counts
     with suppress(ValueError, OSError):
         if os.readlink(f"/proc/self/fd/{int(given)}").startswith(f"/memfd:{COUNTS}"):
             _counts = int(given)
@@ -189,7 +203,23 @@ def keep_going(who: str) -> None:
     if _counts < 0:
         _counts = os.memfd_create(COUNTS)
         os.ftruncate(_counts, 8 * SLOTS)
-    _log = Log(who)
+    return _counts
+
+
+def first_to_say() -> bool:
+    """True for the first process, of those that share counts, that asks."""
+    if not system.LINUX:
+        return True
+    import fcntl  # of POSIX
+
+    counts = _share_counts()
+    fcntl.lockf(counts, fcntl.LOCK_EX, 8, 8 * SAID)  # two that start together ask together
+    try:
+        said = any(os.pread(counts, 8, 8 * SAID))
+        os.pwrite(counts, b"\1", 8 * SAID)
+    finally:
+        fcntl.lockf(counts, fcntl.LOCK_UN, 8, 8 * SAID)
+    return not said
 
 
 def last_words() -> None:
@@ -204,12 +234,13 @@ def last_words() -> None:
 def for_child() -> dict[str, Any]:
     """Arguments of subprocess.Popen. A child writes to where this process was started to write,
     not through its parent, which may end before it; and counts where its parent counts."""
-    environment = {**os.environ, "DEHYST_SUPERVISED": str(os.getpid())}
+    counts = _share_counts()
+    environment = {**os.environ, "DEHYST_SUPERVISED": str(os.getpid()), COUNTS: str(counts)}
+    shared = {"env": environment, "pass_fds": (counts,)}
     if _log is None:
-        return {"env": environment}
+        return shared
     stdout, stderr = _log.files
-    environment[COUNTS] = str(_counts)
-    return {"env": environment, "stdout": stdout, "stderr": stderr, "pass_fds": (_counts,)}
+    return {**shared, "stdout": stdout, "stderr": stderr}
 
 
 def dropped() -> int:
@@ -218,7 +249,11 @@ def dropped() -> int:
         data = os.pread(_counts, 8 * SLOTS, 0)
     except OSError:
         return 0
-    return sum(int.from_bytes(data[i : i + 8], "little") for i in range(0, len(data), 8))
+    return sum(
+        int.from_bytes(data[8 * i : 8 * i + 8], "little")
+        for i in range(len(data) // 8)
+        if i != SAID
+    )
 
 
 def _count(who: str, lines: int) -> None:

@@ -3,6 +3,8 @@
 from dehyst.models.diagnosis import Diagnosis
 from dehyst.models.units import pick_unit
 
+SAID = {"partly": "partly explained", "unknown": "not explained"}
+
 
 def describe_diagnosis(diagnosis: Diagnosis) -> str:
     """What a person reads on the terminal: the data first, then the verdict with one pair of
@@ -10,8 +12,9 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
     before, after = diagnosis.before_after
     k, unit = pick_unit(diagnosis.unit, max(before, diagnosis.noise))
     lines = [f"data: {said}" for said in diagnosis.data.says]
+    verdict = SAID.get(diagnosis.verdict, diagnosis.verdict)
     lines.append(
-        f"{diagnosis.verdict}: the model in use leaves {k * before:.3g} {unit} rms, the augmented "
+        f"{verdict}: the model in use leaves {k * before:.3g} {unit} rms, the augmented "
         f"model {k * after:.3g} (noise {k * diagnosis.noise:.3g})"
     )
     for f in diagnosis.findings:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from dehyst.daemon.config import Controller
-from dehyst.daemon.files.models import write_text
+from dehyst.daemon.files.outputs import whole_file
 from dehyst.daemon.service.supervisor import BenchProcess
 from dehyst.models.errors import BadInput
 
@@ -16,7 +16,8 @@ NOTE = "emulated.json"
 
 def note_bench(folder: Path, arguments: list[str]) -> None:
     """Write down which bench has its ports in `folder`: the options of `dehyst emulate`."""
-    write_text(folder / NOTE, json.dumps({"emulate": arguments}) + "\n")
+    with whole_file(folder / NOTE) as file:  # files.models has write_text, and brings numba
+        file.write(json.dumps({"emulate": arguments}).encode() + b"\n")
 
 
 def noted(folder: Path) -> list[str]:

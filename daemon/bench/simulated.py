@@ -7,18 +7,20 @@ on pseudo terminals, with the simulated stage behind them.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dehyst.daemon.files.models import save_model, write_text
-from dehyst.drivers.simulated.settings import StageSettings
-from dehyst.drivers.simulated.stage import SimulatedStage
+from dehyst.daemon.files.outputs import whole_file
 from dehyst.models.errors import BadModel
-from dehyst.models.hysteresis.forward import simulate_hysteresis
-from dehyst.models.identify import identify
-from dehyst.models.model import Model
-from dehyst.models.recording import Floats, Recording
 
+if TYPE_CHECKING:  # a start of the bench with the model that is shipped needs no numba
+    from dehyst.drivers.simulated.settings import StageSettings
+    from dehyst.models.model import Model
+    from dehyst.models.recording import Floats
+
+SHIPPED_MODEL = Path(__file__).with_name("simulated-stage.toml")
+"""What `simulated_model()` identifies."""
 RATE_HZ = 200.0  # what an MDT693B sustains over serial
 AXES_RATE_HZ = 100.0  # with several axes on it
 FULL_SCALE_V = 150.0
@@ -91,7 +93,7 @@ port = "{sensor}"
 """
 
 
-def exploring_drive(rate_hz: float = RATE_HZ, seconds: float = 12.0) -> tuple[Floats, Floats]:
+def exploring_drive(rate_hz: float = RATE_HZ, seconds: float = 12.0) -> "tuple[Floats, Floats]":
     """(t_s, volts): a sine whose amplitude shrinks and grows, from 0 V and back to it."""
     t_s = np.arange(round(rate_hz * seconds)) / rate_hz
     phase = 2 * np.pi * t_s
@@ -101,9 +103,13 @@ def exploring_drive(rate_hz: float = RATE_HZ, seconds: float = 12.0) -> tuple[Fl
     return t_s, volts * fade
 
 
-def simulated_model(settings: StageSettings | None = None) -> Model:
+def simulated_model(settings: "StageSettings | None" = None) -> "Model":
     """A model of a simulated stage (None: the default one), identified from its own simulated
     recording."""
+    from dehyst.drivers.simulated.stage import SimulatedStage
+    from dehyst.models.identify import identify
+    from dehyst.models.recording import Recording
+
     t_s, volts = exploring_drive()
     _, reading = SimulatedStage(settings).run(t_s, volts)
     held = np.concatenate([[0.0], volts[:-1]])  # a reading belongs to the voltage before it
@@ -124,8 +130,10 @@ class Imitation:
     stage: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, model: Model) -> "Imitation":
+    def of(cls, model: "Model") -> "Imitation":
         """Full scale at the end of the model's drive range, the stroke that of the model."""
+        from dehyst.models.hysteresis.forward import simulate_hysteresis
+
         valid = model.validity
         if valid.drive_max <= 0:
             raise BadModel(
@@ -146,20 +154,21 @@ def write_bench(
     ports: Mapping[str, str],
     name: str,
     listen: str,
-    model: Model | None,
+    model: "Model | Path | None",
     imitation: Imitation = Imitation(),
     trim: bool = True,
     more: str = "",
 ) -> Path:
-    """Write config.toml (and model.toml where a model is given) into directory; the config's path.
+    """Write config.toml (and model.toml where a model or its file is given) into directory; the
+    config's path.
 
     ports: {"mdt693b": path, "ksg101": path}, as `dehyst emulate` prints them; trim: the
     gauge corrects the target; more: further sections.
     """
     config = directory / "config.toml"
     if model is not None:
-        save_model(model, directory / "model.toml")
-    write_text(
+        _write_model(model, directory / "model.toml")
+    _write_text(
         config,
         (TEMPLATE + LIMITS_TRIM_BUS).format(
             name=name,
@@ -183,7 +192,7 @@ def write_axes_bench(
     ports: Mapping[str, str],
     name: str,
     listen: str,
-    models: Mapping[str, Model | None],
+    models: "Mapping[str, Model | Path | None]",
     trim: bool = True,
     rate_hz: float = AXES_RATE_HZ,
     more: str = "",
@@ -205,8 +214,22 @@ def write_axes_bench(
     )
     for axis, model in models.items():
         if model is not None:
-            save_model(model, directory / f"model-{axis}.toml")
+            _write_model(model, directory / f"model-{axis}.toml")
         text += AXIS_TEMPLATE.format(axis=axis, sensor=ports[f"ksg101-{axis}"])
     config = directory / "config.toml"
-    write_text(config, text + more)
+    _write_text(config, text + more)
     return config
+
+
+def _write_model(model: "Model | Path", path: Path) -> None:
+    if isinstance(model, Path):
+        _write_text(path, model.read_text("utf-8"))
+        return
+    from dehyst.daemon.files.models import save_model
+
+    save_model(model, path)
+
+
+def _write_text(path: Path, text: str) -> None:
+    with whole_file(path) as file:
+        file.write(text.encode("utf-8"))

@@ -7,11 +7,15 @@ KEEP = "--for S or --stay keeps the stage there"
 
 def what_follows(config: Config) -> str:
     """What comes after the last set-point of a client that sends no other one."""
+    return f"{after_the_last(config)}; {KEEP}"
+
+
+def after_the_last(config: Config) -> str:
+    """What comes after the last target of a client."""
     setpoint, safe = config.setpoint, config.safe
     held_s = setpoint.stale_s + setpoint.hold_s
     return (
-        f"holds for {held_s:g} s, then ramps to {safe.voltage_v:g} V at "
-        f"{safe.ramp_v_per_s:g} V/s; {KEEP}"
+        f"holds for {held_s:g} s, then ramps to {safe.voltage_v:g} V at {safe.ramp_v_per_s:g} V/s"
     )
 
 

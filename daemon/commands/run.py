@@ -3,16 +3,22 @@
 import argparse
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from dehyst.daemon.bus.security import check_open
 from dehyst.daemon.config import Config, load_controller
 from dehyst.daemon.interrupts import ended_at_once
+from dehyst.daemon.printable import printable
 from dehyst.daemon.rings import run_folder
 from dehyst.models.errors import BadInput, DehystError
+
+if TYPE_CHECKING:  # they bring numba
+    from dehyst.daemon.bench.simulated import Imitation
+    from dehyst.models.model import Model
 
 NAME, LISTEN = "bench", "tcp/127.0.0.1:7447"
 DESCRIPTION = """\
@@ -34,7 +40,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--check",
         metavar="FILE",
         type=Path,
-        help="check a configuration and its model and print reach and settings; nothing moves",
+        help="check a configuration and its model and say what they mean; nothing moves",
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="with --check: print every setting as JSON on stdout"
     )
     parser.add_argument(
         "--listen",
@@ -66,7 +75,9 @@ def say_of_run(text: str) -> None:
 
 def run(args: argparse.Namespace) -> int:
     if args.check:
-        return check_configuration(args.check)
+        return check_configuration(args.check, args.json)
+    if args.json:
+        raise BadInput("--json goes with --check FILE")
     for option in ("model", "name", "listen", "axes"):
         if args.config and getattr(args, option):
             raise BadInput(f"--{option} goes without --config, which sets it")
@@ -77,31 +88,15 @@ def run(args: argparse.Namespace) -> int:
     say_of_run(
         "starting an emulated MDT693B and KSG101 with a simulated stage (no --config was given)"
     )
-    with ended_at_once("dehyst run"):  # what brings numba with it
-        from dehyst.daemon.bench.simulated import (
-            MAY_STAY,
-            Imitation,
-            simulated_model,
-            write_axes_bench,
-            write_bench,
-        )
-        from dehyst.daemon.files.models import load_model
-        from dehyst.daemon.service.supervisor import BenchProcess
-        from dehyst.drivers.simulated.axes import settings_by_axis
-        from dehyst.drivers.simulated.settings import AXES
+    from dehyst.daemon.bench.simulated import MAY_STAY, write_axes_bench, write_bench
+    from dehyst.daemon.service.supervisor import BenchProcess
+    from dehyst.drivers.simulated.settings import AXES
 
     axes = AXES[: args.axes or 1]
     if args.model and len(axes) > 1:
         raise BadInput("--model goes with one axis; with several each has its own model")
-    from dehyst.daemon.terminal.compiling import compiling_reported
-
-    with ended_at_once("dehyst run"), compiling_reported("dehyst run", in_pipes=True):
-        imitation, models = Imitation(), {}
-        if len(axes) > 1:
-            models = {a: simulated_model(one) for a, one in settings_by_axis(axes, {}).items()}
-        else:
-            model = load_model(args.model) if args.model else simulated_model()
-            imitation = Imitation.of(model) if args.model else imitation
+    with ended_at_once("dehyst run"):
+        imitation, models = models_of_bench(args.model, axes)
 
     with tempfile.TemporaryDirectory(prefix="dehyst-") as folder:
         directory = Path(folder)
@@ -112,13 +107,39 @@ def run(args: argparse.Namespace) -> int:
             if several:
                 path = write_axes_bench(directory, bench.ports, name, listen, models, more=MAY_STAY)
             else:
+                (model,) = models.values()
                 path = write_bench(
                     directory, bench.ports, name, listen, model, imitation, more=MAY_STAY
                 )
-            say_of_run(f"its configuration is {path}; try `dehyst watch` in another terminal")
+            say_of_run(
+                f"its configuration is {path}; this folder is deleted when it ends. Try `dehyst "
+                "watch` in another terminal"
+            )
             return supervise(path)
         finally:
             bench.close()
+
+
+def models_of_bench(
+    model: str | None, axes: Sequence[str]
+) -> "tuple[Imitation, dict[str, Model | Path]]":
+    """The simulated stage, and a model of each axis. That of the default stage is shipped; others
+    bring numba, and may have to be compiled for."""
+    from dehyst.daemon.bench.simulated import SHIPPED_MODEL, Imitation, simulated_model
+
+    if not model and len(axes) == 1:
+        return Imitation(), {axes[0]: SHIPPED_MODEL}
+    from dehyst.daemon.files.models import load_model
+    from dehyst.daemon.terminal.compiling import compiling_reported
+    from dehyst.drivers.simulated.axes import settings_by_axis
+
+    with compiling_reported("dehyst run", in_pipes=True):
+        if model:
+            loaded = load_model(model)
+            return Imitation.of(loaded), {axes[0]: loaded}
+        return Imitation(), {
+            axis: simulated_model(one) for axis, one in settings_by_axis(axes, {}).items()
+        }
 
 
 def supervise(path: Path) -> int:
@@ -148,7 +169,7 @@ def check_free(listen: str) -> None:
         )
 
 
-def check_configuration(path: Path) -> int:
+def check_configuration(path: Path, as_json: bool = False) -> int:
     """Print what a configuration means."""
     from dehyst.daemon.gateway.process import security_of
 
@@ -162,13 +183,22 @@ def check_configuration(path: Path) -> int:
                 f"axis {config.axis}: {error}" if config.axis else str(error)
             ) from None
     security_of(controller)
-    whole: Any = controller.axes[0]
-    if controller.axis_names != ("",):
-        whole = {config.axis: config for config in controller.axes}
-    print(msgspec.json.format(msgspec.json.encode(whole), indent=2).decode())
-    for config, words in zip(controller.axes, said, strict=True):
-        where = f"{path}: axis {config.axis}" if config.axis else f"{path}"
-        print(f"{where}: ok. {words}", file=sys.stderr)
+    if as_json:
+        whole: Any = controller.axes[0]
+        if controller.axis_names != ("",):
+            whole = {config.axis: config for config in controller.axes}
+        print(msgspec.json.format(msgspec.json.encode(whole), indent=2).decode())
+    else:
+        print(
+            f"{path}: ok. Checked: keys and values, models, drivers' settings, rate, trim and bus; "
+            "no device was opened"
+        )
+        for config, words in zip(controller.axes, said, strict=True):
+            print(f"{config.name}:")
+            for name, text in words.items():
+                print(f"  {name:10s}{printable(text)}")
+        addresses = ", ".join((*controller.bus.listen, *controller.bus.connect))
+        print(f"bus: {addresses}\nrings: {controller.directory}\nall settings: --json")
     if controller.longest_ramp_s > UNIT_STOP_S - SPARE_S and any(
         config.safe.on_stop == "ramp" for config in controller.axes
     ):
@@ -184,12 +214,14 @@ def check_configuration(path: Path) -> int:
     return 0
 
 
-def axis_words(config: Config) -> str:
-    """What an axis' configuration means. Raises DehystError where `dehyst run` would refuse it."""
+def axis_words(config: Config) -> dict[str, str]:
+    """What an axis' configuration means, by subject. Raises DehystError where `dehyst run` would
+    refuse it."""
     from dehyst.daemon.config.drives import drive_range
     from dehyst.daemon.files.models import load_model
     from dehyst.daemon.loop.checks import check_unopened, devices_of
     from dehyst.daemon.loop.trim import trim_setting
+    from dehyst.daemon.terminal.overview import describe_kind
     from dehyst.models.cascade.reach import displacement_reach, set_point_origin
 
     check_unopened(config)
@@ -201,18 +233,31 @@ def axis_words(config: Config) -> str:
     zero = set_point_origin(config.setpoint.origin, low, high)
     unit = model.displacement_unit
     assumed = f" (with {', '.join(reach.assumes)})" if reach.assumes else ""
-    return (
-        f"Set-points from {low - zero:.4g} to {high - zero:.4g} {unit}{assumed}; set-point 0 is "
-        f"the model's {zero:.4g} {unit}; {config.loop.rate_hz:g} Hz; "
-        f"{trim_words(trimmed[0], unit)}; rings in {config.directory}"
-    )
+    limits, safe = config.limits, config.safe
+    return {
+        "devices": f"actuator {device_words(config.actuator)}, sensor "
+        f"{device_words(config.sensor)}",
+        "model": f"{config.model.file}: {describe_kind(model)}",
+        "reach": f"set-points from {low - zero:.4g} to {high - zero:.4g} {unit}{assumed}; "
+        f"set-point 0 is the model's {zero:.4g} {unit}",
+        "rate": f"{config.loop.rate_hz:g} Hz",
+        "limits": f"{limits.min_v:g} to {limits.max_v:g} V, at most {limits.slew_v_per_s:g} V/s",
+        "trim": trim_words(trimmed[0], unit),
+        "safe": f"{safe.voltage_v:g} V; at the end: {safe.on_stop}, on a fault: {safe.on_fault}",
+    }
+
+
+def device_words(device: Any) -> str:
+    """Its driver, and where it is."""
+    port = device.settings.get("port")
+    return f"{device.driver} at {port}" if port else str(device.driver)
 
 
 def trim_words(p: Any, unit: str) -> str:
     """What the [trim] section means."""
     if not p["on"]:
-        return "open loop: no trim"
+        return "off: open loop"
     return (
-        f"trimmed by the gauge: time constant {p['time_constant_s']:.3g} s, at most "
+        f"by the gauge: time constant {p['time_constant_s']:.3g} s, at most "
         f"{p['limit']:.3g} {unit}, {p['rate']:.3g} {unit} a second"
     )

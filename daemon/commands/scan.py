@@ -96,7 +96,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs=2,
         type=float,
         metavar=("X", "Y"),
-        help="center of the path (default: middle of the reach, else 0 0)",
+        help="center of the path (default: middle of the reach; where that is not known, 0 0)",
     )
     add(
         "--axes",
@@ -154,6 +154,11 @@ def run(args: argparse.Namespace) -> int:
     said = require_reach(axes, targets, period_s)
     if not axes:
         said.append("reach and slew are not checked: --config or --model gives them")
+        if not args.center:
+            said.append(
+                "the path is centred at (0, 0), which the stage need not reach: --center X Y, or "
+                "--config, puts it elsewhere"
+            )
     columns = {f"target_{name}_{args.unit}": values for name, values in targets.items()}
     columns["scan"] = scan.image.astype(float)
     write_recording(args.output, scan.t_s, columns, {"source": f"dehyst scan: {scan.says}"})

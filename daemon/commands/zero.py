@@ -5,6 +5,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from dehyst.daemon.client.connection import add_connection, connect_axes, print_json, say
+from dehyst.daemon.client.what_follows import after_the_last
 from dehyst.models.errors import BadInput
 
 if TYPE_CHECKING:
@@ -85,8 +86,12 @@ def zero_of(client: "Client", args: argparse.Namespace) -> dict[str, Any]:
     config = client.config()
     if args.exercise:
         of = f"{client.name}: " if config.axis else ""
-        say(f"{of}through {100 * args.share:g} % of the reach, twice, {args.seconds:g} s each")
+        say(
+            f"{of}moving through {100 * args.share:g} % of the reach, there and back twice, "
+            f"{args.seconds:g} s each; the second time counts"
+        )
         found = zero.exercise_and_compare(client, args.share, args.seconds)
+        say(f"{of}done; the stage {after_the_last(config)}")
     else:
         found = zero.compare_zero(client)
     status = client.status()  # newer than the shift that came before this command
@@ -126,6 +131,7 @@ def print_disagreement(found: "Disagreement", shift: float, keep: str, unit: str
     print(f"on average the gauge is {found.mean:+.4g} {unit} from the model")
     if shift:
         print(
-            f"the gauge's zero was moved by {shift:+.4g} {unit}; to keep it beyond this run of the "
-            f"daemon: {keep}"
+            f"the gauge's zero was moved by {shift:+.4g} {unit}, and gauge and model now agree on "
+            "average. This is usual: after power-on a gauge's zero is arbitrary\n"
+            f"to keep it beyond this run of the daemon: {keep}"
         )

@@ -197,7 +197,8 @@ def _describe_findings(
     """left: by the model in use and by the offered or else the augmented one, and their unit."""
     before, after, unit = left
     names = ", ".join(dict.fromkeys(f.name for f in findings)) or "nothing"
-    text = f"Found: {names} ({verdict}); {before:.3g} {unit} rms with the model in use"
+    explained = "partly explained" if verdict == "partly" else verdict
+    text = f"Found: {names} ({explained}); {before:.3g} {unit} rms with the model in use"
     if offered or after < before:
         which = "the offered model" if offered else "the findings added"
         text += f", {after:.3g} with {which}"

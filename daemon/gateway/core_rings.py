@@ -1,11 +1,13 @@
 """The gateway's end of the rings: attach, attach again when the core was restarted, read, push."""
 
+import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dehyst.daemon.rings.layout import PID
 from dehyst.daemon.rings.records import COMMAND, EVENT, TELEMETRY, LoopCommand
 from dehyst.daemon.rings.ring import Ring
 from dehyst.daemon.rings.status import STATUS
@@ -35,6 +37,20 @@ class CoreRings:
     def run(self) -> int:
         """Number of the core's run, the same in all its rings; 0: none."""
         return self._rings["telemetry"].run if self._rings else 0
+
+    @property
+    def left_over(self) -> bool:
+        """True where the process that made the rings has ended: they are of an earlier run, perhaps
+        of another stage."""
+        if not self._rings:
+            return False
+        try:
+            os.kill(int(self._rings["event"].words[PID]), 0)
+        except ProcessLookupError:
+            return True
+        except OSError:  # it is another user's
+            return False
+        return False
 
     @property
     def damaged(self) -> int:

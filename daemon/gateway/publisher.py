@@ -186,13 +186,18 @@ class Publisher:
         """A core, perhaps a new one. Its past fills the history; publishing goes on where the
         ring says that the gateway before this one had stopped."""
         rings = self._rings
+        of_another_daemon = self._cores == 0 and rings.left_over
         self._cores += rings.run != self.history.run
         self._heard_ns = now_ns - SILENT_NS  # rings may be left over from a core that has died
         self.history.restart(rings.run)
         self.history.add(rings.before("telemetry", self.history.capacity))
         self._admission.resume(rings.newest_point())
-        earlier = rings.before("event", RECENT_EVENTS)
-        self.recent_events.extend(event_message(record) for record in earlier)
+        if of_another_daemon:
+            rings.read("event")
+            rings.taken("event")
+        else:
+            earlier = rings.before("event", RECENT_EVENTS)
+            self.recent_events.extend(event_message(record) for record in earlier)
         last = rings.newest_status()
         if last.size:
             self._take_status(last[-1])

@@ -198,7 +198,7 @@ TEXTS = {
     Note.POINT_FULL: "trajectory point at {:.3f} s dropped: the queue is full",
     Note.POINT_LATE: "trajectory point at {:.3f} s dropped: it is not later than the last point",
     Note.RUN_DRY: "the trajectory has run dry: holding its last target",
-    Note.NO_SETPOINT: "no set-point for {:g} s: holding, then to the safe voltage",
+    Note.NO_SETPOINT: "no further command for {:g} s: holding, then ramping to the safe voltage",
     Note.COMMANDS_LOST: "{:.0f} commands overwritten before the loop read them",
     Note.STOP_FAILED: "ending although the output is at {:g} V: it does not reach its safe voltage",
     Note.STOOD_STILL: "the loop paused for {:.2f} s; it now glides to the target",

@@ -10,18 +10,25 @@ from dehyst.models.diagnosis import Diagnosis, Finding, Value
 from dehyst.models.units import spell_size, spell_unit
 
 MODELS = ("model in use", "augmented model")
+TITLES = {
+    "clean": "Diagnosis: the model lacks nothing that these recordings show",
+    "explained": "Diagnosis: the model's error is explained",
+    "partly": "Diagnosis: a part of the model's error is explained",
+    "unknown": "Diagnosis: the model's error is not explained",
+}
+"""By verdict."""
 MOST_VIEWS = 4
 
 
 def report_diagnosis(diagnosis: Diagnosis, names: list[str]) -> str:
     """The page as text: the data first, then the verdict and its pair of figures, the findings with
     their pictures, what is excluded, what to record next. names: the recordings' file names."""
-    out = Page(f"Diagnosis: {diagnosis.verdict}")
+    out = Page(TITLES[diagnosis.verdict])
     _data(out, diagnosis, names)
     out.add_text(say_verdict(diagnosis), "lead")
     _cards(out, diagnosis)
     if diagnosis.findings:
-        out.add_heading("What was left out")
+        out.add_heading("What the model lacks")
         for finding in diagnosis.findings:
             _finding(out, finding)
     out.add_heading("Before and after")

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from dehyst.daemon.report import diagnosis_pictures, identification_pictures
+from dehyst.daemon.report.diagnosis import TITLES
 from dehyst.daemon.report.page import Page
 from dehyst.daemon.report.plotting import MEASURED, MODEL, add_legend, thin_rows
 from dehyst.daemon.report.validation import draw_left, draw_over_time
@@ -98,7 +99,7 @@ def show_validation(rows: Sequence[tuple[str, Recording, Validation]]) -> str:
 
 def show_diagnosis(diagnosis: Diagnosis) -> str:
     """The verdict, what was found, and the errors before and after."""
-    out = Page(f"Diagnosis: {diagnosis.verdict}")
+    out = Page(TITLES[diagnosis.verdict])
     out.add_bullets(diagnosis.data.says)
     before, after = diagnosis.before_after
     out.add_cards(

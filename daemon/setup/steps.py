@@ -277,10 +277,8 @@ def say_what_next(bench: Workbench, models: str, *more: str) -> Result:
         f"dehyst run --config {config}     # in a terminal; `dehyst watch` in another",
         "dehyst zero --exercise     # once it runs: the history of the stage is unknown then",
         *more,
-        'as a service, as root, from a clone (README, "Run it as a service"):',
+        'as a service: the nine commands of README.md, "Run it as a service", the second one with',
         f"  install -D -m 0640 {config} {models} -t /etc/dehyst",
-        "  cp systemd/*.service /etc/systemd/system/ && systemctl daemon-reload",
-        "  systemctl enable --now dehyst.service",
     ):
         bench.say(f"   {line}")
     return {"words": "ready to run"}

@@ -11,12 +11,15 @@ from typing import Any, Self
 
 from numba.core.event import Listener, install_listener
 
-from dehyst.daemon import clock
+from dehyst.daemon import clock, log_lines
 
 SILENT_S = 1.0
 """Compiling that is over so soon is not worth a word."""
 TICK_S, AGAIN_S = 1.0, 15.0
 """Between two looks, and between two lines where no terminal reads them."""
+FIRST = "compiling kernels, once for this installation: this takes a minute or two"
+ALSO = "compiling its own kernels, too"
+"""Of a daemon's processes one says what it is about, the others that they do the same."""
 CLEAR = "\r\x1b[K"
 """To the beginning of the line, and nothing on it."""
 PACKAGE = Path(__file__).resolve().parents[2]
@@ -111,7 +114,7 @@ class CompilingProgress:
         if seconds <= SILENT_S or self._silent:
             return
         if not self._said_s:
-            self._say("compiling kernels, once for this installation: this takes a minute or two")
+            self._say(FIRST if log_lines.first_to_say() else ALSO)
             self._said_s = seconds
         elif self._terminal:
             words = f"{self._by}: compiling, {seconds:.0f} s: {self._of.count} done, "

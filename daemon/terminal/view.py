@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.layout import Layout
 from rich.panel import Panel
 from rich.table import Table
@@ -18,14 +18,13 @@ from dehyst.daemon.printable import printable
 from dehyst.daemon.rings.records import TELEMETRY, Flag, Mode, State, name_of
 from dehyst.daemon.rings.status import cells, counts, is_starting, place, positioning, rate
 from dehyst.daemon.terminal.braille import Curve, Plot
-from dehyst.daemon.terminal.readout import ROWS, readout
+from dehyst.daemon.terminal.readout import readout
 
 POINTS = 4000
-EVENTS = 6
+EVENT_LINES = 6
 COLUMNS = 3
 ROOMY = 100, 32
 """Columns and rows from which all numbers are shown; below, the plots get the room."""
-SHORT_HEAD = 4
 STARTING = (
     "starting: kernels are compiled and devices opened; set-points are accepted once it is ready"
 )
@@ -121,18 +120,25 @@ def screen(
     said = _newest(status, events, rejections)
     head: RenderableType
     if small:
-        head, height = _short_head(status, window, lost), SHORT_HEAD
+        head = _short_head(status, window, lost)
         foot: RenderableType = said[-1] if said else Text("no events yet", style="dim")
     else:
-        head, height = _head(status, window, lost)
+        head = _head(status, window, lost)
+        while len(said) > 1 and _rows(Group(*said), size[0] - 4) > EVENT_LINES:
+            del said[0]
         foot = Panel(Group(*(said or [Text("none yet", style="dim")])), title="events")
     layout = Layout()
     layout.split_column(
-        Layout(head, size=height),
+        Layout(head, size=_rows(head, size[0])),
         Layout(_plots(status, window), name="plots"),
-        Layout(foot, size=1 if small else max(1, len(said)) + 2),
+        Layout(foot, size=_rows(foot, size[0])),
     )
     return layout
+
+
+def _rows(shown: RenderableType, width: int) -> int:
+    """How many rows it takes in so many columns, with what is too long wrapped."""
+    return len(Console(width=width).render_lines(shown))
 
 
 class AxisScreen(NamedTuple):
@@ -183,7 +189,7 @@ def _state(status: Status, newest: Any) -> tuple[Text, str]:
 
 
 def _short_head(status: Status | None, window: RecentTelemetry, lost: int) -> Group:
-    """The numbers that matter, in SHORT_HEAD lines."""
+    """The numbers that matter, one line each where they fit."""
     if status is None:
         return Group(Text("waiting for the daemon's status"))
     newest, s, unit = window.newest(), status, status.unit
@@ -209,8 +215,6 @@ def _short_head(status: Status | None, window: RecentTelemetry, lost: int) -> Gr
             (device, "bold red"),
         ),
     ]
-    for line in lines:
-        line.no_wrap, line.overflow = True, "ellipsis"
     return Group(*lines)
 
 
@@ -218,10 +222,10 @@ def _of(newest: Any, name: str) -> float:
     return float("nan") if newest is None else float(newest[name])
 
 
-def _head(status: Status | None, window: RecentTelemetry, lost: int) -> tuple[Panel, int]:
-    """The numbers, and how many lines they take."""
+def _head(status: Status | None, window: RecentTelemetry, lost: int) -> Panel:
+    """All numbers."""
     if status is None:
-        return Panel("waiting for the daemon's status"), 3
+        return Panel("waiting for the daemon's status")
     newest, unit, gateway = window.newest(), status.unit, status.gateway
     shown, mode = _state(status, newest)
     texts: list[Text | str] = [
@@ -241,28 +245,22 @@ def _head(status: Status | None, window: RecentTelemetry, lost: int) -> tuple[Pa
     flags = flag_names(window.take_flags())
     volts = status.volts if newest is None else float(newest["volts"])
     figures = readout(window.place(), _of(newest, "target"), volts, printable(unit))
-    panel = Panel(
+    return Panel(
         Group(figures, table, Text(flags, style="yellow")),
         title=f"dehyst {printable(status.name)}",
         subtitle="q quits",
     )
-    return panel, table.row_count + ROWS + 3
 
 
 def _newest(
     status: Status | None, events: deque[Event], rejections: deque[Rejection]
 ) -> list[Text]:
-    """The newest events and refusals, oldest first, one line each with its time."""
+    """The newest events and refusals with their times, oldest first."""
     # a refusal has the controller's monotonic time alone; the status has both
     wall_ns = 0 if status is None else status.wall_ns - status.time_ns
     lines = [(e.wall_ns, f"{e.code}: {e.text}", "red" if e.level > 1 else "") for e in events]
     lines += [(r.time_ns + wall_ns, f"refused {r.count} x: {r.text}", "yellow") for r in rejections]
     return [
-        Text(
-            f"{datetime.fromtimestamp(when * 1e-9):%H:%M:%S} {printable(text)}",
-            style=style,
-            no_wrap=True,
-            overflow="ellipsis",
-        )
-        for when, text, style in sorted(lines)[-EVENTS:]
+        Text(f"{datetime.fromtimestamp(when * 1e-9):%H:%M:%S} {printable(text)}", style=style)
+        for when, text, style in sorted(lines)[-EVENT_LINES:]
     ]

@@ -6,6 +6,7 @@ import { drawStill, number, pretty, rem, unitName } from "./plot.js";
 
 const $ = (id) => document.getElementById(id);
 const POLL_MS = 700;
+const EARLIER = 6; // of the twelve files that the server keeps
 
 export function fillList(list, rows) {
   list.replaceChildren(...rows.flatMap(([term, text]) => {
@@ -22,6 +23,7 @@ export class Files {
     this.file = null;
     this.turn = 0; // counts what is asked for: an answer to an earlier question is not shown
     this.checked = null; // the trajectory whose preview is shown
+    this.shown = null; // the recording of which it is shown what was found
     const drop = $("drop");
     for (const kind of ["dragover", "dragenter"]) {
       drop.addEventListener(kind, (e) => { e.preventDefault(); drop.classList.add("over"); });
@@ -52,10 +54,13 @@ export class Files {
     }
   }
 
-  // Whatever was found about another file, or for another controller, goes.
+  // Whatever was found about another file, or for another controller, goes: what was found of a
+  // recording to the list of earlier ones.
   clear(text) {
     this.turn += 1;
     this.checked = null;
+    this.keep(this.shown);
+    this.shown = null;
     $("job-text").textContent = text;
     $("job-share").value = 0;
     for (const id of ["preview", "job-said", "job-report", "job-model", "job-share"]) $(id).hidden = true;
@@ -76,12 +81,16 @@ export class Files {
     const query = new URLSearchParams({ controller: this.page.controller(), file: this.file.name });
     try {
       let job = await answered(fetch(`upload/${kind}?${query}`, { method: "POST", body: this.file }));
-      while (turn === this.turn && (job.state === "waiting" || job.state === "working")) {
-        $("job-text").textContent = `${job.file}: ${job.text}`;
-        $("job-share").value = job.share;
+      const wanted = () => turn === this.turn || kind !== "trajectory";
+      while (wanted() && (job.state === "waiting" || job.state === "working")) {
+        if (turn === this.turn) {
+          $("job-text").textContent = `${job.file}: ${job.text}`;
+          $("job-share").value = job.share;
+        }
         await new Promise((done) => setTimeout(done, POLL_MS));
-        if (turn === this.turn) job = await answered(fetch(`job/${job.number}`));
+        if (wanted()) job = await answered(fetch(`job/${job.number}`));
       }
+      if (turn !== this.turn) this.keep(job);
       if (turn === this.turn) this.show(job);
     } catch (error) {
       if (turn === this.turn) this.clear(error.message);
@@ -94,6 +103,7 @@ export class Files {
     if (job.state !== "done") return;
     if (job.kind === "trajectory") this.preview(job);
     else {
+      this.shown = job;
       $("job-said").hidden = false;
       $("job-said").textContent = pretty(job.result.said);
     }
@@ -101,6 +111,26 @@ export class Files {
       $(`job-${what}`).hidden = !job[what];
       $(`job-${what}`).href = `job/${job.number}/${what}`;
     }
+  }
+
+  // What was found of an earlier recording stays at hand, below the file that is shown.
+  keep(job) {
+    if (!job || job.kind === "trajectory" || job.state !== "done") return;
+    const one = document.createElement("details"), said = document.createElement("pre");
+    const head = document.createElement("summary"), links = document.createElement("p");
+    head.textContent = `${job.file}: ${job.kind}`;
+    said.textContent = pretty(job.result.said);
+    for (const [what, text] of [["report", "report"], ["model", "model.toml"]]) {
+      if (!job[what]) continue;
+      const link = document.createElement("a");
+      link.textContent = text;
+      link.href = `job/${job.number}/${what}`;
+      if (what === "report") [link.target, link.rel] = ["_blank", "noopener"];
+      links.append(link, " ");
+    }
+    one.append(head, said, links);
+    $("earlier").prepend(one);
+    while ($("earlier").children.length > EARLIER) $("earlier").lastChild.remove();
   }
 
   restyle() { if (this.checked) this.draw(this.checked.result); }

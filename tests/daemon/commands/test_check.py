@@ -1,6 +1,7 @@
 """`dehyst run --check` finds what `dehyst run` would refuse before a device is touched, and says it
-in one line."""
+in one line; of a good configuration it says what it means, on one screen."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -27,7 +28,24 @@ def test_a_good_one_is_ok_with_no_device_there(tmp_path: Path) -> None:
         capture_output=True, text=True, check=False, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert ": ok." in done.stderr
+    assert done.stdout.startswith(f"{path}: ok.")
+    for words in (
+        "mdt693b at /dev/ttyACM9, sensor ksg101 at /dev/ttyUSB9", "paper-eq11: ",
+        "set-points from ", "100 Hz", "to 150 V", "by the gauge: time constant", "/nonexistent/run",
+    ):  # fmt: skip
+        assert words in done.stdout
+    assert len(done.stdout.splitlines()) < 20
+
+
+def test_the_whole_is_json_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(GOOD)
+    assert main(["run", "--check", str(path), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["actuator"]["gain"] == 15.0
+    assert said["setpoint"]["stale_s"] > 0  # what the file does not say, too
+    assert main(["run", "--json"]) == 2
+    assert "--check" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

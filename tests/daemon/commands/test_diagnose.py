@@ -109,7 +109,7 @@ def test_report_says_things_in_the_order_in_which_they_are_needed(written):
         "Recordings: a.csv, b.csv (8000 rows); no reading is missing",
         "where the noise is",
         "error, augmented model",
-        "What was left out",
+        "What the model lacks",
         "Before and after",
         "The loop",
         "Excluded effects",

@@ -15,6 +15,7 @@ from tests.rigs.gateway_bench import free_port, wait_until, wait_until_heard
 from tests.rigs.processes import dehyst, end, simulated_config
 from tests.rigs.stage_model import kept_model
 
+from dehyst.daemon import clock
 from dehyst.daemon.client.client import Client, Refusal
 from dehyst.daemon.files.models import load_model, save_model
 from dehyst.models.errors import DehystError
@@ -110,10 +111,13 @@ def test_another_unit_after_a_stop(pair: Pair, first: str) -> None:
             check(client, "nm")
             return
     pair.kill("gateway")
+    over_ns = clock.wall_ns()
     pair.start(first)
     if first == "gateway":
         with pair.client() as client:  # what is said meanwhile is the old run's, and it is gone
             assert not client.status().core_alive
+            wait_until("the old rings", lambda: client.status().unit == "um", 30.0)
+            assert all(event.wall_ns > over_ns for event in client.events())
             with pytest.raises(Refusal, match="does not run"):
                 client.send(5.0)
             pair.start("core")
@@ -124,6 +128,9 @@ def test_another_unit_after_a_stop(pair: Pair, first: str) -> None:
         with pair.client() as client:
             wait_until("the new run", lambda: client.status().unit == "nm", 120.0)
             check(client, "nm")
+            events = client.events()
+            assert any("the loop runs" in event.text for event in events)
+            assert all(event.wall_ns > over_ns for event in events)
 
 
 def test_another_unit_after_a_refused_reload_and_a_death(pair: Pair) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.rigs.chromium import PATIENCE_S, Chromium, needs_chromium
-from tests.rigs.gateway_bench import Bench, free_port
+from tests.rigs.gateway_bench import Bench, free_port, wait_until
 from tests.rigs.page import PageProcess
 from tests.rigs.processes import until
 from tests.rigs.service import SAFE_V, Service
@@ -259,6 +259,52 @@ def test_a_file_that_is_given_while_another_is_checked_shows_its_own_figures(
     field.send_keys(str(first))  # its preview goes with it
     assert not window.ask(shown)
     assert window.ask("dehystPage.plots.paused") is False
+
+
+def recording(path: Path, width: float) -> Path:
+    """A file of a stage with one loop of this width."""
+    t_s = np.arange(0.0, 20.0, 0.02)
+    drive = 75.0 - 75.0 * np.cos(2 * np.pi * 0.2 * t_s) * np.exp(-t_s / 20.0)
+    drive *= np.minimum(1.0, t_s / 2.0)
+    um = play_operator(drive, width) / 10.0
+    um += 0.005 * np.random.default_rng(3).normal(size=t_s.size)
+    rows = "".join(f"{t:.2f},{u:.5f},{y:.5f}\n" for t, u, y in zip(t_s, drive, um, strict=True))
+    path.write_text("t_s,u_v,y_um\n" + rows)
+    return path
+
+
+def play_operator(drive: np.ndarray, width: float) -> np.ndarray:
+    out, at = np.zeros_like(drive), 0.0
+    for i, u in enumerate(drive):
+        at = max(u - width, min(u + width, at))
+        out[i] = at
+    return out
+
+
+def test_what_was_found_of_a_recording_stays_when_another_file_is_given(
+    window: Chromium, tmp_path: Path
+) -> None:
+    first, second = (recording(tmp_path / f"{n}.csv", w) for n, w in (("one", 5.0), ("two", 8.0)))
+    field = window.chrome.find_element("id", "file")
+    found = "!document.getElementById('job-said').hidden"
+    listed = "[...document.querySelectorAll('#earlier summary')].map(e => e.textContent)"
+    field.send_keys(str(first))
+    window.click("as-identify")
+    wait_until("the first", lambda: window.ask(found), 300.0)
+    said = window.text("job-said")
+    assert window.ask(listed) == []
+    field.send_keys(str(second))
+    assert window.ask(listed) == ["one.csv: identify"]
+    assert window.ask("document.querySelector('#earlier pre').textContent") == said
+    for what in ("report", "model"):
+        href = f"document.querySelector('#earlier a[href$={what}]').href"
+        assert window.ask(f"fetch({href}).then(answer => answer.status)") == 200
+    window.click("as-identify")
+    field.send_keys(str(trajectory(tmp_path / "way.csv", 6.0)))  # while the second is worked on
+    assert window.ask(listed) == ["one.csv: identify"]
+    both = ["two.csv: identify", "one.csv: identify"]
+    wait_until("the second", lambda: window.ask(listed) == both, 300.0)
+    assert "way.csv" in window.text("job-text")
 
 
 def test_a_zoom_asks_for_what_is_finer(window: Chromium) -> None:

@@ -3,7 +3,7 @@ with three, light and dark.
 
     DEHYST_PICTURES=docs python -m pytest -n 0 tests/daemon/page/test_pictures.py
 
-writes the pictures of docs/page.md anew.
+writes the pictures of docs/page.md and docs/doctor.md anew.
 """
 
 import io
@@ -17,11 +17,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
+from PIL import Image
+from tests.daemon.doctor.test_examination import lay
 from tests.rigs.axes_bench import AxesBench
 from tests.rigs.chromium import Chromium, needs_chromium
 from tests.rigs.gateway_bench import Bench
 from tests.rigs.page import PageProcess
 
+from dehyst.daemon.bus import encoding
+from dehyst.daemon.bus.keys import Keys
+from dehyst.daemon.bus.messages import DoctorReport
+from dehyst.daemon.bus.session import Bus
+from dehyst.daemon.bus.topics import DOCTOR, subject
+from dehyst.daemon.doctor.examination import examine
+from dehyst.daemon.files import cases
+from dehyst.daemon.files.cases import Case
+from dehyst.daemon.gateway.doctor_report import describe_report
 from dehyst.models.errors import DehystError
 
 pytestmark = needs_chromium
@@ -219,8 +231,6 @@ def test_arrows_move_the_axes_of_the_plane(window: Chromium, scene: Scene) -> No
 @pytest.mark.parametrize("width", SCREENS)
 def test_a_picture_can_be_taken(window: Chromium, scene: Scene, width: int, tmp_path: Path) -> None:
     """And is kept in docs where that is asked for."""
-    from PIL import Image
-
     dark = (scene.axes, width) in ((3, 360), (3, 3840))
     height = show(window, scene, width, dark)
     assert window.ask("document.documentElement.dataset.theme") == ("dark" if dark else "light")
@@ -236,8 +246,52 @@ def test_a_picture_can_be_taken(window: Chromium, scene: Scene, width: int, tmp_
     picture = Image.open(io.BytesIO(window.chrome.get_screenshot_as_png())).convert("RGB")
     assert picture.width == width * SCREENS[width][1]
     assert len(picture.getcolors(1 << 24) or ()) > 50  # something is drawn
-    few = picture.quantize(128, dither=Image.Dither.NONE)
     name = f"page{'-axes' if scene.axes > 1 else ''}{'' if width == 1280 else f'-{width}'}.png"
-    path = (Path(WRITTEN) if WRITTEN else tmp_path) / name
-    few.save(path, optimize=True)
+    keep(picture, (Path(WRITTEN) if WRITTEN else tmp_path) / name)
+
+
+def keep(picture: Image.Image, path: Path) -> None:
+    """As a small file."""
+    picture.quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
     assert path.stat().st_size < LARGEST_BYTES
+
+
+def examined(folder: Path) -> DoctorReport:
+    """What the doctor says of a stage whose amplifier has become slow."""
+    kept = cases.get_record(lay(folder, amplifier_tau_s=0.015), cases.CASE, Case)
+    assert kept is not None
+    name = time.strftime("mismatch-%Y%m%d-%H%M%S")
+    case = replace(
+        kept, name=name, later_s=10.0, wall_ns=time.time_ns(), time_ns=time.monotonic_ns()
+    )
+    cases.put_record(folder, cases.CASE, case)
+    return describe_report(case, examine(folder), None, (10.0, 60.0))
+
+
+@pytest.mark.skipif(not WRITTEN, reason="the findings are drawn where pictures are asked for")
+def test_the_findings_on_a_telephone(window: Chromium, scene: Scene, tmp_path: Path) -> None:
+    if scene.axes > 1:
+        pytest.skip("one axis is enough")
+    report = examined(tmp_path)
+    show(window, scene, 360)
+    with Bus.connect([scene.page.address]) as bus:
+        sender = bus.sender(Keys("dehyst", "bench").pubsub(subject(DOCTOR)), DOCTOR)
+
+        def heard() -> bool:
+            sender.put(encoding.encode(report))
+            return "Found: " in window.text("doctor-says")
+
+        window.until("the findings", heard)
+    assert window.ask("document.documentElement.scrollWidth") <= 360
+    bar, card = window.ask(
+        "['header', '#doctor'].map(q => document.querySelector(q).getBoundingClientRect().height)"
+    )
+    window.chrome.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": 360, "height": round(bar + card + 16), "deviceScaleFactor": 2.0, "mobile": True},
+    )
+    top = "document.querySelector('#doctor').getBoundingClientRect().top"
+    window.ask(f"scrollBy(0, {top} - {bar + 8})")
+    time.sleep(2.0)
+    picture = Image.open(io.BytesIO(window.chrome.get_screenshot_as_png())).convert("RGB")
+    keep(picture, Path(WRITTEN) / "page-doctor-telephone.png")

@@ -2,6 +2,8 @@
 
 import io
 import math
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -11,7 +13,14 @@ from types import SimpleNamespace
 import pytest
 from numba import njit
 
+from dehyst.daemon import log_lines
 from dehyst.daemon.terminal import compiling
+
+
+@pytest.fixture(autouse=True)
+def _nothing_said_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a process of its own."""
+    monkeypatch.setattr(log_lines, "_counts", -1)
 
 
 def fresh_kernel() -> Callable[[float], float]:
@@ -41,6 +50,41 @@ def test_it_says_once_that_it_compiles_and_how_long_it_took(
     with compiling.compiling_reported("dehyst core", in_pipes=True, ends=False):
         fresh_kernel()(4.0)
     assert "compiled" not in capsys.readouterr().err
+
+
+TALKS = """
+import sys, time
+from dehyst.daemon import log_lines
+from dehyst.daemon.terminal import compiling
+
+log_lines.keep_going("core")
+compiling.SILENT_S = 0.0
+compilations = compiling.Compilations()
+with compiling.CompilingProgress(sys.argv[1], compilations, in_pipes=True) as progress:
+    time.sleep(0.001)
+    compilations._spent_ns = 10**9
+    progress.look()
+log_lines.last_words()
+"""
+
+
+def test_of_the_processes_of_a_start_one_says_what_it_is_about_the_others_that_they_do_it_too() -> (
+    None
+):
+    children = [
+        subprocess.Popen(
+            [sys.executable, "-c", TALKS, who],
+            stderr=subprocess.PIPE,
+            text=True,
+            **log_lines.for_child(),
+        )
+        for who in ("dehyst core", "dehyst gateway", "dehyst emulate")
+    ]
+    said = sorted(child.communicate(timeout=60)[1].strip() for child in children)
+    texts = [line.partition(": ")[2] for line in said]
+    assert sorted(texts) == sorted([compiling.FIRST, compiling.ALSO, compiling.ALSO])
+    assert len({line.partition(":")[0] for line in said}) == 3
+    assert log_lines.dropped() == 0
 
 
 def test_what_is_soon_done_or_there_already_is_not_worth_a_word(

@@ -1,6 +1,7 @@
 """The live view on a small terminal, a large one, and one without colours."""
 
 import io
+import re
 import time
 from collections import deque
 from typing import Any
@@ -65,13 +66,21 @@ def window() -> view.RecentTelemetry:
     return made
 
 
-def drawn(size: tuple[int, int], events: int = 0, **options: Any) -> str:
+def drawn(
+    size: tuple[int, int],
+    events: int = 0,
+    text: str = "number {}",
+    changed: dict[str, Any] | None = None,
+    **options: Any,
+) -> str:
     happened = deque(
-        Event(time_ns=i, wall_ns=WALL_NS + i * 10**9, level=2, code="core", text=f"number {i}")
+        Event(time_ns=i, wall_ns=WALL_NS + i * 10**9, level=2, code="core", text=text.format(i))
         for i in range(events)
     )
     refused = deque([Rejection(time_ns=-(10**9), client=1, code="busy", text="no", count=2)])
-    screen = view.screen(status(), window(), 0, happened, refused if events else deque(), size)
+    screen = view.screen(
+        status(**(changed or {})), window(), 0, happened, refused if events else deque(), size
+    )
     file = io.StringIO()
     console = Console(width=size[0], height=size[1], file=file, force_terminal=True, **options)
     console.print(screen)
@@ -102,6 +111,27 @@ def test_a_large_terminal_shows_all_numbers_and_no_more_of_a_box_than_there_are_
         assert len(box) == lines
     assert "22:13:19 refused 2 x: no" in text  # by the controller's clock of the status
     assert braille(text) >= 20
+
+
+@pytest.mark.parametrize("size", [(80, 24), (100, 40), (120, 40)])
+def test_what_is_longer_than_a_line_is_wrapped_and_not_cut(size: tuple[int, int]) -> None:
+    long = (
+        "trim frozen: the reading has jumped, gauge and model differ by 0.3124; it resumes when "
+        "the reading is back and settled, or after `dehyst zero`, number {}"
+    )
+    changed = {
+        "trimmed": True, "trim": 0.0869, "differs": -0.219, "trim_frozen": "jumped",
+        "missed_by": {"preempted": 3, "driver_io": 473, "compute": 1, "late_wake": 33, "stall": 24},
+        "actuator_ok": False,
+    }  # fmt: skip
+    shown = drawn(size, 6, long, changed, no_color=True)
+    assert len(shown.splitlines()) == size[1]
+    words = " ".join(re.sub(r"[^\x20-\x7e]", " ", shown).split())
+    assert "or after `dehyst zero`, number 5" in words
+    assert "FAILED" in words
+    assert "from the model" in words
+    assert "\u2026" not in shown
+    assert braille(shown) >= 9
 
 
 def test_after_a_resize_it_fills_the_new_size() -> None:
