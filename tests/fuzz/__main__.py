@@ -217,6 +217,7 @@ def main() -> int:
     names = o.only or list(targets())
     if o.again:
         print(targets()[names[0]].run(o.again.read_bytes()))
+        clean_up()
         return 0
     import tempfile
 

@@ -103,8 +103,7 @@ class Reader:
         self.left = 0
         os.close(self._ask)
         os.close(self._answer)
-        for_status = os.waitpid(self.child, 0)[1]
-        return os.waitstatus_to_exitcode(for_status)
+        return os.waitstatus_to_exitcode(os.waitpid(self.child, 0)[1])
 
 
 _running: list[Reader] = []
@@ -113,7 +112,8 @@ _running: list[Reader] = []
 def read_in_fork(path: Path, target: Path) -> subprocess.CompletedProcess[str]:
     """In place of apart.start_reader."""
     if _running and not _running[0].left:
-        del _running[0]
+        for file in _running.pop().said:
+            file.close()
     if not _running:
         _running.append(Reader())
     reader = _running[0]
