@@ -3,7 +3,7 @@ longer its waits take. Reads /proc; where there is none, nothing is known and no
 
 import os
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dehyst.daemon import clock
@@ -51,11 +51,12 @@ class Busy:
 
     @property
     def stretch(self) -> float:
-        """How many times longer than on a quiet machine a wait may take, 1 to MOST_STRETCH."""
-        taken = self.others + self.stolen
-        if taken <= MOST_OTHERS and self.load <= MOST_LOAD:
+        """How many times longer than on a quiet machine a wait may take, 1 to MOST_STRETCH; late
+        samples alone say nothing of that."""
+        if not replace(self, late=0.0).why:
             return 1.0
-        return min(MOST_STRETCH, max(self.load, 1.0 / max(1.0 - taken, 1e-9)))
+        left = max(1.0 - self.others - self.stolen, 1e-9)
+        return min(MOST_STRETCH, max(self.load, 1.0 / left))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dehyst.daemon.bus.messages import DoctorReport, FoundEffect
@@ -81,6 +81,7 @@ def test_work_of_a_child_is_its_own_on_this_machine() -> None:
     others=st.floats(0.0, 1.0), stolen=st.floats(0.0, 1.0), load=st.floats(0.0, 100.0),
     late=st.floats(0.0, 1.0),
 )  # fmt: skip
+@example(others=0.25, stolen=0.03125, load=0.0, late=0.0)  # neither is too much, their sum would be
 def test_a_wait_is_never_shorter_nor_without_end_and_longer_only_where_it_is_said_why(
     others: float, stolen: float, load: float, late: float
 ) -> None:
