@@ -8,7 +8,7 @@ import signal
 import sys
 import warnings
 from contextlib import AbstractContextManager, nullcontext
-from typing import NoReturn
+from typing import Any, NoReturn
 
 # before numpy is imported: BLAS threads on matrices as small as ours cost fifty times their gain
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -118,6 +118,14 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Say what is wrong and where help is; exit with 2."""
         self.exit(2, f"{self.prog}: {message}; see `{self.prog} --help`\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """What a command does not know is its own error: argparse would let the program say it,
+        which would name the program's help."""
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return found, unknown
 
 
 def build_parser(*commands: str | None) -> Parser:

@@ -4,6 +4,16 @@ from tests.mutations.change import Change, room
 
 CHANGES = [
     *room(
+        ("tests/daemon/commands/test_unknown_arguments.py",),
+        Change(
+            "the-program-speaks-for-the-command",
+            "daemon/main.py",
+            "        if unknown:\n",
+            "        if False:\n",
+            "who misspells an option is sent to the help of all commands",
+        ),
+    ),
+    *room(
         ("tests/daemon/loop/test_compiled_apart.py",),
         Change(
             "halves-of-other-types",

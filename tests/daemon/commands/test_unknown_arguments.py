@@ -1,0 +1,24 @@
+"""An argument that a command does not know: whose help is named."""
+
+import pytest
+
+from dehyst.daemon.main import main
+
+
+@pytest.mark.parametrize(
+    ("words", "help_of"),
+    [
+        (["status", "--nothing"], "dehyst status"),
+        (["scan", "raster", "--nothing", "-o", "path.csv"], "dehyst scan"),
+        (["config", "init", "file.toml"], "dehyst config"),
+        (["--nothing", "status"], "dehyst"),
+    ],
+)
+def test_it_is_that_of_the_command(
+    words: list[str], help_of: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(words)
+    said = capsys.readouterr().err
+    assert said.startswith(f"{help_of}: unrecognized arguments: ")
+    assert said.endswith(f"; see `{help_of} --help`\n")
