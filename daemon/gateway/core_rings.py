@@ -46,7 +46,7 @@ class CoreRings:
             return False
         try:
             os.kill(int(self._rings["event"].words[PID]), 0)
-        except ProcessLookupError:
+        except (ProcessLookupError, OverflowError):  # a damaged number is that of no process
             return True
         except OSError:  # it is another user's
             return False
