@@ -46,4 +46,10 @@ CHANGES = room(
         "stale-never", RING, "return os.stat(self.path).st_ino != self._inode",
         "return False", "the gateway goes on with the rings of a loop that has died",
     ),
+    Change(
+        "a-damaged-number-ends-the-gateway", "daemon/gateway/core_rings.py",
+        "except (ProcessLookupError, OverflowError):", "except ProcessLookupError:",
+        "a gateway ends on a ring whose process number is damaged",
+        tests=("tests/daemon/gateway/test_left_over_rings.py",),
+    ),
 )  # fmt: skip
