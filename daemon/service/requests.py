@@ -19,6 +19,8 @@ from dehyst.daemon.loop.timing import realtime
 
 REST_S = 1.0
 NOT_MOVED = 0
+AGAIN_S = 0.01
+"""Until a lost exit is raised again: longer than a callback takes, shorter than anybody notices."""
 
 
 class Requests:
@@ -57,8 +59,12 @@ class Requests:
         thread.start()
 
     def _report_unless_ended(self, lost: "sys.UnraisableHookArgs") -> None:
-        """An exit that a callback of LLVM cannot pass on is made up for in `serve`."""
-        if not (self._ended and isinstance(lost.exc_value, SystemExit)):
+        """An exit that a callback of LLVM cannot pass on is raised again a moment later: compiling
+        goes on for a minute."""
+        if self._ended and isinstance(lost.exc_value, SystemExit):
+            signal.signal(signal.SIGALRM, self._on_stop)
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+        else:
             sys.__unraisablehook__(lost)
 
     def _on_stop(self, *_: Any) -> None:

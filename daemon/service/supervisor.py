@@ -113,10 +113,11 @@ class Supervisor:
         self._entered_ns = 0
         self._began_ns: dict[str, int] = {}
         self._ever = self._ready = self._folder_gone = False
+        self._begun = True  # False: the core was asked to end before it could react to that
 
     def run(self) -> int:
-        """Until a signal; 0, 1 where the output had to be made safe by force, 2 where the core
-        refuses to start."""
+        """Until a signal; 0, 1 where the output had to be made safe by force or could not be made
+        safe, 2 where the core refuses to start."""
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_end)
         signal.signal(signal.SIGHUP, self._on_reload)
@@ -174,6 +175,10 @@ class Supervisor:
             self._happens(LifeEvent.REFUSED)
         elif code == 0:
             self._happens(LifeEvent.WELL)
+        elif self.life is Life.ENDING and code == -signal.SIGTERM:
+            self._begun = False
+            self.say("the core had not begun: bringing the output to its safe state")
+            self._happens(LifeEvent.DIED)
         else:
             self.say(f"core ended with code {code}: bringing the output to its safe state")
             self._happens(LifeEvent.DIED)
@@ -207,6 +212,7 @@ class Supervisor:
             return
         if before is Life.LAST and event is not LifeEvent.SAVED:
             self.say("ending although the output could not be brought to its safe state")
+            self.code = 1
         self._enter(after)
 
     def _enter(self, life: Life) -> None:
@@ -220,7 +226,7 @@ class Supervisor:
             self.say("ending: the output goes to its configured state")
             self.core.signal(signal.SIGTERM)
         elif life in (Life.SAVING, Life.LAST):
-            if life is Life.LAST:
+            if life is Life.LAST and self._begun:
                 self.code = 1
             self.safe.start()
         elif life is Life.UNSAFE:
