@@ -47,6 +47,7 @@ class Requests:
                 raise SystemExit(NOT_MOVED) from None
             raise
         finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)  # what it would raise has come
             sys.unraisablehook = before
 
     def serve(self, stop: Callable[[], None], reload: Callable[[], None]) -> None:

@@ -61,15 +61,21 @@ from dehyst.daemon.service.requests import Requests
 requests = Requests()
 with requests.before_the_loop():
     ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.{number}))()
-    requests.serve(lambda: None, lambda: None)
+    {then}
     print("served")
 """
+SERVE = "requests.serve(lambda: None, lambda: None)"
+COMPILE = "import time; time.sleep(50.0)  # as it does for a minute"
 
 
+@pytest.mark.parametrize("then", [SERVE, COMPILE], ids=["serve", "compile"])
 @pytest.mark.parametrize("number", ["SIGTERM", "SIGINT"])
-def test_an_exit_that_a_callback_from_c_loses_leaves_no_traceback(number: str) -> None:
+def test_an_exit_that_a_callback_from_c_loses_leaves_no_traceback_and_comes_again(
+    number: str, then: str
+) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", LOST.format(number=number)], capture_output=True, text=True,
-        env={"PYTHONPATH": str(ROOT / "src")}, timeout=60, check=False,
+        [sys.executable, "-c", LOST.format(number=number, then=then)],
+        capture_output=True, text=True,
+        env={"PYTHONPATH": str(ROOT / "src")}, timeout=40, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -133,7 +133,20 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/daemon/commands/test_words.py",),
+        Change(
+            "an-early-end-is-a-failure", SUPERVISOR,
+            "elif self.life is Life.ENDING and code == -signal.SIGTERM:", "elif False:",
+            "Ctrl-C a second after the start ends with exit status 1",
+        ),
+    ),
+    *room(
         ("tests/daemon/service/test_requests.py",),
+        Change(
+            "a-lost-exit-stays-lost", "daemon/service/requests.py",
+            "            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)\n", "            pass\n",
+            "a loop that compiles goes on for a minute after SIGTERM",
+        ),
         Change(
             "swallowed-end-runs-on", "daemon/service/requests.py",
             "        if self._ended:\n            raise SystemExit(NOT_MOVED)\n        thread",
