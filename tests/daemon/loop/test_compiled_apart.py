@@ -29,6 +29,8 @@ compile_plan()
 compile_beside_plan()
 compiled_apart._compile_around_step()
 compiled_anew(sample.propose_drive, INVERSE, FLOATS, types.int64)
+compiled_anew(sample._follow, INVERSE)
+compiled_anew(sample.applied_at, types.int64, types.float64, types.boolean)
 compiled_anew(kernels.begin_axes, types.int64[::1], types.int64, FLOATS)
 compiled_anew(run_samples, types.int64[::1], types.int64)
 halves = (
@@ -38,8 +40,8 @@ halves = (
 )
 print(json.dumps({kernel.__name__: len(kernel.signatures) for kernel in halves}))
 """
-"""What calls the halves, typed and compiled again by numba itself; and for how many types each of
-them is there then. In a process where nobody else has called them."""
+"""What calls the halves directly, typed and compiled again by numba itself; and for how many types
+each of them is there then. In a process where nobody else has called them."""
 
 
 def test_each_half_is_what_the_loop_then_calls() -> None:
