@@ -1,7 +1,6 @@
 """compile all kernels now, so that the next start is quick"""
 
 import argparse
-import subprocess
 import sys
 
 EPILOG = """\
@@ -29,16 +28,11 @@ def run(args: argparse.Namespace) -> int:
 
     with compiling_shown("dehyst warm") as compilations:
         if system.LINUX:
-            from dehyst.daemon.loop.compiled_apart import compile_in_two
+            from dehyst.daemon.loop.compiled_apart import compile_in_two, compiling_beside
 
             compile_in_two()
-            other = subprocess.Popen([sys.executable, "-m", __name__], stdin=subprocess.DEVNULL)
-            try:
+            with compiling_beside(__name__):
                 _compile_loop()
-                other.wait()
-            finally:
-                other.kill()
-                other.wait()
         _compile_offline()  # what the other process has done is on disk
     if compilations.count:
         seconds = (clock.monotonic_ns() - begun_ns) / clock.NS

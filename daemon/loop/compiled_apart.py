@@ -8,7 +8,8 @@ other process died), this one compiles everything itself, later.
 
 import subprocess
 import sys
-import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from numba import types
 
@@ -18,23 +19,26 @@ from dehyst.daemon.loop.step_kernel import stopped
 from dehyst.models.inverse.compiling import compile_beside_plan, compile_plan, plan_is_on_disk
 
 WORDS, INTEGER = types.int64[::1], types.int64
-LOOK_S = 0.02
-"""Between two looks at whether the other process is done: far less than a kernel takes."""
 
 
 def compile_in_two() -> None:
     """Compile a good half of what `warm_up` runs, unless it is on disk already."""
     if plan_is_on_disk():
         return
-    other = subprocess.Popen([sys.executable, "-m", __name__], stdin=subprocess.DEVNULL)
-    try:
+    with compiling_beside(__name__):
         _compile_around_step()
         compile_beside_plan()
-        while other.poll() is None:
-            time.sleep(LOOK_S)
+
+
+@contextmanager
+def compiling_beside(module: str) -> Iterator[None]:
+    """Run a module in another process, and wait for its end; it does not outlive the block."""
+    other = subprocess.Popen([sys.executable, "-m", module], stdin=subprocess.DEVNULL)
+    try:
+        yield
+        other.wait()
     finally:
-        if other.poll() is None:
-            other.kill()
+        other.kill()
         other.wait()
 
 

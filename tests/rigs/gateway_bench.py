@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -249,3 +250,21 @@ def forged_setpoint(operator: Client) -> messages.Setpoint:
         client=operator.client, lease=operator._lease, sequence=99, sent_ns=time.monotonic_ns(),
         value=9.0, unit="um",
     )  # fmt: skip
+
+
+@contextmanager
+def renewed(client: Client) -> Iterator[None]:
+    """Keep a client's lease, however long what is inside takes."""
+    over = threading.Event()
+
+    def renew() -> None:
+        while not over.wait(0.2):
+            client.renew()
+
+    thread = threading.Thread(target=renew)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()

@@ -1,13 +1,10 @@
 """What others write on the bus locks nobody out and commands no terminal."""
 
 import json
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import pytest
 from tests.daemon.commands.test_remote import run
-from tests.rigs.gateway_bench import Bench
+from tests.rigs.gateway_bench import Bench, renewed
 
 from dehyst.daemon.bus.session import Bus
 from dehyst.daemon.client.client import Client
@@ -41,24 +38,6 @@ def test_an_odd_token_is_passed_over_and_named(
                 break
     assert "EVIL\\x1b[31m" in caplog.text
     assert "\x1b" not in caplog.text
-
-
-@contextmanager
-def renewed(client: Client) -> Iterator[None]:
-    """Its lease, however long that takes."""
-    over = threading.Event()
-
-    def renew() -> None:
-        while not over.wait(0.2):
-            client.renew()
-
-    thread = threading.Thread(target=renew)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
 
 
 def test_a_label_commands_no_terminal(shared: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

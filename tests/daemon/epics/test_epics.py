@@ -4,15 +4,20 @@ under bluesky's RunEngine. Real loop, real gateway, real `dehyst epics`, all on 
 import os
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.rigs.gateway_bench import Bench, environment, free_port, started_bench, wait_until
+from tests.rigs.gateway_bench import (
+    Bench,
+    environment,
+    free_port,
+    renewed,
+    started_bench,
+    wait_until,
+)
 
 from dehyst.daemon.client.client import Client
 from dehyst.daemon.rings.records import State
@@ -183,24 +188,6 @@ def test_killed_in_motion_the_stage_ends_as_after_any_client(bench: Bench) -> No
     assert bench.loop.samples(bench.loop.seq - 1)[-1]["volts"] == pytest.approx(0.0, abs=0.1)
 
 
-@contextmanager
-def repeated(send: Callable[[], object]) -> Iterator[None]:
-    """A client that keeps its lease, however long what is inside takes."""
-    done = threading.Event()
-
-    def run() -> None:
-        while not done.wait(0.3):
-            send()
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        thread.join()
-
-
 def test_another_client_is_seen_and_respected(bench: Bench, served: Served) -> None:
     assert served.client("put", "-c", "LAB.VAL", "5.0").returncode == 0
     with Client("bench", bench.address, label="another") as other:
@@ -208,7 +195,7 @@ def test_another_client_is_seen_and_respected(bench: Bench, served: Served) -> N
         first = bench.loop.seq
         other.send(6.0)
         wait_until("the lease is lost", lambda: served.get("LAB:HELD") == "0", 20.0)
-        with repeated(lambda: other.send(6.0)):
+        with renewed(other):
             refused = served.client("put", "-c", "LAB.VAL", "4.0")
         assert refused.returncode != 0 or "fail" in (refused.stdout + refused.stderr).lower()
         targets = bench.loop.samples(first)["target"]  # the set-point may have gone stale since
