@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,16 @@ class ChannelSource:
     drive: bool
     scale: float = 1.0
     zero: float = 0.0
+
+
+class ReportedModel(NamedTuple):
+    """What the status says of a model; put in one place at once, since the status is filled by
+    another thread than the one that reloads."""
+
+    digest: str
+    unit: str
+    drive_unit: str
+    reach: tuple[float, float]
 
 
 def followed_by(config: Config, channels: tuple[str, ...]) -> dict[str, ChannelSource]:
@@ -125,7 +135,7 @@ class AxisCore:
         stepper.use(compensator, self._led(compensator, self._past))
         stepper.follow(self._rows(compensator))
         make_run_folder(config.directory)
-        self._publish_model(self.model)
+        self._reported = self._reported_model(self.model, self._leave_model(self.model))
         rings = {
             name: Ring.create(config.directory / f"{name}.ring", dtype, size, run)
             for name, (dtype, size) in RINGS.items()
@@ -271,16 +281,18 @@ class AxisCore:
         monitor.stepper.events.append(f"model reloaded{about}: {compensator.reason}")
         monitor.stepper.events.extend(self.unmeasured(compensator))
         zero = monitor.stepper.origin if same else settings.origin
-        monitor.reload(compensator, state, zero, self._rows(compensator))
-        monitor.stepper.trim_setting[:] = trimmed
-        self.model, self._accepted = model, accepted
+        digest = self._reported.digest
         try:
-            self._publish_model(model)
+            digest = self._leave_model(model)
         except DehystError as error:
             monitor.stepper.events.append(f"clients still see the old model: {error}")
+        reported = self._reported_model(model, digest)
+        monitor.reload(compensator, state, zero, self._rows(compensator))
+        monitor.stepper.trim_setting[:] = trimmed
+        self.model, self._accepted, self._reported = model, accepted, reported
 
-    def _publish_model(self, model: Model) -> None:
-        """Leave the model that the loop really uses where the gateway finds it."""
+    def _leave_model(self, model: Model) -> str:
+        """Leave the model that the loop really uses where the gateway finds it; its digest."""
         text = dumps(model)
         path = model_file(self.config.directory, model_digest(text))
         try:
@@ -290,7 +302,11 @@ class AxisCore:
             write_text(path, text)
         except OSError as error:
             raise NotNow(f"{path}: cannot be written: {error.strerror or error}") from None
-        self._published_model = model, model_digest(text)
+        return model_digest(text)
+
+    def _reported_model(self, model: Model, digest: str) -> ReportedModel:
+        reach = displacement_range(model, *drive_range(self.config, model))
+        return ReportedModel(digest, model.displacement_unit, model.drive_unit, reach)
 
     # -- status -----------------------------------------------------------------------------------
 
@@ -305,11 +321,11 @@ class AxisCore:
         return status
 
     def _fill_model(self, status: NDArray[Any], zero: float) -> None:
-        low, high = self._reach()
+        reported = self._reported
+        low, high = reported.reach
         status["reach_min"], status["reach_max"] = low - zero, high - zero
-        model, digest = self._published_model
-        status["unit"], status["drive_unit"] = model.displacement_unit, model.drive_unit
-        status["model"] = digest
+        status["unit"], status["drive_unit"] = reported.unit, reported.drive_unit
+        status["model"] = reported.digest
 
     def _fill_status(self, status: NDArray[Any]) -> None:
         self._fill_model(status, self.monitor.stepper.origin)
@@ -317,11 +333,3 @@ class AxisCore:
         self._report(status)
         for end in ("reach_min", "reach_max"):  # a target is trimmed before it is inverted
             status[end] -= status["trim"]
-
-    def _reach(self) -> tuple[float, float]:
-        if self.model is not getattr(self, "_reach_of", None):
-            self._reach_of = self.model
-            self._reach_range = displacement_range(
-                self.model, *drive_range(self.config, self.model)
-            )
-        return self._reach_range

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
-from tests.rigs.gateway_bench import environment
+from tests.rigs.gateway_bench import environment, free_port
 
 from dehyst.daemon.demo.demo import compare_errors
 from dehyst.daemon.main import main
@@ -69,9 +69,10 @@ def test_an_interrupt_during_the_imports_is_one_line(tmp_path: Path) -> None:
 def test_an_interrupt_while_the_bench_starts_leaves_nothing_behind(
     tmp_path: Path, delay_s: float
 ) -> None:
+    listen = f"tcp/127.0.0.1:{free_port()}"
     process = subprocess.Popen(
         [sys.executable, "-c", "import sys; from dehyst.daemon.main import main; "
-         "print('up', flush=True); sys.exit(main())", "run"],
+         "print('up', flush=True); sys.exit(main())", "run", "--listen", listen],
         env=environment() | {"TMPDIR": str(tmp_path)}, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
@@ -81,5 +82,5 @@ def test_an_interrupt_while_the_bench_starts_leaves_nothing_behind(
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=120.0)
     assert "Traceback" not in said
-    assert process.returncode in (0, 130)
+    assert process.returncode in (0, 130), said
     assert list(tmp_path.iterdir()) == []

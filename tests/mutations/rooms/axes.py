@@ -160,6 +160,17 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/daemon/loop/axes/test_reported_model.py",),
+        Change(
+            "reach-before-its-model",
+            "daemon/loop/axes/core.py",
+            "        digest = self._reported.digest\n        try:",
+            "        digest = self._reported.digest\n"
+            "        self._reported = self._reported_model(model, digest)\n        try:",
+            "for a moment a client reads the reach of the new model beside the old model",
+        ),
+    ),
+    *room(
         ("tests/drivers/test_call_times.py",),
         Change(
             "late-replies-do-not-count",
