@@ -52,7 +52,7 @@ def augmented(problem: Problem, fitted: JointFit) -> Model:
     settled = behind_output(data, fitted.effects, np.ones((data.n, 1)))[0, 0]  # their gain at rest
     c = np.array(model.hysteresis.c)
     c[0] += constant + float(fitted.offsets.mean()) / settled
-    first = [Block("lead", "drive", {"tau_s": 0.5 * data.period})] if data.early else []
+    first = [Block("lead", "drive", {"tau_s": data.early * data.period})] if data.early else []
     own = [*first, *model.blocks, *added]
     effects = [
         block

@@ -1,6 +1,6 @@
 """Which base the search stands on, and at which noise: rich, or compact where little was recorded;
-on the identified model where that alone predicts better; half a sample earlier where the recorder
-holds each command."""
+on the identified model where that alone predicts better; earlier where the recorder holds each
+command or is a row off."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -145,24 +145,29 @@ def on_the_other(problem: Problem, found: SearchState) -> Problem:
     return other if by_blocks(other, fit).mean_square < TUNING.distorted * now else problem
 
 
-def held_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
-    """The problem with the drive half a sample earlier, where that explains much of the misfit.
+def earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
+    """The problem with the drive half a sample or a whole one earlier, where that explains much of
+    the misfit; of the two the half, where the whole one does not explain much of what it leaves.
 
-    Nothing physical leads the drive: a recorder that holds each command and reads at the end of
-    the sample does, against the straight lines between samples that all models here assume.
+    Nothing physical leads the drive. A recorder that holds each command and reads at the end of the
+    sample does by half a sample, against the straight lines between samples that all models here
+    assume; one that writes a reading into the row before does by a whole one.
     """
-    data = problem.data
-    step = np.diff(data.u, prepend=data.u[0])
-    step[data.starts] = 0.0
-    shifted = replace(data, u=data.u + 0.5 * step, early=True)
-    whole = replace(problem, data=shifted, base=rich_base(shifted))
-    light = whole.light(TUNING.search_rows)
-    fit = light.solve([])
-    before = excess(problem, null, sigma)
-    fall = before - excess(light, fit, sigma)
-    if fall < max(TUNING.early_share * before, (TUNING.early_size * sigma) ** 2):
-        return None
-    return whole
+    found, left = None, excess(problem, null, sigma)
+    for samples in (0.5, 1.0):
+        data = problem.data
+        ahead = np.append(data.u[1:], data.u[-1])
+        ends = np.append(data.starts[1:], True)
+        ahead[ends] = data.u[ends]
+        if samples < 1.0:
+            ahead = data.u + samples * np.where(data.starts, 0.0, np.diff(data.u, prepend=0.0))
+        moved = replace(data, u=ahead, early=samples)
+        whole = replace(problem, data=moved, base=rich_base(moved))
+        light = whole.light(TUNING.search_rows)
+        leaves = excess(light, light.solve([]), sigma)
+        if left - leaves >= max(TUNING.early_share * left, (TUNING.early_size * sigma) ** 2):
+            found, left = whole, leaves
+    return found
 
 
 def fed_by_steps(problem: Problem, null: JointFit, sigma: float) -> Problem:

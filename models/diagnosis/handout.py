@@ -57,7 +57,7 @@ def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Ha
         problem, final = as_blocks(problem, final)
         bare = bare.with_steps(False, led=problem.data.led)
     bare = replace(bare, data=replace(bare.data, between=None))
-    left_out = leave_out(problem, final)
+    left_out = leave_out(problem, final, bare.data.u)
     in_use = left_out.left_by(lambda here: bare.subject.model)
     best, chosen = Handed(bare.subject.model, in_use, in_use), None
     noise = (TUNING.helps * sigma) ** 2

@@ -122,8 +122,9 @@ class LeftOut:
         return np.asarray(left - (rest.mean() if rest.size else left.mean()))
 
 
-def leave_out(problem: Problem, fit: JointFit) -> LeftOut:
-    """The groups of a problem. fit: with all effects, for what belongs to one recording alone."""
+def leave_out(problem: Problem, fit: JointFit, drive: Floats) -> LeftOut:
+    """The groups of a problem. fit: with all effects, for what belongs to one recording alone;
+    drive: (N,) as it was recorded, on which models are simulated."""
     data = problem.data
     count = len(data.names)
     of = data.rec if count >= TUNING.recordings_enough else data.block
@@ -134,7 +135,7 @@ def leave_out(problem: Problem, fit: JointFit) -> LeftOut:
         own = ~fit.design[beside].any(axis=0) if count > 1 else _unwritten(problem, fit)
         groups.append(here)
         owns.append(fit.design[problem.counted(here)][:, own])
-    return LeftOut(data, tuple(groups), tuple(owns))
+    return LeftOut(replace(data, u=drive), tuple(groups), tuple(owns))
 
 
 def _unwritten(problem: Problem, fit: JointFit) -> Bools:

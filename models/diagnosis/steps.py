@@ -26,9 +26,9 @@ from dehyst.models.diagnosis.data.survey import (
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.find import (
     Progress,
+    earlier_drive,
     fed_by_steps,
     find_above_noise,
-    held_drive,
     of_another_stage,
     on_the_model,
     on_the_other,
@@ -94,7 +94,7 @@ def diagnose(
     if foreign:
         say(foreign, 0.1)
     say("base fitted", 0.1)
-    early = held_drive(problem, null, sigma)
+    early = earlier_drive(problem, null, sigma)
     if early is not None:
         data, problem, null = early.data, early, early.solve([])
     standing = on_the_model(problem, null)

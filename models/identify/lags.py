@@ -94,6 +94,8 @@ class LagSearch:
             powers.append(0.5 * np.diff(e[at])[keep] ** 2)
             speeds.append(speed[keep] ** 2)
         x, y = np.concatenate(speeds), np.concatenate(powers)
+        if not x.size:  # no two readings in a row, by which it would show
+            return 0.0
         x = x - x.mean()
         return float(np.sqrt(max(0.0, float(x @ y) / max(float(x @ x), 1e-300))))
 

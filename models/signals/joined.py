@@ -35,10 +35,11 @@ class Data:
     channels: dict[str, Floats] = field(default_factory=dict)
     drive_unit: str = "v"
     unit: str = "um"
-    early: bool = False  # the drive stands half a sample earlier than recorded
+    early: float = 0.0  # samples by which the drive stands earlier than recorded
     stepped: bool = False  # lags and modes are fed by steps, not by straight lines between samples
     led: bool = False  # lags and modes are fed by straight lines, half a sample earlier
     missing: int = 0  # samples of the grid without a reading
+    repeats: int = 0  # samples that repeat the reading before, of a gauge polled too fast
     stalls: int = 0  # times the recorder stood still
     raw_index: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # -1: no row
     between: "Data | None" = None  # the drive's path on a finer grid, on which all operators run

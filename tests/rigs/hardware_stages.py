@@ -36,7 +36,7 @@ class RigCase(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """What a recorder wrote: stamps, drive, reading and the exact displacement of the reading."""
+    """What a recorder wrote: stamps, drive and reading; and the exact displacement of each row."""
 
     t_s: Floats
     u: Floats
@@ -103,7 +103,7 @@ def _open_loop(
         if hold_s:
             last = np.floor(t[rows_at] / hold_s + 1e-9) * hold_s
             at = np.clip(np.round(last * hz).astype(int), 0, rows - 1)
-            y, exact = y[at], exact[at]
+            y = y[at]
         shown = u[rows_at] * volts / 10.0
         shown = np.round(shown / step_v) * step_v if step_v else shown
         out.append(Shown(t[rows_at], shown, y, exact))

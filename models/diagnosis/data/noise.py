@@ -21,7 +21,8 @@ def noise_rms(data: Data, residual: Floats) -> float:
     The upper two thirds of the band of windowed segments: the median over time of each
     frequency, then the median over frequencies, so that fixed lines, ringing and moves do not
     count. Where rows are missing all over, the differences of neighbours that are both there, in
-    place of spectra. Never less than what the reading's steps make: one step over the root of 12.
+    place of spectra; of a polled gauge, fourth differences of its readings. Never less than what
+    the reading's steps make: one step over the root of 12.
     """
     powers = []
     window = np.hanning(TUNING.segment)
@@ -34,6 +35,10 @@ def noise_rms(data: Data, residual: Floats) -> float:
             x = x - x.mean() - slope * (12.0 * float((x * slope).mean()))
             powers.append(np.abs(np.fft.rfft(x * window)) ** 2 / norm)
     floor = quantum(data.y) / np.sqrt(12.0)
+    if data.repeats:
+        readings = [residual[(data.part == p) & data.rows] for p in np.unique(data.part)]
+        d = np.concatenate([np.diff(e, 4) for e in readings])
+        return max(floor, float(1.4826 * np.median(np.abs(d)) / np.sqrt(70.0)), 1e-12)
     if data.missing > TUNING.few_missing * data.n:
         both = data.rows[1:] & data.rows[:-1] & ~data.starts[1:]
         d = np.diff(residual)[both]

@@ -26,6 +26,7 @@ from dehyst.models.identify.start import start_agrees
 from dehyst.models.recording import Recording, typical_step
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 from dehyst.models.signals.pasts import FRESH
+from dehyst.models.signals.repeats import repeated_readings
 
 FIRST_WAY = 0.8  # of the drive's range
 MISSED = "missed"  # channel of the daemon's recordings: 1 where the sample came late
@@ -47,6 +48,7 @@ class Laid:
     known: Bools
     dt: float
     missing: int
+    repeats: int
     stalls: int
 
 
@@ -55,6 +57,8 @@ def lay_on_grid(one: Recording) -> Laid:
     are there."""
     assert one.displacement is not None
     t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
+    again = repeated_readings(y)
+    y = np.where(again, np.nan, y)
     raw = np.flatnonzero(np.isfinite(t) & np.isfinite(u))
     there = int(np.count_nonzero(np.isfinite(y[raw])))
     if there < TUNING.least_samples:
@@ -95,7 +99,9 @@ def lay_on_grid(one: Recording) -> Laid:
         cut=cut,
         known=known & ~held_up,
         dt=dt,
-        missing=int(np.count_nonzero(~known)),  # a pause lacks no readings
+        # a pause lacks no readings
+        missing=int(np.count_nonzero(~known)) - int(np.count_nonzero(again[raw])),
+        repeats=int(np.count_nonzero(again[raw])),
         stalls=int(np.count_nonzero(steps > TUNING.stall)),
     )
 
@@ -120,7 +126,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
     for one in recordings[1:]:
         shared &= set(one.channels)
     pieces: list[dict[str, NDArray]] = []
-    part = block = missing = stalls = 0
+    part = block = missing = repeats = stalls = 0
     lowest = min(_lowest_drive(one) for one in recordings)
     units = {(_units(one)) for one in recordings}
     if len(units) > 1:
@@ -134,6 +140,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         n = laid.u.size
         there = laid.raw >= 0
         missing, stalls = missing + laid.missing, stalls + laid.stalls
+        repeats += laid.repeats
         channels = {}
         for k in sorted(shared):
             values = _filled(np.asarray(one.channels[k], dtype=float))[laid.raw[there]]
@@ -185,6 +192,7 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         drive_unit=drive_unit,
         unit=unit,
         missing=missing,
+        repeats=repeats,
         stalls=stalls,
         raw_index=joined["raw"],
     )

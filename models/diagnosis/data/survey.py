@@ -40,6 +40,11 @@ def survey(
     if data.missing:
         share = data.missing / max(data.n, 1)
         said.append(f"{data.missing} readings are missing ({share:.1%}); none was filled in")
+    if data.repeats:
+        said.append(
+            f"{data.repeats} samples repeat the reading before, because the gauge was polled "
+            "faster than it reads; each reading counts once"
+        )
     if data.stalls:
         said.append(
             f"the recorder stopped {data.stalls} time{'s' if data.stalls > 1 else ''}; the samples "
@@ -80,8 +85,8 @@ def survey(
             f"the drive hardly reverses: nothing that it causes{slow} can be distinguished from "
             "the loop"
         )
-    left_out = int(np.count_nonzero(~data.rows & (data.raw_index >= 0)))
-    if left_out:
+    left_out = int(np.count_nonzero(~data.rows & (data.raw_index >= 0))) - data.repeats
+    if left_out > 0:
         said.append(
             f"{left_out} samples were left out of the fits, where what the stage did before is "
             "unknown"
@@ -91,7 +96,13 @@ def survey(
             f"of {data.n} samples {int(np.count_nonzero(fitted.rows))} in stretches were fitted; "
             "the errors are of all"
         )
-    if fitted.early:
+    if fitted.early == 1.0:
+        said.append(
+            "each reading stands one row before the drive that it belongs to; the diagnosis "
+            "accounts for this, and a model that it writes leads by a sample as the recordings "
+            "do: check the order in which the recorder reads and writes"
+        )
+    elif fitted.early:
         said.append(
             "the reading leads the drive by half a sample, because each command is held, not "
             "ramped; the diagnosis accounts for this"

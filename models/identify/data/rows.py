@@ -16,6 +16,7 @@ from dehyst.models.errors import BadRecording
 from dehyst.models.identify.data.outliers import remove_glitches, sample
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.recording import Bools, Floats, Recording
+from dehyst.models.signals.repeats import repeated_readings
 from dehyst.models.units import spell_unit
 
 
@@ -60,6 +61,13 @@ def read_rows(recording: Recording, span: float | None = None) -> Rows:
     _require_size(name, recording.size)
     notes = [text] if (text := recording.defects()) else []
     u, y, t = recording.drive, recording.displacement, recording.t_s
+    again = repeated_readings(y)
+    if again.any():
+        y = np.where(again, np.nan, y)
+        notes.append(
+            f"{name}: {np.count_nonzero(again)} of {y.size} rows repeat the reading of the row "
+            "before: the gauge was polled faster than it reads; each reading counts once"
+        )
     u = remove_glitches(name, u, notes)
     present = ~np.isnan(u)
     for column, values in ((recording.drive_column, u), (recording.displacement_column, y)):

@@ -136,7 +136,7 @@ def test_the_worst_recording_left_out_is_known() -> None:
     data = prepare(given)
     subject = Subject(fit_plain(data, THRESHOLDS * data.span))
     problem = Problem(data, rich_base(data), subject)
-    left = leave_out(problem, problem.solve([])).left_by(lambda here: subject.model)
+    left = leave_out(problem, problem.solve([]), data.u).left_by(lambda here: subject.model)
     error = data.y - subject.whole(data)
     each = [float(np.std(error[(data.rec == i) & data.rows])) for i in range(3)]
     assert each[1] == max(each) > 1.2 * min(each)

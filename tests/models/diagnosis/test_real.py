@@ -6,10 +6,13 @@ import pytest
 from scipy import signal
 from tests.rigs.diagnosis import diagnose_without_limits
 
+from dehyst.models.diagnosis.augment import augmented
 from dehyst.models.diagnosis.base import rich_base
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.steps import fed_by_steps, held_drive
+from dehyst.models.diagnosis.left_out import leave_out
+from dehyst.models.diagnosis.steps import earlier_drive, fed_by_steps
+from dehyst.models.diagnosis.subject import THRESHOLDS, Subject, fit_plain
 from dehyst.models.recording import Recording
 from dehyst.models.signals.filters import lowpass, second_order
 from dehyst.models.signals.held import longest_hold
@@ -19,7 +22,10 @@ from dehyst.models.signals.periodic import fundamental_hz
 DT = 2e-3
 
 
-def noise(n: int, size: float = 0.01) -> np.ndarray:
+NOISE = 0.01
+
+
+def noise(n: int, size: float = NOISE) -> np.ndarray:
     return size * np.random.default_rng(8).standard_normal(n)
 
 
@@ -74,14 +80,43 @@ def multisine(n: int, seed: int) -> np.ndarray:
     return sum(np.sin(2 * np.pi * (f * t + rng.random())) for f in (0.7, 2.3, 5.1, 11.0, 23.0))
 
 
-def test_a_held_drive_is_taken_half_a_sample_earlier() -> None:
-    t = np.arange(8000) * DT
+def drive_is_earlier_by(u: np.ndarray, y: np.ndarray) -> float:
+    """Samples by which the drive is moved."""
+    data = prepare([Recording(np.arange(u.size) * DT, u, y + noise(u.size))])
+    problem = Problem(data, rich_base(data))
+    found = earlier_drive(problem, problem.solve([]), NOISE)
+    return found.data.early if found is not None else 0.0
+
+
+@pytest.mark.parametrize("samples", [0.5, 1.0, 0.0, -1.0])
+def test_a_drive_is_moved_by_as_much_as_the_readings_lead(samples: float) -> None:
+    t = np.arange(8001) * DT
     u = 5 + multisine(t.size, 1)
-    early = 5 + np.interp(t + 0.5 * DT, t, u - 5)
-    for y, expected in ((early, True), (u, False), (np.interp(t - DT, t, u), False)):
-        data = prepare([Recording(t, u, y + noise(t.size))])
-        problem = Problem(data, rich_base(data))
-        assert (held_drive(problem, problem.solve([]), 0.01) is not None) is expected
+    y = np.interp(t + samples * DT, t, u)
+    assert drive_is_earlier_by(u[:-1], y[:-1]) == max(samples, 0.0)
+
+
+def test_a_row_before_is_a_row_before_for_drives_that_jump_too() -> None:
+    t = np.arange(8001) * DT
+    u = 5 + multisine(t.size, 1) + 0.3 * np.sign(np.sin(2 * np.pi * 9.0 * t))
+    assert drive_is_earlier_by(u[:-1], u[1:]) == 1.0
+
+
+def test_a_model_that_leads_is_judged_on_the_drive_as_it_was_recorded() -> None:
+    t = np.arange(8000) * DT
+    u = 5 + 3 * np.sin(2 * np.pi * 2.3 * t) + np.sin(2 * np.pi * 6.1 * t)
+    y = np.interp(t + 0.5 * DT, t, u)
+    data = prepare([Recording(t, u, y + noise(t.size))])
+    subject = Subject(fit_plain(data, THRESHOLDS * data.span))
+    problem = Problem(data, rich_base(data), subject)
+    moved = earlier_drive(problem, problem.solve([]), NOISE)
+    assert moved is not None
+    fit = moved.solve([])
+    left = [
+        leave_out(moved, fit, drive).left_by(lambda here: augmented(moved, fit)).mean_square ** 0.5
+        for drive in (data.u, moved.data.u)
+    ]
+    assert left[0] < 1.2 * NOISE < 2.0 * NOISE < left[1]
 
 
 MODE = ([(2 * np.pi * 60.0) ** 2], [1.0, 0.06 * 2 * np.pi * 60.0, (2 * np.pi * 60.0) ** 2])

@@ -396,6 +396,40 @@ CHANGES = [
         ),
     ),
     *room(
+        ("tests/models/diagnosis/test_real.py",),
+        Change(
+            "never-a-row-off",
+            FIND,
+            "    for samples in (0.5, 1.0):\n",
+            "    for samples in (0.5,):\n",
+            "a recorder that is a row off is reported as unknown physics",
+        ),
+        Change(
+            "judged-on-the-moved-drive",
+            "models/diagnosis/left_out.py",
+            "LeftOut(replace(data, u=drive),",
+            "LeftOut(data,",
+            "a model that leads leads twice where it is judged, and is not handed out",
+        ),
+    ),
+    *room(
+        ("tests/models/signals/test_repeats.py",),
+        Change(
+            "steps-are-repeats",
+            "models/signals/repeats.py",
+            "and distinct >= DISTINCT",
+            "",
+            "triangles read in coarse steps lose most of their readings",
+        ),
+        Change(
+            "ramps-are-repeats",
+            "models/signals/repeats.py",
+            "and _scatter(values[begins])",
+            "",
+            "a slow ramp read in coarse steps loses most of its readings",
+        ),
+    ),
+    *room(
         ("tests/models/diagnosis/test_between.py",),
         Change(
             "lines-between-samples",

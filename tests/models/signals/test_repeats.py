@@ -1,0 +1,67 @@
+"""Repeated readings are those of a polled gauge, and nothing else that stands still."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dehyst.models.signals.repeats import repeated_readings
+
+T = np.arange(6000) * 1e-3
+SMOOTH = 5.0 + 4.0 * np.sin(2 * np.pi * 0.7 * T) * np.cos(2 * np.pi * 0.13 * T)
+
+
+def noisy(rms: float, seed: int = 1) -> np.ndarray:
+    return SMOOTH + rms * np.random.default_rng(seed).standard_normal(T.size)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    times=st.integers(2, 60),
+    phase=st.integers(0, 59),
+    step=st.sampled_from([0.0, 1e-4, 1e-3]),
+    seed=st.integers(0, 99),
+)
+def test_each_reading_of_a_polled_gauge_counts_once(
+    times: int, phase: int, step: float, seed: int
+) -> None:
+    fresh = noisy(5e-3, seed)
+    fresh = np.round(fresh / step) * step if step else fresh
+    at = np.maximum((np.arange(T.size) + phase) // times * times - phase, 0)
+    polled = fresh[at]
+    expected = np.r_[False, polled[1:] == polled[:-1]]
+    assert np.array_equal(repeated_readings(polled), expected)
+    assert expected.mean() == pytest.approx(1.0 - 1.0 / times, abs=0.1)
+
+
+def test_a_gauge_of_another_rhythm_is_polled_too() -> None:
+    held = noisy(5e-3)[(np.floor(T / 0.0073 + 1e-9) * 7.3).astype(int)]  # 7 or 8 rows each
+    assert repeated_readings(held).mean() == pytest.approx(1.0 - 1.0 / 7.3, abs=0.01)
+
+
+def test_missing_readings_are_no_repeats() -> None:
+    polled = noisy(5e-3)[np.arange(T.size) // 10 * 10]
+    polled[::7] = np.nan
+    again = repeated_readings(polled)
+    assert not again[::7].any()
+    assert np.unique(polled[~again & np.isfinite(polled)]).size == (~again).sum() - 858
+
+
+@pytest.mark.parametrize(
+    "reading",
+    [
+        noisy(5e-3),
+        np.round(noisy(5e-3) / 0.05) * 0.05,  # coarse steps
+        np.round(SMOOTH / 0.002) * 0.002,  # steps without noise
+        np.round(T * 1.7 / 0.03) * 0.03,  # one slow ramp in steps
+        np.round(np.abs(np.mod(T, 2.0) - 1.0) / 0.005) * 0.005,  # triangles in steps
+        np.where(T > 1.0, 5.0, SMOOTH),  # a gauge that stopped
+        np.full(T.size, 3.0),
+        np.full(T.size, np.nan),
+        noisy(5e-3)[:60],
+        np.floor(T),  # a staircase
+    ],
+    ids=range(10),
+)
+def test_what_stands_still_for_another_reason_is_left(reading: np.ndarray) -> None:
+    assert not repeated_readings(reading).any()
