@@ -60,8 +60,10 @@ def test_missing_readings_are_no_repeats() -> None:
         np.full(T.size, np.nan),
         noisy(5e-3)[:60],
         np.floor(T),  # a staircase
+        # rests at levels, in steps that are coarser than the noise
+        np.repeat(0.05 * np.random.default_rng(2).integers(0, 12, 120), 50),
     ],
-    ids=range(10),
+    ids=range(11),
 )
 def test_what_stands_still_for_another_reason_is_left(reading: np.ndarray) -> None:
     assert not repeated_readings(reading).any()
