@@ -61,7 +61,7 @@ def test_missing_readings_are_no_repeats() -> None:
         noisy(5e-3)[:60],
         np.floor(T),  # a staircase
         # rests at levels, in steps that are coarser than the noise
-        np.repeat(0.05 * np.random.default_rng(2).integers(0, 12, 120), 50),
+        np.repeat(0.05 * np.random.default_rng(2).integers(0, 25, 120), 50),
     ],
     ids=range(11),
 )
