@@ -77,6 +77,7 @@ def _summary(model: str, v: Validation) -> dict[str, Any]:
         "correlation_with_drive": v.tied_to_drive,
         "by_chance": v.chance,
         "start": v.start,
+        "late_rows": v.late,
         "outside_validity": v.outside,
         "within_band": v.within,
         "band_unstated": v.unstated,

@@ -38,6 +38,8 @@ def say_validation(model: str, v: Validation) -> str:
             f"\nnote: {v.unstated:.1%} of the rows have no 95 % band: the drive leaves the model's "
             "validity or is slower than in its recordings; record such a drive"
         )
+    if v.late:
+        text += f"\nnote: {v.late} rows at late samples are not judged"
     if v.outside >= 0.0005:
         text += f"\nnote: {v.outside:.1%} of the rows are outside the model's validity"
     return text

@@ -23,6 +23,8 @@ CLAIM = 1.5  # times the error that the model states: more is worse than it clai
 NARROW, WIDE = 0.85, 0.99  # of the rows within an interval that is to hold 95 %
 SLOWER = 1.5  # times the slowest pace that was driven: beyond it nothing is stated
 LEAST_STATED = 0.2  # of the rows, by which an interval is judged
+LATE, RARE = 1.2, 0.05  # periods from which a step of time is that of a late sample; share of the
+# rows, up to which such steps are no habit of the recorder
 SURE = 1.96  # standard errors of a correlation of nothing
 
 
@@ -35,7 +37,7 @@ class Validation:
     what such a correlation is by chance; outside: share of the rows beyond the validity; unstated:
     share of the rows of which the 95 % interval says nothing, as these, or as slower than the drive
     ever was; within: share of the others, but for the offset, that the model's 95 % band and the
-    noise explain, None where they are too few."""
+    noise explain, None where they are too few; late: rows at late samples, which are not judged."""
 
     name: str
     unit: str
@@ -52,6 +54,7 @@ class Validation:
     outside: float
     unstated: float
     within: float | None
+    late: int
 
     @property
     def share(self) -> float:
@@ -102,11 +105,12 @@ def validate(model: Model, recording: Recording) -> Validation:
     at: slice | Bools = slice(None) if known.all() else known  # of a long one no second copy
     channels = {name: recording.channels[name][at] for name in channels_of(model)}
     u, t, y = recording.drive[at], recording.t_s[at], recording.displacement[at]
-    settled = _find_settled(u)
+    late = _find_late(t)
+    judged_at = _find_settled(u) & ~late
     start, predicted = replay(model, t, u, channels, y)
     out = np.full(recording.size, np.nan)
     out[known] = predicted
-    error = np.where(settled, y - predicted, np.nan)
+    error = np.where(judged_at, y - predicted, np.nan)
     offset = float(np.nanmean(error))
     own, drive = _correlate(error - offset, u)
     fit = model.fit
@@ -134,6 +138,7 @@ def validate(model: Model, recording: Recording) -> Validation:
         outside=float(np.mean(outside)),
         unstated=1.0 - share,
         within=within,
+        late=int(np.count_nonzero(late)),
     )
 
 
@@ -144,6 +149,16 @@ def _find_settled(u: Floats) -> Bools:
     covered -= np.minimum.accumulate(u)
     out = np.asarray(covered >= COVERED * covered[-1])
     return out if np.count_nonzero(out) >= ENOUGH * u.size else np.ones(u.size, dtype=bool)
+
+
+def _find_late(t: Floats) -> Bools:
+    """(N,) rows at a late sample and the one behind it: the drive stood for longer than the grid
+    says, and a gauge that takes its time was read at another one. None where that is no exception.
+    """
+    steps = np.diff(t, prepend=np.nan)
+    late = steps > LATE * np.nanmedian(steps)
+    late[1:] |= late[:-1].copy()
+    return late if np.mean(late) <= RARE else np.zeros(t.size, dtype=bool)
 
 
 def _correlate(error: Floats, u: Floats) -> tuple[Floats, Floats]:

@@ -98,7 +98,7 @@ def world(y: Floats) -> dict[Any, Any]:
         Diagnosis: diagnosis, FitView: view, Identification: result,
         Recording: Recording(t_s, y, y), StoryData: story,
         Validation: Validation("rest.csv", "um", 0.1, 0.0, 1.0, 0.1, None, "", y, lags[1:], lags,
-                               float(y[0]), 0.0, 0.0, None),
+                               float(y[0]), 0.0, 0.0, None, 0),
         Coverage: Coverage(np.abs(np.resize(y, (4, 4))), np.arange(5.0), np.arange(5.0),
                            np.abs(y), 0.1, 0.0, 0.0, 1.0, (), ()),
         Sequence[Outcome]: [Outcome(k, float(v), 0.0, k % 2 == 0, "", 1.0, 1.0)

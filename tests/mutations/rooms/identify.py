@@ -9,6 +9,22 @@ TUNING = "models/identify/tuning.py"
 BAND, VALIDATION = "models/identify/band.py", "models/identify/validation.py"
 
 CHANGES = room(
+    ("tests/models/identify/test_validation.py",),
+    Change(
+        "late-rows-are-judged",
+        VALIDATION,
+        "judged_at = _find_settled(u) & ~late",
+        "judged_at = _find_settled(u)",
+        "set-up on a busy machine refuses a good model",
+    ),
+    Change(
+        "every-stamp-is-late",
+        VALIDATION,
+        "return late if np.mean(late) <= RARE else",
+        "return late if np.mean(late) <= 1.0 else",
+        "of a recording with stamps that jitter hardly a row is judged",
+    ),
+) + room(
     ("tests/models/identify/test_intervals.py",),
     Change(
         "errors-halved", RESULT, "errors = Params.unpacked(np.sqrt(",

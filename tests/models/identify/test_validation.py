@@ -1,0 +1,62 @@
+"""A model is not judged by what a busy recorder did."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from tests.rigs.outside import noisy, stage
+
+from dehyst.models.identify import Identification, identify
+from dehyst.models.identify.validation import Validation, validate
+from dehyst.models.recording import Recording
+
+FINE, EACH = 1e-4, 50  # the stage's own steps, and how many of them a sample takes
+N = 1600
+
+
+def recorded(late: int, seed: int, jitter: int = 0) -> Recording:
+    """A loop that writes the drive at each sample and reads a gauge that lags by 3 ms. late: so
+    many samples come 1.5 to 4 periods behind the one before; jitter: of every stamp, fine steps."""
+    rng = np.random.default_rng(seed)
+    steps = np.full(N, EACH)
+    steps[rng.choice(np.arange(N // 2, N), late, replace=False)] *= 4
+    steps += rng.integers(-jitter, jitter + 1, N)
+    at = np.cumsum(steps)
+    t = FINE * np.arange(at[-1] + EACH)
+    drive = 50 - 30 * np.cos(2 * np.pi * 0.7 * t) - 20 * np.cos(2 * np.pi * 1.6 * t)
+    held = np.repeat(drive[at], np.r_[np.diff(at), EACH])
+    moved = stage(held)
+    lag = FINE / 3e-3
+    seen = np.empty(moved.size)
+    y = moved[0]
+    for i, x in enumerate(moved):
+        y += lag * (x - y)
+        seen[i] = y
+    return Recording(FINE * at, drive[at], noisy(seen[at - at[0]], seed), name="drive.csv")
+
+
+@cache
+def found() -> Identification:
+    return identify([recorded(0, 1)])
+
+
+def judged(late: int, jitter: int = 0) -> tuple[Validation, float]:
+    """And the rms over all rows."""
+    one = recorded(late, 2, jitter)
+    result = validate(found().model, one)
+    assert one.displacement is not None
+    return result, float(np.std(one.displacement - result.predicted))
+
+
+def test_rows_at_late_samples_are_not_judged() -> None:
+    (usual, _), (busy, of_all) = judged(0), judged(30)
+    assert usual.late == 0
+    assert 50 <= busy.late <= 60
+    assert busy.rms == pytest.approx(usual.rms, rel=0.1)
+    assert of_all > 1.5 * busy.rms
+    assert not usual.worse
+    assert not busy.worse
+
+
+def test_stamps_that_are_never_regular_are_no_late_samples() -> None:
+    assert judged(0, jitter=25)[0].late == 0
