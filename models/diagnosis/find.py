@@ -19,6 +19,7 @@ from dehyst.models.diagnosis.search import search
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import small
+from dehyst.models.signals.joined import Data
 
 Progress = Callable[[str, float], None]
 FED = ("resonance", "lag-sensor")  # what shows how it is fed
@@ -148,6 +149,7 @@ def on_the_other(problem: Problem, found: SearchState) -> Problem:
 def earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
     """The problem with the drive half a sample or a whole one earlier, where that explains much of
     the misfit; of the two the half, where the whole one does not explain much of what it leaves.
+    None where a drive one sample later explains as much: something is late.
 
     Nothing physical leads the drive. A recorder that holds each command and reads at the end of the
     sample does by half a sample, against the straight lines between samples that all models here
@@ -155,19 +157,31 @@ def earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | N
     """
     found, left = None, excess(problem, null, sigma)
     for samples in (0.5, 1.0):
-        data = problem.data
-        ahead = np.append(data.u[1:], data.u[-1])
-        ends = np.append(data.starts[1:], True)
-        ahead[ends] = data.u[ends]
-        if samples < 1.0:
-            ahead = data.u + samples * np.where(data.starts, 0.0, np.diff(data.u, prepend=0.0))
-        moved = replace(data, u=ahead, early=samples)
-        whole = replace(problem, data=moved, base=rich_base(moved))
-        light = whole.light(TUNING.search_rows)
-        leaves = excess(light, light.solve([]), sigma)
+        data = _with_drive_moved(problem.data, samples)
+        moved = replace(problem, data=data, base=rich_base(data))
+        leaves = _left_by_base(moved, sigma)
         if left - leaves >= max(TUNING.early_share * left, (TUNING.early_size * sigma) ** 2):
-            found, left = whole, leaves
-    return found
+            found, left = moved, leaves
+    if found is None:
+        return None
+    late = _with_drive_moved(problem.data, -1.0)
+    return found if _left_by_base(replace(found, data=late), sigma) > left else None
+
+
+def _with_drive_moved(data: Data, samples: float) -> Data:
+    """The drive so many samples earlier: a part of one along the way to it, or whole rows."""
+    if samples == 0.5:
+        u = data.u + 0.5 * np.where(data.starts, 0.0, np.diff(data.u, prepend=0.0))
+        return replace(data, u=u, early=samples)
+    at = np.clip(np.arange(data.n) + int(samples), 0, data.n - 1)
+    at = np.where(data.part[at] == data.part, at, np.arange(data.n))
+    return replace(data, u=data.u[at], early=samples)
+
+
+def _left_by_base(problem: Problem, sigma: float) -> float:
+    """Mean square beyond the noise that a loop of any shape leaves."""
+    light = problem.light(TUNING.search_rows)
+    return excess(light, light.solve([]), sigma)
 
 
 def fed_by_steps(problem: Problem, null: JointFit, sigma: float) -> Problem:
