@@ -13,7 +13,13 @@ from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.findings.reported import only_reported, worth_reporting
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
-from dehyst.models.diagnosis.judge import SearchState, excess, tells_what_is_late, tried
+from dehyst.models.diagnosis.judge import (
+    SearchState,
+    base_error,
+    excess,
+    tells_what_is_late,
+    tried,
+)
 from dehyst.models.diagnosis.screen import Screen
 from dehyst.models.diagnosis.search import search
 from dehyst.models.diagnosis.tuning import TUNING
@@ -148,8 +154,8 @@ def on_the_other(problem: Problem, found: SearchState) -> Problem:
 
 def earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
     """The problem with the drive half a sample or a whole one earlier, where that explains much of
-    the misfit; of the two the half, where the whole one does not explain much of what it leaves.
-    None where a drive one sample later explains as much: something is late.
+    the misfit; a whole one where it explains all of it, because loops that narrow with the rate
+    look early, too. None where a drive one sample later explains as much: something is late.
 
     Nothing physical leads the drive. A recorder that holds each command and reads at the end of the
     sample does by half a sample, against the straight lines between samples that all models here
@@ -160,6 +166,9 @@ def earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | N
         data = _with_drive_moved(problem.data, samples)
         moved = replace(problem, data=data, base=rich_base(data))
         leaves = _left_by_base(moved, sigma)
+        nothing = max(TUNING.structure_left * sigma, base_error(data)) ** 2
+        if samples == 1.0 and leaves > nothing:
+            break
         if left - leaves >= max(TUNING.early_share * left, (TUNING.early_size * sigma) ** 2):
             found, left = moved, leaves
     if found is None:
