@@ -94,16 +94,17 @@ class Screen:
         scores = []
         for theta, x in zip(starts, self._projected_of(candidate, starts), strict=True):
             a, g = x.T @ x, x.T @ self.r
+            amplitudes = np.zeros(0)
             if candidate.mode == "columns":
                 amplitudes = np.linalg.pinv(a, rcond=1e-10, hermitian=True) @ g
-                signs = all(amplitudes[k] >= 0.0 for k in candidate.holds_back)
-                gain = float(g @ amplitudes) if signs else 0.0
+                gain = float(g @ amplitudes)
             else:
                 gain = float(g[0] ** 2 / a[0, 0]) if a[0, 0] > 0 and g[0] > 0 else 0.0
                 if gain > 0:
                     theta = candidate.scaled(theta, float(g[0] / a[0, 0]))
-            scores.append((gain, theta))
-        return sorted(scores, key=lambda s: -s[0] * candidate.likely(s[1]))
+            likely = candidate.likely(theta, amplitudes)
+            scores.append((likely * gain, gain if likely else 0.0, theta))
+        return [score[1:] for score in sorted(scores, key=lambda s: -s[0])]
 
     def _projected_of(
         self, candidate: Candidate, starts: Sequence[tuple[float, ...]]

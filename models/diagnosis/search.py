@@ -5,6 +5,7 @@ everything else was refitted.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -96,7 +97,9 @@ def _forward(
     for number in range(TUNING.max_effects):
         if problem.solved > TUNING.budget:
             break
-        if not _go_round(state, everything, TUNING.shortlist, say, number):
+        before = state.picked
+        state = _go_round(state, everything, TUNING.shortlist, say, number)
+        if state.picked == before:
             break
     return state
 
@@ -107,14 +110,13 @@ def search_one_more(
     """One more round from a state's accepted effects; shortlist: candidates that get the full
     refit; more: candidates beside the library's."""
     everything = [*may_be_tried(state.problem.data, state.share, ()), *more]
-    _go_round(state, everything, shortlist, lambda text, share: None, 0)
-    return state
+    return _go_round(state, everything, shortlist, lambda text, share: None, 0)
 
 
 def _go_round(
     state: SearchState, everything: Sequence[Candidate], shortlist: int, say: Say, number: int
-) -> bool:
-    """Screen, refit a short list and accept the best; whether there was one."""
+) -> SearchState:
+    """Screen, refit a short list and accept the best, if there is one."""
     look, pool = (
         Screen(state.problem, state.accepted),
         still_open(state.problem, state.accepted, everything),
@@ -147,8 +149,8 @@ def refit_each(
 
 
 def _likely_gain(trial: CandidateTrial) -> float:
-    candidate = trial.candidate
-    return trial.gain * candidate.likely(effect_of(trial.fit, candidate.key).theta)
+    effect = effect_of(trial.fit, trial.candidate.key)
+    return trial.gain * effect.candidate.likely(effect.theta, trial.fit.amplitudes_of(effect))
 
 
 def _from_afar(problem: Problem, current: JointFit, c: Candidate) -> list[tuple[float, ...]]:
@@ -167,29 +169,33 @@ def _from_afar(problem: Problem, current: JointFit, c: Candidate) -> list[tuple[
 
 def accept_best(
     state: SearchState, trials: Sequence[CandidateTrial], everything: Sequence[Candidate]
-) -> bool:
-    """Accept the best of a round's trials into the state; whether there was one. everything:
-    candidates of which one may be a finer form of it."""
+) -> SearchState:
+    """The state with a round's trials, the best of them accepted. everything: candidates of which
+    one may be a finer form of it."""
     problem, sigma = state.problem, state.sigma
     left = excess(problem, state.accepted, sigma)
-    judged = [judge(state, t, left) for t in trials]
-    state.rounds.append(judged)
-    chosen = _choice(state, judged, everything)
-    if chosen is None:
-        return False
-    state.picked.append(chosen.candidate.key)
-    fit = refine_fit(problem, sigma, chosen.fit, chosen.candidate, everything)
-    state.accepted = prune(problem, sigma, fit, keep=chosen.candidate.key)
-    return True
-
-
-def _choice(
-    state: SearchState, judged: Sequence[CandidateTrial], everything: Sequence[Candidate]
-) -> CandidateTrial | None:
-    """The best trial that is not refused, or a simpler or a likelier one that does as well."""
+    judged = tuple(judge(state, t, left) for t in trials)
     good = [t for t in judged if not t.refused]
+    rounds = (*state.rounds, judged)
     if not good:
-        return None
+        return replace(state, rounds=rounds)
+    chosen, *others = _choices(state, good, everything)
+    key = chosen.candidate.key
+    fit = refine_fit(problem, sigma, chosen.fit, chosen.candidate, everything)
+    return replace(
+        state,
+        rounds=rounds,
+        picked=(*state.picked, key),
+        passed_over=(*state.passed_over, *(t.candidate.key for t in others)),
+        accepted=prune(problem, sigma, fit, keep=key),
+    )
+
+
+def _choices(
+    state: SearchState, good: Sequence[CandidateTrial], everything: Sequence[Candidate]
+) -> list[CandidateTrial]:
+    """The best trial that is not refused, or a simpler or a likelier one that does as well; behind
+    it those that could as well have been chosen."""
     best = good[0]
     n = int(state.problem.data.rows.sum())
     tie = max(n * (TUNING.tie * state.sigma) ** 2, 0.01 * best.gain)
@@ -198,8 +204,7 @@ def _choice(
     chosen = min(simpler, key=lambda t: (t.price, -t.gain)) if simpler else best
     doubles = [t for t in near if chosen.candidate.name in t.candidate.confused_with]
     taken = _likelier(state, chosen, good, everything)
-    state.passed_over += [t.candidate.key for t in (chosen, *doubles) if t is not taken]
-    return taken
+    return [taken, *(t for t in (chosen, *doubles) if t is not taken)]
 
 
 def _likelier(
@@ -231,8 +236,7 @@ def _grown(problem: Problem, sigma: float, fit: JointFit, chosen: Candidate) -> 
         price = TUNING.price * sigma**2 * (len(theta) - len(effect.theta))
         if fit.sse - trial.sse <= max(least, price) or on_bound(more):
             break
-        amplitudes = trial.amplitudes[trial.effects.index(more)]
-        if chosen.implausible(more.theta, amplitudes, problem.data):
+        if chosen.implausible(more.theta, trial.amplitudes_of(more), problem.data):
             break
         fit, effect = trial, more
     return fit

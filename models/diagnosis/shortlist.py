@@ -47,10 +47,10 @@ def still_open(
 
 
 def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:
-    """Repeatable kinds (modes) come in order: the second only behind the first."""
-    if "-" not in candidate.key or not candidate.repeatable:
+    """Those that are numbered (modes) come in order: the second only behind the first."""
+    stem, _, number = candidate.key.rpartition("-")
+    if candidate.channel or not number.isdecimal():
         return True
-    stem, number = candidate.key.rsplit("-", 1)
     return (stem if number == "2" else f"{stem}-{int(number) - 1}") in have
 
 
@@ -97,6 +97,6 @@ def to_be_refitted(ranked: Sequence[ScreenedCandidate], most: int) -> list[Scree
     """At most `most` of the strongest that the drive causes, the causes beside the drive that are
     among them or behind them, and those that take nobody's place."""
     strong = not_weak(ranked, ranked)
-    usual = [p for p in strong if not p.candidate.beside_others]
+    usual = [p for p in strong if not p.candidate.contains]
     first = usual[:most]
-    return [p for p in strong if p in first or p.candidate.beside_others or not p.candidate.driven]
+    return [p for p in strong if p in first or p.candidate.contains or not p.candidate.driven]

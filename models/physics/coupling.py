@@ -193,6 +193,7 @@ class CoupledMemory(Coupling):
     """The same where the other axis has a lag and hysteresis of its own: plays on its drive."""
 
     equation = "y(t) = f(u) + sum_i g_i H_i(c), c after a lag"
+    contains = ("coupling",)
     order = 61
 
     def __init__(self, data: Data, channel: str, reference: float) -> None:

@@ -65,8 +65,7 @@ class AskedAgain:
             near = not_weak(others, ranked)[: TUNING.limit_shortlist - len(own)]
             more = refit_each(state, near, _silent, 0)
             trials = sorted([*trials, *more], key=lambda t: -t.worth)
-        accept_best(state, trials, ())
-        reported = only_reported(worth_reporting(state)).accepted
+        reported = only_reported(worth_reporting(accept_best(state, trials, ()))).accepted
         return {e.candidate.name for e in reported.effects}
 
     def _rank(

@@ -49,7 +49,7 @@ def report_effects(problem: Problem, found: SearchState, held: float) -> list[Fi
     out = []
     for i, effect in enumerate(final.effects):
         rest = [e for e in final.effects if e is not effect]
-        without = by_blocks(problem, problem.solve(rest, problem.output_of(final))).mean_square
+        without = by_blocks(problem, problem.solve(rest, problem.output_of(final)))
         x, r = contribution(problem, final, effect)
         steady = constancy(problem, sigma, x, r)
         near = rivals(found, effect)

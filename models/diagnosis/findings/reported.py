@@ -21,9 +21,9 @@ def worth_reporting(found: SearchState) -> SearchState:
     """Without the effects that do not help on held-out samples, or may be another's."""
     problem, sigma = found.problem, found.sigma
     final = _without_lines(found)
-    first = by_blocks(problem, found.null).mean_square
+    first = by_blocks(problem, found.null)
     while final.effects:
-        whole = by_blocks(problem, final).mean_square
+        whole = by_blocks(problem, final)
         # beside a cause a hundred times as large, a second one of some noise rms still counts
         of_all = TUNING.helps_share * max(first - sigma**2, 0.0)
         of_rest = TUNING.helps_rest * max(whole - sigma**2, 0.0)
@@ -35,17 +35,14 @@ def worth_reporting(found: SearchState) -> SearchState:
             left = first
             if rest:
                 without = problem.solve(rest, problem.output_of(final))
-                left = by_blocks(problem, without).mean_square
+                left = by_blocks(problem, without)
             loss = left - whole
             losses.append((loss / least, e))
         loss, weakest = min(losses, key=lambda pair: pair[0])
         if loss > 1.0:
             break
         final = _without(found, final.effects, weakest)
-    if (
-        final.effects
-        and first - by_blocks(problem, final).mean_square < (TUNING.helps * sigma) ** 2
-    ):
+    if final.effects and first - by_blocks(problem, final) < (TUNING.helps * sigma) ** 2:
         final = found.null  # each seems to need the others, and together they predict nothing
     return replace(found, accepted=final)
 
@@ -56,10 +53,13 @@ def _without_lines(found: SearchState) -> JointFit:
     problem, final = found.problem, found.accepted
     if not problem.one_loop_alone:
         return final
-    for e in [e for e in final.effects if e.candidate.rings]:
+    for e in final.effects:
+        ring = e.candidate.ring(e.theta)
+        if ring is None or not e.candidate.driven:
+            continue
         rest = [o for o in final.effects if o is not e]
         left = problem.solve(rest, problem.output_of(final))
-        line = gain_of_line(problem.data, left.residual(problem.data), e.theta[0])
+        line = gain_of_line(problem.data, left.residual(problem.data), ring[0])
         if line > TUNING.as_a_line * (left.sse - final.sse):
             final = _without(found, final.effects, e)
     return final

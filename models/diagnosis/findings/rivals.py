@@ -47,7 +47,8 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
         for t in trials:
             key = t.candidate.key
             same = key in (effect.candidate.key, effect.candidate.refines)
-            if same or key in taken or key in seen or t.impossible or _holds(t.candidate, effect):
+            as_well = effect.candidate.name in t.candidate.contains  # whatever is true
+            if same or key in taken or key in seen or t.impossible or as_well:
                 continue
             if t.gain / found.counted < 0.6 * gain:
                 continue
@@ -73,13 +74,7 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
 def _is_plausible(problem: Problem, fit: JointFit, key: str) -> bool:
     """Whether a fit's values of a candidate can be its own."""
     one = effect_of(fit, key)
-    amplitudes = fit.amplitudes[fit.effects.index(one)]
-    return not one.candidate.implausible(one.theta, amplitudes, problem.data)
-
-
-def _holds(candidate: Candidate, effect: Effect) -> bool:
-    """Whether a candidate has the effect in it as a part: it does as well whatever is true."""
-    return candidate.beside_others and effect.candidate.late
+    return not one.candidate.implausible(one.theta, fit.amplitudes_of(one), problem.data)
 
 
 def _alike(found: SearchState, effect: Effect) -> list[Candidate]:
@@ -93,7 +88,7 @@ def _alike(found: SearchState, effect: Effect) -> list[Candidate]:
         for c in list_candidates(found.problem.data)
         if c.name not in (own.name, *names)
         and not c.refines
-        and not _holds(c, effect)
+        and own.name not in c.contains
         and (c.name in own.confused_with or own.name in c.confused_with)
     ]
 

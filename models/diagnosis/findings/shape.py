@@ -100,7 +100,7 @@ def measure_correction(
     own = numbers_base(data, problem.subject.model.hysteresis)
     numbers = Problem(data, own, problem.subject)
     fit = numbers.solve(final.effects, problem.output_of(final) if final.effects else None)
-    left = by_blocks(numbers, fit).mean_square
+    left = by_blocks(numbers, fit)
     before = left
     if problem.subject.given:
         alone = Problem(data, problem.base.without(), problem.subject)

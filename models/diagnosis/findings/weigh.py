@@ -40,12 +40,12 @@ def conclude(
     freed = replace(bare, data=replace(bare.data, y=found.problem.data.y))
     alone = freed.solve([])
     without = alone.sse / n
-    held = by_blocks(found.problem, found.accepted).mean_square
+    held = by_blocks(found.problem, found.accepted)
     if found.accepted.effects and held > without - (TUNING.helps * sigma) ** 2:
         # the base learns more of what it does not know than it explains: the model in use stands
         # alone under the effects
         found = over_the_model(found, freed, alone)
-        held = by_blocks(found.problem, found.accepted).mean_square
+        held = by_blocks(found.problem, found.accepted)
     in_part = [] if episode is None else [episode.finding]
     nothing = Conclusion(_shared(in_part, first, without, sigma), freed, alone, first, without)
     if held > without - (TUNING.helps * sigma) ** 2:
@@ -94,12 +94,12 @@ def _shared(
 
 def with_episode(
     findings: Sequence[Finding], episode: Episode, weighed: Conclusion, sigma: float
-) -> list[Finding]:
+) -> tuple[Finding, ...]:
     """Findings with one that is there for a part of the time."""
     explainable = max(weighed.bare - sigma**2, 1e-300)
     taken = sum(f.share for f in findings)
     share = min(episode.finding.share / explainable, 1.0 - taken)
-    return in_rank([*findings, replace(episode.finding, share=share)])
+    return tuple(in_rank([*findings, replace(episode.finding, share=share)]))
 
 
 def _without_echoes(findings: Sequence[Finding]) -> list[Finding]:

@@ -7,9 +7,9 @@ from scipy import signal
 from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.diagnosis.base import rich_base
+from dehyst.models.diagnosis.based import fed_by_steps, held_drive
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.steps import fed_by_steps, held_drive
 from dehyst.models.recording import Recording
 from dehyst.models.signals.filters import lowpass, second_order
 from dehyst.models.signals.held import longest_hold

@@ -7,7 +7,7 @@ LIMITS, EVIDENCE = "models/diagnosis/findings/limits.py", "models/diagnosis/evid
 INTERVALS, SEARCH = "models/diagnosis/intervals.py", "models/diagnosis/search.py"
 WAY, LINES = "models/diagnosis/data/way.py", "models/signals/lines.py"
 BRISTLES = "models/physics/bristles.py"
-BETWEEN, FIND = "models/diagnosis/data/between.py", "models/diagnosis/find.py"
+BETWEEN, SEARCHED = "models/diagnosis/data/between.py", "models/diagnosis/searched.py"
 SHORTLIST, HANDOUT = "models/diagnosis/shortlist.py", "models/diagnosis/handout.py"
 RATE, MODE = "models/physics/rate.py", "models/physics/resonance.py"
 
@@ -295,7 +295,7 @@ CHANGES = [
         Change(
             "five-on-the-list",
             SHORTLIST,
-            "p in first or p.candidate.beside_others or not p.candidate.driven",
+            "p in first or p.candidate.contains or not p.candidate.driven",
             "p in strong[:most]",
             "a line is not reported if five forms of a lag predict more",
         ),
@@ -352,9 +352,9 @@ CHANGES = [
         ),
         Change(
             "class-error-is-noise",
-            "models/diagnosis/steps.py",
-            "not handed.explains(whole_noise)",
-            "not handed.explains(floor)",
+            "models/diagnosis/findings/judged.py",
+            "not handed.explains(noise)",
+            "not handed.explains(max(noise, base_error(data) / TUNING.structure_left))",
             "a stage is explained with several noises left in what was held out",
         ),
     ),
@@ -413,7 +413,7 @@ CHANGES = [
         ),
         Change(
             "each-place-its-own-value",
-            FIND,
+            SEARCHED,
             "    if problem.few_places:\n",
             "    if False:\n",
             "what a base explains place by place hides a delay",
@@ -427,7 +427,7 @@ CHANGES = [
         ),
         Change(
             "no-creep-in-few-places",
-            FIND,
+            SEARCHED,
             "if c.driven and not c.lasting]",
             "if c.driven]",
             "creep is not looked for where a base gives each place of the drive its own value",
