@@ -17,7 +17,7 @@ astray. steps.py leads through the states, each frozen and made from the one bef
 
     Prepared, Based    based.py: the recordings and the model in use; what the search stands on
     Searched           searched.py: the effects that were found, and at which noise
-    Judged             findings/judged.py: what is named, the verdict, the model that is written
+    Judged             verdict.py: what is named, the verdict, the model that is written
     Diagnosis          result.py: what is reported
 """
 

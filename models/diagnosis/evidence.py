@@ -39,9 +39,7 @@ def contribution(problem: Problem, fitted: JointFit, effect: Effect) -> tuple[Fl
 
     The other effects keep their nonlinear parameters; all linear weights are refitted.
     """
-    rest = [e for e in fitted.effects if e is not effect]
-    out = problem.output_of(fitted)
-    without = problem.solve(rest, out)
+    without = problem.without(fitted, effect)
     # what the joint fit gains, seen at each sample
     x = fitted.prediction - without.prediction
     r = problem.data.y - without.prediction

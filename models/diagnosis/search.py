@@ -50,7 +50,9 @@ def search(
     share: part of the excess that a cause driven by the drive must take; above the usual one the
     base is a compact one, and candidates that resemble a hysteresis of another shape stay out.
     """
-    state = _forward(problem, sigma, null, say, share, forbidden)
+    counted = int(problem.data.rows.sum())
+    bare = SearchState(problem, sigma, null, null, counted=counted, share=share)
+    state = _forward(bare, say, forbidden)
     first = state.accepted.effects
     left = excess(problem, state.accepted, sigma)
     if len(first) >= 2 and state.rounds:
@@ -65,7 +67,7 @@ def search(
         ]
         doubtful = chosen.candidate.driven or last
         if rivals and doubtful and problem.solved < 0.5 * TUNING.budget:
-            other = _forward(problem, sigma, null, say, share, (*forbidden, chosen.candidate.key))
+            other = _forward(bare, say, (*forbidden, chosen.candidate.key))
             if better(other, state, left):
                 state = other
     return state
@@ -88,14 +90,10 @@ def better(other: SearchState, state: SearchState, left: float) -> bool:
     return False
 
 
-def _forward(
-    problem: Problem, sigma: float, null: JointFit, say: Say, share: float, forbidden: Sequence[str]
-) -> SearchState:
-    counted = int(problem.data.rows.sum())
-    state = SearchState(problem, sigma, null, null, counted=counted, share=share)
-    everything = may_be_tried(problem.data, share, forbidden)
+def _forward(state: SearchState, say: Say, forbidden: Sequence[str]) -> SearchState:
+    everything = may_be_tried(state.problem.data, state.share, forbidden)
     for number in range(TUNING.max_effects):
-        if problem.solved > TUNING.budget:
+        if state.problem.solved > TUNING.budget:
             break
         before = state.picked
         state = _go_round(state, everything, TUNING.shortlist, say, number)
@@ -202,24 +200,15 @@ def _choices(
     near = [t for t in good if best.gain - t.gain < tie]
     simpler = [t for t in near if t.price < best.price]
     chosen = min(simpler, key=lambda t: (t.price, -t.gain)) if simpler else best
-    doubles = [t for t in near if chosen.candidate.name in t.candidate.confused_with]
-    taken = _likelier(state, chosen, good, everything)
+    alike, doubles = (
+        [t for t in some if chosen.candidate.name in t.candidate.confused_with]
+        for some in (good, near)
+    )
+    rivals = [chosen, *(t for t in alike if t.candidate.past or chosen.candidate.past)]
+    taken = chosen
+    if any(t.candidate.company() for t in rivals):  # what must be there too belongs to it
+        taken = max(rivals, key=lambda t: worth_with_company(state, t, everything))
     return [taken, *(t for t in (chosen, *doubles) if t is not taken)]
-
-
-def _likelier(
-    state: SearchState,
-    chosen: CandidateTrial,
-    good: Sequence[CandidateTrial],
-    everything: Sequence[Candidate],
-) -> CandidateTrial:
-    """The chosen trial, or one that it may be confused with, whichever explains more together with
-    what must be there too."""
-    doubles = [t for t in good if chosen.candidate.name in t.candidate.confused_with]
-    rivals = [chosen, *(t for t in doubles if t.candidate.past or chosen.candidate.past)]
-    if not any(t.candidate.company() for t in rivals):
-        return chosen
-    return max(rivals, key=lambda t: worth_with_company(state, t, everything))
 
 
 def _grown(problem: Problem, sigma: float, fit: JointFit, chosen: Candidate) -> JointFit:
@@ -270,13 +259,8 @@ def prune(problem: Problem, sigma: float, fit: JointFit, keep: str = "") -> Join
     """Without the effects that the others have made needless."""
     n = int(problem.data.rows.sum())
     while len(fit.effects) > 1:
-        losses = []
-        out = problem.output_of(fit)
-        for e in fit.effects:
-            if e.candidate.key == keep:
-                continue
-            rest = [o for o in fit.effects if o is not e]
-            losses.append((problem.solve(rest, out).sse - fit.sse, e))
+        others = [e for e in fit.effects if e.candidate.key != keep]
+        losses = [(problem.without(fit, e).sse - fit.sse, e) for e in others]
         if not losses:
             break
         loss, weakest = min(losses, key=lambda pair: pair[0])

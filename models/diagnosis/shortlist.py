@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from dehyst.models.diagnosis.data.way import can_be_distinguished, hardly_turns
+from dehyst.models.diagnosis.effects import Theta
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState, least_size
@@ -12,8 +13,6 @@ from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.joined import Data
-
-Theta = tuple[float, ...]
 
 
 def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:

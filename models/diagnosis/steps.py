@@ -13,12 +13,12 @@ from dehyst.models.diagnosis.data.locate import locate
 from dehyst.models.diagnosis.data.survey import BUTTERFLY, ONE_SIDE, left_of, survey
 from dehyst.models.diagnosis.findings.asked_again import AskedAgain
 from dehyst.models.diagnosis.findings.decide import next_experiment
-from dehyst.models.diagnosis.findings.judged import Judged, reach_verdict
 from dehyst.models.diagnosis.findings.limits import limits
 from dehyst.models.diagnosis.findings.shape import not_contained
 from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
 from dehyst.models.diagnosis.result import Diagnosis, Finding, FitView, Value
 from dehyst.models.diagnosis.searched import look_for_causes
+from dehyst.models.diagnosis.verdict import Judged, reach_verdict
 from dehyst.models.model import Model
 from dehyst.models.physics.candidate import Candidate, Sighting
 from dehyst.models.recording import Recording

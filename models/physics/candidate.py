@@ -92,9 +92,7 @@ class Candidate:
     order: int = 0
     place: str = "stage"
     driven: bool = True
-    slow: bool = (
-        False  # takes a part of any change in time: reported only where nothing else is left
-    )
+    slow: bool = False  # takes a part of any change in time: reported where nothing else is left
     past: bool = False  # a slow one that began before the recording: reported beside a smaller rest
     static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
     minima: int = 1  # starts that are refitted: its misfit may have so many minima
@@ -105,9 +103,7 @@ class Candidate:
     reports_bounds: bool = True  # a parameter on its bound is reported as not identified
     contains: tuple[str, ...] = ()  # names of simpler ones that it makes too, so it promises what
     # they do: it is refitted beside them, in the place of none
-    widest_spread: float = (
-        1.0  # of its amplitude over time, rms: with more it is not the same there
-    )
+    widest_spread: float = 1.0  # of its amplitude over time, rms: with more it is not the same
     mode: str = "columns"  # or "drive", "output"
     parameters: tuple[Parameter, ...] = ()
     channel: str = ""

@@ -195,6 +195,7 @@ PHYSICS = Physics(
     name="sensor",
     kinds=KINDS,
     candidates=lambda data: [NonlinearSensor(data)],
+    looks={"centre": 1, "branches": 2, "presliding": 3, "class": 3},
     specimens={
         "sensor": Specimen(
             _variants,

@@ -31,13 +31,9 @@ def worth_reporting(found: SearchState) -> SearchState:
         for e in final.effects:
             most = TUNING.beside_driven if e.candidate.driven else TUNING.beside_free
             least = max((TUNING.helps * sigma) ** 2, min(of_all, (most * sigma) ** 2), of_rest)
-            rest = [o for o in final.effects if o is not e]
-            left = first
-            if rest:
-                without = problem.solve(rest, problem.output_of(final))
-                left = by_blocks(problem, without)
-            loss = left - whole
-            losses.append((loss / least, e))
+            alone = len(final.effects) == 1
+            left = first if alone else by_blocks(problem, problem.without(final, e))
+            losses.append(((left - whole) / least, e))
         loss, weakest = min(losses, key=lambda pair: pair[0])
         if loss > 1.0:
             break
@@ -57,8 +53,7 @@ def _without_lines(found: SearchState) -> JointFit:
         ring = e.candidate.ring(e.theta)
         if ring is None or not e.candidate.driven:
             continue
-        rest = [o for o in final.effects if o is not e]
-        left = problem.solve(rest, problem.output_of(final))
+        left = problem.without(final, e)
         line = gain_of_line(problem.data, left.residual(problem.data), ring[0])
         if line > TUNING.as_a_line * (left.sse - final.sse):
             final = _without(found, final.effects, e)
@@ -74,8 +69,7 @@ def only_reported(found: SearchState) -> SearchState:
         wide = [e for e, v in zip(final.effects, values, strict=True) if not size_is_known(e, v)]
         if not wide:
             break
-        output = problem.output_of(final)
-        left = [problem.solve([o for o in final.effects if o is not e], output).sse for e in wide]
+        left = [problem.without(final, e).sse for e in wide]
         final = _without(found, final.effects, wide[int(np.argmin(left))])
     return replace(found, accepted=final)
 

@@ -30,7 +30,7 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
     final = problem.solve(final.effects, problem.output_of(final))
     n = int(problem.data.rows.sum())
     rest = [e for e in final.effects if e is not effect]
-    without = problem.solve(rest, problem.output_of(final))
+    without = problem.without(final, effect)
     gain = (without.sse - final.sse) / n
     limit = max(
         (TUNING.rival_noise * sigma) ** 2,
@@ -63,18 +63,14 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
     for key, other in seen.items():
         fit = problem.refit([*rest, other], rounds=4, start=without)
         loss = (fit.sse - final.sse) / n
-        if key in untried and not _is_plausible(problem, fit, key):
+        one = effect_of(fit, key)
+        amplitudes = fit.amplitudes_of(one)
+        if key in untried and one.candidate.implausible(one.theta, amplitudes, problem.data):
             continue
         if loss < limit and _instead(problem, fit, effect, gain * n):
             c = other.candidate
             out.append(RivalEffect(key, c.name, c.place, loss))
     return sorted(out, key=lambda r: r.loss)
-
-
-def _is_plausible(problem: Problem, fit: JointFit, key: str) -> bool:
-    """Whether a fit's values of a candidate can be its own."""
-    one = effect_of(fit, key)
-    return not one.candidate.implausible(one.theta, fit.amplitudes_of(one), problem.data)
 
 
 def _alike(found: SearchState, effect: Effect) -> list[Candidate]:

@@ -352,7 +352,7 @@ CHANGES = [
         ),
         Change(
             "class-error-is-noise",
-            "models/diagnosis/findings/judged.py",
+            "models/diagnosis/verdict.py",
             "not handed.explains(noise)",
             "not handed.explains(max(noise, base_error(data) / TUNING.structure_left))",
             "a stage is explained with several noises left in what was held out",

@@ -61,8 +61,7 @@ def reach_verdict(searched: Searched, say: Progress) -> Judged:
         one = _weigh(searched, fewer, say)
     bare, found, noise = searched.bare, one.found, one.noise
     data = one.conclusion.problem.data
-    fits = (found.null, found.accepted)
-    unexplained = min(by_blocks(found.problem, fit) for fit in fits)
+    unexplained = min(by_blocks(found.problem, fit) for fit in (found.null, found.accepted))
     lost = not follows(data, unexplained) and not searched.shown
     verdict = "unknown" if lost else one.verdict
     first = one.conclusion.bare
