@@ -96,6 +96,6 @@ def to_be_refitted(ranked: Sequence[ScreenedCandidate], most: int) -> list[Scree
     """At most `most` of the strongest that the drive causes, the causes beside the drive that are
     among them or behind them, and those that take nobody's place."""
     strong = not_weak(ranked, ranked)
-    usual = [p for p in strong if not p.candidate.contains]
-    first = usual[:most]
-    return [p for p in strong if p in first or p.candidate.contains or not p.candidate.driven]
+    beside = [p for p in strong if set(p.candidate.contains) - {p.candidate.name}]
+    first = [p for p in strong if p not in beside][:most]
+    return [p for p in strong if p in first or p in beside or not p.candidate.driven]

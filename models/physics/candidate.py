@@ -101,8 +101,8 @@ class Candidate:
     # within few samples, and of all such causes one alone
     rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
     reports_bounds: bool = True  # a parameter on its bound is reported as not identified
-    contains: tuple[str, ...] = ()  # names of simpler ones that it makes too, so it promises what
-    # they do: it is refitted beside them, in the place of none
+    contains: tuple[str, ...] = ()  # names of simpler ones that it makes too; what promises as much
+    # as another physics that it contains is refitted beside that, in the place of none
     widest_spread: float = 1.0  # of its amplitude over time, rms: with more it is not the same
     mode: str = "columns"  # or "drive", "output"
     parameters: tuple[Parameter, ...] = ()

@@ -25,8 +25,7 @@ def declared(tree: ast.AST) -> Iterator[str]:
                     targets = one.targets if isinstance(one, ast.Assign) else [one.target]
                     yield from (t.id for t in targets if isinstance(t, ast.Name))
         elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
-            if isinstance(node.value, ast.Name) and node.value.id == "self":
-                yield node.attr
+            yield from [node.attr] * (ast.unparse(node.value) == "self")
 
 
 def test_no_attribute_of_a_candidate_is_set_by_one_physics_alone() -> None:

@@ -295,7 +295,7 @@ CHANGES = [
         Change(
             "five-on-the-list",
             SHORTLIST,
-            "p in first or p.candidate.contains or not p.candidate.driven",
+            "p in first or p in beside or not p.candidate.driven",
             "p in strong[:most]",
             "a line is not reported if five forms of a lag predict more",
         ),
