@@ -65,7 +65,7 @@ def find_causes(model: Model, recording: Recording) -> list[Cause]:
 def _as_cause(model: Model, problem: Problem, trial: CandidateTrial) -> Cause:
     one, fit = trial.candidate, trial.fit
     effect = effect_of(fit, one.key)
-    amplitudes = fit.amplitudes[fit.effects.index(effect)]
+    amplitudes = fit.amplitudes_of(effect)
     blocks = one.blocks(effect.theta, amplitudes, problem.data)
     says = one.says(one.values(effect.theta, amplitudes))
     return Cause(one.name, one.place, says, with_blocks(model, blocks), one.confused_with)

@@ -9,13 +9,16 @@ rate-independent memory can, pasts.py tells how that memory began, columns.py ke
 makes of it; fit.py refits it and the effects of effects.py jointly. screen.py ranks
 the candidates of dehyst.models.physics, shortlist.py which come next, judge.py says
 which may count, search.py accepts one after the other, evidence.py holds out, intervals.py gives
-the intervals, and find.py chooses the base and the noise that the search stands on. findings/ is
-what is said: reported.py drops what is not known well enough, rivals.py finds near-ties,
-sightings.py takes what recordings show without a fit, shape.py says what the base explains of the
-model in use, episodes.py what is there for a part of the time, weigh.py what helps, decide.py
-names and gives the verdict, limits.py says what would have been seen. augment.py writes a model,
-handout.py sees to it that it goes nowhere astray, and steps.py puts it together into the Diagnosis
-of result.py.
+the intervals. findings/ is what is said: reported.py drops what is not known well enough, rivals.py
+finds near-ties, shape.py says what the base explains of the model in use, episodes.py what is there
+for a part of the time, weigh.py what helps, decide.py names and gives the verdict, limits.py says
+what would have been seen. augment.py writes a model, handout.py sees to it that it goes nowhere
+astray. steps.py leads through the states, each frozen and made from the one before:
+
+    Prepared, Based    based.py: the recordings and the model in use; what the search stands on
+    Searched           searched.py: the effects that were found, and at which noise
+    Judged             verdict.py: what is named, the verdict, the model that is written
+    Diagnosis          result.py: what is reported
 """
 
 from dehyst.models.diagnosis.result import DataQuality, Diagnosis, Finding, FitView, Limit, Value

@@ -18,7 +18,7 @@ from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.model import Block, Fit, Hysteresis, Model, Provenance
-from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays
+from dehyst.models.physics import KINDS, DriveScale, bent_loops, curved_plays, lead
 from dehyst.models.signals.filters import plays
 from dehyst.models.signals.joined import Data, Floats
 
@@ -52,7 +52,7 @@ def augmented(problem: Problem, fitted: JointFit) -> Model:
     settled = behind_output(data, fitted.effects, np.ones((data.n, 1)))[0, 0]  # their gain at rest
     c = np.array(model.hysteresis.c)
     c[0] += constant + float(fitted.offsets.mean()) / settled
-    first = [Block("lead", "drive", {"tau_s": data.early * data.period})] if data.early else []
+    first = [lead("drive", data.early * data.period)] if data.early else []
     own = [*first, *model.blocks, *added]
     effects = [
         block

@@ -40,10 +40,6 @@ class Base:
         """Number of columns."""
         return int(self.keep.size)
 
-    def without(self) -> "Base":
-        """Nothing, on the same scale."""
-        return Base(self.low, self.span, self.thresholds, self.lengths, np.zeros(0, dtype=np.int64))
-
     @property
     def _all(self) -> int:
         return 5 * self.thresholds.size + 5 * self.lengths.size + 2
@@ -142,8 +138,7 @@ class NumbersBase(Base):
 
 def numbers_base(data: Data, hysteresis: Hysteresis) -> Base:
     """The base of a hysteresis' own class."""
-    none = no_base(data)
-    return NumbersBase(none.low, none.span, none.thresholds, none.lengths, none.keep, hysteresis)
+    return NumbersBase(**vars(no_base(data)), hysteresis=hysteresis)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """What a drive makes of the base and of the model in use. For a drive that no effect has changed it
 is the same in every fit, whatever the reading and the rows that count, and kept."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from dehyst.models.diagnosis.base import Base
 from dehyst.models.diagnosis.effects import Effect, behind_output
@@ -24,23 +24,19 @@ class Columns:
         if "output" not in modes and not carried:
             there = rows if data.between is None else data.places[rows]
             return self._base.columns(v, data.path.forgets, there)
-        columns = self._of_all_rows(data.path, v, "drive" not in modes)
+        columns = self._kept_or(
+            "base",
+            "drive" not in modes,
+            lambda: self._subject.passed(data.path, self._base.columns(v, data.path.forgets)),
+        )
         return data.sampled(behind_output(data.path, effects, columns))[rows]
 
     def of_model(self, data: Data, v: Floats, unchanged: bool) -> Floats:
         """(N,) the model's reading for a drive v (N,). unchanged: no effect has changed it. Not to
         be written to."""
-        if unchanged and "model" in self._kept:
-            return self._kept["model"]
-        reading = self._subject.reading(data, v)
-        if unchanged:
-            self._kept["model"] = reading
-        return reading
+        return self._kept_or("model", unchanged, lambda: self._subject.reading(data, v))
 
-    def _of_all_rows(self, data: Data, v: Floats, unchanged: bool) -> Floats:
-        if unchanged and "base" in self._kept:
-            return self._kept["base"]
-        columns = self._subject.passed(data, self._base.columns(v, data.forgets))
-        if unchanged:
-            self._kept["base"] = columns
-        return columns
+    def _kept_or(self, name: str, unchanged: bool, make: Callable[[], Floats]) -> Floats:
+        if unchanged and name not in self._kept:
+            self._kept[name] = make()
+        return self._kept[name] if unchanged else make()

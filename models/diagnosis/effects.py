@@ -9,6 +9,8 @@ from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics.candidate import Candidate, Parameter
 from dehyst.models.signals.joined import Data, Floats
 
+Theta = tuple[float, ...]  # values of a candidate's nonlinear parameters
+
 
 @dataclass(frozen=True)
 class Effect:

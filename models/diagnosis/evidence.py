@@ -25,15 +25,13 @@ class Constancy:
     """Amplitudes by time block and by recording, 1 over all.
 
     spread: rms deviation from 1 over the blocks, weighted by what each block can tell, beyond
-    what the noise makes; by_recording: (recordings,) amplitude; weight: (recordings,) part of
-    the contribution's power; positive: part of the power in blocks whose amplitude is > 0.3.
+    what the noise makes; by_recording: (recordings,) amplitude; wrong: part of the fitted
+    contribution's power in recordings that contradict it.
     """
 
     spread: float
     by_recording: Floats
-    weight: Floats
-    positive: float
-    wrong: float  # part of the fitted contribution's power in recordings that contradict it
+    wrong: float
 
 
 def contribution(problem: Problem, fitted: JointFit, effect: Effect) -> tuple[Floats, Floats]:
@@ -41,9 +39,7 @@ def contribution(problem: Problem, fitted: JointFit, effect: Effect) -> tuple[Fl
 
     The other effects keep their nonlinear parameters; all linear weights are refitted.
     """
-    rest = [e for e in fitted.effects if e is not effect]
-    out = problem.output_of(fitted)
-    without = problem.solve(rest, out)
+    without = problem.without(fitted, effect)
     # what the joint fit gains, seen at each sample
     x = fitted.prediction - without.prediction
     r = problem.data.y - without.prediction
@@ -69,30 +65,15 @@ def constancy(problem: Problem, sigma: float, x: Floats, r: Floats) -> Constancy
     deviation = float(np.sum(xx[heavy] * (a[heavy] - 1) ** 2)) / total
     chance = sigma**2 * int(heavy.sum()) / total
     spread = float(np.sqrt(max(deviation - chance, 0.0)))
-    positive = float(xx[a > 0.3].sum() / total)
     rr, rx = sums(data.rec)
     by = rr / np.maximum(rx, 1e-30)
     weight = rx / total
-    return Constancy(spread, by, weight, positive, float(weight[by < 0.3].sum()))
+    return Constancy(spread, by, float(weight[by < 0.3].sum()))
 
 
-@dataclass(frozen=True)
-class HeldOut:
-    """Of each group, predicted by a fit without it: sum of squares, and samples."""
-
-    groups: Ints
-    sse: Floats
-    count: Floats
-
-    @property
-    def mean_square(self) -> float:
-        """Mean square error over all groups."""
-        return float(self.sse.sum() / max(self.count.sum(), 1.0))
-
-
-def by_blocks(problem: Problem, fitted: JointFit) -> HeldOut:
-    """Leave out one group of short time blocks at a time. What is in no group (below 0) is always
-    fitted and never predicted."""
+def by_blocks(problem: Problem, fitted: JointFit) -> float:
+    """Mean square error over all groups of short time blocks, each predicted by a fit without it.
+    What is in no group (below 0) is always fitted and never predicted."""
     data, x = problem.data, fitted.design
     groups, left = problem.counted(data.fold), problem.counted(data.y - fitted.fixed)
     ids = np.unique(groups[groups >= 0])
@@ -112,4 +93,4 @@ def by_blocks(problem: Problem, fitted: JointFit) -> HeldOut:
         w = np.linalg.solve(gram, (moment - moments[k]) / scale) / scale
         sse[k] = float(np.sum((left[here] - piece @ w) ** 2))
         count[k] = here.size
-    return HeldOut(ids.astype(np.int64), sse, count)
+    return float(sse.sum() / max(count.sum(), 1.0))

@@ -169,6 +169,11 @@ class Problem:
             effects, weights, w[:k], tuple(amplitudes), prediction, sse, cov, x, fixed, added
         )
 
+    def without(self, fitted: JointFit, effect: Effect) -> JointFit:
+        """A fit without one of its effects; the others keep their nonlinear parameters."""
+        rest = [e for e in fitted.effects if e is not effect]
+        return self.solve(rest, self.output_of(fitted))
+
     def _base_of(self, effects: Sequence[Effect], v: Floats) -> tuple[Floats, Floats]:
         """The offsets' and the base's columns on the counted rows behind the effects, for a drive
         v (M,) that has passed them, and the columns' products. Not to be written to."""

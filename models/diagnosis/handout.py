@@ -8,6 +8,7 @@ not hold it, they weigh more.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -102,11 +103,9 @@ def _choices(problem: Problem, bare: Problem, final: JointFit) -> Iterator[Writa
     if effects and not problem.subject.given:
         yield Refitted(problem, final, False)
     lightly = lean_on_the_model(problem, TUNING.leanings[0])
-    for stiffness in TUNING.stiffnesses:
-        held_to = replace(lightly, stiffness=stiffness)
-        yield WritableFit(held_to, held_to.solve(effects, output), True)
-    for weight in TUNING.leanings[1:]:
-        held_to = lean_on_the_model(problem, weight)
+    stiffly = (replace(lightly, stiffness=stiffness) for stiffness in TUNING.stiffnesses)
+    heavily = (lean_on_the_model(problem, weight) for weight in TUNING.leanings[1:])
+    for held_to in chain(stiffly, heavily):
         yield WritableFit(held_to, held_to.solve(effects, output), True)
 
 

@@ -32,12 +32,9 @@ def intervals(problem: Problem, fitted: JointFit, sigma: float) -> list[dict[str
     theta_at, amplitude_at = 0, p.size
     for i, effect in enumerate(fitted.effects):
         amplitudes = fitted.amplitudes[i]
-        at = [
-            *range(theta_at, theta_at + len(effect.theta)),
-            *range(amplitude_at, amplitude_at + amplitudes.size),
-        ]
-        theta_at += len(effect.theta)
-        amplitude_at += amplitudes.size
+        theta_to, amplitude_to = theta_at + len(effect.theta), amplitude_at + amplitudes.size
+        at = np.r_[theta_at:theta_to, amplitude_at:amplitude_to]
+        theta_at, amplitude_at = theta_to, amplitude_to
         least = TUNING.few_places_sure if problem.few_places and effect.candidate.late else 0.0
         out.append(_values(fitted, i, p, cov[np.ix_(at, at)], least))
     return out

@@ -28,6 +28,10 @@ class JointFit:
         """Measured minus predicted (N,)."""
         return data.y - self.prediction
 
+    def amplitudes_of(self, effect: Effect) -> Floats:
+        """Of one effect's additive columns."""
+        return self.amplitudes[self.effects.index(effect)]
+
     @property
     def effect_names(self) -> tuple[str, ...]:
         """Keys of the effects."""

@@ -1,7 +1,7 @@
 """Whether a candidate's joint refit may count: its size, its share, its values, its constancy."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class CandidateTrial:
         return self.gain - self.price
 
 
-@dataclass
+@dataclass(frozen=True)
 class SearchState:
     """Everything the search has learned; `rounds` keeps the trials for the report."""
 
@@ -42,11 +42,11 @@ class SearchState:
     sigma: float
     null: JointFit
     accepted: JointFit
-    rounds: list[list[CandidateTrial]] = field(default_factory=list)
+    rounds: tuple[tuple[CandidateTrial, ...], ...] = ()
     counted: int = 0  # rows that the gains of the rounds are summed over
     share: float = TUNING.driven_share
-    picked: list[str] = field(default_factory=list)  # keys in the order of their acceptance
-    passed_over: list[str] = field(default_factory=list)  # keys of less likely doubles
+    picked: tuple[str, ...] = ()  # keys in the order of their acceptance
+    passed_over: tuple[str, ...] = ()  # keys of less likely doubles
 
 
 def excess(problem: Problem, fit: JointFit, sigma: float) -> float:
@@ -126,9 +126,8 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
     data = problem.data
     n = int(data.rows.sum())
     effect = effect_of(trial.fit, trial.candidate.key)
-    amplitudes = trial.fit.amplitudes[trial.fit.effects.index(effect)]
     mean_square = trial.gain / n
-    why = trial.candidate.implausible(effect.theta, amplitudes, data)
+    why = trial.candidate.implausible(effect.theta, trial.fit.amplitudes_of(effect), data)
     impossible = bool(why) and not trial.candidate.rival_if_implausible
     steady = None
     index = trial.candidate.size_index
@@ -153,16 +152,14 @@ def judge(state: SearchState, trial: CandidateTrial, left: float) -> CandidateTr
 
 def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
     """Whether a small static cause, or one that no base imitates, may count: it takes about half of
-    what there is, and is the same everywhere. Not for those that look through many shapes for the
-    best."""
+    what there is, and is the same everywhere."""
     n, candidate = int(state.problem.data.rows.sum()), trial.candidate
     effect = effect_of(trial.fit, candidate.key)
-    alone = candidate.is_like_no_loop(effect.theta)
-    like_the_loop = candidate.driven and state.problem.one_loop_alone
-    if not ((candidate.static and not like_the_loop) or alone) or candidate.many:
+    like_the_loop = candidate.static and candidate.driven and state.problem.one_loop_alone
+    if like_the_loop or not candidate.may_be_small(effect.theta):
         return False
     noise = (TUNING.sure_size * state.sigma) ** 2
-    least = noise if alone else least_power(state, candidate, TUNING.sure_size)
+    least = least_power(state, candidate, TUNING.sure_size) if candidate.static else noise
     if trial.gain < n * max(least, TUNING.sure_share * left):
         return False
     steady = constancy(state.problem, state.sigma, *contribution(state.problem, trial.fit, effect))

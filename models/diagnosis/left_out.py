@@ -43,8 +43,7 @@ class WritableFit:
 
     def without(self, effect: Effect) -> "WritableFit":
         """The same without one of its effects."""
-        rest = [e for e in self.fit.effects if e is not effect]
-        return replace(self, fit=self.problem.solve(rest, self.problem.output_of(self.fit)))
+        return replace(self, fit=self.problem.without(self.fit, effect))
 
     def write(self) -> Model:
         """The model of all rows."""

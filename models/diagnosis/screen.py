@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from dehyst.models.diagnosis.effects import Effect, in_order
+from dehyst.models.diagnosis.effects import Effect, Theta, in_order
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.physics.candidate import Candidate, Context, Probe
@@ -40,7 +40,7 @@ class Screen:
             norms = np.sqrt(np.sum(projected**2, axis=0))
             good = norms > 1e-9 * max(float(norms.max()), 1e-30)
             self._tangent, _ = np.linalg.qr(projected[:, good])
-        self._kept: dict[tuple[str, tuple[float, ...]], Floats] | None = None
+        self._kept: dict[tuple[str, Theta], Floats] | None = None
         self._leave(problem.data.y - current.prediction)
 
     def _leave(self, residual: Floats) -> None:
@@ -77,7 +77,7 @@ class Screen:
         there = self.problem.simulate(with_it, effects, self.output, dict(self.known))
         return (there - self.current.prediction)[:, None]
 
-    def starts(self, candidate: Candidate) -> list[tuple[float, tuple[float, ...]]]:
+    def starts(self, candidate: Candidate) -> list[tuple[float, Theta]]:
         """(estimated fall of the sum of squares, start) for every start, best first.
 
         Only the right sign counts: a delay that would have to be negative gains nothing.
@@ -85,29 +85,26 @@ class Screen:
         starts = [tuple(s) for s in candidate.starts(self.problem.data, self.residual)]
         return self.rank(candidate, starts)
 
-    def rank(
-        self, candidate: Candidate, starts: Sequence[tuple[float, ...]]
-    ) -> list[tuple[float, tuple[float, ...]]]:
+    def rank(self, candidate: Candidate, starts: Sequence[Theta]) -> list[tuple[float, Theta]]:
         """The same for given starts."""
         if not starts:
             return []
         scores = []
         for theta, x in zip(starts, self._projected_of(candidate, starts), strict=True):
             a, g = x.T @ x, x.T @ self.r
+            amplitudes = np.zeros(0)
             if candidate.mode == "columns":
                 amplitudes = np.linalg.pinv(a, rcond=1e-10, hermitian=True) @ g
-                signs = all(amplitudes[k] >= 0.0 for k in candidate.holds_back)
-                gain = float(g @ amplitudes) if signs else 0.0
+                gain = float(g @ amplitudes)
             else:
                 gain = float(g[0] ** 2 / a[0, 0]) if a[0, 0] > 0 and g[0] > 0 else 0.0
                 if gain > 0:
                     theta = candidate.scaled(theta, float(g[0] / a[0, 0]))
-            scores.append((gain, theta))
-        return sorted(scores, key=lambda s: -s[0] * candidate.likely(s[1]))
+            likely = candidate.likely(theta, amplitudes)
+            scores.append((likely * gain, gain if likely else 0.0, theta))
+        return [score[1:] for score in sorted(scores, key=lambda s: -s[0])]
 
-    def _projected_of(
-        self, candidate: Candidate, starts: Sequence[tuple[float, ...]]
-    ) -> list[Floats]:
+    def _projected_of(self, candidate: Candidate, starts: Sequence[Theta]) -> list[Floats]:
         """Of each start, its projected contribution (counted rows, k)."""
         kept = {} if self._kept is None else self._kept
         new = [theta for theta in starts if (candidate.key, theta) not in kept]

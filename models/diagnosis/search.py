@@ -5,6 +5,7 @@ everything else was refitted.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -49,7 +50,9 @@ def search(
     share: part of the excess that a cause driven by the drive must take; above the usual one the
     base is a compact one, and candidates that resemble a hysteresis of another shape stay out.
     """
-    state = _forward(problem, sigma, null, say, share, forbidden)
+    counted = int(problem.data.rows.sum())
+    bare = SearchState(problem, sigma, null, null, counted=counted, share=share)
+    state = _forward(bare, say, forbidden)
     first = state.accepted.effects
     left = excess(problem, state.accepted, sigma)
     if len(first) >= 2 and state.rounds:
@@ -64,7 +67,7 @@ def search(
         ]
         doubtful = chosen.candidate.driven or last
         if rivals and doubtful and problem.solved < 0.5 * TUNING.budget:
-            other = _forward(problem, sigma, null, say, share, (*forbidden, chosen.candidate.key))
+            other = _forward(bare, say, (*forbidden, chosen.candidate.key))
             if better(other, state, left):
                 state = other
     return state
@@ -87,16 +90,14 @@ def better(other: SearchState, state: SearchState, left: float) -> bool:
     return False
 
 
-def _forward(
-    problem: Problem, sigma: float, null: JointFit, say: Say, share: float, forbidden: Sequence[str]
-) -> SearchState:
-    counted = int(problem.data.rows.sum())
-    state = SearchState(problem, sigma, null, null, counted=counted, share=share)
-    everything = may_be_tried(problem.data, share, forbidden)
+def _forward(state: SearchState, say: Say, forbidden: Sequence[str]) -> SearchState:
+    everything = may_be_tried(state.problem.data, state.share, forbidden)
     for number in range(TUNING.max_effects):
-        if problem.solved > TUNING.budget:
+        if state.problem.solved > TUNING.budget:
             break
-        if not _go_round(state, everything, TUNING.shortlist, say, number):
+        before = state.picked
+        state = _go_round(state, everything, TUNING.shortlist, say, number)
+        if state.picked == before:
             break
     return state
 
@@ -107,14 +108,13 @@ def search_one_more(
     """One more round from a state's accepted effects; shortlist: candidates that get the full
     refit; more: candidates beside the library's."""
     everything = [*may_be_tried(state.problem.data, state.share, ()), *more]
-    _go_round(state, everything, shortlist, lambda text, share: None, 0)
-    return state
+    return _go_round(state, everything, shortlist, lambda text, share: None, 0)
 
 
 def _go_round(
     state: SearchState, everything: Sequence[Candidate], shortlist: int, say: Say, number: int
-) -> bool:
-    """Screen, refit a short list and accept the best; whether there was one."""
+) -> SearchState:
+    """Screen, refit a short list and accept the best, if there is one."""
     look, pool = (
         Screen(state.problem, state.accepted),
         still_open(state.problem, state.accepted, everything),
@@ -147,8 +147,8 @@ def refit_each(
 
 
 def _likely_gain(trial: CandidateTrial) -> float:
-    candidate = trial.candidate
-    return trial.gain * candidate.likely(effect_of(trial.fit, candidate.key).theta)
+    effect = effect_of(trial.fit, trial.candidate.key)
+    return trial.gain * effect.candidate.likely(effect.theta, trial.fit.amplitudes_of(effect))
 
 
 def _from_afar(problem: Problem, current: JointFit, c: Candidate) -> list[tuple[float, ...]]:
@@ -167,54 +167,48 @@ def _from_afar(problem: Problem, current: JointFit, c: Candidate) -> list[tuple[
 
 def accept_best(
     state: SearchState, trials: Sequence[CandidateTrial], everything: Sequence[Candidate]
-) -> bool:
-    """Accept the best of a round's trials into the state; whether there was one. everything:
-    candidates of which one may be a finer form of it."""
+) -> SearchState:
+    """The state with a round's trials, the best of them accepted. everything: candidates of which
+    one may be a finer form of it."""
     problem, sigma = state.problem, state.sigma
     left = excess(problem, state.accepted, sigma)
-    judged = [judge(state, t, left) for t in trials]
-    state.rounds.append(judged)
-    chosen = _choice(state, judged, everything)
-    if chosen is None:
-        return False
-    state.picked.append(chosen.candidate.key)
-    fit = refine_fit(problem, sigma, chosen.fit, chosen.candidate, everything)
-    state.accepted = prune(problem, sigma, fit, keep=chosen.candidate.key)
-    return True
-
-
-def _choice(
-    state: SearchState, judged: Sequence[CandidateTrial], everything: Sequence[Candidate]
-) -> CandidateTrial | None:
-    """The best trial that is not refused, or a simpler or a likelier one that does as well."""
+    judged = tuple(judge(state, t, left) for t in trials)
     good = [t for t in judged if not t.refused]
+    rounds = (*state.rounds, judged)
     if not good:
-        return None
+        return replace(state, rounds=rounds)
+    chosen, *others = _choices(state, good, everything)
+    key = chosen.candidate.key
+    fit = refine_fit(problem, sigma, chosen.fit, chosen.candidate, everything)
+    return replace(
+        state,
+        rounds=rounds,
+        picked=(*state.picked, key),
+        passed_over=(*state.passed_over, *(t.candidate.key for t in others)),
+        accepted=prune(problem, sigma, fit, keep=key),
+    )
+
+
+def _choices(
+    state: SearchState, good: Sequence[CandidateTrial], everything: Sequence[Candidate]
+) -> list[CandidateTrial]:
+    """The best trial that is not refused, or a simpler or a likelier one that does as well; behind
+    it those that could as well have been chosen."""
     best = good[0]
     n = int(state.problem.data.rows.sum())
     tie = max(n * (TUNING.tie * state.sigma) ** 2, 0.01 * best.gain)
     near = [t for t in good if best.gain - t.gain < tie]
     simpler = [t for t in near if t.price < best.price]
     chosen = min(simpler, key=lambda t: (t.price, -t.gain)) if simpler else best
-    doubles = [t for t in near if chosen.candidate.name in t.candidate.confused_with]
-    taken = _likelier(state, chosen, good, everything)
-    state.passed_over += [t.candidate.key for t in (chosen, *doubles) if t is not taken]
-    return taken
-
-
-def _likelier(
-    state: SearchState,
-    chosen: CandidateTrial,
-    good: Sequence[CandidateTrial],
-    everything: Sequence[Candidate],
-) -> CandidateTrial:
-    """The chosen trial, or one that it may be confused with, whichever explains more together with
-    what must be there too."""
-    doubles = [t for t in good if chosen.candidate.name in t.candidate.confused_with]
-    rivals = [chosen, *(t for t in doubles if t.candidate.past or chosen.candidate.past)]
-    if not any(t.candidate.company() for t in rivals):
-        return chosen
-    return max(rivals, key=lambda t: worth_with_company(state, t, everything))
+    alike, doubles = (
+        [t for t in some if chosen.candidate.name in t.candidate.confused_with]
+        for some in (good, near)
+    )
+    rivals = [chosen, *(t for t in alike if t.candidate.past or chosen.candidate.past)]
+    taken = chosen
+    if any(t.candidate.company() for t in rivals):  # what must be there too belongs to it
+        taken = max(rivals, key=lambda t: worth_with_company(state, t, everything))
+    return [taken, *(t for t in (chosen, *doubles) if t is not taken)]
 
 
 def _grown(problem: Problem, sigma: float, fit: JointFit, chosen: Candidate) -> JointFit:
@@ -231,8 +225,7 @@ def _grown(problem: Problem, sigma: float, fit: JointFit, chosen: Candidate) -> 
         price = TUNING.price * sigma**2 * (len(theta) - len(effect.theta))
         if fit.sse - trial.sse <= max(least, price) or on_bound(more):
             break
-        amplitudes = trial.amplitudes[trial.effects.index(more)]
-        if chosen.implausible(more.theta, amplitudes, problem.data):
+        if chosen.implausible(more.theta, trial.amplitudes_of(more), problem.data):
             break
         fit, effect = trial, more
     return fit
@@ -266,13 +259,8 @@ def prune(problem: Problem, sigma: float, fit: JointFit, keep: str = "") -> Join
     """Without the effects that the others have made needless."""
     n = int(problem.data.rows.sum())
     while len(fit.effects) > 1:
-        losses = []
-        out = problem.output_of(fit)
-        for e in fit.effects:
-            if e.candidate.key == keep:
-                continue
-            rest = [o for o in fit.effects if o is not e]
-            losses.append((problem.solve(rest, out).sse - fit.sse, e))
+        others = [e for e in fit.effects if e.candidate.key != keep]
+        losses = [(problem.without(fit, e).sse - fit.sse, e) for e in others]
         if not losses:
             break
         loss, weakest = min(losses, key=lambda pair: pair[0])

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from dehyst.models.diagnosis.data.way import can_be_distinguished, hardly_turns
+from dehyst.models.diagnosis.effects import Theta
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState, least_size
@@ -12,8 +13,6 @@ from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.physics import list_candidates
 from dehyst.models.physics.candidate import Candidate
 from dehyst.models.signals.joined import Data
-
-Theta = tuple[float, ...]
 
 
 def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
@@ -47,10 +46,10 @@ def still_open(
 
 
 def _next_of_its_kind(candidate: Candidate, have: set[str]) -> bool:
-    """Repeatable kinds (modes) come in order: the second only behind the first."""
-    if "-" not in candidate.key or not candidate.repeatable:
+    """Those that are numbered (modes) come in order: the second only behind the first."""
+    stem, _, number = candidate.key.rpartition("-")
+    if candidate.channel or not number.isdecimal():
         return True
-    stem, number = candidate.key.rsplit("-", 1)
     return (stem if number == "2" else f"{stem}-{int(number) - 1}") in have
 
 
@@ -97,6 +96,6 @@ def to_be_refitted(ranked: Sequence[ScreenedCandidate], most: int) -> list[Scree
     """At most `most` of the strongest that the drive causes, the causes beside the drive that are
     among them or behind them, and those that take nobody's place."""
     strong = not_weak(ranked, ranked)
-    usual = [p for p in strong if not p.candidate.beside_others]
-    first = usual[:most]
-    return [p for p in strong if p in first or p.candidate.beside_others or not p.candidate.driven]
+    beside = [p for p in strong if set(p.candidate.contains) - {p.candidate.name}]
+    first = [p for p in strong if p not in beside][:most]
+    return [p for p in strong if p in first or p in beside or not p.candidate.driven]

@@ -1,65 +1,26 @@
-"""The diagnosis from recordings to verdict. See the steps in the package's text."""
+"""The diagnosis in frozen states, each made from the one before by one function:
+Prepared -> Based -> Searched -> Judged -> Diagnosis (what is reported)."""
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from dehyst.models.cascade.history import replay_recording
-from dehyst.models.diagnosis.base import no_base, rich_base
-from dehyst.models.diagnosis.data.between import with_path_between
-from dehyst.models.diagnosis.data.colour import is_coloured
-from dehyst.models.diagnosis.data.excerpt import excerpt
-from dehyst.models.diagnosis.data.locate import hot_spots, locate
-from dehyst.models.diagnosis.data.noise import noise_rms
-from dehyst.models.diagnosis.data.prepare import prepare, were_de_energised
-from dehyst.models.diagnosis.data.survey import (
-    BUTTERFLY,
-    FEW_PLACES,
-    ONE_SIDE,
-    comes_back,
-    follows,
-    left_of,
-    survey,
-)
-from dehyst.models.diagnosis.evidence import by_blocks
-from dehyst.models.diagnosis.find import (
-    Progress,
-    earlier_drive,
-    fed_by_steps,
-    find_above_noise,
-    of_another_stage,
-    on_the_model,
-    on_the_other,
-)
+from dehyst.models.diagnosis.based import Progress, choose_base, join_recordings
+from dehyst.models.diagnosis.data.locate import locate
+from dehyst.models.diagnosis.data.survey import BUTTERFLY, ONE_SIDE, left_of, survey
 from dehyst.models.diagnosis.findings.asked_again import AskedAgain
-from dehyst.models.diagnosis.findings.decide import (
-    next_experiment,
-    unknown,
-    verdict_of,
-)
-from dehyst.models.diagnosis.findings.episodes import Episode, find_episodes, tell_time
+from dehyst.models.diagnosis.findings.decide import next_experiment
 from dehyst.models.diagnosis.findings.limits import limits
-from dehyst.models.diagnosis.findings.reported import without_kind
-from dehyst.models.diagnosis.findings.shape import not_contained, not_written
-from dehyst.models.diagnosis.findings.sightings import accept, retell, sightings
-from dehyst.models.diagnosis.findings.weigh import conclude, with_episode
-from dehyst.models.diagnosis.fit import Problem
-from dehyst.models.diagnosis.handout import Handed, hand_out
-from dehyst.models.diagnosis.judge import (
-    CandidateTrial,
-    SearchState,
-    base_error,
-    excess,
-    tells_what_is_late,
-)
-from dehyst.models.diagnosis.left_out import HeldOutErrors
-from dehyst.models.diagnosis.pasts import begin_as_found, explained_heads, rows_with_heads
-from dehyst.models.diagnosis.result import Diagnosis, FitView
-from dehyst.models.diagnosis.subject import identify_plain, take_subject
-from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.diagnosis.findings.shape import not_contained
+from dehyst.models.diagnosis.judge import CandidateTrial, SearchState
+from dehyst.models.diagnosis.result import Diagnosis, Finding, FitView, Value
+from dehyst.models.diagnosis.searched import look_for_causes
+from dehyst.models.diagnosis.verdict import Judged, reach_verdict
 from dehyst.models.model import Model
+from dehyst.models.physics.candidate import Candidate, Sighting
 from dehyst.models.recording import Recording
 from dehyst.models.signals.joined import Bools, Data, Floats
 
@@ -81,193 +42,73 @@ def diagnose(
     the model cannot be run on them.
     """
     say = progress or (lambda text, fraction: None)
-    say("preparing", 0.0)
-    whole = prepare(recordings, were_de_energised(recordings))
-    say("the model in use", 0.02)
-    data = begin_as_found(excerpt(whole))
-    subject = identify_plain(recordings, data) if model is None else take_subject(model, data)
-    problem = Problem(data, rich_base(data), subject, several)
-    null = problem.solve([])
-    sigma = noise_rms(data, null.residual(data))
-    bare = Problem(data, no_base(data), replace(subject, carries=True), several)
-    foreign = of_another_stage(bare, null, sigma)
-    if foreign:
-        say(foreign, 0.1)
-    say("base fitted", 0.1)
-    early = earlier_drive(problem, null, sigma)
-    if early is not None:
-        data, problem, null = early.data, early, early.solve([])
-    standing = on_the_model(problem, null)
-    if standing is not problem:
-        problem, null = standing, standing.solve([])
-    problem = fed_by_steps(problem, null, sigma)
-    finer = with_path_between(problem.data, sigma)
-    if finer is not problem.data:
-        problem = replace(problem, data=finer)
-        null = problem.solve([])
-        sigma = noise_rms(finer, null.residual(finer))
-    data = problem.data
-    # what acts for a part of the time is reported with that time; no other physics explains it
-    episode = find_episodes(data, null.residual(data), sigma)
-    if episode is not None:
-        data = replace(data, y=data.y - episode.removed)
-        problem = replace(problem, data=data)
-        null = problem.solve([])
-    found = find_above_noise(problem, null, say)
-    turned = on_the_other(problem, found.search)
-    if turned is not problem:
-        problem, null = turned, turned.solve([])
-        found = find_above_noise(problem, null, say)
-    known = explained_heads(found.search.problem, found.search.accepted, found.search.sigma)
-    if known:
-        # With what was found, the past is known: the heads count, and show what began before. The
-        # other rows say what that is: in the heads the hysteresis' past shows as well.
-        data = replace(data, rows=rows_with_heads(data, known))
-        whole = replace(whole, rows=rows_with_heads(whole, known))
-        problem, bare = (
-            replace(problem, data=data),
-            replace(bare, data=replace(bare.data, rows=data.rows)),
-        )
-        null = problem.solve([])
-        first = found.search
-        found = find_above_noise(problem, null, say, first.passed_over)
-        if first.passed_over:  # explained no more: a near-tie, and it stays one
-            rounds = [*found.search.rounds, *first.rounds]
-            found = replace(found, search=replace(found.search, rounds=rounds))
-    sigma = found.search.sigma
-    unexplained = by_blocks(problem, null).mean_square
-    explained = by_blocks(found.search.problem, found.search.accepted).mean_square
-    butterfly = comes_back(data) and explained > TUNING.follows_late * unexplained
-    if butterfly or not follows(data, min(unexplained, explained)):
-        # out of the class: what the drive causes cannot be distinguished from the loop
-        found = replace(found, search=without_kind(found.search, lambda c: c.driven))
-    seen = sightings(data, sigma)
-    for candidate, sighting in seen:
-        other = accept(found.over_rich, candidate, sighting)
-        if candidate.key in other.accepted.effect_names:
-            found = replace(found, search=other)
-    shown = {c.key for c, _ in seen} & set(found.search.accepted.effect_names)
-    few = "" if tells_what_is_late(problem, sigma) else FEW_PLACES
-    warnings = [text for text in (foreign, BUTTERFLY if butterfly else "", few) if text]
-    diagnosis = _conclude(
-        recordings, whole, bare, found.search, episode, warnings, shown, with_limits, say
-    )
-    for candidate, sighting in seen:
-        findings = retell(diagnosis.findings, candidate, sighting)
-        diagnosis = replace(diagnosis, findings=findings)
-    return diagnosis
+    based = choose_base(join_recordings(recordings, model, say), several, say)
+    judged = reach_verdict(look_for_causes(based, say), say)
+    return _report(judged, recordings, with_limits, say)
 
 
-def _conclude(
-    recordings: Sequence[Recording],
-    recorded: Data,
-    bare: Problem,
-    found: SearchState,
-    episode: Episode | None,
-    warnings: list[str],
-    shown: Collection[str],
-    with_limits: bool,
-    say: Progress,
+def _report(
+    judged: Judged, recordings: Sequence[Recording], with_limits: bool, say: Progress
 ) -> Diagnosis:
-    """recorded: all samples; bare, found: of those that were fitted, found without the episode;
-    shown: keys of effects that a recording shows directly, beside any fit."""
-    sigma, subject = found.sigma, bare.subject
-    say("holding out", 0.88)
-    weighed = conclude(bare, found, shown, episode)
-    problem, final, findings = weighed.problem, weighed.final, list(weighed.findings)
-    say("intervals and rivals", 0.92)
-    data = problem.data
-    residual = final.residual(data)
-    at_first = float(np.sqrt(max(weighed.bare - sigma**2, 0.0)))
-    left = float(np.sqrt(excess(problem, final, sigma)))
-    whole_noise = sigma
-    late = find_episodes(data, residual, sigma) if episode is None else None
-    if late is not None:
-        residual = residual - late.removed
-        findings = with_episode(findings, late, weighed, sigma)
-        n = int(data.rows.sum())
-        left = float(np.sqrt(max(np.sum(residual[data.rows] ** 2) / n - sigma**2, 0.0)))
-    grown = any({"from_s", "until_s"} & f.where.keys() for f in findings)
-    if left > TUNING.structure_left * sigma and not grown and is_coloured(data, residual, sigma):
-        # all that is left is noise
-        whole_noise = float(np.sqrt(np.mean(residual[data.rows] ** 2)))
-        at_first = float(np.sqrt(max(weighed.bare - whole_noise**2, 0.0)))
-        left = 0.0
-    unexplained = by_blocks(found.problem, found.null).mean_square
-    beside = float(np.sqrt(excess(found.problem, found.null, sigma)))
-    floor = max(whole_noise, base_error(data) / TUNING.structure_left)
-    verdict = verdict_of(findings, left, at_first, beside, floor)
-    if verdict == "partly":
-        fewer = _without_the_doubtful(found, left)
-        if fewer is not found:
-            return _conclude(
-                recordings, recorded, bare, fewer, episode, warnings, shown, with_limits, say
-            )
-    unexplained = min(unexplained, by_blocks(found.problem, found.accepted).mean_square)
-    if not follows(data, unexplained) and not shown:
-        findings, verdict = [f for f in findings if f.name != "shape"], "unknown"
-    bare_left = left_of(recorded, subject.whole(recorded))
-    in_use = HeldOutErrors(weighed.bare, weighed.bare, float(np.sqrt(weighed.bare)))
-    if BUTTERFLY in warnings:  # nothing that follows it can be inverted
-        handed = Handed(subject.model, in_use, in_use)
-    else:
-        handed = hand_out(recorded, bare, weighed, sigma)
-    findings = [
-        f if f.name == "shape" or f.key in handed.contains else not_written(f) for f in findings
-    ]
-    if verdict in ("unknown", "partly"):
-        where: dict[str, Any] = dict(hot_spots(locate(data, residual, sigma)))
-        when, times = tell_time(data, residual, sigma)
-        share = max(0.0, 1.0 - sum(f.share for f in findings))
-        rest = unknown(left, min(share, 1.0), where, data.unit, when)
-        findings = [*findings, replace(rest, where={**where, **times})]
-    if verdict == "explained" and not handed.explains(whole_noise):
-        verdict = "partly"
+    """What is said of a verdict: sentences, limits, errors before and after, pictures."""
+    searched, found, handed, verdict = judged.searched, judged.found, judged.handed, judged.verdict
+    subject, whole, fitted = searched.bare.subject, searched.whole, judged.fitted
     say("limits", 0.96)
+    findings = judged.findings
     untold = {n for f in findings for n in (f.name, *f.ambiguous_with)}
     wanted = with_limits and verdict in ("clean", "explained")
     limited = tuple(limits(found, untold, AskedAgain(found).names)) if wanted else ()
+    blind = sorted({x.name for x in limited if x.value is None})
+    further = next_experiment(verdict, findings, blind)
     if not handed.contains_shape:
-        findings = [not_contained(f) for f in findings]
-    views = tuple(_views(recorded, recordings, (subject.model, handed.model)))
+        findings = tuple(not_contained(f) for f in findings)
+    for candidate, sighting in searched.seen:
+        findings = _retell(findings, candidate, sighting)
+    views = tuple(_views(whole, recordings, (subject.model, handed.model)))
     rms: dict[str, Any] = {
         "model": {v.name: _rms((v.displacement - v.base)[v.held_out]) for v in views},
         "augmented": {v.name: _rms((v.displacement - v.augmented)[v.held_out]) for v in views},
         "heldout_model": float(np.sqrt(handed.held_in_use.mean_square)),
         "heldout_augmented": float(np.sqrt(handed.held.mean_square)),
     }
-    quality = survey(recorded, data, (sigma, whole_noise), unexplained, warnings)
+    noises, left = (found.sigma, judged.noise), left_of(whole, subject.whole(whole))
+    quality = survey(whole, fitted, noises, judged.unexplained, searched.warnings)
     say("done", 1.0)
     return Diagnosis(
         verdict=verdict,
         data=quality,
-        noise=whole_noise,
-        unit=data.unit,
-        drive_unit=data.drive_unit,
-        findings=tuple(findings),
+        noise=judged.noise,
+        unit=fitted.unit,
+        drive_unit=fitted.drive_unit,
+        findings=findings,
         would_have_seen=limited,
         rms=rms,
-        next_experiment=ONE_SIDE
-        if BUTTERFLY in warnings
-        else next_experiment(
-            verdict, findings, sorted({x.name for x in limited if x.value is None})
-        ),
+        next_experiment=ONE_SIDE if BUTTERFLY in searched.warnings else further,
         model=handed.model,
         base_model=subject.model,
         views=views,
-        locate=locate(recorded, bare_left, sigma),
+        locate=locate(whole, left, found.sigma),
         tried=tuple(_tried(found.counted, found)),
     )
 
 
-def _without_the_doubtful(found: SearchState, left: float) -> SearchState:
-    """Without what may well be a part of what is left: slow changes, and what began before the
-    recording where that takes little. left: rms without a name."""
-    fewer = without_kind(found, lambda c: c.slow)
-    before, after = (excess(s.problem, s.accepted, s.sigma) for s in (fewer, found))
-    if before - after < (TUNING.past_beside * left) ** 2:
-        return fewer
-    return without_kind(found, lambda c: c.slow and not c.past)
+def _retell(
+    findings: Sequence[Finding], candidate: Candidate, sighting: Sighting
+) -> tuple[Finding, ...]:
+    """Findings, of which the one that was seen has the evidence of its own kind."""
+    values = {key: Value(*interval) for key, interval in sighting.intervals.items()}
+
+    def same(f: Finding) -> bool:
+        return f.key == candidate.key and all(
+            np.isclose(f.parameters[key].value, v.value)
+            for key, v in values.items()
+            if key in f.parameters  # else its interval was too wide to be reported
+        )
+
+    return tuple(
+        replace(f, says=sighting.says, parameters=values, ambiguous_with=()) if same(f) else f
+        for f in findings
+    )
 
 
 def _tried(n: int, found: SearchState) -> list[dict[str, str]]:

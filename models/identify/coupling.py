@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dehyst.models.identify.tuning import TUNING
-from dehyst.models.model import Block, Model
+from dehyst.models.model import Model
+from dehyst.models.physics import coupled
 from dehyst.models.recording import AXIS_CHANNEL, Bools, Floats, Recording
 from dehyst.models.signals.filters import plays
 
@@ -93,15 +94,8 @@ def without_rests(recording: Recording) -> Recording:
 
 def with_couplings(model: Model, couplings: Sequence[Coupled]) -> Model:
     """The model with a block for each, before those of the sensor."""
-    blocks = tuple(
-        Block(
-            "coupling",
-            "stage",
-            {f"gain_{model.displacement_unit}_per_unit": one.gain, "reference": one.reference},
-            one.channel,
-        )
-        for one in couplings
-    )
+    unit = model.displacement_unit
+    blocks = [coupled(unit, one.gain, one.reference, one.channel) for one in couplings]
     own = [b for b in model.blocks if b.place != "sensor"]
     return replace(model, blocks=(*own, *blocks, *model.blocks[len(own) :]))
 

@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 
 from dehyst.models.hysteresis.play import play_step
 from dehyst.models.identify.data.rows import Rows
-from dehyst.models.identify.dynamics import Dynamics
+from dehyst.models.identify.dynamics import Filter, rows_behind
+from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats
 
 ROWS_HELD = 8192
@@ -140,13 +141,13 @@ def make_equations(
     shares = rates / rate_max if rate_max > 0.0 else np.ones(r.size)
     for number, (one, pick) in enumerate(zip(rows, picks, strict=True)):
         if lag is not None:
-            one = lag.before(one)
+            one = rows_behind(lag, one)
         h = np.zeros(r.size)
         began = (offsets[0], one.came_from)
         fresh = np.zeros(one.u.size, dtype=bool)
         fresh[one.resets] = True
         width = r.size * (2 if rate else 1) + 1
-        through = lag.behind(width) if lag is not None else None
+        through = Filter(lag, width) if lag is not None and lag.place != "drive" else None
         with_rate = rate and rate_max > 0.0
         for start in range(0, one.u.size, ROWS_HELD):
             part = slice(start, min(start + ROWS_HELD, one.u.size))

@@ -18,7 +18,6 @@ from dehyst.models.hysteresis.z_range import is_invertible
 from dehyst.models.identify.band import estimate_band, is_rival, measure_spread
 from dehyst.models.identify.data.rows import Rows, read_rows
 from dehyst.models.identify.data.stretches import take_stretches
-from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Params, Shape
 from dehyst.models.identify.final import Fitted, fit_all
 from dehyst.models.identify.fit import make_start
@@ -47,6 +46,7 @@ from dehyst.models.identify.uncertainty import (
     move_saturation,
 )
 from dehyst.models.model import Fit, Provenance, Validity
+from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats, Recording
 from dehyst.models.signals.pace import measure_pace
 from dehyst.models.signals.ways import repeats_one_loop, ways_of

@@ -12,11 +12,11 @@ from functools import partial
 
 import numpy as np
 
-from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.structure import Trial, TriedStructure, pays, predicts_better, shows
 from dehyst.models.identify.thresholds import regrid, space_thresholds
 from dehyst.models.identify.tuning import TUNING
+from dehyst.models.physics.dynamics import DELAY, LAG, SECOND, Dynamics
 from dehyst.models.recording import Bools, Floats
 
 PLACES = ("drive", "sensor")
@@ -116,7 +116,7 @@ class LagSearch:
         assert given.lag is not None
         if given.lag.delay_s <= self.period:
             return given, given.lag.place == "sensor"
-        one = Dynamics("lag", "drive", (given.lag.delay_s,))
+        one = Dynamics(LAG, "drive", (given.lag.delay_s,))
         before, behind = (self._refine(replace(one, place=at), choose) for at in PLACES)
         assert behind.lag is not None
         second = choose(self._find_second(behind.lag, behind))
@@ -126,7 +126,7 @@ class LagSearch:
         if predicts_better(sensor, drive):
             return sensor, True
         # a delay is the same before the hysteresis and behind it
-        decided = drive.lag is not None and drive.lag.kind != "delay"
+        decided = drive.lag is not None and drive.lag.sided
         return drive, decided and predicts_better(drive, sensor)
 
     def _refine(
@@ -173,7 +173,7 @@ class LagSearch:
 
     def _find_delay(self, without: float, enough: float) -> Dynamics | None:
         def make(periods: float) -> Dynamics | None:
-            return Dynamics("delay", "drive", (periods * self.period,)) if periods > 0.0 else None
+            return Dynamics(DELAY, "drive", (periods * self.period,)) if periods > 0.0 else None
 
         grid = self._grid(DELAYS)
         best = _search(lambda x: self._misfit(make(x), True), grid, 6, enough, {0.0: without})
@@ -186,14 +186,14 @@ class LagSearch:
 
     def _find_lag(self, place: str, enough: float) -> Dynamics | None:
         def make(log: float) -> Dynamics:
-            return Dynamics("lag", place, (float(np.exp(log)) * self.period,))
+            return Dynamics(LAG, place, (float(np.exp(log)) * self.period,))
 
         best = _search(lambda x: self._misfit(make(x), False), np.log(self._grid(LAGS)), 6, enough)
         return make(best) if best is not None else None
 
     def _find_second(self, first: Dynamics, about: TriedStructure | None = None) -> Dynamics:
         def make(log_f: float, damping: float) -> Dynamics:
-            return Dynamics("second", "sensor", (float(np.exp(log_f)), float(damping)))
+            return Dynamics(SECOND, "sensor", (float(np.exp(log_f)), float(damping)))
 
         log_f, damping = float(np.log(0.7 / (np.pi * first.theta[0]))), 0.7
         near, damped = np.log((0.6, 1.0, 1.7)), (TUNING.least_damping, 0.8, 1.3)

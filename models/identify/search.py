@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from dehyst.models.identify.data.outliers import thin
-from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import Equations, Shape
 from dehyst.models.identify.evidence import ProbableStructure, maximise_evidence
 from dehyst.models.identify.fit import make_start
@@ -17,6 +16,7 @@ from dehyst.models.identify.structure import Trial, TriedStructure, choose_struc
 from dehyst.models.identify.thresholds import space_thresholds
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.identify.uncertainty import estimate_noise
+from dehyst.models.physics.dynamics import LEAD, Dynamics
 from dehyst.models.recording import Bools
 
 
@@ -98,7 +98,7 @@ class Search:
 
     def _choose_side(self, best: TriedStructure) -> TriedStructure:
         """The same with its lag on the side that predicts better."""
-        if best.lag is None or best.lag.kind == "lead":
+        if best.lag is None or best.lag.delay_s < 0.0:  # a lead
             return best
         same = [s for s in self.wanted if s.rate == best.shape.rate]
 
@@ -193,7 +193,7 @@ class Search:
         That is a convention and no richer model: the one is taken that the evidence is for.
         """
         period = float(np.median([one.period_s for one in self.setup.rows]))
-        half = Dynamics("lead", "drive", (0.5 * period,))
+        half = Dynamics(LEAD, "drive", (0.5 * period,))
         trial = Trial(self.setup, self.picks, self.r, best.offset, half)
         trial.linearise(best.params, best.shape, best.shape.powers)
         most = best.fitted.sum() * (1.0 + TUNING.worth_trying)

@@ -22,7 +22,6 @@ from dehyst.models.identify.data.rows import (
     find_drive_range,
     find_rate_range,
 )
-from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import (
     Equations,
     Ints,
@@ -33,6 +32,7 @@ from dehyst.models.identify.equations import (
 )
 from dehyst.models.identify.tuning import TUNING
 from dehyst.models.model import Hysteresis, Model, Validity
+from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dehyst.models.identify.bounded import bounded_solve
-from dehyst.models.identify.dynamics import Dynamics
 from dehyst.models.identify.equations import (
     Equations,
     Ints,
@@ -25,6 +24,7 @@ from dehyst.models.identify.fit import fit_shape, make_bounds, make_start
 from dehyst.models.identify.setup import FitSetup
 from dehyst.models.identify.thresholds import Prior
 from dehyst.models.identify.tuning import TUNING
+from dehyst.models.physics.dynamics import Dynamics
 from dehyst.models.recording import Bools, Floats
 
 ODD = ((0,), (0, 3), (0, 3, 5), (0, 3, 5, 7))

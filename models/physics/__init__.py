@@ -1,9 +1,12 @@
 """The physics around the hysteresis: one file for each, found in this folder.
 
-Hysteresis of any shape, which the diagnosis' base makes, has its blocks by name: `curved_plays`,
-`bent_loops`.
+What others write by themselves has a function of its own here: the blocks of a hysteresis of any
+shape (`curved_plays`, `bent_loops`), of a lead, of a coupling, and a line's words.
 """
 
+from dehyst.models.physics.coupling import coupled
+from dehyst.models.physics.delay import lead
+from dehyst.models.physics.hum import line_for_a_time
 from dehyst.models.physics.kind import Kind, Param
 from dehyst.models.physics.registry import (
     KINDS,
@@ -25,6 +28,9 @@ __all__ = [
     "bent_loops",
     "changes_alone",
     "check_block",
+    "coupled",
     "curved_plays",
+    "lead",
+    "line_for_a_time",
     "list_candidates",
 ]

@@ -98,8 +98,7 @@ class Friction(Candidate):
     confused_with = ("rate", "lag")
     order = 45
     static = True
-    holds_back = (0,)
-    beside_others = True  # the viscous part is as a lag or a delay
+    contains = ("delay", "lag", "slew")  # the viscous part is as one of these
     rival_if_implausible = False
 
     def __init__(self, data: Data) -> None:
@@ -124,6 +123,9 @@ class Friction(Candidate):
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
         x = self._gain * context.v
         return _columns(x, data.dt, data.starts, theta[0], theta[1], EXCESS)
+
+    def likely(self, theta: Sequence[float], amplitudes: Floats) -> float:
+        return 1.0 if amplitudes[0] >= 0.0 else 0.0  # friction that pushes is none
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         extra = (EXCESS * float(amplitudes[0]), self.parameters[0].unit)

@@ -92,27 +92,18 @@ class Candidate:
     order: int = 0
     place: str = "stage"
     driven: bool = True
-    last: bool = False  # named only when it leaves nothing behind: it fits too much
-    slow: bool = (
-        False  # takes a part of any change in time: reported only where nothing else is left
-    )
+    slow: bool = False  # takes a part of any change in time: reported where nothing else is left
     past: bool = False  # a slow one that began before the recording: reported beside a smaller rest
     static: bool = False  # resembles a hysteresis of another shape: judged more strictly still
     minima: int = 1  # starts that are refitted: its misfit may have so many minima
-    rings: bool = False  # where the drive goes round one loop alone, a line may look like it
     lasting: bool = False  # shows from one period of the drive to the next, not within one
     late: bool = False  # the displacement comes late: reported also where the drive repeats itself
     # within few samples, and of all such causes one alone
-    many: bool = False  # its starts span many shapes, of which chance makes one fit
     rival_if_implausible: bool = True  # named as a rival even where its values cannot be its own
     reports_bounds: bool = True  # a parameter on its bound is reported as not identified
-    holds_back: tuple[int, ...] = ()  # columns of which no amplitude is negative
-    beside_others: bool = False  # makes what simpler ones make too, so it promises what they do: it
-    # is refitted beside them, in the place of none
-    repeatable: bool = False
-    widest_spread: float = (
-        1.0  # of its amplitude over time, rms: with more it is not the same there
-    )
+    contains: tuple[str, ...] = ()  # names of simpler ones that it makes too; what promises as much
+    # as another physics that it contains is refitted beside that, in the place of none
+    widest_spread: float = 1.0  # of its amplitude over time, rms: with more it is not the same
     mode: str = "columns"  # or "drive", "output"
     parameters: tuple[Parameter, ...] = ()
     channel: str = ""
@@ -127,13 +118,25 @@ class Candidate:
         """Likelier values that make nearly the same of the samples: they are refitted too."""
         return []
 
-    def likely(self, theta: Sequence[float]) -> float:
-        """Weight of a start's screened gain: below 1 where a plainer one should go first."""
+    def likely(self, theta: Sequence[float], amplitudes: Floats) -> float:
+        """Weight of a gain: below 1 where a plainer one should go first, 0 where it is not its own.
+        amplitudes: of additive columns."""
         return 1.0
 
-    def is_like_no_loop(self, theta: Sequence[float]) -> bool:
-        """Whether no error of a hysteresis' base looks like it."""
-        return False
+    def may_be_small(self, theta: Sequence[float]) -> bool:
+        """Whether a small effect counts that is the same everywhere: of static ones, but for those
+        whose many shapes chance fits, and of others where no error of a base looks like them."""
+        return self.static
+
+    def ring(self, theta: Sequence[float]) -> tuple[float, float] | None:
+        """Frequency [Hz] and decay [1/s] of its free oscillation, where it has one."""
+        return None
+
+    @property
+    def last(self) -> bool:
+        """Whether it is named only where it leaves nothing behind: what began before the recording,
+        and brings nothing with it that would be seen, fits too much."""
+        return self.past and not self.company()
 
     def company(self) -> str:
         """Key of another candidate that must be there too, were this one there; "" for none."""

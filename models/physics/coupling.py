@@ -143,6 +143,13 @@ KINDS = (
 FRACTIONS = np.array([0.0, 0.03, 0.1, 0.2, 0.35])  # plays, of the channel's range
 
 
+def coupled(unit: str, gain: float, reference: float, channel: str) -> Block:
+    """What a channel brings, by a gain [unit per the channel's] from a reference on."""
+    return Block(
+        "coupling", "stage", {f"gain_{unit}_per_unit": gain, "reference": reference}, channel
+    )
+
+
 class Coupling(Candidate):
     """y + g c(t) for a channel c."""
 
@@ -178,11 +185,7 @@ class Coupling(Candidate):
         return [Probe(1.0, (), (1.0,))]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        params: dict[str, float | tuple[float, ...]] = {
-            f"gain_{data.unit}_per_unit": float(amplitudes[0]),
-            "reference": self.reference,
-        }
-        return (Block("coupling", "stage", params, self.channel),)
+        return (coupled(data.unit, float(amplitudes[0]), self.reference, self.channel),)
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         gain = small(values["gain_um_per_unit"])
@@ -193,6 +196,7 @@ class CoupledMemory(Coupling):
     """The same where the other axis has a lag and hysteresis of its own: plays on its drive."""
 
     equation = "y(t) = f(u) + sum_i g_i H_i(c), c after a lag"
+    contains = ("coupling",)
     order = 61
 
     def __init__(self, data: Data, channel: str, reference: float) -> None:

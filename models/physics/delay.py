@@ -132,9 +132,14 @@ def ahead(data: Data, x: Floats) -> Floats:
     return x + step * (0.5 * data.period / data.dt)[:, None]
 
 
+def lead(place: str, tau_s: float) -> Block:
+    """What comes earlier by a part of a sample."""
+    return Block("lead", place, {"tau_s": tau_s})
+
+
 def lead_before(data: Data, place: str) -> tuple[Block, ...]:
     """The block of `ahead`; none where nothing leads."""
-    return (Block("lead", place, {"tau_s": 0.5 * data.period}),) if data.led else ()
+    return (lead(place, 0.5 * data.period),) if data.led else ()
 
 
 OF_A_SAMPLE = 0.1  # by which a time may be off: the drive between two samples is not known
@@ -190,7 +195,7 @@ class Delay(Candidate):
 
 def _variants(s: Scales) -> list[Block]:
     times = [k * s.period_s for k in (1.0, 0.2, 0.5, 2.0, 5.0, 20.0)]
-    leads = (Block("lead", place, {"tau_s": 0.5 * s.period_s}) for place in LEAD.places)
+    leads = (lead(place, 0.5 * s.period_s) for place in LEAD.places)
     return [*(Block("delay", "drive", {"delay_s": d}) for d in times), *leads]
 
 

@@ -175,6 +175,7 @@ class SlowDrift(Drift):
     """The same with the stage following the temperature late, by one thermal time constant."""
 
     equation = "y(t) = f(u) (1 + a dT) + b dT, dT after a thermal lag"
+    contains = ("drift",)
     order = 51
 
     def __init__(self, data: Data, channel: str) -> None:

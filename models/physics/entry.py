@@ -53,7 +53,8 @@ class Physics:
     the diagnosis may find in these recordings; changes(data): what is inside the base of a
     diagnosis, and shows only about a model that was right before; specimens: by the name that
     `dehyst excite --separate` takes; distinguished_by: name of a rival -> the drive that
-    separates the two, in words.
+    separates the two, in words; looks: of a loop of another shape than the model's, what it would
+    look like -> its rank among those that look so.
     """
 
     name: str
@@ -61,4 +62,5 @@ class Physics:
     candidates: Callable[[Data], list[Candidate]]
     specimens: Mapping[str, Specimen]
     distinguished_by: Mapping[str, str] = field(default_factory=dict)
+    looks: Mapping[str, int] = field(default_factory=dict)
     changes: Callable[[Data], list[Candidate]] = lambda data: []

@@ -199,5 +199,6 @@ PHYSICS = Physics(
     kinds=(KIND,),
     candidates=lambda data: [],
     changes=lambda data: [DryFriction(data)],
+    looks={"branches": 3, "presliding": 1, "class": 2},
     specimens={"dry-friction": Specimen(_variants, in_base=True)},
 )

@@ -160,6 +160,20 @@ class Hum(Candidate):
         return f"The reading carries {lines}, independent of the drive; look for {source}."
 
 
+def line_for_a_time(frequency_hz: float, size: str, span: str) -> dict[str, str]:
+    """What is said of one that is there in a span of the recordings alone."""
+    return {
+        "name": Hum.name,
+        "key": "hum-for-a-time",
+        "place": Hum.place,
+        "title": "A line for a part of the time",
+        "equation": "y(t) = f(u) + A sin(2 pi f t + phase) from start to end",
+        "source": "a machine that runs at times, a supply that is switched",
+        "says": f"From {span} the reading carries {size} at {frequency_hz:.4g} Hz, and not at "
+        "other times: look for a machine that ran then.",
+    }
+
+
 def _variants(s: Scales) -> list[Block]:
     size = {f"amplitude_{s.unit}": 0.005 * s.stroke}
     return [

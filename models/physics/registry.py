@@ -22,7 +22,8 @@ from dehyst.models.physics.kind import Kind
 from dehyst.models.signals.joined import Data
 
 PLACES = ("drive", "stage", "sensor")
-FRAME = ("address", "candidate", "entry", "kind", "registry")  # files here that are no physics
+# files here that are no physics
+FRAME = ("address", "candidate", "dynamics", "entry", "kind", "registry")
 
 
 def _found() -> dict[str, Physics]:

@@ -153,8 +153,6 @@ class Resonance(Candidate):
     mode = "output"
     limit_unit = "Hz"
     limit_side = "below"
-    repeatable = True
-    rings = True
     rival_if_implausible = False
     reports_bounds = False
     size_index = 2
@@ -199,12 +197,15 @@ class Resonance(Candidate):
         # it rings as long: damping times frequency is the same
         return [(mirrored, min(z * f / mirrored, damping.high), share)]
 
-    def likely(self, theta: Sequence[float]) -> float:
+    def likely(self, theta: Sequence[float], amplitudes: Floats) -> float:
         # the mirror of a mode rings at the same samples: only where it does clearly better
         return 1.0 if theta[0] < 0.5 * self._rate else MIRRORED
 
-    def is_like_no_loop(self, theta: Sequence[float]) -> bool:
+    def may_be_small(self, theta: Sequence[float]) -> bool:
         return theta[1] < RINGS_LONG
+
+    def ring(self, theta: Sequence[float]) -> tuple[float, float]:
+        return theta[0], 2 * np.pi * theta[0] * theta[1]
 
     def output(self, data: Data, x: Floats, theta: Sequence[float]) -> Floats:
         f, z, share = theta

@@ -122,7 +122,6 @@ class NonlinearSensor(Candidate):
     confused_with = ("asymmetry", "friction")
     order = 80
     static = True
-    many = True
     place = "sensor"
 
     def __init__(self, data: Data) -> None:
@@ -141,6 +140,9 @@ class NonlinearSensor(Candidate):
     def columns(self, data: Data, context: Context, theta: Sequence[float]) -> Floats:
         angle = 2 * np.pi * context.output / theta[0]
         return np.column_stack([np.sin(angle), np.cos(angle) - 1.0])
+
+    def may_be_small(self, theta: Sequence[float]) -> bool:
+        return False
 
     def values(self, theta: Sequence[float], amplitudes: Floats) -> dict[str, tuple[float, str]]:
         unit = self.parameters[0].unit
@@ -193,6 +195,7 @@ PHYSICS = Physics(
     name="sensor",
     kinds=KINDS,
     candidates=lambda data: [NonlinearSensor(data)],
+    looks={"centre": 1, "branches": 2, "presliding": 3, "class": 3},
     specimens={
         "sensor": Specimen(
             _variants,

@@ -293,6 +293,7 @@ PHYSICS = Physics(
     name="asymmetry",
     kinds=KINDS,
     candidates=lambda data: [Asymmetry(data)],
+    looks={"centre": 2, "branches": 1, "presliding": 2, "class": 1},
     specimens={
         "asymmetry": Specimen(_variants, in_base=True),
         "shape": Specimen(_curved, in_base=True),

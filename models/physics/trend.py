@@ -67,7 +67,6 @@ class Trend(Candidate):
     revealed_by = "the same drive repeated over minutes; better, a temperature channel"
     confused_with = ("creep",)
     order = 55
-    last = True
     driven = False
     slow = past = True
     minima = 3

@@ -91,20 +91,13 @@ def _laid_finer(data: Data, times: int) -> Data:
         places.append(first + times * np.arange(k.size, dtype=np.int64))
         first += size
 
-    def joined(name: str) -> Any:
-        return np.concatenate([getattr(one, name) for one in pieces])
-
+    laid = ("t", "dt", "u", "rec", "part", "starts", "forgets")
+    joined: dict[str, Any] = {k: np.concatenate([getattr(x, k) for x in pieces]) for k in laid}
     none = np.zeros(first, dtype=np.int64)
     path = replace(
         data,
-        t=joined("t"),
-        dt=joined("dt"),
-        u=joined("u"),
+        **joined,
         y=np.zeros(first),
-        rec=joined("rec"),
-        part=joined("part"),
-        starts=joined("starts"),
-        forgets=joined("forgets"),
         rows=none > 0,
         heads=none > 0,
         block=none,

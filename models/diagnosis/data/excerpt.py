@@ -5,6 +5,7 @@ was; filters begin anew at each stretch, and what they need to settle is not cou
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -44,23 +45,21 @@ def excerpt(data: Data, most: int = TUNING.most_rows) -> Data:
     part = part + np.cumsum(np.r_[False, np.diff(apart.astype(int)) != 0])
     order = np.concatenate([np.arange(int(np.sum(rec == i))) for i in range(len(data.names))])
     size = np.bincount(rec, minlength=len(data.names))[rec]
+    kept: dict[str, Any] = {
+        name: getattr(data, name)[k] for name in ("t", "dt", "u", "y", "forgets", "raw_index")
+    }
     return replace(
         data,
-        t=data.t[k],
-        dt=data.dt[k],
-        u=data.u[k],
-        y=data.y[k],
+        **kept,
         rec=rec,
         part=part,
         starts=starts,
-        forgets=data.forgets[k],
         rows=data.rows[k] & ~cut,
         heads=data.heads[k] & ~cut,
         block=rec * TUNING.time_blocks
         + np.asarray(order * TUNING.time_blocks // size, dtype=np.int64),
         fold=order * (TUNING.folds * TUNING.fold_pieces) // size % TUNING.folds,
         channels={name: c[k] for name, c in data.channels.items()},
-        raw_index=data.raw_index[k],
     )
 
 

@@ -50,7 +50,7 @@ def locate(data: Data, residual: Floats, sigma: float) -> dict[str, Any]:
     out["drive"] = table(data.u, np.linspace(data.u.min(), data.u.max(), 21), volts)
     rate = np.diff(data.u, prepend=data.u[0]) / data.dt
     rate[data.starts] = 0.0
-    smooth = _smooth(rate, data)
+    smooth = np.convolve(rate, np.full(5, 0.2), "same")
     still = np.abs(smooth) < 1e-3 * data.span / max(np.median(data.dt) * 100, 1e-9)
     out["direction"] = {
         "labels": ["falling", "resting", "rising"],
@@ -151,10 +151,6 @@ def time_in_hold(data: Data) -> Floats:
 
 def _share(e: Floats, sigma: float, total: float, mask: Bools) -> float:
     return float(max(np.sum(e[mask] ** 2 - sigma**2), 0.0) / total)
-
-
-def _smooth(x: Floats, data: Data) -> Floats:
-    return np.convolve(x, np.full(5, 0.2), "same")
 
 
 def _bands(data: Data, e: Floats, sigma: float) -> dict[str, Any]:

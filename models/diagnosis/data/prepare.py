@@ -14,9 +14,9 @@ every sample.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dehyst.models.diagnosis.tuning import TUNING
 from dehyst.models.errors import BadRecording, DehystError
@@ -125,7 +125,8 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
     shared = set(recordings[0].channels) - {MISSED}
     for one in recordings[1:]:
         shared &= set(one.channels)
-    pieces: list[dict[str, NDArray]] = []
+    pieces: list[dict[str, Any]] = []  # by the names of the fields of Data
+    channels: dict[str, list[Floats]] = {k: [] for k in sorted(shared)}
     part = block = missing = repeats = stalls = 0
     lowest = min(_lowest_drive(one) for one in recordings)
     units = {(_units(one)) for one in recordings}
@@ -141,10 +142,9 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
         there = laid.raw >= 0
         missing, stalls = missing + laid.missing, stalls + laid.stalls
         repeats += laid.repeats
-        channels = {}
-        for k in sorted(shared):
+        for k, pieces_of_it in channels.items():
             values = _filled(np.asarray(one.channels[k], dtype=float))[laid.raw[there]]
-            channels[k] = np.interp(np.arange(n), np.flatnonzero(there), values)
+            pieces_of_it.append(np.interp(np.arange(n), np.flatnonzero(there), values))
         first = np.zeros(n, dtype=np.int64)
         first[0] = FRESH
         history = _known_history(laid.u, laid.cut, lowest if virgin else -np.inf)
@@ -162,39 +162,23 @@ def prepare(recordings: Sequence[Recording], virgin: bool = True) -> Data:
                 "heads": ~history & laid.known,
                 "block": block + _cut_evenly(n, TUNING.time_blocks),
                 "fold": _groups(laid.u),
-                "raw": laid.raw,
-                **{"ch_" + k: v for k, v in channels.items()},
+                "raw_index": laid.raw,
             }
         )
         part += int(laid.cut.sum())
         block += TUNING.time_blocks
-    joined = {k: np.concatenate([p[k] for p in pieces]) for k in pieces[0]}
+    arrays: dict[str, Any] = {k: np.concatenate([p[k] for p in pieces]) for k in pieces[0]}
+    joined = {k: np.concatenate(some) for k, some in channels.items()}
     drive_unit, unit = next(iter(units))
     data = Data(
         names=tuple(one.name for one in recordings),
-        t=joined["t"],
-        dt=joined["dt"],
-        u=joined["u"],
-        y=joined["y"],
-        rec=joined["rec"],
-        part=joined["part"],
-        starts=joined["starts"],
-        forgets=joined["forgets"],
-        rows=joined["rows"],
-        heads=joined["heads"],
-        block=joined["block"],
-        fold=joined["fold"],
-        channels={
-            k: joined["ch_" + k]
-            for k in sorted(shared)
-            if np.all(np.isfinite(joined["ch_" + k])) and np.ptp(joined["ch_" + k]) > 0
-        },
+        **arrays,
+        channels={k: c for k, c in joined.items() if np.all(np.isfinite(c)) and np.ptp(c) > 0},
         drive_unit=drive_unit,
         unit=unit,
         missing=missing,
         repeats=repeats,
         stalls=stalls,
-        raw_index=joined["raw"],
     )
     if data.span <= 0:
         raise BadRecording("the drive never moves; a diagnosis needs a moving drive")

@@ -1,5 +1,7 @@
 """What must be said of recordings before anything is said of the stage."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dehyst.models.diagnosis.data.noise import quantum
@@ -30,7 +32,7 @@ SLOW = 0.2  # drive's mean step between samples, of its mean size: more is slow 
 
 
 def survey(
-    data: Data, fitted: Data, noise: tuple[float, float], unexplained: float, more: list[str]
+    data: Data, fitted: Data, noise: tuple[float, float], unexplained: float, more: Sequence[str]
 ) -> DataQuality:
     """data: all samples; fitted: those that were fitted; noise: white and whole rms; unexplained:
     mean square that a memory of the drive of any shape leaves; more: what else is to be said, of

@@ -58,15 +58,14 @@ class AskedAgain:
         look = self._look.leaving(known.residual(there.data))
         ranked = self._rank(state, look, {put_in.name})
         own = [p for p in ranked[: TUNING.shortlist] if p.candidate.name == put_in.name][:1]
-        trials = refit_each(state, own, _silent, 0)
+        trials = refit_each(state, own, lambda text, share: None, 0)
         if not trials or self._has_rivals(state, trials[0], ranked):
             ranked = self._rank(state, look, {put_in.name, *put_in.confused_with})
             others = [p for p in ranked if p.candidate.key not in {o.candidate.key for o in own}]
             near = not_weak(others, ranked)[: TUNING.limit_shortlist - len(own)]
-            more = refit_each(state, near, _silent, 0)
+            more = refit_each(state, near, lambda text, share: None, 0)
             trials = sorted([*trials, *more], key=lambda t: -t.worth)
-        accept_best(state, trials, ())
-        reported = only_reported(worth_reporting(state)).accepted
+        reported = only_reported(worth_reporting(accept_best(state, trials, ()))).accepted
         return {e.candidate.name for e in reported.effects}
 
     def _rank(
@@ -92,7 +91,3 @@ class AskedAgain:
         plainest = own.price < 1.5 * TUNING.price * sigma**2
         others = [p.gain for p in ranked if p.candidate.name != own.candidate.name]
         return not plainest and max(others, default=0.0) > TUNING.limit_near * own.gain
-
-
-def _silent(text: str, share: float) -> None:
-    pass

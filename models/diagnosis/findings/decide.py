@@ -49,7 +49,7 @@ def report_effects(problem: Problem, found: SearchState, held: float) -> list[Fi
     out = []
     for i, effect in enumerate(final.effects):
         rest = [e for e in final.effects if e is not effect]
-        without = by_blocks(problem, problem.solve(rest, problem.output_of(final))).mean_square
+        without = by_blocks(problem, problem.without(final, effect))
         x, r = contribution(problem, final, effect)
         steady = constancy(problem, sigma, x, r)
         near = rivals(found, effect)
@@ -144,6 +144,7 @@ def unknown(left: float, share: float, where: dict[str, str], unit: str, when: s
     """The finding for structure that nothing in the library explains. left: rms; share: part of the
     explainable misfit; when: what is to be said of its time."""
     places = "; ".join(f"{k.replace('_', ' ')}: {v}" for k, v in where.items())
+    nowhere = "." if when else ", spread over the whole recording."
     return Finding(
         name="unknown",
         key="unknown",
@@ -159,13 +160,7 @@ def unknown(left: float, share: float, where: dict[str, str], unit: str, when: s
         says=(
             f"No effect in the library explains this part ({small((left, unit))} rms)"
             + (f"; {when}" if when else "")
-            + (
-                f"; it occurs at {places}."
-                if places
-                else "."
-                if when
-                else ", spread over the whole recording."
-            )
+            + (f"; it occurs at {places}." if places else nowhere)
         ),
     )
 

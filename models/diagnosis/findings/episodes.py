@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dehyst.models.diagnosis.result import Finding, Value
+from dehyst.models.physics import line_for_a_time
 from dehyst.models.physics.candidate import small
 from dehyst.models.signals.joined import Bools, Data, Floats, Ints
 from dehyst.models.signals.lines import is_of_the_drive
@@ -77,12 +78,7 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
     span = f"{start:.3g} to {end:.3g} s"
     sure = 0.5 / max(end - start, 1e-9)
     finding = Finding(
-        name="hum",
-        key="hum-for-a-time",
-        place="sensor",
-        title="A line for a part of the time",
-        equation="y(t) = f(u) + A sin(2 pi f t + phase) from start to end",
-        source="a machine that runs at times, a supply that is switched",
+        **line_for_a_time(f, small((size, data.unit)), f"{span} of {name}"),
         share=float(np.sum(line.removed**2)) / max(int(data.rows.sum()), 1),
         evidence={"removed_rms": float(np.sqrt(np.mean(line.removed[here] ** 2)))},
         parameters={
@@ -93,10 +89,6 @@ def find_line(data: Data, residual: Floats, sigma: float) -> Episode | None:
         },
         ambiguous_with=(),
         where={"time": f"{name}, {span}", "recording": name, "from_s": start, "to_s": end},
-        says=(
-            f"From {span} of {name} the reading carries {small((size, data.unit))} at {f:.4g} Hz, "
-            "and not at other times: look for a machine that ran then."
-        ),
     )
     return Episode(finding, line.removed)
 

@@ -38,13 +38,8 @@ class Growth:
         place = f"{self.at_s:.3g} s of {self.recording}"
         if low < ABSENT * high:
             return f"It is there {'from' if grows else 'until'} {place}."
-        return (
-            f"It {'grows' if grows else 'falls'} at {place}, to {self._times:.2g} times its size."
-        )
-
-    @property
-    def _times(self) -> float:
-        return self.behind / self.before
+        times = self.behind / self.before
+        return f"It {'grows' if grows else 'falls'} at {place}, to {times:.2g} times its size."
 
     @property
     def where(self) -> dict[str, float | str]:

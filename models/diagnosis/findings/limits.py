@@ -75,7 +75,8 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
     def tightest(some: Sequence[Candidate]) -> Limit | None:
         if problem.few_places and some[0].late:  # one stands for another there
             return Guess(some[0], None).limit(None) if hidden else None
-        if problem.one_loop_alone and some[0].rings:  # its ring is locked to the loop
+        ring = some[0].ring(some[0].probes(problem.data)[0].theta)
+        if problem.one_loop_alone and ring:  # its ring is locked to the loop
             return Guess(some[0], None).limit(None)
         shown = []
         for c in some:

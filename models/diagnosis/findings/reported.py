@@ -21,9 +21,9 @@ def worth_reporting(found: SearchState) -> SearchState:
     """Without the effects that do not help on held-out samples, or may be another's."""
     problem, sigma = found.problem, found.sigma
     final = _without_lines(found)
-    first = by_blocks(problem, found.null).mean_square
+    first = by_blocks(problem, found.null)
     while final.effects:
-        whole = by_blocks(problem, final).mean_square
+        whole = by_blocks(problem, final)
         # beside a cause a hundred times as large, a second one of some noise rms still counts
         of_all = TUNING.helps_share * max(first - sigma**2, 0.0)
         of_rest = TUNING.helps_rest * max(whole - sigma**2, 0.0)
@@ -31,21 +31,14 @@ def worth_reporting(found: SearchState) -> SearchState:
         for e in final.effects:
             most = TUNING.beside_driven if e.candidate.driven else TUNING.beside_free
             least = max((TUNING.helps * sigma) ** 2, min(of_all, (most * sigma) ** 2), of_rest)
-            rest = [o for o in final.effects if o is not e]
-            left = first
-            if rest:
-                without = problem.solve(rest, problem.output_of(final))
-                left = by_blocks(problem, without).mean_square
-            loss = left - whole
-            losses.append((loss / least, e))
+            alone = len(final.effects) == 1
+            left = first if alone else by_blocks(problem, problem.without(final, e))
+            losses.append(((left - whole) / least, e))
         loss, weakest = min(losses, key=lambda pair: pair[0])
         if loss > 1.0:
             break
         final = _without(found, final.effects, weakest)
-    if (
-        final.effects
-        and first - by_blocks(problem, final).mean_square < (TUNING.helps * sigma) ** 2
-    ):
+    if final.effects and first - by_blocks(problem, final) < (TUNING.helps * sigma) ** 2:
         final = found.null  # each seems to need the others, and together they predict nothing
     return replace(found, accepted=final)
 
@@ -56,10 +49,12 @@ def _without_lines(found: SearchState) -> JointFit:
     problem, final = found.problem, found.accepted
     if not problem.one_loop_alone:
         return final
-    for e in [e for e in final.effects if e.candidate.rings]:
-        rest = [o for o in final.effects if o is not e]
-        left = problem.solve(rest, problem.output_of(final))
-        line = gain_of_line(problem.data, left.residual(problem.data), e.theta[0])
+    for e in final.effects:
+        ring = e.candidate.ring(e.theta)
+        if ring is None or not e.candidate.driven:
+            continue
+        left = problem.without(final, e)
+        line = gain_of_line(problem.data, left.residual(problem.data), ring[0])
         if line > TUNING.as_a_line * (left.sse - final.sse):
             final = _without(found, final.effects, e)
     return final
@@ -74,8 +69,7 @@ def only_reported(found: SearchState) -> SearchState:
         wide = [e for e, v in zip(final.effects, values, strict=True) if not size_is_known(e, v)]
         if not wide:
             break
-        output = problem.output_of(final)
-        left = [problem.solve([o for o in final.effects if o is not e], output).sse for e in wide]
+        left = [problem.without(final, e).sse for e in wide]
         final = _without(found, final.effects, wide[int(np.argmin(left))])
     return replace(found, accepted=final)
 

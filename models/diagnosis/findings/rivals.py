@@ -30,7 +30,7 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
     final = problem.solve(final.effects, problem.output_of(final))
     n = int(problem.data.rows.sum())
     rest = [e for e in final.effects if e is not effect]
-    without = problem.solve(rest, problem.output_of(final))
+    without = problem.without(final, effect)
     gain = (without.sse - final.sse) / n
     limit = max(
         (TUNING.rival_noise * sigma) ** 2,
@@ -47,7 +47,8 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
         for t in trials:
             key = t.candidate.key
             same = key in (effect.candidate.key, effect.candidate.refines)
-            if same or key in taken or key in seen or t.impossible or _holds(t.candidate, effect):
+            as_well = effect.candidate.name in t.candidate.contains  # whatever is true
+            if same or key in taken or key in seen or t.impossible or as_well:
                 continue
             if t.gain / found.counted < 0.6 * gain:
                 continue
@@ -62,24 +63,14 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
     for key, other in seen.items():
         fit = problem.refit([*rest, other], rounds=4, start=without)
         loss = (fit.sse - final.sse) / n
-        if key in untried and not _is_plausible(problem, fit, key):
+        one = effect_of(fit, key)
+        amplitudes = fit.amplitudes_of(one)
+        if key in untried and one.candidate.implausible(one.theta, amplitudes, problem.data):
             continue
         if loss < limit and _instead(problem, fit, effect, gain * n):
             c = other.candidate
             out.append(RivalEffect(key, c.name, c.place, loss))
     return sorted(out, key=lambda r: r.loss)
-
-
-def _is_plausible(problem: Problem, fit: JointFit, key: str) -> bool:
-    """Whether a fit's values of a candidate can be its own."""
-    one = effect_of(fit, key)
-    amplitudes = fit.amplitudes[fit.effects.index(one)]
-    return not one.candidate.implausible(one.theta, amplitudes, problem.data)
-
-
-def _holds(candidate: Candidate, effect: Effect) -> bool:
-    """Whether a candidate has the effect in it as a part: it does as well whatever is true."""
-    return candidate.beside_others and effect.candidate.late
 
 
 def _alike(found: SearchState, effect: Effect) -> list[Candidate]:
@@ -93,7 +84,7 @@ def _alike(found: SearchState, effect: Effect) -> list[Candidate]:
         for c in list_candidates(found.problem.data)
         if c.name not in (own.name, *names)
         and not c.refines
-        and not _holds(c, effect)
+        and own.name not in c.contains
         and (c.name in own.confused_with or own.name in c.confused_with)
     ]
 

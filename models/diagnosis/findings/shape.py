@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dehyst.models.diagnosis.base import numbers_base
+from dehyst.models.diagnosis.base import no_base, numbers_base
 from dehyst.models.diagnosis.data.locate import hot_spots, locate
 from dehyst.models.diagnosis.effects import behind_output
 from dehyst.models.diagnosis.evidence import by_blocks
@@ -21,7 +21,7 @@ from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.result import Finding
 from dehyst.models.diagnosis.screen import Screen, contribution_of
-from dehyst.models.physics import list_candidates
+from dehyst.models.physics import PHYSICS, list_candidates
 from dehyst.models.physics.candidate import small
 from dehyst.models.signals.filters import dahl
 from dehyst.models.signals.joined import Floats
@@ -34,26 +34,14 @@ ROWS = 20_000
 SHOWN = 0.15  # of a cause's rms, that the base must leave for it to be distinguished from a shape
 
 LOOKS = {
-    "centre": (
-        "it is a function of the displacement alone, the same on both branches: a nonlinear "
-        "sensor or stage",
-        ("sensor", "asymmetry"),
-    ),
-    "branches": (
-        "the rising and the falling branch are bent differently: an asymmetry of the ceramic, or "
-        "a nonlinear sensor",
-        ("asymmetry", "sensor", "friction"),
-    ),
-    "presliding": (
-        "it is a memory of the displacement that fades within a fixed travel after each turn: "
-        "presliding friction in the guide, or an asymmetry",
-        ("friction", "asymmetry", "sensor"),
-    ),
-    "class": (
-        "it is spread over the loop: a hysteresis of another class, or a combination of "
-        "asymmetry, sensor and friction",
-        ("asymmetry", "friction", "sensor"),
-    ),
+    "centre": "it is a function of the displacement alone, the same on both branches: a nonlinear "
+    "sensor or stage",
+    "branches": "the rising and the falling branch are bent differently: an asymmetry of the "
+    "ceramic, or a nonlinear sensor",
+    "presliding": "it is a memory of the displacement that fades within a fixed travel after each "
+    "turn: presliding friction in the guide, or an asymmetry",
+    "class": "it is spread over the loop: a hysteresis of another class, or a combination of "
+    "asymmetry, sensor and friction",
 }
 
 
@@ -100,10 +88,10 @@ def measure_correction(
     own = numbers_base(data, problem.subject.model.hysteresis)
     numbers = Problem(data, own, problem.subject)
     fit = numbers.solve(final.effects, problem.output_of(final) if final.effects else None)
-    left = by_blocks(numbers, fit).mean_square
+    left = by_blocks(numbers, fit)
     before = left
     if problem.subject.given:
-        alone = Problem(data, problem.base.without(), problem.subject)
+        alone = Problem(data, no_base(data), problem.subject)
         before = alone.solve(final.effects, problem.output_of(final)).sse / int(data.rows.sum())
     elif not final.effects:
         before = bare_square  # without effects all that the base explains is a matter of shape
@@ -139,11 +127,11 @@ def shape_finding(
     d = _correction(problem, final)
     parts = _looks(problem, final, d)
     look = _choose(parts)
-    words, names = LOOKS[look]
+    words, alike = LOOKS[look], [one for one in PHYSICS.values() if look in one.looks]
+    names = [one.name for one in sorted(alike, key=lambda one: one.looks[look])]
     hidden = absorbed_names(problem, final, correction.rms)
     if hidden:
         words += f"; with this drive {' or '.join(hidden)} would look the same"
-    names = (*names, *hidden)
     where = hot_spots(locate(data, np.where(data.rows, d, 0.0), 0.0))
     evidence = {
         "correction_rms": correction.rms,
@@ -177,7 +165,7 @@ def shape_finding(
         share=share,
         evidence=evidence,
         parameters={},
-        ambiguous_with=names,
+        ambiguous_with=(*names, *hidden),
         where=where,
         says=says,
     )

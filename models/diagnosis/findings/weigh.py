@@ -8,7 +8,7 @@ import numpy as np
 from dehyst.models.diagnosis.evidence import by_blocks
 from dehyst.models.diagnosis.findings.decide import in_rank, report_effects, shared_out
 from dehyst.models.diagnosis.findings.episodes import Episode
-from dehyst.models.diagnosis.findings.shape import Correction, measure_correction, shape_finding
+from dehyst.models.diagnosis.findings.shape import measure_correction, shape_finding
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.judge import SearchState
@@ -40,12 +40,13 @@ def conclude(
     freed = replace(bare, data=replace(bare.data, y=found.problem.data.y))
     alone = freed.solve([])
     without = alone.sse / n
-    held = by_blocks(found.problem, found.accepted).mean_square
+    held = by_blocks(found.problem, found.accepted)
     if found.accepted.effects and held > without - (TUNING.helps * sigma) ** 2:
         # the base learns more of what it does not know than it explains: the model in use stands
         # alone under the effects
-        found = over_the_model(found, freed, alone)
-        held = by_blocks(found.problem, found.accepted).mean_square
+        over_it = freed.refit(found.accepted.effects, start=alone)
+        found = replace(found, problem=freed, null=alone, accepted=over_it)
+        held = by_blocks(found.problem, found.accepted)
     in_part = [] if episode is None else [episode.finding]
     nothing = Conclusion(_shared(in_part, first, without, sigma), freed, alone, first, without)
     if held > without - (TUNING.helps * sigma) ** 2:
@@ -58,17 +59,14 @@ def conclude(
             nothing, findings=(*[replace(f, share=0.0) for f in seen], *nothing.findings)
         )
     correction = measure_correction(found.problem, found.accepted, without, held)
-    findings = (
-        _without_echoes(report_effects(found.problem, found, held))
-        if found.accepted.effects
-        else []
-    )
+    findings = _without_echoes(report_effects(found.problem, found, held))
     rest = without - held - sum(f.share for f in findings)
     if rest > TUNING.mostly_shape * (without - held) and correction.rms**2 > 0.25 * rest:
         # the effects are a small part of what is explained: the rest is the base's, as far as its
         # correction is of that size; without the effects it would have stood for them
         correction = replace(correction, gain=max(correction.gain, rest))
-    shape = bool(found.problem.base.width) and _has_shape(correction, without, sigma)
+    least = max((TUNING.shape_size * sigma) ** 2, TUNING.shape_share * (without - sigma**2))
+    shape = bool(found.problem.base.width) and correction.gain > least
     if not findings and not shape:
         return nothing
     if shape:
@@ -77,12 +75,6 @@ def conclude(
         )
     shared = _shared([*findings, *in_part], first, held, sigma)
     return Conclusion(shared, found.problem, found.accepted, first, held)
-
-
-def over_the_model(found: SearchState, bare: Problem, null: JointFit) -> SearchState:
-    """The effects that were found, over the model in use alone. null: what that leaves."""
-    fit = bare.refit(found.accepted.effects, start=null)
-    return replace(found, problem=bare, null=null, accepted=fit)
 
 
 def _shared(
@@ -94,12 +86,12 @@ def _shared(
 
 def with_episode(
     findings: Sequence[Finding], episode: Episode, weighed: Conclusion, sigma: float
-) -> list[Finding]:
+) -> tuple[Finding, ...]:
     """Findings with one that is there for a part of the time."""
     explainable = max(weighed.bare - sigma**2, 1e-300)
     taken = sum(f.share for f in findings)
     share = min(episode.finding.share / explainable, 1.0 - taken)
-    return in_rank([*findings, replace(episode.finding, share=share)])
+    return tuple(in_rank([*findings, replace(episode.finding, share=share)]))
 
 
 def _without_echoes(findings: Sequence[Finding]) -> list[Finding]:
@@ -110,8 +102,3 @@ def _without_echoes(findings: Sequence[Finding]) -> list[Finding]:
         for f in findings
         if not any(o.name in f.ambiguous_with and f.share < TUNING.echo * o.share for o in findings)
     ]
-
-
-def _has_shape(correction: Correction, first: float, sigma: float) -> bool:
-    least = max((TUNING.shape_size * sigma) ** 2, TUNING.shape_share * (first - sigma**2))
-    return correction.gain > least

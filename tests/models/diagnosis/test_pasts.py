@@ -8,8 +8,8 @@ from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.cascade.history import replay
 from dehyst.models.diagnosis.base import rich_base
+from dehyst.models.diagnosis.based import on_the_model
 from dehyst.models.diagnosis.data.prepare import prepare
-from dehyst.models.diagnosis.find import on_the_model
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.pasts import begin_as_found, explained_heads
 from dehyst.models.diagnosis.subject import take_subject

@@ -8,10 +8,10 @@ from tests.rigs.diagnosis import diagnose_without_limits
 
 from dehyst.models.diagnosis.augment import augmented
 from dehyst.models.diagnosis.base import rich_base
+from dehyst.models.diagnosis.based import earlier_drive, fed_by_steps
 from dehyst.models.diagnosis.data.prepare import prepare
 from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.left_out import leave_out
-from dehyst.models.diagnosis.steps import earlier_drive, fed_by_steps
 from dehyst.models.diagnosis.subject import THRESHOLDS, Subject, fit_plain
 from dehyst.models.recording import Recording
 from dehyst.models.signals.filters import lowpass, second_order

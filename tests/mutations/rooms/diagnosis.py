@@ -7,7 +7,7 @@ LIMITS, EVIDENCE = "models/diagnosis/findings/limits.py", "models/diagnosis/evid
 INTERVALS, SEARCH = "models/diagnosis/intervals.py", "models/diagnosis/search.py"
 WAY, LINES = "models/diagnosis/data/way.py", "models/signals/lines.py"
 BRISTLES = "models/physics/bristles.py"
-BETWEEN, FIND = "models/diagnosis/data/between.py", "models/diagnosis/find.py"
+BETWEEN, SEARCHED = "models/diagnosis/data/between.py", "models/diagnosis/searched.py"
 SHORTLIST, HANDOUT = "models/diagnosis/shortlist.py", "models/diagnosis/handout.py"
 RATE, MODE = "models/physics/rate.py", "models/physics/resonance.py"
 
@@ -295,7 +295,7 @@ CHANGES = [
         Change(
             "five-on-the-list",
             SHORTLIST,
-            "p in first or p.candidate.beside_others or not p.candidate.driven",
+            "p in first or p in beside or not p.candidate.driven",
             "p in strong[:most]",
             "a line is not reported if five forms of a lag predict more",
         ),
@@ -352,9 +352,9 @@ CHANGES = [
         ),
         Change(
             "class-error-is-noise",
-            "models/diagnosis/steps.py",
-            "not handed.explains(whole_noise)",
-            "not handed.explains(floor)",
+            "models/diagnosis/verdict.py",
+            "not handed.explains(noise)",
+            "not handed.explains(max(noise, base_error(data) / TUNING.structure_left))",
             "a stage is explained with several noises left in what was held out",
         ),
     ),
@@ -399,7 +399,7 @@ CHANGES = [
         ("tests/models/diagnosis/test_real.py",),
         Change(
             "never-a-row-off",
-            FIND,
+            "models/diagnosis/based.py",
             "    for samples in (0.5, 1.0):\n",
             "    for samples in (0.5,):\n",
             "a recorder that is a row off is reported as unknown physics",
@@ -416,7 +416,7 @@ CHANGES = [
         ("tests/models/diagnosis/test_rate.py",),
         Change(
             "narrow-loops-are-a-row-off",
-            FIND,
+            "models/diagnosis/based.py",
             "if samples == 1.0 and leaves > nothing:",
             "if False:",
             "loops that narrow with the rate are taken for a recorder that is a row off",
@@ -457,7 +457,7 @@ CHANGES = [
         ),
         Change(
             "each-place-its-own-value",
-            FIND,
+            SEARCHED,
             "    if problem.few_places:\n",
             "    if False:\n",
             "what a base explains place by place hides a delay",
@@ -471,7 +471,7 @@ CHANGES = [
         ),
         Change(
             "no-creep-in-few-places",
-            FIND,
+            SEARCHED,
             "if c.driven and not c.lasting]",
             "if c.driven]",
             "creep is not looked for where a base gives each place of the drive its own value",

@@ -1,0 +1,223 @@
+"""What the search stands on: Prepared -> Based. The base, rich, and on the identified model where
+that alone predicts better; earlier where the recorder holds each command or is a row off."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dehyst.models.diagnosis.base import no_base, rich_base
+from dehyst.models.diagnosis.data.between import with_path_between
+from dehyst.models.diagnosis.data.excerpt import excerpt
+from dehyst.models.diagnosis.data.noise import noise_rms
+from dehyst.models.diagnosis.data.prepare import prepare, were_de_energised
+from dehyst.models.diagnosis.evidence import by_blocks
+from dehyst.models.diagnosis.findings.episodes import Episode, find_episodes
+from dehyst.models.diagnosis.fit import Problem
+from dehyst.models.diagnosis.joint_fit import JointFit
+from dehyst.models.diagnosis.judge import base_error, excess, tried
+from dehyst.models.diagnosis.pasts import begin_as_found
+from dehyst.models.diagnosis.screen import Screen
+from dehyst.models.diagnosis.subject import Subject, identify_plain, take_subject
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.model import Model
+from dehyst.models.physics import list_candidates
+from dehyst.models.physics.candidate import small
+from dehyst.models.recording import Recording
+from dehyst.models.signals.joined import Data
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """whole: all samples; data: those that are fitted, each recording behind the past that fits it;
+    subject: the model in use."""
+
+    whole: Data
+    data: Data
+    subject: Subject
+
+
+@dataclass(frozen=True)
+class Footing:
+    """A problem, its fit without effects, and the noise that is reckoned with [rms]."""
+
+    problem: Problem
+    null: JointFit
+    sigma: float
+
+    def on(self, problem: Problem) -> "Footing":
+        """The same on another problem."""
+        same = problem is self.problem
+        return self if same else replace(self, problem=problem, null=problem.solve([]))
+
+    def at_own_noise(self) -> "Footing":
+        """The same at the noise of what the fit leaves."""
+        data = self.problem.data
+        return replace(self, sigma=noise_rms(data, self.null.residual(data)))
+
+
+@dataclass(frozen=True)
+class Based:
+    """What the search stands on. whole: all samples; bare: the model in use alone; footing: base
+    and drive that explain most without effects, the episode taken off the reading; foreign: what is
+    to be said of a model of another stage, or ""."""
+
+    whole: Data
+    bare: Problem
+    footing: Footing
+    episode: Episode | None
+    foreign: str
+
+
+def join_recordings(
+    recordings: Sequence[Recording], model: Model | None, say: Progress
+) -> Prepared:
+    """The recordings on their grids, and the model in use, which is identified where there is
+    none."""
+    say("preparing", 0.0)
+    whole = prepare(recordings, were_de_energised(recordings))
+    say("the model in use", 0.02)
+    data = begin_as_found(excerpt(whole))
+    subject = identify_plain(recordings, data) if model is None else take_subject(model, data)
+    return Prepared(whole, data, subject)
+
+
+def choose_base(prepared: Prepared, several: Callable[..., Iterable[Any]], say: Progress) -> Based:
+    """The base, the drive and its way between the samples by what they explain without effects."""
+    data, subject = prepared.data, prepared.subject
+    problem = Problem(data, rich_base(data), subject, several)
+    rich = Footing(problem, problem.solve([]), 0.0).at_own_noise()
+    bare = Problem(data, no_base(data), replace(subject, carries=True), several)
+    foreign = of_another_stage(bare, rich.null, rich.sigma)
+    if foreign:
+        say(foreign, 0.1)
+    say("base fitted", 0.1)
+    early = rich.on(earlier_drive(problem, rich.null, rich.sigma) or problem)
+    stands = early.on(on_the_model(early.problem, early.null))
+    fed = replace(stands, problem=fed_by_steps(stands.problem, stands.null, stands.sigma))
+    finer = with_path_between(fed.problem.data, fed.sigma)
+    if finer is not fed.problem.data:
+        fed = fed.on(replace(fed.problem, data=finer)).at_own_noise()
+    # what acts for a part of the time is reported with that time; no other physics explains it
+    episode = find_episodes(finer, fed.null.residual(finer), fed.sigma)
+    if episode is not None:
+        fed = fed.on(replace(fed.problem, data=replace(finer, y=finer.y - episode.removed)))
+    return Based(prepared.whole, bare, fed, episode, foreign)
+
+
+def on_the_model(problem: Problem, null: JointFit) -> Problem:
+    """The problem with the model in use under the base, or without it, whichever predicts better.
+
+    An identified model comes under the base where it alone predicts better than the base does:
+    then no effect has distorted it, and the base need not find it again. A given one is taken away
+    where the base without it predicts much better: an effect has distorted it so that the base
+    cannot mend it. (Creep makes a recording that begins at rest look as if the stage had been moved
+    before.) Not where it has blocks: they would be found as if they were news.
+    """
+    subject, over_base = problem.subject, by_blocks(problem, null)
+    if subject.carries:
+        if subject.model.blocks:
+            return problem
+        freed = replace(problem, subject=replace(subject, carries=False))
+        without = by_blocks(freed, freed.solve([]))
+        return freed if without < TUNING.distorted * over_base else problem
+    data = problem.data
+    carried = replace(problem, subject=replace(subject, carries=True))
+    alone = replace(carried, base=no_base(data)).solve([]).sse / int(data.rows.sum())
+    return carried if alone < over_base else problem
+
+
+def earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | None:
+    """The problem with the drive half a sample or a whole one earlier, where that explains much of
+    the misfit; a whole one where it explains all of it, because loops that narrow with the rate
+    look early, too. None where a drive one sample later explains as much: something is late.
+
+    Nothing physical leads the drive. A recorder that holds each command and reads at the end of the
+    sample does by half a sample, against the straight lines between samples that all models here
+    assume; one that writes a reading into the row before does by a whole one.
+    """
+    found, left = None, excess(problem, null, sigma)
+    for samples in (0.5, 1.0):
+        data = _with_drive_moved(problem.data, samples)
+        moved = replace(problem, data=data, base=rich_base(data))
+        leaves = _left_by_base(moved, sigma)
+        nothing = max(TUNING.structure_left * sigma, base_error(data)) ** 2
+        if samples == 1.0 and leaves > nothing:
+            break
+        if left - leaves >= max(TUNING.early_share * left, (TUNING.early_size * sigma) ** 2):
+            found, left = moved, leaves
+    if found is None:
+        return None
+    late = _with_drive_moved(problem.data, -1.0)
+    return found if _left_by_base(replace(found, data=late), sigma) > left else None
+
+
+def _with_drive_moved(data: Data, samples: float) -> Data:
+    """The drive so many samples earlier: a part of one along the way to it, or whole rows."""
+    if samples == 0.5:
+        u = data.u + 0.5 * np.where(data.starts, 0.0, np.diff(data.u, prepend=0.0))
+        return replace(data, u=u, early=samples)
+    at = np.clip(np.arange(data.n) + int(samples), 0, data.n - 1)
+    at = np.where(data.part[at] == data.part, at, np.arange(data.n))
+    return replace(data, u=data.u[at], early=samples)
+
+
+def _left_by_base(problem: Problem, sigma: float) -> float:
+    """Mean square beyond the noise that a loop of any shape leaves."""
+    light = problem.light(TUNING.search_rows)
+    return excess(light, light.solve([]), sigma)
+
+
+def fed_by_steps(problem: Problem, null: JointFit, sigma: float) -> Problem:
+    """The problem with lags and modes fed by steps, where one of them leaves much less so.
+
+    A loop writes a command and leaves it: where the hysteresis alone is between the drive and what
+    is read just before the next command, nothing shows of it; what is behind it begins half a
+    sample earlier than straight lines between the samples say. Fitted to these, a mode leaves as
+    much again as its own share, and friction is reported beside it.
+    """
+    if problem.data.early or excess(problem, null, sigma) < (TUNING.stepped_size * sigma) ** 2:
+        return problem
+    light = problem.light(TUNING.limit_rows)
+    start = light.solve([])
+    straight, steps = (_least_left(one, start, sigma) for one in (light, light.with_steps()))
+    least = max(TUNING.stepped_share * straight, (TUNING.stepped_size * sigma) ** 2)
+    return problem.with_steps() if straight - steps > least else problem
+
+
+def _least_left(problem: Problem, start: JointFit, sigma: float) -> float:
+    """Mean square beyond the noise that the best of what shows how it is fed leaves alone: the
+    plainest of each name that acts behind the hysteresis, within a period of the drive. What rings
+    through a recording is none of the stage's: so a line of the surroundings is copied."""
+    shortest_s = float((np.bincount(problem.data.rec) * problem.data.period).min())
+    look, left = Screen(problem, start), [excess(problem, start, sigma)]
+    fed = [c for c in list_candidates(problem.data) if c.mode == "output" and not c.lasting]
+    for candidate in {c.name: c for c in reversed(fed)}.values():
+        ranked = look.starts(candidate)
+        if ranked and ranked[0][0] > 0:
+            trial = tried(problem, sigma, start, candidate, ranked[0][1])
+            ring = candidate.ring(trial.fit.effects[-1].theta)
+            if ring is None or ring[1] * TUNING.stepped_fades * shortest_s > 1.0:
+                left.append(excess(problem, trial.fit, sigma))
+    return min(left)
+
+
+def of_another_stage(bare: Problem, null: JointFit, sigma: float) -> str:
+    """What is to be said of a given model that is far off these recordings; "" where it is not."""
+    if not bare.subject.given:
+        return ""
+    n = int(bare.data.rows.sum())
+    left = float(np.sqrt(bare.solve([]).sse / n))
+    best = max(float(np.sqrt(null.sse / n)), sigma)
+    stroke = float(np.ptp(bare.data.y))
+    if left < max(TUNING.foreign_share * stroke, TUNING.foreign_times * best):
+        return ""
+    unit = bare.data.unit
+    return (
+        f"the model does not fit this stage in its present state: it leaves {small((left, unit))} "
+        f"rms of a stroke of {stroke:.3g} {unit}, where a hysteresis fitted here leaves "
+        f"{small((best, unit))}; identify a model from these recordings"
+    )

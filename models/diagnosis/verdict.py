@@ -1,0 +1,127 @@
+"""From what was found to the verdict and the model that is written: Searched -> Judged."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dehyst.models.diagnosis.based import Progress
+from dehyst.models.diagnosis.data.colour import is_coloured
+from dehyst.models.diagnosis.data.locate import hot_spots, locate
+from dehyst.models.diagnosis.data.survey import BUTTERFLY, follows
+from dehyst.models.diagnosis.evidence import by_blocks
+from dehyst.models.diagnosis.findings.decide import unknown, verdict_of
+from dehyst.models.diagnosis.findings.episodes import find_episodes, tell_time
+from dehyst.models.diagnosis.findings.reported import without_kind
+from dehyst.models.diagnosis.findings.shape import not_written
+from dehyst.models.diagnosis.findings.weigh import Conclusion, conclude, with_episode
+from dehyst.models.diagnosis.handout import Handed, hand_out
+from dehyst.models.diagnosis.judge import SearchState, base_error, excess
+from dehyst.models.diagnosis.left_out import HeldOutErrors
+from dehyst.models.diagnosis.result import Finding
+from dehyst.models.diagnosis.searched import Searched
+from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.signals.joined import Data, Floats
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The verdict, and what it rests on. found: the accepted effects; fitted: the samples that tell
+    of them; noise: rms, of all that is taken as noise; unexplained: mean square that a memory of
+    the drive of any shape leaves of held-out samples; handed: the model that is written."""
+
+    searched: Searched
+    found: SearchState
+    fitted: Data
+    verdict: str
+    findings: tuple[Finding, ...]
+    noise: float
+    unexplained: float
+    handed: Handed
+
+
+@dataclass(frozen=True)
+class _Weighed:
+    """One weighing of what was found. residual: (N,) what the findings leave; left: its rms beyond
+    the noise; noise: rms."""
+
+    found: SearchState
+    conclusion: Conclusion
+    findings: tuple[Finding, ...]
+    residual: Floats
+    left: float
+    noise: float
+    verdict: str
+
+
+def reach_verdict(searched: Searched, say: Progress) -> Judged:
+    """What of the found effects is named, with which verdict, and which model contains it."""
+    one = _weigh(searched, searched.found, say)
+    while one.verdict == "partly" and (fewer := _without_the_doubtful(one)) is not one.found:
+        one = _weigh(searched, fewer, say)
+    bare, found, noise = searched.bare, one.found, one.noise
+    data = one.conclusion.problem.data
+    unexplained = min(by_blocks(found.problem, fit) for fit in (found.null, found.accepted))
+    lost = not follows(data, unexplained) and not searched.shown
+    verdict = "unknown" if lost else one.verdict
+    first = one.conclusion.bare
+    in_use = HeldOutErrors(first, first, float(np.sqrt(first)))
+    handed = Handed(bare.subject.model, in_use, in_use)
+    if BUTTERFLY not in searched.warnings:  # else nothing that follows it can be inverted
+        handed = hand_out(searched.whole, bare, one.conclusion, found.sigma)
+    findings = [
+        f if f.name == "shape" or f.key in handed.contains else not_written(f)
+        for f in one.findings
+        if not (lost and f.name == "shape")
+    ]
+    if verdict in ("unknown", "partly"):
+        findings.append(_rest(data, one, sum(f.share for f in findings)))
+    if verdict == "explained" and not handed.explains(noise):
+        verdict = "partly"
+    return Judged(searched, found, data, verdict, tuple(findings), noise, unexplained, handed)
+
+
+def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:
+    """The findings of the found effects with their shares, what they leave, and the verdict."""
+    sigma = found.sigma
+    say("holding out", 0.88)
+    weighed = conclude(searched.bare, found, searched.shown, searched.episode)
+    say("intervals and rivals", 0.92)
+    data, findings = weighed.problem.data, weighed.findings
+    residual, left = weighed.final.residual(data), excess(weighed.problem, weighed.final, sigma)
+    late = find_episodes(data, residual, sigma) if searched.episode is None else None
+    if late is not None:
+        residual = residual - late.removed
+        findings = with_episode(findings, late, weighed, sigma)
+        n = int(data.rows.sum())
+        left = max(float(np.sum(residual[data.rows] ** 2)) / n - sigma**2, 0.0)
+    left, noise = float(np.sqrt(left)), sigma
+    grown = any({"from_s", "until_s"} & f.where.keys() for f in findings)
+    if left > TUNING.structure_left * sigma and not grown and is_coloured(data, residual, sigma):
+        # all that is left is noise
+        left, noise = 0.0, float(np.sqrt(np.mean(residual[data.rows] ** 2)))
+    at_first = float(np.sqrt(max(weighed.bare - noise**2, 0.0)))
+    beside = float(np.sqrt(excess(found.problem, found.null, sigma)))
+    floor = max(noise, base_error(data) / TUNING.structure_left)
+    verdict = verdict_of(findings, left, at_first, beside, floor)
+    return _Weighed(found, weighed, findings, residual, left, noise, verdict)
+
+
+def _without_the_doubtful(one: _Weighed) -> SearchState:
+    """Without what may well be a part of what is left: slow changes, and what began before the
+    recording where that takes little."""
+    found = one.found
+    fewer = without_kind(found, lambda c: c.slow)
+    before, after = (excess(s.problem, s.accepted, s.sigma) for s in (fewer, found))
+    if before - after < (TUNING.past_beside * one.left) ** 2:
+        return fewer
+    return without_kind(found, lambda c: c.slow and not c.past)
+
+
+def _rest(data: Data, one: _Weighed, named: float) -> Finding:
+    """What nothing explains. named: share of what is named."""
+    sigma = one.found.sigma
+    where: dict[str, Any] = dict(hot_spots(locate(data, one.residual, sigma)))
+    when, times = tell_time(data, one.residual, sigma)
+    rest = unknown(one.left, min(max(0.0, 1.0 - named), 1.0), where, data.unit, when)
+    return replace(rest, where={**where, **times})
