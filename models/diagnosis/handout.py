@@ -20,6 +20,7 @@ from dehyst.models.diagnosis.fit import Problem
 from dehyst.models.diagnosis.joint_fit import JointFit
 from dehyst.models.diagnosis.left_out import HeldOutErrors, Refitted, WritableFit, leave_out
 from dehyst.models.diagnosis.tuning import TUNING
+from dehyst.models.errors import BadModel
 from dehyst.models.model import Model
 from dehyst.models.signals.joined import Data
 from dehyst.models.signals.pasts import FRESH
@@ -66,13 +67,16 @@ def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Ha
         return best
 
     def better(choice: WritableFit) -> Handed | None:
-        held = left_out.left_by(choice.write_without)
+        try:
+            held = left_out.left_by(choice.write_without)
+            model = choice.write()
+            if not stays_in_reach(model, data):
+                return None
+        except BadModel:  # a value that no model may have
+            return None
         if held.mean_square > best.held.mean_square - noise:
             return None
         if held.worst > in_use.worst + TUNING.no_worse * sigma:
-            return None
-        model = choice.write()
-        if not stays_in_reach(model, data):
             return None
         return Handed(model, held, in_use, choice.contains, choice.shape, gained=True)
 

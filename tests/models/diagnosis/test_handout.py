@@ -208,3 +208,18 @@ def test_what_is_left_in_rows_left_out_is_not_explained() -> None:
     assert found.rms["heldout_augmented"] < 0.2 * found.rms["heldout_model"]
     assert found.rms["heldout_augmented"] > 2.0 * case.noise
     assert found.verdict == "partly"
+
+
+def test_a_part_that_gives_a_value_that_no_model_may_have_costs_that_choice_alone() -> None:
+    """A thermometer that hardly moves: the gain changes by 1.98 for each kelvin that it shows, a
+    model may have 2, and with one recording left out it is more."""
+    given = []
+    for k in range(2):
+        one = scan(k)
+        assert one.displacement is not None
+        shown = 0.003 * np.sin(2 * np.pi * one.t_s / 7.3 + k)
+        y = one.displacement * (1.0 + 1.98 * shown)
+        given.append(replace(one, displacement=y, channels={"temp_c": 22.0 + shown}))
+    d = diagnose_without_limits(given)
+    assert d.findings[0].name == "drift"
+    assert d.rms["heldout_augmented"] < d.rms["heldout_model"]
