@@ -91,7 +91,7 @@ def stays_in_reach(model: Model, data: Data) -> bool:
     u = slow_ways(data)
     channels = {name: np.full(u.size, data.channels[name].mean()) for name in channels_of(model)}
     y = simulate(model, REACH_S, u, channels)
-    room = (TUNING.reach_room + REACH_BEYOND) * float(np.ptp(data.y))
+    room = (TUNING.quarter + REACH_BEYOND) * float(np.ptp(data.y))
     here = bool(np.all(np.isfinite(y)))
     return here and y.min() >= data.y.min() - room and y.max() <= data.y.max() + room
 

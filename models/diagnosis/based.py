@@ -123,7 +123,7 @@ def on_the_model(problem: Problem, null: JointFit) -> Problem:
             return problem
         freed = replace(problem, subject=replace(subject, carries=False))
         without = by_blocks(freed, freed.solve([]))
-        return freed if without < TUNING.distorted * over_base else problem
+        return freed if without < TUNING.most * over_base else problem
     data = problem.data
     carried = replace(problem, subject=replace(subject, carries=True))
     alone = replace(carried, base=no_base(data)).solve([]).sse / int(data.rows.sum())
@@ -144,10 +144,10 @@ def earlier_drive(problem: Problem, null: JointFit, sigma: float) -> Problem | N
         data = _with_drive_moved(problem.data, samples)
         moved = replace(problem, data=data, base=rich_base(data))
         leaves = _left_by_base(moved, sigma)
-        nothing = max(TUNING.structure_left * sigma, base_error(data)) ** 2
+        nothing = max(TUNING.strong * sigma, base_error(data)) ** 2
         if samples == 1.0 and leaves > nothing:
             break
-        if left - leaves >= max(TUNING.early_share * left, (TUNING.early_size * sigma) ** 2):
+        if left - leaves >= max(TUNING.half * left, (TUNING.strong * sigma) ** 2):
             found, left = moved, leaves
     if found is None:
         return None
@@ -179,12 +179,12 @@ def fed_by_steps(problem: Problem, null: JointFit, sigma: float) -> Problem:
     sample earlier than straight lines between the samples say. Fitted to these, a mode leaves as
     much again as its own share, and friction is reported beside it.
     """
-    if problem.data.early or excess(problem, null, sigma) < (TUNING.stepped_size * sigma) ** 2:
+    if problem.data.early or excess(problem, null, sigma) < (TUNING.strong * sigma) ** 2:
         return problem
     light = problem.light(TUNING.limit_rows)
     start = light.solve([])
     straight, steps = (_least_left(one, start, sigma) for one in (light, light.with_steps()))
-    least = max(TUNING.stepped_share * straight, (TUNING.stepped_size * sigma) ** 2)
+    least = max(TUNING.half * straight, (TUNING.strong * sigma) ** 2)
     return problem.with_steps() if straight - steps > least else problem
 
 
@@ -200,7 +200,7 @@ def _least_left(problem: Problem, start: JointFit, sigma: float) -> float:
         if ranked and ranked[0][0] > 0:
             trial = tried(problem, sigma, start, candidate, ranked[0][1])
             ring = candidate.ring(trial.fit.effects[-1].theta)
-            if ring is None or ring[1] * TUNING.stepped_fades * shortest_s > 1.0:
+            if ring is None or ring[1] * TUNING.minor * shortest_s > 1.0:
                 left.append(excess(problem, trial.fit, sigma))
     return min(left)
 
@@ -213,7 +213,7 @@ def of_another_stage(bare: Problem, null: JointFit, sigma: float) -> str:
     left = float(np.sqrt(bare.solve([]).sse / n))
     best = max(float(np.sqrt(null.sse / n)), sigma)
     stroke = float(np.ptp(bare.data.y))
-    if left < max(TUNING.foreign_share * stroke, TUNING.foreign_times * best):
+    if left < max(TUNING.crumb * stroke, TUNING.foreign_times * best):
         return ""
     unit = bare.data.unit
     return (

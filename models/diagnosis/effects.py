@@ -79,6 +79,6 @@ def on_bound(effect: Effect) -> list[str]:
             at = np.log(v / p.low) / np.log(p.high / p.low)
         else:
             at = (v - p.low) / (p.high - p.low)
-        if not TUNING.bound_margin < at < 1 - TUNING.bound_margin:
+        if not TUNING.crumb < at < 1 - TUNING.crumb:
             out.append(p.key)
     return out

@@ -44,7 +44,7 @@ class Handed:
 
     def explains(self, noise: float) -> bool:
         """Whether something was gained, and what is left is near the noise [rms]."""
-        return self.gained and self.held.known <= (TUNING.near_noise * noise) ** 2
+        return self.gained and self.held.known <= (TUNING.near * noise) ** 2
 
 
 def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Handed:
@@ -62,7 +62,7 @@ def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Ha
     left_out = leave_out(problem, final, bare.data.u)
     in_use = left_out.left_by(lambda here: bare.subject.model)
     best, chosen = Handed(bare.subject.model, in_use, in_use), None
-    noise = (TUNING.helps * sigma) ** 2
+    noise = (TUNING.trace * sigma) ** 2
     if not final.effects and not problem.base.width:
         return best
 
@@ -76,7 +76,7 @@ def hand_out(data: Data, bare: Problem, weighed: Conclusion, sigma: float) -> Ha
             return None
         if held.mean_square > best.held.mean_square - noise:
             return None
-        if held.worst > in_use.worst + TUNING.no_worse * sigma:
+        if held.worst > in_use.worst + TUNING.strong * sigma:
             return None
         return Handed(model, held, in_use, choice.contains, choice.shape, gained=True)
 

@@ -35,7 +35,7 @@ def intervals(problem: Problem, fitted: JointFit, sigma: float) -> list[dict[str
         theta_to, amplitude_to = theta_at + len(effect.theta), amplitude_at + amplitudes.size
         at = np.r_[theta_at:theta_to, amplitude_at:amplitude_to]
         theta_at, amplitude_at = theta_to, amplitude_to
-        least = TUNING.few_places_sure if problem.few_places and effect.candidate.late else 0.0
+        least = TUNING.half if problem.few_places and effect.candidate.late else 0.0
         out.append(_values(fitted, i, p, cov[np.ix_(at, at)], least))
     return out
 
@@ -126,7 +126,7 @@ def _covariance(problem: Problem, fitted: JointFit, sigma: float) -> Floats:
         here = block == k
         z = x[here] @ whitened
         leverage, along = np.linalg.eigh(z.T @ z)
-        left = np.sqrt(1.0 - np.minimum(leverage, TUNING.largest_leverage))
+        left = np.sqrt(1.0 - np.minimum(leverage, 1.0 - TUNING.crumb))
         moves.append(own @ (along @ ((along.T @ (z.T @ residual[here])) / left)))
     blocks = np.array(moves)
     between = blocks.T @ blocks

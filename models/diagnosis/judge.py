@@ -44,7 +44,7 @@ class SearchState:
     accepted: JointFit
     rounds: tuple[tuple[CandidateTrial, ...], ...] = ()
     counted: int = 0  # rows that the gains of the rounds are summed over
-    share: float = TUNING.driven_share
+    share: float = TUNING.minor
     picked: tuple[str, ...] = ()  # keys in the order of their acceptance
     passed_over: tuple[str, ...] = ()  # keys of less likely doubles
 
@@ -59,10 +59,10 @@ def excess(problem: Problem, fit: JointFit, sigma: float) -> float:
 def least_size(problem: Problem, candidate: Candidate) -> float:
     """Smallest rms, in noise rms, that a candidate must remove."""
     if candidate.driven and problem.one_loop_alone:
-        return TUNING.one_loop_size
+        return TUNING.strong
     if candidate.static or candidate.last:
-        return TUNING.static_size
-    return TUNING.driven_size if candidate.driven else TUNING.free_size
+        return TUNING.clear
+    return TUNING.visible if candidate.driven else TUNING.trace
 
 
 def least_power(state: SearchState, candidate: Candidate, size: float | None = None) -> float:
@@ -70,7 +70,7 @@ def least_power(state: SearchState, candidate: Candidate, size: float | None = N
     driven by the drive by the base's own error too."""
     least = (least_size(state.problem, candidate) if size is None else size) * state.sigma
     if candidate.driven:
-        part = TUNING.finest_static if candidate.static else TUNING.finest
+        part = 2 * TUNING.finest if candidate.static else TUNING.finest
         least = max(least, base_error(state.problem.data, part))
     return least**2
 
@@ -82,15 +82,15 @@ def base_error(data: Data, part: float = TUNING.finest) -> float:
     path = data.path
     bend = np.diff(path.u, 2)[~(path.starts[1:-1] | path.starts[2:])]
     between = float(np.sqrt(np.mean((bend / 8.0) ** 2))) if bend.size else 0.0
-    return max(part * stroke, TUNING.between * between * stroke / data.span)
+    return max(part * stroke, TUNING.quarter * between * stroke / data.span)
 
 
 def least_share(state: SearchState, left: float) -> float:
     """Part of the misfit that a cause driven by the drive must take. In a quiet recording what is
     left of a fine part of the stroke, far above the noise, is the base's own error for the most."""
     stroke = float(np.ptp(state.problem.data.y))
-    quiet = TUNING.quiet_times * state.sigma < np.sqrt(left) < TUNING.quiet_size * stroke
-    return max(state.share, TUNING.quiet_share) if quiet else state.share
+    quiet = TUNING.near * state.sigma < np.sqrt(left) < 4 * TUNING.finest * stroke
+    return max(state.share, TUNING.half) if quiet else state.share
 
 
 def tells_what_is_late(problem: Problem, sigma: float) -> bool:
@@ -100,7 +100,7 @@ def tells_what_is_late(problem: Problem, sigma: float) -> bool:
     if not problem.few_places:
         return True
     columns = compact_base(problem.data).width + len(problem.data.names)
-    enough = places_seen(problem.data) >= TUNING.places_enough * columns
+    enough = places_seen(problem.data) >= TUNING.near * columns
     return enough or moves_against(problem.data, sigma)
 
 
@@ -158,12 +158,12 @@ def is_sure(state: SearchState, trial: CandidateTrial, left: float) -> bool:
     like_the_loop = candidate.static and candidate.driven and state.problem.one_loop_alone
     if like_the_loop or not candidate.may_be_small(effect.theta):
         return False
-    noise = (TUNING.sure_size * state.sigma) ** 2
-    least = least_power(state, candidate, TUNING.sure_size) if candidate.static else noise
-    if trial.gain < n * max(least, TUNING.sure_share * left):
+    noise = (TUNING.visible * state.sigma) ** 2
+    least = least_power(state, candidate, TUNING.visible) if candidate.static else noise
+    if trial.gain < n * max(least, TUNING.half * left):
         return False
     steady = constancy(state.problem, state.sigma, *contribution(state.problem, trial.fit, effect))
-    return steady.spread < TUNING.sure_spread and steady.wrong == 0.0
+    return steady.spread < TUNING.quarter and steady.wrong == 0.0
 
 
 def worth_with_company(

@@ -126,7 +126,7 @@ def leave_out(problem: Problem, fit: JointFit, drive: Floats) -> LeftOut:
     drive: (N,) as it was recorded, on which models are simulated."""
     data = problem.data
     count = len(data.names)
-    of = data.rec if count >= TUNING.recordings_enough else data.block
+    of = data.rec if count >= TUNING.few else data.block
     groups, owns = [], []
     for g in np.unique(of[data.rows]):
         here = of == g

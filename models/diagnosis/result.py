@@ -81,7 +81,7 @@ class Finding:
         return {
             "name": self.name,
             "acts_on": self.place or "stage",
-            "share": _plain(self.share),
+            "share": math.floor(self.share * 1e6) / 1e6,  # rounded up they could be more than all
             "evidence": {k: _plain(v) for k, v in self.evidence.items()},
             "parameters": {k: v.to_dict() for k, v in self.parameters.items()},
             "ambiguous_with": list(self.ambiguous_with),

@@ -42,7 +42,7 @@ def search(
     sigma: float,
     null: JointFit,
     say: Say,
-    share: float = TUNING.driven_share,
+    share: float = TUNING.minor,
     forbidden: Sequence[str] = (),
 ) -> SearchState:
     """Accept effects one by one until none pays, then prune. forbidden: keys that are not tried.
@@ -59,7 +59,7 @@ def search(
         # one back-track: a wrong first pick is often repaired by a crowd of others
         chosen = next(t for t in state.rounds[0] if t.candidate.key in state.picked[:1])
         last = chosen.candidate.last  # what leaves structure to another one was not the last
-        part = TUNING.other_than_last if last else TUNING.other_first
+        part = TUNING.half if last else TUNING.most
         rivals = [
             t
             for t in state.rounds[0]
@@ -196,7 +196,7 @@ def _choices(
     it those that could as well have been chosen."""
     best = good[0]
     n = int(state.problem.data.rows.sum())
-    tie = max(n * (TUNING.tie * state.sigma) ** 2, 0.01 * best.gain)
+    tie = max(n * (TUNING.trace * state.sigma) ** 2, 0.01 * best.gain)
     near = [t for t in good if best.gain - t.gain < tie]
     simpler = [t for t in near if t.price < best.price]
     chosen = min(simpler, key=lambda t: (t.price, -t.gain)) if simpler else best
@@ -219,9 +219,7 @@ def _grown(problem: Problem, sigma: float, fit: JointFit, chosen: Candidate) -> 
         rest = [e for e in fit.effects if e is not effect]
         trial = problem.refit([*rest, Effect(chosen, theta)], start=fit)
         more = effect_of(trial, chosen.key)
-        least = n * max(
-            (TUNING.free_size * sigma) ** 2, TUNING.part_share * excess(problem, fit, sigma)
-        )
+        least = n * max((TUNING.trace * sigma) ** 2, TUNING.crumb * excess(problem, fit, sigma))
         price = TUNING.price * sigma**2 * (len(theta) - len(effect.theta))
         if fit.sse - trial.sse <= max(least, price) or on_bound(more):
             break
@@ -248,9 +246,7 @@ def refine_fit(
         rest = [e for e in fit.effects if e is not effect]
         theta = finer.refined(effect.theta)
         trial = problem.refit([*rest, Effect(finer, theta)], start=fit)
-        if fit.sse - trial.sse > max(
-            n * (TUNING.driven_size * sigma) ** 2, TUNING.price * sigma**2
-        ):
+        if fit.sse - trial.sse > max(n * (TUNING.visible * sigma) ** 2, TUNING.price * sigma**2):
             fit = trial
     return fit
 

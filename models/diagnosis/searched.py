@@ -55,7 +55,7 @@ def look_for_causes(based: Based, say: Progress) -> Searched:
     data = rich.problem.data
     unexplained = by_blocks(rich.problem, rich.null)
     explained = by_blocks(found.problem, found.accepted)
-    butterfly = comes_back(data) and explained > TUNING.follows_late * unexplained
+    butterfly = comes_back(data) and explained > TUNING.minor * unexplained
     if butterfly or not follows(data, min(unexplained, explained)):
         # out of the class: what the drive causes cannot be distinguished from the loop
         found = without_kind(found, lambda c: c.driven)
@@ -102,7 +102,7 @@ def on_the_other(problem: Problem, found: SearchState) -> Problem:
     other = replace(problem, subject=replace(subject, carries=not subject.carries))
     fit = other.refit(found.accepted.effects)
     now = by_blocks(found.problem, found.accepted)
-    return other if by_blocks(other, fit) < TUNING.distorted * now else problem
+    return other if by_blocks(other, fit) < TUNING.most * now else problem
 
 
 def find_above_noise(stands: Footing, say: Progress, forbidden: Sequence[str] = ()) -> SearchResult:
@@ -112,11 +112,11 @@ def find_above_noise(stands: Footing, say: Progress, forbidden: Sequence[str] = 
     found = _find_known(stands, say, forbidden)
     data = stands.problem.data
     left = noise_rms(data, found.search.accepted.residual(data))
-    if left > TUNING.noise_again * stands.sigma:
+    if left > TUNING.most * stands.sigma:
         return found
     again = _find_known(replace(stands, sigma=left), say, forbidden)
     first, second = (by_blocks(f.search.problem, f.search.accepted) for f in (found, again))
-    if second < first - (TUNING.helps * left) ** 2:
+    if second < first - (TUNING.trace * left) ** 2:
         return again
     return SearchResult(replace(found.search, sigma=left), replace(found.over_rich, sigma=left))
 
@@ -147,9 +147,9 @@ def _find(stands: Footing, say: Progress, forbidden: Sequence[str]) -> SearchRes
         return _find_in_few_places(stands, say, forbidden)
     found = over_rich = _search(stands, say, forbidden)
     in_sample = null.sse / int(problem.data.rows.sum())
-    if by_blocks(problem, null) > TUNING.compact_doubt**2 * in_sample:
+    if by_blocks(problem, null) > TUNING.near**2 * in_sample:
         plain = stands.on(replace(problem, base=compact_base(problem.data)))
-        other = _search(plain, say, forbidden, share=TUNING.compact_share)
+        other = _search(plain, say, forbidden, share=TUNING.quarter)
         if by_blocks(other.problem, other.accepted) < by_blocks(problem, found.accepted):
             found = other
     return SearchResult(found, over_rich)
@@ -167,14 +167,14 @@ def _find_in_few_places(stands: Footing, say: Progress, forbidden: Sequence[str]
     own = replace(subject, carries=subject.given and subject.carries)  # one that an effect may have
     # distorted is no help where nothing mends it
     plain = stands.on(replace(problem, base=compact_base(problem.data), subject=own))
-    other = _search(plain, say, (*forbidden, *unseen), TUNING.few_places_share)
+    other = _search(plain, say, (*forbidden, *unseen), TUNING.most)
     caused = any(e.candidate.late for e in other.accepted.effects)
     told = caused and tells_what_is_late(problem, stands.sigma)
     return SearchResult(other if told else over_rich, over_rich)
 
 
 def _search(
-    stands: Footing, say: Progress, forbidden: Sequence[str], share: float = TUNING.driven_share
+    stands: Footing, say: Progress, forbidden: Sequence[str], share: float = TUNING.minor
 ) -> SearchState:
     """The search on a part of the rows, its result fitted to all of them."""
     problem, null, sigma = stands.problem, stands.null, stands.sigma

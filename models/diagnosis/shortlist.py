@@ -17,7 +17,7 @@ from dehyst.models.signals.joined import Data
 
 def may_be_tried(data: Data, share: float, forbidden: Sequence[str]) -> list[Candidate]:
     """Candidates that may be tried."""
-    strict = share > TUNING.driven_share
+    strict = share > TUNING.minor
     few = hardly_turns(data)
     return [
         c
@@ -80,16 +80,14 @@ def in_order_of_promise(
 
 def _further(c: Candidate, starts: Sequence[tuple[float, Theta]]) -> tuple[Theta, ...]:
     """Where the misfit has several minima: starts that promise about as much as the best."""
-    return tuple(
-        theta for gain, theta in starts[1 : c.minima] if gain > TUNING.further * starts[0][0]
-    )
+    return tuple(theta for gain, theta in starts[1 : c.minima] if gain > TUNING.half * starts[0][0])
 
 
 def not_weak(
     some: Sequence[ScreenedCandidate], ranked: Sequence[ScreenedCandidate]
 ) -> list[ScreenedCandidate]:
     """Those that promise more than a small part of what the first of all does."""
-    return [p for p in some if p.gain > TUNING.weak_gain * ranked[0].gain]
+    return [p for p in some if p.gain > TUNING.minor * ranked[0].gain]
 
 
 def to_be_refitted(ranked: Sequence[ScreenedCandidate], most: int) -> list[ScreenedCandidate]:

@@ -97,12 +97,12 @@ def _weigh(searched: Searched, found: SearchState, say: Progress) -> _Weighed:
         left = max(float(np.sum(residual[data.rows] ** 2)) / n - sigma**2, 0.0)
     left, noise = float(np.sqrt(left)), sigma
     grown = any({"from_s", "until_s"} & f.where.keys() for f in findings)
-    if left > TUNING.structure_left * sigma and not grown and is_coloured(data, residual, sigma):
+    if left > TUNING.strong * sigma and not grown and is_coloured(data, residual, sigma):
         # all that is left is noise
         left, noise = 0.0, float(np.sqrt(np.mean(residual[data.rows] ** 2)))
     at_first = float(np.sqrt(max(weighed.bare - noise**2, 0.0)))
     beside = float(np.sqrt(excess(found.problem, found.null, sigma)))
-    floor = max(noise, base_error(data) / TUNING.structure_left)
+    floor = max(noise, base_error(data) / TUNING.strong)
     verdict = verdict_of(findings, left, at_first, beside, floor)
     return _Weighed(found, weighed, findings, residual, left, noise, verdict)
 
@@ -113,7 +113,7 @@ def _without_the_doubtful(one: _Weighed) -> SearchState:
     found = one.found
     fewer = without_kind(found, lambda c: c.slow)
     before, after = (excess(s.problem, s.accepted, s.sigma) for s in (fewer, found))
-    if before - after < (TUNING.past_beside * one.left) ** 2:
+    if before - after < (TUNING.half * one.left) ** 2:
         return fewer
     return without_kind(found, lambda c: c.slow and not c.past)
 

@@ -36,9 +36,9 @@ def finer_by(data: Data, sigma: float) -> int:
     if min(k.size for k in parts) < LEAST:
         return 1
     missed = _missed_by_lines(data, parts) * float(np.ptp(data.y)) / data.span
-    if missed < TUNING.between_size * sigma or not _is_smooth(data, parts):
+    if missed < sigma or not _is_smooth(data, parts):
         return 1
-    wanted = int(np.ceil(np.sqrt(missed / (TUNING.between_left * sigma))))
+    wanted = int(np.ceil(np.sqrt(missed / (TUNING.trace * sigma))))
     return min(wanted, TUNING.between_most, TUNING.most_rows // data.n)
 
 
@@ -65,7 +65,7 @@ def _is_smooth(data: Data, parts: list[Ints]) -> bool:
             line = np.interp(inner, at[known], u[known])
             splines += float(np.sum((u[inner] - curve) ** 2))
             lines += float(np.sum((u[inner] - line) ** 2))
-    return splines < TUNING.between_smooth**2 * lines
+    return splines < TUNING.clear**2 * lines
 
 
 def _laid_finer(data: Data, times: int) -> Data:

@@ -58,7 +58,7 @@ def excerpt(data: Data, most: int = TUNING.most_rows) -> Data:
         heads=data.heads[k] & ~cut,
         block=rec * TUNING.time_blocks
         + np.asarray(order * TUNING.time_blocks // size, dtype=np.int64),
-        fold=order * (TUNING.folds * TUNING.fold_pieces) // size % TUNING.folds,
+        fold=order * (TUNING.folds * TUNING.time_blocks) // size % TUNING.folds,
         channels={name: c[k] for name, c in data.channels.items()},
     )
 

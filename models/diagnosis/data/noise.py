@@ -39,7 +39,7 @@ def noise_rms(data: Data, residual: Floats) -> float:
         readings = [residual[(data.part == p) & data.rows] for p in np.unique(data.part)]
         d = np.concatenate([np.diff(e, 4) for e in readings])
         return max(floor, float(1.4826 * np.median(np.abs(d)) / np.sqrt(70.0)), 1e-12)
-    if data.missing > TUNING.few_missing * data.n:
+    if data.missing > TUNING.crumb * data.n:
         both = data.rows[1:] & data.rows[:-1] & ~data.starts[1:]
         d = np.diff(residual)[both]
         if d.size > TUNING.segment:

@@ -86,7 +86,7 @@ def lay_on_grid(one: Recording) -> Laid:
     stalled = (steps > TUNING.stall) & ~long
     held_up = np.zeros(n, dtype=bool)
     for at, size in zip(place[1:][stalled], steps[stalled], strict=True):
-        held_up[at : at + max(TUNING.settling, TUNING.settling_times * int(size))] = True
+        held_up[at : at + max(TUNING.settling, int(size))] = True
     if late is not None:
         for at in place[np.nan_to_num(late[raw]) > 0]:
             held_up[at : at + TUNING.settling] = True
@@ -207,7 +207,7 @@ def _cut_evenly(size: int, pieces: int) -> Ints:
 def _groups(u: Floats) -> Ints:
     """(n,) cross-validation group of each sample, -1 where it is in none: the first way over the
     drive's range is shown once, and nothing else predicts it."""
-    out = _cut_evenly(u.size, TUNING.folds * TUNING.fold_pieces) % TUNING.folds
+    out = _cut_evenly(u.size, TUNING.folds * TUNING.time_blocks) % TUNING.folds
     swept = np.maximum.accumulate(u) - np.minimum.accumulate(u)
     head = int(np.searchsorted(swept, FIRST_WAY * float(swept[-1])))
     out[: min(head, u.size // 4)] = -1

@@ -47,7 +47,7 @@ def turns(data: Data, signal: Floats | None = None) -> int:
 
 def hardly_turns(data: Data) -> bool:
     """Whether the drive turns round too seldom to tell what it causes from its loop."""
-    return turns(data) < TUNING.few_turns
+    return turns(data) < TUNING.few
 
 
 def one_loop_alone(data: Data) -> bool:
@@ -108,6 +108,6 @@ def can_be_distinguished(candidate: Candidate, data: Data) -> bool:
     """Whether a candidate can be distinguished from the loop of a drive that hardly turns round."""
     if candidate.driven:
         return False
-    if candidate.channel and turns(data, data.channels[candidate.channel]) >= TUNING.few_turns:
+    if candidate.channel and turns(data, data.channels[candidate.channel]) >= TUNING.few:
         return True
     return stands_still(data) if candidate.slow or candidate.channel else True

@@ -62,7 +62,7 @@ class AskedAgain:
         if not trials or self._has_rivals(state, trials[0], ranked):
             ranked = self._rank(state, look, {put_in.name, *put_in.confused_with})
             others = [p for p in ranked if p.candidate.key not in {o.candidate.key for o in own}]
-            near = not_weak(others, ranked)[: TUNING.limit_shortlist - len(own)]
+            near = not_weak(others, ranked)[: TUNING.few - len(own)]
             more = refit_each(state, near, lambda text, share: None, 0)
             trials = sorted([*trials, *more], key=lambda t: -t.worth)
         reported = only_reported(worth_reporting(accept_best(state, trials, ()))).accepted
@@ -86,8 +86,8 @@ class AskedAgain:
         """Whether another candidate could take the place of the one that was put in: it leaves more
         than there was before, or a plainer one promises as much."""
         n, sigma = state.counted, state.sigma
-        if own.fit.sse - self._known.sse > n * (TUNING.tie * sigma) ** 2:
+        if own.fit.sse - self._known.sse > n * (TUNING.trace * sigma) ** 2:
             return True
         plainest = own.price < 1.5 * TUNING.price * sigma**2
         others = [p.gain for p in ranked if p.candidate.name != own.candidate.name]
-        return not plainest and max(others, default=0.0) > TUNING.limit_near * own.gain
+        return not plainest and max(others, default=0.0) > TUNING.half * own.gain

@@ -29,14 +29,14 @@ def verdict_of(
     augmented model and the model in use leave; beside: that a loop of any shape leaves without
     physics, against which what physics explains is measured. floor: rms of the noise, or of what
     no base is better than."""
-    structure = TUNING.structure_left * floor
+    structure = TUNING.strong * floor
     if not findings:
         return "unknown" if at_first > structure else "clean"
-    if left <= TUNING.surely_nothing * floor or left**2 <= TUNING.explained_best * at_first**2:
+    if left <= TUNING.clear * floor or left**2 <= TUNING.crumb * at_first**2:
         return "explained"
     if all(f.name == "shape" for f in findings):
         return "partly" if left > structure else "explained"
-    part = TUNING.explained_left if left > structure else TUNING.explained_small
+    part = TUNING.minor if left > structure else TUNING.half
     return "partly" if left**2 > part * beside**2 else "explained"
 
 

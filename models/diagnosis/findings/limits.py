@@ -63,8 +63,8 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
     left = excess(problem, found.accepted, sigma)
     kinds: dict[tuple[str, str], list[Candidate]] = {}
     hidden = not tells_what_is_late(problem, sigma)
-    loud = left > (TUNING.limit_left * sigma) ** 2
-    loud |= len(found.accepted.effects) >= TUNING.limit_beside
+    loud = left > sigma**2
+    loud |= len(found.accepted.effects) >= TUNING.few
     for c in list_candidates(problem.data):
         if c.name in named or not c.probes(problem.data):
             continue
@@ -80,9 +80,9 @@ def limits(found: SearchState, untold: Collection[str], seen: Seen) -> list[Limi
             return Guess(some[0], None).limit(None)
         shown = []
         for c in some:
-            least = ((TUNING.limit_driven if c.driven else TUNING.limit_free) * sigma) ** 2
+            least = ((TUNING.strong if c.driven else TUNING.clear) * sigma) ** 2
             if c.driven:
-                least = max(least, TUNING.driven_share * left)
+                least = max(least, TUNING.minor * left)
             guess = _guess(look, c, float(np.sqrt(least)))
             if guess.probe is not None:
                 above = c.limit_side == "above"

@@ -25,12 +25,12 @@ def worth_reporting(found: SearchState) -> SearchState:
     while final.effects:
         whole = by_blocks(problem, final)
         # beside a cause a hundred times as large, a second one of some noise rms still counts
-        of_all = TUNING.helps_share * max(first - sigma**2, 0.0)
-        of_rest = TUNING.helps_rest * max(whole - sigma**2, 0.0)
+        of_all = TUNING.trace**2 * max(first - sigma**2, 0.0)
+        of_rest = TUNING.minor * max(whole - sigma**2, 0.0)
         losses = []
         for e in final.effects:
-            most = TUNING.beside_driven if e.candidate.driven else TUNING.beside_free
-            least = max((TUNING.helps * sigma) ** 2, min(of_all, (most * sigma) ** 2), of_rest)
+            most = TUNING.strong if e.candidate.driven else TUNING.clear
+            least = max((TUNING.trace * sigma) ** 2, min(of_all, (most * sigma) ** 2), of_rest)
             alone = len(final.effects) == 1
             left = first if alone else by_blocks(problem, problem.without(final, e))
             losses.append(((left - whole) / least, e))
@@ -38,7 +38,7 @@ def worth_reporting(found: SearchState) -> SearchState:
         if loss > 1.0:
             break
         final = _without(found, final.effects, weakest)
-    if final.effects and first - by_blocks(problem, final) < (TUNING.helps * sigma) ** 2:
+    if final.effects and first - by_blocks(problem, final) < (TUNING.trace * sigma) ** 2:
         final = found.null  # each seems to need the others, and together they predict nothing
     return replace(found, accepted=final)
 
@@ -55,7 +55,7 @@ def _without_lines(found: SearchState) -> JointFit:
             continue
         left = problem.without(final, e)
         line = gain_of_line(problem.data, left.residual(problem.data), ring[0])
-        if line > TUNING.as_a_line * (left.sse - final.sse):
+        if line > (1.0 - TUNING.minor) * (left.sse - final.sse):
             final = _without(found, final.effects, e)
     return final
 

@@ -33,11 +33,11 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
     without = problem.without(final, effect)
     gain = (without.sse - final.sse) / n
     limit = max(
-        (TUNING.rival_noise * sigma) ** 2,
-        TUNING.rival_near * gain,
+        (TUNING.visible * sigma) ** 2,
+        TUNING.crumb * gain,
         1.5 * excess(problem, final, sigma),
     )
-    limit = min(limit, TUNING.rival_most * gain)  # where much is left, a rival still takes most
+    limit = min(limit, TUNING.quarter * gain)  # where much is left, a rival still takes most
     taken = {e.candidate.key for e in final.effects}
     seen: dict[str, Effect] = {}
     for trials in found.rounds:
@@ -56,7 +56,7 @@ def rivals(found: SearchState, effect: Effect) -> list[RivalEffect]:
     look, untried = Screen(problem, without), set[str]()
     for c in _alike(found, effect):
         starts = look.starts(c)
-        if starts and starts[0][0] > TUNING.rival_promises * gain * n:
+        if starts and starts[0][0] > TUNING.half * gain * n:
             seen[c.key] = Effect(c, starts[0][1])
             untried.add(c.key)
     out = []
@@ -93,4 +93,4 @@ def _instead(problem: Problem, fit: JointFit, effect: Effect, gain: float) -> bo
     """Whether a rival stands for the effect: beside it, the effect takes no more than a part of
     what it takes without. gain: fall of the sum of squares by the effect."""
     both = problem.solve([*fit.effects, effect], problem.output_of(fit))
-    return fit.sse - both.sse < TUNING.rival_instead * gain
+    return fit.sse - both.sse < TUNING.half * gain

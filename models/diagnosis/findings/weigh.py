@@ -41,7 +41,7 @@ def conclude(
     alone = freed.solve([])
     without = alone.sse / n
     held = by_blocks(found.problem, found.accepted)
-    if found.accepted.effects and held > without - (TUNING.helps * sigma) ** 2:
+    if found.accepted.effects and held > without - (TUNING.trace * sigma) ** 2:
         # the base learns more of what it does not know than it explains: the model in use stands
         # alone under the effects
         over_it = freed.refit(found.accepted.effects, start=alone)
@@ -49,7 +49,7 @@ def conclude(
         held = by_blocks(found.problem, found.accepted)
     in_part = [] if episode is None else [episode.finding]
     nothing = Conclusion(_shared(in_part, first, without, sigma), freed, alone, first, without)
-    if held > without - (TUNING.helps * sigma) ** 2:
+    if held > without - (TUNING.trace * sigma) ** 2:
         seen = (
             [f for f in report_effects(found.problem, found, held) if f.key in shown]
             if shown
@@ -61,11 +61,11 @@ def conclude(
     correction = measure_correction(found.problem, found.accepted, without, held)
     findings = _without_echoes(report_effects(found.problem, found, held))
     rest = without - held - sum(f.share for f in findings)
-    if rest > TUNING.mostly_shape * (without - held) and correction.rms**2 > 0.25 * rest:
+    if rest > TUNING.most * (without - held) and correction.rms**2 > 0.25 * rest:
         # the effects are a small part of what is explained: the rest is the base's, as far as its
         # correction is of that size; without the effects it would have stood for them
         correction = replace(correction, gain=max(correction.gain, rest))
-    least = max((TUNING.shape_size * sigma) ** 2, TUNING.shape_share * (without - sigma**2))
+    least = max((TUNING.clear * sigma) ** 2, TUNING.crumb * (without - sigma**2))
     shape = bool(found.problem.base.width) and correction.gain > least
     if not findings and not shape:
         return nothing
@@ -100,5 +100,7 @@ def _without_echoes(findings: Sequence[Finding]) -> list[Finding]:
     return [
         f
         for f in findings
-        if not any(o.name in f.ambiguous_with and f.share < TUNING.echo * o.share for o in findings)
+        if not any(
+            o.name in f.ambiguous_with and f.share < TUNING.quarter * o.share for o in findings
+        )
     ]
