@@ -294,7 +294,8 @@ class AxisCore:
     def _leave_model(self, model: Model) -> str:
         """Leave the model that the loop really uses where the gateway finds it; its digest."""
         text = dumps(model)
-        path = model_file(self.config.directory, model_digest(text))
+        digest = model_digest(text)
+        path = model_file(self.config.directory, digest)
         try:
             old = sorted(path.parent.glob("model-*.toml"), key=lambda p: p.stat().st_mtime_ns)
             for file in old[:-KEPT_MODELS]:
@@ -302,7 +303,7 @@ class AxisCore:
             write_text(path, text)
         except OSError as error:
             raise NotNow(f"{path}: cannot be written: {error.strerror or error}") from None
-        return model_digest(text)
+        return digest
 
     def _reported_model(self, model: Model, digest: str) -> ReportedModel:
         reach = displacement_range(model, *drive_range(self.config, model))

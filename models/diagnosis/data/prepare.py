@@ -57,7 +57,7 @@ def lay_on_grid(one: Recording) -> Laid:
     are there."""
     assert one.displacement is not None
     t, u, y = (np.asarray(a, dtype=float) for a in (one.t_s, one.drive, one.displacement))
-    again = repeated_readings(y)
+    again = repeated_readings(y, u)
     y = np.where(again, np.nan, y)
     raw = np.flatnonzero(np.isfinite(t) & np.isfinite(u))
     there = int(np.count_nonzero(np.isfinite(y[raw])))

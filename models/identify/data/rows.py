@@ -61,7 +61,7 @@ def read_rows(recording: Recording, span: float | None = None) -> Rows:
     _require_size(name, recording.size)
     notes = [text] if (text := recording.defects()) else []
     u, y, t = recording.drive, recording.displacement, recording.t_s
-    again = repeated_readings(y)
+    again = repeated_readings(y, u)
     if again.any():
         y = np.where(again, np.nan, y)
         notes.append(

@@ -30,19 +30,19 @@ def test_each_reading_of_a_polled_gauge_counts_once(
     at = np.maximum((np.arange(T.size) + phase) // times * times - phase, 0)
     polled = fresh[at]
     expected = np.r_[False, polled[1:] == polled[:-1]]
-    assert np.array_equal(repeated_readings(polled), expected)
+    assert np.array_equal(repeated_readings(polled, SMOOTH), expected)
     assert expected.mean() == pytest.approx(1.0 - 1.0 / times, abs=0.1)
 
 
 def test_a_gauge_of_another_rhythm_is_polled_too() -> None:
     held = noisy(5e-3)[(np.floor(T / 0.0073 + 1e-9) * 7.3).astype(int)]  # 7 or 8 rows each
-    assert repeated_readings(held).mean() == pytest.approx(1.0 - 1.0 / 7.3, abs=0.01)
+    assert repeated_readings(held, SMOOTH).mean() == pytest.approx(1.0 - 1.0 / 7.3, abs=0.01)
 
 
 def test_missing_readings_are_no_repeats() -> None:
     polled = noisy(5e-3)[np.arange(T.size) // 10 * 10]
     polled[::7] = np.nan
-    again = repeated_readings(polled)
+    again = repeated_readings(polled, SMOOTH)
     assert not again[::7].any()
     assert np.unique(polled[~again & np.isfinite(polled)]).size == (~again).sum() - 858
 
@@ -66,4 +66,10 @@ def test_missing_readings_are_no_repeats() -> None:
     ids=range(11),
 )
 def test_what_stands_still_for_another_reason_is_left(reading: np.ndarray) -> None:
-    assert not repeated_readings(reading).any()
+    assert not repeated_readings(reading, SMOOTH).any()
+
+
+def test_a_stage_that_stands_with_its_drive_is_read_anew() -> None:
+    """Commands that are held for ten rows each, and a reading without noise."""
+    held = SMOOTH[np.arange(T.size) // 10 * 10]
+    assert not repeated_readings(0.9 * held + 0.01 * held**2, held).any()

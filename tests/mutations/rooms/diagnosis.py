@@ -432,6 +432,13 @@ CHANGES = [
             "triangles read in coarse steps lose most of their readings",
         ),
         Change(
+            "rests-are-repeats",
+            "models/signals/repeats.py",
+            "np.mean(stood) <= DISTINCT",
+            "np.mean(stood) <= 1.0",
+            "a stage that stands with its drive is taken for a gauge that was polled too fast",
+        ),
+        Change(
             "ramps-are-repeats",
             "models/signals/repeats.py",
             "and _scatter(values[begins])",
