@@ -100,8 +100,9 @@ class SerialPort:
             raise DriverConfigError(f"serial port {path}: {error}") from None
         except (serial.SerialException, OSError) as error:
             raise DeviceNotFound(_why_not_open(path, error)) from None
-        # FTDI: 1 ms in place of 16 ms. What pyserial raises where a port or platform has no such
-        # mode (a pseudo terminal, an older kernel) is no fault.
+        # FTDI: 1 ms in place of 16 ms. A port without that mode is no fault: pyserial raises OSError
+        # or ValueError (a pseudo terminal, an older kernel), NotImplementedError or AttributeError
+        # (its classes for other systems).
         with contextlib.suppress(OSError, ValueError, NotImplementedError, AttributeError):
             self._serial.set_low_latency_mode(True)
         self._fd: int = self._serial.fileno()

@@ -31,7 +31,8 @@ class Tuning(NamedTuple):
     segment: int = 256  # samples of a spectrum, for the noise
     few: int = 3  # recordings, turns, effects or candidates: fewer show no rule
     between_most: int = 10  # times that the drive's path is laid finer, at most
-    finest: float = 2.5e-4  # of the displacement's range: no base is better than this
+    finest: float = 2.5e-4  # of the displacement's range: no base is better than this; twice it
+    # for what resembles a loop, up to four times it is the base's own where noise is far below
     foreign_times: float = 4.0  # what a model of its class would leave: another stage's leaves more
     # the search
     search_rows: int = 18_000  # counted in it; the last fit, shares and intervals use them all

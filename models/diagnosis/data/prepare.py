@@ -60,6 +60,7 @@ def lay_on_grid(one: Recording) -> Laid:
     again = repeated_readings(y, u)
     y = np.where(again, np.nan, y)
     raw = np.flatnonzero(np.isfinite(t) & np.isfinite(u))
+    repeats = int(np.count_nonzero(again[raw]))
     there = int(np.count_nonzero(np.isfinite(y[raw])))
     if there < TUNING.least_samples:
         raise BadRecording(
@@ -99,9 +100,8 @@ def lay_on_grid(one: Recording) -> Laid:
         cut=cut,
         known=known & ~held_up,
         dt=dt,
-        # a pause lacks no readings
-        missing=int(np.count_nonzero(~known)) - int(np.count_nonzero(again[raw])),
-        repeats=int(np.count_nonzero(again[raw])),
+        missing=int(np.count_nonzero(~known)) - repeats,  # a pause lacks no readings
+        repeats=repeats,
         stalls=int(np.count_nonzero(steps > TUNING.stall)),
     )
 
