@@ -100,9 +100,9 @@ class SerialPort:
             raise DriverConfigError(f"serial port {path}: {error}") from None
         except (serial.SerialException, OSError) as error:
             raise DeviceNotFound(_why_not_open(path, error)) from None
-        # FTDI: 1 ms in place of 16 ms. A port without that mode is no fault: pyserial raises OSError
-        # or ValueError (a pseudo terminal, an older kernel), NotImplementedError or AttributeError
-        # (its classes for other systems).
+        # FTDI: 1 ms in place of 16 ms. A port without that mode is no fault: pyserial raises
+        # OSError or ValueError (a pseudo terminal, an older kernel), NotImplementedError or
+        # AttributeError (its classes for other systems).
         with contextlib.suppress(OSError, ValueError, NotImplementedError, AttributeError):
             self._serial.set_low_latency_mode(True)
         self._fd: int = self._serial.fileno()
