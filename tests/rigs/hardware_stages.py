@@ -25,10 +25,12 @@ Drive = Callable[[Rng, Floats, float], Floats]
 
 
 class RigCase(NamedTuple):
-    """given: what the tool gets; held: the drive that is held out, its displacement free of noise
-    and of hum; noise: rms of the noise."""
+    """foreign: whether the loop is not of the library's class; given: what the tool gets; held: the
+    drive that is held out, its displacement free of noise and of hum; noise: rms of the noise."""
 
+    kind: str
     name: str
+    foreign: bool
     hidden: tuple[str, ...]
     given: list[Recording]
     held: Recording
@@ -161,8 +163,7 @@ def _servo(rng: Rng, noise: float, lines: float, creep: float) -> list[Shown]:
     return out
 
 
-def _make(kind: str, rng: Rng) -> tuple[tuple[str, ...], list[Shown], float]:
-    stage = str(rng.choice(list(STAGES)))
+def _make(kind: str, rng: Rng, stage: str) -> tuple[tuple[str, ...], list[Shown], float]:
     noise = float(rng.uniform(0.01, 0.03))
     if kind == "servo-hum":
         return ("hum",), _servo(rng, noise, 2.5 * noise, 0.0), noise
@@ -195,7 +196,7 @@ def _make(kind: str, rng: Rng) -> tuple[tuple[str, ...], list[Shown], float]:
         noise = float(rng.uniform(3e-4, 1e-3))
         return ("lag",), _open_loop(rng, stage, 1e3, _lag(1.5e-3), noise), noise
     assert kind == "clean"
-    return (), _open_loop(rng, "in the class", 1e3, _delay(0.0), noise), noise
+    return (), _open_loop(rng, stage, 1e3, _delay(0.0), noise), noise
 
 
 KINDS = (
@@ -211,7 +212,8 @@ def make_rig(seed: int, number: int) -> RigCase:
     """One case; every kind in turn, first with three recordings, then with two, then with one."""
     kind = KINDS[number % len(KINDS)]
     rng = np.random.default_rng([seed, number])
-    hidden, shown, noise = _make(kind, rng)
+    stage = "in the class" if kind == "clean" else str(rng.choice(list(STAGES)))
+    hidden, shown, noise = _make(kind, rng, stage)
     records = {name: one for one, (name, _, _) in zip(shown, _waves(1.0), strict=True)}
     names = SHOWN[number // len(KINDS) % len(SHOWN)]
     given = [
@@ -221,4 +223,5 @@ def make_rig(seed: int, number: int) -> RigCase:
     ]
     held = records["held"]
     exact = Recording(held.t_s, held.u, held.exact, name="held.csv")
-    return RigCase(f"{kind}-{number}", hidden, given, exact, noise)
+    foreign = stage != "in the class" or kind.startswith("servo")
+    return RigCase(kind, f"{kind}-{number}", foreign, hidden, given, exact, noise)

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable, Iterator
 
 from tests.benchmarks.bars import Bars
-from tests.benchmarks.models.proof.families import COUNTS, plans
+from tests.benchmarks.models.proof.families import FAMILIES, plans
 from tests.benchmarks.models.proof.stages import make_case
 from tests.rigs.outside import lagged, linear, ordinary, outside
 
@@ -54,7 +54,7 @@ def inside(bars: Bars, number: int) -> None:
 
 def proof(bars: Bars, number: int) -> None:
     """The first recording of stages of the proof, those outside of its class left out."""
-    families = [family for family in COUNTS if family != "outside"]
+    families = [family for family in FAMILIES if family != "outside"]
 
     def made() -> Iterator[Recording]:
         for plan in plans(SEED, ORDINARY, families):

@@ -2,7 +2,8 @@
 
 A case is named by its family and number ("past-3") and follows from these and the run's seed
 alone, so that any one can be made again. A family is a function of (random numbers, number) to
-what its plan has beside the defaults. `COUNTS` is the full proof's share of each.
+what its plan has beside the defaults. `COUNTS` is the full proof's share of each; those of
+"hardware" (servos, recorders as hardware has them) have no plan, and are made by `hardware.py`.
 """
 
 import zlib
@@ -25,18 +26,27 @@ ALIKE = ({"delay", "lag"}, {"lag", "slew"}, {"delay", "slew"})  # not asked for 
 COUNTS = {
     "single": 33, "shape": 24, "past": 18, "part": 14, "pair": 18, "triple": 10, "quiet": 12,
     "waveform": 11, "slow": 8, "units": 10, "faults": 12, "clean": 16, "outside": 14,
+    "hardware": 36,
 }  # fmt: skip
 ROWS = 34_000  # of the three recordings that the tool gets, about
 
 
-def plans(seed: int, count: int, families: Sequence[str] = ()) -> list[Plan]:
-    """So many cases of these families (all of them: in the proof's shares), well mixed."""
+HARDWARE = "hardware"
+
+
+def cases(count: int, families: Sequence[str] = ()) -> list[str]:
+    """Names of so many cases of these families (all of them: in the proof's shares), well mixed."""
     wanted = list(families) or list(COUNTS)
     places = []
     for order, family in enumerate(wanted):
-        places += [((k + 0.5) / COUNTS[family], order, family, k) for k in range(count)]
+        places += [((k + 0.5) / COUNTS[family], order, f"{family}-{k}") for k in range(count)]
     places.sort()
-    return [plan(seed, family, k) for _, _, family, k in places[:count]]
+    return [name for _, _, name in places[:count]]
+
+
+def plans(seed: int, count: int, families: Sequence[str] = ()) -> list[Plan]:
+    """The same as plans, of the families that have one."""
+    return [plan(seed, *parse(name)) for name in cases(count, families or list(FAMILIES))]
 
 
 def plan(seed: int, family: str, number: int) -> Plan:
@@ -53,8 +63,8 @@ def plan(seed: int, family: str, number: int) -> Plan:
 def parse(case: str) -> tuple[str, int]:
     """ "past-3" to family and number. Raises ValueError."""
     family, _, number = case.rpartition("-")
-    if family not in FAMILIES or not number.isdigit():
-        raise ValueError(f"{case}: no such case; families: {', '.join(FAMILIES)}")
+    if family not in COUNTS or not number.isdigit():
+        raise ValueError(f"{case}: no such case; families: {', '.join(COUNTS)}")
     return family, int(number)
 
 

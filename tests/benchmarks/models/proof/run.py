@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 from tests.benchmarks.models.proof import limits
-from tests.benchmarks.models.proof.families import parse, plan
+from tests.benchmarks.models.proof.families import HARDWARE, parse, plan
+from tests.benchmarks.models.proof.hardware import judge_hardware
 from tests.benchmarks.models.proof.score import figures, score, truth_of
 from tests.benchmarks.models.proof.stages import Case, make_case
+from tests.rigs.hardware_stages import make_rig
 from tests.rigs.plants.effects import Effect
 
 Row = dict[str, Any]
@@ -20,13 +22,19 @@ def run_case(seed: int, name: str, checks: int) -> Row:
 
 
 def run_and_keep(seed: int, name: str, checks: int) -> tuple[Row, Case | None, Any]:
-    """The same, with the case and its Diagnosis as far as they came to be."""
+    """The same, with the case (None of hardware) and its Diagnosis as far as they came to be."""
     from dehyst.models.diagnosis import diagnose
 
     start = time.perf_counter()
     row: Row = {"case": name, "family": parse(name)[0], "seed": seed}
     case = diagnosis = None
     try:
+        if row["family"] == HARDWARE:
+            rig = make_rig(seed, parse(name)[1])
+            begun = time.perf_counter()
+            diagnosis = diagnose(rig.given)
+            row |= {"seconds": time.perf_counter() - begun} | judge_hardware(rig, diagnosis)
+            return row | {"total_s": time.perf_counter() - start}, None, diagnosis
         case = make_case(plan(seed, *parse(name)))
         row |= {
             "hysteresis": case.plan.hysteresis, "fault": case.plan.fault,
