@@ -207,7 +207,8 @@ class ActuatorContract(_DriverContract):
 
 
 class SensorContract(_DriverContract):
-    """Every sensor passes these. Hooks: make, true_value, unplug, replug."""
+    """Every sensor passes these. Hooks: make, true_value, tolerance, unplug,
+    replug."""
 
     protocol = Sensor
 
@@ -234,4 +235,5 @@ class SensorContract(_DriverContract):
             true = self.true_value(device)
             if true is None:
                 raise SkipTest("no independent value to compare with")
-            assert abs(device.read() - true) <= self.tolerance
+            off = abs(device.read() - true)
+            assert off <= self.tolerance, f"off by {off}, tolerance {self.tolerance}"

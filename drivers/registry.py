@@ -52,7 +52,10 @@ def find_plugins(name: str) -> list[Plugin]:
     found = [p for p in list_plugins() if p.name == name]
     if not found:
         names = sorted({point.name for group in KINDS for point in _points(group)})
-        raise DriverConfigError(f"there is no driver {name!r}; the drivers are: {', '.join(names)}")
+        raise DriverConfigError(
+            f"there is no driver {name!r}; the drivers are: {', '.join(names)}. A new one is found"
+            " after its package was installed again (pip install -e .)"
+        )
     return found
 
 

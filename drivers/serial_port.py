@@ -173,7 +173,7 @@ def _why_not_open(path: str, error: Exception) -> str:
     if number in (errno.EACCES, errno.EPERM):
         return f"no permission to open {path}: add your user to the group that owns it (dialout?)"
     if number in (errno.EBUSY, errno.EAGAIN):
-        return f"{path} is in use by {_holder(path)}; only one process may hold the amplifier"
+        return f"{path} is in use by {_holder(path)}; only one process may hold it"
     if number in (errno.ENOTTY, errno.EINVAL) or "Could not configure" in str(error):
         return f"{path} is not a serial port"
     return f"{path} cannot be opened: {error}"

@@ -1,4 +1,4 @@
-"""Thorlabs KSG101 and TSG001 strain gauge readers over serial: driver, codec, settings."""
+"""Thorlabs KSG101 and TSG001 strain gauge readers over serial: driver, settings, probe."""
 
 from dehyst.drivers.ksg101.driver import Ksg101
 
