@@ -232,7 +232,7 @@ def axis_words(config: Config) -> dict[str, str]:
     trimmed = trim_setting(config, model, high - low, getattr(sensor, "spec", None))
     zero = set_point_origin(config.setpoint.origin, low, high)
     unit = model.displacement_unit
-    assumed = f" (with {', '.join(reach.assumes)})" if reach.assumes else ""
+    assumed = f"; this assumes {', '.join(reach.assumes)}" if reach.assumes else ""
     limits, safe = config.limits, config.safe
     return {
         "devices": f"actuator {device_words(config.actuator)}, sensor "

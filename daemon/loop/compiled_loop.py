@@ -18,7 +18,7 @@ from dehyst.daemon.loop import systemcalls
 from dehyst.daemon.loop.axes.kernels import axis_at, begin_axes
 from dehyst.daemon.loop.devices import DeviceLink
 from dehyst.daemon.loop.records_in_memory import CLOCK, NAN, Table, meter_of
-from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, finish
+from dehyst.daemon.loop.sample import NOT_TAKEN, NOT_WRITTEN, WRITTEN, finish
 from dehyst.daemon.loop.status import PLACE, LoopMonitor, addresses_of, begin_together
 from dehyst.daemon.loop.step_kernel import stopped
 from dehyst.daemon.loop.timing import realtime
@@ -113,7 +113,7 @@ def run_samples(axes: NDArray[np.int64], samples: int) -> None:
                 wrote[i] = WRITTEN
                 if code != 0:
                     a.actuator_ok, a.actuator_code = 0, code
-                    wrote[i] = REFUSED
+                    wrote[i] = NOT_TAKEN
                 finished = now_of(clock, buffer)
                 took[i] = finished - before
                 io_ns += took[i]

@@ -14,7 +14,7 @@ from dehyst.daemon import clock
 from dehyst.daemon.loop import systemcalls
 from dehyst.daemon.loop.axes.kernels import begin_axes
 from dehyst.daemon.loop.readback import ReadbackCheck
-from dehyst.daemon.loop.sample import NOT_WRITTEN, REFUSED, WRITTEN, finish
+from dehyst.daemon.loop.sample import NOT_TAKEN, NOT_WRITTEN, WRITTEN, finish
 from dehyst.daemon.loop.status import PLACE, LoopMonitor, addresses_of, begin_together
 from dehyst.daemon.loop.step_kernel import stopped
 from dehyst.daemon.rings.records import Flag, State
@@ -183,7 +183,7 @@ class _AxisDevices:
             monitor.actuator.down(error)
             monitor.numbers[ACTUATOR_OK] = 0
             monitor.stepper.events.append(f"the amplifier does not accept voltages: {error}")
-            self._wrote = REFUSED
+            self._wrote = NOT_TAKEN
 
     def finish(self, woke_ns: int, finished_ns: int, io_ns: int) -> None:
         """Close the sample."""

@@ -51,7 +51,7 @@ COMMANDS_DAMAGED = as_int64(Note.COMMANDS_DAMAGED)
 PAGE_FAULT, PREEMPTED = as_int64(MissCause.PAGE_FAULT), as_int64(MissCause.PREEMPTED)
 DRIVER_IO, COMPUTE = as_int64(MissCause.DRIVER_IO), as_int64(MissCause.COMPUTE)
 LATE_WAKE = as_int64(MissCause.LATE_WAKE)
-NOT_WRITTEN, WRITTEN, REFUSED = 0, 1, 2
+NOT_WRITTEN, WRITTEN, NOT_TAKEN = 0, 1, 2
 ANSWER_NS = 200_000
 """What may lie between the output's change and the end of the call that made it, at the least: an
 acknowledgement on its way through a serial port and the scheduler."""
@@ -152,7 +152,7 @@ def finish(
     """
     m, c, p, r = meter_of(table), control_of(table), settings_record_of(table), record_of(table)
     scheduled_ns = m.scheduled_ns
-    if wrote == REFUSED:
+    if wrote == NOT_TAKEN:
         fault(table, scheduled_ns)
         r.volts = c.volts
         flags |= WRITE_FAILED

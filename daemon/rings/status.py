@@ -1,9 +1,9 @@
 """The loop's status, one row a field: the only place that lists them.
 
 From the rows of LoopStatus come the STATUS record in the ring, the status message on the bus
-(dehyst.daemon.bus.messages.Status), and what `dehyst watch` shows and prints as JSON. To add a
-field, add a row here and fill it where it is measured: dehyst.daemon.loop.status, or, for what only
-the composition of the process knows, dehyst.daemon.loop.process.
+(dehyst.daemon.bus.messages.Status), and its JSON. To add a field, add a row here at the end and
+fill it where it is measured: dehyst.daemon.loop.status, or dehyst.daemon.loop.axes.core where it
+does not change with every sample.
 
 Rows without a column are the gateway's to fill. Displacements are in the model's unit and count
 from the set-point origin; voltages are the actuator's; times `_ns` are the controller's

@@ -105,5 +105,5 @@ def _assumption(block: Block, kind: Kind) -> str:
     if kind.channel:
         return f"{block.channel or 'the channel'} at its reference ({kind.says})"
     if isinstance(kind.inverse, Never):
-        return f"no {kind.says}"
+        return f"no {kind.says.removeprefix('a ')}"
     return kind.reach_assumes

@@ -10,6 +10,7 @@ from dehyst.models.physics.candidate import Candidate, Parameter, Probe
 from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Limited, Param, Values
 from dehyst.models.signals.joined import Data, Floats
+from dehyst.models.units import spell_unit
 
 PACKED = fields("min", "max")
 
@@ -29,7 +30,7 @@ def _check(values: Values) -> str:
 
 KIND = Kind(
     name="clip",
-    says="the drive is clipped",
+    says="a clipped drive",
     places=("drive",),
     params=(
         Param("min_{u}", "min", "", -1e9, 1e9, "lower end"),
@@ -46,7 +47,7 @@ DEEPEST = (0.35, 0.6)  # of the range, that lies beyond the lower and the upper 
 
 
 class Clip(Candidate):
-    """v = min(max(u, min_v), max_v)."""
+    """v = min(max(u, lowest), highest)."""
 
     name = key = "clip"
     title = "Clipped drive"
@@ -65,12 +66,13 @@ class Clip(Candidate):
 
     def __init__(self, data: Data) -> None:
         self.limit_unit = data.drive_unit
+        self._keys = f"min_{data.drive_unit}", f"max_{data.drive_unit}"
         low, high = data.u_min, data.u_min + data.span
         self._low, self._high, span = low, high, data.span
         beyond, (up, down) = 0.05 * span, (DEEPEST[0] * span, DEEPEST[1] * span)
         self.parameters = (
-            Parameter("min_v", data.drive_unit, low - beyond, low + up, False),
-            Parameter("max_v", data.drive_unit, high - down, high + beyond, False),
+            Parameter(self._keys[0], data.drive_unit, low - beyond, low + up, False),
+            Parameter(self._keys[1], data.drive_unit, high - down, high + beyond, False),
         )
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
@@ -87,9 +89,9 @@ class Clip(Candidate):
         out = {}
         unit = self.parameters[0].unit
         if theta[0] > self._low:
-            out["min_v"] = (float(theta[0]), unit)
+            out[self._keys[0]] = (float(theta[0]), unit)
         if theta[1] < self._high:
-            out["max_v"] = (float(theta[1]), unit)
+            out[self._keys[1]] = (float(theta[1]), unit)
         return out
 
     def probes(self, data: Data) -> list[Probe]:
@@ -100,13 +102,13 @@ class Clip(Candidate):
         ]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        low, high = f"min_{data.drive_unit}", f"max_{data.drive_unit}"
+        low, high = self._keys
         return (Block("clip", "drive", {low: float(theta[0]), high: float(theta[1])}),)
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         ends = [
-            f"{word} {values[k][0]:.4g} {values[k][1]}"
-            for k, word in (("min_v", "below"), ("max_v", "above"))
+            f"{word} {values[k][0]:.4g} {spell_unit(values[k][1])}"
+            for k, word in zip(self._keys, ("below", "above"), strict=True)
             if k in values
         ]
         return (

@@ -129,7 +129,7 @@ class Kind:
     """
 
     name: str
-    says: str
+    says: str  # a noun: "a first-order lag", "creep"
     places: tuple[str, ...]
     params: tuple[Param, ...]
     step: Kernel
@@ -142,6 +142,12 @@ class Kind:
     channel: bool = False
     check: Callable[[Values], str] = lambda values: ""
     reach_assumes: str = ""
+
+    def __post_init__(self) -> None:
+        if "drive" in self.places and isinstance(self.inverse, Solved):
+            raise ValueError(
+                f"{self.name}: before the hysteresis only Led, Shifted and Limited are undone"
+            )
 
     @property
     def beside(self) -> bool:

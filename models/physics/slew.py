@@ -12,6 +12,7 @@ from dehyst.models.physics.entry import Physics, Scales, Specimen
 from dehyst.models.physics.kind import Kind, Limited, Param, head_record
 from dehyst.models.signals.filters import slew
 from dehyst.models.signals.joined import Bools, Data, Floats
+from dehyst.models.units import spell_unit
 
 PACKED = fields("rate")
 STATE = fields("y")
@@ -76,7 +77,8 @@ class Slew(Candidate):
         self._rates = np.sort(rate[rate > 0])
         top = float(self._rates[-1])
         self.unit = self.limit_unit = f"{data.drive_unit}/s"
-        self.parameters = (Parameter("rate_v_per_s", self.unit, 1e-3 * top, 0.98 * top, sure=SURE),)
+        key = f"rate_{data.drive_unit}_per_s"
+        self.parameters = (Parameter(key, self.unit, 1e-3 * top, 0.98 * top, sure=SURE),)
         self._period = data.period
         self._flanks = _flanks(data)
 
@@ -114,10 +116,10 @@ class Slew(Candidate):
         return ""
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
-        rate, unit = values["rate_v_per_s"]
+        rate, unit = next(iter(values.values()))
         return (
-            f"The amplifier moves the drive by at most {rate:.4g} {unit}; faster commands come "
-            "late. Slow the trajectory down or use an amplifier with more current."
+            f"The amplifier moves the drive by at most {rate:.4g} {spell_unit(unit)}; faster "
+            "commands come late. Slow the trajectory down or use an amplifier with more current."
         )
 
 
