@@ -66,13 +66,12 @@ class Clip(Candidate):
 
     def __init__(self, data: Data) -> None:
         self.limit_unit = data.drive_unit
-        self._keys = f"min_{data.drive_unit}", f"max_{data.drive_unit}"
         low, high = data.u_min, data.u_min + data.span
         self._low, self._high, span = low, high, data.span
         beyond, (up, down) = 0.05 * span, (DEEPEST[0] * span, DEEPEST[1] * span)
         self.parameters = (
-            Parameter(self._keys[0], data.drive_unit, low - beyond, low + up, False),
-            Parameter(self._keys[1], data.drive_unit, high - down, high + beyond, False),
+            Parameter("min_v", data.drive_unit, low - beyond, low + up, False),
+            Parameter("max_v", data.drive_unit, high - down, high + beyond, False),
         )
 
     def starts(self, data: Data, residual: Floats) -> list[tuple[float, ...]]:
@@ -89,9 +88,9 @@ class Clip(Candidate):
         out = {}
         unit = self.parameters[0].unit
         if theta[0] > self._low:
-            out[self._keys[0]] = (float(theta[0]), unit)
+            out["min_v"] = (float(theta[0]), unit)
         if theta[1] < self._high:
-            out[self._keys[1]] = (float(theta[1]), unit)
+            out["max_v"] = (float(theta[1]), unit)
         return out
 
     def probes(self, data: Data) -> list[Probe]:
@@ -102,13 +101,13 @@ class Clip(Candidate):
         ]
 
     def blocks(self, theta: Sequence[float], amplitudes: Floats, data: Data) -> tuple[Block, ...]:
-        low, high = self._keys
+        low, high = f"min_{data.drive_unit}", f"max_{data.drive_unit}"
         return (Block("clip", "drive", {low: float(theta[0]), high: float(theta[1])}),)
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
         ends = [
             f"{word} {values[k][0]:.4g} {spell_unit(values[k][1])}"
-            for k, word in zip(self._keys, ("below", "above"), strict=True)
+            for k, word in (("min_v", "below"), ("max_v", "above"))
             if k in values
         ]
         return (

@@ -77,8 +77,7 @@ class Slew(Candidate):
         self._rates = np.sort(rate[rate > 0])
         top = float(self._rates[-1])
         self.unit = self.limit_unit = f"{data.drive_unit}/s"
-        key = f"rate_{data.drive_unit}_per_s"
-        self.parameters = (Parameter(key, self.unit, 1e-3 * top, 0.98 * top, sure=SURE),)
+        self.parameters = (Parameter("rate_v_per_s", self.unit, 1e-3 * top, 0.98 * top, sure=SURE),)
         self._period = data.period
         self._flanks = _flanks(data)
 
@@ -116,7 +115,7 @@ class Slew(Candidate):
         return ""
 
     def says(self, values: Mapping[str, tuple[float, str]]) -> str:
-        rate, unit = next(iter(values.values()))
+        rate, unit = values["rate_v_per_s"]
         return (
             f"The amplifier moves the drive by at most {rate:.4g} {spell_unit(unit)}; faster "
             "commands come late. Slow the trajectory down or use an amplifier with more current."
